@@ -1,0 +1,61 @@
+//! The simplification kernel: mesh in, mesh and statistics out.
+//!
+//! It knows no files, threads, clock or logging, and its result depends on nothing but its arguments.
+//! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
+
+use crate::mesh::Mesh;
+
+/// When the kernel stops collapsing.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Stop {
+    /// At most this many triangles, at least two fewer if the topology allows it: cheapest first.
+    Triangles(u64),
+    /// Ascending cost thresholds, drained one after the other; `Statistics::level_counts` tells how many
+    /// triangles were left after each. A run over a prefix of the levels gives the same mesh as a longer
+    /// run had at that point. Ends early once at most `floor_triangles` are left after a level.
+    ///
+    /// Costs are in units^4 (squared distance times area) and mean the same in every cell.
+    Costs {
+        /// Cost thresholds in ascending order.
+        levels: Vec<f64>,
+        /// No further level is begun once the mesh is this small.
+        floor_triangles: u64,
+    },
+}
+
+/// How `simplify_mesh` works; every value is final.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// When to stop.
+    pub stop: Stop,
+}
+
+/// What a run of the kernel did.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Statistics {
+    /// Collapses carried out.
+    pub collapses: u64,
+    /// Refused collapses by reason, in a fixed order of reasons.
+    pub rejects: Vec<(&'static str, u64)>,
+    /// Triangles left after each cost level of `Stop::Costs`.
+    pub level_counts: Vec<u64>,
+    /// Whether the stop was reached (false: nothing legal is left to collapse).
+    pub reached: bool,
+}
+
+/// The outcome of `simplify_mesh`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Simplified {
+    /// The simplified mesh; only referenced vertices, in ascending order of `source`.
+    pub mesh: Mesh,
+    /// For each vertex of `mesh`, the input vertex that survived as it (`v1` of its collapses).
+    /// A locked vertex that the input's triangles use always survives, bit for bit.
+    pub source: Vec<u32>,
+    /// Counters.
+    pub statistics: Statistics,
+}
+
+/// Simplifies a mesh by edge collapse; vertices with `locked[v]` stay exactly where they are.
+pub fn simplify_mesh(_mesh: Mesh, _locked: &[bool], _options: &Options) -> Simplified {
+    Simplified::default()
+}

@@ -1,0 +1,18 @@
+//! Out-of-core simplification of triangle meshes of any size.
+//!
+//! `pipeline` is the program: read it first. It calls the stages (`partition`, `simplify`, `stitch`)
+//! one after another; a stage never calls another stage. Everything below them is a layer of its own:
+//! `ply` reads and writes meshes, `cells` keeps them on disk cell by cell, `kernel` collapses edges and
+//! knows no files, threads, clock or logging. docs/ARCHITECTURE.md has the map.
+
+pub mod error;
+pub mod kernel;
+pub mod mesh;
+pub mod ply;
+pub mod progress;
+pub mod schema;
+pub mod units;
+
+pub use error::{Error, Result};
+pub use kernel::simplify_mesh;
+pub use mesh::Mesh;

@@ -1,0 +1,100 @@
+//! Numbers as people type them: `4M` triangles, `512MiB` of memory, `1%`.
+
+/// Parses a count: `4M`, `500k`, `1.5G`, `20000`. Powers of 1000.
+pub fn parse_count(text: &str) -> Result<u64, String> {
+    let (number, suffix) = split(text);
+    let factor = match suffix {
+        "" => 1.0,
+        "k" | "K" => 1e3,
+        "m" | "M" => 1e6,
+        "g" | "G" => 1e9,
+        _ => return Err(format!("'{text}' is no count; write 20000, 500k, 4M or 1.5G")),
+    };
+    whole(number, factor)
+        .ok_or_else(|| format!("'{text}' is no count; write 20000, 500k, 4M or 1.5G"))
+}
+
+/// Parses a size in bytes: `512MiB`, `4GiB`, `2G`, `100kB`. KiB/MiB/GiB/TiB are powers of 1024.
+pub fn parse_bytes(text: &str) -> Result<u64, String> {
+    let (number, suffix) = split(text);
+    let factor = match suffix {
+        "" | "B" => 1.0,
+        "k" | "K" | "kB" | "KB" => 1e3,
+        "M" | "MB" => 1e6,
+        "G" | "GB" => 1e9,
+        "T" | "TB" => 1e12,
+        "KiB" | "Ki" => 1024.0,
+        "MiB" | "Mi" => 1024.0 * 1024.0,
+        "GiB" | "Gi" => 1024.0 * 1024.0 * 1024.0,
+        "TiB" | "Ti" => 1024.0 * 1024.0 * 1024.0 * 1024.0,
+        _ => return Err(format!("'{text}' is no size; write 512MiB, 4GiB or 2G")),
+    };
+    whole(number, factor).ok_or_else(|| format!("'{text}' is no size; write 512MiB, 4GiB or 2G"))
+}
+
+/// Parses a ratio in (0, 1]: `1%`, `0.01`.
+pub fn parse_ratio(text: &str) -> Result<f64, String> {
+    let complaint = || format!("'{text}' is no ratio; write 1% or 0.01 (above 0, at most 1)");
+    let (number, factor) = match text.strip_suffix('%') {
+        Some(number) => (number, 0.01),
+        None => (text, 1.0),
+    };
+    let value = number.trim().parse::<f64>().map_err(|_| complaint())? * factor;
+    if value > 0.0 && value <= 1.0 { Ok(value) } else { Err(complaint()) }
+}
+
+/// A count for people: `34.6 M`.
+pub fn show_count(count: u64) -> String {
+    match count {
+        0..10_000 => count.to_string(),
+        10_000..1_000_000 => format!("{:.1} k", count as f64 / 1e3),
+        1_000_000..1_000_000_000 => format!("{:.2} M", count as f64 / 1e6),
+        _ => format!("{:.2} G", count as f64 / 1e9),
+    }
+}
+
+/// A size for people: `512.0 MiB`.
+pub fn show_bytes(bytes: u64) -> String {
+    const UNITS: [&str; 5] = ["B", "KiB", "MiB", "GiB", "TiB"];
+    let mut value = bytes as f64;
+    let mut unit = 0;
+    while value >= 1024.0 && unit + 1 < UNITS.len() {
+        value /= 1024.0;
+        unit += 1;
+    }
+    if unit == 0 { format!("{bytes} B") } else { format!("{value:.1} {}", UNITS[unit]) }
+}
+
+fn split(text: &str) -> (&str, &str) {
+    let text = text.trim();
+    let end = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
+    (text[..end].trim(), &text[end..])
+}
+
+fn whole(number: &str, factor: f64) -> Option<u64> {
+    let value = number.replace('_', "").parse::<f64>().ok()? * factor;
+    (value.is_finite() && (0.0..9.0e18).contains(&value)).then(|| value.round() as u64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_sizes_and_ratios_are_read_as_people_write_them() {
+        assert_eq!(parse_count("4M"), Ok(4_000_000));
+        assert_eq!(parse_count("1.5k"), Ok(1500));
+        assert_eq!(parse_count("200_000"), Ok(200_000));
+        assert_eq!(parse_bytes("512MiB"), Ok(512 << 20));
+        assert_eq!(parse_bytes("2G"), Ok(2_000_000_000));
+        assert_eq!(parse_ratio("1%"), Ok(0.01));
+        assert_eq!(parse_ratio("1"), Ok(1.0));
+        for wrong in ["", "-4", "4X", "NaN", "inf", "1e400"] {
+            assert!(parse_count(wrong).is_err(), "{wrong}");
+            assert!(parse_bytes(wrong).is_err(), "{wrong}");
+        }
+        for wrong in ["0", "101%", "NaN", "-1%", ""] {
+            assert!(parse_ratio(wrong).is_err(), "{wrong}");
+        }
+    }
+}
