@@ -5,9 +5,13 @@
 //! `ply` reads and writes meshes, `cells` keeps them on disk cell by cell, `kernel` collapses edges and
 //! knows no files, threads, clock or logging. docs/ARCHITECTURE.md has the map.
 
+pub mod disk;
 pub mod error;
+pub mod job;
 pub mod kernel;
+pub mod memory;
 pub mod mesh;
+pub mod parallel;
 pub mod ply;
 pub mod progress;
 pub mod schema;
