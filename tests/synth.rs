@@ -6,6 +6,8 @@ use stonecut::Mesh;
 use stonecut::progress::Progress;
 use stonecut::synth::{Kind, Settings, mesh, write_ply};
 
+const ALL: [Kind; 4] = [Kind::Terrain, Kind::Statue, Kind::Gyroid, Kind::Scans];
+
 fn settings(kind: Kind, n_triangles: u64) -> Settings {
     Settings { kind, n_triangles, seed: 7, shuffle: false, color: false, uv: false }
 }
@@ -104,6 +106,47 @@ fn a_terrain_is_a_disc_whose_boundary_is_its_border() {
 }
 
 #[test]
+fn a_gyroid_is_a_closed_manifold_of_high_genus() {
+    for n in [1, 5000, 200_000] {
+        let gyroid = mesh(&settings(Kind::Gyroid, n)).unwrap();
+        assert!(gyroid.triangles.len() as u64 >= n);
+        let topology = topology(&gyroid);
+        println!("{n}: {} {topology:?}", gyroid.triangles.len());
+        assert_eq!(topology.boundary_edges + topology.non_manifold_edges, 0, "{n}");
+        assert_eq!(topology.inconsistent_edges + topology.degenerate + topology.unreferenced, 0);
+        assert!(volume6(&gyroid) > 0.0);
+        assert!(n < 200_000 || topology.euler < -80, "{topology:?}");
+        assert!(gyroid.triangles.len() as u64 <= (n + n / 20).max(10_000), "{n}");
+    }
+}
+
+#[test]
+fn scans_are_open_patches_with_holes_and_specks() {
+    for n in [1, 5000, 200_000] {
+        let scans = mesh(&settings(Kind::Scans, n)).unwrap();
+        assert!(scans.triangles.len() as u64 >= n);
+        let topology = topology(&scans);
+        println!("{n}: {} {topology:?}", scans.triangles.len());
+        assert_eq!(topology.non_manifold_edges + topology.inconsistent_edges, 0, "{n}");
+        assert_eq!(topology.degenerate, 0);
+        assert_eq!(scans.n_channels, 3);
+        if n == 200_000 {
+            assert!(topology.components > 30, "eight patches and many specks");
+            assert!(topology.boundary_edges > 5000 && topology.unreferenced > 0);
+            assert!(scans.triangles.len() < 210_000);
+        }
+        let outward = (0..scans.triangles.len()).filter(|&t| {
+            let [a, b, c] = scans.corners(t);
+            let [u, v] = [b, c].map(|p| [p[0] - a[0], p[1] - a[1], p[2] - a[2]]);
+            let normal =
+                [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            normal[0] * a[0] + normal[1] * a[1] + normal[2] * a[2] > 0.0
+        });
+        assert!(outward.count() > scans.triangles.len() * 9 / 10, "normals look at the scanner");
+    }
+}
+
+#[test]
 fn terrain_counts_are_nearly_those_asked_for() {
     for n in [1000, 12_345, 100_000, 1_000_003] {
         let terrain = mesh(&settings(Kind::Terrain, n)).unwrap();
@@ -115,7 +158,7 @@ fn terrain_counts_are_nearly_those_asked_for() {
 #[test]
 fn the_bytes_do_not_depend_on_threads() {
     let folder = tempfile::tempdir().unwrap();
-    for kind in [Kind::Terrain, Kind::Statue] {
+    for kind in ALL {
         for shuffle in [false, true] {
             let settings = Settings { shuffle, color: true, uv: true, ..settings(kind, 300_000) };
             let bytes = [1, 2, 3].map(|threads| {
@@ -145,7 +188,7 @@ fn as_set(mesh: &Mesh) -> Vec<[[u64; 3]; 3]> {
 
 #[test]
 fn shuffling_changes_the_order_and_nothing_else() {
-    for kind in [Kind::Terrain, Kind::Statue] {
+    for kind in ALL {
         let plain = mesh(&settings(kind, 20_000)).unwrap();
         let shuffled = mesh(&Settings { shuffle: true, ..settings(kind, 20_000) }).unwrap();
         assert_ne!(plain.positions, shuffled.positions);
@@ -159,7 +202,7 @@ fn shuffling_changes_the_order_and_nothing_else() {
 
 #[test]
 fn another_seed_is_another_mesh_and_the_same_seed_the_same() {
-    for kind in [Kind::Terrain, Kind::Statue] {
+    for kind in ALL {
         let one = mesh(&settings(kind, 2000)).unwrap();
         assert_eq!(one, mesh(&settings(kind, 2000)).unwrap());
         let other = mesh(&Settings { seed: 8, ..settings(kind, 2000) }).unwrap();

@@ -4,9 +4,13 @@
 //! are; `write` turns it into a file; `shuffle` puts into random order what cannot be computed in one.
 //! Nothing here simplifies, measures or reads a mesh.
 
+mod gyroid;
 mod noise;
 mod permutation;
+mod scans;
 mod sculpture;
+mod shuffle;
+mod sliced;
 mod statue;
 mod surface;
 mod terrain;
@@ -15,9 +19,11 @@ mod write;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::progress::Progress;
+use shuffle::Shuffler;
+use sliced::Counted;
 use std::path::Path;
-use surface::{InOrder, Indexed, Shuffled, Surface};
-use write::{Layout, Unfinished};
+use surface::{InOrder, Indexed, Order, Shuffled, Surface};
+use write::{FACE_BYTES, Layout, Unfinished};
 
 /// The synthetic meshes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,6 +32,10 @@ pub enum Kind {
     Terrain,
     /// A stone head with creases and fine chisel marks; closed, genus 0.
     Statue,
+    /// An isosurface full of slivers; closed, of high genus.
+    Gyroid,
+    /// Overlapping, noisy, coloured range scans with holes and specks; open, in many pieces.
+    Scans,
 }
 
 impl std::str::FromStr for Kind {
@@ -35,6 +45,8 @@ impl std::str::FromStr for Kind {
         match text {
             "terrain" => Ok(Kind::Terrain),
             "statue" => Ok(Kind::Statue),
+            "gyroid" => Ok(Kind::Gyroid),
+            "scans" => Ok(Kind::Scans),
             _ => Err(format!(
                 "'{text}' is no kind of mesh; there are terrain, statue, gyroid and scans"
             )),
@@ -95,10 +107,58 @@ pub fn write_ply(
     .to_lowercase()];
     let header = layout.header(counts.n_vertices, counts.n_triangles, &comments);
     file.write(header.as_bytes())?;
-    write::vertices(&*surface, layout, progress, |bytes| file.write(&bytes))?;
-    write::faces(&*surface, progress, |bytes| file.write(&bytes))?;
+    if settings.shuffle && !surface.is_shuffled() {
+        write_shuffled(&mut file, &*surface, layout, settings.seed, progress)?;
+    } else {
+        write::vertices(&*surface, layout, progress, |bytes| file.write(&bytes))?;
+        write::faces(&*surface, progress, |bytes| file.write(&bytes))?;
+    }
     file.finish()?;
     Ok(counts)
+}
+
+/// Writes all vertices and then all faces in random order, by way of a temporary file beside the output.
+fn write_shuffled(
+    file: &mut Unfinished,
+    surface: &dyn Surface,
+    layout: Layout,
+    seed: u64,
+    progress: &Progress,
+) -> Result<()> {
+    let order = Order::new(surface.n_vertices(), surface.n_faces(), seed);
+    let temporary = file.companion(".shuffle");
+
+    let record_bytes = layout.vertex_bytes();
+    let mut shuffler = Shuffler::new(&temporary, surface.n_vertices(), record_bytes)?;
+    let mut id = 0;
+    write::vertices(surface, layout, progress, |bytes| {
+        bytes.chunks_exact(record_bytes).try_for_each(|record| {
+            id += 1;
+            shuffler.put(order.vertices.apply(id - 1), record)
+        })
+    })?;
+    shuffler.drain(|bytes| file.write(bytes))?;
+
+    let mut shuffler = Shuffler::new(&temporary, surface.n_faces(), FACE_BYTES)?;
+    let mut row = 0;
+    let n_faces = surface.n_faces();
+    let renumbered = |block| {
+        let mut faces = Vec::new();
+        surface.faces(block, &mut faces);
+        faces
+    };
+    let mut record = Vec::with_capacity(FACE_BYTES);
+    write::in_order(surface.n_face_blocks(), renumbered, progress, |faces: Vec<[u64; 3]>| {
+        progress.add(faces.len() as u64);
+        faces.into_iter().try_for_each(|face| {
+            record.clear();
+            Layout::put_face(order.renumber(row, face), &mut record);
+            row += 1;
+            shuffler.put(order.faces.apply(row - 1), &record)
+        })
+    })?;
+    assert!(row == n_faces, "the surface gave as many faces as it counted");
+    shuffler.drain(|bytes| file.write(bytes))
 }
 
 /// The same mesh in memory, for tests and small demonstrations; colours are three channels in [0, 255],
@@ -133,7 +193,27 @@ pub fn mesh(settings: &Settings) -> Result<Mesh> {
         surface.faces(block, &mut faces);
         mesh.triangles.extend(faces.iter().map(|face| face.map(|id| id as u32)));
     }
-    Ok(mesh)
+    Ok(if settings.shuffle && !surface.is_shuffled() {
+        reordered(&mesh, &Order::new(surface.n_vertices(), surface.n_faces(), settings.seed))
+    } else {
+        mesh
+    })
+}
+
+/// A mesh in another order.
+fn reordered(mesh: &Mesh, order: &Order) -> Mesh {
+    let mut out = mesh.clone();
+    for id in 0..mesh.positions.len() {
+        let to = order.vertices.apply(id as u64) as usize;
+        let n = mesh.n_channels;
+        out.positions[to] = mesh.positions[id];
+        out.channels[to * n..(to + 1) * n].copy_from_slice(&mesh.channels[id * n..(id + 1) * n]);
+    }
+    for (row, face) in mesh.triangles.iter().enumerate() {
+        let face = order.renumber(row as u64, face.map(u64::from));
+        out.triangles[order.faces.apply(row as u64) as usize] = face.map(|id| id as u32);
+    }
+    out
 }
 
 fn surface(settings: &Settings) -> Box<dyn Surface> {
@@ -142,6 +222,12 @@ fn surface(settings: &Settings) -> Box<dyn Surface> {
     match settings.kind {
         Kind::Terrain => ordered(terrain::Terrain::new(n_triangles, seed, color), settings),
         Kind::Statue => ordered(statue::Statue::new(n_triangles, seed, color), settings),
+        Kind::Gyroid => Box::new(Counted::at_least(n_triangles, |scale| {
+            gyroid::Gyroid::new(n_triangles, scale, seed, color)
+        })),
+        Kind::Scans => Box::new(Counted::at_least(n_triangles, |scale| {
+            scans::Scans::new(n_triangles, scale, seed)
+        })),
     }
 }
 
@@ -154,7 +240,8 @@ fn ordered(surface: impl Indexed + 'static, settings: &Settings) -> Box<dyn Surf
 }
 
 fn layout(settings: &Settings, n_vertices: u64) -> Layout {
-    Layout { color: settings.color, uv: settings.uv, unsigned: n_vertices > 1 << 31 }
+    let color = settings.color || settings.kind == Kind::Scans;
+    Layout { color, uv: settings.uv, unsigned: n_vertices > 1 << 31 }
 }
 
 fn check(settings: &Settings) -> Result<()> {

@@ -109,7 +109,7 @@ impl Indexed for Statue {
 
     fn face(&self, row: u64) -> [u64; 3] {
         let n = self.n;
-        let (quad, upper) = (row / 2, row % 2 == 0);
+        let (quad, upper) = (row / 2, row.is_multiple_of(2));
         let (d, rest) = (quad / (n * n), quad % (n * n));
         let (i, j) = (rest / n, rest % n);
         if upper {

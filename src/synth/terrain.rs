@@ -93,7 +93,7 @@ impl Indexed for Terrain {
     }
 
     fn face(&self, row: u64) -> [u64; 3] {
-        let (quad, first) = (row / 2, row % 2 == 0);
+        let (quad, first) = (row / 2, row.is_multiple_of(2));
         let across = self.width - 1;
         let at = (quad / across) * self.width + quad % across;
         let [a, b, c, d] = [at, at + 1, at + self.width, at + self.width + 1];

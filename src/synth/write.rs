@@ -108,6 +108,13 @@ impl Unfinished {
         self.file.write_all(bytes).map_err(|e| Error::io(&self.path, "cannot write", e))
     }
 
+    /// A path beside the unfinished file for data that is needed while writing it.
+    pub(super) fn companion(&self, suffix: &str) -> PathBuf {
+        let mut name = self.path.file_name().map(ToOwned::to_owned).unwrap_or_default();
+        name.push(suffix);
+        self.path.with_file_name(name)
+    }
+
     /// Makes the bytes durable and gives the file its name.
     pub(super) fn finish(mut self) -> Result<()> {
         self.file.flush().map_err(|e| Error::io(&self.path, "cannot write", e))?;
