@@ -177,7 +177,7 @@ fn as_set(mesh: &Mesh) -> Vec<[[u64; 3]; 3]> {
     let mut all: Vec<_> = (0..mesh.triangles.len())
         .map(|t| {
             let mut corners = mesh.corners(t).map(|p| p.map(f64::to_bits));
-            let least = (0..3).min_by_key(|&i| corners[i]).unwrap();
+            let least = (0..3).min_by_key(|&i| corners[i]).expect("three corners");
             corners.rotate_left(least);
             corners
         })
