@@ -6,9 +6,13 @@
 //! knows no files, threads, clock or logging. docs/ARCHITECTURE.md has the map.
 
 pub mod cli;
+pub mod disk;
 pub mod error;
+pub mod job;
 pub mod kernel;
+pub mod memory;
 pub mod mesh;
+pub mod parallel;
 pub mod ply;
 pub mod progress;
 pub mod schema;

@@ -80,4 +80,353 @@ impl VertexSchema {
             }),
         }
     }
+
+    /// How many kernel channels a record's properties become; labels become none.
+    pub fn n_channels(&self) -> usize {
+        self.properties.iter().map(|p| Rule::of(p).n_channels()).sum()
+    }
+
+    /// The plan for turning records into channels and back; make it once, outside the loop.
+    pub fn codec(&self) -> VertexCodec {
+        VertexCodec::new(self)
+    }
+
+    /// The channels of one record; loops over many vertices take `codec()` once instead.
+    pub fn decode_channels(&self, record: &[u8], channels: &mut [f32]) {
+        self.codec().decode_channels(record, channels);
+    }
+
+    /// Appends one record; loops over many vertices take `codec()` once instead.
+    pub fn encode(
+        &self,
+        position: [f64; 3],
+        channels: &[f32],
+        label_record: &[u8],
+        out: &mut Vec<u8>,
+    ) {
+        self.codec().encode(position, channels, label_record, out);
+    }
+}
+
+/// Names of properties that hold colours when they are `uchar` or `ushort`.
+const COLOUR_NAMES: [&str; 20] = [
+    "red",
+    "green",
+    "blue",
+    "alpha",
+    "r",
+    "g",
+    "b",
+    "a",
+    "diffuse_red",
+    "diffuse_green",
+    "diffuse_blue",
+    "diffuse_alpha",
+    "ambient_red",
+    "ambient_green",
+    "ambient_blue",
+    "ambient_alpha",
+    "specular_red",
+    "specular_green",
+    "specular_blue",
+    "specular_alpha",
+];
+
+/// What a collapse may do with a property.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Rule {
+    /// A float: one channel.
+    Single,
+    /// A double: two channels, the nearest float and the float nearest to what is left.
+    Double,
+    /// An integer colour component: one channel, rounded and clamped on the way back.
+    Colour,
+    /// An integer that means something by its value (a class, a flag, an id): never averaged.
+    Label,
+}
+
+impl Rule {
+    fn of(property: &Property) -> Rule {
+        match property.scalar {
+            Scalar::F32 => Rule::Single,
+            Scalar::F64 => Rule::Double,
+            Scalar::U8 | Scalar::U16 if COLOUR_NAMES.contains(&property.name.as_str()) => {
+                Rule::Colour
+            }
+            _ => Rule::Label,
+        }
+    }
+
+    const fn n_channels(self) -> usize {
+        match self {
+            Rule::Single | Rule::Colour => 1,
+            Rule::Double => 2,
+            Rule::Label => 0,
+        }
+    }
+}
+
+/// One property of a record, with its places in the record and among the channels.
+#[derive(Clone, Copy, Debug)]
+struct Field {
+    rule: Rule,
+    scalar: Scalar,
+    /// Byte offset in the record.
+    at: usize,
+    /// First channel; meaningless for a label.
+    channel: usize,
+}
+
+/// Turns the properties of vertex records into kernel channels and back.
+///
+/// A property whose channels were not changed since they were decoded from `label_record` comes back
+/// bit for bit, whatever its type; this is what keeps the attributes of unmoved vertices exact.
+#[derive(Clone, Debug)]
+pub struct VertexCodec {
+    coordinate: Scalar,
+    record_bytes: usize,
+    n_channels: usize,
+    fields: Vec<Field>,
+    /// Indices into `fields` of nx, ny and nz, if all three are there as floats or doubles.
+    normal: Option<[usize; 3]>,
+}
+
+impl VertexCodec {
+    fn new(schema: &VertexSchema) -> Self {
+        let mut fields = Vec::with_capacity(schema.properties.len());
+        let (mut at, mut channel) = (schema.position_bytes(), 0);
+        for property in &schema.properties {
+            let rule = Rule::of(property);
+            fields.push(Field { rule, scalar: property.scalar, at, channel });
+            at += property.scalar.bytes();
+            channel += rule.n_channels();
+        }
+        let find = |name: &str| {
+            schema.properties.iter().position(|p| p.name == name && !p.scalar.is_integer())
+        };
+        let normal = match (find("nx"), find("ny"), find("nz")) {
+            (Some(x), Some(y), Some(z)) => Some([x, y, z]),
+            _ => None,
+        };
+        let coordinate = schema.coordinate;
+        VertexCodec { coordinate, record_bytes: at, n_channels: channel, fields, normal }
+    }
+
+    /// How many channels `decode_channels` fills and `encode` takes.
+    pub fn n_channels(&self) -> usize {
+        self.n_channels
+    }
+
+    /// Writes the channels of `record` into the first `n_channels` places of `channels`.
+    pub fn decode_channels(&self, record: &[u8], channels: &mut [f32]) {
+        for field in &self.fields {
+            match field.rule {
+                Rule::Label => {}
+                Rule::Single | Rule::Colour => {
+                    channels[field.channel] = read_scalar(field.scalar, record, field.at) as f32;
+                }
+                Rule::Double => {
+                    let value = read_scalar(Scalar::F64, record, field.at);
+                    let (high, low) = split_double(value);
+                    channels[field.channel] = high;
+                    channels[field.channel + 1] = low;
+                }
+            }
+        }
+    }
+
+    /// Appends the record of a vertex: `position`, averaged properties from `channels`, labels from
+    /// `label_record` (the surviving vertex's own record, as it was read).
+    ///
+    /// Normals whose channels changed are scaled to length 1; a normal without a direction stays as it
+    /// is. Colours are rounded and clamped to their type.
+    pub fn encode(
+        &self,
+        position: [f64; 3],
+        channels: &[f32],
+        label_record: &[u8],
+        out: &mut Vec<u8>,
+    ) {
+        let start = out.len();
+        for value in position {
+            match self.coordinate {
+                Scalar::F64 => out.extend_from_slice(&value.to_le_bytes()),
+                _ => out.extend_from_slice(&(value as f32).to_le_bytes()),
+            }
+        }
+        out.extend_from_slice(&label_record[out.len() - start..self.record_bytes]);
+        let record = &mut out[start..];
+        for field in &self.fields {
+            if !self.unchanged(field, channels, label_record) {
+                write_scalar(field.scalar, record, field.at, self.value(field, channels));
+            }
+        }
+        if let Some(normal) = self.normal {
+            self.renormalise(normal.map(|i| &self.fields[i]), channels, label_record, record);
+        }
+    }
+
+    fn unchanged(&self, field: &Field, channels: &[f32], label_record: &[u8]) -> bool {
+        let same = |a: f32, b: f32| a.to_bits() == b.to_bits();
+        let original = read_scalar(field.scalar, label_record, field.at);
+        match field.rule {
+            Rule::Label => true,
+            Rule::Single | Rule::Colour => same(channels[field.channel], original as f32),
+            Rule::Double => {
+                let (high, low) = split_double(original);
+                same(channels[field.channel], high) && same(channels[field.channel + 1], low)
+            }
+        }
+    }
+
+    fn value(&self, field: &Field, channels: &[f32]) -> f64 {
+        let first = f64::from(channels[field.channel]);
+        match field.rule {
+            Rule::Double => first + f64::from(channels[field.channel + 1]),
+            _ => first,
+        }
+    }
+
+    fn renormalise(
+        &self,
+        normal: [&Field; 3],
+        channels: &[f32],
+        label_record: &[u8],
+        record: &mut [u8],
+    ) {
+        if normal.iter().all(|field| self.unchanged(field, channels, label_record)) {
+            return;
+        }
+        let n = normal.map(|field| self.value(field, channels));
+        let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+        if length > 0.0 && length.is_finite() {
+            for (field, value) in normal.iter().zip(n) {
+                write_scalar(field.scalar, record, field.at, value / length);
+            }
+        }
+    }
+}
+
+/// The nearest float and the float nearest to the rest; the rest of an infinite or too large value is 0.
+fn split_double(value: f64) -> (f32, f32) {
+    let high = value as f32;
+    let low = if high.is_finite() { (value - f64::from(high)) as f32 } else { 0.0 };
+    (high, low)
+}
+
+/// Reads a scalar at byte `at` of a little-endian record as a double; 64-bit integers are rounded.
+pub(crate) fn read_scalar(scalar: Scalar, record: &[u8], at: usize) -> f64 {
+    fn bytes<const N: usize>(record: &[u8], at: usize) -> [u8; N] {
+        record[at..at + N].try_into().expect("the slice has N bytes")
+    }
+    match scalar {
+        Scalar::I8 => f64::from(record[at] as i8),
+        Scalar::U8 => f64::from(record[at]),
+        Scalar::I16 => f64::from(i16::from_le_bytes(bytes(record, at))),
+        Scalar::U16 => f64::from(u16::from_le_bytes(bytes(record, at))),
+        Scalar::I32 => f64::from(i32::from_le_bytes(bytes(record, at))),
+        Scalar::U32 => f64::from(u32::from_le_bytes(bytes(record, at))),
+        Scalar::I64 => i64::from_le_bytes(bytes(record, at)) as f64,
+        Scalar::U64 => u64::from_le_bytes(bytes(record, at)) as f64,
+        Scalar::F32 => f64::from(f32::from_le_bytes(bytes(record, at))),
+        Scalar::F64 => f64::from_le_bytes(bytes(record, at)),
+    }
+}
+
+/// Writes a value at byte `at` of a little-endian record; integers are rounded and clamped.
+pub(crate) fn write_scalar(scalar: Scalar, record: &mut [u8], at: usize, value: f64) {
+    let place = &mut record[at..at + scalar.bytes()];
+    match scalar {
+        Scalar::I8 => place.copy_from_slice(&(value.round() as i8).to_le_bytes()),
+        Scalar::U8 => place.copy_from_slice(&(value.round() as u8).to_le_bytes()),
+        Scalar::I16 => place.copy_from_slice(&(value.round() as i16).to_le_bytes()),
+        Scalar::U16 => place.copy_from_slice(&(value.round() as u16).to_le_bytes()),
+        Scalar::I32 => place.copy_from_slice(&(value.round() as i32).to_le_bytes()),
+        Scalar::U32 => place.copy_from_slice(&(value.round() as u32).to_le_bytes()),
+        Scalar::I64 => place.copy_from_slice(&(value.round() as i64).to_le_bytes()),
+        Scalar::U64 => place.copy_from_slice(&(value.round() as u64).to_le_bytes()),
+        Scalar::F32 => place.copy_from_slice(&(value as f32).to_le_bytes()),
+        Scalar::F64 => place.copy_from_slice(&value.to_le_bytes()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn schema(coordinate: Scalar, properties: &[(&str, Scalar)]) -> VertexSchema {
+        let properties =
+            properties.iter().map(|&(name, scalar)| Property { name: name.into(), scalar });
+        VertexSchema { coordinate, properties: properties.collect() }
+    }
+
+    fn record(schema: &VertexSchema, values: &[f64]) -> Vec<u8> {
+        let mut record = vec![0; schema.record_bytes()];
+        let scalars = [schema.coordinate; 3].into_iter();
+        let mut at = 0;
+        for (scalar, &value) in
+            scalars.chain(schema.properties.iter().map(|p| p.scalar)).zip(values)
+        {
+            write_scalar(scalar, &mut record, at, value);
+            at += scalar.bytes();
+        }
+        record
+    }
+
+    #[test]
+    fn an_untouched_vertex_comes_back_bit_for_bit() {
+        let schema = schema(
+            Scalar::F64,
+            &[
+                ("nx", Scalar::F32),
+                ("ny", Scalar::F32),
+                ("nz", Scalar::F32),
+                ("red", Scalar::U8),
+                ("gps_time", Scalar::F64),
+                ("class", Scalar::I64),
+                ("quality", Scalar::F32),
+            ],
+        );
+        let mut original =
+            record(&schema, &[500000.123, 5.4e6, 1e-9, 0.3, 0.2, 0.1, 77.0, 0.1, 9e15, 2.0]);
+        let nan = original.len() - 4;
+        original[nan..].copy_from_slice(&f32::from_bits(0x7fc0_1234).to_le_bytes());
+        let codec = schema.codec();
+        assert_eq!(codec.n_channels(), 3 + 1 + 2 + 1);
+        assert_eq!(schema.n_channels(), codec.n_channels());
+        let mut channels = vec![0.0; codec.n_channels()];
+        codec.decode_channels(&original, &mut channels);
+        let mut out = Vec::new();
+        codec.encode(schema.position(&original), &channels, &original, &mut out);
+        assert_eq!(out, original);
+    }
+
+    #[test]
+    fn averages_round_colours_scale_normals_and_leave_labels_alone() {
+        let schema = schema(
+            Scalar::F32,
+            &[
+                ("nx", Scalar::F32),
+                ("ny", Scalar::F32),
+                ("nz", Scalar::F32),
+                ("red", Scalar::U8),
+                ("green", Scalar::U16),
+                ("class", Scalar::U8),
+                ("time", Scalar::F64),
+            ],
+        );
+        let label = record(&schema, &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 2.0, 7.0, 1e9 + 0.125]);
+        let mut out = Vec::new();
+        let channels = [3.0, 0.0, 4.0, 254.6, 1e9, 1e9, 0.25];
+        schema.encode([1.0, 2.0, 3.0], &channels, &label, &mut out);
+        let at = |scalar, at| read_scalar(scalar, &out, at);
+        assert_eq!(schema.position(&out), [1.0, 2.0, 3.0]);
+        assert!((at(Scalar::F32, 12) - 0.6).abs() < 1e-7);
+        assert_eq!(at(Scalar::F32, 16), 0.0);
+        assert!((at(Scalar::F32, 20) - 0.8).abs() < 1e-7);
+        assert_eq!(at(Scalar::U8, 24), 255.0);
+        assert_eq!(at(Scalar::U16, 25), 65535.0);
+        assert_eq!(at(Scalar::U8, 27), 7.0);
+        assert_eq!(at(Scalar::F64, 28), 1e9 + 0.25);
+    }
 }

@@ -4,9 +4,11 @@
 use std::collections::HashMap;
 use stonecut::Mesh;
 use stonecut::progress::Progress;
-use stonecut::synth::{Kind, Settings, mesh, write_ply};
+use stonecut::synth::{Kind, Settings, Writing, mesh, write_ply};
 
 const ALL: [Kind; 4] = [Kind::Terrain, Kind::Statue, Kind::Gyroid, Kind::Scans];
+
+const KEEP: Writing = Writing { threads: 2, force: false };
 
 fn settings(kind: Kind, n_triangles: u64) -> Settings {
     Settings { kind, n_triangles, seed: 7, shuffle: false, color: false, uv: false }
@@ -163,8 +165,8 @@ fn the_bytes_do_not_depend_on_threads() {
             let settings = Settings { shuffle, color: true, uv: true, ..settings(kind, 300_000) };
             let bytes = [1, 2, 3].map(|threads| {
                 let path = folder.path().join(format!("{threads}.ply"));
-                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-                pool.install(|| write_ply(&path, &settings, true, &Progress::default())).unwrap();
+                let writing = Writing { threads, force: true };
+                write_ply(&path, &settings, writing, &Progress::default()).unwrap();
                 std::fs::read(path).unwrap()
             });
             assert!(bytes[0] == bytes[1] && bytes[0] == bytes[2], "{kind:?}");
@@ -216,20 +218,20 @@ fn an_existing_file_is_kept_and_a_missing_folder_is_named() {
     let path = folder.path().join("there.ply");
     std::fs::write(&path, b"precious").unwrap();
     let settings = settings(Kind::Terrain, 100);
-    let error = write_ply(&path, &settings, false, &Progress::default()).unwrap_err();
+    let error = write_ply(&path, &settings, KEEP, &Progress::default()).unwrap_err();
     assert_eq!(error.exit_code(), 2);
     assert_eq!(std::fs::read(&path).unwrap(), b"precious");
-    write_ply(&path, &settings, true, &Progress::default()).unwrap();
+    write_ply(&path, &settings, Writing { force: true, ..KEEP }, &Progress::default()).unwrap();
     assert!(std::fs::read(&path).unwrap().starts_with(b"ply\n"));
 
     let nowhere = folder.path().join("missing").join("a.ply");
-    let error = write_ply(&nowhere, &settings, false, &Progress::default()).unwrap_err();
+    let error = write_ply(&nowhere, &settings, KEEP, &Progress::default()).unwrap_err();
     assert_eq!(error.exit_code(), 1);
     assert!(error.to_string().contains("missing"), "{error}");
     let stopped = Progress::default();
     stopped.request_stop(2);
     let path = folder.path().join("stopped.ply");
-    assert_eq!(write_ply(&path, &settings, false, &stopped).unwrap_err().exit_code(), 130);
+    assert_eq!(write_ply(&path, &settings, KEEP, &stopped).unwrap_err().exit_code(), 130);
     let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().collect();
     assert_eq!(left.len(), 1, "nothing half-made is left: {left:?}");
 }

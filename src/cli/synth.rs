@@ -1,8 +1,9 @@
 //! `stonecut synth`: makes a synthetic scan.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::memory::cores;
 use crate::progress::Progress;
-use crate::synth::{self, Kind, Settings};
+use crate::synth::{self, Kind, Settings, Writing};
 use crate::units::{parse_count, show_bytes, show_count};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -32,7 +33,7 @@ pub struct Args {
     /// Overwrite an existing file.
     #[arg(long)]
     pub force: bool,
-    /// Threads to use [default: the cores of this machine].
+    /// Threads to use [default: the cores this process may use].
     #[arg(long, value_name = "N")]
     pub threads: Option<NonZeroUsize>,
 }
@@ -47,12 +48,9 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         color: args.color,
         uv: args.uv,
     };
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(args.threads.map_or(0, NonZeroUsize::get))
-        .build()
-        .map_err(|e| Error::Usage(format!("--threads: {e}")))?;
-    let counts =
-        pool.install(|| synth::write_ply(&args.output, &settings, args.force, progress))?;
+    let threads = args.threads.map_or_else(cores, NonZeroUsize::get);
+    let writing = Writing { threads, force: args.force };
+    let counts = synth::write_ply(&args.output, &settings, writing, progress)?;
     let bytes = std::fs::metadata(&args.output).map_or(0, |file| file.len());
     // A closed standard error is no reason to fail: the mesh is there.
     let _ = writeln!(

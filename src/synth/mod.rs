@@ -23,7 +23,7 @@ use shuffle::Shuffler;
 use sliced::Counted;
 use std::path::Path;
 use surface::{InOrder, Indexed, Order, Shuffled, Surface};
-use write::{FACE_BYTES, Layout, Unfinished};
+use write::{FACE_BYTES, Layout, Stream, Unfinished};
 
 /// The synthetic meshes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,6 +71,15 @@ pub struct Settings {
     pub uv: bool,
 }
 
+/// How a mesh is written; none of it changes a byte.
+#[derive(Clone, Copy, Debug)]
+pub struct Writing {
+    /// Threads to compute with.
+    pub threads: usize,
+    /// Whether an existing file may be replaced.
+    pub force: bool,
+}
+
 /// How large the finished mesh is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Counts {
@@ -82,56 +91,52 @@ pub struct Counts {
 
 /// Writes a synthetic mesh as binary little-endian PLY.
 ///
-/// Runs on the current rayon pool; its bytes depend on `settings` alone. The file appears by rename.
+/// The bytes depend on `settings` alone; memory is a few megabytes a thread, and some 100 MB when `gyroid`
+/// or `scans` are shuffled. The file appears by rename.
 /// Errors: an existing `path` without `force`, more than 2^32 vertices, whatever the system refuses.
 pub fn write_ply(
     path: &Path,
     settings: &Settings,
-    force: bool,
+    writing: Writing,
     progress: &Progress,
 ) -> Result<Counts> {
     check(settings)?;
-    let mut file = Unfinished::create(path, force)?;
-    let surface = surface(settings);
+    let mut file = Unfinished::create(path, writing.force)?;
+    let surface = surface(settings, writing.threads, progress)?;
     let counts = Counts { n_vertices: surface.n_vertices(), n_triangles: surface.n_faces() };
     progress.begin("synth", 1, 1, counts.n_triangles);
     let layout = layout(settings, counts.n_vertices);
-    let comments = [format!(
+    let comment = format!(
         "stonecut {} synth {:?} --triangles {} --seed {}{}",
         env!("CARGO_PKG_VERSION"),
         settings.kind,
         settings.n_triangles,
         settings.seed,
         if settings.shuffle { " --shuffle" } else { "" },
-    )
-    .to_lowercase()];
-    let header = layout.header(counts.n_vertices, counts.n_triangles, &comments);
+    );
+    let header = layout.header(counts.n_vertices, counts.n_triangles, &comment.to_lowercase());
     file.write(header.as_bytes())?;
+    let stream = Stream { surface: &*surface, layout, threads: writing.threads, progress };
     if settings.shuffle && !surface.is_shuffled() {
-        write_shuffled(&mut file, &*surface, layout, settings.seed, progress)?;
+        write_shuffled(&mut file, &stream, settings.seed)?;
     } else {
-        write::vertices(&*surface, layout, progress, |bytes| file.write(&bytes))?;
-        write::faces(&*surface, progress, |bytes| file.write(&bytes))?;
+        stream.vertices(|bytes| file.write(bytes))?;
+        stream.faces(|_, face| face, |bytes| file.write(bytes))?;
     }
     file.finish()?;
     Ok(counts)
 }
 
 /// Writes all vertices and then all faces in random order, by way of a temporary file beside the output.
-fn write_shuffled(
-    file: &mut Unfinished,
-    surface: &dyn Surface,
-    layout: Layout,
-    seed: u64,
-    progress: &Progress,
-) -> Result<()> {
-    let order = Order::new(surface.n_vertices(), surface.n_faces(), seed);
+fn write_shuffled(file: &mut Unfinished, stream: &Stream, seed: u64) -> Result<()> {
+    let (n_vertices, n_faces) = (stream.surface.n_vertices(), stream.surface.n_faces());
+    let order = Order::new(n_vertices, n_faces, seed);
     let temporary = file.companion(".shuffle");
 
-    let record_bytes = layout.vertex_bytes();
-    let mut shuffler = Shuffler::new(&temporary, surface.n_vertices(), record_bytes)?;
+    let record_bytes = stream.layout.vertex_bytes();
+    let mut shuffler = Shuffler::new(&temporary, n_vertices, record_bytes)?;
     let mut id = 0;
-    write::vertices(surface, layout, progress, |bytes| {
+    stream.vertices(|bytes| {
         bytes.chunks_exact(record_bytes).try_for_each(|record| {
             id += 1;
             shuffler.put(order.vertices.apply(id - 1), record)
@@ -139,25 +144,16 @@ fn write_shuffled(
     })?;
     shuffler.drain(|bytes| file.write(bytes))?;
 
-    let mut shuffler = Shuffler::new(&temporary, surface.n_faces(), FACE_BYTES)?;
+    let mut shuffler = Shuffler::new(&temporary, n_faces, FACE_BYTES)?;
     let mut row = 0;
-    let n_faces = surface.n_faces();
-    let renumbered = |block| {
-        let mut faces = Vec::new();
-        surface.faces(block, &mut faces);
-        faces
-    };
-    let mut record = Vec::with_capacity(FACE_BYTES);
-    write::in_order(surface.n_face_blocks(), renumbered, progress, |faces: Vec<[u64; 3]>| {
-        progress.add(faces.len() as u64);
-        faces.into_iter().try_for_each(|face| {
-            record.clear();
-            Layout::put_face(order.renumber(row, face), &mut record);
+    let renumber = |row, face| order.renumber(row, face);
+    stream.faces(renumber, |bytes| {
+        bytes.chunks_exact(FACE_BYTES).try_for_each(|record| {
             row += 1;
-            shuffler.put(order.faces.apply(row - 1), &record)
+            shuffler.put(order.faces.apply(row - 1), record)
         })
     })?;
-    assert!(row == n_faces, "the surface gave as many faces as it counted");
+    assert!(id == n_vertices && row == n_faces, "the surface gave as many rows as it counted");
     shuffler.drain(|bytes| file.write(bytes))
 }
 
@@ -167,7 +163,7 @@ fn write_shuffled(
 /// Errors: settings that `write_ply` refuses.
 pub fn mesh(settings: &Settings) -> Result<Mesh> {
     check(settings)?;
-    let surface = surface(settings);
+    let surface = surface(settings, 1, &Progress::default())?;
     let layout = layout(settings, surface.n_vertices());
     let mut mesh = Mesh {
         n_channels: if layout.color { 3 } else { 0 } + if layout.uv { 2 } else { 0 },
@@ -216,19 +212,18 @@ fn reordered(mesh: &Mesh, order: &Order) -> Mesh {
     out
 }
 
-fn surface(settings: &Settings) -> Box<dyn Surface> {
-    let Settings { n_triangles, seed, .. } = *settings;
-    let color = settings.color;
-    match settings.kind {
+fn surface(settings: &Settings, threads: usize, progress: &Progress) -> Result<Box<dyn Surface>> {
+    let Settings { n_triangles, seed, color, .. } = *settings;
+    Ok(match settings.kind {
         Kind::Terrain => ordered(terrain::Terrain::new(n_triangles, seed, color), settings),
         Kind::Statue => ordered(statue::Statue::new(n_triangles, seed, color), settings),
-        Kind::Gyroid => Box::new(Counted::at_least(n_triangles, |scale| {
+        Kind::Gyroid => Box::new(Counted::at_least(n_triangles, threads, progress, |scale| {
             gyroid::Gyroid::new(n_triangles, scale, seed, color)
-        })),
-        Kind::Scans => Box::new(Counted::at_least(n_triangles, |scale| {
+        })?),
+        Kind::Scans => Box::new(Counted::at_least(n_triangles, threads, progress, |scale| {
             scans::Scans::new(n_triangles, scale, seed)
-        })),
-    }
+        })?),
+    })
 }
 
 fn ordered(surface: impl Indexed + 'static, settings: &Settings) -> Box<dyn Surface> {

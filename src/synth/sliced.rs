@@ -5,7 +5,9 @@
 //! surface. Three looks at everything (count, vertices, faces) cost time, not memory.
 
 use super::surface::{Surface, Vertex};
-use rayon::prelude::*;
+use crate::error::Result;
+use crate::parallel::in_order;
+use crate::progress::Progress;
 
 /// What one block holds.
 #[derive(Clone, Copy, Debug, Default)]
@@ -29,37 +31,47 @@ pub(super) trait Sliced: Sync {
     fn faces(&self, block: u64, first: &[[u64; 2]], out: &mut Vec<[u64; 3]>);
 }
 
-/// A sliced surface with its counts. Memory: 16 bytes a block.
+/// A sliced surface with its counts. Memory: 24 bytes a block.
 pub(super) struct Counted<S> {
     surface: S,
-    first: Vec<[u64; 2]>,
+    first_vertex: Vec<[u64; 2]>,
+    first_face: Vec<u64>,
     n_vertices: u64,
     n_faces: u64,
 }
 
 impl<S: Sliced> Counted<S> {
-    /// Counts all blocks, in parallel.
-    pub(super) fn new(surface: S) -> Self {
-        let counts: Vec<BlockCounts> =
-            (0..surface.n_blocks()).into_par_iter().map(|block| surface.count(block)).collect();
+    /// Counts all blocks on `threads` threads.
+    pub(super) fn new(surface: S, threads: usize, progress: &Progress) -> Result<Self> {
         let (mut n_vertices, mut n_faces) = (0, 0);
-        let mut first = Vec::with_capacity(counts.len());
-        for count in &counts {
-            first.push([n_vertices, n_vertices + count.vertices[0]]);
-            n_vertices += count.vertices[0] + count.vertices[1];
-            n_faces += count.faces;
-        }
-        Counted { surface, first, n_vertices, n_faces }
+        let (mut first_vertex, mut first_face) = (Vec::new(), Vec::new());
+        let count = |block: u64, counts: &mut BlockCounts| {
+            *counts = surface.count(block);
+            Ok(())
+        };
+        in_order(surface.n_blocks(), threads, progress, count, |_, counts| {
+            first_vertex.push([n_vertices, n_vertices + counts.vertices[0]]);
+            first_face.push(n_faces);
+            n_vertices += counts.vertices[0] + counts.vertices[1];
+            n_faces += counts.faces;
+            Ok(())
+        })?;
+        Ok(Counted { surface, first_vertex, first_face, n_vertices, n_faces })
     }
 
     /// The least member of a family of surfaces, growing with their scale, that has at least
     /// `n_triangles`: tried from scale 1 in steps of 0.4 %.
-    pub(super) fn at_least(n_triangles: u64, make: impl Fn(f64) -> S) -> Self {
+    pub(super) fn at_least(
+        n_triangles: u64,
+        threads: usize,
+        progress: &Progress,
+        make: impl Fn(f64) -> S,
+    ) -> Result<Self> {
         let mut scale = 1.0;
         loop {
-            let counted = Counted::new(make(scale));
+            let counted = Counted::new(make(scale), threads, progress)?;
             if counted.n_faces >= n_triangles {
-                return counted;
+                return Ok(counted);
             }
             scale *= 1.004;
         }
@@ -76,11 +88,15 @@ impl<S: Sliced> Surface for Counted<S> {
     }
 
     fn n_vertex_blocks(&self) -> u64 {
-        self.first.len() as u64
+        self.first_face.len() as u64
     }
 
     fn n_face_blocks(&self) -> u64 {
-        self.first.len() as u64
+        self.first_face.len() as u64
+    }
+
+    fn first_face(&self, block: u64) -> u64 {
+        self.first_face[block as usize]
     }
 
     fn vertices(&self, block: u64, out: &mut Vec<Vertex>) {
@@ -88,6 +104,6 @@ impl<S: Sliced> Surface for Counted<S> {
     }
 
     fn faces(&self, block: u64, out: &mut Vec<[u64; 3]>) {
-        self.surface.faces(block, &self.first, out);
+        self.surface.faces(block, &self.first_vertex, out);
     }
 }

@@ -33,6 +33,8 @@ pub(super) trait Surface: Sync {
     fn n_vertex_blocks(&self) -> u64;
     /// Number of face blocks.
     fn n_face_blocks(&self) -> u64;
+    /// Number of the first face of a block.
+    fn first_face(&self, block: u64) -> u64;
     /// Appends the vertices of one block.
     fn vertices(&self, block: u64, out: &mut Vec<Vertex>);
     /// Appends the triangles of one block.
@@ -75,6 +77,10 @@ impl<S: Indexed> Surface for InOrder<S> {
         self.n_faces().div_ceil(BLOCK_ROWS)
     }
 
+    fn first_face(&self, block: u64) -> u64 {
+        block * BLOCK_ROWS
+    }
+
     fn vertices(&self, block: u64, out: &mut Vec<Vertex>) {
         out.extend(rows(block, self.n_vertices()).map(|id| self.0.vertex(id)));
     }
@@ -113,6 +119,10 @@ impl<S: Indexed> Surface for Shuffled<S> {
 
     fn n_face_blocks(&self) -> u64 {
         self.n_faces().div_ceil(BLOCK_ROWS)
+    }
+
+    fn first_face(&self, block: u64) -> u64 {
+        block * BLOCK_ROWS
     }
 
     fn vertices(&self, block: u64, out: &mut Vec<Vertex>) {

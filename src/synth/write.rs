@@ -1,18 +1,15 @@
 //! Streams a surface into a binary PLY: blocks computed in parallel, written in order, renamed at the end.
 //!
-//! Memory is two batches of encoded blocks, whatever the mesh's size. The bytes depend on the surface
+//! Memory is a few blocks a thread, whatever the mesh's size. The bytes depend on the surface
 //! alone: a block's place in the file is fixed before any thread begins.
 
 use super::surface::{Surface, Vertex};
 use crate::error::{Error, Result};
+use crate::parallel::in_order;
 use crate::progress::Progress;
-use rayon::prelude::*;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
-
-/// Blocks computed together while the batch before is written.
-const BATCH: u64 = 8;
 
 /// What a vertex and a face look like in the file.
 #[derive(Clone, Copy, Debug)]
@@ -26,12 +23,10 @@ pub(super) struct Layout {
 }
 
 impl Layout {
-    /// The header of a mesh, with one comment a line of `comments`.
-    pub(super) fn header(&self, n_vertices: u64, n_faces: u64, comments: &[String]) -> String {
+    /// The header of a mesh, with a comment.
+    pub(super) fn header(&self, n_vertices: u64, n_faces: u64, comment: &str) -> String {
         let mut text = String::from("ply\nformat binary_little_endian 1.0\n");
-        for comment in comments {
-            text += &format!("comment {comment}\n");
-        }
+        text += &format!("comment {comment}\n");
         text += &format!("element vertex {n_vertices}\n");
         text += "property float x\nproperty float y\nproperty float z\n";
         if self.color {
@@ -136,60 +131,61 @@ impl Drop for Unfinished {
     }
 }
 
-/// Encodes all vertices, block after block, into `sink`.
-pub(super) fn vertices(
-    surface: &dyn Surface,
-    layout: Layout,
-    progress: &Progress,
-    sink: impl FnMut(Vec<u8>) -> Result<()> + Send,
-) -> Result<()> {
-    let encode = |block: u64| {
-        let mut rows = Vec::new();
-        surface.vertices(block, &mut rows);
-        let mut bytes = Vec::with_capacity(rows.len() * layout.vertex_bytes());
-        rows.iter().for_each(|vertex| layout.put_vertex(vertex, &mut bytes));
-        bytes
-    };
-    in_order(surface.n_vertex_blocks(), encode, progress, sink)
+/// How a surface is streamed.
+#[derive(Clone, Copy)]
+pub(super) struct Stream<'a> {
+    /// What.
+    pub(super) surface: &'a dyn Surface,
+    /// As which records.
+    pub(super) layout: Layout,
+    /// On so many threads.
+    pub(super) threads: usize,
+    /// Counts faces, and may ask to stop.
+    pub(super) progress: &'a Progress,
 }
 
-/// Encodes all faces, block after block, into `sink`; counts them as progress.
-pub(super) fn faces(
-    surface: &dyn Surface,
-    progress: &Progress,
-    sink: impl FnMut(Vec<u8>) -> Result<()> + Send,
-) -> Result<()> {
-    let encode = |block: u64| {
-        let mut rows = Vec::new();
-        surface.faces(block, &mut rows);
-        let mut bytes = Vec::with_capacity(rows.len() * FACE_BYTES);
-        rows.iter().for_each(|face| Layout::put_face(*face, &mut bytes));
-        progress.add(rows.len() as u64);
-        bytes
-    };
-    in_order(surface.n_face_blocks(), encode, progress, sink)
+/// A block under way, and the memory it is made in.
+#[derive(Default)]
+struct Block<T> {
+    rows: Vec<T>,
+    bytes: Vec<u8>,
 }
 
-/// Computes blocks in parallel and hands them on in order, one batch being computed while the one before
-/// is consumed.
-pub(super) fn in_order<T: Send>(
-    n_blocks: u64,
-    compute: impl Fn(u64) -> T + Sync,
-    progress: &Progress,
-    mut sink: impl FnMut(T) -> Result<()> + Send,
-) -> Result<()> {
-    let mut ready: Vec<T> = Vec::new();
-    let mut next = 0;
-    while next < n_blocks || !ready.is_empty() {
-        progress.check()?;
-        let batch = next..(next + BATCH).min(n_blocks);
-        next = batch.end;
-        let (written, computed) = rayon::join(
-            || ready.drain(..).try_for_each(&mut sink),
-            || batch.into_par_iter().map(&compute).collect(),
-        );
-        written?;
-        ready = computed;
+impl Stream<'_> {
+    /// Encodes all vertices, block after block, into `sink`.
+    pub(super) fn vertices(&self, mut sink: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
+        let produce = |index: u64, block: &mut Block<Vertex>| {
+            block.rows.clear();
+            block.bytes.clear();
+            self.surface.vertices(index, &mut block.rows);
+            block.rows.iter().for_each(|v| self.layout.put_vertex(v, &mut block.bytes));
+            Ok(())
+        };
+        let n_blocks = self.surface.n_vertex_blocks();
+        in_order(n_blocks, self.threads, self.progress, produce, |_, block| sink(&block.bytes))
     }
-    Ok(())
+
+    /// Encodes all faces, block after block, into `sink`; counts them as progress. `renumber` gives the
+    /// corners of each face their final numbers, knowing the face's row.
+    pub(super) fn faces(
+        &self,
+        renumber: impl Fn(u64, [u64; 3]) -> [u64; 3] + Sync,
+        mut sink: impl FnMut(&[u8]) -> Result<()>,
+    ) -> Result<()> {
+        let produce = |index: u64, block: &mut Block<[u64; 3]>| {
+            block.rows.clear();
+            block.bytes.clear();
+            self.surface.faces(index, &mut block.rows);
+            let first = self.surface.first_face(index);
+            for (row, face) in block.rows.iter().enumerate() {
+                Layout::put_face(renumber(first + row as u64, *face), &mut block.bytes);
+            }
+            Ok(())
+        };
+        let n_blocks = self.surface.n_face_blocks();
+        in_order(n_blocks, self.threads, self.progress, produce, |_, block| {
+            self.progress.add(block.rows.len() as u64);
+            sink(&block.bytes)
+        })
+    }
 }
