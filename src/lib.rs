@@ -5,6 +5,7 @@
 //! `ply` reads and writes meshes, `cells` keeps them on disk cell by cell, `kernel` collapses edges and
 //! knows no files, threads, clock or logging. docs/ARCHITECTURE.md has the map.
 
+pub mod cli;
 pub mod disk;
 pub mod error;
 pub mod job;
@@ -15,6 +16,7 @@ pub mod parallel;
 pub mod ply;
 pub mod progress;
 pub mod schema;
+pub mod synth;
 pub mod units;
 
 pub use error::{Error, Result};
