@@ -12,4 +12,4 @@ pub use id_map::IdMap;
 pub use pack::{Pack, PackWriter};
 pub use scatter::Scatter;
 pub use store::{CellMesh, CellStore, CellTally, StoreInfo, VertexLayout, load_bytes};
-pub use survivors::{SurvivorInfo, SurvivorPack, Survivors, SurvivorWriter};
+pub use survivors::{SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors};

@@ -66,6 +66,11 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
     reference::simplify_mesh(mesh, locked, options)
 }
 
+/// Peak memory of `simplify_mesh` in bytes, the mesh it is given included.
+pub fn peak_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
+    90 * n_triangles + n_vertices * (24 + 8 * n_channels as u64)
+}
+
 /// Drops vertices that no triangle uses; the second value tells where each kept vertex was.
 fn compact(mesh: Mesh) -> (Mesh, Vec<u32>) {
     const UNUSED: u32 = u32::MAX;

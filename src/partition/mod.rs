@@ -57,7 +57,13 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
     drop(samples);
     let mut pack = PackWriter::create(run.disk(), &run.job.path(PACK_NAME))?;
     let layout = VertexLayout::new(source.schema(), source.n_vertices());
-    let mut passes = Passes { source, run, layout, tally: vec![CellTally::default(); tree.n_cells() as usize], tree };
+    let mut passes = Passes {
+        source,
+        run,
+        layout,
+        tally: vec![CellTally::default(); tree.n_cells() as usize],
+        tree,
+    };
     let table = passes.vertices(&mut pack)?;
     let (foreign, degenerate_faces) = passes.triangles(&table, &mut pack)?;
     drop(table);
@@ -164,7 +170,12 @@ impl Sorted {
         }
     }
 
-    fn push_runs(&self, row_bytes: usize, scatter: &mut Scatter, pack: &mut PackWriter) -> Result<()> {
+    fn push_runs(
+        &self,
+        row_bytes: usize,
+        scatter: &mut Scatter,
+        pack: &mut PackWriter,
+    ) -> Result<()> {
         let mut at = 0;
         for &(cell, n_rows) in &self.runs {
             let end = at + n_rows as usize * row_bytes;
@@ -202,7 +213,8 @@ impl Passes<'_> {
                 out.sort(n_cells, row_bytes, |i, row| {
                     let id = block.first + i as u64;
                     row[..ids.bytes].copy_from_slice(&id.to_le_bytes()[..ids.bytes]);
-                    row[ids.bytes..].copy_from_slice(&block.records[i * record_bytes..(i + 1) * record_bytes]);
+                    row[ids.bytes..]
+                        .copy_from_slice(&block.records[i * record_bytes..(i + 1) * record_bytes]);
                 });
                 out.vertices = block;
                 Ok(())
@@ -221,7 +233,11 @@ impl Passes<'_> {
     }
 
     /// Sends every triangle to the cell of its first corner and notes the corners that lie elsewhere.
-    fn triangles(&mut self, table: &CellTable, pack: &mut PackWriter) -> Result<(Vec<Foreign>, u64)> {
+    fn triangles(
+        &mut self,
+        table: &CellTable,
+        pack: &mut PackWriter,
+    ) -> Result<(Vec<Foreign>, u64)> {
         let (source, run, ids) = (self.source, self.run, self.layout.ids);
         let n_cells = self.tree.n_cells();
         let row_bytes = 3 * ids.bytes;
@@ -304,12 +320,20 @@ impl Passes<'_> {
                 let end = block.first + (block.records.len() / record_bytes) as u64;
                 while let Some(&(id, _)) = foreign.get(at).filter(|(id, _)| *id < end) {
                     let start = (id - block.first) as usize * record_bytes;
-                    let record = block.records.get(start..start + record_bytes).ok_or_else(|| {
-                        Error::bad_input(source.path(), format!("block {index} changed while it was read"))
-                    })?;
+                    let record =
+                        block.records.get(start..start + record_bytes).ok_or_else(|| {
+                            Error::bad_input(
+                                source.path(),
+                                format!("block {index} changed while it was read"),
+                            )
+                        })?;
                     row.clear();
                     ids.push(id, &mut row);
-                    marks.push(pack, self.tree.cell_of(self.layout.schema.position(record)), &row)?;
+                    marks.push(
+                        pack,
+                        self.tree.cell_of(self.layout.schema.position(record)),
+                        &row,
+                    )?;
                     row.extend_from_slice(record);
                     while let Some(&(_, cell)) = foreign.get(at).filter(|(other, _)| *other == id) {
                         rows.push(pack, cell, &row)?;
