@@ -34,6 +34,13 @@ pub struct Options {
     pub stop: Stop,
 }
 
+impl Default for Options {
+    /// Collapses nothing; the stages set the stop.
+    fn default() -> Self {
+        Options { stop: Stop::Triangles(u64::MAX) }
+    }
+}
+
 /// What a run of the kernel did.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Statistics {
