@@ -3,8 +3,15 @@
 //! It knows no files, threads, clock or logging, and its result depends on nothing but its arguments.
 //! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
 
+mod collapse;
+mod drive;
+mod evaluate;
+mod lanes;
 mod legal;
+mod order;
+mod queue;
 pub mod reference;
+mod surface;
 mod vector;
 
 use crate::mesh::Mesh;
@@ -70,7 +77,27 @@ pub struct Simplified {
 ///
 /// `locked` has one entry a vertex; all of them `false` if nothing is shared with other cells.
 pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplified {
-    reference::simplify_mesh(mesh, locked, options)
+    let mut statistics = Statistics::default();
+    let surface = surface::Surface::new(mesh, locked);
+    let mut driver = drive::Driver::new(surface, lanes::Simd::detect());
+    match &options.stop {
+        Stop::Triangles(target) => statistics.reached = driver.to_count(*target),
+        Stop::Costs { levels, floor_triangles } => {
+            for &level in levels {
+                if !statistics.level_counts.is_empty() && driver.surface.n_alive <= *floor_triangles
+                {
+                    break;
+                }
+                driver.level(level);
+                statistics.level_counts.push(driver.surface.n_alive);
+            }
+            statistics.reached = true;
+        }
+    }
+    statistics.collapses = driver.total_collapses();
+    statistics.rejects = driver.rejects.named();
+    let (mesh, source) = driver.surface.into_mesh();
+    Simplified { mesh, source, statistics }
 }
 
 /// Peak memory of `simplify_mesh` in bytes, the mesh it is given included.
