@@ -5,12 +5,18 @@
 //! `ply` reads and writes meshes, `cells` keeps them on disk cell by cell, `kernel` collapses edges and
 //! knows no files, threads, clock or logging. docs/ARCHITECTURE.md has the map.
 
+pub mod cli;
+pub mod disk;
 pub mod error;
+pub mod job;
 pub mod kernel;
+pub mod memory;
 pub mod mesh;
+pub mod parallel;
 pub mod ply;
 pub mod progress;
 pub mod schema;
+pub mod synth;
 pub mod units;
 
 pub use error::{Error, Result};

@@ -3,6 +3,10 @@
 //! It knows no files, threads, clock or logging, and its result depends on nothing but its arguments.
 //! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
 
+mod legal;
+pub mod reference;
+mod vector;
+
 use crate::mesh::Mesh;
 
 /// When the kernel stops collapsing.
@@ -56,6 +60,31 @@ pub struct Simplified {
 }
 
 /// Simplifies a mesh by edge collapse; vertices with `locked[v]` stay exactly where they are.
-pub fn simplify_mesh(_mesh: Mesh, _locked: &[bool], _options: &Options) -> Simplified {
-    Simplified::default()
+///
+/// `locked` has one entry a vertex; all of them `false` if nothing is shared with other cells.
+pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplified {
+    reference::simplify_mesh(mesh, locked, options)
+}
+
+/// Drops vertices that no triangle uses; the second value tells where each kept vertex was.
+fn compact(mesh: Mesh) -> (Mesh, Vec<u32>) {
+    const UNUSED: u32 = u32::MAX;
+    let mut place = vec![UNUSED; mesh.positions.len()];
+    for triangle in &mesh.triangles {
+        for &v in triangle {
+            place[v as usize] = 0;
+        }
+    }
+    let mut source = Vec::new();
+    for (v, place) in place.iter_mut().enumerate().filter(|(_, place)| **place != UNUSED) {
+        *place = source.len() as u32;
+        source.push(v as u32);
+    }
+    let compacted = Mesh {
+        positions: source.iter().map(|&v| mesh.positions[v as usize]).collect(),
+        channels: source.iter().flat_map(|&v| mesh.channels_of(v).iter().copied()).collect(),
+        n_channels: mesh.n_channels,
+        triangles: mesh.triangles.iter().map(|t| t.map(|v| place[v as usize])).collect(),
+    };
+    (compacted, source)
 }

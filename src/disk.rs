@@ -1,0 +1,247 @@
+//! The one joint through which the job folder and the output touch the file system.
+//!
+//! Every create, write, sync, rename, punch and removal of this crate passes through a `Disk`, which counts
+//! bytes for the report and can be told by a test to fail or to freeze at the k-th operation. It decides
+//! nothing about formats.
+
+use crate::error::{Error, Result};
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicI64, AtomicU64, Ordering::Relaxed};
+
+/// A handle on the file system; clones share their counters.
+#[derive(Clone, Debug, Default)]
+pub struct Disk {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    bytes_read: AtomicU64,
+    bytes_written: AtomicU64,
+    held_bytes: AtomicI64,
+    peak_bytes: AtomicI64,
+    operations: AtomicU64,
+    /// 0: never; k: operation k and all after it fail.
+    fail_from: AtomicU64,
+}
+
+impl Disk {
+    /// Bytes read from job files so far.
+    pub fn bytes_read(&self) -> u64 {
+        self.shared.bytes_read.load(Relaxed)
+    }
+
+    /// Bytes written to job files and output so far.
+    pub fn bytes_written(&self) -> u64 {
+        self.shared.bytes_written.load(Relaxed)
+    }
+
+    /// The most bytes that job files have held at one time, as far as this process knows.
+    pub fn peak_bytes(&self) -> u64 {
+        self.shared.peak_bytes.load(Relaxed).max(0) as u64
+    }
+
+    /// Accounts for bytes that a resumed job already holds.
+    pub fn adopt(&self, bytes: u64) {
+        self.hold(bytes as i64);
+    }
+
+    /// For tests: operation number `k` (from 1) and all later ones fail as if the device had gone.
+    pub fn fail_from(&self, k: u64) {
+        self.shared.fail_from.store(k, Relaxed);
+    }
+
+    /// Operations that have passed through this joint so far.
+    pub fn operations(&self) -> u64 {
+        self.shared.operations.load(Relaxed)
+    }
+
+    fn hold(&self, bytes: i64) {
+        let now = self.shared.held_bytes.fetch_add(bytes, Relaxed) + bytes;
+        self.shared.peak_bytes.fetch_max(now, Relaxed);
+    }
+
+    fn operation(&self, path: &Path, action: &'static str) -> Result<()> {
+        let number = self.shared.operations.fetch_add(1, Relaxed) + 1;
+        let fail_from = self.shared.fail_from.load(Relaxed);
+        if fail_from != 0 && number >= fail_from {
+            return Err(Error::io(path, action, std::io::Error::other("injected device failure")));
+        }
+        Ok(())
+    }
+
+    /// Creates a folder and its parents.
+    pub fn create_dir(&self, path: &Path) -> Result<()> {
+        self.operation(path, "cannot create folder")?;
+        std::fs::create_dir_all(path).map_err(|e| Error::io(path, "cannot create folder", e))
+    }
+
+    /// Creates a file anew, or empties it.
+    pub fn create(&self, path: &Path) -> Result<DiskFile> {
+        self.operation(path, "cannot create")?;
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(true)
+            .open(path)
+            .map_err(|e| Error::io(path, "cannot create", e))?;
+        Ok(DiskFile { disk: self.clone(), file, path: path.into(), length: 0 })
+    }
+
+    /// Opens a file to append at `length`; whatever lies behind it is cut off.
+    pub fn open_append(&self, path: &Path, length: u64) -> Result<DiskFile> {
+        self.operation(path, "cannot open")?;
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .open(path)
+            .map_err(|e| Error::io(path, "cannot open", e))?;
+        file.set_len(length).map_err(|e| Error::io(path, "cannot truncate", e))?;
+        Ok(DiskFile { disk: self.clone(), file, path: path.into(), length })
+    }
+
+    /// Opens a file for reading.
+    pub fn open(&self, path: &Path) -> Result<DiskFile> {
+        self.operation(path, "cannot open")?;
+        // Writing is wanted only for punching holes; a read-only file system still lets us read.
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .open(path)
+            .or_else(|_| File::open(path))
+            .map_err(|e| Error::io(path, "cannot open", e))?;
+        let length = file.metadata().map_err(|e| Error::io(path, "cannot stat", e))?.len();
+        Ok(DiskFile { disk: self.clone(), file, path: path.into(), length })
+    }
+
+    /// Renames a file within one folder and makes the new name durable.
+    pub fn rename(&self, from: &Path, to: &Path) -> Result<()> {
+        self.operation(to, "cannot rename to")?;
+        std::fs::rename(from, to).map_err(|e| Error::io(to, "cannot rename to", e))?;
+        self.sync_folder_of(to)
+    }
+
+    /// Makes the names in the folder of `path` durable.
+    pub fn sync_folder_of(&self, path: &Path) -> Result<()> {
+        let folder = match path.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        self.operation(folder, "cannot sync folder")?;
+        File::open(folder)
+            .and_then(|folder| folder.sync_all())
+            .map_err(|e| Error::io(folder, "cannot sync folder", e))
+    }
+
+    /// Removes a file if it is there and returns its bytes to the account.
+    pub fn remove(&self, path: &Path) -> Result<()> {
+        self.operation(path, "cannot remove")?;
+        let held = std::fs::metadata(path).map(|meta| allocated(&meta)).unwrap_or(0);
+        match std::fs::remove_file(path) {
+            Ok(()) => {
+                self.hold(-(held as i64));
+                Ok(())
+            }
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(()),
+            Err(e) => Err(Error::io(path, "cannot remove", e)),
+        }
+    }
+
+    /// Writes a small file whole: temporary name, sync, rename, folder sync.
+    pub fn write_whole(&self, path: &Path, bytes: &[u8]) -> Result<()> {
+        let temporary = path.with_extension("part");
+        let mut file = self.create(&temporary)?;
+        file.append(bytes)?;
+        file.sync()?;
+        drop(file);
+        self.rename(&temporary, path)
+    }
+}
+
+/// A file of a `Disk`: append-only for the writer, random access for readers.
+#[derive(Debug)]
+pub struct DiskFile {
+    disk: Disk,
+    file: File,
+    path: PathBuf,
+    length: u64,
+}
+
+impl DiskFile {
+    /// Bytes in the file.
+    pub fn length(&self) -> u64 {
+        self.length
+    }
+
+    /// Where the file lies.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Appends bytes.
+    pub fn append(&mut self, bytes: &[u8]) -> Result<()> {
+        self.disk.operation(&self.path, "cannot write")?;
+        if !bytes.is_empty() {
+            // `write_all_at` rather than the file cursor: a failed append leaves `length` as it was.
+            self.file
+                .write_all_at(bytes, self.length)
+                .map_err(|e| Error::io(&self.path, "cannot write", e))?;
+        }
+        self.length += bytes.len() as u64;
+        self.disk.shared.bytes_written.fetch_add(bytes.len() as u64, Relaxed);
+        self.disk.hold(bytes.len() as i64);
+        Ok(())
+    }
+
+    /// Makes everything appended so far durable.
+    pub fn sync(&mut self) -> Result<()> {
+        self.disk.operation(&self.path, "cannot sync")?;
+        self.file
+            .flush()
+            .and_then(|()| self.file.sync_data())
+            .map_err(|e| Error::io(&self.path, "cannot sync", e))
+    }
+
+    /// Reads exactly `out.len()` bytes at `offset`; a file that ends before is a corrupt one.
+    pub fn read_at(&self, out: &mut [u8], offset: u64) -> Result<()> {
+        self.disk.operation(&self.path, "cannot read")?;
+        self.file.read_exact_at(out, offset).map_err(|e| {
+            if e.kind() == std::io::ErrorKind::UnexpectedEof {
+                Error::corrupt(
+                    &self.path,
+                    format!(
+                        "ends before byte {}; run again with --restart",
+                        offset + out.len() as u64
+                    ),
+                )
+            } else {
+                Error::io(&self.path, "cannot read", e)
+            }
+        })?;
+        self.disk.shared.bytes_read.fetch_add(out.len() as u64, Relaxed);
+        Ok(())
+    }
+
+    /// Gives the blocks of a byte range back to the file system where it can do that.
+    pub fn punch(&self, offset: u64, length: u64) -> Result<()> {
+        self.disk.operation(&self.path, "cannot free space in")?;
+        use rustix::fs::{FallocateFlags, fallocate};
+        let flags = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
+        // A file system without holes only costs space; the run goes on.
+        if length > 0 && fallocate(&self.file, flags, offset, length).is_ok() {
+            self.disk.hold(-(length as i64));
+        }
+        Ok(())
+    }
+}
+
+/// Bytes that a file occupies, holes excluded, but never more than its length.
+fn allocated(meta: &std::fs::Metadata) -> u64 {
+    use std::os::unix::fs::MetadataExt;
+    meta.len().min(meta.blocks() * 512)
+}

@@ -1,0 +1,56 @@
+//! Keeps two runs out of one job folder.
+//!
+//! The lock is an advisory lock on a file, which the system drops when its holder dies, so a dead run's
+//! lock is free. Host and process of the holder stand in the file for the message only.
+
+use crate::error::{Error, Result};
+use rustix::fs::{FlockOperation, flock};
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Seek, Write};
+use std::path::Path;
+
+/// The lock file's name in the job folder.
+pub const FILE_NAME: &str = "lock";
+
+/// A held lock; dropping it gives the folder free.
+#[derive(Debug)]
+pub struct Lock {
+    _file: File,
+}
+
+impl Lock {
+    /// Takes the lock of a job folder, or says who holds it.
+    pub fn take(folder: &Path) -> Result<Lock> {
+        let path = folder.join(FILE_NAME);
+        let io = |action| move |e| Error::io(folder.join(FILE_NAME), action, e);
+        let mut file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .open(&path)
+            .map_err(io("cannot open lock"))?;
+        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => {}
+            Err(rustix::io::Errno::WOULDBLOCK) => {
+                let mut holder = String::new();
+                // A half-written holder line only makes the message poorer.
+                let _ = file.read_to_string(&mut holder);
+                return Err(Error::Locked {
+                    path: folder.into(),
+                    what: format!(
+                        "another run works on this job ({}); wait for it, or give a different output or --temp-dir",
+                        holder.trim()
+                    ),
+                });
+            }
+            Err(e) => return Err(Error::io(&path, "cannot lock", e.into())),
+        }
+        let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
+        file.set_len(0)
+            .and_then(|()| file.rewind())
+            .and_then(|()| writeln!(file, "host {host}, process {}", std::process::id()))
+            .map_err(io("cannot write lock"))?;
+        Ok(Lock { _file: file })
+    }
+}

@@ -1,0 +1,126 @@
+//! The job folder: who works in it, what it belongs to, and which stages are done.
+//!
+//! `Job::sealed` is how stages become resumable: it hands back the recorded outcome of a stage, or runs the
+//! stage and records its outcome once everything the stage wrote is durable.
+
+mod lock;
+mod manifest;
+
+pub use manifest::{Identity, ManifestView, view};
+
+use crate::disk::Disk;
+use crate::error::{Error, Result};
+use lock::Lock;
+use manifest::Manifest;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// An open job folder, locked against other runs.
+#[derive(Debug)]
+pub struct Job {
+    folder: PathBuf,
+    disk: Disk,
+    manifest: Mutex<Manifest>,
+    /// Held for its destructor, which gives the folder free.
+    _lock: Lock,
+}
+
+impl Job {
+    /// Opens the job in `folder`, or begins it; `restart` throws away what an earlier run left.
+    ///
+    /// Errors: `Locked` when a living run works there, `StateMismatch` when the folder belongs to another
+    /// input, other settings or another format version.
+    pub fn open(folder: &Path, disk: &Disk, identity: &Identity, restart: bool) -> Result<Job> {
+        disk.create_dir(folder)?;
+        let lock = Lock::take(folder)?;
+        if restart {
+            clear(folder, disk)?;
+        }
+        let manifest = Manifest::open(folder, disk, identity)?;
+        if manifest.is_new() {
+            clear_data(folder, disk)?;
+        }
+        Ok(Job {
+            folder: folder.into(),
+            disk: disk.clone(),
+            manifest: Mutex::new(manifest),
+            _lock: lock,
+        })
+    }
+
+    /// A path inside the job folder.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// The job folder itself.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The file system this job writes through.
+    pub fn disk(&self) -> &Disk {
+        &self.disk
+    }
+
+    /// The recorded outcome of stage `name`, or the outcome of running it now, recorded.
+    ///
+    /// `work` must have synced every file that its outcome names.
+    pub fn sealed<T: Serialize + DeserializeOwned>(
+        &self,
+        name: &str,
+        work: impl FnOnce() -> Result<T>,
+    ) -> Result<T> {
+        if let Some(outcome) = self.outcome(name)? {
+            return Ok(outcome);
+        }
+        let outcome = work()?;
+        self.record(name, &outcome)?;
+        Ok(outcome)
+    }
+
+    /// The recorded outcome of a stage, if it is done.
+    pub fn outcome<T: DeserializeOwned>(&self, name: &str) -> Result<Option<T>> {
+        self.manifest.lock().unwrap_or_else(PoisonError::into_inner).outcome(name)
+    }
+
+    /// Records an outcome; a later record of the same name replaces the earlier one.
+    pub fn record<T: Serialize>(&self, name: &str, outcome: &T) -> Result<()> {
+        self.manifest.lock().unwrap_or_else(PoisonError::into_inner).record(name, outcome)
+    }
+
+    /// Removes the whole folder: the run is over and its output stands.
+    pub fn remove(self) -> Result<()> {
+        clear(&self.folder, &self.disk)?;
+        drop(self._lock);
+        let lock = self.folder.join(lock::FILE_NAME);
+        std::fs::remove_file(&lock)
+            .and_then(|()| std::fs::remove_dir(&self.folder))
+            .map_err(|e| Error::io(&self.folder, "cannot remove job folder", e))
+    }
+}
+
+/// Removes every file of a job but its lock.
+fn clear(folder: &Path, disk: &Disk) -> Result<()> {
+    disk.remove(&folder.join(manifest::FILE_NAME))?;
+    clear_data(folder, disk)
+}
+
+fn clear_data(folder: &Path, disk: &Disk) -> Result<()> {
+    let entries = std::fs::read_dir(folder).map_err(|e| Error::io(folder, "cannot list", e))?;
+    for entry in entries {
+        let name = entry.map_err(|e| Error::io(folder, "cannot list", e))?.file_name();
+        let ours = Path::new(&name)
+            .extension()
+            .is_some_and(|ext| DATA_EXTENSIONS.iter().any(|ours| ext == *ours));
+        if ours {
+            disk.remove(&folder.join(&name))?;
+        }
+    }
+    Ok(())
+}
+
+/// Extensions of the files that stages write into a job folder; nothing else there is ever removed.
+const DATA_EXTENSIONS: [&str; 4] = ["cells", "survivors", "index", "part"];

@@ -1,0 +1,83 @@
+//! What makes a collapse legal: the classes of vertices, the table over them, and the named refusals.
+//!
+//! The tables are read by every kernel here; the geometric tests live where the geometry is.
+
+/// Why a collapse was not carried out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Reject {
+    /// Both ends are locked, or an edge between two locked vertices would arise.
+    Locked,
+    /// The surface would change its topology or become non-manifold.
+    LinkCondition,
+    /// A triangle would turn over.
+    Flip,
+    /// An open boundary or one of its corners would be lost.
+    Boundary,
+    /// A needle would arise.
+    Sliver,
+    /// The input is non-manifold there; it is left as found.
+    NonManifold,
+}
+
+impl Reject {
+    /// Every reason in the order in which they are reported, with the name users see.
+    pub(crate) const NAMED: [(Reject, &'static str); 6] = [
+        (Reject::Locked, "locked"),
+        (Reject::LinkCondition, "link condition"),
+        (Reject::Flip, "flip"),
+        (Reject::Boundary, "boundary"),
+        (Reject::Sliver, "sliver"),
+        (Reject::NonManifold, "non-manifold"),
+    ];
+}
+
+/// How often each reason was given.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct RejectCounts([u64; 6]);
+
+impl RejectCounts {
+    pub(crate) fn add(&mut self, reason: Reject) {
+        self.0[reason as usize] += 1;
+    }
+
+    /// Names and counts, always all of them, in the order of `Reject::NAMED`.
+    pub(crate) fn named(&self) -> Vec<(&'static str, u64)> {
+        Reject::NAMED.iter().map(|&(reason, name)| (name, self.0[reason as usize])).collect()
+    }
+}
+
+/// What a vertex is, as far as collapses are concerned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Class {
+    /// Its triangles form one closed fan.
+    Interior,
+    /// Its triangles form one open fan.
+    Boundary,
+    /// Neither: on a non-manifold edge, or several fans meet in it.
+    Complex,
+    /// The caller holds it fixed.
+    Locked,
+}
+
+/// Rows: class of the removed vertex. Columns: class of the kept vertex.
+/// A kept vertex that could not itself be removed stays exactly where it is.
+pub(crate) const MAY_COLLAPSE: [[Result<(), Reject>; 4]; 4] = {
+    const OK: Result<(), Reject> = Ok(());
+    const BOUNDARY: Result<(), Reject> = Err(Reject::Boundary);
+    const COMPLEX: Result<(), Reject> = Err(Reject::NonManifold);
+    const LOCKED: Result<(), Reject> = Err(Reject::Locked);
+    [
+        // Interior Boundary  Complex  Locked
+        [OK, OK, OK, OK],                     // Interior
+        [BOUNDARY, OK, OK, OK],               // Boundary: only along the boundary
+        [COMPLEX, COMPLEX, COMPLEX, COMPLEX], // Complex
+        [LOCKED, LOCKED, LOCKED, LOCKED],     // Locked
+    ]
+};
+
+impl Class {
+    /// Whether a vertex of this class may be moved.
+    pub(crate) fn is_fixed(self) -> bool {
+        matches!(self, Class::Complex | Class::Locked)
+    }
+}

@@ -1,0 +1,83 @@
+//! How much memory this process may use, and how much it has used.
+//!
+//! The default budget is a share of the tightest limit in force: physical memory, cgroup v1, cgroup v2.
+
+use std::path::Path;
+
+/// Share of the tightest limit that is taken when `--memory` is not given.
+pub const DEFAULT_SHARE: f64 = 0.75;
+
+/// The tightest memory limit in force for this process, in bytes.
+pub fn limit_bytes() -> u64 {
+    let info = rustix::system::sysinfo();
+    let physical = info.totalram as u64 * u64::from(info.mem_unit.max(1));
+    cgroup_limits("memory", "memory.limit_in_bytes", "memory.max")
+        .into_iter()
+        .fold(physical, u64::min)
+}
+
+/// The number of cores this process may use, CPU affinity and cgroup quota included.
+pub fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Peak resident memory of this process so far, in bytes; 0 where the system does not tell.
+pub fn peak_bytes() -> u64 {
+    status_kib("VmHWM:") * 1024
+}
+
+/// Resident memory of this process now, in bytes; 0 where the system does not tell.
+pub fn resident_bytes() -> u64 {
+    status_kib("VmRSS:") * 1024
+}
+
+fn status_kib(field: &str) -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find(|line| line.starts_with(field)).unwrap_or_default();
+    line.split_whitespace().nth(1).and_then(|kib| kib.parse().ok()).unwrap_or(0)
+}
+
+/// Limits of every cgroup from this process's own up to the root, v1 and v2.
+fn cgroup_limits(controller: &str, v1_file: &str, v2_file: &str) -> Vec<u64> {
+    let mut limits = Vec::new();
+    for line in std::fs::read_to_string("/proc/self/cgroup").unwrap_or_default().lines() {
+        let mut parts = line.splitn(3, ':');
+        let (Some(_), Some(controllers), Some(path)) = (parts.next(), parts.next(), parts.next())
+        else {
+            continue;
+        };
+        let (root, file) = if controllers.is_empty() {
+            ("/sys/fs/cgroup".to_owned(), v2_file)
+        } else if controllers.split(',').any(|name| name == controller) {
+            (format!("/sys/fs/cgroup/{controller}"), v1_file)
+        } else {
+            continue;
+        };
+        let mut folder = Path::new(path.trim_start_matches('/'));
+        loop {
+            let name = Path::new(&root).join(folder).join(file);
+            if let Ok(text) = std::fs::read_to_string(name)
+                && let Ok(limit) = text.trim().parse::<u64>()
+            {
+                limits.push(limit);
+            }
+            match folder.parent() {
+                Some(parent) => folder = parent,
+                None => break,
+            }
+        }
+    }
+    limits
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn limits_and_peaks_are_plausible() {
+        assert!(super::limit_bytes() > 1 << 20);
+        assert!(super::cores() >= 1);
+        if cfg!(target_os = "linux") {
+            assert!(super::peak_bytes() >= super::resident_bytes() / 2);
+        }
+    }
+}

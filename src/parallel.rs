@@ -1,0 +1,232 @@
+//! The two shapes of parallel work in this crate; the only place that knows threads.
+//!
+//! `in_order` maps numbered blocks and hands the results on in block order; `largest_first` runs
+//! independent jobs under a memory budget. Neither lets the number of threads reach a result.
+
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crossbeam::channel::bounded;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Condvar, Mutex, PoisonError};
+
+/// Blocks under way per thread in `in_order`; two keep a thread busy while the consumer works.
+const BLOCKS_PER_THREAD: usize = 2;
+
+/// Runs `produce` for blocks `0..n_blocks` on `threads` threads and `consume` on this thread, in block order.
+///
+/// At most `threads * 2` results exist at a time; each is re-used, so `produce` gets an old one to
+/// overwrite. The first error, in block order, ends the run.
+pub fn in_order<T: Default + Send>(
+    n_blocks: u64,
+    threads: usize,
+    progress: &Progress,
+    produce: impl Fn(u64, &mut T) -> Result<()> + Sync,
+    mut consume: impl FnMut(u64, &mut T) -> Result<()>,
+) -> Result<()> {
+    let threads = threads.max(1).min(n_blocks.max(1) as usize);
+    let window = threads * BLOCKS_PER_THREAD;
+    let (give, spare) = bounded::<T>(window);
+    let (send, receive) = bounded::<(u64, T, Result<()>)>(window);
+    for _ in 0..window {
+        give.send(T::default()).expect("the channel holds a whole window");
+    }
+    let next = Mutex::new(0u64);
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            let (send, spare, next, produce) = (send.clone(), spare.clone(), &next, &produce);
+            scope.spawn(move || {
+                loop {
+                    // Taking the spare result under the lock keeps blocks in order of issue, so that
+                    // the block the consumer waits for is always among those under way.
+                    let (index, mut result) = {
+                        let mut next = next.lock().unwrap_or_else(PoisonError::into_inner);
+                        if *next >= n_blocks {
+                            return;
+                        }
+                        let Ok(result) = spare.recv() else { return };
+                        *next += 1;
+                        (*next - 1, result)
+                    };
+                    let outcome = progress.check().and_then(|()| produce(index, &mut result));
+                    let failed = outcome.is_err();
+                    if send.send((index, result, outcome)).is_err() || failed {
+                        return;
+                    }
+                }
+            });
+        }
+        drop(send);
+        drop(spare);
+        // Moved in, so that an early return hangs up both channels and the workers end.
+        let (receive, give) = (receive, give);
+        let mut waiting = BTreeMap::new();
+        for index in 0..n_blocks {
+            let (mut result, outcome) = loop {
+                if let Some(found) = waiting.remove(&index) {
+                    break found;
+                }
+                match receive.recv() {
+                    Ok((index, result, outcome)) => {
+                        waiting.insert(index, (result, outcome));
+                    }
+                    Err(_) => {
+                        // Every worker has ended without this block: one of them failed.
+                        let failed =
+                            std::mem::take(&mut waiting).into_values().find_map(|(_, o)| o.err());
+                        return Err(failed.unwrap_or_else(worker_died));
+                    }
+                }
+            };
+            outcome?;
+            consume(index, &mut result)?;
+            // Workers that have ended no longer take spares; that is no fault.
+            let _ = give.send(result);
+        }
+        Ok(())
+    })
+}
+
+fn worker_died() -> Error {
+    Error::NoMemory("a worker thread died; run the same command to continue".to_owned())
+}
+
+/// One job of `largest_first`.
+#[derive(Clone, Copy, Debug)]
+pub struct Weighted {
+    /// The caller's number for this job.
+    pub item: usize,
+    /// Memory that the job takes while it runs.
+    pub bytes: u64,
+}
+
+struct Queue {
+    waiting: Vec<Weighted>,
+    free_bytes: u64,
+    running: usize,
+    failed: Option<Error>,
+}
+
+/// Runs independent jobs on `threads` threads, largest first, never more at once than `budget_bytes` hold.
+///
+/// A job that exceeds the budget alone still runs, alone: whether it may is decided by the plan. The first
+/// failure lets running jobs end and begins no further ones.
+pub fn largest_first(
+    mut jobs: Vec<Weighted>,
+    threads: usize,
+    budget_bytes: u64,
+    progress: &Progress,
+    work: impl Fn(usize) -> Result<()> + Sync,
+) -> Result<()> {
+    // Ascending, so that the largest is popped from the end; ties in descending item order.
+    jobs.sort_by_key(|job| (job.bytes, std::cmp::Reverse(job.item)));
+    let queue =
+        Mutex::new(Queue { waiting: jobs, free_bytes: budget_bytes, running: 0, failed: None });
+    let changed = Condvar::new();
+    let lock = || queue.lock().unwrap_or_else(PoisonError::into_inner);
+    let panics = AtomicU64::new(0);
+    let worker = || {
+        loop {
+            let job = {
+                let mut queue = lock();
+                loop {
+                    if queue.failed.is_some() || queue.waiting.is_empty() {
+                        return;
+                    }
+                    let fits = queue.waiting.iter().rposition(|job| job.bytes <= queue.free_bytes);
+                    if let Some(at) =
+                        fits.or_else(|| (queue.running == 0).then_some(queue.waiting.len() - 1))
+                    {
+                        let job = queue.waiting.remove(at);
+                        queue.free_bytes = queue.free_bytes.saturating_sub(job.bytes);
+                        queue.running += 1;
+                        break job;
+                    }
+                    queue = changed.wait(queue).unwrap_or_else(PoisonError::into_inner);
+                }
+            };
+            let run = || progress.check().and_then(|()| work(job.item));
+            // A panic is our own fault, but it must not leave the other workers waiting for ever.
+            let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(run));
+            let mut queue = lock();
+            queue.running -= 1;
+            queue.free_bytes = (queue.free_bytes + job.bytes).min(budget_bytes);
+            match outcome {
+                Ok(Ok(())) => {}
+                Ok(Err(error)) => {
+                    queue.failed.get_or_insert(error);
+                }
+                Err(_) => {
+                    panics.fetch_add(1, Ordering::Relaxed);
+                    queue.failed.get_or_insert_with(worker_died);
+                }
+            }
+            drop(queue);
+            changed.notify_all();
+        }
+    };
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(threads.max(1))
+        .build()
+        .map_err(|e| Error::NoMemory(format!("cannot start {threads} threads: {e}")))?
+        .broadcast(|_| worker());
+    match queue.into_inner().unwrap_or_else(PoisonError::into_inner).failed {
+        Some(error) => Err(error),
+        None => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_arrive_in_order_whatever_the_threads() {
+        for threads in [1, 2, 5] {
+            let mut seen = Vec::new();
+            in_order(
+                100,
+                threads,
+                &Progress::default(),
+                |i, out: &mut u64| {
+                    *out = i * i;
+                    Ok(())
+                },
+                |i, value| {
+                    assert_eq!(*value, i * i);
+                    seen.push(i);
+                    Ok(())
+                },
+            )
+            .unwrap();
+            assert_eq!(seen, (0..100).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn the_first_error_in_block_order_ends_the_run() {
+        let fail = |i: u64, _: &mut ()| {
+            if i >= 7 { Err(Error::Usage(format!("block {i}"))) } else { Ok(()) }
+        };
+        let outcome = in_order(1000, 3, &Progress::default(), fail, |_, _| Ok(()));
+        assert_eq!(outcome.unwrap_err().to_string(), "block 7");
+    }
+
+    #[test]
+    fn jobs_never_exceed_the_budget_and_all_run() {
+        let (now, most, done) = (AtomicU64::new(0), AtomicU64::new(0), AtomicU64::new(0));
+        let jobs = (0..50).map(|i| Weighted { item: i, bytes: 10 + i as u64 % 7 }).collect();
+        largest_first(jobs, 4, 33, &Progress::default(), |i| {
+            let bytes = 10 + i as u64 % 7;
+            let held = now.fetch_add(bytes, Ordering::SeqCst) + bytes;
+            most.fetch_max(held, Ordering::SeqCst);
+            std::thread::yield_now();
+            now.fetch_sub(bytes, Ordering::SeqCst);
+            done.fetch_add(1, Ordering::SeqCst);
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(done.into_inner(), 50);
+        assert!(most.into_inner() <= 33);
+    }
+}
