@@ -15,6 +15,7 @@ pub mod mesh;
 pub mod parallel;
 pub mod ply;
 pub mod progress;
+pub mod render;
 pub mod schema;
 pub mod synth;
 pub mod units;
