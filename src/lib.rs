@@ -22,6 +22,7 @@ pub mod plan;
 pub mod ply;
 pub mod progress;
 pub mod run;
+pub mod render;
 pub mod schema;
 pub mod seams;
 pub mod simplify;

@@ -3,6 +3,7 @@
 mod demo;
 mod display;
 mod info;
+pub mod render;
 mod simplify;
 mod status;
 pub mod synth;
@@ -53,6 +54,7 @@ pub struct Talk {
 enum Command {
     Simplify(simplify::Args),
     Info(info::Args),
+    Render(render::Args),
     Synth(synth::Args),
     Status(status::Args),
     Demo(demo::Args),
@@ -81,6 +83,7 @@ pub fn main() -> u8 {
     let outcome = match &typed.command {
         Command::Simplify(args) => simplify::run(args, talk, &progress, &mut log),
         Command::Info(args) => info::run(args, talk, &progress, &mut log),
+        Command::Render(args) => render::run(args, &progress, &mut log).map(|()| 0),
         Command::Synth(args) => synth::run(args, &progress, &mut log).map(|()| 0),
         Command::Status(args) => status::run(args).map(|()| 0),
         Command::Demo(args) => demo::run(args, talk, &progress, &mut log),
