@@ -1,0 +1,94 @@
+//! The bytes of a mesh file, readable at any offset from any thread.
+//!
+//! The lowest layer of `ply`: it knows the file's length and nothing of its format. Everything above it
+//! holds sizes against `len` before it allocates.
+
+use crate::error::{Error, Result};
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+/// A file, or bytes in memory that stand for one (tests, fuzzing).
+pub(crate) struct RawFile {
+    path: PathBuf,
+    data: Data,
+    len: u64,
+}
+
+enum Data {
+    File(File),
+    Memory(Vec<u8>),
+}
+
+impl RawFile {
+    /// Opens a regular file; pipes and folders are refused by name.
+    pub fn open(path: &Path) -> Result<Self> {
+        let file = File::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
+        let meta = file.metadata().map_err(|e| Error::io(path, "cannot stat", e))?;
+        if !meta.is_file() {
+            return Err(Error::bad_input(
+                path,
+                "this is no regular file; pipe it in with '-' as the input",
+            ));
+        }
+        Ok(RawFile { path: path.to_path_buf(), data: Data::File(file), len: meta.len() })
+    }
+
+    /// Takes bytes as if they were the file `name`.
+    pub fn from_bytes(name: &str, bytes: Vec<u8>) -> Self {
+        let len = bytes.len() as u64;
+        RawFile { path: name.into(), data: Data::Memory(bytes), len }
+    }
+
+    /// The file's name, for messages.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The file's length in bytes when it was opened.
+    pub fn len(&self) -> u64 {
+        self.len
+    }
+
+    /// An error about the contents of this file.
+    pub fn bad(&self, what: impl Into<String>) -> Error {
+        Error::bad_input(&self.path, what)
+    }
+
+    /// Fills `buffer` from `offset`; the caller has held the range against `len`.
+    pub fn read_exact_at(&self, buffer: &mut [u8], offset: u64) -> Result<()> {
+        let n = self.read_at_most(buffer, offset)?;
+        if n < buffer.len() {
+            return Err(self.bad(format!(
+                "byte offset {}: the file ends here although it was longer when it was opened; it \
+                 was changed during the run",
+                offset.saturating_add(n as u64)
+            )));
+        }
+        Ok(())
+    }
+
+    /// Reads up to `buffer.len()` bytes from `offset`; less only at the end of the file.
+    pub fn read_at_most(&self, buffer: &mut [u8], offset: u64) -> Result<usize> {
+        match &self.data {
+            Data::Memory(bytes) => {
+                let start = usize::try_from(offset).unwrap_or(usize::MAX).min(bytes.len());
+                let n = buffer.len().min(bytes.len() - start);
+                buffer[..n].copy_from_slice(&bytes[start..start + n]);
+                Ok(n)
+            }
+            Data::File(file) => {
+                let mut filled = 0;
+                while filled < buffer.len() {
+                    match file.read_at(&mut buffer[filled..], offset + filled as u64) {
+                        Ok(0) => break,
+                        Ok(n) => filled += n,
+                        Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+                        Err(e) => return Err(Error::io(&self.path, "cannot read", e)),
+                    }
+                }
+                Ok(filled)
+            }
+        }
+    }
+}
