@@ -5,10 +5,12 @@
 //! `ply` reads and writes meshes, `cells` keeps them on disk cell by cell, `kernel` collapses edges and
 //! knows no files, threads, clock or logging. docs/ARCHITECTURE.md has the map.
 
+pub mod cli;
 pub mod disk;
 pub mod error;
 pub mod job;
 pub mod kernel;
+pub mod measure;
 pub mod memory;
 pub mod mesh;
 pub mod parallel;
