@@ -17,6 +17,7 @@ pub mod parallel;
 pub mod ply;
 pub mod progress;
 pub mod schema;
+pub mod topology;
 pub mod units;
 
 pub use error::{Error, Result};

@@ -9,7 +9,7 @@ fn options(samples: u64, threads: usize) -> Options {
 }
 
 fn measure(a: &Mesh, b: &Mesh, options: &Options) -> Deviation {
-    two_sided(a, b, options, &Progress::default()).unwrap()
+    two_sided(a, b, options, &Progress::default()).expect("nobody asks to stop")
 }
 
 /// A height field of `2 n^2` triangles over the unit square, `height(x, y)` high.

@@ -5,6 +5,7 @@ use crate::measure::load::{self, Loaded};
 use crate::measure::{self, Deviation, Options, Region, Side, TriangleSizes};
 use crate::ply::MeshSource;
 use crate::progress::Progress;
+use crate::topology::Topology;
 use crate::units;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -49,6 +50,7 @@ struct FileReport {
     bytes: u64,
     vertices: u64,
     triangles: u64,
+    topology: Topology,
 }
 
 /// The JSON report.
@@ -114,7 +116,8 @@ fn file_report(source: &MeshSource, loaded: &Loaded) -> FileReport {
         path: source.path().to_path_buf(),
         bytes: source.file_bytes(),
         vertices: source.n_vertices(),
-        triangles: loaded.mesh.triangles.len() as u64,
+        triangles: loaded.mesh.triangles.len() as u64 + loaded.n_degenerate,
+        topology: load::topology_of(loaded),
     }
 }
 
@@ -130,6 +133,16 @@ fn table(report: &Report) -> String {
     let mut pair = |name: &str, values: [String; 2]| line([name, &values[0], &values[1]]);
     pair("triangles", files.map(|f| units::show_count(f.triangles)));
     pair("vertices", files.map(|f| units::show_count(f.vertices)));
+    let mut count = |name: &str, pick: fn(&Topology) -> i64| {
+        pair(name, files.map(|f| pick(&f.topology).to_string()));
+    };
+    count("components", |t| t.components as i64);
+    count("Euler characteristic", |t| t.euler_characteristic);
+    count("boundary edges", |t| t.boundary_edges as i64);
+    count("non-manifold edges", |t| t.non_manifold_edges as i64);
+    count("inconsistent edges", |t| t.inconsistent_edges as i64);
+    count("duplicate triangles", |t| t.duplicate_triangles as i64);
+    count("degenerate triangles", |t| t.degenerate_triangles as i64);
     pair("", [String::new(), String::new()]);
     pair("distance", ["to simplified".into(), "to original".into()]);
     let number =

@@ -1,5 +1,6 @@
 //! The command line: what was typed, who does it, and where the answer goes.
 
+pub mod info;
 pub mod measure;
 
 use crate::progress::Progress;
@@ -15,6 +16,8 @@ struct RawArgs {
 
 #[derive(clap::Subcommand)]
 enum Command {
+    /// Tells what a mesh file holds, and whether it is sound
+    Info(info::Args),
     /// Measures how far a simplified mesh deviates from its original
     Measure(measure::Args),
 }
@@ -26,6 +29,7 @@ pub fn run() -> ExitCode {
     let progress = Progress::default();
     let mut out = std::io::stdout().lock();
     let outcome = match &args.command {
+        Command::Info(args) => info::run(args, &mut out, &progress),
         Command::Measure(args) => measure::run(args, &mut out, &progress),
     };
     match outcome {

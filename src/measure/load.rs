@@ -8,6 +8,7 @@ use crate::mesh::Mesh;
 use crate::parallel;
 use crate::ply::{FaceBlock, MeshSource, VertexBlock};
 use crate::progress::Progress;
+use crate::topology::{self, Topology};
 
 /// A mesh in memory and what its file says about it.
 #[derive(Clone, Debug, Default)]
@@ -71,4 +72,12 @@ pub fn load(source: &MeshSource, threads: usize, progress: &Progress) -> Result<
         },
     )?;
     Ok(Loaded { mesh, colours: ColourChannels::of(schema), n_degenerate })
+}
+
+/// The topology of a loaded mesh, with the faces that were left out.
+pub fn topology_of(loaded: &Loaded) -> Topology {
+    let mut topology = topology::of_triangles(loaded.mesh.positions.len(), &loaded.mesh.triangles);
+    topology.triangles += loaded.n_degenerate;
+    topology.degenerate_triangles += loaded.n_degenerate;
+    topology
 }

@@ -5,6 +5,9 @@
 //! the boxes decide only how fast an answer is found, never which. Does not know meshes, files or
 //! threads. docs/design/measure.md tells why this is not one of the crates.
 
+// Three axes (and eight lanes) run through several arrays side by side; an index shows that best.
+#![allow(clippy::needless_range_loop)]
+
 use super::triangle::{self, Vector};
 
 /// Children of a node.

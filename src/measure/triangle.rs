@@ -102,8 +102,9 @@ pub fn closest(point: Vector, t: &[Vector; 3]) -> (f64, [f64; 3]) {
     let normal = cross(ab, ac);
     let (ab_sq, ac_sq, normal_sq) = (length_sq(ab), length_sq(ac), length_sq(normal));
     // Below a height of 1e-10 of the edges the regions are no longer told apart reliably; there the
-    // three edges together are the triangle, to that height. Written so that NaN and 0 go this way too.
-    if !(normal_sq > 1e-20 * (ab_sq * ac_sq)) {
+    // three edges together are the triangle, to that height. Zeros and NaN fail the comparison too.
+    let has_inside = normal_sq > 1e-20 * (ab_sq * ac_sq);
+    if !has_inside {
         return closest_on_edges(point, t);
     }
     let (d1, d2) = (dot(ab, ap), dot(ac, ap));
