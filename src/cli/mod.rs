@@ -3,6 +3,7 @@
 mod demo;
 mod display;
 mod info;
+pub mod measure;
 pub mod render;
 mod simplify;
 mod status;
@@ -54,6 +55,7 @@ pub struct Talk {
 enum Command {
     Simplify(simplify::Args),
     Info(info::Args),
+    Measure(measure::Args),
     Render(render::Args),
     Synth(synth::Args),
     Status(status::Args),
@@ -80,9 +82,11 @@ pub fn main() -> u8 {
         return complain(&mut log, &error);
     }
     let talk = &typed.talk;
+    let mut out = std::io::stdout();
     let outcome = match &typed.command {
         Command::Simplify(args) => simplify::run(args, talk, &progress, &mut log),
-        Command::Info(args) => info::run(args, talk, &progress, &mut log),
+        Command::Info(args) => info::run(args, &mut out, &progress).map(|()| 0),
+        Command::Measure(args) => measure::run(args, &mut out, &progress).map(|()| 0),
         Command::Render(args) => render::run(args, &progress, &mut log).map(|()| 0),
         Command::Synth(args) => synth::run(args, &progress, &mut log).map(|()| 0),
         Command::Status(args) => status::run(args).map(|()| 0),
