@@ -63,6 +63,50 @@ fn cross3<L: Lanes>(a: [L; 3], b: [L; 3]) -> [L; 3] {
     ]
 }
 
+#[inline(always)]
+fn scale3<L: Lanes>(a: [L; 3], s: L) -> [L; 3] {
+    [a[0].times(s), a[1].times(s), a[2].times(s)]
+}
+
+#[inline(always)]
+fn first6<L: Lanes>(q: [L; 9]) -> [L; 6] {
+    [q[0], q[1], q[2], q[3], q[4], q[5]]
+}
+
+#[inline(always)]
+fn sub6<L: Lanes>(a: [L; 6], b: [L; 6]) -> [L; 6] {
+    let (low, high) = (sub3([a[0], a[1], a[2]], [b[0], b[1], b[2]]), [a[3], a[4], a[5]]);
+    let high = sub3(high, [b[3], b[4], b[5]]);
+    [low[0], low[1], low[2], high[0], high[1], high[2]]
+}
+
+#[inline(always)]
+fn add6<L: Lanes>(a: [L; 6], b: [L; 6]) -> [L; 6] {
+    let (low, high) = (add3([a[0], a[1], a[2]], [b[0], b[1], b[2]]), [a[3], a[4], a[5]]);
+    let high = add3(high, [b[3], b[4], b[5]]);
+    [low[0], low[1], low[2], high[0], high[1], high[2]]
+}
+
+#[inline(always)]
+fn store3<L: Lanes>(a: [L; 3]) -> [[f32; 8]; 3] {
+    [a[0].store(), a[1].store(), a[2].store()]
+}
+
+#[inline(always)]
+fn store9<L: Lanes>(a: [L; 9]) -> [[f32; 8]; 9] {
+    [
+        a[0].store(),
+        a[1].store(),
+        a[2].store(),
+        a[3].store(),
+        a[4].store(),
+        a[5].store(),
+        a[6].store(),
+        a[7].store(),
+        a[8].store(),
+    ]
+}
+
 /// Symmetric matrix (xx, xy, xz, yy, yz, zz) times vector.
 #[inline(always)]
 fn product<L: Lanes>(m: [L; 6], x: [L; 3]) -> [L; 3] {
@@ -71,7 +115,7 @@ fn product<L: Lanes>(m: [L; 6], x: [L; 3]) -> [L; 3] {
 
 #[inline(always)]
 fn select3<L: Lanes>(a: L, b: L, x: [L; 3], y: [L; 3]) -> [L; 3] {
-    std::array::from_fn(|i| L::lt_select(a, b, x[i], y[i]))
+    [L::lt_select(a, b, x[0], y[0]), L::lt_select(a, b, x[1], y[1]), L::lt_select(a, b, x[2], y[2])]
 }
 
 /// L D L^T of a symmetric matrix whose pivots are held above `lift`.
@@ -114,24 +158,22 @@ impl Job for Edges<'_> {
     fn run<L: Lanes>(self) -> Evaluated {
         let base: [&[f64; 3]; 8] = std::array::from_fn(|i| &self.v0[i].position);
         let edge = L::relative(self.v1, base, self.scale);
-        let half = edge.map(|x| x.times(L::splat(0.5)));
+        let half = scale3(edge, L::splat(0.5));
         let (q0, q1) = (L::quadrics(self.v0), L::quadrics(self.v1));
-        let a0: [L; 6] = std::array::from_fn(|i| q0[i]);
-        let a1: [L; 6] = std::array::from_fn(|i| q1[i]);
-        let sum: [L; 6] = std::array::from_fn(|i| a0[i].plus(a1[i]));
-        let difference: [L; 6] = std::array::from_fn(|i| a1[i].minus(a0[i]));
+        let (a0, a1) = (first6(q0), first6(q1));
+        let (sum, difference) = (add6(a0, a1), sub6(a1, a0));
         let trace = sum[0].plus(sum[3]).plus(sum[5]);
         let lift = trace.times(L::splat(REGULARISATION)).plus(L::splat(1e-30));
         let factors = Factors::new(sum, lift);
         let free = factors.solve(product(difference, half));
         // Volume: G . d = (G1 - G0) . h, reached along the metric of the quadric.
         let (g0, g1) = ([q0[6], q0[7], q0[8]], [q1[6], q1[7], q1[8]]);
-        let g = add3(g0, g1).map(|x| x.times(L::splat(SHARED_NORMALS)));
+        let g = scale3(add3(g0, g1), L::splat(SHARED_NORMALS));
         let wanted = dot3(sub3(g1, g0), half);
         let way = factors.solve(g);
         let per_step = dot3(g, way);
         let step = wanted.minus(dot3(g, free)).over(per_step);
-        let kept = add3(free, way.map(|x| x.times(step)));
+        let kept = add3(free, scale3(way, step));
         let flat = trace.times(L::splat(VOLUME_SHARE));
         let kept = select3(flat.times(flat), dot3(g, g), kept, free);
         // What runs away is put on the midpoint; NaN does too.
@@ -145,7 +187,7 @@ impl Job for Edges<'_> {
         let error = dot3(from0, product(a0, from0)).plus(dot3(from1, product(a1, from1)));
         let floor = trace.times(half_sq).times(L::splat(LENGTH_COST));
         let cost = error.greater(zero).plus(floor);
-        Evaluated { cost: cost.store(), place: place.map(L::store) }
+        Evaluated { cost: cost.store(), place: store3(place) }
     }
 }
 
@@ -180,7 +222,7 @@ fn contribution<L: Lanes>(n: [L; 3]) -> ([L; 9], L) {
     let length = dot3(n, n).root();
     let zero = L::splat(0.0);
     let weight = L::lt_select(zero, length, L::splat(0.5).over(length), zero);
-    let w = n.map(|x| x.times(weight));
+    let w = scale3(n, weight);
     let a = [
         n[0].times(w[0]),
         n[0].times(w[1]),
@@ -195,6 +237,15 @@ fn contribution<L: Lanes>(n: [L; 3]) -> ([L; 9], L) {
     (a, length)
 }
 
+/// Quadric, double area and shape of the triangle over `b`, `c` and `corner`.
+#[inline(always)]
+fn side<L: Lanes>(b: [L; 3], c: [L; 3], across_sq: L, corner: [L; 3]) -> ([L; 9], L, L) {
+    let (to_b, to_c) = (sub3(b, corner), sub3(c, corner));
+    let (quadric, length) = contribution(cross3(to_b, to_c));
+    let edges_sq = dot3(to_b, to_b).plus(dot3(to_c, to_c)).plus(across_sq);
+    (quadric, length, length.over(edges_sq))
+}
+
 impl Job for RingPart<'_> {
     type Output = RingGeometry;
 
@@ -204,22 +255,19 @@ impl Job for RingPart<'_> {
         let c = L::relative(self.c, [self.centre; 8], self.scale);
         let across = sub3(c, b);
         let across_sq = dot3(across, across);
-        let side = |corner: [L; 3]| {
-            let (to_b, to_c) = (sub3(b, corner), sub3(c, corner));
-            let (a, length) = contribution(cross3(to_b, to_c));
-            let edges_sq = dot3(to_b, to_b).plus(dot3(to_c, to_c)).plus(across_sq);
-            (a, length, length.over(edges_sq))
-        };
-        let (before, length0, shape0) =
-            side([L::load(&self.before[0]), L::load(&self.before[1]), L::load(&self.before[2])]);
-        let (after, length1, shape1) = side(self.after.map(L::splat));
+        let [x, y, z] = &self.before;
+        let old = [L::load(x), L::load(y), L::load(z)];
+        let (before, length0, shape0) = side(b, c, across_sq, old);
+        let [x, y, z] = self.after;
+        let new = [L::splat(x), L::splat(y), L::splat(z)];
+        let (after, length1, shape1) = side(b, c, across_sq, new);
         let turned = dot3([before[6], before[7], before[8]], [after[6], after[7], after[8]]);
         let lengths = length0.times(length1);
         let one = L::splat(1.0);
         let cosine = L::lt_select(L::splat(0.0), lengths, turned.over(lengths), one);
         RingGeometry {
-            before: before.map(L::store),
-            after: after.map(L::store),
+            before: store9(before),
+            after: store9(after),
             cosine: cosine.store(),
             shape_before: shape0.store(),
             shape_after: shape1.store(),

@@ -154,6 +154,34 @@ mod avx2 {
     #[derive(Clone, Copy)]
     pub(super) struct Avx2(__m256);
 
+    /// Two points minus their bases, times `scale`, side by side.
+    ///
+    /// # Safety
+    /// The processor must have AVX2; each pointer must be to three numbers.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    unsafe fn rows(
+        p: *const f64,
+        from_p: *const f64,
+        q: *const f64,
+        from_q: *const f64,
+        mask: __m256i,
+        scale: __m256d,
+    ) -> __m256 {
+        // SAFETY: the mask keeps the loads to three numbers.
+        let (p, from_p, q, from_q) = unsafe {
+            (
+                _mm256_maskload_pd(p, mask),
+                _mm256_maskload_pd(from_p, mask),
+                _mm256_maskload_pd(q, mask),
+                _mm256_maskload_pd(from_q, mask),
+            )
+        };
+        let p = _mm256_cvtpd_ps(_mm256_mul_pd(_mm256_sub_pd(p, from_p), scale));
+        let q = _mm256_cvtpd_ps(_mm256_mul_pd(_mm256_sub_pd(q, from_q), scale));
+        _mm256_set_m128(q, p)
+    }
+
     // SAFETY of every block below: `Avx2` is private to this module and named only by `run`, whose
     // caller has made sure of AVX2; the loads are of arrays that are at least as long as what is read.
     impl Lanes for Avx2 {
@@ -204,13 +232,12 @@ mod avx2 {
             unsafe {
                 let mask = _mm256_setr_epi64x(-1, -1, -1, 0);
                 let scale = _mm256_set1_pd(scale);
-                let row = |i: usize| {
-                    let p = _mm256_maskload_pd(vertices[i].position.as_ptr(), mask);
-                    let o = _mm256_maskload_pd(base[i].as_ptr(), mask);
-                    _mm256_cvtpd_ps(_mm256_mul_pd(_mm256_sub_pd(p, o), scale))
-                };
-                let pair = |i: usize| _mm256_set_m128(row(i + 4), row(i));
-                let (r0, r1, r2, r3) = (pair(0), pair(1), pair(2), pair(3));
+                let at = |i: usize| vertices[i].position.as_ptr();
+                let from = |i: usize| base[i].as_ptr();
+                let r0 = rows(at(0), from(0), at(4), from(4), mask, scale);
+                let r1 = rows(at(1), from(1), at(5), from(5), mask, scale);
+                let r2 = rows(at(2), from(2), at(6), from(6), mask, scale);
+                let r3 = rows(at(3), from(3), at(7), from(7), mask, scale);
                 let (xy01, z01) = (_mm256_unpacklo_ps(r0, r1), _mm256_unpackhi_ps(r0, r1));
                 let (xy23, z23) = (_mm256_unpacklo_ps(r2, r3), _mm256_unpackhi_ps(r2, r3));
                 [
@@ -223,13 +250,16 @@ mod avx2 {
         #[inline(always)]
         fn quadrics(vertices: [&Vertex; 8]) -> [Self; 9] {
             unsafe {
-                let r: [__m256; 8] =
-                    std::array::from_fn(|i| _mm256_loadu_ps(vertices[i].quadric.as_ptr()));
+                let at = |i: usize| vertices[i].quadric.as_ptr();
+                let (r0, r1) = (_mm256_loadu_ps(at(0)), _mm256_loadu_ps(at(1)));
+                let (r2, r3) = (_mm256_loadu_ps(at(2)), _mm256_loadu_ps(at(3)));
+                let (r4, r5) = (_mm256_loadu_ps(at(4)), _mm256_loadu_ps(at(5)));
+                let (r6, r7) = (_mm256_loadu_ps(at(6)), _mm256_loadu_ps(at(7)));
                 let last: [f32; 8] = std::array::from_fn(|i| vertices[i].quadric[8]);
-                let lo = |i: usize| _mm256_unpacklo_ps(r[i], r[i + 1]);
-                let hi = |i: usize| _mm256_unpackhi_ps(r[i], r[i + 1]);
-                let (t0, t1, t2, t3) = (lo(0), hi(0), lo(2), hi(2));
-                let (t4, t5, t6, t7) = (lo(4), hi(4), lo(6), hi(6));
+                let (t0, t1) = (_mm256_unpacklo_ps(r0, r1), _mm256_unpackhi_ps(r0, r1));
+                let (t2, t3) = (_mm256_unpacklo_ps(r2, r3), _mm256_unpackhi_ps(r2, r3));
+                let (t4, t5) = (_mm256_unpacklo_ps(r4, r5), _mm256_unpackhi_ps(r4, r5));
+                let (t6, t7) = (_mm256_unpacklo_ps(r6, r7), _mm256_unpackhi_ps(r6, r7));
                 let s0 = _mm256_shuffle_ps::<0x44>(t0, t2);
                 let s1 = _mm256_shuffle_ps::<0xEE>(t0, t2);
                 let s2 = _mm256_shuffle_ps::<0x44>(t1, t3);
