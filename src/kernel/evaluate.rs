@@ -19,8 +19,6 @@ const REGULARISATION: f32 = 3e-5;
 const LENGTH_COST: f32 = 1e-6;
 /// The volume is kept where |G| is at least this share of the trace; at most it is 2.
 const VOLUME_SHARE: f32 = 0.2;
-/// Two of twelve triangles around an edge of even valences are in both rings, so counted twice in G.
-const SHARED_NORMALS: f32 = 5.0 / 6.0;
 /// The survivor lies at most this many half lengths from the midpoint.
 const MAX_REACH: f32 = 4.0;
 
@@ -168,7 +166,7 @@ impl Job for Edges<'_> {
         let free = factors.solve(product(difference, half));
         // Volume: G . d = (G1 - G0) . h, reached along the metric of the quadric.
         let (g0, g1) = ([q0[6], q0[7], q0[8]], [q1[6], q1[7], q1[8]]);
-        let g = scale3(add3(g0, g1), L::splat(SHARED_NORMALS));
+        let g = add3(g0, g1);
         let wanted = dot3(sub3(g1, g0), half);
         let way = factors.solve(g);
         let per_step = dot3(g, way);
