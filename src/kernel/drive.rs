@@ -57,7 +57,7 @@ impl Driver {
         Driver {
             surface,
             simd,
-            collapser: Collapser::default(),
+            collapser: Collapser::new(),
             rejects: RejectCounts::default(),
             collapses: 0,
             collapses_before: 0,
@@ -103,7 +103,7 @@ impl Driver {
 
     fn tidy(&mut self) {
         if (self.surface.n_alive as f64) < 0.75 * self.surface.triangles.len() as f64 {
-            self.surface.compact();
+            self.surface.compact(self.simd);
             self.collapses_before += std::mem::take(&mut self.collapses);
         }
     }

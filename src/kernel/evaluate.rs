@@ -72,6 +72,11 @@ fn first6<L: Lanes>(q: [L; 9]) -> [L; 6] {
 }
 
 #[inline(always)]
+fn last3<L: Lanes>(q: [L; 9]) -> [L; 3] {
+    [q[6], q[7], q[8]]
+}
+
+#[inline(always)]
 fn sub6<L: Lanes>(a: [L; 6], b: [L; 6]) -> [L; 6] {
     let (low, high) = (sub3([a[0], a[1], a[2]], [b[0], b[1], b[2]]), [a[3], a[4], a[5]]);
     let high = sub3(high, [b[3], b[4], b[5]]);
@@ -88,21 +93,6 @@ fn add6<L: Lanes>(a: [L; 6], b: [L; 6]) -> [L; 6] {
 #[inline(always)]
 fn store3<L: Lanes>(a: [L; 3]) -> [[f32; 8]; 3] {
     [a[0].store(), a[1].store(), a[2].store()]
-}
-
-#[inline(always)]
-fn store9<L: Lanes>(a: [L; 9]) -> [[f32; 8]; 9] {
-    [
-        a[0].store(),
-        a[1].store(),
-        a[2].store(),
-        a[3].store(),
-        a[4].store(),
-        a[5].store(),
-        a[6].store(),
-        a[7].store(),
-        a[8].store(),
-    ]
 }
 
 /// Symmetric matrix (xx, xy, xz, yy, yz, zz) times vector.
@@ -189,29 +179,125 @@ impl Job for Edges<'_> {
     }
 }
 
+/// What a change of some triangles does to the quadrics of their corners, a row a triangle.
+#[derive(Clone)]
+pub(crate) struct Rows {
+    /// A (6 numbers) and the first two of G.
+    pub(crate) first8: [[f32; 8]; 8],
+    /// The third of G.
+    pub(crate) last: [f32; 8],
+}
+
+impl Rows {
+    pub(crate) const ZERO: Rows = Rows { first8: [[0.0; 8]; 8], last: [0.0; 8] };
+
+    #[inline(always)]
+    fn set<L: Lanes>(&mut self, x: [L; 9]) {
+        L::store_rows([x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7]], &mut self.first8);
+        self.last = x[8].store();
+    }
+
+    /// Adds one row to a quadric.
+    #[inline(always)]
+    pub(crate) fn add_to(&self, row: usize, quadric: &mut [f32; 9]) {
+        for (sum, x) in quadric.iter_mut().zip(&self.first8[row]) {
+            *sum += x;
+        }
+        quadric[8] += self.last[row];
+    }
+}
+
+/// Eight triangles, whose quadrics go to `out`.
+pub(crate) struct Triangles<'a> {
+    pub(crate) a: [&'a Vertex; 8],
+    pub(crate) b: [&'a Vertex; 8],
+    pub(crate) c: [&'a Vertex; 8],
+    pub(crate) scale: f64,
+    pub(crate) out: &'a mut Rows,
+}
+
+impl Job for Triangles<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let base: [&[f64; 3]; 8] = std::array::from_fn(|i| &self.a[i].position);
+        let b = L::relative(self.b, base, self.scale);
+        let c = L::relative(self.c, base, self.scale);
+        let (quadric, _) = contribution(cross3(b, c));
+        self.out.set(quadric);
+    }
+}
+
 /// Eight triangles around an edge: the corner that moves, and the other two.
 pub(crate) struct RingPart<'a> {
     pub(crate) b: [&'a Vertex; 8],
     pub(crate) c: [&'a Vertex; 8],
-    /// The moving corner before, relative to `centre`, scaled.
-    pub(crate) before: [[f32; 8]; 3],
+    /// Where the moving corner was: -1 at `-half`, 1 at `half`.
+    pub(crate) side: &'a [f32; 8],
+    /// From `centre` to `v1`, scaled.
+    pub(crate) half: [f32; 3],
     /// The moving corner after, relative to `centre`, scaled.
     pub(crate) after: [f32; 3],
     pub(crate) centre: &'a [f64; 3],
     pub(crate) scale: f64,
+    /// Lanes from here on vanish in the collapse; from `n_used` on they are empty.
+    pub(crate) n_kept: f32,
+    pub(crate) n_used: f32,
+    pub(crate) out: &'a mut RingGeometry,
 }
 
-/// What `RingPart` finds; lanes that the caller filled up with anything hold nonsense.
+/// What `RingPart` finds.
 #[derive(Clone)]
 pub(crate) struct RingGeometry {
-    /// A and G of each triangle before, and after.
-    pub(crate) before: [[f32; 8]; 9],
-    pub(crate) after: [[f32; 8]; 9],
-    /// Cosine by which each normal turns; 1 where there was no normal before.
-    pub(crate) cosine: [f32; 8],
-    /// Double area over the sum of squared edges, before and after; 0.289 at best.
-    pub(crate) shape_before: [f32; 8],
-    pub(crate) shape_after: [f32; 8],
+    /// Quadric after minus before.
+    pub(crate) change: Rows,
+    /// Quadrics of all lanes after, summed up.
+    pub(crate) total: [f32; 9],
+    /// Least cosine by which a normal turns; 1 where there was no normal before.
+    pub(crate) cosine: f32,
+    /// Least of double area over the sum of squared edges, before and after; 0.289 at best.
+    pub(crate) shape_before: f32,
+    pub(crate) shape_after: f32,
+}
+
+impl RingGeometry {
+    pub(crate) const ZERO: RingGeometry = RingGeometry {
+        change: Rows::ZERO,
+        total: [0.0; 9],
+        cosine: 1.0,
+        shape_before: 1.0,
+        shape_after: 1.0,
+    };
+}
+
+#[inline(always)]
+fn least<L: Lanes>(x: L) -> f32 {
+    let x = x.store();
+    let (a, b) = (x[0].min(x[1]).min(x[2].min(x[3])), x[4].min(x[5]).min(x[6].min(x[7])));
+    a.min(b)
+}
+
+#[inline(always)]
+fn total<L: Lanes>(x: L) -> f32 {
+    let x = x.store();
+    ((x[0] + x[4]) + (x[1] + x[5])) + ((x[2] + x[6]) + (x[3] + x[7]))
+}
+
+#[inline(always)]
+fn masked9<L: Lanes>(at: L, end: L, x: [L; 9]) -> [L; 9] {
+    let z = L::splat(0.0);
+    [
+        L::lt_select(at, end, x[0], z),
+        L::lt_select(at, end, x[1], z),
+        L::lt_select(at, end, x[2], z),
+        L::lt_select(at, end, x[3], z),
+        L::lt_select(at, end, x[4], z),
+        L::lt_select(at, end, x[5], z),
+        L::lt_select(at, end, x[6], z),
+        L::lt_select(at, end, x[7], z),
+        L::lt_select(at, end, x[8], z),
+    ]
 }
 
 /// n n^T / (2 |n|) and n itself, and |n|.
@@ -245,30 +331,47 @@ fn side<L: Lanes>(b: [L; 3], c: [L; 3], across_sq: L, corner: [L; 3]) -> ([L; 9]
 }
 
 impl Job for RingPart<'_> {
-    type Output = RingGeometry;
+    type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) -> RingGeometry {
+    fn run<L: Lanes>(self) {
         let b = L::relative(self.b, [self.centre; 8], self.scale);
         let c = L::relative(self.c, [self.centre; 8], self.scale);
         let across = sub3(c, b);
         let across_sq = dot3(across, across);
-        let [x, y, z] = &self.before;
-        let old = [L::load(x), L::load(y), L::load(z)];
+        let half = [L::splat(self.half[0]), L::splat(self.half[1]), L::splat(self.half[2])];
+        let old = scale3(half, L::load(self.side));
         let (before, length0, shape0) = side(b, c, across_sq, old);
         let [x, y, z] = self.after;
         let new = [L::splat(x), L::splat(y), L::splat(z)];
         let (after, length1, shape1) = side(b, c, across_sq, new);
         let turned = dot3([before[6], before[7], before[8]], [after[6], after[7], after[8]]);
         let lengths = length0.times(length1);
-        let one = L::splat(1.0);
-        let cosine = L::lt_select(L::splat(0.0), lengths, turned.over(lengths), one);
-        RingGeometry {
-            before: store9(before),
-            after: store9(after),
-            cosine: cosine.store(),
-            shape_before: shape0.store(),
-            shape_after: shape1.store(),
-        }
+        let (one, zero) = (L::splat(1.0), L::splat(0.0));
+        // A normal that vanishes is as bad as one that turns over.
+        let cosine = L::lt_select(zero, lengths, turned.over(lengths), zero);
+        let cosine = L::lt_select(zero, length0, cosine, one);
+        let lane = L::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+        let (kept, used) = (L::splat(self.n_kept), L::splat(self.n_used));
+        self.out.cosine = least(L::lt_select(lane, kept, cosine, one));
+        self.out.shape_before = least(L::lt_select(lane, kept, shape0, one));
+        self.out.shape_after = least(L::lt_select(lane, kept, shape1, one));
+        let before = masked9(lane, used, before);
+        let after = masked9(lane, kept, after);
+        let (low, high) = (sub6(first6(after), first6(before)), sub3(last3(after), last3(before)));
+        self.out
+            .change
+            .set([low[0], low[1], low[2], low[3], low[4], low[5], high[0], high[1], high[2]]);
+        self.out.total = [
+            total(after[0]),
+            total(after[1]),
+            total(after[2]),
+            total(after[3]),
+            total(after[4]),
+            total(after[5]),
+            total(after[6]),
+            total(after[7]),
+            total(after[8]),
+        ];
     }
 }
