@@ -200,10 +200,12 @@ impl Rows {
     /// Adds one row to a quadric.
     #[inline(always)]
     pub(crate) fn add_to(&self, row: usize, quadric: &mut [f32; 9]) {
-        for (sum, x) in quadric.iter_mut().zip(&self.first8[row]) {
-            *sum += x;
+        let (head, tail) = quadric.split_at_mut(8);
+        if let Ok(head) = <&mut [f32; 8]>::try_from(head) {
+            let row = &self.first8[row];
+            *head = std::array::from_fn(|i| head[i] + row[i]);
         }
-        quadric[8] += self.last[row];
+        tail[0] += self.last[row];
     }
 }
 
