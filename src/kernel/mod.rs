@@ -41,6 +41,13 @@ pub struct Options {
     pub stop: Stop,
 }
 
+impl Default for Options {
+    /// Collapses nothing; the stages set the stop.
+    fn default() -> Self {
+        Options { stop: Stop::Triangles(u64::MAX) }
+    }
+}
+
 /// What a run of the kernel did.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Statistics {
@@ -92,6 +99,11 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
     statistics.rejects = driver.rejects.named();
     let (mesh, source) = driver.surface.into_mesh();
     Simplified { mesh, source, statistics }
+}
+
+/// Peak memory of `simplify_mesh` in bytes, the mesh it is given included.
+pub fn peak_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
+    90 * n_triangles + n_vertices * (24 + 8 * n_channels as u64)
 }
 
 /// Drops vertices that no triangle uses; the second value tells where each kept vertex was.
