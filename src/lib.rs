@@ -8,6 +8,7 @@
 pub mod cli;
 pub mod disk;
 pub mod error;
+pub mod formats;
 pub mod job;
 pub mod kernel;
 pub mod memory;

@@ -1,5 +1,6 @@
 //! The command line: what was typed becomes a call into the library.
 
+pub mod convert;
 pub mod synth;
 
 use crate::progress::Progress;
@@ -15,6 +16,7 @@ struct Typed {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
+    Convert(convert::Args),
     Synth(synth::Args),
 }
 
@@ -24,6 +26,7 @@ pub fn main() -> u8 {
     let progress = Progress::default();
     let mut log = std::io::stderr();
     let outcome = match &typed.command {
+        Command::Convert(args) => convert::run(args, &mut log),
         Command::Synth(args) => synth::run(args, &progress, &mut log),
     };
     match outcome {
