@@ -31,9 +31,11 @@ pub(crate) struct Plan {
 pub(crate) fn roles(surface: &Surface, a: u32, b: u32) -> (u32, u32) {
     let key = |v: u32| {
         let ring = &surface.rings[v as usize];
-        (ring.class, ring.room, v)
+        let class = ring.class.map_or(0, |class| class as u64);
+        class << 40 | u64::from(ring.room.min(255)) << 32 | u64::from(v)
     };
-    if key(a) < key(b) { (a, b) } else { (b, a) }
+    let (a, b) = (key(a), key(b));
+    (a.min(b) as u32, a.max(b) as u32)
 }
 
 /// Whether the classes of the ends allow it.
@@ -111,29 +113,27 @@ impl Collapser {
         if ring0.len() + ring1.len() > MAX_VALENCE as usize {
             return Err(Reject::Sliver);
         }
-        let mut gone = [[0u32; 3]; 2];
+        // Everything is written where the next kept one goes and overwritten if it was not one: which
+        // triangles vanish cannot be predicted.
+        let mut gone = [[0u32; 3]; 4];
         let mut n_gone = 0;
         let mut n = 0;
         for &t in ring0 {
             let (b, c) = others(surface.triangles[t as usize], v0);
-            if b == v1 || c == v1 {
-                if n_gone == 2 {
-                    return Err(Reject::NonManifold);
-                }
-                gone[n_gone] = [t, b, c];
-                n_gone += 1;
-            } else {
-                (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, -1.0);
-                n += 1;
-            }
+            let vanishes = b == v1 || c == v1;
+            gone[n_gone] = [t, b, c];
+            (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, -1.0);
+            n_gone = (n_gone + usize::from(vanishes)).min(3);
+            n += usize::from(!vanishes);
+        }
+        if n_gone > 2 {
+            return Err(Reject::NonManifold);
         }
         self.n0 = n;
         for &t in ring1 {
             let (b, c) = others(surface.triangles[t as usize], v1);
-            if b != v0 && c != v0 {
-                (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, 1.0);
-                n += 1;
-            }
+            (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, 1.0);
+            n += usize::from(b != v0 && c != v0);
         }
         self.n_kept = n;
         for (i, &[t, b, c]) in gone[..n_gone].iter().enumerate() {
@@ -336,11 +336,8 @@ impl Collapser {
     /// Triangles and rings after the collapse.
     fn rewire(&mut self, surface: &mut Surface, v0: u32, v1: u32) {
         for &t in &self.ids[..self.n0] {
-            for v in &mut surface.triangles[t as usize] {
-                if *v == v0 {
-                    *v = v1;
-                }
-            }
+            let triangle = &mut surface.triangles[t as usize];
+            *triangle = triangle.map(|v| if v == v0 { v1 } else { v });
         }
         for (&t, &w) in self.ids[self.n_kept..self.n].iter().zip(&self.opposite) {
             surface.triangles[t as usize][0] = GONE;

@@ -13,11 +13,11 @@ use super::queue::{BucketQueue, Entry};
 use super::surface::{GONE, Surface};
 
 /// Triangles whose edges seed one queue.
-const BLOCK: usize = 6 * 1024;
+const BLOCK: usize = 4 * 1024;
 /// Every so many blocks is drained first to find a level's threshold.
 const PILOT_STRIDE: usize = 16;
 /// Meshes of fewer triangles have no levels.
-const MIN_LEVEL_TRIANGLES: u64 = 16 * BLOCK as u64;
+const MIN_LEVEL_TRIANGLES: u64 = 24 * BLOCK as u64;
 /// A level leaves about this share of the triangles.
 const LEVEL_SHARE: f64 = 0.25;
 /// Levels end at this multiple of the target; the exact queue does the rest.
@@ -157,41 +157,39 @@ impl Driver {
     /// Evaluates the edges of some triangles, each once, and hands those that classes allow to `take`.
     fn each_edge(&self, range: std::ops::Range<usize>, mut take: impl FnMut(u32, u32, f32)) {
         let surface = &self.surface;
-        let mut pairs = [(0u32, 0u32); 8];
+        let mut pairs = [(0u32, 0u32); 16];
         let mut n = 0;
-        let class = |v: u32| surface.rings[v as usize].class;
+        let inner = |v: u32| surface.rings[v as usize].class == Some(Class::Interior);
+        let mut take_eight = |pairs: &[(u32, u32); 8], n: usize| {
+            let found = self.evaluate(pairs);
+            for (&(v0, v1), cost) in pairs.iter().zip(found.cost).take(n) {
+                take(v0, v1, cost);
+            }
+        };
         for t in &surface.triangles[range] {
             if t[0] == GONE {
                 continue;
             }
             for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
                 // An inner edge comes up twice, in either direction; an open one may come up in one only.
-                let once = a < b
-                    || (class(a) != Some(Class::Interior) && class(b) != Some(Class::Interior));
-                if !once {
-                    continue;
-                }
+                let once = a < b || !(inner(a) || inner(b));
                 let (v0, v1) = roles(surface, a, b);
-                if classes_allow(surface, v0, v1).is_err() {
-                    continue;
+                pairs[n & 15] = (v0, v1);
+                n += usize::from(once && classes_allow(surface, v0, v1).is_ok());
+            }
+            if n >= 8 {
+                if let Some(eight) = pairs.first_chunk::<8>() {
+                    take_eight(eight, 8);
                 }
-                pairs[n] = (v0, v1);
-                n += 1;
-                if n == 8 {
-                    let found = self.evaluate(&pairs);
-                    for (i, &(v0, v1)) in pairs.iter().enumerate() {
-                        take(v0, v1, found.cost[i]);
-                    }
-                    n = 0;
-                }
+                pairs.copy_within(8.., 0);
+                n -= 8;
             }
         }
         if n > 0 {
             let first = pairs[0];
             pairs[n..].fill(first);
-            let found = self.evaluate(&pairs);
-            for (i, &(v0, v1)) in pairs[..n].iter().enumerate() {
-                take(v0, v1, found.cost[i]);
+            if let Some(eight) = pairs.first_chunk::<8>() {
+                take_eight(eight, n);
             }
         }
     }
