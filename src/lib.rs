@@ -6,6 +6,7 @@
 //! knows no files, threads, clock or logging. docs/ARCHITECTURE.md has the map.
 
 pub mod cells;
+pub mod check;
 pub mod cli;
 pub mod config;
 pub mod disk;
@@ -25,6 +26,7 @@ pub mod progress;
 pub mod render;
 pub mod run;
 pub mod schema;
+pub mod scratch;
 pub mod seams;
 pub mod simplify;
 pub mod stitch;

@@ -57,7 +57,7 @@ impl Driver {
         Driver {
             surface,
             simd,
-            collapser: Collapser::default(),
+            collapser: Collapser::new(),
             rejects: RejectCounts::default(),
             collapses: 0,
             collapses_before: 0,
@@ -103,7 +103,7 @@ impl Driver {
 
     fn tidy(&mut self) {
         if (self.surface.n_alive as f64) < 0.75 * self.surface.triangles.len() as f64 {
-            self.surface.compact();
+            self.surface.compact(self.simd);
             self.collapses_before += std::mem::take(&mut self.collapses);
         }
     }
@@ -118,7 +118,7 @@ impl Driver {
             pilot.iter().map(alive).sum()
         };
         let wanted = (count(self) as f64 * share) as usize;
-        let mut cost = self.low_cost(&pilot);
+        let mut cost = self.low_cost(&pilot, (1.0 - share) * 0.6);
         let mut queue = BucketQueue::new(3);
         for _ in 0..200 {
             let limits = Limits { cost, triangles: target };
@@ -140,8 +140,8 @@ impl Driver {
         self.surface.triangles[block * BLOCK..end].iter()
     }
 
-    /// A cost that is higher than that of about a tenth of the edges.
-    fn low_cost(&mut self, blocks: &[usize]) -> f32 {
+    /// The cost that a share of the edges does not reach.
+    fn low_cost(&mut self, blocks: &[usize], share: f64) -> f32 {
         let mut costs = Vec::new();
         for &block in blocks {
             let end = ((block + 1) * BLOCK).min(self.surface.triangles.len());
@@ -150,7 +150,7 @@ impl Driver {
         if costs.is_empty() {
             return f32::MIN_POSITIVE;
         }
-        let at = costs.len() / 10;
+        let at = (costs.len() as f64 * share) as usize;
         costs.select_nth_unstable_by(at, f32::total_cmp).1.max(f32::MIN_POSITIVE)
     }
 
@@ -262,6 +262,9 @@ impl Driver {
                 continue;
             }
             let (v0, v1) = roles(&self.surface, a, b);
+            if queue.is_double(bucket, v0, v1) {
+                continue;
+            }
             match classes_allow(&self.surface, v0, v1) {
                 Ok(()) => {
                     batch.entries[batch.n] = (bucket, Entry { v0, v1, ..entry });
@@ -306,7 +309,7 @@ impl Driver {
                 }
                 let now = queue.bucket(cost);
                 if now > bucket {
-                    queue.push(now, entry);
+                    queue.put_back(now, entry);
                     continue;
                 }
                 self.attempt(queue, entry, cost, limits, [0, 1, 2].map(|k| found.place[k][i]));

@@ -78,8 +78,9 @@ pub struct Simplified {
 /// `locked` has one entry a vertex; all of them `false` if nothing is shared with other cells.
 pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplified {
     let mut statistics = Statistics::default();
-    let surface = surface::Surface::new(mesh, locked);
-    let mut driver = drive::Driver::new(surface, lanes::Simd::detect());
+    let simd = lanes::Simd::detect();
+    let surface = surface::Surface::new(mesh, locked, simd);
+    let mut driver = drive::Driver::new(surface, simd);
     match &options.stop {
         Stop::Triangles(target) => statistics.reached = driver.to_count(*target),
         Stop::Costs { levels, floor_triangles } => {

@@ -5,12 +5,12 @@
 //! It does not look at connectivity and moves nothing.
 
 mod scan;
-mod tree;
 
-pub use scan::{Scan, n_samples, scan};
-pub use tree::{CellTree, Frame};
+pub use scan::{Scan, scan};
 
-use crate::cells::{CellTally, PackWriter, Scatter, StoreInfo, VertexLayout};
+use crate::cells::{
+    CellTally, CellTree, Frame, PackWriter, Scatter, StoreInfo, VertexLayout, n_samples, plan_cells,
+};
 use crate::error::{Error, Result};
 use crate::format::ChunkKind;
 use crate::parallel::in_order;
@@ -33,11 +33,6 @@ pub struct Partition {
     pub bounds: [[f64; 3]; 2],
     /// Faces dropped because a corner repeats or is missing.
     pub degenerate_faces: u64,
-}
-
-/// Cells for `n_triangles` triangles, none of them planned above `cell_triangles`.
-pub fn plan_cells(n_triangles: u64, cell_triangles: u64) -> u32 {
-    n_triangles.div_ceil(cell_triangles.max(1)).clamp(1, u64::from(u32::MAX / 2)) as u32
 }
 
 /// Peak memory of this stage in bytes: the cell-of-vertex table, buffers, blocks and samples.
