@@ -21,7 +21,7 @@ fn small(view: View) -> View {
 }
 
 fn picture(mesh: &Mesh, view: &View) -> Picture {
-    render_mesh(mesh, view, 2, &Progress::default()).unwrap()
+    render_mesh(mesh, view, 2, &Progress::default()).expect("a picture of a fair size")
 }
 
 fn pixel(picture: &Picture, x: u32, y: u32) -> [u8; 3] {

@@ -75,7 +75,8 @@ fn quadrics(mesh: &Mesh) -> Vec<Quadric> {
         let corners = mesh.corners(t);
         let n = normal(corners);
         let length = dot(n, n).sqrt();
-        if !(length > 0.0) {
+        let has_area = length > 0.0;
+        if !has_area {
             continue;
         }
         for v in mesh.triangles[t] {

@@ -19,7 +19,7 @@ const FACE: [Feature; 9] = [
     Feature { centre: [0.24, 0.24], half: [0.20, 0.15], push: -0.13 }, // eye sockets
     Feature { centre: [0.23, 0.24], half: [0.10, 0.07], push: 0.035 }, // eyeballs
     Feature { centre: [0.36, -0.06], half: [0.18, 0.24], push: -0.07 }, // cheeks
-    Feature { centre: [0.115, -0.06], half: [0.085, 0.08], push: 0.07 }, // nostrils
+    Feature { centre: [0.115, -0.06], half: [0.085, 0.08], push: 0.03 }, // nostrils
     Feature { centre: [0.0, -0.235], half: [0.25, 0.065], push: 0.085 }, // upper lip
     Feature { centre: [0.0, -0.345], half: [0.23, 0.065], push: 0.08 }, // lower lip
     Feature { centre: [0.0, -0.56], half: [0.36, 0.19], push: 0.13 }, // chin
