@@ -81,6 +81,16 @@ impl VertexSchema {
         }
     }
 
+    /// Appends a position in the coordinate type; exact for a position that came out of a record.
+    pub fn encode_position(&self, position: [f64; 3], out: &mut Vec<u8>) {
+        for value in position {
+            match self.coordinate {
+                Scalar::F64 => out.extend_from_slice(&value.to_le_bytes()),
+                _ => out.extend_from_slice(&(value as f32).to_le_bytes()),
+            }
+        }
+    }
+
     /// How many kernel channels a record's properties become; labels become none.
     pub fn n_channels(&self) -> usize {
         self.properties.iter().map(|p| Rule::of(p).n_channels()).sum()

@@ -137,18 +137,6 @@ impl Element {
         })
     }
 
-    /// The smallest size of a row: binary as if every list were empty; ASCII a digit and a blank a number.
-    pub fn least_bytes(&self, encoding: Encoding) -> u64 {
-        let size = |wire: Wire| if encoding == Encoding::Ascii { 2 } else { wire.bytes() };
-        self.properties
-            .iter()
-            .map(|p| match p.kind {
-                Kind::Scalar(wire) => size(wire),
-                Kind::List { count, .. } => size(count),
-            })
-            .sum()
-    }
-
     /// The corner list of a face or strip.
     pub fn index_list(&self) -> Option<usize> {
         self.properties.iter().position(|p| {

@@ -4,15 +4,23 @@
 //! is laid out; whatever has no fixed record size gets an index of block offsets first. Nothing behind
 //! this module ever sees a dialect.
 
+mod ascii;
+mod binary;
 mod fields;
 mod fixed_faces;
 mod header;
+mod layout;
+mod lookup;
 mod raw;
+mod rows;
+mod scan;
+mod skipped;
 mod source;
+mod strips;
 mod writer;
 
 pub use header::Encoding;
-pub use source::{MeshSource, ReadOptions};
+pub use source::{Faults, MeshSource, ReadOptions, TextureInfo};
 pub use writer::{OutputHeader, PlyWriter};
 
 /// Vertices or faces in one block.

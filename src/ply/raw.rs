@@ -92,3 +92,60 @@ impl RawFile {
         }
     }
 }
+
+/// Bytes below this many stay in memory when they are spooled.
+const SPOOL_MEMORY_BYTES: u64 = 16 << 20;
+
+/// Bytes written once and read at random afterwards; in memory, or in a nameless file of a folder.
+pub(crate) struct Spool {
+    folder: PathBuf,
+    memory: Vec<u8>,
+    file: Option<File>,
+    in_memory: bool,
+    len: u64,
+}
+
+impl Spool {
+    /// A spool for about `expected_bytes`.
+    pub fn new(folder: &Path, expected_bytes: u64) -> Self {
+        let in_memory = expected_bytes <= SPOOL_MEMORY_BYTES;
+        Spool { folder: folder.to_path_buf(), memory: Vec::new(), file: None, in_memory, len: 0 }
+    }
+
+    /// Appends bytes.
+    pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        self.len += bytes.len() as u64;
+        if self.in_memory {
+            self.memory.extend_from_slice(bytes);
+            return Ok(());
+        }
+        let fail = |e| Error::io(&self.folder, "cannot write temporary data", e);
+        let mut file = match self.file.take() {
+            Some(file) => file,
+            None => nameless_file(&self.folder).map_err(fail)?,
+        };
+        std::io::Write::write_all(&mut file, bytes).map_err(fail)?;
+        self.file = Some(file);
+        Ok(())
+    }
+
+    /// The bytes, readable at random.
+    pub fn finish(self) -> Result<RawFile> {
+        let data = match self.file {
+            Some(file) => Data::File(file),
+            None => Data::Memory(self.memory),
+        };
+        Ok(RawFile { path: self.folder, data, len: self.len })
+    }
+}
+
+/// A file without a name: it vanishes with the process, however that ends.
+fn nameless_file(folder: &Path) -> std::io::Result<File> {
+    use std::sync::atomic::{AtomicU64, Ordering};
+    static COUNTER: AtomicU64 = AtomicU64::new(0);
+    let n = COUNTER.fetch_add(1, Ordering::Relaxed);
+    let path = folder.join(format!(".stonecut.{}.{n}.spool", std::process::id()));
+    let file = File::options().read(true).write(true).create_new(true).open(&path)?;
+    std::fs::remove_file(&path)?;
+    Ok(file)
+}

@@ -1,0 +1,15 @@
+//! Cells on disk: packs of chunks, the cells that partitioning fills, and what simplifying leaves of them.
+//!
+//! This layer stores and loads; it does not know why the cells are cut where they are.
+
+mod id_map;
+mod pack;
+mod scatter;
+mod store;
+mod survivors;
+
+pub use id_map::IdMap;
+pub use pack::{Pack, PackWriter};
+pub use scatter::Scatter;
+pub use store::{CellMesh, CellStore, CellTally, StoreInfo, VertexLayout, load_bytes};
+pub use survivors::{SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors};

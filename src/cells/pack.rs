@@ -1,0 +1,202 @@
+//! Packs: few large files of checksummed chunks, appended by one writer, read by many.
+
+use crate::disk::{Disk, DiskFile};
+use crate::error::{Error, Result};
+use crate::format::{self, CHUNK_HEADER_BYTES, Chunk, ChunkKind, PACK_HEADER_BYTES};
+use std::path::Path;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Chunks collect here before they go to the file in one write.
+const WRITE_BYTES: usize = 1 << 20;
+
+/// Appends chunks to a new pack.
+#[derive(Debug)]
+pub struct PackWriter {
+    file: DiskFile,
+    pending: Vec<u8>,
+    chunks: Vec<Chunk>,
+}
+
+impl PackWriter {
+    /// Begins a pack at `path`, replacing whatever an interrupted run left there.
+    pub fn create(disk: &Disk, path: &Path) -> Result<PackWriter> {
+        let mut file = disk.create(path)?;
+        file.append(&format::pack_header())?;
+        Ok(PackWriter { file, pending: Vec::with_capacity(WRITE_BYTES * 2), chunks: Vec::new() })
+    }
+
+    /// Continues a pack behind its last whole chunk.
+    pub fn reopen(disk: &Disk, path: &Path) -> Result<PackWriter> {
+        let (chunks, end) = scan(&disk.open(path)?)?;
+        let file = disk.open_append(path, end)?;
+        disk.adopt(end);
+        Ok(PackWriter { file, pending: Vec::with_capacity(WRITE_BYTES * 2), chunks })
+    }
+
+    /// Appends one chunk.
+    pub fn append(&mut self, cell: u32, kind: ChunkKind, payload: &[u8]) -> Result<()> {
+        let header = format::chunk_header(cell, kind, payload);
+        let at = self.file.length() + self.pending.len() as u64;
+        self.chunks.push(format::parse_chunk_header(&header, at).expect("just made"));
+        self.pending.extend_from_slice(&header);
+        if payload.len() >= WRITE_BYTES {
+            self.flush()?;
+            return self.file.append(payload);
+        }
+        self.pending.extend_from_slice(payload);
+        if self.pending.len() >= WRITE_BYTES { self.flush() } else { Ok(()) }
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let outcome = self.file.append(&self.pending);
+        self.pending.clear();
+        outcome
+    }
+
+    /// The chunks appended so far.
+    pub fn chunks(&self) -> &[Chunk] {
+        &self.chunks
+    }
+
+    /// Makes everything appended so far durable.
+    pub fn sync(&mut self) -> Result<()> {
+        self.flush()?;
+        self.file.sync()
+    }
+
+    /// Bytes in the pack, once everything pending is written.
+    pub fn length(&self) -> u64 {
+        self.file.length() + self.pending.len() as u64
+    }
+}
+
+/// A pack opened for reading; safe to share between threads.
+#[derive(Debug)]
+pub struct Pack {
+    file: DiskFile,
+    /// All chunks, by cell, within a cell in the order they were appended.
+    chunks: Vec<Chunk>,
+    /// `first[c]..first[c + 1]` are the chunks of cell `c`.
+    first: Vec<u32>,
+}
+
+impl Pack {
+    /// Opens a pack of `n_cells` cells and indexes its chunks; `bytes` is its sealed length.
+    pub fn open(disk: &Disk, path: &Path, n_cells: u32, bytes: u64) -> Result<Pack> {
+        let file = disk.open(path)?;
+        if file.length() < bytes {
+            let what =
+                format!("has {} of its {bytes} bytes; run again with --restart", file.length());
+            return Err(Error::corrupt(path, what));
+        }
+        let (chunks, end) = scan(&file)?;
+        if end < bytes {
+            let what = format!("the chunk at byte {end} is damaged; run again with --restart");
+            return Err(Error::corrupt(path, what));
+        }
+        Self::from_chunks(file, chunks, n_cells)
+    }
+
+    fn from_chunks(file: DiskFile, mut chunks: Vec<Chunk>, n_cells: u32) -> Result<Pack> {
+        if let Some(bad) = chunks.iter().find(|chunk| chunk.cell >= n_cells) {
+            let what = format!(
+                "byte {}: cell {} of {n_cells}; run again with --restart",
+                bad.offset, bad.cell
+            );
+            return Err(Error::corrupt(file.path(), what));
+        }
+        chunks.sort_by_key(|chunk| (chunk.cell, chunk.offset));
+        let mut first = vec![0u32; n_cells as usize + 1];
+        for chunk in &chunks {
+            first[chunk.cell as usize + 1] += 1;
+        }
+        for cell in 0..n_cells as usize {
+            first[cell + 1] += first[cell];
+        }
+        Ok(Pack { file, chunks, first })
+    }
+
+    /// The chunks of one cell, in the order they were written.
+    pub fn chunks_of(&self, cell: u32) -> &[Chunk] {
+        &self.chunks[self.first[cell as usize] as usize..self.first[cell as usize + 1] as usize]
+    }
+
+    /// Reads a chunk's payload into `payload` and checks it.
+    pub fn read(&self, chunk: &Chunk, payload: &mut Vec<u8>) -> Result<()> {
+        payload.clear();
+        payload.resize(chunk.bytes as usize, 0);
+        self.file.read_at(payload, chunk.offset)?;
+        if xxh3_64(payload) != chunk.checksum {
+            let what = format!(
+                "the chunk at byte {} (cell {}) is damaged; run again with --restart",
+                chunk.offset, chunk.cell
+            );
+            return Err(Error::corrupt(self.file.path(), what));
+        }
+        Ok(())
+    }
+
+    /// Gives the payload bytes of a cell back to the file system; its chunk headers stay readable.
+    pub fn free(&self, cell: u32) -> Result<()> {
+        for chunk in self.chunks_of(cell) {
+            self.file.punch(chunk.offset, chunk.bytes)?;
+        }
+        Ok(())
+    }
+}
+
+/// Walks over the chunk headers of a pack: its whole chunks and where the last of them ends.
+fn scan(file: &DiskFile) -> Result<(Vec<Chunk>, u64)> {
+    let mut magic = [0; PACK_HEADER_BYTES as usize];
+    file.read_at(&mut magic, 0)?;
+    format::check_pack_header(file.path(), &magic)?;
+    let mut chunks = Vec::new();
+    let mut at = PACK_HEADER_BYTES;
+    let mut header = [0; CHUNK_HEADER_BYTES as usize];
+    while at + CHUNK_HEADER_BYTES <= file.length() {
+        file.read_at(&mut header, at)?;
+        let Some(chunk) = format::parse_chunk_header(&header, at) else { break };
+        match chunk.offset.checked_add(chunk.bytes) {
+            Some(end) if end <= file.length() => at = end,
+            _ => break,
+        }
+        chunks.push(chunk);
+    }
+    Ok((chunks, at))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chunks_come_back_by_cell_and_damage_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.cells");
+        let disk = Disk::default();
+        let mut writer = PackWriter::create(&disk, &path).unwrap();
+        for i in 0..100u32 {
+            writer.append(i % 7, ChunkKind::Vertices, &vec![i as u8; i as usize * 31]).unwrap();
+        }
+        writer.sync().unwrap();
+        let bytes = writer.length();
+        drop(writer);
+        let pack = Pack::open(&disk, &path, 7, bytes).unwrap();
+        let mut payload = Vec::new();
+        let lengths: Vec<u64> = pack.chunks_of(3).iter().map(|c| c.bytes / 31).collect();
+        assert_eq!(lengths, (0..100).filter(|i| i % 7 == 3).collect::<Vec<_>>());
+        for chunk in pack.chunks_of(3) {
+            pack.read(chunk, &mut payload).unwrap();
+        }
+        let mut raw = std::fs::read(&path).unwrap();
+        let victim = pack.chunks_of(3)[1];
+        raw[victim.offset as usize] ^= 1;
+        std::fs::write(&path, &raw).unwrap();
+        let error = pack.read(&victim, &mut payload).unwrap_err();
+        assert!(error.to_string().contains(&format!("byte {}", victim.offset)), "{error}");
+        // A torn tail is cut when the pack is continued.
+        std::fs::write(&path, &raw[..raw.len() - 5]).unwrap();
+        assert_eq!(PackWriter::reopen(&disk, &path).unwrap().chunks().len(), 99);
+        assert!(Pack::open(&disk, &path, 7, bytes).is_err());
+    }
+}

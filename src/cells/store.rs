@@ -1,0 +1,214 @@
+//! A store of cells: what partitioning (or recutting) leaves on disk for the next round.
+//!
+//! Every cell is self-contained: its triangles and all their vertices, those it shares with other cells
+//! included and marked. Ids are the input's vertex indices, so cells join without comparing floats.
+
+use super::id_map::IdMap;
+use super::pack::Pack;
+use crate::disk::Disk;
+use crate::error::{Error, Result};
+use crate::format::{Chunk, ChunkKind, IdWidth};
+use crate::mesh::Mesh;
+use crate::schema::{VertexCodec, VertexSchema};
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Rows of each kind in one cell.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CellTally {
+    /// Vertex rows; a shared vertex may come more than once.
+    pub vertices: u64,
+    /// Triangles.
+    pub triangles: u64,
+}
+
+/// The sealed description of a store: enough to open it again.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StoreInfo {
+    /// File name of the pack in the job folder.
+    pub pack: String,
+    /// Sealed length of the pack.
+    pub pack_bytes: u64,
+    /// Rows per cell.
+    pub cells: Vec<CellTally>,
+    /// Vertices used by more than one cell.
+    pub shared_vertices: u64,
+    /// Triangles in all cells.
+    pub triangles: u64,
+    /// Whether vertex rows carry kernel channels behind the record (all rounds but the first).
+    pub has_channels: bool,
+}
+
+/// How vertex rows of a store are laid out: id, record as read, and in later rounds the kernel channels.
+#[derive(Clone, Debug)]
+pub struct VertexLayout {
+    /// The input's record.
+    pub schema: VertexSchema,
+    /// Plan for turning records into channels and back.
+    pub codec: VertexCodec,
+    /// Width of ids.
+    pub ids: IdWidth,
+}
+
+impl VertexLayout {
+    /// The layout for an input of `n_vertices` vertices.
+    pub fn new(schema: &VertexSchema, n_vertices: u64) -> VertexLayout {
+        VertexLayout {
+            codec: schema.codec(),
+            schema: schema.clone(),
+            ids: IdWidth::for_vertices(n_vertices),
+        }
+    }
+
+    /// Bytes of one vertex row without its id.
+    pub fn row_bytes(&self, has_channels: bool) -> usize {
+        self.schema.record_bytes() + if has_channels { 4 * self.codec.n_channels() } else { 0 }
+    }
+}
+
+/// One loaded cell.
+#[derive(Clone, Debug, Default)]
+pub struct CellMesh {
+    /// Input vertex index of each local vertex.
+    pub ids: Vec<u64>,
+    /// The record of each local vertex as it was read from the input (position possibly moved since).
+    pub records: Vec<u8>,
+    /// Whether another cell uses this vertex too; such vertices are locked.
+    pub shared: Vec<bool>,
+    /// Geometry and channels.
+    pub mesh: Mesh,
+}
+
+/// A store opened for reading; cells load from any thread.
+#[derive(Debug)]
+pub struct CellStore {
+    info: StoreInfo,
+    layout: VertexLayout,
+    pack: Pack,
+}
+
+/// Peak bytes of loading a cell, beyond the mesh the kernel takes over (counted by the kernel).
+pub fn load_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
+    let per_vertex = 8 + 1 + layout.schema.record_bytes() + 24 + 4 * layout.codec.n_channels();
+    tally.vertices * per_vertex as u64 + tally.triangles * 12 + IdMap::bytes(tally.vertices)
+}
+
+impl CellStore {
+    /// Opens a sealed store in `folder`.
+    pub fn open(
+        disk: &Disk,
+        folder: &Path,
+        info: StoreInfo,
+        layout: VertexLayout,
+    ) -> Result<CellStore> {
+        let pack =
+            Pack::open(disk, &folder.join(&info.pack), info.cells.len() as u32, info.pack_bytes)?;
+        Ok(CellStore { info, layout, pack })
+    }
+
+    /// The sealed description.
+    pub fn info(&self) -> &StoreInfo {
+        &self.info
+    }
+
+    /// Number of cells.
+    pub fn n_cells(&self) -> usize {
+        self.info.cells.len()
+    }
+
+    /// The row layout.
+    pub fn layout(&self) -> &VertexLayout {
+        &self.layout
+    }
+
+    /// Gives a cell's bytes back to the file system once its survivors are durable.
+    pub fn free(&self, cell: usize) -> Result<()> {
+        self.pack.free(cell as u32)
+    }
+
+    /// Loads one cell. Vertices are in the order of their first row, triangles in the order of their rows.
+    ///
+    /// Errors: `Corrupt` when a chunk is damaged or a triangle names a vertex the cell does not have.
+    pub fn load(&self, cell: usize) -> Result<CellMesh> {
+        let tally = self.info.cells[cell];
+        let chunks = self.pack.chunks_of(cell as u32);
+        let mut map = IdMap::with_capacity(tally.vertices as usize);
+        let mut payload = Vec::new();
+        let mut out = CellMesh::default();
+        out.mesh.n_channels = self.layout.codec.n_channels();
+        self.load_vertices(tally, chunks, &mut payload, &mut map, &mut out)?;
+        out.shared = vec![false; out.ids.len()];
+        out.mesh.triangles.reserve_exact(tally.triangles as usize);
+        let id_bytes = self.layout.ids.bytes;
+        for chunk in chunks {
+            let missing = |id| {
+                let what = format!("byte {}: no vertex {id} in cell {cell}", chunk.offset);
+                Error::corrupt(Path::new(&self.info.pack), what)
+            };
+            let find = |row: &[u8]| {
+                let id = self.layout.ids.read(row);
+                map.get(id, &out.ids).ok_or_else(|| missing(id))
+            };
+            match chunk.kind {
+                ChunkKind::Triangles => {
+                    self.pack.read(chunk, &mut payload)?;
+                    for row in payload.chunks_exact(3 * id_bytes) {
+                        let corners =
+                            [find(row)?, find(&row[id_bytes..])?, find(&row[2 * id_bytes..])?];
+                        out.mesh.triangles.push(corners);
+                    }
+                }
+                ChunkKind::SharedIds => {
+                    self.pack.read(chunk, &mut payload)?;
+                    for row in payload.chunks_exact(id_bytes) {
+                        out.shared[find(row)? as usize] = true;
+                    }
+                }
+                ChunkKind::Vertices | ChunkKind::Survivors => {}
+            }
+        }
+        Ok(out)
+    }
+
+    fn load_vertices(
+        &self,
+        tally: CellTally,
+        chunks: &[Chunk],
+        payload: &mut Vec<u8>,
+        map: &mut IdMap,
+        out: &mut CellMesh,
+    ) -> Result<()> {
+        let layout = &self.layout;
+        let record_bytes = layout.schema.record_bytes();
+        let row_bytes = layout.ids.bytes + layout.row_bytes(self.info.has_channels);
+        let n_channels = layout.codec.n_channels();
+        let n = tally.vertices as usize;
+        out.ids.reserve_exact(n);
+        out.records.reserve_exact(n * record_bytes);
+        out.mesh.positions.reserve_exact(n);
+        out.mesh.channels.reserve_exact(n * n_channels);
+        for chunk in chunks.iter().filter(|chunk| chunk.kind == ChunkKind::Vertices) {
+            self.pack.read(chunk, payload)?;
+            for row in payload.chunks_exact(row_bytes) {
+                let (_, is_new) = map.insert(layout.ids.read(row), &mut out.ids);
+                if !is_new {
+                    continue;
+                }
+                let (record, channels) = row[layout.ids.bytes..].split_at(record_bytes);
+                out.records.extend_from_slice(record);
+                out.mesh.positions.push(layout.schema.position(record));
+                if self.info.has_channels {
+                    let floats = channels.chunks_exact(4);
+                    out.mesh
+                        .channels
+                        .extend(floats.map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+                } else if n_channels > 0 {
+                    let start = out.mesh.channels.len();
+                    out.mesh.channels.resize(start + n_channels, 0.0);
+                    layout.codec.decode_channels(record, &mut out.mesh.channels[start..]);
+                }
+            }
+        }
+        Ok(())
+    }
+}

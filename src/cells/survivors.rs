@@ -1,0 +1,286 @@
+//! What simplifying leaves of the cells: one chunk a cell, in the order they were finished.
+//!
+//! A chunk holds counts, the cell's statistics, ids, shared marks, vertex rows (record, channels) and local
+//! triangles. Finished cells survive a crash; the writer continues behind the last whole chunk.
+
+use super::pack::{Pack, PackWriter};
+use super::store::{CellMesh, VertexLayout};
+use crate::disk::Disk;
+use crate::error::{Error, Result};
+use crate::format::ChunkKind;
+use crate::kernel::{Simplified, Statistics};
+use crate::mesh::Mesh;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// The sealed description of a pack of survivors.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SurvivorInfo {
+    /// File name of the pack in the job folder.
+    pub pack: String,
+    /// Sealed length of the pack.
+    pub pack_bytes: u64,
+    /// Per cell: vertices and triangles left.
+    pub cells: Vec<super::CellTally>,
+    /// Triangles left in all cells.
+    pub triangles: u64,
+    /// Refused collapses by reason, over all cells.
+    pub rejects: Vec<(String, u64)>,
+    /// Collapses carried out in all cells.
+    pub collapses: u64,
+    /// Whether every cell reached its stop.
+    pub reached: bool,
+}
+
+/// One simplified cell.
+#[derive(Clone, Debug, Default)]
+pub struct Survivors {
+    /// Input vertex index of each vertex.
+    pub ids: Vec<u64>,
+    /// Whether another cell of the same round holds the same vertex.
+    pub shared: Vec<bool>,
+    /// The record of each vertex with its present position; further properties as first read.
+    pub records: Vec<u8>,
+    /// Geometry and channels.
+    pub mesh: Mesh,
+    /// What the kernel did.
+    pub statistics: CellStatistics,
+}
+
+/// The kernel's statistics as they are kept with a cell.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CellStatistics {
+    /// Collapses carried out.
+    pub collapses: u64,
+    /// Refused collapses by reason.
+    pub rejects: Vec<(String, u64)>,
+    /// Whether the stop was reached.
+    pub reached: bool,
+}
+
+impl From<&Statistics> for CellStatistics {
+    fn from(statistics: &Statistics) -> Self {
+        let rejects = statistics.rejects.iter().map(|(name, n)| ((*name).to_owned(), *n));
+        CellStatistics {
+            collapses: statistics.collapses,
+            rejects: rejects.collect(),
+            reached: statistics.reached,
+        }
+    }
+}
+
+impl From<CellMesh> for Survivors {
+    /// A cell as it was loaded.
+    fn from(cell: CellMesh) -> Self {
+        let CellMesh { ids, records, shared, mesh } = cell;
+        let statistics = CellStatistics { reached: true, ..CellStatistics::default() };
+        Survivors { ids, shared, records, mesh, statistics }
+    }
+}
+
+impl Survivors {
+    /// What the kernel left of `cell`; positions go back into the records, in the input's type.
+    pub fn new(
+        ids: &[u64],
+        shared: &[bool],
+        records: &[u8],
+        simplified: Simplified,
+        layout: &VertexLayout,
+    ) -> Survivors {
+        let record_bytes = layout.schema.record_bytes();
+        let position_bytes = layout.schema.position_bytes();
+        let mut out = Survivors {
+            statistics: CellStatistics::from(&simplified.statistics),
+            ids: Vec::with_capacity(simplified.source.len()),
+            shared: Vec::with_capacity(simplified.source.len()),
+            records: Vec::with_capacity(simplified.source.len() * record_bytes),
+            mesh: simplified.mesh,
+        };
+        for (vertex, &source) in simplified.source.iter().enumerate() {
+            let source = source as usize;
+            out.ids.push(ids[source]);
+            out.shared.push(shared[source]);
+            let record = &records[source * record_bytes..(source + 1) * record_bytes];
+            layout.schema.encode_position(out.mesh.positions[vertex], &mut out.records);
+            out.records.extend_from_slice(&record[position_bytes..]);
+        }
+        out
+    }
+
+    /// Bytes on disk.
+    fn encode(&self, layout: &VertexLayout) -> Vec<u8> {
+        let statistics = serde_json::to_vec(&self.statistics).expect("plain data");
+        let n_channels = layout.codec.n_channels();
+        let record_bytes = layout.schema.record_bytes();
+        let rows = self.ids.len() * (9 + record_bytes + 4 * n_channels);
+        let mut out =
+            Vec::with_capacity(24 + statistics.len() + rows + 12 * self.mesh.triangles.len());
+        for count in [self.ids.len(), self.mesh.triangles.len(), statistics.len()] {
+            out.extend_from_slice(&(count as u64).to_le_bytes());
+        }
+        out.extend_from_slice(&statistics);
+        self.ids.iter().for_each(|id| out.extend_from_slice(&id.to_le_bytes()));
+        out.extend(self.shared.iter().map(|&shared| u8::from(shared)));
+        out.extend_from_slice(&self.records);
+        self.mesh.channels.iter().for_each(|value| out.extend_from_slice(&value.to_le_bytes()));
+        for triangle in &self.mesh.triangles {
+            triangle.iter().for_each(|v| out.extend_from_slice(&v.to_le_bytes()));
+        }
+        out
+    }
+
+    fn decode(bytes: &[u8], layout: &VertexLayout) -> Option<Survivors> {
+        let mut rest = bytes;
+        let mut take = |n: usize| -> Option<&[u8]> {
+            let (head, tail) = rest.split_at_checked(n)?;
+            rest = tail;
+            Some(head)
+        };
+        let u64_of = |b: &[u8]| u64::from_le_bytes(b.try_into().expect("8 bytes"));
+        let (n_vertices, n_triangles, n_statistics) =
+            (u64_of(take(8)?) as usize, u64_of(take(8)?) as usize, u64_of(take(8)?) as usize);
+        let statistics = serde_json::from_slice(take(n_statistics)?).ok()?;
+        let n_channels = layout.codec.n_channels();
+        let ids = take(n_vertices.checked_mul(8)?)?.chunks_exact(8).map(u64_of).collect();
+        let shared = take(n_vertices)?.iter().map(|&b| b != 0).collect();
+        let records = take(n_vertices.checked_mul(layout.schema.record_bytes())?)?.to_vec();
+        let positions = records
+            .chunks_exact(layout.schema.record_bytes())
+            .map(|record| layout.schema.position(record))
+            .collect();
+        let channels = take(n_vertices.checked_mul(4 * n_channels)?)?
+            .chunks_exact(4)
+            .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+            .collect();
+        let corner = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+        let triangles = take(n_triangles.checked_mul(12)?)?
+            .chunks_exact(12)
+            .map(|b| [corner(&b[0..4]), corner(&b[4..8]), corner(&b[8..12])])
+            .collect();
+        let mesh = Mesh { positions, channels, n_channels, triangles };
+        Some(Survivors { ids, shared, records, mesh, statistics })
+    }
+}
+
+/// Writes survivors as cells are finished, from several threads behind one lock.
+#[derive(Debug)]
+pub struct SurvivorWriter {
+    name: String,
+    pack: PackWriter,
+    layout: VertexLayout,
+}
+
+impl SurvivorWriter {
+    /// Begins or continues the pack `name` in `folder`.
+    pub fn open(disk: &Disk, folder: &Path, name: &str, layout: &VertexLayout) -> Result<Self> {
+        let path = folder.join(name);
+        let is_there = std::fs::metadata(&path).is_ok_and(|meta| meta.len() > 16);
+        let pack = if is_there {
+            PackWriter::reopen(disk, &path)?
+        } else {
+            PackWriter::create(disk, &path)?
+        };
+        Ok(SurvivorWriter { name: name.to_owned(), pack, layout: layout.clone() })
+    }
+
+    /// The cells that are already in the pack.
+    pub fn finished(&self) -> Vec<u32> {
+        self.pack.chunks().iter().map(|chunk| chunk.cell).collect()
+    }
+
+    /// Appends one cell.
+    pub fn append(&mut self, cell: usize, survivors: &Survivors) -> Result<()> {
+        self.pack.append(cell as u32, ChunkKind::Survivors, &survivors.encode(&self.layout))
+    }
+
+    /// Makes the cells appended so far durable.
+    pub fn sync(&mut self) -> Result<()> {
+        self.pack.sync()
+    }
+
+    /// Seals the pack; every one of `n_cells` cells must be in it.
+    pub fn finish(mut self, disk: &Disk, folder: &Path, n_cells: usize) -> Result<SurvivorInfo> {
+        self.pack.sync()?;
+        disk.sync_folder_of(&folder.join(&self.name))?;
+        let mut info = SurvivorInfo {
+            pack: self.name.clone(),
+            pack_bytes: self.pack.length(),
+            reached: true,
+            cells: vec![super::CellTally::default(); n_cells],
+            ..SurvivorInfo::default()
+        };
+        drop(self.pack);
+        let pack = SurvivorPack::open(disk, folder, info.clone(), self.layout)?;
+        for cell in 0..n_cells {
+            let survivors = pack.load(cell)?;
+            let triangles = survivors.mesh.triangles.len() as u64;
+            info.cells[cell] = super::CellTally { vertices: survivors.ids.len() as u64, triangles };
+            info.triangles += triangles;
+            info.collapses += survivors.statistics.collapses;
+            info.reached &= survivors.statistics.reached;
+            for (reason, n) in survivors.statistics.rejects {
+                match info.rejects.iter_mut().find(|(known, _)| *known == reason) {
+                    Some((_, sum)) => *sum += n,
+                    None => info.rejects.push((reason, n)),
+                }
+            }
+        }
+        Ok(info)
+    }
+}
+
+/// Survivors opened for reading.
+#[derive(Debug)]
+pub struct SurvivorPack {
+    info: SurvivorInfo,
+    layout: VertexLayout,
+    pack: Pack,
+}
+
+impl SurvivorPack {
+    /// Opens a sealed pack of survivors.
+    pub fn open(
+        disk: &Disk,
+        folder: &Path,
+        info: SurvivorInfo,
+        layout: VertexLayout,
+    ) -> Result<Self> {
+        let pack =
+            Pack::open(disk, &folder.join(&info.pack), info.cells.len() as u32, info.pack_bytes)?;
+        Ok(SurvivorPack { info, layout, pack })
+    }
+
+    /// The sealed description.
+    pub fn info(&self) -> &SurvivorInfo {
+        &self.info
+    }
+
+    /// The row layout.
+    pub fn layout(&self) -> &VertexLayout {
+        &self.layout
+    }
+
+    /// Loads what is left of one cell.
+    pub fn load(&self, cell: usize) -> Result<Survivors> {
+        let chunk = self.pack.chunks_of(cell as u32).last().ok_or_else(|| {
+            Error::corrupt(
+                Path::new(&self.info.pack),
+                format!("cell {cell} is missing; run again with --restart"),
+            )
+        })?;
+        let mut payload = Vec::new();
+        self.pack.read(chunk, &mut payload)?;
+        Survivors::decode(&payload, &self.layout).ok_or_else(|| {
+            let what = format!(
+                "byte {}: cell {cell} makes no sense; run again with --restart",
+                chunk.offset
+            );
+            Error::corrupt(Path::new(&self.info.pack), what)
+        })
+    }
+
+    /// Gives a cell's bytes back to the file system.
+    pub fn free(&self, cell: usize) -> Result<()> {
+        self.pack.free(cell as u32)
+    }
+}

@@ -1,0 +1,66 @@
+//! `stonecut synth`: makes a synthetic scan.
+
+use crate::error::Result;
+use crate::memory::cores;
+use crate::progress::Progress;
+use crate::synth::{self, Kind, Settings, Writing};
+use crate::units::{parse_count, show_bytes, show_count};
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+/// Makes a synthetic scan of any size: closed-form, the same for the same seed.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Which mesh: terrain, statue, gyroid or scans.
+    pub kind: Kind,
+    /// The PLY file to write.
+    pub output: PathBuf,
+    /// At least so many triangles: 20000, 500k, 4M, 1.5G.
+    #[arg(long, value_name = "N", value_parser = parse_count)]
+    pub triangles: u64,
+    /// Another seed gives another mesh.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    pub seed: u64,
+    /// Vertices, faces and corners in random order.
+    #[arg(long)]
+    pub shuffle: bool,
+    /// With vertex colours (scans always has them).
+    #[arg(long)]
+    pub color: bool,
+    /// With texture coordinates s, t.
+    #[arg(long)]
+    pub uv: bool,
+    /// Overwrite an existing file.
+    #[arg(long)]
+    pub force: bool,
+    /// Threads to use [default: the cores this process may use].
+    #[arg(long, value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
+}
+
+/// Makes the mesh and tells on standard error what was made.
+pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<()> {
+    let settings = Settings {
+        kind: args.kind,
+        n_triangles: args.triangles,
+        seed: args.seed,
+        shuffle: args.shuffle,
+        color: args.color,
+        uv: args.uv,
+    };
+    let threads = args.threads.map_or_else(cores, NonZeroUsize::get);
+    let writing = Writing { threads, force: args.force };
+    let counts = synth::write_ply(&args.output, &settings, writing, progress)?;
+    let bytes = std::fs::metadata(&args.output).map_or(0, |file| file.len());
+    // A closed standard error is no reason to fail: the mesh is there.
+    let _ = writeln!(
+        log,
+        "{}: {} triangles ({}), {} vertices, {}",
+        args.output.display(),
+        counts.n_triangles,
+        show_count(counts.n_triangles),
+        counts.n_vertices,
+        show_bytes(bytes),
+    );
+    Ok(())
+}

@@ -1,0 +1,125 @@
+//! The disk formats of the job folder, defined here alone; docs/format.md draws them.
+//!
+//! All numbers are little-endian. A *pack* is a file header followed by chunks; each chunk belongs to one
+//! cell and carries its own checksums, so that a pack can be re-indexed from its chunks after a crash.
+
+use crate::error::{Error, Result};
+use std::path::Path;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// First bytes of every pack: name, then version.
+const PACK_MAGIC: [u8; 16] = *b"stonecut pack 01";
+
+/// Bytes of a pack's file header.
+pub const PACK_HEADER_BYTES: u64 = 16;
+
+/// Bytes of a chunk header.
+pub const CHUNK_HEADER_BYTES: u64 = 32;
+
+/// What a chunk holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ChunkKind {
+    /// Rows of vertex id and vertex record.
+    Vertices = 1,
+    /// Rows of three vertex ids.
+    Triangles = 2,
+    /// Rows of one vertex id: vertices of this cell that other cells use too.
+    SharedIds = 3,
+    /// One simplified cell, see `cells::survivors`.
+    Survivors = 4,
+}
+
+impl ChunkKind {
+    fn from_code(code: u32) -> Option<ChunkKind> {
+        [ChunkKind::Vertices, ChunkKind::Triangles, ChunkKind::SharedIds, ChunkKind::Survivors]
+            .into_iter()
+            .find(|kind| *kind as u32 == code)
+    }
+}
+
+/// Where a chunk lies in its pack, and what it must contain.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Chunk {
+    /// The cell it belongs to.
+    pub cell: u32,
+    /// What it holds.
+    pub kind: ChunkKind,
+    /// Byte offset of the payload in the pack.
+    pub offset: u64,
+    /// Payload bytes.
+    pub bytes: u64,
+    /// xxh3 of the payload.
+    pub checksum: u64,
+}
+
+/// The file header of a pack.
+pub fn pack_header() -> [u8; PACK_HEADER_BYTES as usize] {
+    PACK_MAGIC
+}
+
+/// Checks the file header of a pack.
+pub fn check_pack_header(path: &Path, header: &[u8]) -> Result<()> {
+    if header == PACK_MAGIC {
+        return Ok(());
+    }
+    Err(Error::corrupt(path, "does not begin as a pack of this version; run again with --restart"))
+}
+
+/// The header of a chunk whose payload follows it.
+pub fn chunk_header(
+    cell: u32,
+    kind: ChunkKind,
+    payload: &[u8],
+) -> [u8; CHUNK_HEADER_BYTES as usize] {
+    let mut header = [0; CHUNK_HEADER_BYTES as usize];
+    header[0..4].copy_from_slice(&cell.to_le_bytes());
+    header[4..8].copy_from_slice(&(kind as u32).to_le_bytes());
+    header[8..16].copy_from_slice(&(payload.len() as u64).to_le_bytes());
+    header[16..24].copy_from_slice(&xxh3_64(payload).to_le_bytes());
+    let sum = xxh3_64(&header[..24]);
+    header[24..32].copy_from_slice(&sum.to_le_bytes());
+    header
+}
+
+/// Reads a chunk header that lies at `at` in the pack; `None` if it is damaged.
+pub fn parse_chunk_header(header: &[u8; CHUNK_HEADER_BYTES as usize], at: u64) -> Option<Chunk> {
+    let u64_at = |i: usize| u64::from_le_bytes(header[i..i + 8].try_into().expect("8 bytes"));
+    let u32_at = |i: usize| u32::from_le_bytes(header[i..i + 4].try_into().expect("4 bytes"));
+    (u64_at(24) == xxh3_64(&header[..24])).then_some(())?;
+    Some(Chunk {
+        cell: u32_at(0),
+        kind: ChunkKind::from_code(u32_at(4))?,
+        offset: at + CHUNK_HEADER_BYTES,
+        bytes: u64_at(8),
+        checksum: u64_at(16),
+    })
+}
+
+/// Width of a vertex id on disk: 4 bytes while all ids fit, else 8.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct IdWidth {
+    /// 4 or 8.
+    pub bytes: usize,
+}
+
+impl IdWidth {
+    /// The width that holds ids below `n_vertices`.
+    pub fn for_vertices(n_vertices: u64) -> IdWidth {
+        IdWidth { bytes: if n_vertices <= u64::from(u32::MAX) { 4 } else { 8 } }
+    }
+
+    /// Appends an id.
+    #[inline]
+    pub fn push(self, id: u64, out: &mut Vec<u8>) {
+        out.extend_from_slice(&id.to_le_bytes()[..self.bytes]);
+    }
+
+    /// Reads the id at the start of `row`.
+    #[inline]
+    pub fn read(self, row: &[u8]) -> u64 {
+        match self.bytes {
+            4 => u64::from(u32::from_le_bytes([row[0], row[1], row[2], row[3]])),
+            _ => u64::from_le_bytes(row[..8].try_into().expect("8 bytes")),
+        }
+    }
+}

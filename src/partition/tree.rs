@@ -1,0 +1,202 @@
+//! The kd-tree that says which cell a point belongs to.
+//!
+//! Points are quantised once to integers in the tree's own frame; every decision after that compares
+//! integers. Frames of successive rounds are turned against each other, so that the seams of one round
+//! cross those of the next instead of lying in them.
+
+use serde::{Deserialize, Serialize};
+
+/// Quantisation steps along the longest side of the bounding box.
+const STEPS: f64 = (1u32 << 30) as f64;
+
+/// A turned coordinate frame with integer coordinates.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    axes: [[f64; 3]; 3],
+    origin: [f64; 3],
+    steps_per_unit: f64,
+}
+
+impl Frame {
+    /// The frame of round `round` for points within `bounds` (lower and upper corner).
+    pub fn new(round: u32, bounds: [[f64; 3]; 2]) -> Frame {
+        let [low, high] = bounds;
+        let origin = [0, 1, 2].map(|k| low[k] * 0.5 + high[k] * 0.5);
+        let diagonal =
+            [0, 1, 2].map(|k| high[k] - low[k]).iter().map(|d| d * d).sum::<f64>().sqrt();
+        // Turned by any angle, the box stays within its diagonal. A single point still needs a scale.
+        let steps_per_unit = if diagonal > 0.0 { STEPS / diagonal } else { 1.0 };
+        Frame { axes: rotation(round), origin, steps_per_unit }
+    }
+
+    /// Integer coordinates of a point.
+    #[inline]
+    pub fn quantise(&self, point: [f64; 3]) -> [i32; 3] {
+        let p = [0, 1, 2].map(|k| point[k] - self.origin[k]);
+        self.axes.map(|a| {
+            ((a[0] * p[0] + a[1] * p[1] + a[2] * p[2]) * self.steps_per_unit).floor() as i32
+        })
+    }
+}
+
+/// A rotation of its own for each round; round 0 keeps the input's axes.
+///
+/// Quaternions of small integers: exact, the same on every machine, and for successive rounds about
+/// different axes by angles that are no multiple of one another.
+fn rotation(round: u32) -> [[f64; 3]; 3] {
+    let [w, x, y, z]: [f64; 4] = match round % 4 {
+        0 => [1.0, 0.0, 0.0, 0.0],
+        1 => [7.0, 2.0, 1.0, 3.0],
+        2 => [5.0, -1.0, 2.0, -3.0],
+        _ => [6.0, 2.0, -3.0, 1.0],
+    };
+    let n = w * w + x * x + y * y + z * z;
+    [
+        [w * w + x * x - y * y - z * z, 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), w * w - x * x + y * y - z * z, 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
+    .map(|row| row.map(|value| value / n))
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+struct Node {
+    /// Coordinates below `split` along `axis` go to `low`, the others to `high`.
+    axis: u8,
+    split: i32,
+    low: Child,
+    high: Child,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+enum Child {
+    Node(u32),
+    Cell(u32),
+}
+
+/// Maps every point of space to one of `n_cells` cells.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CellTree {
+    frame: Frame,
+    nodes: Vec<Node>,
+    root: Child,
+    n_cells: u32,
+}
+
+impl CellTree {
+    /// Cuts space so that each of at most `n_cells` cells holds about as many of `samples` as any other.
+    ///
+    /// Fewer cells come out where samples cannot be told apart. Time O(n log n); no memory beyond the samples.
+    pub fn build(frame: Frame, samples: &[[f64; 3]], n_cells: u32) -> CellTree {
+        let mut keys: Vec<[i32; 3]> = samples.iter().map(|&p| frame.quantise(p)).collect();
+        let mut tree = CellTree { frame, nodes: Vec::new(), root: Child::Cell(0), n_cells: 0 };
+        tree.root = tree.cut(&mut keys, n_cells.max(1));
+        tree
+    }
+
+    fn cut(&mut self, keys: &mut [[i32; 3]], n_cells: u32) -> Child {
+        if n_cells > 1
+            && let Some((axis, split, n_low)) = choose_cut(keys, n_cells)
+        {
+            let at = self.nodes.len();
+            self.nodes.push(Node { axis, split, low: Child::Cell(0), high: Child::Cell(0) });
+            let (low, high) = keys.split_at_mut(n_low);
+            let share =
+                (f64::from(n_cells) * low.len() as f64 / (low.len() + high.len()) as f64).round();
+            let low_cells = (share as u32).clamp(1, n_cells - 1);
+            self.nodes[at].low = self.cut(low, low_cells);
+            self.nodes[at].high = self.cut(high, n_cells - low_cells);
+            return Child::Node(at as u32);
+        }
+        self.n_cells += 1;
+        Child::Cell(self.n_cells - 1)
+    }
+
+    /// Number of cells.
+    pub fn n_cells(&self) -> u32 {
+        self.n_cells
+    }
+
+    /// The cell of a point.
+    #[inline]
+    pub fn cell_of(&self, point: [f64; 3]) -> u32 {
+        let key = self.frame.quantise(point);
+        let mut child = self.root;
+        loop {
+            match child {
+                Child::Cell(cell) => return cell,
+                Child::Node(at) => {
+                    let node = &self.nodes[at as usize];
+                    child = if key[node.axis as usize] < node.split { node.low } else { node.high };
+                }
+            }
+        }
+    }
+}
+
+/// Axis, split and the number of keys below it; reorders `keys` accordingly. `None` if all keys are equal.
+fn choose_cut(keys: &mut [[i32; 3]], n_cells: u32) -> Option<(u8, i32, usize)> {
+    let (mut low, mut high) = ([i32::MAX; 3], [i32::MIN; 3]);
+    for key in keys.iter() {
+        for k in 0..3 {
+            low[k] = low[k].min(key[k]);
+            high[k] = high[k].max(key[k]);
+        }
+    }
+    // The longest side; ties go to the lower axis.
+    let axis =
+        (0..3).max_by_key(|&k| (i64::from(high[k]) - i64::from(low[k]), std::cmp::Reverse(k)))?;
+    if keys.is_empty() || low[axis] == high[axis] {
+        return None;
+    }
+    let rank = (keys.len() as u64 * u64::from(n_cells / 2) / u64::from(n_cells)) as usize;
+    let (_, median, _) = keys.select_nth_unstable_by_key(rank.min(keys.len() - 1), |key| key[axis]);
+    // At least one key must lie below the split.
+    let split = median[axis].max(low[axis] + 1);
+    let mut n_low = 0;
+    for i in 0..keys.len() {
+        if keys[i][axis] < split {
+            keys.swap(i, n_low);
+            n_low += 1;
+        }
+    }
+    Some((axis as u8, split, n_low))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scattered(n: usize) -> Vec<[f64; 3]> {
+        // Three unrelated irrational steps: no two points alike, no direction preferred.
+        (0..n)
+            .map(|i| {
+                [0.618_033_988, 0.754_877_666, 0.569_840_290]
+                    .map(|s: f64| (i as f64 * s).fract() * 9.0)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn cells_are_even_in_every_frame() {
+        let points = scattered(20_000);
+        for round in 0..5 {
+            let frame = Frame::new(round, [[0.0; 3], [9.0; 3]]);
+            let tree = CellTree::build(frame, &points, 13);
+            assert_eq!(tree.n_cells(), 13);
+            let mut counts = vec![0; 13];
+            points.iter().for_each(|&p| counts[tree.cell_of(p) as usize] += 1);
+            let even = 20_000 / 13;
+            assert!(counts.iter().all(|&n| n > even * 8 / 10 && n < even * 12 / 10), "{counts:?}");
+        }
+    }
+
+    #[test]
+    fn points_that_cannot_be_told_apart_make_one_cell() {
+        let frame = Frame::new(0, [[5.0; 3], [5.0; 3]]);
+        let tree = CellTree::build(frame, &[[5.0; 3]; 100], 8);
+        assert_eq!(tree.n_cells(), 1);
+        assert_eq!(tree.cell_of([5.0; 3]), 0);
+        assert_eq!(CellTree::build(frame, &[], 8).n_cells(), 1);
+    }
+}

@@ -1,0 +1,58 @@
+//! Positions of single vertices, for the diagonal of a quad.
+//!
+//! Reads small pages of a file whose rows have one size and keeps a few of them; on a mesh in any sane
+//! order nearly every look-up hits a page at hand. Bodies without fixed rows are spooled to a nameless
+//! temporary file first (24 bytes a vertex).
+
+use super::raw::RawFile;
+use crate::error::Result;
+
+/// Pages kept: 1 MiB in all.
+const PAGES: usize = 256;
+const PAGE_BYTES: u64 = 4096;
+
+/// Reads the position from the bytes of a row.
+type Decode<'a> = Box<dyn Fn(&[u8]) -> [f64; 3] + 'a>;
+
+/// Where rows with positions are, and how to read one.
+pub(crate) struct Lookup<'a> {
+    file: &'a RawFile,
+    offset: u64,
+    row_bytes: u64,
+    decode: Decode<'a>,
+    pages: Vec<(u64, Vec<u8>)>,
+}
+
+impl<'a> Lookup<'a> {
+    pub fn new(
+        file: &'a RawFile,
+        offset: u64,
+        row_bytes: u64,
+        decode: impl Fn(&[u8]) -> [f64; 3] + 'a,
+    ) -> Self {
+        Lookup { file, offset, row_bytes, decode: Box::new(decode), pages: Vec::new() }
+    }
+
+    /// The position of a vertex that exists.
+    pub fn position(&mut self, vertex: u64) -> Result<[f64; 3]> {
+        let rows = (PAGE_BYTES / self.row_bytes).max(1);
+        let page = vertex / rows;
+        if self.pages.is_empty() {
+            self.pages.resize_with(PAGES, || (u64::MAX, Vec::new()));
+        }
+        let (kept, bytes) = &mut self.pages[(page % PAGES as u64) as usize];
+        if *kept != page {
+            // A page that failed to load must not be taken for a loaded one.
+            *kept = u64::MAX;
+            bytes.resize((rows * self.row_bytes) as usize, 0);
+            let n = self.file.read_at_most(bytes, self.offset + page * rows * self.row_bytes)?;
+            bytes.truncate(n);
+            *kept = page;
+        }
+        let at = ((vertex % rows) * self.row_bytes) as usize;
+        match bytes.get(at..at + self.row_bytes as usize) {
+            Some(row) => Ok((self.decode)(row)),
+            None => Err(self.file.bad("the file was shortened during the run")),
+        }
+    }
+}

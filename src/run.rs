@@ -1,0 +1,25 @@
+//! What every stage needs besides its own input: the job, the counters, threads and memory.
+
+use crate::disk::Disk;
+use crate::job::Job;
+use crate::progress::Progress;
+
+/// The surroundings of a stage. None of it may reach a result.
+#[derive(Clone, Copy, Debug)]
+pub struct Run<'a> {
+    /// The job folder, its files and its manifest.
+    pub job: &'a Job,
+    /// Counters for the outside, and its request to stop.
+    pub progress: &'a Progress,
+    /// Worker threads.
+    pub threads: usize,
+    /// Memory that the stage may take, in bytes.
+    pub memory_bytes: u64,
+}
+
+impl Run<'_> {
+    /// The file system of the job.
+    pub fn disk(&self) -> &Disk {
+        self.job.disk()
+    }
+}

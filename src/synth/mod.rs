@@ -1,0 +1,252 @@
+//! Synthetic scans of any size: closed-form, seeded, streamed.
+//!
+//! `write_ply` is the way in for files, `mesh` for tests. A `Surface` says what vertex and face number i
+//! are; `write` turns it into a file; `shuffle` puts into random order what cannot be computed in one.
+//! Nothing here simplifies, measures or reads a mesh.
+
+mod gyroid;
+mod noise;
+mod permutation;
+mod scans;
+mod sculpture;
+mod shuffle;
+mod sliced;
+mod statue;
+mod surface;
+mod terrain;
+mod write;
+
+use crate::error::{Error, Result};
+use crate::mesh::Mesh;
+use crate::progress::Progress;
+use shuffle::Shuffler;
+use sliced::Counted;
+use std::path::Path;
+use surface::{InOrder, Indexed, Order, Shuffled, Surface};
+use write::{FACE_BYTES, Layout, Stream, Unfinished};
+
+/// The synthetic meshes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Fractal height field with scan noise; open boundary.
+    Terrain,
+    /// A stone head with creases and fine chisel marks; closed, genus 0.
+    Statue,
+    /// An isosurface full of slivers; closed, of high genus.
+    Gyroid,
+    /// Overlapping, noisy, coloured range scans with holes and specks; open, in many pieces.
+    Scans,
+}
+
+impl std::str::FromStr for Kind {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "terrain" => Ok(Kind::Terrain),
+            "statue" => Ok(Kind::Statue),
+            "gyroid" => Ok(Kind::Gyroid),
+            "scans" => Ok(Kind::Scans),
+            _ => Err(format!(
+                "'{text}' is no kind of mesh; there are terrain, statue, gyroid and scans"
+            )),
+        }
+    }
+}
+
+/// What to make; every value is final.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Which mesh.
+    pub kind: Kind,
+    /// At least so many triangles; each kind documents how many more it may get.
+    pub n_triangles: u64,
+    /// Another seed gives another mesh of the same kind and size.
+    pub seed: u64,
+    /// Random instead of natural order of vertices, faces and corners.
+    pub shuffle: bool,
+    /// With `red green blue`; `scans` always has them.
+    pub color: bool,
+    /// With texture coordinates `s t`.
+    pub uv: bool,
+}
+
+/// How a mesh is written; none of it changes a byte.
+#[derive(Clone, Copy, Debug)]
+pub struct Writing {
+    /// Threads to compute with.
+    pub threads: usize,
+    /// Whether an existing file may be replaced.
+    pub force: bool,
+}
+
+/// How large the finished mesh is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Counts {
+    /// Number of vertices.
+    pub n_vertices: u64,
+    /// Number of triangles.
+    pub n_triangles: u64,
+}
+
+/// Writes a synthetic mesh as binary little-endian PLY.
+///
+/// The bytes depend on `settings` alone; memory is a few megabytes a thread, and some 100 MB when `gyroid`
+/// or `scans` are shuffled. The file appears by rename.
+/// Errors: an existing `path` without `force`, more than 2^32 vertices, whatever the system refuses.
+pub fn write_ply(
+    path: &Path,
+    settings: &Settings,
+    writing: Writing,
+    progress: &Progress,
+) -> Result<Counts> {
+    check(settings)?;
+    let mut file = Unfinished::create(path, writing.force)?;
+    let surface = surface(settings, writing.threads, progress)?;
+    let counts = Counts { n_vertices: surface.n_vertices(), n_triangles: surface.n_faces() };
+    progress.begin("synth", 1, 1, counts.n_triangles);
+    let layout = layout(settings, counts.n_vertices);
+    let comment = format!(
+        "stonecut {} synth {:?} --triangles {} --seed {}{}",
+        env!("CARGO_PKG_VERSION"),
+        settings.kind,
+        settings.n_triangles,
+        settings.seed,
+        if settings.shuffle { " --shuffle" } else { "" },
+    );
+    let header = layout.header(counts.n_vertices, counts.n_triangles, &comment.to_lowercase());
+    file.write(header.as_bytes())?;
+    let stream = Stream { surface: &*surface, layout, threads: writing.threads, progress };
+    if settings.shuffle && !surface.is_shuffled() {
+        write_shuffled(&mut file, &stream, settings.seed)?;
+    } else {
+        stream.vertices(|bytes| file.write(bytes))?;
+        stream.faces(|_, face| face, |bytes| file.write(bytes))?;
+    }
+    file.finish()?;
+    Ok(counts)
+}
+
+/// Writes all vertices and then all faces in random order, by way of a temporary file beside the output.
+fn write_shuffled(file: &mut Unfinished, stream: &Stream, seed: u64) -> Result<()> {
+    let (n_vertices, n_faces) = (stream.surface.n_vertices(), stream.surface.n_faces());
+    let order = Order::new(n_vertices, n_faces, seed);
+    let temporary = file.companion(".shuffle");
+
+    let record_bytes = stream.layout.vertex_bytes();
+    let mut shuffler = Shuffler::new(&temporary, n_vertices, record_bytes)?;
+    let mut id = 0;
+    stream.vertices(|bytes| {
+        bytes.chunks_exact(record_bytes).try_for_each(|record| {
+            id += 1;
+            shuffler.put(order.vertices.apply(id - 1), record)
+        })
+    })?;
+    shuffler.drain(|bytes| file.write(bytes))?;
+
+    let mut shuffler = Shuffler::new(&temporary, n_faces, FACE_BYTES)?;
+    let mut row = 0;
+    let renumber = |row, face| order.renumber(row, face);
+    stream.faces(renumber, |bytes| {
+        bytes.chunks_exact(FACE_BYTES).try_for_each(|record| {
+            row += 1;
+            shuffler.put(order.faces.apply(row - 1), record)
+        })
+    })?;
+    assert!(id == n_vertices && row == n_faces, "the surface gave as many rows as it counted");
+    shuffler.drain(|bytes| file.write(bytes))
+}
+
+/// The same mesh in memory, for tests and small demonstrations; colours are three channels in [0, 255],
+/// texture coordinates two more.
+///
+/// Errors: settings that `write_ply` refuses.
+pub fn mesh(settings: &Settings) -> Result<Mesh> {
+    check(settings)?;
+    let surface = surface(settings, 1, &Progress::default())?;
+    let layout = layout(settings, surface.n_vertices());
+    let mut mesh = Mesh {
+        n_channels: if layout.color { 3 } else { 0 } + if layout.uv { 2 } else { 0 },
+        ..Mesh::default()
+    };
+    let mut vertices = Vec::new();
+    for block in 0..surface.n_vertex_blocks() {
+        vertices.clear();
+        surface.vertices(block, &mut vertices);
+        for vertex in &vertices {
+            mesh.positions.push(vertex.position.map(f64::from));
+            if layout.color {
+                mesh.channels.extend(vertex.color.map(f32::from));
+            }
+            if layout.uv {
+                mesh.channels.extend(vertex.uv);
+            }
+        }
+    }
+    let mut faces = Vec::new();
+    for block in 0..surface.n_face_blocks() {
+        faces.clear();
+        surface.faces(block, &mut faces);
+        mesh.triangles.extend(faces.iter().map(|face| face.map(|id| id as u32)));
+    }
+    Ok(if settings.shuffle && !surface.is_shuffled() {
+        reordered(&mesh, &Order::new(surface.n_vertices(), surface.n_faces(), settings.seed))
+    } else {
+        mesh
+    })
+}
+
+/// A mesh in another order.
+fn reordered(mesh: &Mesh, order: &Order) -> Mesh {
+    let mut out = mesh.clone();
+    for id in 0..mesh.positions.len() {
+        let to = order.vertices.apply(id as u64) as usize;
+        let n = mesh.n_channels;
+        out.positions[to] = mesh.positions[id];
+        out.channels[to * n..(to + 1) * n].copy_from_slice(&mesh.channels[id * n..(id + 1) * n]);
+    }
+    for (row, face) in mesh.triangles.iter().enumerate() {
+        let face = order.renumber(row as u64, face.map(u64::from));
+        out.triangles[order.faces.apply(row as u64) as usize] = face.map(|id| id as u32);
+    }
+    out
+}
+
+fn surface(settings: &Settings, threads: usize, progress: &Progress) -> Result<Box<dyn Surface>> {
+    let Settings { n_triangles, seed, color, .. } = *settings;
+    Ok(match settings.kind {
+        Kind::Terrain => ordered(terrain::Terrain::new(n_triangles, seed, color), settings),
+        Kind::Statue => ordered(statue::Statue::new(n_triangles, seed, color), settings),
+        Kind::Gyroid => Box::new(Counted::at_least(n_triangles, threads, progress, |scale| {
+            gyroid::Gyroid::new(n_triangles, scale, seed, color)
+        })?),
+        Kind::Scans => Box::new(Counted::at_least(n_triangles, threads, progress, |scale| {
+            scans::Scans::new(n_triangles, scale, seed)
+        })?),
+    })
+}
+
+fn ordered(surface: impl Indexed + 'static, settings: &Settings) -> Box<dyn Surface> {
+    if settings.shuffle {
+        Box::new(Shuffled::new(surface, settings.seed))
+    } else {
+        Box::new(InOrder(surface))
+    }
+}
+
+fn layout(settings: &Settings, n_vertices: u64) -> Layout {
+    let color = settings.color || settings.kind == Kind::Scans;
+    Layout { color, uv: settings.uv, unsigned: n_vertices > 1 << 31 }
+}
+
+fn check(settings: &Settings) -> Result<()> {
+    const MOST: u64 = 7_000_000_000;
+    if settings.n_triangles == 0 || settings.n_triangles > MOST {
+        let asked = settings.n_triangles;
+        return Err(Error::Usage(format!(
+            "--triangles {asked}: a synthetic mesh has 1 to {MOST} triangles (its vertices are numbered \
+             in 32 bits)"
+        )));
+    }
+    Ok(())
+}

@@ -1,0 +1,675 @@
+//! A file after each row of the table of PLY dialects, in every encoding, and the rules for a reader.
+
+use stonecut::ply::{BLOCK_ROWS, FaceBlock, MeshSource, ReadOptions, VertexBlock};
+
+type AnyResult = Result<(), Box<dyn std::error::Error>>;
+
+/// One row of an element: for a list property its items, else one number.
+type Row = Vec<Vec<f64>>;
+
+/// A PLY file to be written in any encoding; property lines as in a header, without `property`.
+struct Dialect {
+    name: &'static str,
+    remarks: &'static [&'static str],
+    elements: Vec<(&'static str, Vec<&'static str>, Vec<Row>)>,
+}
+
+fn put(out: &mut Vec<u8>, kind: &str, value: f64, big: bool) {
+    let start = out.len();
+    match kind {
+        "char" | "int8" => out.push(value as i8 as u8),
+        "uchar" | "uint8" => out.push(value as u8),
+        "short" | "int16" => out.extend((value as i16).to_le_bytes()),
+        "ushort" | "uint16" => out.extend((value as u16).to_le_bytes()),
+        "int" | "int32" => out.extend((value as i32).to_le_bytes()),
+        "uint" | "uint32" => out.extend((value as u32).to_le_bytes()),
+        "int64" | "longlong" => out.extend((value as i64).to_le_bytes()),
+        "uint64" | "ulonglong" => out.extend((value as u64).to_le_bytes()),
+        "float" | "float32" => out.extend((value as f32).to_le_bytes()),
+        "double" | "float64" => out.extend(value.to_le_bytes()),
+        "float16" => {
+            // Only the numbers of these tests: 0, and powers of two.
+            let half = if value == 0.0 { 0 } else { ((value.log2() as i32 + 15) as u16) << 10 };
+            out.extend(half.to_le_bytes());
+        }
+        _ => panic!("{kind}"),
+    }
+    if big {
+        out[start..].reverse();
+    }
+}
+
+impl Dialect {
+    fn write(&self, format: &str, end: &str) -> Vec<u8> {
+        let mut lines = vec!["ply".to_owned(), format!("format {format} 1.0")];
+        lines.extend(self.remarks.iter().map(|r| r.to_string()));
+        for (name, properties, rows) in &self.elements {
+            lines.push(format!("element {name} {}", rows.len()));
+            lines.extend(properties.iter().map(|p| format!("property {p}")));
+        }
+        lines.push("end_header".to_owned());
+        lines.push(String::new());
+        let mut out = lines.join(end).into_bytes();
+        let big = format == "binary_big_endian";
+        for (_, properties, rows) in &self.elements {
+            for row in rows {
+                for (property, values) in properties.iter().zip(row) {
+                    let words: Vec<_> = property.split(' ').collect();
+                    let (count, kind) = if words[0] == "list" {
+                        (Some(words[1]), words[2])
+                    } else {
+                        (None, words[0])
+                    };
+                    if format == "ascii" {
+                        if count.is_some() {
+                            out.extend(format!("{} ", values.len()).bytes());
+                        }
+                        values.iter().for_each(|v| out.extend(format!("{v} ").bytes()));
+                        continue;
+                    }
+                    if let Some(count) = count {
+                        put(&mut out, count, values.len() as f64, big);
+                    }
+                    values.iter().for_each(|&v| put(&mut out, kind, v, big));
+                }
+                if format == "ascii" {
+                    out.extend(end.bytes());
+                }
+            }
+        }
+        out
+    }
+}
+
+/// Turns positions and further numbers into rows of an element without lists.
+fn rows(n: usize, extra: &[f64]) -> Vec<Row> {
+    let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.5], [0.0, 1.0, 0.0]];
+    let row = |i: usize| {
+        let p = corners[i % 4].iter().map(|&v| vec![v]);
+        p.chain(extra.iter().map(|&v| vec![v])).collect()
+    };
+    (0..n).map(row).collect()
+}
+
+const XYZ: [&str; 3] = ["float x", "float y", "float z"];
+const DOUBLE_XYZ: [&str; 3] = ["double x", "double y", "double z"];
+
+fn with(base: &[&'static str], more: &[&'static str]) -> Vec<&'static str> {
+    base.iter().chain(more).copied().collect()
+}
+
+fn two_triangles(before: &[f64], after: &[Vec<f64>]) -> Vec<Row> {
+    [[0.0, 1.0, 2.0], [0.0, 2.0, 3.0]]
+        .iter()
+        .map(|t| {
+            let mut row: Row = before.iter().map(|&v| vec![v]).collect();
+            row.push(t.to_vec());
+            row.extend(after.iter().cloned());
+            row
+        })
+        .collect()
+}
+
+/// A dialect of the two triangles (0, 1, 2) and (0, 2, 3).
+fn table() -> Vec<Dialect> {
+    let plain = || two_triangles(&[], &[]);
+    let range = vec!["list uchar int vertex_indices"];
+    vec![
+        Dialect {
+            name: "PoissonRecon",
+            remarks: &[],
+            elements: vec![
+                (
+                    "vertex",
+                    with(&XYZ, &["float value", "uchar red", "uchar green", "uchar blue"]),
+                    rows(4, &[7.5, 255.0, 128.0, 0.0]),
+                ),
+                ("face", vec!["list int int vertex_indices"], plain()),
+            ],
+        },
+        Dialect {
+            name: "PoissonRecon, 64-bit indices",
+            remarks: &[],
+            elements: vec![
+                ("vertex", XYZ.to_vec(), rows(4, &[])),
+                ("face", vec!["list int longlong vertex_indices"], plain()),
+            ],
+        },
+        Dialect {
+            name: "PoissonRecon, unsigned 64-bit indices",
+            remarks: &[],
+            elements: vec![
+                ("vertex", XYZ.to_vec(), rows(4, &[])),
+                ("face", vec!["list int ulonglong vertex_indices"], plain()),
+            ],
+        },
+        Dialect {
+            name: "MeshLab",
+            remarks: &["comment VCGLIB generated", "comment TextureFile skin.png"],
+            elements: vec![
+                (
+                    "camera",
+                    vec!["float view_px", "int viewportx"],
+                    vec![vec![vec![0.5], vec![3.0]]],
+                ),
+                (
+                    "vertex",
+                    with(
+                        &DOUBLE_XYZ,
+                        &[
+                            "float nx",
+                            "float ny",
+                            "float nz",
+                            "int flags",
+                            "uchar red",
+                            "uchar green",
+                            "uchar blue",
+                            "uchar alpha",
+                            "double quality",
+                        ],
+                    ),
+                    rows(4, &[0.0, 0.0, 1.0, 0.0, 1.0, 2.0, 3.0, 255.0, 0.1]),
+                ),
+                (
+                    "face",
+                    vec![
+                        "list uchar int vertex_indices",
+                        "int flags",
+                        "list uchar float texcoord",
+                        "int texnumber",
+                    ],
+                    two_triangles(&[], &[vec![0.0], vec![0.0; 6], vec![0.0]]),
+                ),
+                ("edge", vec!["int vertex1", "int vertex2"], vec![vec![vec![0.0], vec![1.0]]]),
+            ],
+        },
+        Dialect {
+            name: "MeshLab, lists at vertices",
+            remarks: &["comment VCGLIB generated"],
+            elements: vec![
+                (
+                    "vertex",
+                    vec!["float x", "list uchar float weights", "float y", "float z", "int id"],
+                    (0..4usize)
+                        .map(|i| {
+                            let p = rows(4, &[])[i].clone();
+                            let list = vec![1.5; i * 3 % 5];
+                            vec![p[0].clone(), list, p[1].clone(), p[2].clone(), vec![i as f64]]
+                        })
+                        .collect(),
+                ),
+                ("face", range.clone(), plain()),
+            ],
+        },
+        Dialect {
+            name: "CloudCompare",
+            remarks: &["comment made", "obj_info Generated by CloudCompare!"],
+            elements: vec![
+                ("vertex", with(&DOUBLE_XYZ, &["float scalar_Dip"]), rows(4, &[30.0])),
+                ("face", range.clone(), plain()),
+            ],
+        },
+        Dialect {
+            name: "Open3D",
+            remarks: &["comment Created by Open3D"],
+            elements: vec![
+                (
+                    "vertex",
+                    with(&DOUBLE_XYZ, &["double nx", "double ny", "double nz", "uchar red"]),
+                    rows(4, &[0.0, 0.6, 0.8, 9.0]),
+                ),
+                ("face", vec!["list uchar uint vertex_indices"], plain()),
+            ],
+        },
+        Dialect {
+            name: "RealityCapture",
+            remarks: &["comment Created in Reality Capture "],
+            elements: vec![
+                ("vertex", with(&XYZ, &["uchar red"]), rows(4, &[200.0])),
+                ("face", range.clone(), plain()),
+            ],
+        },
+        Dialect {
+            name: "Metashape",
+            remarks: &["comment TextureFile model.jpg"],
+            elements: vec![
+                (
+                    "vertex",
+                    with(&XYZ, &["float nx", "float ny", "float nz"]),
+                    rows(4, &[0.0, 0.0, 1.0]),
+                ),
+                (
+                    "face",
+                    vec![
+                        "list uchar int vertex_indices",
+                        "list uchar float texcoord",
+                        "int texnumber",
+                    ],
+                    two_triangles(&[], &[vec![0.5; 6], vec![0.0]]),
+                ),
+            ],
+        },
+        Dialect {
+            name: "Blender",
+            remarks: &["comment Created in Blender version 4.2"],
+            elements: vec![
+                (
+                    "vertex",
+                    with(&XYZ, &["float s", "float t", "uchar alpha"]),
+                    rows(4, &[0.25, 0.5, 9.0]),
+                ),
+                (
+                    "face",
+                    vec!["list uchar uint vertex_indices"],
+                    vec![vec![vec![0.0, 1.0, 2.0, 3.0]]],
+                ),
+            ],
+        },
+        Dialect {
+            name: "PCL",
+            remarks: &["comment PCL generated"],
+            elements: vec![
+                ("vertex", with(&XYZ, &["uchar red", "float curvature"]), rows(4, &[1.0, 0.5])),
+                (
+                    "camera",
+                    vec!["float view_px", "int viewportx"],
+                    vec![vec![vec![0.5], vec![3.0]]],
+                ),
+                ("face", range.clone(), plain()),
+            ],
+        },
+        Dialect {
+            name: "VTK",
+            remarks: &[
+                "comment VTK generated PLY File",
+                "obj_info vtkPolyData points and polygons",
+            ],
+            elements: vec![
+                ("vertex", XYZ.to_vec(), rows(4, &[])),
+                (
+                    "face",
+                    vec!["list uchar int vertex_indices", "uchar red", "uchar green", "uchar blue"],
+                    two_triangles(&[], &[vec![1.0], vec![2.0], vec![3.0]]),
+                ),
+            ],
+        },
+        Dialect {
+            name: "trimesh",
+            remarks: &["comment https://github.com/mikedh/trimesh"],
+            elements: vec![
+                (
+                    "vertex",
+                    with(&XYZ, &["uint64 label", "int64 other", "float16 weight"]),
+                    rows(4, &[9e15, -5.0, 0.5]),
+                ),
+                (
+                    "face",
+                    vec!["int64 group", "list uchar int64 vertex_index"],
+                    two_triangles(&[4.0], &[]),
+                ),
+            ],
+        },
+        Dialect {
+            name: "Stanford zipper",
+            remarks: &["comment zipper output"],
+            elements: vec![
+                (
+                    "vertex",
+                    with(&XYZ, &["float confidence", "float intensity"]),
+                    rows(4, &[0.9, 0.5]),
+                ),
+                ("face", range.clone(), plain()),
+            ],
+        },
+        Dialect {
+            name: "Stanford statues",
+            remarks: &["obj_info num_cols 512"],
+            elements: vec![
+                ("vertex", XYZ.to_vec(), rows(4, &[])),
+                (
+                    "tristrips",
+                    vec!["list int int vertex_indices"],
+                    vec![vec![vec![0.0, 1.0, 2.0, -1.0, -1.0, 0.0, 2.0, 3.0, -1.0]]],
+                ),
+            ],
+        },
+        Dialect {
+            name: "strips of two triangles, every other reversed",
+            remarks: &[],
+            elements: vec![
+                ("vertex", XYZ.to_vec(), rows(4, &[])),
+                (
+                    "tristrips",
+                    vec!["list int int vertex_indices"],
+                    vec![vec![vec![1.0, 2.0, 0.0, 3.0]]],
+                ),
+            ],
+        },
+        Dialect {
+            name: "OpenMesh",
+            remarks: &[],
+            elements: vec![
+                (
+                    "vertex",
+                    vec!["float32 x", "float32 y", "float32 z", "list uint8 float32 weights"],
+                    rows(4, &[])
+                        .into_iter()
+                        .map(|mut r| {
+                            r.push(vec![1.0, 2.0]);
+                            r
+                        })
+                        .collect(),
+                ),
+                ("face", vec!["list uint8 int32 vertex_indices"], plain()),
+            ],
+        },
+        Dialect {
+            name: "faces before vertices, unknown elements everywhere",
+            remarks: &[],
+            elements: vec![
+                (
+                    "odd",
+                    vec!["list ushort double a", "char b"],
+                    vec![vec![vec![1.0; 3], vec![1.0]]],
+                ),
+                ("face", range.clone(), plain()),
+                ("odd2", vec!["double b"], vec![vec![vec![1.0]], vec![vec![2.0]]]),
+                ("vertex", XYZ.to_vec(), rows(4, &[])),
+                ("odd3", vec!["list ushort double a"], vec![vec![vec![1.0; 7]]]),
+            ],
+        },
+        Dialect {
+            name: "padded counts, blank lines, trailing blanks",
+            remarks: &["", "comment x  ", "   "],
+            elements: vec![
+                ("vertex", XYZ.to_vec(), rows(4, &[])),
+                ("face", range.clone(), plain()),
+            ],
+        },
+        Dialect {
+            name: "integers as coordinates",
+            remarks: &[],
+            elements: vec![
+                (
+                    "vertex",
+                    vec!["short z", "int x", "uchar y"],
+                    [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [5.0, 1.0, 1.0], [0.0, 0.0, 1.0]]
+                        .iter()
+                        .map(|p| p.iter().map(|&v| vec![v]).collect())
+                        .collect(),
+                ),
+                ("face", range, plain()),
+            ],
+        },
+    ]
+}
+
+fn read_all(source: &MeshSource) -> stonecut::Result<(Vec<[f64; 3]>, Vec<[u64; 3]>)> {
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    let (mut vertices, mut faces) = (VertexBlock::default(), FaceBlock::default());
+    let schema = source.schema();
+    for i in 0..source.n_vertex_blocks() {
+        source.read_vertices(i, &mut vertices)?;
+        let records = vertices.records.chunks_exact(schema.record_bytes());
+        positions.extend(records.map(|r| schema.position(r)));
+    }
+    for i in 0..source.n_face_blocks() {
+        source.read_faces(i, &mut faces)?;
+        triangles.extend_from_slice(&faces.triangles);
+    }
+    Ok((positions, triangles))
+}
+
+/// The smallest corner first, order kept; triangles sorted.
+fn canonical(triangles: &[[u64; 3]]) -> Vec<[u64; 3]> {
+    let turn = |t: &[u64; 3]| (0..3).map(|i| [t[i], t[(i + 1) % 3], t[(i + 2) % 3]]).min().unwrap();
+    let mut sorted: Vec<_> = triangles.iter().map(turn).collect();
+    sorted.sort_unstable();
+    sorted
+}
+
+#[test]
+fn every_dialect_in_every_encoding_and_line_end() -> AnyResult {
+    for dialect in table() {
+        for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
+            for end in ["\n", "\r\n", "\r"] {
+                let what = format!("{}, {format}, {end:?}", dialect.name);
+                let bytes = dialect.write(format, end);
+                let source = MeshSource::from_bytes(&what, bytes, ReadOptions::default())?;
+                let (positions, triangles) = read_all(&source)?;
+                assert_eq!(positions.len(), 4, "{what}");
+                assert_eq!(positions[1], [1.0, 0.0, 0.0], "{what}");
+                assert_eq!(positions[3], [0.0, 1.0, 0.0], "{what}");
+                // The quad's second diagonal is shorter: corner 2 is lifted.
+                let expected: [[u64; 3]; 2] = match dialect.name {
+                    "Blender" => [[0, 1, 3], [1, 2, 3]],
+                    _ => [[0, 1, 2], [0, 2, 3]],
+                };
+                let expected = match dialect.name {
+                    // 1 2 0 3: (1, 2, 0), then reversed (0, 2, 3).
+                    "strips of two triangles, every other reversed" => [[0, 1, 2], [0, 2, 3]],
+                    _ => expected,
+                };
+                assert_eq!(canonical(&triangles), expected, "{what}");
+                let textured = matches!(dialect.name, "MeshLab" | "Metashape");
+                assert_eq!(source.texture().is_some(), textured, "{what}");
+                assert_eq!(source.require_no_texture().is_err(), textured, "{what}");
+            }
+        }
+    }
+    Ok(())
+}
+
+#[test]
+fn a_cut_off_file_is_refused_at_every_length_and_never_panics() {
+    for dialect in table() {
+        for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
+            let bytes = dialect.write(format, "\n");
+            for length in 0..bytes.len() {
+                for skip_bad in [false, true] {
+                    let options = ReadOptions { skip_bad, ..ReadOptions::default() };
+                    let part = bytes[..length].to_vec();
+                    let _ = MeshSource::from_bytes("cut.ply", part, options)
+                        .and_then(|source| read_all(&source));
+                }
+            }
+        }
+    }
+}
+
+/// Strips longer than a block, with stops, degenerate steps and both parities at block borders.
+#[test]
+fn strips_are_read_from_any_block() -> AnyResult {
+    let mut numbers = Vec::new();
+    for strip in 0..7u32 {
+        for i in 0..40_000u32 {
+            numbers.push(f64::from((i * 7 + strip) % 1000));
+            if i % 1777 == 5 {
+                numbers.push(f64::from((i * 7 + strip) % 1000));
+            }
+        }
+        numbers.push(-1.0);
+    }
+    let expected: Vec<[u64; 3]> = numbers
+        .split(|&v| v == -1.0)
+        .flat_map(|strip| {
+            strip.windows(3).enumerate().map(|(i, t)| {
+                let [a, b, c] = [t[0] as u64, t[1] as u64, t[2] as u64];
+                if i % 2 == 1 { [b, a, c] } else { [a, b, c] }
+            })
+        })
+        .collect();
+    let dialect = Dialect {
+        name: "strips",
+        remarks: &[],
+        elements: vec![
+            ("vertex", XYZ.to_vec(), rows(1000, &[])),
+            ("tristrips", vec!["list int int vertex_indices"], vec![vec![numbers]]),
+        ],
+    };
+    for format in ["ascii", "binary_big_endian"] {
+        let bytes = dialect.write(format, "\n");
+        let source = MeshSource::from_bytes("strips.ply", bytes, ReadOptions::default())?;
+        assert_eq!(source.n_faces(), expected.len() as u64);
+        assert_eq!(source.n_face_blocks(), (expected.len() as u64).div_ceil(BLOCK_ROWS));
+        let mut block = FaceBlock::default();
+        let mut n_degenerate = 0;
+        for i in (0..source.n_face_blocks()).rev() {
+            source.read_faces(i, &mut block)?;
+            n_degenerate += block.n_degenerate;
+            let start = block.first_row as usize;
+            let end = expected.len().min(start + BLOCK_ROWS as usize);
+            let wanted: Vec<_> = expected[start..end]
+                .iter()
+                .filter(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0])
+                .copied()
+                .collect();
+            assert_eq!(block.triangles, wanted, "{format}, block {i}");
+        }
+        assert!(n_degenerate > 0);
+    }
+    Ok(())
+}
+
+/// A mixture of polygons over many blocks; every other row has another size.
+#[test]
+fn polygons_are_read_from_any_block() -> AnyResult {
+    let n_rows = 150_000usize;
+    let polygon = |i: usize| -> Vec<f64> {
+        let n = [3, 4, 5, 2, 3, 0, 6][i % 7];
+        (0..n).map(|k| ((i + k * k) % 50_000) as f64).collect()
+    };
+    let dialect = Dialect {
+        name: "polygons",
+        remarks: &[],
+        elements: vec![
+            ("vertex", XYZ.to_vec(), rows(50_000, &[])),
+            (
+                "face",
+                vec!["list uchar int vertex_indices", "uchar red"],
+                (0..n_rows).map(|i| vec![polygon(i), vec![1.0]]).collect(),
+            ),
+        ],
+    };
+    let mut results = Vec::new();
+    for format in ["ascii", "binary_little_endian"] {
+        let bytes = dialect.write(format, "\r\n");
+        let source = MeshSource::from_bytes("polygons.ply", bytes, ReadOptions::default())?;
+        assert_eq!(source.n_faces(), n_rows as u64);
+        assert!(source.n_face_blocks() >= 3);
+        let (_, triangles) = read_all(&source)?;
+        let mut backwards = Vec::new();
+        let mut block = FaceBlock::default();
+        for i in (0..source.n_face_blocks()).rev() {
+            source.read_faces(i, &mut block)?;
+            backwards.splice(0..0, block.triangles.iter().copied());
+        }
+        assert_eq!(triangles, backwards);
+        results.push(triangles);
+    }
+    assert_eq!(results[0], results[1]);
+    Ok(())
+}
+
+/// One quad and one line among 200,000 triangles have the size of two triangles and lie between probes.
+#[test]
+fn a_layout_that_only_looks_fixed_is_still_read() -> AnyResult {
+    let n_rows = 200_000usize;
+    let polygon = |i: usize| -> Vec<f64> {
+        match i {
+            100_001 => vec![0.0, 1.0, 2.0, 3.0],
+            100_003 => vec![0.0, 1.0],
+            _ => vec![(i % 4) as f64, ((i + 1) % 4) as f64, ((i + 2) % 4) as f64],
+        }
+    };
+    let dialect = Dialect {
+        name: "nearly fixed",
+        remarks: &[],
+        elements: vec![
+            ("vertex", XYZ.to_vec(), rows(4, &[])),
+            (
+                "face",
+                vec!["list uchar int vertex_indices"],
+                (0..n_rows).map(|i| vec![polygon(i)]).collect(),
+            ),
+        ],
+    };
+    let read = |format| -> stonecut::Result<_> {
+        let bytes = dialect.write(format, "\n");
+        read_all(&MeshSource::from_bytes("x.ply", bytes, ReadOptions::default())?)
+    };
+    assert_eq!(read("binary_little_endian")?.1, read("ascii")?.1);
+    Ok(())
+}
+
+fn message(text: &str) -> String {
+    let read = MeshSource::from_bytes("bad.ply", text.as_bytes().to_vec(), ReadOptions::default())
+        .and_then(|source| read_all(&source));
+    read.map(|_| ()).unwrap_err().to_string()
+}
+
+#[test]
+fn ascii_faults_name_line_and_column() {
+    let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n\
+         property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n";
+    let cases = [
+        ("0 0 0\n1 0 0\n0 nan 0\n3 0 1 2\n", "element vertex, row 2, line 12, column 1 "),
+        ("0 0 0\n1 zero 0\n0 1 0\n3 0 1 2\n", "element vertex, row 1, line 11, column 3 "),
+        ("0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", "element face, row 0, line 13, column 7 "),
+        ("0 0 0\n1 0 0\n0 1 0\n3 0 1.5 2\n", "line 13, column 5 "),
+        ("0 0 0\n1 0 0\n0 1 0\n3 0 1\n", "element face, row 0, byte offset"),
+        ("0 0 0\n1 0 0\n0 1\n", "the file ends here"),
+        ("0 0 0\n1 0 0\n0 1 0\n-3 0 1 2\n", "negative count"),
+        ("0 0 0\n1 0 0\n0 1 0\n99999999999999999 0 1 2\n", "the file ends here"),
+    ];
+    for (body, wanted) in cases {
+        let message = message(&format!("{header}{body}"));
+        assert!(message.contains(wanted), "{message} lacks {wanted}");
+    }
+    // A vertex spread over lines, and several in one line, are the same (RealSense).
+    let spread = format!("{header}0\n0\n0 1 0\n0 0 1 0 3\n0 1 2");
+    let source = MeshSource::from_bytes("ok", spread.into_bytes(), ReadOptions::default()).unwrap();
+    assert_eq!(read_all(&source).unwrap().1, [[0, 1, 2]]);
+}
+
+#[test]
+fn skip_bad_drops_and_counts() -> AnyResult {
+    let header = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\n\
+         property float z\nelement face 6\nproperty list uchar int vertex_indices\nend_header\n";
+    let body =
+        "nan 0 0\n7 7 7\n1 0 0\n0 1 0\n1 1 0\n3 1 2 3\n3 0 1 2\n3 1 2 5\n4 1 2 9 3\n3 2 2 1\n";
+    let options = ReadOptions { skip_bad: true, ..ReadOptions::default() };
+    let bytes = format!("{header}{body}").into_bytes();
+    let source = MeshSource::from_bytes("bad.ply", bytes, options)?;
+    let faults = source.faults();
+    assert_eq!((faults.bad_vertices, faults.missing_vertices, faults.missing_faces), (1, 0, 1));
+    let (positions, _) = read_all(&source)?;
+    assert_eq!(positions[0], [7.0; 3], "a bad vertex stands where the first good one is");
+    let mut block = FaceBlock::default();
+    source.read_faces(0, &mut block)?;
+    assert_eq!(block.triangles, [[1, 2, 3]]);
+    assert_eq!((block.n_bad, block.n_degenerate), (3, 1));
+    Ok(())
+}
+
+#[test]
+fn points_without_faces_say_so() -> AnyResult {
+    let dialect = Dialect {
+        name: "range grid",
+        remarks: &[],
+        elements: vec![
+            ("vertex", XYZ.to_vec(), rows(4, &[])),
+            (
+                "range_grid",
+                vec!["list uchar int vertex_indices"],
+                vec![vec![vec![]], vec![vec![1.0]]],
+            ),
+        ],
+    };
+    let source =
+        MeshSource::from_bytes("p.ply", dialect.write("ascii", "\n"), ReadOptions::default())?;
+    assert_eq!((source.n_vertices(), source.n_face_blocks()), (4, 0));
+    let message = source.require_faces().unwrap_err().to_string();
+    assert!(message.contains("no faces") && message.contains("range_grid"), "{message}");
+    Ok(())
+}

@@ -1,0 +1,237 @@
+//! The promises of `synth`: topology of each kind, exact counts, same bytes however many threads, a
+//! shuffled mesh is the same mesh.
+
+use std::collections::HashMap;
+use stonecut::Mesh;
+use stonecut::progress::Progress;
+use stonecut::synth::{Kind, Settings, Writing, mesh, write_ply};
+
+const ALL: [Kind; 4] = [Kind::Terrain, Kind::Statue, Kind::Gyroid, Kind::Scans];
+
+const KEEP: Writing = Writing { threads: 2, force: false };
+
+fn settings(kind: Kind, n_triangles: u64) -> Settings {
+    Settings { kind, n_triangles, seed: 7, shuffle: false, color: false, uv: false }
+}
+
+/// What an edge's faces say about a mesh.
+#[derive(Debug, Default, PartialEq)]
+struct Topology {
+    boundary_edges: usize,
+    non_manifold_edges: usize,
+    inconsistent_edges: usize,
+    euler: i64,
+    components: usize,
+    unreferenced: usize,
+    degenerate: usize,
+}
+
+fn topology(mesh: &Mesh) -> Topology {
+    let mut edges: HashMap<(u32, u32), (u32, i32)> = HashMap::new();
+    let mut parent: Vec<u32> = (0..mesh.positions.len() as u32).collect();
+    fn root(parent: &mut [u32], mut v: u32) -> u32 {
+        while parent[v as usize] != v {
+            parent[v as usize] = parent[parent[v as usize] as usize];
+            v = parent[v as usize];
+        }
+        v
+    }
+    let mut used = vec![false; mesh.positions.len()];
+    let mut out = Topology::default();
+    for t in &mesh.triangles {
+        if t[0] == t[1] || t[1] == t[2] || t[0] == t[2] {
+            out.degenerate += 1;
+        }
+        for i in 0..3 {
+            let (a, b) = (t[i], t[(i + 1) % 3]);
+            used[a as usize] = true;
+            let entry = edges.entry((a.min(b), a.max(b))).or_default();
+            entry.0 += 1;
+            entry.1 += if a < b { 1 } else { -1 };
+            let (ra, rb) = (root(&mut parent, a), root(&mut parent, b));
+            parent[ra as usize] = rb;
+        }
+    }
+    for (faces, balance) in edges.values() {
+        match faces {
+            1 => out.boundary_edges += 1,
+            2 => out.inconsistent_edges += usize::from(*balance != 0),
+            _ => out.non_manifold_edges += 1,
+        }
+    }
+    let n_used = used.iter().filter(|u| **u).count();
+    out.unreferenced = used.len() - n_used;
+    out.euler = n_used as i64 - edges.len() as i64 + mesh.triangles.len() as i64;
+    out.components =
+        (0..used.len() as u32).filter(|&v| used[v as usize] && root(&mut parent, v) == v).count();
+    out
+}
+
+/// Six times the signed volume under the surface; positive when normals point outward.
+fn volume6(mesh: &Mesh) -> f64 {
+    (0..mesh.triangles.len())
+        .map(|t| {
+            let [a, b, c] = mesh.corners(t);
+            a[0] * (b[1] * c[2] - b[2] * c[1])
+                + a[1] * (b[2] * c[0] - b[0] * c[2])
+                + a[2] * (b[0] * c[1] - b[1] * c[0])
+        })
+        .sum()
+}
+
+#[test]
+fn a_statue_is_closed_of_genus_0_and_faces_outward() {
+    for n in [1, 20, 80, 1000, 60_000] {
+        let statue = mesh(&settings(Kind::Statue, n)).unwrap();
+        assert!(statue.triangles.len() as u64 >= n);
+        let expected = Topology { euler: 2, components: 1, ..Topology::default() };
+        assert_eq!(topology(&statue), expected, "{n}");
+        assert!(volume6(&statue) > 0.0);
+    }
+}
+
+#[test]
+fn a_terrain_is_a_disc_whose_boundary_is_its_border() {
+    for n in [1, 2, 7, 1000, 54_321] {
+        let terrain = mesh(&settings(Kind::Terrain, n)).unwrap();
+        let topology = topology(&terrain);
+        assert_eq!(topology.euler, 1, "{n}");
+        assert_eq!((topology.components, topology.unreferenced), (1, 0));
+        assert_eq!((topology.non_manifold_edges, topology.inconsistent_edges), (0, 0));
+        assert!(topology.boundary_edges >= 4);
+        let up = |t: usize| {
+            let [a, b, c] = terrain.corners(t);
+            (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) > 0.0
+        };
+        assert!((0..terrain.triangles.len()).all(up), "a height field folds nowhere");
+    }
+}
+
+#[test]
+fn a_gyroid_is_a_closed_manifold_of_high_genus() {
+    for n in [1, 5000, 200_000] {
+        let gyroid = mesh(&settings(Kind::Gyroid, n)).unwrap();
+        assert!(gyroid.triangles.len() as u64 >= n);
+        let topology = topology(&gyroid);
+        println!("{n}: {} {topology:?}", gyroid.triangles.len());
+        assert_eq!(topology.boundary_edges + topology.non_manifold_edges, 0, "{n}");
+        assert_eq!(topology.inconsistent_edges + topology.degenerate + topology.unreferenced, 0);
+        assert!(volume6(&gyroid) > 0.0);
+        assert!(n < 200_000 || topology.euler < -80, "{topology:?}");
+        assert!(gyroid.triangles.len() as u64 <= (n + n / 20).max(10_000), "{n}");
+    }
+}
+
+#[test]
+fn scans_are_open_patches_with_holes_and_specks() {
+    for n in [1, 5000, 200_000] {
+        let scans = mesh(&settings(Kind::Scans, n)).unwrap();
+        assert!(scans.triangles.len() as u64 >= n);
+        let topology = topology(&scans);
+        println!("{n}: {} {topology:?}", scans.triangles.len());
+        assert_eq!(topology.non_manifold_edges + topology.inconsistent_edges, 0, "{n}");
+        assert_eq!(topology.degenerate, 0);
+        assert_eq!(scans.n_channels, 3);
+        if n == 200_000 {
+            assert!(topology.components > 30, "eight patches and many specks");
+            assert!(topology.boundary_edges > 5000 && topology.unreferenced > 0);
+            assert!(scans.triangles.len() < 210_000);
+        }
+        let outward = (0..scans.triangles.len()).filter(|&t| {
+            let [a, b, c] = scans.corners(t);
+            let [u, v] = [b, c].map(|p| [p[0] - a[0], p[1] - a[1], p[2] - a[2]]);
+            let normal =
+                [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            normal[0] * a[0] + normal[1] * a[1] + normal[2] * a[2] > 0.0
+        });
+        assert!(outward.count() > scans.triangles.len() * 9 / 10, "normals look at the scanner");
+    }
+}
+
+#[test]
+fn terrain_counts_are_nearly_those_asked_for() {
+    for n in [1000, 12_345, 100_000, 1_000_003] {
+        let terrain = mesh(&settings(Kind::Terrain, n)).unwrap();
+        let got = terrain.triangles.len() as u64;
+        assert!((n..n + 2 + n / 100).contains(&got), "{n} asked, {got} made");
+    }
+}
+
+#[test]
+fn the_bytes_do_not_depend_on_threads() {
+    let folder = tempfile::tempdir().unwrap();
+    for kind in ALL {
+        for shuffle in [false, true] {
+            let settings = Settings { shuffle, color: true, uv: true, ..settings(kind, 300_000) };
+            let bytes = [1, 2, 3].map(|threads| {
+                let path = folder.path().join(format!("{threads}.ply"));
+                let writing = Writing { threads, force: true };
+                write_ply(&path, &settings, writing, &Progress::default()).unwrap();
+                std::fs::read(path).unwrap()
+            });
+            assert!(bytes[0] == bytes[1] && bytes[0] == bytes[2], "{kind:?}");
+        }
+    }
+}
+
+/// Every triangle as its three corner positions (bits), turned so that the least comes first, sorted.
+fn as_set(mesh: &Mesh) -> Vec<[[u64; 3]; 3]> {
+    let mut all: Vec<_> = (0..mesh.triangles.len())
+        .map(|t| {
+            let mut corners = mesh.corners(t).map(|p| p.map(f64::to_bits));
+            let least = (0..3).min_by_key(|&i| corners[i]).expect("three corners");
+            corners.rotate_left(least);
+            corners
+        })
+        .collect();
+    all.sort_unstable();
+    all
+}
+
+#[test]
+fn shuffling_changes_the_order_and_nothing_else() {
+    for kind in ALL {
+        let plain = mesh(&settings(kind, 20_000)).unwrap();
+        let shuffled = mesh(&Settings { shuffle: true, ..settings(kind, 20_000) }).unwrap();
+        assert_ne!(plain.positions, shuffled.positions);
+        let far = shuffled.triangles.windows(2).filter(|t| t[0][0].abs_diff(t[1][0]) > 1000);
+        assert!(far.count() > shuffled.triangles.len() / 2, "neighbouring rows are strangers");
+        let turned = plain.triangles.len();
+        assert_eq!(turned, shuffled.triangles.len());
+        assert!(as_set(&plain) == as_set(&shuffled), "{kind:?}");
+    }
+}
+
+#[test]
+fn another_seed_is_another_mesh_and_the_same_seed_the_same() {
+    for kind in ALL {
+        let one = mesh(&settings(kind, 2000)).unwrap();
+        assert_eq!(one, mesh(&settings(kind, 2000)).unwrap());
+        let other = mesh(&Settings { seed: 8, ..settings(kind, 2000) }).unwrap();
+        assert_ne!(one.positions, other.positions);
+    }
+}
+
+#[test]
+fn an_existing_file_is_kept_and_a_missing_folder_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("there.ply");
+    std::fs::write(&path, b"precious").unwrap();
+    let settings = settings(Kind::Terrain, 100);
+    let error = write_ply(&path, &settings, KEEP, &Progress::default()).unwrap_err();
+    assert_eq!(error.exit_code(), 2);
+    assert_eq!(std::fs::read(&path).unwrap(), b"precious");
+    write_ply(&path, &settings, Writing { force: true, ..KEEP }, &Progress::default()).unwrap();
+    assert!(std::fs::read(&path).unwrap().starts_with(b"ply\n"));
+
+    let nowhere = folder.path().join("missing").join("a.ply");
+    let error = write_ply(&nowhere, &settings, KEEP, &Progress::default()).unwrap_err();
+    assert_eq!(error.exit_code(), 1);
+    assert!(error.to_string().contains("missing"), "{error}");
+    let stopped = Progress::default();
+    stopped.request_stop(2);
+    let path = folder.path().join("stopped.ply");
+    assert_eq!(write_ply(&path, &settings, KEEP, &stopped).unwrap_err().exit_code(), 130);
+    let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().collect();
+    assert_eq!(left.len(), 1, "nothing half-made is left: {left:?}");
+}
