@@ -12,6 +12,7 @@ pub mod config;
 pub mod disk;
 pub mod error;
 pub mod format;
+pub mod formats;
 pub mod job;
 pub mod kernel;
 pub mod measure;

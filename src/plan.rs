@@ -54,6 +54,10 @@ impl Plan {
     /// Plans a run; fails with `NoMemory` where the budget cannot hold one cell, the finish or the tables.
     pub fn new(source: &MeshSource, config: &Config) -> Result<Plan> {
         let triangles_in = source.n_faces();
+        if triangles_in == 0 {
+            let what = "has no triangles (element face, row 0): there is nothing to simplify";
+            return Err(Error::bad_input(source.path(), what));
+        }
         let target = config.target.triangles(triangles_in);
         let layout = VertexLayout::new(source.schema(), source.n_vertices());
         let cells = plan_cells(triangles_in, config.cell_triangles);

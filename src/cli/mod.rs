@@ -1,5 +1,6 @@
 //! The command line: what was typed becomes a call into the library; the only place that prints.
 
+pub mod convert;
 mod demo;
 mod display;
 mod info;
@@ -54,6 +55,7 @@ pub struct Talk {
 #[derive(Debug, clap::Subcommand)]
 enum Command {
     Simplify(simplify::Args),
+    Convert(convert::Args),
     Info(info::Args),
     Measure(measure::Args),
     Render(render::Args),
@@ -85,6 +87,7 @@ pub fn main() -> u8 {
     let mut out = std::io::stdout();
     let outcome = match &typed.command {
         Command::Simplify(args) => simplify::run(args, talk, &progress, &mut log),
+        Command::Convert(args) => convert::run(args, &mut log).map(|()| 0),
         Command::Info(args) => info::run(args, &mut out, &progress).map(|()| 0),
         Command::Measure(args) => measure::run(args, &mut out, &progress).map(|()| 0),
         Command::Render(args) => render::run(args, &progress, &mut log).map(|()| 0),
