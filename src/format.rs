@@ -66,7 +66,11 @@ pub fn check_pack_header(path: &Path, header: &[u8]) -> Result<()> {
 }
 
 /// The header of a chunk whose payload follows it.
-pub fn chunk_header(cell: u32, kind: ChunkKind, payload: &[u8]) -> [u8; CHUNK_HEADER_BYTES as usize] {
+pub fn chunk_header(
+    cell: u32,
+    kind: ChunkKind,
+    payload: &[u8],
+) -> [u8; CHUNK_HEADER_BYTES as usize] {
     let mut header = [0; CHUNK_HEADER_BYTES as usize];
     header[0..4].copy_from_slice(&cell.to_le_bytes());
     header[4..8].copy_from_slice(&(kind as u32).to_le_bytes());

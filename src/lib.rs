@@ -5,20 +5,37 @@
 //! `ply` reads and writes meshes, `cells` keeps them on disk cell by cell, `kernel` collapses edges and
 //! knows no files, threads, clock or logging. docs/ARCHITECTURE.md has the map.
 
+pub mod cells;
+pub mod check;
 pub mod cli;
+pub mod config;
 pub mod disk;
 pub mod error;
+pub mod format;
 pub mod formats;
 pub mod job;
 pub mod kernel;
+pub mod measure;
 pub mod memory;
 pub mod mesh;
 pub mod parallel;
+pub mod partition;
+pub mod pipeline;
+pub mod plan;
 pub mod ply;
 pub mod progress;
+pub mod render;
+pub mod run;
 pub mod schema;
+pub mod scratch;
+pub mod seams;
+pub mod simplify;
+pub mod stitch;
+pub mod summary;
 pub mod synth;
+pub mod topology;
 pub mod units;
+pub mod write;
 
 pub use error::{Error, Result};
 pub use kernel::simplify_mesh;

@@ -85,7 +85,8 @@ impl Pack {
     pub fn open(disk: &Disk, path: &Path, n_cells: u32, bytes: u64) -> Result<Pack> {
         let file = disk.open(path)?;
         if file.length() < bytes {
-            let what = format!("has {} of its {bytes} bytes; run again with --restart", file.length());
+            let what =
+                format!("has {} of its {bytes} bytes; run again with --restart", file.length());
             return Err(Error::corrupt(path, what));
         }
         let (chunks, end) = scan(&file)?;
@@ -98,7 +99,10 @@ impl Pack {
 
     fn from_chunks(file: DiskFile, mut chunks: Vec<Chunk>, n_cells: u32) -> Result<Pack> {
         if let Some(bad) = chunks.iter().find(|chunk| chunk.cell >= n_cells) {
-            let what = format!("byte {}: cell {} of {n_cells}; run again with --restart", bad.offset, bad.cell);
+            let what = format!(
+                "byte {}: cell {} of {n_cells}; run again with --restart",
+                bad.offset, bad.cell
+            );
             return Err(Error::corrupt(file.path(), what));
         }
         chunks.sort_by_key(|chunk| (chunk.cell, chunk.offset));

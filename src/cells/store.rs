@@ -95,8 +95,14 @@ pub fn load_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
 
 impl CellStore {
     /// Opens a sealed store in `folder`.
-    pub fn open(disk: &Disk, folder: &Path, info: StoreInfo, layout: VertexLayout) -> Result<CellStore> {
-        let pack = Pack::open(disk, &folder.join(&info.pack), info.cells.len() as u32, info.pack_bytes)?;
+    pub fn open(
+        disk: &Disk,
+        folder: &Path,
+        info: StoreInfo,
+        layout: VertexLayout,
+    ) -> Result<CellStore> {
+        let pack =
+            Pack::open(disk, &folder.join(&info.pack), info.cells.len() as u32, info.pack_bytes)?;
         Ok(CellStore { info, layout, pack })
     }
 
@@ -147,11 +153,8 @@ impl CellStore {
                 ChunkKind::Triangles => {
                     self.pack.read(chunk, &mut payload)?;
                     for row in payload.chunks_exact(3 * id_bytes) {
-                        let corners = [
-                            find(row)?,
-                            find(&row[id_bytes..])?,
-                            find(&row[2 * id_bytes..])?,
-                        ];
+                        let corners =
+                            [find(row)?, find(&row[id_bytes..])?, find(&row[2 * id_bytes..])?];
                         out.mesh.triangles.push(corners);
                     }
                 }
@@ -196,9 +199,9 @@ impl CellStore {
                 out.mesh.positions.push(layout.schema.position(record));
                 if self.info.has_channels {
                     let floats = channels.chunks_exact(4);
-                    out.mesh.channels.extend(
-                        floats.map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])),
-                    );
+                    out.mesh
+                        .channels
+                        .extend(floats.map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])));
                 } else if n_channels > 0 {
                     let start = out.mesh.channels.len();
                     out.mesh.channels.resize(start + n_channels, 0.0);

@@ -69,6 +69,15 @@ impl From<&Statistics> for CellStatistics {
     }
 }
 
+impl From<CellMesh> for Survivors {
+    /// A cell as it was loaded.
+    fn from(cell: CellMesh) -> Self {
+        let CellMesh { ids, records, shared, mesh } = cell;
+        let statistics = CellStatistics { reached: true, ..CellStatistics::default() };
+        Survivors { ids, shared, records, mesh, statistics }
+    }
+}
+
 impl Survivors {
     /// What the kernel left of `cell`; positions go back into the records, in the input's type.
     pub fn new(
@@ -98,20 +107,14 @@ impl Survivors {
         out
     }
 
-    /// A cell that needs no simplifying.
-    pub fn untouched(cell: CellMesh, layout: &VertexLayout) -> Survivors {
-        let n = cell.mesh.positions.len() as u32;
-        let statistics = Statistics { reached: true, ..Statistics::default() };
-        let simplified = Simplified { mesh: cell.mesh, source: (0..n).collect(), statistics };
-        Survivors::new(&cell.ids, &cell.shared, &cell.records, simplified, layout)
-    }
-
+    /// Bytes on disk.
     fn encode(&self, layout: &VertexLayout) -> Vec<u8> {
         let statistics = serde_json::to_vec(&self.statistics).expect("plain data");
         let n_channels = layout.codec.n_channels();
         let record_bytes = layout.schema.record_bytes();
         let rows = self.ids.len() * (9 + record_bytes + 4 * n_channels);
-        let mut out = Vec::with_capacity(24 + statistics.len() + rows + 12 * self.mesh.triangles.len());
+        let mut out =
+            Vec::with_capacity(24 + statistics.len() + rows + 12 * self.mesh.triangles.len());
         for count in [self.ids.len(), self.mesh.triangles.len(), statistics.len()] {
             out.extend_from_slice(&(count as u64).to_le_bytes());
         }
@@ -172,7 +175,11 @@ impl SurvivorWriter {
     pub fn open(disk: &Disk, folder: &Path, name: &str, layout: &VertexLayout) -> Result<Self> {
         let path = folder.join(name);
         let is_there = std::fs::metadata(&path).is_ok_and(|meta| meta.len() > 16);
-        let pack = if is_there { PackWriter::reopen(disk, &path)? } else { PackWriter::create(disk, &path)? };
+        let pack = if is_there {
+            PackWriter::reopen(disk, &path)?
+        } else {
+            PackWriter::create(disk, &path)?
+        };
         Ok(SurvivorWriter { name: name.to_owned(), pack, layout: layout.clone() })
     }
 
@@ -232,8 +239,14 @@ pub struct SurvivorPack {
 
 impl SurvivorPack {
     /// Opens a sealed pack of survivors.
-    pub fn open(disk: &Disk, folder: &Path, info: SurvivorInfo, layout: VertexLayout) -> Result<Self> {
-        let pack = Pack::open(disk, &folder.join(&info.pack), info.cells.len() as u32, info.pack_bytes)?;
+    pub fn open(
+        disk: &Disk,
+        folder: &Path,
+        info: SurvivorInfo,
+        layout: VertexLayout,
+    ) -> Result<Self> {
+        let pack =
+            Pack::open(disk, &folder.join(&info.pack), info.cells.len() as u32, info.pack_bytes)?;
         Ok(SurvivorPack { info, layout, pack })
     }
 
@@ -250,12 +263,18 @@ impl SurvivorPack {
     /// Loads what is left of one cell.
     pub fn load(&self, cell: usize) -> Result<Survivors> {
         let chunk = self.pack.chunks_of(cell as u32).last().ok_or_else(|| {
-            Error::corrupt(Path::new(&self.info.pack), format!("cell {cell} is missing; run again with --restart"))
+            Error::corrupt(
+                Path::new(&self.info.pack),
+                format!("cell {cell} is missing; run again with --restart"),
+            )
         })?;
         let mut payload = Vec::new();
         self.pack.read(chunk, &mut payload)?;
         Survivors::decode(&payload, &self.layout).ok_or_else(|| {
-            let what = format!("byte {}: cell {cell} makes no sense; run again with --restart", chunk.offset);
+            let what = format!(
+                "byte {}: cell {cell} makes no sense; run again with --restart",
+                chunk.offset
+            );
             Error::corrupt(Path::new(&self.info.pack), what)
         })
     }

@@ -54,8 +54,8 @@ pub struct Converted {
     pub n_bytes: u64,
 }
 
-/// Converts and says on `log` what was done.
-pub fn run(args: &Args, log: &mut dyn std::io::Write) -> Result<()> {
+/// Converts and says on `log` what was done; the exit code tells whether broken faces were dropped.
+pub fn run(args: &Args, log: &mut dyn std::io::Write) -> Result<u8> {
     let done = convert(args)?;
     // A closed standard error is no reason to fail: the mesh is there.
     let _ = writeln!(
@@ -75,7 +75,7 @@ pub fn run(args: &Args, log: &mut dyn std::io::Write) -> Result<()> {
             let _ = writeln!(log, "  {count} {what}");
         }
     }
-    Ok(())
+    Ok(if done.n_bad > 0 { super::EXIT_SHORT } else { 0 })
 }
 
 /// Converts; the library's own entry.

@@ -3,8 +3,15 @@
 //! It knows no files, threads, clock or logging, and its result depends on nothing but its arguments.
 //! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
 
+mod collapse;
+mod drive;
+mod evaluate;
+mod lanes;
 mod legal;
+mod order;
+mod queue;
 pub mod reference;
+mod surface;
 mod vector;
 
 use crate::mesh::Mesh;
@@ -32,6 +39,13 @@ pub enum Stop {
 pub struct Options {
     /// When to stop.
     pub stop: Stop,
+}
+
+impl Default for Options {
+    /// Collapses nothing; the stages set the stop.
+    fn default() -> Self {
+        Options { stop: Stop::Triangles(u64::MAX) }
+    }
 }
 
 /// What a run of the kernel did.
@@ -63,7 +77,33 @@ pub struct Simplified {
 ///
 /// `locked` has one entry a vertex; all of them `false` if nothing is shared with other cells.
 pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplified {
-    reference::simplify_mesh(mesh, locked, options)
+    let mut statistics = Statistics::default();
+    let simd = lanes::Simd::detect();
+    let surface = surface::Surface::new(mesh, locked, simd);
+    let mut driver = drive::Driver::new(surface, simd);
+    match &options.stop {
+        Stop::Triangles(target) => statistics.reached = driver.to_count(*target),
+        Stop::Costs { levels, floor_triangles } => {
+            for &level in levels {
+                if !statistics.level_counts.is_empty() && driver.surface.n_alive <= *floor_triangles
+                {
+                    break;
+                }
+                driver.level(level);
+                statistics.level_counts.push(driver.surface.n_alive);
+            }
+            statistics.reached = true;
+        }
+    }
+    statistics.collapses = driver.total_collapses();
+    statistics.rejects = driver.rejects.named();
+    let (mesh, source) = driver.surface.into_mesh();
+    Simplified { mesh, source, statistics }
+}
+
+/// Peak memory of `simplify_mesh` in bytes, the mesh it is given included.
+pub fn peak_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
+    90 * n_triangles + n_vertices * (24 + 8 * n_channels as u64)
 }
 
 /// Drops vertices that no triangle uses; the second value tells where each kept vertex was.

@@ -2,13 +2,11 @@
 //!
 //! Reading a block checks every coordinate, so after this pass all of them are known to be finite.
 
+use crate::cells::n_samples;
 use crate::error::Result;
 use crate::parallel::in_order;
 use crate::ply::{MeshSource, VertexBlock};
 use crate::progress::Progress;
-
-/// Samples per planned cell; their cells then agree in size within about 3 %.
-const SAMPLES_PER_CELL: u64 = 1024;
 
 /// What a pass over the vertices finds.
 #[derive(Clone, Debug)]
@@ -26,13 +24,13 @@ struct BlockScan {
     samples: Vec<[f64; 3]>,
 }
 
-/// How many samples a scan for `n_cells` cells keeps; 24 bytes each.
-pub fn n_samples(n_vertices: u64, n_cells: u32) -> u64 {
-    (u64::from(n_cells) * SAMPLES_PER_CELL).clamp(1, n_vertices.max(1))
-}
-
 /// Reads all vertices once. Memory: `n_samples` positions and a few blocks.
-pub fn scan(source: &MeshSource, n_cells: u32, threads: usize, progress: &Progress) -> Result<Scan> {
+pub fn scan(
+    source: &MeshSource,
+    n_cells: u32,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Scan> {
     let schema = source.schema();
     let stretch = (source.n_vertices() / n_samples(source.n_vertices(), n_cells)).max(1);
     let mut out = Scan { bounds: [[0.0; 3]; 2], samples: Vec::new() };
@@ -66,9 +64,10 @@ pub fn scan(source: &MeshSource, n_cells: u32, threads: usize, progress: &Progre
         |_, found| {
             out.samples.append(&mut found.samples);
             bounds = match (bounds, found.bounds) {
-                (Some([low, high]), Some([l, h])) => {
-                    Some([[0, 1, 2].map(|k| low[k].min(l[k])), [0, 1, 2].map(|k| high[k].max(h[k]))])
-                }
+                (Some([low, high]), Some([l, h])) => Some([
+                    [0, 1, 2].map(|k| low[k].min(l[k])),
+                    [0, 1, 2].map(|k| high[k].max(h[k])),
+                ]),
                 (old, new) => old.or(new),
             };
             Ok(())
@@ -82,7 +81,8 @@ pub fn scan(source: &MeshSource, n_cells: u32, threads: usize, progress: &Progre
 ///
 /// Hashed, not the first: a regular step could fall in with the rows of a grid.
 fn chosen(stretch_index: u64, stretch: u64) -> u64 {
-    let mut h = stretch_index.wrapping_add(0x9E37_79B9_7F4A_7C15).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    let mut h =
+        stretch_index.wrapping_add(0x9E37_79B9_7F4A_7C15).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     h ^= h >> 31;
     stretch_index * stretch + h % stretch
 }

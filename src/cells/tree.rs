@@ -22,7 +22,8 @@ impl Frame {
     pub fn new(round: u32, bounds: [[f64; 3]; 2]) -> Frame {
         let [low, high] = bounds;
         let origin = [0, 1, 2].map(|k| low[k] * 0.5 + high[k] * 0.5);
-        let diagonal = [0, 1, 2].map(|k| high[k] - low[k]).iter().map(|d| d * d).sum::<f64>().sqrt();
+        let diagonal =
+            [0, 1, 2].map(|k| high[k] - low[k]).iter().map(|d| d * d).sum::<f64>().sqrt();
         // Turned by any angle, the box stays within its diagonal. A single point still needs a scale.
         let steps_per_unit = if diagonal > 0.0 { STEPS / diagonal } else { 1.0 };
         Frame { axes: rotation(round), origin, steps_per_unit }
@@ -73,6 +74,19 @@ enum Child {
     Cell(u32),
 }
 
+/// Cells for `n_triangles` triangles, none of them planned above `cell_triangles`.
+pub fn plan_cells(n_triangles: u64, cell_triangles: u64) -> u32 {
+    n_triangles.div_ceil(cell_triangles.max(1)).clamp(1, u64::from(u32::MAX / 2)) as u32
+}
+
+/// Samples per planned cell; their cells then agree in size within about 3 %.
+const SAMPLES_PER_CELL: u64 = 1024;
+
+/// How many sample points (24 bytes each) a tree for `n_cells` cells wants.
+pub fn n_samples(n_vertices: u64, n_cells: u32) -> u64 {
+    (u64::from(n_cells) * SAMPLES_PER_CELL).clamp(1, n_vertices.max(1))
+}
+
 /// Maps every point of space to one of `n_cells` cells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CellTree {
@@ -100,7 +114,8 @@ impl CellTree {
             let at = self.nodes.len();
             self.nodes.push(Node { axis, split, low: Child::Cell(0), high: Child::Cell(0) });
             let (low, high) = keys.split_at_mut(n_low);
-            let share = (f64::from(n_cells) * low.len() as f64 / (low.len() + high.len()) as f64).round();
+            let share =
+                (f64::from(n_cells) * low.len() as f64 / (low.len() + high.len()) as f64).round();
             let low_cells = (share as u32).clamp(1, n_cells - 1);
             self.nodes[at].low = self.cut(low, low_cells);
             self.nodes[at].high = self.cut(high, n_cells - low_cells);
@@ -142,7 +157,8 @@ fn choose_cut(keys: &mut [[i32; 3]], n_cells: u32) -> Option<(u8, i32, usize)> {
         }
     }
     // The longest side; ties go to the lower axis.
-    let axis = (0..3).max_by_key(|&k| (i64::from(high[k]) - i64::from(low[k]), std::cmp::Reverse(k)))?;
+    let axis =
+        (0..3).max_by_key(|&k| (i64::from(high[k]) - i64::from(low[k]), std::cmp::Reverse(k)))?;
     if keys.is_empty() || low[axis] == high[axis] {
         return None;
     }
@@ -167,7 +183,10 @@ mod tests {
     fn scattered(n: usize) -> Vec<[f64; 3]> {
         // Three unrelated irrational steps: no two points alike, no direction preferred.
         (0..n)
-            .map(|i| [0.618_033_988, 0.754_877_666, 0.569_840_290].map(|s: f64| (i as f64 * s).fract() * 9.0))
+            .map(|i| {
+                [0.618_033_988, 0.754_877_666, 0.569_840_290]
+                    .map(|s: f64| (i as f64 * s).fract() * 9.0)
+            })
             .collect()
     }
 

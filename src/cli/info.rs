@@ -1,0 +1,117 @@
+//! `stonecut info`: what a mesh file holds and, with `--check`, whether it is sound.
+
+use crate::error::{Error, Result};
+use crate::measure::load;
+use crate::ply::MeshSource;
+use crate::progress::Progress;
+use crate::topology::Topology;
+use crate::units;
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Tells what a mesh file holds, and whether it is sound
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// The mesh file
+    file: PathBuf,
+    /// Reads everything and counts connectivity and faults
+    #[arg(long)]
+    check: bool,
+    /// Prints JSON
+    #[arg(long)]
+    json: bool,
+    /// Memory for --check; a larger mesh is cut into cells on disk [default: 75 % of the tightest limit]
+    #[arg(long, value_name = "SIZE", value_parser = super::parse_memory)]
+    memory: Option<u64>,
+    /// Where those cells lie for the time being [default: the working folder]
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    temp_dir: PathBuf,
+    /// Threads to use [default: all cores]
+    #[arg(long, value_name = "N")]
+    threads: Option<usize>,
+}
+
+/// The JSON of `info`.
+#[derive(serde::Serialize)]
+struct Report {
+    path: PathBuf,
+    bytes: u64,
+    format: &'static str,
+    faces: u64,
+    coordinate_bits: usize,
+    properties: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    vertices: Option<u64>,
+    #[serde(flatten)]
+    check: Option<Topology>,
+}
+
+/// Runs the command; the answer goes to `out`.
+pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> {
+    let threads = args.threads.unwrap_or_else(crate::memory::cores).max(1);
+    let source = MeshSource::open(&args.file)?;
+    let check = if args.check { Some(count(args, &source, threads, progress)?) } else { None };
+    let schema = source.schema();
+    let report = Report {
+        path: args.file.clone(),
+        bytes: source.file_bytes(),
+        format: source.encoding().name(),
+        faces: source.n_faces(),
+        coordinate_bits: 8 * schema.coordinate.bytes(),
+        properties: schema.properties.iter().map(|p| p.name.clone()).collect(),
+        // With `--check` the count is among the others.
+        vertices: check.is_none().then(|| source.n_vertices()),
+        check,
+    };
+    let text = if args.json {
+        serde_json::to_string_pretty(&report)
+            .map_err(|e| Error::Usage(format!("the answer cannot be written as JSON: {e}")))?
+            + "\n"
+    } else {
+        table(&source, &report)
+    };
+    out.write_all(text.as_bytes()).map_err(|e| Error::io("standard output", "cannot write", e))
+}
+
+/// Bytes a triangle that counting in memory takes, besides the mesh.
+const COUNT_BYTES: u64 = 64;
+
+fn count(
+    args: &Args,
+    source: &MeshSource,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Topology> {
+    let budget = super::memory_budget(args.memory);
+    let whole = load::bytes_in_memory(source).saturating_add(COUNT_BYTES * source.n_faces());
+    if whole > budget / 2 || u32::try_from(source.n_vertices()).is_err() {
+        return crate::check::check(source, &args.temp_dir, threads, budget * 3 / 4, progress);
+    }
+    Ok(load::topology_of(&load::load(source, threads, progress)?))
+}
+
+fn table(source: &MeshSource, report: &Report) -> String {
+    let mut rows = vec![
+        ("file", report.path.display().to_string()),
+        ("size", units::show_bytes(report.bytes)),
+        ("format", report.format.to_owned()),
+        ("vertices", source.n_vertices().to_string()),
+        ("faces", report.faces.to_string()),
+        ("coordinates", format!("{} bits", report.coordinate_bits)),
+        ("properties", report.properties.join(" ")),
+    ];
+    if let Some(t) = &report.check {
+        rows.extend([
+            ("triangles", t.triangles.to_string()),
+            ("components", t.components.to_string()),
+            ("Euler characteristic", t.euler_characteristic.to_string()),
+            ("boundary edges", t.boundary_edges.to_string()),
+            ("non-manifold edges", t.non_manifold_edges.to_string()),
+            ("inconsistent edges", t.inconsistent_edges.to_string()),
+            ("degenerate triangles", t.degenerate_triangles.to_string()),
+            ("duplicate triangles", t.duplicate_triangles.to_string()),
+            ("unreferenced vertices", t.unreferenced_vertices.to_string()),
+        ]);
+    }
+    rows.iter().map(|(name, value)| format!("{name:<22}{value}\n")).collect()
+}

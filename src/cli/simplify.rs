@@ -1,0 +1,210 @@
+//! `stonecut simplify`: the main job.
+
+use super::display::watch;
+use super::{EXIT_SHORT, Log, Talk, memory_budget, parse_memory};
+use crate::config::{Config, DEFAULT_CELL_TRIANGLES, Target, Until};
+use crate::disk::Disk;
+use crate::error::{Error, Result};
+use crate::kernel;
+use crate::memory::cores;
+use crate::pipeline;
+use crate::plan::{Plan, folder_of};
+use crate::ply::MeshSource;
+use crate::progress::Progress;
+use crate::summary::RunReport;
+use crate::units::{parse_count, parse_ratio, show_bytes, show_count};
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+
+/// Simplifies a mesh of any size into one connected mesh.
+///
+/// The same command continues after an interruption, whatever it was.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// The mesh to simplify.
+    pub input: PathBuf,
+    /// Where the result appears.
+    pub output: PathBuf,
+    #[command(flatten)]
+    target: TypedTarget,
+    /// Memory budget, everything included: 512MiB, 4GiB, 50% [default: 75 % of the tightest limit in force].
+    #[arg(long, value_name = "SIZE", value_parser = parse_memory)]
+    memory: Option<u64>,
+    /// Worker threads [default: the cores this process may use].
+    #[arg(long, value_name = "N")]
+    threads: Option<NonZeroUsize>,
+    /// Triangles per cell; smaller cells need less memory.
+    #[arg(long, value_name = "N", value_parser = parse_count, default_value_t = DEFAULT_CELL_TRIANGLES)]
+    cell_triangles: u64,
+    /// Where the job folder lies [default: beside OUTPUT].
+    #[arg(long, value_name = "DIR")]
+    temp_dir: Option<PathBuf>,
+    /// Keep the job folder after success.
+    #[arg(long)]
+    keep_temp: bool,
+    /// Stop after this stage; the same command without it continues.
+    #[arg(long, value_enum, value_name = "STAGE")]
+    until: Option<Until>,
+    /// Replace OUTPUT if it exists.
+    #[arg(long)]
+    force: bool,
+    /// Throw away what an earlier run left and start over.
+    #[arg(long)]
+    restart: bool,
+    /// Print the plan and stop.
+    #[arg(long)]
+    dry_run: bool,
+    /// Write a report in JSON.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Write the vertices on the seams of the first round, as a point set.
+    #[arg(long, value_name = "FILE")]
+    seams: Option<PathBuf>,
+}
+
+#[derive(Clone, Debug, clap::Args)]
+#[group(required = true, multiple = false)]
+struct TypedTarget {
+    /// Triangles wanted, at most: 20000, 500k, 4M.
+    #[arg(long, value_name = "N", value_parser = parse_count)]
+    triangles: Option<u64>,
+    /// Share of the input's triangles: 1% or 0.01.
+    #[arg(long, value_name = "R", value_parser = parse_ratio)]
+    ratio: Option<f64>,
+}
+
+impl Args {
+    /// The plainest call: input, output and a ratio.
+    pub fn with_ratio(input: PathBuf, output: PathBuf, ratio: f64) -> Args {
+        Args {
+            input,
+            output,
+            target: TypedTarget { triangles: None, ratio: Some(ratio) },
+            memory: None,
+            threads: None,
+            cell_triangles: DEFAULT_CELL_TRIANGLES,
+            temp_dir: None,
+            keep_temp: false,
+            until: None,
+            force: true,
+            restart: true,
+            dry_run: false,
+            report: None,
+            seams: None,
+        }
+    }
+
+    /// What was typed becomes what was decided.
+    pub fn config(&self) -> Result<Config> {
+        let target = match (self.target.triangles, self.target.ratio) {
+            (Some(count), _) => Target::Triangles(count),
+            (None, Some(ratio)) => Target::Ratio(ratio),
+            (None, None) => return Err(Error::Usage("give --triangles or --ratio".to_owned())),
+        };
+        if self.cell_triangles < 1000 {
+            let what = "--cell-triangles below 1000 leaves cells that are nothing but seam";
+            return Err(Error::Usage(what.to_owned()));
+        }
+        let name = self.output.file_name().ok_or_else(|| {
+            Error::Usage(format!("{} names no file to write", self.output.display()))
+        })?;
+        let mut job_name = name.to_owned();
+        job_name.push(".stonecut-job");
+        let beside = folder_of(&self.output);
+        let threads = cores().try_into().unwrap_or(NonZeroUsize::MIN);
+        Ok(Config {
+            input: self.input.clone(),
+            output: self.output.clone(),
+            target,
+            memory_bytes: memory_budget(self.memory),
+            threads: self.threads.unwrap_or(threads),
+            cell_triangles: self.cell_triangles,
+            job_folder: self.temp_dir.as_deref().unwrap_or(beside).join(job_name),
+            keep_temp: self.keep_temp,
+            until: self.until,
+            force: self.force,
+            restart: self.restart,
+            seams: self.seams.clone(),
+            kernel: kernel::Options::default(),
+        })
+    }
+}
+
+/// Runs the command and gives its exit code.
+pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
+    match simplify(args, talk, progress, log)? {
+        Some(report) if !report.target_met => Ok(EXIT_SHORT),
+        _ => Ok(0),
+    }
+}
+
+/// Prints the plan, runs the job, prints and writes the report.
+pub fn simplify(
+    args: &Args,
+    talk: &Talk,
+    progress: &Progress,
+    log: &mut Log,
+) -> Result<Option<RunReport>> {
+    let config = args.config()?;
+    let plan = Plan::new(&MeshSource::open(&config.input)?, &config)?;
+    for line in plan.lines(&config) {
+        log.say(line);
+    }
+    if args.dry_run {
+        plan.check_disk(&config)?;
+        return Ok(None);
+    }
+    let outcome = watch(talk, progress, log, || pipeline::simplify(&config, progress));
+    let Some(report) = outcome? else {
+        log.say(format!(
+            "stopped as asked; the same command without --until continues. State: {}",
+            config.job_folder.display()
+        ));
+        return Ok(None);
+    };
+    tell(&report, talk, log);
+    if let Some(path) = &args.report {
+        write_report(path, &report)?;
+    }
+    Ok(Some(report))
+}
+
+fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
+    if talk.verbose {
+        for stage in &report.stages {
+            log.say(format!(
+                "{:9} {:7.2} s  {} -> {} triangles, {} read, {} written",
+                stage.name,
+                stage.seconds,
+                show_count(stage.triangles_in),
+                show_count(stage.triangles_out),
+                show_bytes(stage.bytes_read),
+                show_bytes(stage.bytes_written)
+            ));
+        }
+    }
+    log.say(format!(
+        "{}: {} triangles, {} vertices in {:.1} s ({} triangles/s), {} cells, {} rounds, peak {} memory, {} temporary",
+        report.output.path,
+        report.output.triangles,
+        report.output.vertices,
+        report.seconds,
+        show_count(report.triangles_per_second as u64),
+        report.cells,
+        report.rounds,
+        show_bytes(report.peak_memory_bytes),
+        show_bytes(report.peak_temp_bytes)
+    ));
+    if !report.target_met {
+        log.say(format!(
+            "short of the target of {} triangles: {}",
+            report.target, report.stop_reason
+        ));
+    }
+}
+
+fn write_report(path: &Path, report: &RunReport) -> Result<()> {
+    let mut json = serde_json::to_vec_pretty(report).expect("plain data");
+    json.push(b'\n');
+    Disk::default().write_whole(path, &json)
+}

@@ -1,0 +1,69 @@
+//! What was decided for a run of `simplify`: every value final.
+
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+/// Default cell size. Cells of 128k-512k triangles are fastest (KERNEL experiments), and at this size a cell
+/// on each of two cores and the finish fit into a budget of 256 MiB.
+pub const DEFAULT_CELL_TRIANGLES: u64 = 256_000;
+
+/// How far to simplify.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Target {
+    /// At most so many triangles.
+    Triangles(u64),
+    /// This share of the input's triangles, in (0, 1].
+    Ratio(f64),
+}
+
+impl Target {
+    /// The target as a count, for an input of `n_triangles`.
+    pub fn triangles(self, n_triangles: u64) -> u64 {
+        match self {
+            Target::Triangles(count) => count,
+            Target::Ratio(ratio) => (n_triangles as f64 * ratio).round() as u64,
+        }
+    }
+}
+
+/// The stage after which a run stops.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Until {
+    /// Cells lie on disk.
+    Partition,
+    /// Every cell has been simplified once.
+    Simplify,
+    /// The result is final but not yet written.
+    Stitch,
+}
+
+/// A run of `simplify`.
+#[derive(Clone, Debug)]
+pub struct Config {
+    /// The mesh to simplify.
+    pub input: PathBuf,
+    /// Where the result appears.
+    pub output: PathBuf,
+    /// How far to simplify.
+    pub target: Target,
+    /// Memory budget in bytes.
+    pub memory_bytes: u64,
+    /// Worker threads.
+    pub threads: NonZeroUsize,
+    /// Triangles per cell.
+    pub cell_triangles: u64,
+    /// Where temporary data lies.
+    pub job_folder: PathBuf,
+    /// Leave the job folder in place after success.
+    pub keep_temp: bool,
+    /// Stop early.
+    pub until: Option<Until>,
+    /// Overwrite the output.
+    pub force: bool,
+    /// Throw away what an earlier run left.
+    pub restart: bool,
+    /// Where to write the vertices on the first round's seams, as a point set.
+    pub seams: Option<PathBuf>,
+    /// How cells and finish are simplified; the stop is set by the stages.
+    pub kernel: crate::kernel::Options,
+}

@@ -1,0 +1,344 @@
+//! Which edges are collapsed in which order: levels of blocks first, then one exact queue.
+//!
+//! A level drains every block of a few thousand triangles to one common cost threshold before the next
+//! block begins, so that a block's data stays in cache. Only the seeds are local: collapses reach
+//! across, so there are no borders between blocks. Entries are evaluated again when they come up; what
+//! has become dearer than its bucket goes back.
+
+use super::collapse::{Collapser, Plan, classes_allow, roles};
+use super::evaluate::{Edges, Evaluated};
+use super::lanes::Simd;
+use super::legal::{Class, Reject, RejectCounts};
+use super::queue::{BucketQueue, Entry};
+use super::surface::{GONE, Surface};
+
+/// Triangles whose edges seed one queue.
+const BLOCK: usize = 6 * 1024;
+/// Every so many blocks is drained first to find a level's threshold.
+const PILOT_STRIDE: usize = 16;
+/// Meshes of fewer triangles have no levels.
+const MIN_LEVEL_TRIANGLES: u64 = 16 * BLOCK as u64;
+/// A level leaves about this share of the triangles.
+const LEVEL_SHARE: f64 = 0.25;
+/// Levels end at this multiple of the target; the exact queue does the rest.
+const EXACT_MULTIPLE: f64 = 1.4;
+/// A collapse that turns a normal too far is dearer by a factor of two a failure, and goes through
+/// after this many.
+const MAX_FAILURES: u8 = 3;
+
+/// The simplification under way.
+pub(crate) struct Driver {
+    pub(crate) surface: Surface,
+    simd: Simd,
+    collapser: Collapser,
+    pub(crate) rejects: RejectCounts,
+    /// Since the last time the stamps were set to zero; and before.
+    collapses: u64,
+    collapses_before: u64,
+}
+
+/// Where a drain ends.
+#[derive(Clone, Copy)]
+struct Limits {
+    /// Highest cost, in scaled units.
+    cost: f32,
+    /// Number of triangles at which to stop at once.
+    triangles: u64,
+}
+
+/// Up to eight edges that are evaluated together.
+struct Batch {
+    entries: [(u32, Entry); 8],
+    n: usize,
+}
+
+impl Driver {
+    pub(crate) fn new(surface: Surface, simd: Simd) -> Self {
+        Driver {
+            surface,
+            simd,
+            collapser: Collapser::new(),
+            rejects: RejectCounts::default(),
+            collapses: 0,
+            collapses_before: 0,
+        }
+    }
+
+    pub(crate) fn total_collapses(&self) -> u64 {
+        self.collapses + self.collapses_before
+    }
+
+    /// Scaled cost of a threshold in units^4.
+    fn scaled(&self, level: f64) -> f32 {
+        (level * self.surface.scale.powi(4)) as f32
+    }
+
+    /// Drains the whole mesh to one threshold, block by block.
+    pub(crate) fn level(&mut self, level: f64) {
+        let limits = Limits { cost: self.scaled(level), triangles: 0 };
+        let mut queue = BucketQueue::new(3);
+        for block in 0..self.n_blocks() {
+            self.drain_block(&mut queue, block, limits);
+        }
+        self.tidy();
+    }
+
+    /// Simplifies to at most `target` triangles; false if nothing legal is left before.
+    pub(crate) fn to_count(&mut self, target: u64) -> bool {
+        let enough = (target as f64 * EXACT_MULTIPLE) as u64;
+        while self.surface.n_alive > enough.max(MIN_LEVEL_TRIANGLES) {
+            let before = self.surface.n_alive;
+            self.free_level(enough, target);
+            self.tidy();
+            if self.surface.n_alive as f64 > before as f64 * 0.97 {
+                break;
+            }
+        }
+        self.exact(target)
+    }
+
+    fn n_blocks(&self) -> usize {
+        self.surface.triangles.len().div_ceil(BLOCK)
+    }
+
+    fn tidy(&mut self) {
+        if (self.surface.n_alive as f64) < 0.75 * self.surface.triangles.len() as f64 {
+            self.surface.compact(self.simd);
+            self.collapses_before += std::mem::take(&mut self.collapses);
+        }
+    }
+
+    /// One level whose threshold comes from a sample of the blocks.
+    fn free_level(&mut self, enough: u64, target: u64) {
+        let n_blocks = self.n_blocks();
+        let share = (enough as f64 / self.surface.n_alive as f64).max(LEVEL_SHARE);
+        let pilot: Vec<usize> = (0..n_blocks).step_by(PILOT_STRIDE).collect();
+        let count = |driver: &Self| -> usize {
+            let alive = |&block: &usize| driver.block(block).filter(|t| t[0] != GONE).count();
+            pilot.iter().map(alive).sum()
+        };
+        let wanted = (count(self) as f64 * share) as usize;
+        let mut cost = self.low_cost(&pilot, (1.0 - share) * 0.6);
+        let mut queue = BucketQueue::new(3);
+        for _ in 0..200 {
+            let limits = Limits { cost, triangles: target };
+            for &block in &pilot {
+                self.drain_block(&mut queue, block, limits);
+            }
+            if count(self) <= wanted {
+                break;
+            }
+            cost *= std::f32::consts::SQRT_2;
+        }
+        for block in (0..n_blocks).filter(|block| block % PILOT_STRIDE != 0) {
+            self.drain_block(&mut queue, block, Limits { cost, triangles: target });
+        }
+    }
+
+    fn block(&self, block: usize) -> impl Iterator<Item = &[u32; 3]> {
+        let end = ((block + 1) * BLOCK).min(self.surface.triangles.len());
+        self.surface.triangles[block * BLOCK..end].iter()
+    }
+
+    /// The cost that a share of the edges does not reach.
+    fn low_cost(&mut self, blocks: &[usize], share: f64) -> f32 {
+        let mut costs = Vec::new();
+        for &block in blocks {
+            let end = ((block + 1) * BLOCK).min(self.surface.triangles.len());
+            self.each_edge(block * BLOCK..end, |_, _, cost| costs.push(cost));
+        }
+        if costs.is_empty() {
+            return f32::MIN_POSITIVE;
+        }
+        let at = (costs.len() as f64 * share) as usize;
+        costs.select_nth_unstable_by(at, f32::total_cmp).1.max(f32::MIN_POSITIVE)
+    }
+
+    /// Evaluates the edges of some triangles, each once, and hands those that classes allow to `take`.
+    fn each_edge(&self, range: std::ops::Range<usize>, mut take: impl FnMut(u32, u32, f32)) {
+        let surface = &self.surface;
+        let mut pairs = [(0u32, 0u32); 8];
+        let mut n = 0;
+        let class = |v: u32| surface.rings[v as usize].class;
+        for t in &surface.triangles[range] {
+            if t[0] == GONE {
+                continue;
+            }
+            for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+                // An inner edge comes up twice, in either direction; an open one may come up in one only.
+                let once = a < b
+                    || (class(a) != Some(Class::Interior) && class(b) != Some(Class::Interior));
+                if !once {
+                    continue;
+                }
+                let (v0, v1) = roles(surface, a, b);
+                if classes_allow(surface, v0, v1).is_err() {
+                    continue;
+                }
+                pairs[n] = (v0, v1);
+                n += 1;
+                if n == 8 {
+                    let found = self.evaluate(&pairs);
+                    for (i, &(v0, v1)) in pairs.iter().enumerate() {
+                        take(v0, v1, found.cost[i]);
+                    }
+                    n = 0;
+                }
+            }
+        }
+        if n > 0 {
+            let first = pairs[0];
+            pairs[n..].fill(first);
+            let found = self.evaluate(&pairs);
+            for (i, &(v0, v1)) in pairs[..n].iter().enumerate() {
+                take(v0, v1, found.cost[i]);
+            }
+        }
+    }
+
+    fn evaluate(&self, pairs: &[(u32, u32); 8]) -> Evaluated {
+        let surface = &self.surface;
+        let fixed = |v: u32| surface.rings[v as usize].class.is_some_and(Class::is_fixed);
+        self.simd.run(Edges {
+            v0: std::array::from_fn(|i| &surface.vertices[pairs[i].0 as usize]),
+            v1: std::array::from_fn(|i| &surface.vertices[pairs[i].1 as usize]),
+            fixed: std::array::from_fn(|i| if fixed(pairs[i].1) { 1.0 } else { 0.0 }),
+            scale: surface.scale,
+        })
+    }
+
+    fn drain_block(&mut self, queue: &mut BucketQueue, block: usize, limits: Limits) {
+        queue.clear();
+        let end = ((block + 1) * BLOCK).min(self.surface.triangles.len());
+        self.each_edge(block * BLOCK..end, |v0, v1, cost| {
+            if cost <= limits.cost {
+                queue.push(queue.bucket(cost), Entry { v0, v1, failures: 0 });
+            }
+        });
+        self.drain(queue, limits);
+    }
+
+    /// One fine queue over everything, to the exact count.
+    fn exact(&mut self, target: u64) -> bool {
+        let mut queue = BucketQueue::new(5);
+        while self.surface.n_alive > target {
+            let before = self.surface.n_alive;
+            queue.clear();
+            self.each_edge(0..self.surface.triangles.len(), |v0, v1, cost| {
+                if cost < f32::INFINITY {
+                    queue.push(queue.bucket(cost), Entry { v0, v1, failures: 0 });
+                }
+            });
+            self.drain(&mut queue, Limits { cost: f32::MAX, triangles: target });
+            // What was refused may have become legal since; without any progress it has not.
+            if self.surface.n_alive == before {
+                return false;
+            }
+        }
+        true
+    }
+
+    /// The vertex that a vertex has been merged into, or itself.
+    fn survivor(&mut self, v: u32) -> u32 {
+        let mut at = v;
+        while self.surface.rings[at as usize].class.is_none() {
+            at = self.surface.rings[at as usize].start;
+        }
+        let mut walk = v;
+        while walk != at {
+            let ring = &mut self.surface.rings[walk as usize];
+            walk = std::mem::replace(&mut ring.start, at);
+        }
+        at
+    }
+
+    /// Takes entries out, follows them to their survivors and drops those that came to nothing.
+    fn fill(&mut self, queue: &mut BucketQueue, batch: &mut Batch) {
+        batch.n = 0;
+        while batch.n < 8 {
+            let Some((bucket, entry)) = queue.pop() else { break };
+            let (a, b) = (self.survivor(entry.v0), self.survivor(entry.v1));
+            if a == b {
+                continue;
+            }
+            let (v0, v1) = roles(&self.surface, a, b);
+            if queue.is_double(bucket, v0, v1) {
+                continue;
+            }
+            match classes_allow(&self.surface, v0, v1) {
+                Ok(()) => {
+                    batch.entries[batch.n] = (bucket, Entry { v0, v1, ..entry });
+                    batch.n += 1;
+                }
+                Err(reason) => self.rejects.add(reason),
+            }
+        }
+    }
+
+    fn drain(&mut self, queue: &mut BucketQueue, limits: Limits) {
+        let mut batch = Batch { entries: [(0, Entry { v0: 0, v1: 0, failures: 0 }); 8], n: 0 };
+        while self.surface.n_alive > limits.triangles {
+            self.fill(queue, &mut batch);
+            if batch.n == 0 {
+                return;
+            }
+            let pair = |i: usize| {
+                let entry = batch.entries[if i < batch.n { i } else { 0 }].1;
+                (entry.v0, entry.v1)
+            };
+            let found = self.evaluate(&std::array::from_fn(pair));
+            let begun = self.collapses;
+            for i in 0..batch.n {
+                let (bucket, entry) = batch.entries[i];
+                if self.surface.n_alive <= limits.triangles {
+                    return;
+                }
+                let changed = |v: u32| {
+                    let ring = &self.surface.rings[v as usize];
+                    let stamp = u64::from(self.surface.vertices[v as usize].stamp);
+                    ring.class.is_none() || stamp > begun
+                };
+                if changed(entry.v0) || changed(entry.v1) {
+                    queue.push(bucket, entry);
+                    continue;
+                }
+                let cost = found.cost[i] * f32::from(1u8 << entry.failures);
+                let allowed = cost <= limits.cost;
+                if !allowed {
+                    continue;
+                }
+                let now = queue.bucket(cost);
+                if now > bucket {
+                    queue.put_back(now, entry);
+                    continue;
+                }
+                self.attempt(queue, entry, cost, limits, [0, 1, 2].map(|k| found.place[k][i]));
+            }
+        }
+    }
+
+    fn attempt(
+        &mut self,
+        queue: &mut BucketQueue,
+        entry: Entry,
+        cost: f32,
+        limits: Limits,
+        place: [f32; 3],
+    ) {
+        let may_turn = entry.failures >= MAX_FAILURES;
+        let plan = Plan { v0: entry.v0, v1: entry.v1, place, may_turn };
+        let number = (self.collapses + 1) as u32;
+        match self.collapser.attempt(&mut self.surface, plan, number, self.simd) {
+            Ok(()) => self.collapses += 1,
+            Err(reason @ (Reject::Flip | Reject::Sliver)) if !may_turn => {
+                self.rejects.add(reason);
+                let dearer = cost * 2.0;
+                if dearer <= limits.cost {
+                    let entry = Entry { failures: entry.failures + 1, ..entry };
+                    queue.push(queue.bucket(dearer), entry);
+                }
+            }
+            Err(reason) => self.rejects.add(reason),
+        }
+    }
+}

@@ -1,0 +1,325 @@
+//! Eight f32 lanes: with AVX2 where the processor has it, portably elsewhere, with the same bytes.
+//!
+//! Every operation is one correctly rounded IEEE operation a lane, none is fused, so both kinds agree to
+//! the last bit. All `unsafe` of the kernel is in this file. It knows the layout of a vertex, no mesh.
+
+use super::surface::Vertex;
+
+/// Which lanes to use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Simd {
+    /// Arrays of eight, left to the compiler.
+    Portable,
+    /// 256-bit registers; only made by `detect`.
+    #[cfg(target_arch = "x86_64")]
+    Avx2(Avx2Token),
+}
+
+/// Proof that AVX2 is there.
+#[cfg(target_arch = "x86_64")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Avx2Token(());
+
+impl Simd {
+    /// The fastest lanes that this processor has.
+    pub(crate) fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            return Simd::Avx2(Avx2Token(()));
+        }
+        Simd::Portable
+    }
+}
+
+/// Work that can be done with either kind of lanes.
+pub(crate) trait Job {
+    type Output;
+    fn run<L: Lanes>(self) -> Self::Output;
+}
+
+impl Simd {
+    /// Does `job` with these lanes. `job.run` must be `#[inline(always)]` to gain from them.
+    #[inline(always)]
+    pub(crate) fn run<J: Job>(self, job: J) -> J::Output {
+        match self {
+            Simd::Portable => job.run::<Portable>(),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: the token is only made after AVX2 was detected.
+            Simd::Avx2(_) => unsafe { avx2::run(job) },
+        }
+    }
+}
+
+/// Eight numbers. `lt_select(a, b, x, y)` is `x` where a < b, else `y` (also where a or b is NaN).
+pub(crate) trait Lanes: Copy {
+    fn splat(x: f32) -> Self;
+    fn load(x: &[f32; 8]) -> Self;
+    fn store(self) -> [f32; 8];
+    fn plus(self, other: Self) -> Self;
+    fn minus(self, other: Self) -> Self;
+    fn times(self, other: Self) -> Self;
+    fn over(self, other: Self) -> Self;
+    fn root(self) -> Self;
+    /// The greater of both; `other` if either is NaN.
+    fn greater(self, other: Self) -> Self;
+    fn lt_select(a: Self, b: Self, x: Self, y: Self) -> Self;
+    /// x, y, z of each vertex minus `base`, times `scale`, subtracted in f64.
+    fn relative(vertices: [&Vertex; 8], base: [&[f64; 3]; 8], scale: f64) -> [Self; 3];
+    /// The nine numbers of each vertex's quadric, one array a number.
+    fn quadrics(vertices: [&Vertex; 8]) -> [Self; 9];
+    /// Eight numbers of each lane, one array a lane.
+    fn store_rows(columns: [Self; 8], rows: &mut [[f32; 8]; 8]);
+}
+
+/// Eight numbers in an array.
+#[derive(Clone, Copy)]
+pub(crate) struct Portable([f32; 8]);
+
+impl Portable {
+    #[inline(always)]
+    fn zip(self, other: Self, f: impl Fn(f32, f32) -> f32) -> Self {
+        Portable(std::array::from_fn(|i| f(self.0[i], other.0[i])))
+    }
+}
+
+impl Lanes for Portable {
+    #[inline(always)]
+    fn splat(x: f32) -> Self {
+        Portable([x; 8])
+    }
+    #[inline(always)]
+    fn load(x: &[f32; 8]) -> Self {
+        Portable(*x)
+    }
+    #[inline(always)]
+    fn store(self) -> [f32; 8] {
+        self.0
+    }
+    #[inline(always)]
+    fn plus(self, other: Self) -> Self {
+        self.zip(other, |a, b| a + b)
+    }
+    #[inline(always)]
+    fn minus(self, other: Self) -> Self {
+        self.zip(other, |a, b| a - b)
+    }
+    #[inline(always)]
+    fn times(self, other: Self) -> Self {
+        self.zip(other, |a, b| a * b)
+    }
+    #[inline(always)]
+    fn over(self, other: Self) -> Self {
+        self.zip(other, |a, b| a / b)
+    }
+    #[inline(always)]
+    fn root(self) -> Self {
+        Portable(self.0.map(f32::sqrt))
+    }
+    #[inline(always)]
+    fn greater(self, other: Self) -> Self {
+        self.zip(other, |a, b| if a > b { a } else { b })
+    }
+    #[inline(always)]
+    fn lt_select(a: Self, b: Self, x: Self, y: Self) -> Self {
+        Portable(std::array::from_fn(|i| if a.0[i] < b.0[i] { x.0[i] } else { y.0[i] }))
+    }
+    #[inline(always)]
+    fn relative(vertices: [&Vertex; 8], base: [&[f64; 3]; 8], scale: f64) -> [Self; 3] {
+        std::array::from_fn(|axis| {
+            let at = |i: usize| (vertices[i].position[axis] - base[i][axis]) * scale;
+            Portable(std::array::from_fn(|i| at(i) as f32))
+        })
+    }
+    #[inline(always)]
+    fn quadrics(vertices: [&Vertex; 8]) -> [Self; 9] {
+        std::array::from_fn(|row| Portable(std::array::from_fn(|i| vertices[i].quadric[row])))
+    }
+    #[inline(always)]
+    fn store_rows(columns: [Self; 8], rows: &mut [[f32; 8]; 8]) {
+        for (lane, row) in rows.iter_mut().enumerate() {
+            for (x, column) in row.iter_mut().zip(&columns) {
+                *x = column.0[lane];
+            }
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod avx2 {
+    use std::arch::x86_64::*;
+
+    use super::{Job, Lanes};
+    use crate::kernel::surface::Vertex;
+
+    /// Runs a job with AVX2 allowed.
+    ///
+    /// # Safety
+    /// The processor must have AVX2.
+    #[target_feature(enable = "avx2")]
+    pub(super) unsafe fn run<J: Job>(job: J) -> J::Output {
+        job.run::<Avx2>()
+    }
+
+    /// Eight numbers in a register; exists only inside of `run`, which vouches for AVX2.
+    #[derive(Clone, Copy)]
+    pub(super) struct Avx2(__m256);
+
+    /// Two points minus their bases, times `scale`, side by side.
+    ///
+    /// # Safety
+    /// The processor must have AVX2; each pointer must be to three numbers.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    unsafe fn rows(
+        p: *const f64,
+        from_p: *const f64,
+        q: *const f64,
+        from_q: *const f64,
+        mask: __m256i,
+        scale: __m256d,
+    ) -> __m256 {
+        // SAFETY: the mask keeps the loads to three numbers.
+        let (p, from_p, q, from_q) = unsafe {
+            (
+                _mm256_maskload_pd(p, mask),
+                _mm256_maskload_pd(from_p, mask),
+                _mm256_maskload_pd(q, mask),
+                _mm256_maskload_pd(from_q, mask),
+            )
+        };
+        let p = _mm256_cvtpd_ps(_mm256_mul_pd(_mm256_sub_pd(p, from_p), scale));
+        let q = _mm256_cvtpd_ps(_mm256_mul_pd(_mm256_sub_pd(q, from_q), scale));
+        _mm256_set_m128(q, p)
+    }
+
+    /// Rows become columns.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    fn transposed(r: [__m256; 8]) -> [__m256; 8] {
+        let (t0, t1) = (_mm256_unpacklo_ps(r[0], r[1]), _mm256_unpackhi_ps(r[0], r[1]));
+        let (t2, t3) = (_mm256_unpacklo_ps(r[2], r[3]), _mm256_unpackhi_ps(r[2], r[3]));
+        let (t4, t5) = (_mm256_unpacklo_ps(r[4], r[5]), _mm256_unpackhi_ps(r[4], r[5]));
+        let (t6, t7) = (_mm256_unpacklo_ps(r[6], r[7]), _mm256_unpackhi_ps(r[6], r[7]));
+        let (s0, s1) = (_mm256_shuffle_ps::<0x44>(t0, t2), _mm256_shuffle_ps::<0xEE>(t0, t2));
+        let (s2, s3) = (_mm256_shuffle_ps::<0x44>(t1, t3), _mm256_shuffle_ps::<0xEE>(t1, t3));
+        let (s4, s5) = (_mm256_shuffle_ps::<0x44>(t4, t6), _mm256_shuffle_ps::<0xEE>(t4, t6));
+        let (s6, s7) = (_mm256_shuffle_ps::<0x44>(t5, t7), _mm256_shuffle_ps::<0xEE>(t5, t7));
+        [
+            _mm256_permute2f128_ps::<0x20>(s0, s4),
+            _mm256_permute2f128_ps::<0x20>(s1, s5),
+            _mm256_permute2f128_ps::<0x20>(s2, s6),
+            _mm256_permute2f128_ps::<0x20>(s3, s7),
+            _mm256_permute2f128_ps::<0x31>(s0, s4),
+            _mm256_permute2f128_ps::<0x31>(s1, s5),
+            _mm256_permute2f128_ps::<0x31>(s2, s6),
+            _mm256_permute2f128_ps::<0x31>(s3, s7),
+        ]
+    }
+
+    // SAFETY of every block below: `Avx2` is private to this module and named only by `run`, whose
+    // caller has made sure of AVX2; the loads are of arrays that are at least as long as what is read.
+    impl Lanes for Avx2 {
+        #[inline(always)]
+        fn splat(x: f32) -> Self {
+            Avx2(unsafe { _mm256_set1_ps(x) })
+        }
+        #[inline(always)]
+        fn load(x: &[f32; 8]) -> Self {
+            Avx2(unsafe { _mm256_loadu_ps(x.as_ptr()) })
+        }
+        #[inline(always)]
+        fn store(self) -> [f32; 8] {
+            let mut x = [0.0; 8];
+            unsafe { _mm256_storeu_ps(x.as_mut_ptr(), self.0) };
+            x
+        }
+        #[inline(always)]
+        fn plus(self, other: Self) -> Self {
+            Avx2(unsafe { _mm256_add_ps(self.0, other.0) })
+        }
+        #[inline(always)]
+        fn minus(self, other: Self) -> Self {
+            Avx2(unsafe { _mm256_sub_ps(self.0, other.0) })
+        }
+        #[inline(always)]
+        fn times(self, other: Self) -> Self {
+            Avx2(unsafe { _mm256_mul_ps(self.0, other.0) })
+        }
+        #[inline(always)]
+        fn over(self, other: Self) -> Self {
+            Avx2(unsafe { _mm256_div_ps(self.0, other.0) })
+        }
+        #[inline(always)]
+        fn root(self) -> Self {
+            Avx2(unsafe { _mm256_sqrt_ps(self.0) })
+        }
+        #[inline(always)]
+        fn greater(self, other: Self) -> Self {
+            Avx2(unsafe { _mm256_max_ps(self.0, other.0) })
+        }
+        #[inline(always)]
+        fn lt_select(a: Self, b: Self, x: Self, y: Self) -> Self {
+            Avx2(unsafe { _mm256_blendv_ps(y.0, x.0, _mm256_cmp_ps::<_CMP_LT_OQ>(a.0, b.0)) })
+        }
+        #[inline(always)]
+        fn relative(vertices: [&Vertex; 8], base: [&[f64; 3]; 8], scale: f64) -> [Self; 3] {
+            unsafe {
+                let mask = _mm256_setr_epi64x(-1, -1, -1, 0);
+                let scale = _mm256_set1_pd(scale);
+                let at = |i: usize| vertices[i].position.as_ptr();
+                let from = |i: usize| base[i].as_ptr();
+                let r0 = rows(at(0), from(0), at(4), from(4), mask, scale);
+                let r1 = rows(at(1), from(1), at(5), from(5), mask, scale);
+                let r2 = rows(at(2), from(2), at(6), from(6), mask, scale);
+                let r3 = rows(at(3), from(3), at(7), from(7), mask, scale);
+                let (xy01, z01) = (_mm256_unpacklo_ps(r0, r1), _mm256_unpackhi_ps(r0, r1));
+                let (xy23, z23) = (_mm256_unpacklo_ps(r2, r3), _mm256_unpackhi_ps(r2, r3));
+                [
+                    Avx2(_mm256_shuffle_ps::<0x44>(xy01, xy23)),
+                    Avx2(_mm256_shuffle_ps::<0xEE>(xy01, xy23)),
+                    Avx2(_mm256_shuffle_ps::<0x44>(z01, z23)),
+                ]
+            }
+        }
+        #[inline(always)]
+        fn store_rows(columns: [Self; 8], rows: &mut [[f32; 8]; 8]) {
+            let c = &columns;
+            unsafe {
+                let r =
+                    transposed([c[0].0, c[1].0, c[2].0, c[3].0, c[4].0, c[5].0, c[6].0, c[7].0]);
+                _mm256_storeu_ps(rows[0].as_mut_ptr(), r[0]);
+                _mm256_storeu_ps(rows[1].as_mut_ptr(), r[1]);
+                _mm256_storeu_ps(rows[2].as_mut_ptr(), r[2]);
+                _mm256_storeu_ps(rows[3].as_mut_ptr(), r[3]);
+                _mm256_storeu_ps(rows[4].as_mut_ptr(), r[4]);
+                _mm256_storeu_ps(rows[5].as_mut_ptr(), r[5]);
+                _mm256_storeu_ps(rows[6].as_mut_ptr(), r[6]);
+                _mm256_storeu_ps(rows[7].as_mut_ptr(), r[7]);
+            }
+        }
+        #[inline(always)]
+        fn quadrics(vertices: [&Vertex; 8]) -> [Self; 9] {
+            unsafe {
+                let at = |i: usize| vertices[i].quadric.as_ptr();
+                let (r0, r1) = (_mm256_loadu_ps(at(0)), _mm256_loadu_ps(at(1)));
+                let (r2, r3) = (_mm256_loadu_ps(at(2)), _mm256_loadu_ps(at(3)));
+                let (r4, r5) = (_mm256_loadu_ps(at(4)), _mm256_loadu_ps(at(5)));
+                let (r6, r7) = (_mm256_loadu_ps(at(6)), _mm256_loadu_ps(at(7)));
+                let last: [f32; 8] = std::array::from_fn(|i| vertices[i].quadric[8]);
+                let [x0, x1, x2, x3, x4, x5, x6, x7] = transposed([r0, r1, r2, r3, r4, r5, r6, r7]);
+                let last = _mm256_loadu_ps(last.as_ptr());
+                [
+                    Avx2(x0),
+                    Avx2(x1),
+                    Avx2(x2),
+                    Avx2(x3),
+                    Avx2(x4),
+                    Avx2(x5),
+                    Avx2(x6),
+                    Avx2(x7),
+                    Avx2(last),
+                ]
+            }
+        }
+    }
+}

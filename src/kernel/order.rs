@@ -1,0 +1,76 @@
+//! Brings vertices and triangles into coarse Morton order, so that blocks of triangles are compact.
+//!
+//! A counting sort over cells of a cube around the mesh: about 20 ns a triangle, whatever the order of
+//! the input. Inside of a cell the order of the input stays. It moves only indices; the caller moves the
+//! data.
+
+use super::vector::Vec3;
+
+/// Triangles a cell of the cube holds on average, if the mesh is a surface.
+const TRIANGLES_A_CELL: usize = 128;
+
+/// Order of vertices and of triangles.
+pub(crate) struct Order {
+    /// For each old vertex its new place.
+    pub(crate) vertex_place: Vec<u32>,
+    /// For each old triangle its new place.
+    pub(crate) triangle_place: Vec<u32>,
+}
+
+/// Spreads the lowest ten bits of `x` to every third bit.
+fn spread(x: u32) -> u32 {
+    let x = (x | x << 16) & 0x0300_00FF;
+    let x = (x | x << 8) & 0x0300_F00F;
+    let x = (x | x << 4) & 0x030C_30C3;
+    (x | x << 2) & 0x0924_9249
+}
+
+/// Lower corner and longest side of the box around the points.
+pub(crate) fn bounds(positions: &[Vec3]) -> (Vec3, f64) {
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for p in positions {
+        for axis in 0..3 {
+            low[axis] = low[axis].min(p[axis]);
+            high[axis] = high[axis].max(p[axis]);
+        }
+    }
+    let side = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
+    (low, side)
+}
+
+/// Turns keys into places, in place; keys are below `n_keys`.
+fn counting_sort(keys: &mut [u32], n_keys: usize) {
+    let mut starts = vec![0u32; n_keys + 1];
+    for &key in keys.iter() {
+        starts[key as usize + 1] += 1;
+    }
+    for i in 1..starts.len() {
+        starts[i] += starts[i - 1];
+    }
+    for key in keys {
+        let start = &mut starts[*key as usize];
+        *key = *start;
+        *start += 1;
+    }
+}
+
+/// Finds the order. Memory: 4 bytes a vertex and 4 a triangle.
+pub(crate) fn morton(positions: &[Vec3], triangles: &[[u32; 3]]) -> Order {
+    let (low, side) = bounds(positions);
+    let cells = (triangles.len() / TRIANGLES_A_CELL).max(1);
+    // A surface meets about 4^bits of 8^bits cells.
+    let bits = (cells.ilog2() / 2 + 1).min(8);
+    let to_cell = f64::from(1u32 << bits) / side;
+    let top = (1u32 << bits) - 1;
+    let key = |p: &Vec3| {
+        // A cast from NaN gives 0, so a mesh without extent lies in one cell.
+        let at = |axis: usize| (((p[axis] - low[axis]) * to_cell) as u32).min(top);
+        spread(at(0)) | spread(at(1)) << 1 | spread(at(2)) << 2
+    };
+    let mut vertex_place: Vec<u32> = positions.iter().map(key).collect();
+    let mut triangle_place: Vec<u32> =
+        triangles.iter().map(|t| vertex_place[t[0] as usize]).collect();
+    counting_sort(&mut vertex_place, 1 << (3 * bits));
+    counting_sort(&mut triangle_place, 1 << (3 * bits));
+    Order { vertex_place, triangle_place }
+}

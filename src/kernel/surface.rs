@@ -1,0 +1,351 @@
+//! The mesh while it is being simplified: vertices of one cache line, triangles, rings.
+//!
+//! A ring lists the triangles of a vertex in a common arena; a merged ring takes over a slot that is
+//! large enough or is appended. Building and compacting live here, collapses do not.
+
+use super::evaluate::{Rows, Triangles};
+use super::lanes::Simd;
+use super::legal::Class;
+use super::order;
+use super::vector::Vec3;
+use crate::mesh::Mesh;
+
+/// First corner of a triangle that is gone.
+pub(crate) const GONE: u32 = u32::MAX;
+/// Weight of a boundary edge: |e|^2 times the squared distance to its line times this.
+const BOUNDARY_WEIGHT: f32 = 1.0;
+/// Vertices of more triangles than this are left alone, so that no ring costs more than that.
+pub(crate) const MAX_VALENCE: u32 = 200;
+
+/// All that an edge's evaluation needs to know of its ends: one cache line.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub(crate) struct Vertex {
+    /// In input units, exactly.
+    pub(crate) position: Vec3,
+    /// A (xx, xy, xz, yy, yz, zz) and G (x, y, z), in scaled units.
+    pub(crate) quadric: [f32; 9],
+    /// Number of the collapse that changed it last.
+    pub(crate) stamp: u32,
+}
+
+/// Where the triangles of a vertex are listed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ring {
+    /// First place in the arena; of a vertex that is gone: the vertex it was merged into.
+    pub(crate) start: u32,
+    pub(crate) len: u32,
+    pub(crate) room: u32,
+    /// `None` if the vertex is gone.
+    pub(crate) class: Option<Class>,
+}
+
+/// The mesh, its rings and what it came from. About 70 bytes a triangle at the start.
+pub(crate) struct Surface {
+    pub(crate) vertices: Vec<Vertex>,
+    pub(crate) rings: Vec<Ring>,
+    pub(crate) arena: Vec<u32>,
+    pub(crate) triangles: Vec<[u32; 3]>,
+    pub(crate) n_alive: u64,
+    /// Input vertex of each vertex.
+    pub(crate) source: Vec<u32>,
+    pub(crate) channels: Vec<f32>,
+    pub(crate) n_channels: usize,
+    /// Power of two that brings edges near to length 1, so that f32 neither over- nor underflows.
+    pub(crate) scale: f64,
+}
+
+/// Quadric of a boundary edge: squared length times squared distance to its line.
+#[inline(always)]
+pub(crate) fn boundary_quadric(edge: [f32; 3]) -> [f32; 6] {
+    let [x, y, z] = edge;
+    let sq = x * x + y * y + z * z;
+    let w = BOUNDARY_WEIGHT;
+    [w * (sq - x * x), -w * (x * y), -w * (x * z), w * (sq - y * y), -w * (y * z), w * (sq - z * z)]
+}
+
+/// A triangle as seen from one of its corners: the other two, in its sense of rotation.
+#[inline(always)]
+pub(crate) fn others(triangle: [u32; 3], v: u32) -> (u32, u32) {
+    let [x, y, z] = triangle;
+    if x == v {
+        (y, z)
+    } else if y == v {
+        (z, x)
+    } else {
+        (x, y)
+    }
+}
+
+fn is_proper(t: &[u32; 3]) -> bool {
+    t[0] != t[1] && t[1] != t[2] && t[2] != t[0]
+}
+
+impl Surface {
+    /// Takes a mesh apart. Triangles that repeat a corner are dropped.
+    pub(crate) fn new(mut mesh: Mesh, locked: &[bool], simd: Simd) -> Self {
+        mesh.triangles.retain(is_proper);
+        let order = order::morton(&mesh.positions, &mesh.triangles);
+        let (_, side) = order::bounds(&mesh.positions);
+        // Powers of two do not round: the scale changes no bit of the result.
+        let exponent = if side > 0.0 && side.is_finite() { side.log2().floor() } else { 0.0 };
+        let scale = (10.0 - exponent).clamp(-1000.0, 1000.0).exp2();
+        let n_vertices = mesh.positions.len();
+        let blank = Vertex { position: [0.0; 3], quadric: [0.0; 9], stamp: 0 };
+        let mut vertices = vec![blank; n_vertices];
+        let mut source = vec![0u32; n_vertices];
+        let mut channels = vec![0.0; mesh.channels.len()];
+        let n_channels = mesh.n_channels;
+        let open = Ring { start: 0, len: 0, room: 0, class: Some(Class::Interior) };
+        let mut rings = vec![open; n_vertices];
+        for (old, &new) in order.vertex_place.iter().enumerate() {
+            let new = new as usize;
+            vertices[new].position = mesh.positions[old];
+            source[new] = old as u32;
+            let from = old * n_channels;
+            channels[new * n_channels..][..n_channels]
+                .copy_from_slice(&mesh.channels[from..from + n_channels]);
+            if locked[old] {
+                rings[new].class = Some(Class::Locked);
+            }
+        }
+        let mut triangles = vec![[0u32; 3]; mesh.triangles.len()];
+        for (t, &new) in mesh.triangles.iter().zip(&order.triangle_place) {
+            triangles[new as usize] = t.map(|v| order.vertex_place[v as usize]);
+        }
+        let n_alive = triangles.len() as u64;
+        drop((mesh, order));
+        let mut surface = Surface {
+            vertices,
+            rings,
+            arena: Vec::new(),
+            triangles,
+            n_alive,
+            source,
+            channels,
+            n_channels,
+            scale,
+        };
+        surface.build(simd, false);
+        surface
+    }
+
+    /// Drops what is gone, keeps the order of the rest, and builds rings and quadrics anew.
+    pub(crate) fn compact(&mut self, simd: Simd) {
+        let mut place = vec![GONE; self.vertices.len()];
+        let mut n = 0;
+        for old in 0..self.vertices.len() {
+            let ring = self.rings[old];
+            if ring.class.is_none() || ring.len == 0 {
+                continue;
+            }
+            place[old] = n as u32;
+            self.vertices[n] = self.vertices[old];
+            self.rings[n] = ring;
+            self.source[n] = self.source[old];
+            for channel in 0..self.n_channels {
+                self.channels[n * self.n_channels + channel] =
+                    self.channels[old * self.n_channels + channel];
+            }
+            n += 1;
+        }
+        self.vertices.truncate(n);
+        self.rings.truncate(n);
+        self.source.truncate(n);
+        self.channels.truncate(n * self.n_channels);
+        self.triangles.retain(|t| t[0] != GONE);
+        for t in &mut self.triangles {
+            *t = t.map(|v| place[v as usize]);
+        }
+        self.build(simd, true);
+    }
+
+    /// Rings, quadrics and classes from vertices and triangles; `again` after a compaction.
+    fn build(&mut self, simd: Simd, again: bool) {
+        for (vertex, ring) in self.vertices.iter_mut().zip(&mut self.rings) {
+            vertex.quadric = [0.0; 9];
+            vertex.stamp = 0;
+            ring.len = 0;
+        }
+        for t in &self.triangles {
+            for &v in t {
+                self.rings[v as usize].len += 1;
+            }
+        }
+        let mut start = 0;
+        for ring in &mut self.rings {
+            ring.start = start;
+            ring.room = ring.len;
+            start += ring.len;
+            ring.len = 0;
+        }
+        self.arena.clear();
+        self.arena.resize(start as usize, 0);
+        self.sum_quadrics(simd);
+        for (id, t) in self.triangles.iter().enumerate() {
+            for &v in t {
+                let ring = &mut self.rings[v as usize];
+                self.arena[(ring.start + ring.len) as usize] = id as u32;
+                ring.len += 1;
+            }
+        }
+        let mut scratch = Fan::new();
+        for v in 0..self.vertices.len() as u32 {
+            // A vertex that is interior stays so.
+            if !again || self.rings[v as usize].class != Some(Class::Interior) {
+                self.classify(v, &mut scratch);
+            }
+        }
+    }
+
+    fn sum_quadrics(&mut self, simd: Simd) {
+        let mut rows = Rows::ZERO;
+        for first in (0..self.triangles.len()).step_by(8) {
+            let eight = &self.triangles[first..(first + 8).min(self.triangles.len())];
+            let corner = |i: usize, k: usize| {
+                let t = eight[i.min(eight.len() - 1)];
+                &self.vertices[t[k] as usize]
+            };
+            simd.run(Triangles {
+                a: std::array::from_fn(|i| corner(i, 0)),
+                b: std::array::from_fn(|i| corner(i, 1)),
+                c: std::array::from_fn(|i| corner(i, 2)),
+                scale: self.scale,
+                out: &mut rows,
+            });
+            for (i, t) in eight.iter().enumerate() {
+                for &v in t {
+                    rows.add_to(i, &mut self.vertices[v as usize].quadric);
+                }
+            }
+        }
+    }
+
+    /// Scaled vector from one vertex to another.
+    #[inline(always)]
+    pub(crate) fn edge(&self, from: u32, to: u32) -> [f32; 3] {
+        let (p, q) = (self.vertices[from as usize].position, self.vertices[to as usize].position);
+        std::array::from_fn(|i| ((q[i] - p[i]) * self.scale) as f32)
+    }
+
+    /// The triangles of a vertex.
+    #[inline(always)]
+    pub(crate) fn ring(&self, v: u32) -> &[u32] {
+        let ring = self.rings[v as usize];
+        &self.arena[ring.start as usize..(ring.start + ring.len) as usize]
+    }
+
+    /// Finds the class of a vertex that is not locked and adds the quadrics of its boundary edges.
+    fn classify(&mut self, v: u32, fan: &mut Fan) {
+        if self.rings[v as usize].class == Some(Class::Locked) {
+            return;
+        }
+        let valence = self.rings[v as usize].len;
+        let class = if valence > MAX_VALENCE { Class::Complex } else { fan.look(self, v) };
+        self.rings[v as usize].class = Some(class);
+        if class == Class::Boundary {
+            for &w in &fan.ends {
+                let quadric = boundary_quadric(self.edge(v, w));
+                let sum = &mut self.vertices[v as usize].quadric;
+                for (sum, x) in sum.iter_mut().zip(quadric) {
+                    *sum += x;
+                }
+            }
+        }
+    }
+
+    /// The mesh that is left, vertices in the order of their sources.
+    pub(crate) fn into_mesh(mut self) -> (Mesh, Vec<u32>) {
+        self.triangles.retain(|t| t[0] != GONE);
+        let mut used: Vec<(u32, u32)> = Vec::new();
+        let mut place = vec![GONE; self.vertices.len()];
+        for t in &self.triangles {
+            for &v in t {
+                if place[v as usize] == GONE {
+                    place[v as usize] = 0;
+                    used.push((self.source[v as usize], v));
+                }
+            }
+        }
+        used.sort_unstable();
+        let n = self.n_channels;
+        let mut mesh = Mesh { n_channels: n, ..Mesh::default() };
+        mesh.positions.reserve_exact(used.len());
+        mesh.channels.reserve_exact(used.len() * n);
+        for (new, &(_, v)) in used.iter().enumerate() {
+            let v = v as usize;
+            place[v] = new as u32;
+            mesh.positions.push(self.vertices[v].position);
+            mesh.channels.extend_from_slice(&self.channels[v * n..(v + 1) * n]);
+        }
+        for t in &mut self.triangles {
+            *t = t.map(|v| place[v as usize]);
+        }
+        mesh.triangles = self.triangles;
+        (mesh, used.into_iter().map(|(source, _)| source).collect())
+    }
+}
+
+/// The triangles of one vertex as pairs of corners; re-used from vertex to vertex.
+pub(crate) struct Fan {
+    b: [u32; MAX_VALENCE as usize],
+    c: [u32; MAX_VALENCE as usize],
+    n: usize,
+    /// Neighbours over open edges.
+    pub(crate) ends: Vec<u32>,
+}
+
+impl Fan {
+    pub(crate) fn new() -> Self {
+        let none = [0; MAX_VALENCE as usize];
+        Fan { b: none, c: none, n: 0, ends: Vec::new() }
+    }
+
+    /// Looks at a vertex of at most `MAX_VALENCE` triangles.
+    pub(crate) fn look(&mut self, surface: &Surface, v: u32) -> Class {
+        self.ends.clear();
+        self.n = 0;
+        for &t in surface.ring(v) {
+            (self.b[self.n], self.c[self.n]) = others(surface.triangles[t as usize], v);
+            self.n += 1;
+        }
+        let (b, c) = (&self.b[..self.n], &self.c[..self.n]);
+        if b.is_empty() {
+            return Class::Interior;
+        }
+        // A walk that comes back to its start after all triangles has met each once.
+        if walk(b, c, b[0]) == (b.len(), true) {
+            return Class::Interior;
+        }
+        let repeated = |list: &[u32]| (1..list.len()).any(|i| list[..i].contains(&list[i]));
+        let mut start = None;
+        for i in 0..b.len() {
+            if !c.contains(&b[i]) {
+                start = Some(b[i]);
+                self.ends.push(b[i]);
+            }
+            if !b.contains(&c[i]) {
+                self.ends.push(c[i]);
+            }
+        }
+        match start {
+            Some(start) if walk(b, c, start).0 == b.len() && !repeated(b) && !repeated(c) => {
+                Class::Boundary
+            }
+            _ => Class::Complex,
+        }
+    }
+}
+
+/// Walks from triangle to triangle around a vertex: how many it met, and whether it came back.
+fn walk(b: &[u32], c: &[u32], start: u32) -> (usize, bool) {
+    let (mut at, mut seen) = (start, 0);
+    while let Some(i) = b.iter().position(|&x| x == at) {
+        at = c[i];
+        seen += 1;
+        if at == start || seen > b.len() {
+            return (seen, at == start);
+        }
+    }
+    (seen, false)
+}

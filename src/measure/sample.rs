@@ -1,0 +1,166 @@
+//! Area-uniform samples of a surface, the same whatever the order of its triangles.
+//!
+//! How many samples a triangle gets, and where, follows from a hash of its own corners, the seed and the
+//! density. So a shuffled file, or a surface cut into cells, yields the same set of samples. Knows
+//! nothing of what is measured at them.
+
+// Three axes (and eight lanes) run through several arrays side by side; an index shows that best.
+#![allow(clippy::needless_range_loop)]
+
+use super::triangle::{self, Vector};
+
+/// A point on a surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Where it is.
+    pub point: Vector,
+    /// Its barycentric coordinates in the canonical corners of its triangle; they sum to 1.
+    pub weights: [f32; 2],
+    /// The number of its triangle in the block that is being sampled.
+    pub triangle: u32,
+}
+
+/// How densely a surface is sampled.
+#[derive(Clone, Copy, Debug)]
+pub struct Density {
+    per_area: f64,
+    seed: u64,
+}
+
+impl Density {
+    /// About `samples` samples on a surface of `total_area`; none if it has no area.
+    ///
+    /// A triangle of area A gets floor(A * density + u), u uniform in [0, 1): the expected number is
+    /// exactly in proportion to the area, and the total deviates from `samples` by less than its root.
+    pub fn new(samples: u64, total_area: f64, seed: u64) -> Self {
+        let usable = total_area > 0.0 && total_area.is_finite();
+        Density { per_area: if usable { samples as f64 / total_area } else { 0.0 }, seed }
+    }
+
+    /// Appends the samples of one triangle, given by canonical corners.
+    ///
+    /// Several samples of one triangle are spread by the R2 sequence, which covers it more evenly than
+    /// independent points would, from a start that differs from triangle to triangle.
+    ///
+    /// Source: Roberts 2018 for the sequence (docs/references.md).
+    pub fn sample(&self, corners: &[Vector; 3], triangle: u32, out: &mut Vec<Sample>) {
+        let expected = triangle::area(corners) * self.per_area;
+        // A sliver of the float kind, never a sample: also keeps NaN out.
+        if !(expected > 0.0 && expected < 1e15) {
+            return;
+        }
+        let hash = self.hash(corners);
+        let count = (expected + unit(hash)) as u64;
+        if count == 0 {
+            return;
+        }
+        let (first, second) = (unit(mix(hash ^ 0x9e37_79b9)), unit(mix(hash ^ 0x7f4a_7c15)));
+        for i in 0..count {
+            // 1/g and 1/g^2, g the root of g^3 = g + 1.
+            let u = (first + i as f64 * 0.754_877_666_246_692_7).fract();
+            let v = (second + i as f64 * 0.569_840_290_998_053_2).fract();
+            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+            let point = triangle::point_at(corners, [1.0 - u - v, u, v]);
+            out.push(Sample { point, weights: [u as f32, v as f32], triangle });
+        }
+    }
+
+    fn hash(&self, corners: &[Vector; 3]) -> u64 {
+        // Adding 0 makes both zeros one.
+        let bits = corners.map(|c| c.map(|x| (x + 0.0).to_bits()));
+        xxhash_rust::xxh3::xxh3_64_with_seed(bytemuck::bytes_of(&bits), self.seed)
+    }
+}
+
+/// A number in [0, 1) from the upper bits of a hash.
+fn unit(hash: u64) -> f64 {
+    (hash >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// One round of SplitMix64.
+fn mix(value: u64) -> u64 {
+    let value = value.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let value = (value ^ (value >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let value = (value ^ (value >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    value ^ (value >> 31)
+}
+
+/// Sorts samples along a space-filling curve through their box, so that neighbours follow each other.
+///
+/// Speed only: every sample's own result is independent of the order.
+pub fn sort_along_curve(samples: &mut Vec<Sample>) {
+    let mut low = [f64::INFINITY; 3];
+    let mut high = [f64::NEG_INFINITY; 3];
+    for sample in &*samples {
+        for k in 0..3 {
+            low[k] = low[k].min(sample.point[k]);
+            high[k] = high[k].max(sample.point[k]);
+        }
+    }
+    let reach = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+    let scale = if reach > 0.0 { 1023.0 / reach } else { 0.0 };
+    let key = |sample: &Sample| {
+        let cell = [0, 1, 2].map(|k| spread(((sample.point[k] - low[k]) * scale) as u32));
+        cell[0] << 2 | cell[1] << 1 | cell[2]
+    };
+    let mut order: Vec<(u32, u32)> =
+        samples.iter().enumerate().map(|(i, sample)| (key(sample), i as u32)).collect();
+    order.sort_unstable();
+    *samples = order.iter().map(|&(_, i)| samples[i as usize]).collect();
+}
+
+/// Puts two zero bits before each of the lower ten bits.
+fn spread(value: u32) -> u32 {
+    let value = value & 0x3ff;
+    let value = (value | value << 16) & 0x0300_00ff;
+    let value = (value | value << 8) & 0x0300_f00f;
+    let value = (value | value << 4) & 0x030c_30c3;
+    (value | value << 2) & 0x0924_9249
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_are_uniform_in_area() {
+        // A large and a small triangle, and a fan of tiny ones that seldom get any.
+        let large = [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 2.0, 0.0]];
+        let density = Density::new(1_000_000, 3.0, 5);
+        let mut samples = Vec::new();
+        density.sample(&large, 0, &mut samples);
+        assert!(samples.len().abs_diff(1_000_000) <= 1);
+        let mean = [0, 1].map(|k| samples.iter().map(|s| s.point[k]).sum::<f64>() / 1e6);
+        assert!((mean[0] - 1.0).abs() < 1e-4 && (mean[1] - 2.0 / 3.0).abs() < 1e-4, "{mean:?}");
+        let mut tiny = Vec::new();
+        for i in 0..100_000 {
+            let x = f64::from(i) * 1e-3;
+            let t = [[x, 0.0, 0.0], [x + 1e-3, 0.0, 0.0], [x, 1e-4, 0.0]];
+            density.sample(&t, i, &mut tiny);
+        }
+        // 1e5 triangles of 5e-8: 5e-3 in all, hence 1667 expected; the spread is 41.
+        assert!((1500..1830).contains(&tiny.len()), "{}", tiny.len());
+    }
+
+    #[test]
+    fn no_area_no_samples() {
+        let mut samples = Vec::new();
+        Density::new(1000, 0.0, 1).sample(&[[0.0; 3]; 3], 0, &mut samples);
+        let line = [[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]];
+        Density::new(1000, 1.0, 1).sample(&line, 0, &mut samples);
+        assert!(samples.is_empty());
+    }
+
+    #[test]
+    fn sorting_keeps_every_sample() {
+        let mut samples = Vec::new();
+        let t = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        Density::new(1000, 0.5, 1).sample(&t, 3, &mut samples);
+        let before = samples.clone();
+        sort_along_curve(&mut samples);
+        assert_eq!(samples.len(), before.len());
+        assert!(before.iter().all(|s| samples.contains(s)));
+        let mut none = Vec::new();
+        sort_along_curve(&mut none);
+    }
+}

@@ -1,0 +1,180 @@
+//! What is gathered about one direction of a measurement, and what it comes to.
+//!
+//! Sums are added to sample by sample, in any order, by any number of threads; `finish` turns them into
+//! the numbers of the report. Does not search anything itself.
+
+use super::colour::LARGEST_DELTA_E;
+use super::sums::{Distances, Sum};
+
+/// Bins of the distribution in the report, from 0 to the maximum.
+const HISTOGRAM_BINS: usize = 64;
+
+/// Statistics of a set of distances in input units; infinite where there was no surface to measure
+/// against, which JSON shows as null.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Spread {
+    /// The mean.
+    pub mean: f64,
+    /// The root mean square.
+    pub rms: f64,
+    /// What 99.9 % of the samples do not exceed.
+    pub p999: f64,
+    /// The maximum.
+    pub max: f64,
+    /// How many samples there were.
+    pub samples: u64,
+}
+
+/// One direction of a measurement: samples of one surface against the other.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Side {
+    /// Distances. Mean, root mean square and percentile are over area-uniform samples alone, which
+    /// vertices would bias towards fine triangles; the maximum is over samples and vertices.
+    #[serde(flatten)]
+    pub distance: Spread,
+    /// How many vertices were held against the maximum.
+    pub vertices: u64,
+    /// Mean angle between the normals at a sample and at its nearest point, in degrees.
+    pub normal_degrees: Option<f64>,
+    /// Mean colour difference between a sample and its nearest point: CIELAB, Delta E 1976.
+    pub colour_delta_e: Option<f64>,
+    /// The samples within the region asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub near: Option<Spread>,
+    /// The samples outside of it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub far: Option<Spread>,
+    /// Samples by distance, in equal bins from 0 to `max`.
+    pub histogram: Vec<u64>,
+    /// The sample or vertex with the largest distance.
+    pub worst: Option<[f64; 3]>,
+}
+
+/// Everything gathered about one direction so far.
+#[derive(Clone, Debug)]
+pub(crate) struct SideSums {
+    pub distances: Distances,
+    angle: Sum,
+    n_angles: u64,
+    delta_e: Sum,
+    n_delta_e: u64,
+    near: Option<[Distances; 2]>,
+    pub n_vertices: u64,
+    /// The largest distance so far and where: samples and vertices.
+    worst: Option<(f64, [f64; 3])>,
+}
+
+impl SideSums {
+    /// Nothing gathered; `reach` is at least every distance that may come.
+    pub fn new(reach: f64, with_region: bool) -> Self {
+        let distances = || Distances::new(reach);
+        SideSums {
+            distances: distances(),
+            angle: Sum::new(180.0),
+            n_angles: 0,
+            delta_e: Sum::new(LARGEST_DELTA_E),
+            n_delta_e: 0,
+            near: with_region.then(|| [distances(), distances()]),
+            n_vertices: 0,
+            worst: None,
+        }
+    }
+
+    /// Adds the distance of a sample; `near` says whether it lies in the region, if there is one.
+    pub fn add_sample(&mut self, point: [f64; 3], distance_sq: f64, near: Option<bool>) {
+        self.distances.add_sq(distance_sq);
+        self.offer_worst(point, distance_sq);
+        if let (Some([inside, outside]), Some(near)) = (&mut self.near, near) {
+            (if near { inside } else { outside }).add_sq(distance_sq);
+        }
+    }
+
+    /// Adds the angle between two normals, in radians.
+    pub fn add_angle(&mut self, radians: f64) {
+        self.angle.add(radians.to_degrees());
+        self.n_angles += 1;
+    }
+
+    /// Adds a colour difference.
+    pub fn add_delta_e(&mut self, delta_e: f64) {
+        self.delta_e.add(delta_e);
+        self.n_delta_e += 1;
+    }
+
+    /// Holds a point against the maximum; of equally far points the one with the least coordinates stays.
+    pub fn offer_worst(&mut self, point: [f64; 3], distance_sq: f64) {
+        let beaten = match self.worst {
+            None => true,
+            Some((worst_sq, at)) => {
+                distance_sq > worst_sq || (distance_sq == worst_sq && point < at)
+            }
+        };
+        if beaten {
+            self.worst = Some((distance_sq, point));
+        }
+    }
+
+    /// The largest squared distance so far; 0 without any.
+    pub fn worst_sq(&self) -> f64 {
+        self.worst.map_or(0.0, |(worst_sq, _)| worst_sq)
+    }
+
+    /// Adds what another thread, batch or cell has gathered.
+    pub fn merge(&mut self, other: &SideSums) {
+        self.distances.merge(&other.distances);
+        self.angle.merge(&other.angle);
+        self.n_angles += other.n_angles;
+        self.delta_e.merge(&other.delta_e);
+        self.n_delta_e += other.n_delta_e;
+        if let (Some(own), Some(others)) = (&mut self.near, &other.near) {
+            own.iter_mut().zip(others).for_each(|(a, b)| a.merge(b));
+        }
+        self.n_vertices += other.n_vertices;
+        if let Some((worst_sq, point)) = other.worst {
+            self.offer_worst(point, worst_sq);
+        }
+    }
+
+    /// The numbers of the report. Against an empty surface every distance is infinite.
+    pub fn finish(mut self, target_is_empty: bool) -> Side {
+        let anything = !self.distances.is_empty() || self.n_vertices > 0;
+        let mut distance = spread(&mut self.distances);
+        distance.max = self.worst_sq().sqrt();
+        if target_is_empty && anything {
+            let infinite = f64::INFINITY;
+            let samples = distance.samples;
+            let (mean, rms, p999, max) = (infinite, infinite, infinite, infinite);
+            distance = Spread { mean, rms, p999, max, samples };
+        }
+        let mean = |sum: &Sum, n: u64| (n > 0).then(|| sum.value() / n as f64);
+        let [near, far] = match self.near {
+            Some(both) => both.map(|mut distances| Some(spread(&mut distances))),
+            None => [None, None],
+        };
+        let finite = distance.max.is_finite();
+        Side {
+            histogram: if finite {
+                self.distances.histogram(HISTOGRAM_BINS, distance.max)
+            } else {
+                Vec::new()
+            },
+            distance,
+            vertices: self.n_vertices,
+            normal_degrees: mean(&self.angle, self.n_angles),
+            colour_delta_e: mean(&self.delta_e, self.n_delta_e),
+            near,
+            far,
+            worst: self.worst.map(|(_, point)| point).filter(|_| finite),
+        }
+    }
+}
+
+fn spread(distances: &mut Distances) -> Spread {
+    Spread {
+        mean: distances.mean(),
+        rms: distances.rms(),
+        p999: distances.quantile(0.999),
+        max: distances.max(),
+        samples: distances.len(),
+    }
+}

@@ -1,0 +1,236 @@
+//! Exact geometry of single triangles: canonical corner order, area, normal, closest point.
+//!
+//! Everything here is a pure function of the three corner positions, and everything else in `measure`
+//! works on triangles in canonical order; so a triangle gives the same numbers, bit for bit, wherever it
+//! stands in whichever file or cell. Knows no meshes and no trees.
+
+/// A position or direction in input units.
+pub type Vector = [f64; 3];
+
+/// `a - b`.
+#[inline]
+pub fn sub(a: Vector, b: Vector) -> Vector {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// The inner product.
+#[inline]
+pub fn dot(a: Vector, b: Vector) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// The vector product.
+#[inline]
+pub fn cross(a: Vector, b: Vector) -> Vector {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// The squared length.
+#[inline]
+pub fn length_sq(a: Vector) -> f64 {
+    dot(a, a)
+}
+
+/// Where the canonical order begins: the index of the lexicographically smallest corner.
+///
+/// Orientation is kept, so this is a rotation. Of equal corners the first counts; such a triangle is
+/// degenerate, and its rotation shows in nothing but the choice between equal numbers.
+#[inline]
+pub fn rotation(corners: &[Vector; 3]) -> usize {
+    let less = |a: &Vector, b: &Vector| (a[0], a[1], a[2]) < (b[0], b[1], b[2]);
+    let mut first = 0;
+    for i in 1..3 {
+        if less(&corners[i], &corners[first]) {
+            first = i;
+        }
+    }
+    first
+}
+
+/// The corners in canonical order.
+#[inline]
+pub fn canonical(corners: [Vector; 3]) -> [Vector; 3] {
+    rotate(corners, rotation(&corners))
+}
+
+/// Any three things, beginning with number `first`.
+#[inline]
+pub fn rotate<T: Copy>(three: [T; 3], first: usize) -> [T; 3] {
+    match first {
+        0 => three,
+        1 => [three[1], three[2], three[0]],
+        _ => [three[2], three[0], three[1]],
+    }
+}
+
+/// The normal, twice as long as the area.
+#[inline]
+pub fn area_normal(t: &[Vector; 3]) -> Vector {
+    cross(sub(t[1], t[0]), sub(t[2], t[0]))
+}
+
+/// The area in square units; 0 for a degenerate triangle.
+#[inline]
+pub fn area(t: &[Vector; 3]) -> f64 {
+    0.5 * length_sq(area_normal(t)).sqrt()
+}
+
+/// The point with barycentric coordinates `weights`.
+#[inline]
+pub fn point_at(t: &[Vector; 3], weights: [f64; 3]) -> Vector {
+    // Relative to the first corner: far from the origin this keeps the digits that matter.
+    let (u, v) = (sub(t[1], t[0]), sub(t[2], t[0]));
+    [0, 1, 2].map(|k| t[0][k] + weights[1] * u[k] + weights[2] * v[k])
+}
+
+/// The angle between two directions in radians, 0 to pi; `None` if either has no direction.
+pub fn angle(a: Vector, b: Vector) -> Option<f64> {
+    // The arc tangent is accurate for small angles, where the arc cosine loses half its digits.
+    let (sine, cosine) = (length_sq(cross(a, b)).sqrt(), dot(a, b));
+    let known = length_sq(a) > 0.0 && length_sq(b) > 0.0;
+    known.then(|| sine.atan2(cosine))
+}
+
+/// Squared distance from `point` to the triangle, and the barycentric coordinates of the nearest point.
+///
+/// Exact to rounding for every triangle, slivers, needles and points included.
+///
+/// Source: Ericson 2005, section 5.1.5 (docs/references.md), with its own treatment of slivers.
+#[inline]
+pub fn closest(point: Vector, t: &[Vector; 3]) -> (f64, [f64; 3]) {
+    let (ab, ac, ap) = (sub(t[1], t[0]), sub(t[2], t[0]), sub(point, t[0]));
+    let normal = cross(ab, ac);
+    let (ab_sq, ac_sq, normal_sq) = (length_sq(ab), length_sq(ac), length_sq(normal));
+    // Below a height of 1e-10 of the edges the regions are no longer told apart reliably; there the
+    // three edges together are the triangle, to that height. Zeros and NaN fail the comparison too.
+    let has_inside = normal_sq > 1e-20 * (ab_sq * ac_sq);
+    if !has_inside {
+        return closest_on_edges(point, t);
+    }
+    let (d1, d2) = (dot(ab, ap), dot(ac, ap));
+    if d1 <= 0.0 && d2 <= 0.0 {
+        return (length_sq(ap), [1.0, 0.0, 0.0]);
+    }
+    let bp = sub(point, t[1]);
+    let (d3, d4) = (dot(ab, bp), dot(ac, bp));
+    if d3 >= 0.0 && d4 <= d3 {
+        return (length_sq(bp), [0.0, 1.0, 0.0]);
+    }
+    let vc = d1 * d4 - d3 * d2;
+    if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
+        let s = d1 / (d1 - d3);
+        return (length_sq(along(ap, ab, s)), [1.0 - s, s, 0.0]);
+    }
+    let cp = sub(point, t[2]);
+    let (d5, d6) = (dot(ab, cp), dot(ac, cp));
+    if d6 >= 0.0 && d5 <= d6 {
+        return (length_sq(cp), [0.0, 0.0, 1.0]);
+    }
+    let vb = d5 * d2 - d1 * d6;
+    if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
+        let s = d2 / (d2 - d6);
+        return (length_sq(along(ap, ac, s)), [1.0 - s, 0.0, s]);
+    }
+    let va = d3 * d6 - d5 * d4;
+    if va <= 0.0 && d4 >= d3 && d5 >= d6 {
+        let s = (d4 - d3) / ((d4 - d3) + (d5 - d6));
+        let bc = sub(t[2], t[1]);
+        return (length_sq(along(bp, bc, s)), [0.0, 1.0 - s, s]);
+    }
+    let height = dot(normal, ap);
+    let scale = 1.0 / (va + vb + vc);
+    let (v, w) = (vb * scale, vc * scale);
+    (height * height / normal_sq, [1.0 - v - w, v, w])
+}
+
+/// `from - s * edge`.
+#[inline]
+fn along(from: Vector, edge: Vector, s: f64) -> Vector {
+    [from[0] - s * edge[0], from[1] - s * edge[1], from[2] - s * edge[2]]
+}
+
+#[cold]
+fn closest_on_edges(point: Vector, t: &[Vector; 3]) -> (f64, [f64; 3]) {
+    let mut best = (f64::INFINITY, [1.0, 0.0, 0.0]);
+    for i in 0..3 {
+        let j = (i + 1) % 3;
+        let (edge, from) = (sub(t[j], t[i]), sub(point, t[i]));
+        let edge_sq = length_sq(edge);
+        let s = if edge_sq > 0.0 { (dot(edge, from) / edge_sq).clamp(0.0, 1.0) } else { 0.0 };
+        // At the far end the distance to that corner is the more accurate one.
+        let off = if s == 1.0 { sub(point, t[j]) } else { along(from, edge, s) };
+        let distance_sq = length_sq(off);
+        if distance_sq < best.0 {
+            let mut weights = [0.0; 3];
+            weights[i] = 1.0 - s;
+            weights[j] = s;
+            best = (distance_sq, weights);
+        }
+    }
+    best
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The closest point by minimising over a fine net of barycentric coordinates: slow, obvious.
+    fn by_search(point: Vector, t: &[Vector; 3]) -> f64 {
+        let n = 400;
+        let mut best = f64::INFINITY;
+        for i in 0..=n {
+            for j in 0..=n - i {
+                let (v, w) = (i as f64 / n as f64, j as f64 / n as f64);
+                let q = point_at(t, [1.0 - v - w, v, w]);
+                best = best.min(length_sq(sub(point, q)));
+            }
+        }
+        best.sqrt()
+    }
+
+    //  c
+    //  |\      every region around the triangle: three corners, three edges, inside, and the same
+    //  | \     for an obtuse one and for a sliver
+    //  a--b
+    #[test]
+    fn every_region_agrees_with_a_search() {
+        let triangles = [
+            [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            [[0.0, 0.0, 0.0], [1.0, 0.0, 0.2], [-0.9, 0.1, 0.0]],
+            [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 1e-13, 0.0]],
+            [[0.3, 0.0, 0.0], [0.3, 0.0, 0.0], [0.5, 0.5, 0.5]],
+            [[0.1, 0.1, 0.1]; 3],
+        ];
+        for t in &triangles {
+            for i in 0..343 {
+                let at = |k: usize| k as f64 * 0.5 - 1.5 + 0.03;
+                let p = [at(i % 7), at(i / 7 % 7), at(i / 49)];
+                let (found_sq, weights) = closest(p, t);
+                let (found, searched) = (found_sq.sqrt(), by_search(p, t));
+                assert!(found <= searched + 1e-12, "{t:?} {p:?}: {found} > {searched}");
+                assert!(searched - found < 1e-2, "{t:?} {p:?}: {found} < {searched}");
+                let q = point_at(t, weights);
+                assert!((length_sq(sub(p, q)).sqrt() - found).abs() < 1e-9);
+                assert!(weights.iter().all(|w| (-1e-12..=1.0 + 1e-12).contains(w)));
+            }
+        }
+    }
+
+    #[test]
+    fn canonical_order_keeps_the_orientation() {
+        let t = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        for first in 0..3 {
+            let turned = canonical(rotate(t, first));
+            assert_eq!(turned, [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+        }
+    }
+
+    #[test]
+    fn angles_are_accurate_when_small() {
+        assert_eq!(angle([1.0, 0.0, 0.0], [0.0; 3]), None);
+        let small = angle([1.0, 0.0, 0.0], [1.0, 1e-9, 0.0]).unwrap();
+        assert!((small - 1e-9).abs() < 1e-20);
+        let turned = angle([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]).unwrap();
+        assert!((turned - std::f64::consts::PI).abs() < 1e-15);
+    }
+}

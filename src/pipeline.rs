@@ -1,0 +1,400 @@
+//! The program: from a scan larger than memory to one small mesh.
+//!
+//! Partition the input into cells on disk, simplify the cells in parallel, stitch until no seam is left,
+//! write. Every stage is sealed in the job folder before the next one begins, so the same command continues
+//! wherever an earlier run stopped. Only this file names two stages.
+
+use crate::cells::{CellStore, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout};
+use crate::config::{Config, Until};
+use crate::disk::Disk;
+use crate::error::{Error, Result};
+use crate::job::{Identity, Job};
+use crate::partition::{self, Partition};
+use crate::plan::Plan;
+use crate::ply::{MeshSource, OutputHeader};
+use crate::progress::Progress;
+use crate::run::Run;
+use crate::simplify::{self, Goal};
+use crate::stitch::{self, Parts, Step};
+use crate::summary::{InputReport, OutputReport, RunReport, SeamReport, StageReport};
+use crate::write::{self, Written};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// Simplifies `config.input` into `config.output`; `None` when `--until` ended the run early.
+pub fn simplify(config: &Config, progress: &Progress) -> Result<Option<RunReport>> {
+    let started = Instant::now();
+    refuse_to_overwrite(config)?;
+    let source = MeshSource::open(&config.input)?;
+    let plan = Plan::new(&source, config)?;
+    plan.check_disk(config)?;
+    let disk = Disk::default();
+    let identity = identity(&source, config)?;
+    let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
+    let mut stages = Stages::new(config, &plan, &job, progress, &source);
+
+    let partition = stages.partition(&source)?;
+    if config.until == Some(Until::Partition) {
+        return Ok(None);
+    }
+    let mut store = partition.store.clone();
+    if let Some(path) = &config.seams {
+        crate::seams::write(&stages.store(store.clone())?, path, &stages.run)?;
+    }
+    let mut step = stages.next_step(partition.store.triangles);
+    let mut survivors = None;
+    while let Step::Round(_) | Step::ExactRound = step {
+        if let Some(earlier) = survivors.take() {
+            store = stages.recut(earlier)?;
+        }
+        let left = stages.simplify(store.clone(), step)?;
+        if config.until == Some(Until::Simplify) && stages.rounds_done == 1 {
+            return Ok(None);
+        }
+        step = stages.next_step(left.triangles);
+        survivors = Some(left);
+    }
+    let result = match (step, survivors) {
+        (Step::Finish, survivors) => stages.finish(&store, survivors)?,
+        (_, Some(left)) => left,
+        (_, None) => unreachable!("without a finish there was a round"),
+    };
+    if config.until == Some(Until::Stitch) {
+        return Ok(None);
+    }
+    let written = stages.write(&source, &result)?;
+
+    let report = stages.report(&source, config, &partition, &result, written, started);
+    drop(stages);
+    if !config.keep_temp {
+        job.remove()?;
+    }
+    Ok(Some(report))
+}
+
+/// The stages of one run: each is sealed in the job, timed and reported.
+struct Stages<'a> {
+    run: Run<'a>,
+    config: &'a Config,
+    layout: VertexLayout,
+    target: u64,
+    rounds_done: u32,
+    shared_by_round: Vec<u64>,
+    reports: Vec<StageReport>,
+    n_stages: u32,
+    input_bytes: u64,
+}
+
+impl<'a> Stages<'a> {
+    fn new(
+        config: &'a Config,
+        plan: &Plan,
+        job: &'a Job,
+        progress: &'a Progress,
+        source: &MeshSource,
+    ) -> Self {
+        let rounds = plan.rounds.len() as u32;
+        // Partition, write, every round, every recut between rounds, and the finish.
+        let n_stages = 2 + rounds + rounds.saturating_sub(1) + u32::from(plan.finish);
+        Stages {
+            run: Run {
+                job,
+                progress,
+                threads: config.threads.get(),
+                memory_bytes: plan.usable_memory_bytes,
+            },
+            config,
+            layout: VertexLayout::new(source.schema(), source.n_vertices()),
+            target: plan.target,
+            rounds_done: 0,
+            shared_by_round: Vec::new(),
+            reports: Vec::new(),
+            n_stages,
+            input_bytes: source.file_bytes(),
+        }
+    }
+
+    /// Runs a stage, or takes its outcome from the manifest; `count` tells the triangles of an outcome.
+    fn stage<T: Serialize + DeserializeOwned>(
+        &mut self,
+        key: &str,
+        name: &'static str,
+        triangles_in: u64,
+        count: impl Fn(&T) -> u64,
+        work: impl FnOnce(&Run) -> Result<T>,
+    ) -> Result<T> {
+        let run = self.run;
+        let number = self.reports.len() as u32 + 1;
+        run.progress.begin(name, number, self.n_stages.max(number), triangles_in);
+        run.progress.check()?;
+        let (outcome, report): (T, StageReport) = run.job.sealed(key, || {
+            let (read, written, start) =
+                (run.disk().bytes_read(), run.disk().bytes_written(), Instant::now());
+            let outcome = work(&run)?;
+            let report = StageReport {
+                name: name.to_owned(),
+                seconds: start.elapsed().as_secs_f64(),
+                triangles_in,
+                triangles_out: count(&outcome),
+                bytes_read: run.disk().bytes_read() - read,
+                bytes_written: run.disk().bytes_written() - written,
+            };
+            Ok((outcome, report))
+        })?;
+        self.reports.push(report);
+        Ok(outcome)
+    }
+
+    fn partition(&mut self, source: &MeshSource) -> Result<Partition> {
+        let (size, n) = (self.config.cell_triangles, source.n_faces());
+        let partition = self.stage(
+            "partition",
+            "partition",
+            n,
+            |p: &Partition| p.store.triangles,
+            |run| partition::partition(source, size, run),
+        )?;
+        if let Some(report) = self.reports.last_mut() {
+            report.bytes_read += self.input_bytes;
+        }
+        self.shared_by_round.push(partition.store.shared_vertices);
+        Ok(partition)
+    }
+
+    fn next_step(&self, triangles_now: u64) -> Step {
+        stitch::next_step(triangles_now, self.target, self.config.cell_triangles, self.rounds_done)
+    }
+
+    fn store(&self, info: StoreInfo) -> Result<CellStore> {
+        CellStore::open(self.run.disk(), self.run.job.folder(), info, self.layout.clone())
+    }
+
+    fn survivors(&self, info: SurvivorInfo) -> Result<SurvivorPack> {
+        SurvivorPack::open(self.run.disk(), self.run.job.folder(), info, self.layout.clone())
+    }
+
+    /// One round over all cells; the store it came from is removed.
+    fn simplify(&mut self, info: StoreInfo, step: Step) -> Result<SurvivorInfo> {
+        let round = self.rounds_done;
+        let (goal, is_exact) = match step {
+            Step::Round(goal) => (goal, false),
+            _ => (self.target, true),
+        };
+        let goal = Goal { round, triangles: goal };
+        let name = if round == 0 { "simplify" } else { "stitch" };
+        let (options, layout, n) =
+            (self.config.kernel.clone(), self.layout.clone(), info.triangles);
+        let pack = self.run.job.path(&info.pack);
+        let left = self.stage(
+            &format!("round {round}"),
+            name,
+            n,
+            |s: &SurvivorInfo| s.triangles,
+            |run| {
+                let store = CellStore::open(run.disk(), run.job.folder(), info, layout)?;
+                match is_exact {
+                    true => simplify::simplify_cells_exactly(&store, goal, &options, run),
+                    false => simplify::simplify_cells(&store, goal, &options, run),
+                }
+            },
+        )?;
+        self.run.disk().remove(&pack)?;
+        self.rounds_done += 1;
+        Ok(left)
+    }
+
+    /// Cuts survivors into new cells; their pack is removed.
+    fn recut(&mut self, info: SurvivorInfo) -> Result<StoreInfo> {
+        let (round, size, n) = (self.rounds_done, self.config.cell_triangles, info.triangles);
+        let pack = self.run.job.path(&info.pack);
+        let layout = self.layout.clone();
+        let store = self.stage(
+            &format!("recut {round}"),
+            "stitch",
+            n,
+            |s: &StoreInfo| s.triangles,
+            |run| {
+                let survivors = SurvivorPack::open(run.disk(), run.job.folder(), info, layout)?;
+                stitch::recut(&survivors, size, round, run)
+            },
+        )?;
+        self.run.disk().remove(&pack)?;
+        self.shared_by_round.push(store.shared_vertices);
+        Ok(store)
+    }
+
+    /// Joins everything in memory and meets the target exactly.
+    fn finish(
+        &mut self,
+        store: &StoreInfo,
+        survivors: Option<SurvivorInfo>,
+    ) -> Result<SurvivorInfo> {
+        let (target, options) = (self.target, self.config.kernel.clone());
+        let n = survivors.as_ref().map_or(store.triangles, |s| s.triangles);
+        let source_pack = survivors.as_ref().map_or(&store.pack, |s| &s.pack);
+        let pack = self.run.job.path(source_pack);
+        let (layout, info) = (self.layout.clone(), store.clone());
+        let result = self.stage(
+            "finish",
+            "stitch",
+            n,
+            |s: &SurvivorInfo| s.triangles,
+            |run| {
+                let (disk, folder) = (run.disk(), run.job.folder());
+                match survivors {
+                    Some(left) => {
+                        let left = SurvivorPack::open(disk, folder, left, layout.clone())?;
+                        let parts = Parts {
+                            cells: &left.info().cells,
+                            layout: &layout,
+                            load: &|c| left.load(c),
+                        };
+                        stitch::finish(parts, target, &options, run)
+                    }
+                    None => {
+                        let store = CellStore::open(disk, folder, info, layout.clone())?;
+                        let load = |cell| store.load(cell).map(Survivors::from);
+                        let parts =
+                            Parts { cells: &store.info().cells, layout: &layout, load: &load };
+                        stitch::finish(parts, target, &options, run)
+                    }
+                }
+            },
+        )?;
+        self.run.disk().remove(&pack)?;
+        Ok(result)
+    }
+
+    fn write(&mut self, source: &MeshSource, result: &SurvivorInfo) -> Result<Written> {
+        let header = OutputHeader {
+            comments: source.comments().to_vec(),
+            obj_infos: source.obj_infos().to_vec(),
+            settings: settings(self.config)
+                .iter()
+                .map(|(k, v)| format!("{k}={v}"))
+                .collect::<Vec<_>>()
+                .join(" "),
+            ..OutputHeader::new(source.schema().clone(), 0, 0)
+        };
+        let pack = self.survivors(result.clone())?;
+        let output = &self.config.output;
+        // Never taken from the manifest: the output may have been moved away since.
+        let run = self.run;
+        let number = self.reports.len() as u32 + 1;
+        run.progress.begin("write", number, self.n_stages.max(number), result.triangles);
+        let (read, start) = (run.disk().bytes_read(), Instant::now());
+        let written = write::write(&pack, output, header, &run)?;
+        self.reports.push(StageReport {
+            name: "write".to_owned(),
+            seconds: start.elapsed().as_secs_f64(),
+            triangles_in: result.triangles,
+            triangles_out: written.triangles,
+            bytes_read: run.disk().bytes_read() - read,
+            bytes_written: written.bytes,
+        });
+        Ok(written)
+    }
+
+    fn report(
+        &self,
+        source: &MeshSource,
+        config: &Config,
+        partition: &Partition,
+        result: &SurvivorInfo,
+        written: Written,
+        started: Instant,
+    ) -> RunReport {
+        let seconds = started.elapsed().as_secs_f64();
+        let met = written.triangles <= self.target;
+        RunReport {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            input: InputReport {
+                path: config.input.display().to_string(),
+                bytes: source.file_bytes(),
+                vertices: source.n_vertices(),
+                triangles: source.n_faces(),
+                faults: BTreeMap::from([(
+                    "degenerate_faces".to_owned(),
+                    partition.degenerate_faces,
+                )]),
+            },
+            settings: settings(config),
+            cells: partition.store.cells.len() as u32,
+            rounds: self.rounds_done,
+            seconds,
+            triangles_per_second: source.n_faces() as f64 / seconds.max(1e-9),
+            peak_memory_bytes: crate::memory::peak_bytes(),
+            peak_temp_bytes: self.run.disk().peak_bytes(),
+            output: OutputReport {
+                path: config.output.display().to_string(),
+                vertices: written.vertices,
+                triangles: written.triangles,
+            },
+            rejects: result.rejects.iter().cloned().collect(),
+            seams: SeamReport {
+                shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
+                shared_vertices_by_round: self.shared_by_round.clone(),
+            },
+            target: self.target,
+            target_met: met,
+            stop_reason: if met { "target" } else { "nothing legal left to collapse" }.to_owned(),
+            stages: self.reports.clone(),
+        }
+    }
+}
+
+fn refuse_to_overwrite(config: &Config) -> Result<()> {
+    if config.output.exists() && !config.force {
+        let path = config.output.display();
+        return Err(Error::Usage(format!("{path} exists; give --force to replace it")));
+    }
+    Ok(())
+}
+
+/// Every setting that changes the result.
+fn settings(config: &Config) -> BTreeMap<String, String> {
+    BTreeMap::from([
+        ("target".to_owned(), format!("{:?}", config.target)),
+        ("cell-triangles".to_owned(), config.cell_triangles.to_string()),
+    ])
+}
+
+/// What the job's files are only valid for.
+fn identity(source: &MeshSource, config: &Config) -> Result<Identity> {
+    let meta =
+        std::fs::metadata(source.path()).map_err(|e| Error::io(source.path(), "cannot stat", e))?;
+    let mtime = meta
+        .modified()
+        .ok()
+        .and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok())
+        .map_or_else(|| "unknown".to_owned(), |t| t.as_nanos().to_string());
+    let input = std::path::absolute(source.path()).unwrap_or_else(|_| source.path().to_path_buf());
+    Ok(Identity {
+        input: input.display().to_string(),
+        input_marks: BTreeMap::from([
+            ("bytes".to_owned(), source.file_bytes().to_string()),
+            ("mtime".to_owned(), mtime),
+            ("checksum of samples".to_owned(), format!("{:016x}", sample_checksum(source)?)),
+        ]),
+        settings: settings(config),
+    })
+}
+
+/// xxh3 over the first 64 KiB and 64 pages evenly spread over the file.
+fn sample_checksum(source: &MeshSource) -> Result<u64> {
+    use std::os::unix::fs::FileExt;
+    let path = source.path();
+    let file = std::fs::File::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
+    let mut hasher = xxhash_rust::xxh3::Xxh3::new();
+    let mut page = vec![0; 65_536];
+    for i in 0..=64u64 {
+        let wanted = if i == 0 { 65_536 } else { 4096 };
+        let at = source.file_bytes().saturating_sub(4096) / 64 * i;
+        let n =
+            file.read_at(&mut page[..wanted], at).map_err(|e| Error::io(path, "cannot read", e))?;
+        hasher.update(&page[..n]);
+    }
+    Ok(hasher.digest())
+}

@@ -1,0 +1,260 @@
+//! The plan before the work: cells, rounds, memory, disk. Refuses what cannot succeed, by name.
+
+use crate::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::kernel;
+use crate::partition;
+use crate::ply::MeshSource;
+use crate::stitch::{self, Step};
+use crate::units::{show_bytes, show_count};
+use std::path::Path;
+
+/// Memory for code, stacks, allocator slack and small things, in bytes.
+const BASE_BYTES: u64 = 40 << 20;
+
+/// A cell may come out so much larger than planned before it is a surprise.
+const UNEVEN: f64 = 1.25;
+
+/// Chunk headers, shared rows and file-system blocks on top of the bare rows of a store.
+const PACK_OVERHEAD: f64 = 1.06;
+
+/// Free inodes the job needs: packs, manifest, lock, output and their temporaries.
+const INODES: u64 = 32;
+
+/// End-to-end speed on one core of the reference machine in triangles/s, for the expected time only.
+const TRIANGLES_PER_SECOND_PER_CORE: f64 = 1.2e6;
+
+/// What a run will do and need.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Plan {
+    /// Triangles of the input.
+    pub triangles_in: u64,
+    /// Triangles wanted.
+    pub target: u64,
+    /// Cells of the first round.
+    pub cells: u32,
+    /// Triangles aimed at after each round; the finish is not a round.
+    pub rounds: Vec<u64>,
+    /// Whether one in-core finish meets the target exactly.
+    pub finish: bool,
+    /// Memory the stages may share, in bytes.
+    pub usable_memory_bytes: u64,
+    /// Memory that the most demanding stage needs at least, in bytes.
+    pub needed_memory_bytes: u64,
+    /// Peak bytes in the job folder.
+    pub temp_bytes: u64,
+    /// Bytes of the output.
+    pub output_bytes: u64,
+    /// Expected seconds.
+    pub seconds: f64,
+}
+
+impl Plan {
+    /// Plans a run; fails with `NoMemory` where the budget cannot hold one cell, the finish or the tables.
+    pub fn new(source: &MeshSource, config: &Config) -> Result<Plan> {
+        let triangles_in = source.n_faces();
+        if triangles_in == 0 {
+            let what = "has no triangles (element face, row 0): there is nothing to simplify";
+            return Err(Error::bad_input(source.path(), what));
+        }
+        let target = config.target.triangles(triangles_in);
+        let layout = VertexLayout::new(source.schema(), source.n_vertices());
+        let cells = plan_cells(triangles_in, config.cell_triangles);
+        let (rounds, finish_triangles) = rounds(triangles_in, target, config.cell_triangles);
+        let vertices_per_triangle = source.n_vertices() as f64 / triangles_in.max(1) as f64;
+        let stage_bytes = |triangles: u64| {
+            let vertices = (triangles as f64 * vertices_per_triangle.clamp(0.5, 3.0)) as u64;
+            let tally = CellTally { vertices, triangles };
+            load_bytes(tally, &layout)
+                + kernel::peak_bytes(vertices, triangles, layout.codec.n_channels())
+        };
+        let cell = (config.cell_triangles.min(triangles_in) as f64 * UNEVEN) as u64;
+        let threads = config.threads.get();
+        let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
+        let tables = partition::memory_bytes(source.n_vertices(), cells, threads, usable / 2);
+        let works = stage_bytes(cell).max(stage_bytes(finish_triangles));
+        let needed = works.max(tables) + BASE_BYTES;
+        if needed > config.memory_bytes {
+            return Err(too_little(config, needed, works > tables, usable, works));
+        }
+        let records = layout.schema.record_bytes() as f64;
+        let ids = layout.ids.bytes as f64;
+        let store = (source.n_vertices() as f64 * (ids + records)
+            + triangles_in as f64 * 3.0 * ids)
+            * PACK_OVERHEAD;
+        let output_triangles = target.min(triangles_in) as f64;
+        Ok(Plan {
+            triangles_in,
+            target,
+            cells,
+            finish: finish_triangles > 0,
+            usable_memory_bytes: usable,
+            needed_memory_bytes: needed,
+            temp_bytes: store as u64 + (1 << 20),
+            output_bytes: (output_triangles * (13.0 + records * vertices_per_triangle)) as u64
+                + 4096,
+            seconds: triangles_in as f64 / (TRIANGLES_PER_SECOND_PER_CORE * threads as f64),
+            rounds,
+        })
+    }
+
+    /// Fails where output or temporary data would not fit, or their folders do not take files.
+    pub fn check_disk(&self, config: &Config) -> Result<()> {
+        let output_folder = folder_of(&config.output);
+        let temp_folder = existing_parent(&config.job_folder);
+        for folder in [output_folder, temp_folder] {
+            use rustix::fs::{Access, access};
+            access(folder, Access::EXISTS)
+                .and_then(|()| access(folder, Access::WRITE_OK | Access::EXEC_OK))
+                .map_err(|e| Error::io(folder, "cannot write into this folder", e.into()))?;
+        }
+        let same = device(output_folder)? == device(temp_folder)?;
+        let (temp, output) = (self.temp_bytes, self.output_bytes);
+        let needs = if same {
+            vec![(temp_folder, temp + output)]
+        } else {
+            vec![(temp_folder, temp), (output_folder, output)]
+        };
+        // What an earlier run of this job holds already is not needed again.
+        let held = held_bytes(&config.job_folder);
+        for (folder, bytes) in needs {
+            let stat = rustix::fs::statvfs(folder)
+                .map_err(|e| Error::io(folder, "cannot ask for free space", e.into()))?;
+            let free = stat.f_bavail * stat.f_frsize + if folder == temp_folder { held } else { 0 };
+            if bytes > free {
+                return Err(Error::NoSpace {
+                    path: folder.into(),
+                    what: format!(
+                        "the run needs {} here, {} are free; make space, or move the temporary data with --temp-dir",
+                        show_bytes(bytes),
+                        show_bytes(free)
+                    ),
+                });
+            }
+            // Some file systems have no inode count at all and say 0 of 0.
+            if stat.f_files > 0 && stat.f_favail < INODES {
+                let what = format!(
+                    "{} inodes are free, the run needs {INODES}; remove some files",
+                    stat.f_favail
+                );
+                return Err(Error::NoSpace { path: folder.into(), what });
+            }
+        }
+        Ok(())
+    }
+
+    /// The plan for people, one fact a line.
+    pub fn lines(&self, config: &Config) -> Vec<String> {
+        let rounds: Vec<String> = self.rounds.iter().map(|&n| show_count(n)).collect();
+        vec![
+            format!("input    {} triangles", show_count(self.triangles_in)),
+            format!(
+                "target   {} triangles{}",
+                show_count(self.target),
+                if self.finish { ", met exactly" } else { ", at most 0.5 % below" }
+            ),
+            format!(
+                "cells    {} of about {} triangles, locked seams; rounds to {}{}",
+                self.cells,
+                show_count(config.cell_triangles),
+                if rounds.is_empty() { "-".to_owned() } else { rounds.join(", ") },
+                if self.finish { ", then one finish" } else { "" }
+            ),
+            format!(
+                "memory   budget {}, at least {} needed; {} threads",
+                show_bytes(config.memory_bytes),
+                show_bytes(self.needed_memory_bytes),
+                config.threads
+            ),
+            format!(
+                "disk     about {} temporary in {}, {} output",
+                show_bytes(self.temp_bytes),
+                config.job_folder.display(),
+                show_bytes(self.output_bytes)
+            ),
+            format!("time     about {:.0} s", self.seconds.max(1.0)),
+        ]
+    }
+}
+
+/// Goals of the rounds, and how many triangles the finish will take in (0: no finish).
+fn rounds(triangles_in: u64, target: u64, cell_triangles: u64) -> (Vec<u64>, u64) {
+    let (mut now, mut goals) = (triangles_in, Vec::new());
+    loop {
+        match stitch::next_step(now, target, cell_triangles, goals.len() as u32) {
+            Step::Finish => return (goals, now),
+            Step::Round(goal) => {
+                goals.push(goal.min(now));
+                now = goal.min(now);
+            }
+            Step::ExactRound => {
+                goals.push(target);
+                return (goals, 0);
+            }
+            Step::Done => return (goals, 0),
+        }
+    }
+}
+
+fn too_little(
+    config: &Config,
+    needed: u64,
+    cells_at_fault: bool,
+    usable: u64,
+    works: u64,
+) -> Error {
+    let budget = show_bytes(config.memory_bytes);
+    let remedy = if cells_at_fault && usable > 0 {
+        let fits =
+            (config.cell_triangles as f64 * usable as f64 / works as f64) as u64 / 1000 * 1000;
+        if fits >= 10_000 {
+            format!(
+                "--cell-triangles {fits} would fit, or give --memory {}",
+                show_bytes(needed).replace(' ', "")
+            )
+        } else {
+            format!("give at least --memory {}", show_bytes(needed).replace(' ', ""))
+        }
+    } else {
+        format!("give at least --memory {}", show_bytes(needed).replace(' ', ""))
+    };
+    Error::NoMemory(format!(
+        "the budget of {budget} is too small, {} are needed: {remedy}",
+        show_bytes(needed)
+    ))
+}
+
+/// The folder a file lies in.
+pub fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    }
+}
+
+fn existing_parent(path: &Path) -> &Path {
+    let mut folder = path;
+    while !folder.exists() {
+        match folder.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => folder = parent,
+            _ => return Path::new("."),
+        }
+    }
+    folder
+}
+
+fn device(path: &Path) -> Result<u64> {
+    use std::os::unix::fs::MetadataExt;
+    std::fs::metadata(path).map(|meta| meta.dev()).map_err(|e| Error::io(path, "cannot stat", e))
+}
+
+fn held_bytes(folder: &Path) -> u64 {
+    use std::os::unix::fs::MetadataExt;
+    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
+    entries
+        .flatten()
+        .filter_map(|entry| entry.metadata().ok())
+        .map(|meta| meta.blocks() * 512)
+        .sum()
+}

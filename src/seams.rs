@@ -1,0 +1,31 @@
+//! Shows where the cells were: the vertices on the first round's seams, as a point set.
+//!
+//! For tests and for doubters; the result does not depend on it.
+
+use crate::cells::CellStore;
+use crate::error::Result;
+use crate::ply::{OutputHeader, PlyWriter};
+use crate::run::Run;
+use crate::schema::VertexSchema;
+use std::path::Path;
+
+/// Writes the shared vertices of all cells; memory: 32 bytes per shared vertex.
+pub fn write(store: &CellStore, path: &Path, run: &Run) -> Result<()> {
+    let mut points: Vec<(u64, [f64; 3])> = Vec::new();
+    for cell in 0..store.n_cells() {
+        run.progress.check()?;
+        let mesh = store.load(cell)?;
+        let shared = (0..mesh.ids.len()).filter(|&v| mesh.shared[v]);
+        points.extend(shared.map(|v| (mesh.ids[v], mesh.mesh.positions[v])));
+    }
+    points.sort_unstable_by_key(|point| point.0);
+    points.dedup_by_key(|point| point.0);
+    let coordinate = store.layout().schema.coordinate;
+    let schema = VertexSchema { coordinate, properties: Vec::new() };
+    let mut records = Vec::with_capacity(points.len() * schema.record_bytes());
+    points.iter().for_each(|point| schema.encode_position(point.1, &mut records));
+    let mut writer = PlyWriter::create(path, OutputHeader::new(schema, points.len() as u64, 0))?;
+    writer.write_vertices(&records)?;
+    writer.finish()?;
+    Ok(())
+}

@@ -1,0 +1,335 @@
+//! Stage 2: simplifies all cells of a store, each by itself, to one common cost threshold.
+//!
+//! A threshold, not a quota per cell: flat cells must end emptier than detailed ones. It comes from a pilot
+//! over a sample of cells. Vertices shared between cells are locked; nothing else ties the cells together.
+
+use crate::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors, load_bytes};
+use crate::error::Result;
+use crate::kernel::{self, Options, Simplified, Stop};
+use crate::parallel::{Weighted, largest_first};
+use crate::run::Run;
+use serde::{Deserialize, Serialize};
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+/// The pilot takes every 16th cell, at least 4 and at most 48.
+const PILOT_SHARE: usize = 16;
+const PILOT_CELLS: std::ops::RangeInclusive<usize> = 4..=48;
+
+/// The pilot's first threshold, in mean squared triangle areas, and the step to the next.
+const PILOT_START: f64 = 1e-4;
+const PILOT_STEP: f64 = 4.0;
+const PILOT_LEVELS: i32 = 40;
+
+/// A cell on its way down takes one level for each fall of the count by this factor (KERNEL experiments:
+/// levels a factor of about 4 apart cost nothing in error).
+const LEVEL_FACTOR: f64 = 4.0;
+
+/// Finished cells become durable, and their sources free, at least so often.
+const SYNC_EVERY: Duration = Duration::from_secs(20);
+
+/// What one round of simplification should reach.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Goal {
+    /// 0 for the first round.
+    pub round: u32,
+    /// Triangles wanted in all cells together; met within some percent.
+    pub triangles: u64,
+}
+
+/// Cost thresholds, ascending; every cell drains them one after the other.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Levels(pub Vec<f64>);
+
+/// Memory in bytes that a cell takes while it is loaded, simplified and encoded.
+pub fn cell_bytes(store: &CellStore, cell: usize) -> u64 {
+    let tally = store.info().cells[cell];
+    load_bytes(tally, store.layout())
+        + kernel::peak_bytes(tally.vertices, tally.triangles, store.layout().codec.n_channels())
+}
+
+/// Simplifies every cell of `store` towards `goal` and seals what is left of them.
+pub fn simplify_cells(
+    store: &CellStore,
+    goal: Goal,
+    options: &Options,
+    run: &Run,
+) -> Result<SurvivorInfo> {
+    let levels: Levels = run
+        .job
+        .sealed(&format!("round {} levels", goal.round), || pilot(store, goal, options, run))?;
+    run_cells(store, goal.round, run, |cell| {
+        if levels.0.is_empty() {
+            return Survivors::from(cell);
+        }
+        drain(cell, &levels.0, options, store)
+    })
+}
+
+/// Simplifies every cell to an exact total, at most `goal.triangles`: for results too large for one finish.
+///
+/// Every cell is run twice: once to learn its count after each of many close levels, once to the levels
+/// chosen from those counts. The first cells, in order, stop one level later than the others, so that the
+/// total meets the target to within one such step of one cell.
+pub fn simplify_cells_exactly(
+    store: &CellStore,
+    goal: Goal,
+    options: &Options,
+    run: &Run,
+) -> Result<SurvivorInfo> {
+    let levels: Levels = run
+        .job
+        .sealed(&format!("round {} levels", goal.round), || pilot(store, goal, options, run))?;
+    let Some(&last) = levels.0.last() else {
+        return run_cells(store, goal.round, run, |cell| Survivors::from(cell));
+    };
+    let fine: Vec<f64> =
+        (-FINE_LEVELS..=FINE_LEVELS).map(|j| last * (f64::from(j) / FINE_STEPS).exp2()).collect();
+    let plan: (usize, usize) =
+        run.job.sealed(&format!("round {} exact levels", goal.round), || {
+            let counts = run_all(store, run, |cell| {
+                let mesh = kernel_run(cell, &fine, 0, options).1;
+                mesh.statistics.level_counts
+            })?;
+            Ok(choose_levels(&counts, store, goal.triangles))
+        })?;
+    let (n_levels, n_ahead) = plan;
+    run_cells_numbered(store, goal.round, run, |index, cell| {
+        let depth = n_levels + usize::from(index < n_ahead);
+        if depth == 0 {
+            return Survivors::from(cell);
+        }
+        drain(cell, &fine[..depth.min(fine.len())], options, store)
+    })
+}
+
+/// Levels of the exact round: an octave and a half to either side, 16 to an octave.
+const FINE_LEVELS: i32 = 24;
+const FINE_STEPS: f64 = 16.0;
+
+/// How many levels every cell takes, and how many of the first cells take one more, so that the total is
+/// the largest that does not exceed `target`.
+fn choose_levels(counts: &[Vec<u64>], store: &CellStore, target: u64) -> (usize, usize) {
+    let after = |cell: usize, depth: usize| match depth {
+        0 => store.info().cells[cell].triangles,
+        _ => counts[cell].get(depth - 1).or(counts[cell].last()).copied().unwrap_or(0),
+    };
+    let total = |depth: usize| (0..counts.len()).map(|cell| after(cell, depth)).sum::<u64>();
+    let deepest = counts.iter().map(Vec::len).max().unwrap_or(0);
+    let Some(enough) = (0..=deepest).find(|&depth| total(depth) <= target) else {
+        return (deepest, 0);
+    };
+    if enough == 0 {
+        return (0, 0);
+    }
+    let mut sum = total(enough - 1);
+    for cell in 0..counts.len() {
+        if sum <= target {
+            return (enough - 1, cell);
+        }
+        sum = sum - after(cell, enough - 1) + after(cell, enough);
+    }
+    (enough - 1, counts.len())
+}
+
+/// The kernel on one cell; gives back what identifies its vertices.
+fn kernel_run(
+    cell: CellMesh,
+    levels: &[f64],
+    floor_triangles: u64,
+    options: &Options,
+) -> ((Vec<u64>, Vec<bool>, Vec<u8>), Simplified) {
+    let stop = Stop::Costs { levels: levels.to_vec(), floor_triangles };
+    let options = Options { stop, ..options.clone() };
+    let simplified = kernel::simplify_mesh(cell.mesh, &cell.shared, &options);
+    ((cell.ids, cell.shared, cell.records), simplified)
+}
+
+fn drain(cell: CellMesh, levels: &[f64], options: &Options, store: &CellStore) -> Survivors {
+    let ((ids, shared, records), simplified) = kernel_run(cell, levels, 0, options);
+    Survivors::new(&ids, &shared, &records, simplified, store.layout())
+}
+
+/// Finds the levels that bring the whole store to `goal` from how a sample of its cells behaves.
+fn pilot(store: &CellStore, goal: Goal, options: &Options, run: &Run) -> Result<Levels> {
+    let n_triangles = store.info().triangles;
+    if goal.triangles >= n_triangles {
+        return Ok(Levels::default());
+    }
+    let sample = pilot_cells(store.n_cells());
+    let ratio = goal.triangles as f64 / n_triangles as f64;
+    let area = mean_area(&store.load(sample[0])?);
+    let ladder: Vec<f64> =
+        (0..PILOT_LEVELS).map(|k| PILOT_START * area * area * PILOT_STEP.powi(k)).collect();
+    let curves = Mutex::new(vec![Vec::new(); sample.len()]);
+    let jobs = sample
+        .iter()
+        .enumerate()
+        .map(|(item, &cell)| Weighted { item, bytes: cell_bytes(store, cell) });
+    largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
+        let cell = store.load(sample[item])?;
+        // Far enough below its share to see what the others may ask of a flat cell.
+        let floor = (cell.mesh.triangles.len() as f64 * ratio / 4.0) as u64;
+        let counts = kernel_run(cell, &ladder, floor, options).1.statistics.level_counts;
+        curves.lock().unwrap_or_else(PoisonError::into_inner)[item] = counts;
+        Ok(())
+    })?;
+    let curves = curves.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let start: u64 = sample.iter().map(|&cell| store.info().cells[cell].triangles).sum();
+    let total: Vec<f64> = (0..ladder.len())
+        .map(|level| curves.iter().map(|curve| count_at(curve, level)).sum::<u64>() as f64)
+        .collect();
+    Ok(choose_ladder(&ladder, &total, start as f64, ratio))
+}
+
+fn count_at(curve: &[u64], level: usize) -> u64 {
+    curve.get(level).or(curve.last()).copied().unwrap_or(0)
+}
+
+/// Sample cells: evenly spaced, starting within the first stretch.
+fn pilot_cells(n_cells: usize) -> Vec<usize> {
+    let n = (n_cells / PILOT_SHARE).clamp(*PILOT_CELLS.start(), *PILOT_CELLS.end()).min(n_cells);
+    (0..n).map(|i| (2 * i + 1) * n_cells / (2 * n)).collect()
+}
+
+fn mean_area(cell: &CellMesh) -> f64 {
+    let n = cell.mesh.triangles.len();
+    let doubled = |t: usize| {
+        let [a, b, c] = cell.mesh.corners(t);
+        let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
+        let cross =
+            [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        cross.iter().map(|x| x * x).sum::<f64>().sqrt()
+    };
+    let area = 0.5 * (0..n).map(doubled).sum::<f64>() / n.max(1) as f64;
+    // All triangles degenerate: any positive scale will do.
+    if area > 0.0 && area.is_finite() { area } else { f64::MIN_POSITIVE.sqrt() }
+}
+
+/// Levels at which the sample falls by `LEVEL_FACTOR` each, the last where it meets `ratio`.
+fn choose_ladder(ladder: &[f64], total: &[f64], start: f64, ratio: f64) -> Levels {
+    let mut levels = Vec::new();
+    let mut wanted = start;
+    loop {
+        wanted = (wanted / LEVEL_FACTOR).max(start * ratio);
+        let cost = interpolate(ladder, total, start, wanted);
+        if levels.last().is_none_or(|&last| cost > last) {
+            levels.push(cost);
+        }
+        if wanted <= start * ratio {
+            return Levels(levels);
+        }
+    }
+}
+
+/// The cost at which the count falls to `wanted`, linear in the logarithms between two levels.
+fn interpolate(ladder: &[f64], total: &[f64], start: f64, wanted: f64) -> f64 {
+    let Some(level) = total.iter().position(|&count| count <= wanted) else {
+        return ladder[ladder.len() - 1];
+    };
+    let before = if level == 0 { start } else { total[level - 1] };
+    let (high, low) = (before.max(1.0).ln(), total[level].max(1.0).ln());
+    let share = if high > low { (high - wanted.max(1.0).ln()) / (high - low) } else { 1.0 };
+    ladder[level] * PILOT_STEP.powf(share.clamp(0.0, 1.0) - 1.0)
+}
+
+/// Runs `work` on every cell without writing anything; outcomes in cell order.
+fn run_all<T: Send + Clone + Default>(
+    store: &CellStore,
+    run: &Run,
+    work: impl Fn(CellMesh) -> T + Sync,
+) -> Result<Vec<T>> {
+    let outcomes = Mutex::new(vec![T::default(); store.n_cells()]);
+    let jobs = (0..store.n_cells()).map(|item| Weighted { item, bytes: cell_bytes(store, item) });
+    largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
+        let outcome = work(store.load(item)?);
+        outcomes.lock().unwrap_or_else(PoisonError::into_inner)[item] = outcome;
+        Ok(())
+    })?;
+    Ok(outcomes.into_inner().unwrap_or_else(PoisonError::into_inner))
+}
+
+fn run_cells(
+    store: &CellStore,
+    round: u32,
+    run: &Run,
+    work: impl Fn(CellMesh) -> Survivors + Sync,
+) -> Result<SurvivorInfo> {
+    run_cells_numbered(store, round, run, |_, cell| work(cell))
+}
+
+struct Output {
+    writer: SurvivorWriter,
+    /// Cells appended since the last sync; their sources are still needed.
+    unsynced: Vec<usize>,
+    synced_at: Instant,
+}
+
+/// Runs `work` on the cells that are not yet in the round's pack of survivors, and seals the pack.
+fn run_cells_numbered(
+    store: &CellStore,
+    round: u32,
+    run: &Run,
+    work: impl Fn(usize, CellMesh) -> Survivors + Sync,
+) -> Result<SurvivorInfo> {
+    let name = format!("round-{round}.survivors");
+    let writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
+    let mut is_done = vec![false; store.n_cells()];
+    for cell in writer.finished() {
+        if let Some(done) = is_done.get_mut(cell as usize) {
+            *done = true;
+            run.progress.add(store.info().cells[cell as usize].triangles);
+        }
+    }
+    let jobs = (0..store.n_cells())
+        .filter(|&cell| !is_done[cell])
+        .map(|item| Weighted { item, bytes: cell_bytes(store, item) });
+    let output = Mutex::new(Output { writer, unsynced: Vec::new(), synced_at: Instant::now() });
+    let outcome =
+        largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
+            let survivors = work(item, store.load(item)?);
+            let mut output = output.lock().unwrap_or_else(PoisonError::into_inner);
+            output.writer.append(item, &survivors)?;
+            output.unsynced.push(item);
+            run.progress.add(store.info().cells[item].triangles);
+            if output.synced_at.elapsed() > SYNC_EVERY {
+                output.sync(store)?;
+            }
+            Ok(())
+        });
+    let mut output = output.into_inner().unwrap_or_else(PoisonError::into_inner);
+    // Also after a failure or a signal: what is done stays done.
+    let synced = output.sync(store);
+    outcome.and(synced)?;
+    output.writer.finish(run.disk(), run.job.folder(), store.n_cells())
+}
+
+impl Output {
+    /// Makes finished cells durable, then frees what they came from.
+    fn sync(&mut self, store: &CellStore) -> Result<()> {
+        self.writer.sync()?;
+        for cell in self.unsynced.drain(..) {
+            store.free(cell)?;
+        }
+        self.synced_at = Instant::now();
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_fall_by_four_and_end_at_the_ratio() {
+        // N = 1000 t^-0.5 above t = 1.
+        let ladder: Vec<f64> = (0..12).map(|k| 4f64.powi(k)).collect();
+        let total: Vec<f64> = ladder.iter().map(|t| 1000.0 / t.sqrt()).collect();
+        let Levels(levels) = choose_ladder(&ladder, &total, 1000.0, 0.01);
+        let wanted = [16.0, 256.0, 4096.0, 10_000.0];
+        assert_eq!(levels.len(), wanted.len());
+        for (level, wanted) in levels.iter().zip(wanted) {
+            assert!((level / wanted - 1.0).abs() < 0.02, "{levels:?}");
+        }
+    }
+}

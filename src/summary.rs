@@ -1,0 +1,78 @@
+//! The report of a run, as `--report` writes it; the keys are a contract (docs/report.md).
+
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// One stage of a run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct StageReport {
+    /// `partition`, `simplify`, `stitch` or `write`.
+    pub name: String,
+    /// Wall time.
+    pub seconds: f64,
+    /// Triangles that went in.
+    pub triangles_in: u64,
+    /// Triangles that came out.
+    pub triangles_out: u64,
+    /// Bytes read, the input included.
+    pub bytes_read: u64,
+    /// Bytes written, the output included.
+    pub bytes_written: u64,
+}
+
+/// The input of a run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct InputReport {
+    /// As given.
+    pub path: String,
+    /// Length of the file.
+    pub bytes: u64,
+    /// Vertices in the file.
+    pub vertices: u64,
+    /// Faces in the file.
+    pub triangles: u64,
+    /// Faults found, by name.
+    pub faults: BTreeMap<String, u64>,
+}
+
+/// The output of a run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct OutputReport {
+    /// As given.
+    pub path: String,
+    /// Vertices written.
+    pub vertices: u64,
+    /// Triangles written.
+    pub triangles: u64,
+}
+
+/// What the cells had in common.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SeamReport {
+    /// Vertices on seams of the first round.
+    pub shared_vertices: u64,
+    /// The same for every round.
+    pub shared_vertices_by_round: Vec<u64>,
+}
+
+/// The report of `simplify`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[allow(missing_docs)] // The names are the contract.
+pub struct RunReport {
+    pub version: String,
+    pub input: InputReport,
+    pub settings: BTreeMap<String, String>,
+    pub cells: u32,
+    pub rounds: u32,
+    pub stages: Vec<StageReport>,
+    pub seconds: f64,
+    pub triangles_per_second: f64,
+    pub peak_memory_bytes: u64,
+    pub peak_temp_bytes: u64,
+    pub output: OutputReport,
+    pub rejects: BTreeMap<String, u64>,
+    pub seams: SeamReport,
+    pub target: u64,
+    pub target_met: bool,
+    pub stop_reason: String,
+}

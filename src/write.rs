@@ -1,0 +1,107 @@
+//! Stage 4: the result becomes one file; vertices once, faces once, by rename.
+
+use crate::cells::{SurvivorPack, Survivors};
+use crate::error::Result;
+use crate::ply::{OutputHeader, PlyWriter};
+use crate::run::Run;
+use std::collections::HashMap;
+use std::path::Path;
+
+/// What was written.
+#[derive(Clone, Copy, Debug, Default, serde::Serialize, serde::Deserialize)]
+pub struct Written {
+    /// Vertices in the output.
+    pub vertices: u64,
+    /// Triangles in the output.
+    pub triangles: u64,
+    /// Bytes of the output.
+    pub bytes: u64,
+}
+
+/// Writes all cells of `result` as one mesh; a vertex that several cells hold is written once.
+///
+/// Vertices come in the order of their first cell. Memory: one cell, and 48 bytes per shared vertex.
+pub fn write(
+    result: &SurvivorPack,
+    output: &Path,
+    header: OutputHeader,
+    run: &Run,
+) -> Result<Written> {
+    let layout = result.layout();
+    let info = result.info();
+    let first_uses = index_vertices(result)?;
+    let n_vertices = first_uses.n_vertices;
+    let header = OutputHeader { n_vertices, n_faces: info.triangles, ..header };
+    let mut writer = PlyWriter::create(output, header)?;
+    let record_bytes = layout.schema.record_bytes();
+    let mut records = Vec::new();
+    for cell in 0..info.cells.len() {
+        run.progress.check()?;
+        let part = result.load(cell)?;
+        records.clear();
+        for vertex in 0..part.ids.len() {
+            if part.shared[vertex] && first_uses.shared[&part.ids[vertex]].0 != cell as u32 {
+                continue;
+            }
+            let record = &part.records[vertex * record_bytes..(vertex + 1) * record_bytes];
+            let channels = part.mesh.channels_of(vertex as u32);
+            layout.codec.encode(part.mesh.positions[vertex], channels, record, &mut records);
+        }
+        writer.write_vertices(&records)?;
+        run.progress.add(info.cells[cell].triangles / 2);
+    }
+    let mut next = 0;
+    for cell in 0..info.cells.len() {
+        run.progress.check()?;
+        let part = result.load(cell)?;
+        let numbers = number(&part, cell as u32, &mut next, &first_uses);
+        let triangles: Vec<[u64; 3]> =
+            part.mesh.triangles.iter().map(|t| t.map(|v| numbers[v as usize])).collect();
+        writer.write_faces(&triangles)?;
+        run.progress.add(info.cells[cell].triangles.div_ceil(2));
+    }
+    let bytes = writer.finish()?;
+    Ok(Written { vertices: n_vertices, triangles: info.triangles, bytes })
+}
+
+/// For every shared vertex, the first cell that holds it and its number in the output.
+struct FirstUses {
+    shared: HashMap<u64, (u32, u64)>,
+    n_vertices: u64,
+}
+
+fn index_vertices(result: &SurvivorPack) -> Result<FirstUses> {
+    let mut uses = FirstUses { shared: HashMap::new(), n_vertices: 0 };
+    for cell in 0..result.info().cells.len() {
+        let part = result.load(cell)?;
+        for (&id, &shared) in part.ids.iter().zip(&part.shared) {
+            if shared {
+                let mut is_new = false;
+                uses.shared.entry(id).or_insert_with(|| {
+                    is_new = true;
+                    (cell as u32, uses.n_vertices)
+                });
+                uses.n_vertices += u64::from(is_new);
+            } else {
+                uses.n_vertices += 1;
+            }
+        }
+    }
+    Ok(uses)
+}
+
+/// Output numbers of a cell's vertices, in the order in which they were written.
+fn number(part: &Survivors, cell: u32, next: &mut u64, uses: &FirstUses) -> Vec<u64> {
+    let mut numbers = Vec::with_capacity(part.ids.len());
+    for (id, &shared) in part.ids.iter().zip(&part.shared) {
+        let known = if shared { uses.shared.get(id).copied() } else { None };
+        match known {
+            Some((first_cell, number)) if first_cell != cell => numbers.push(number),
+            _ => {
+                numbers.push(*next);
+                *next += 1;
+            }
+        }
+    }
+    numbers
+}
