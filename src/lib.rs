@@ -7,6 +7,7 @@
 
 pub mod cells;
 pub mod cli;
+pub mod compare;
 pub mod config;
 pub mod disk;
 pub mod error;
