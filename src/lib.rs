@@ -8,6 +8,7 @@
 pub mod cells;
 pub mod check;
 pub mod cli;
+pub mod compare;
 pub mod config;
 pub mod disk;
 pub mod error;

@@ -86,9 +86,9 @@ pub fn main() -> u8 {
     let talk = &typed.talk;
     let outcome = match &typed.command {
         Command::Simplify(args) => simplify::run(args, talk, &progress, &mut log),
-        Command::Convert(args) => convert::run(args, &mut log).map(|()| 0),
+        Command::Convert(args) => convert::run(args, &mut log),
         Command::Info(args) => info::run(args, &progress).map(|()| 0),
-        Command::Measure(args) => measure::run(args, &progress).map(|()| 0),
+        Command::Measure(args) => measure::run(args, talk, &progress, &mut log).map(|()| 0),
         Command::Render(args) => render::run(args, &progress, &mut log).map(|()| 0),
         Command::Synth(args) => synth::run(args, &progress, &mut log).map(|()| 0),
         Command::Status(args) => status::run(args).map(|()| 0),
