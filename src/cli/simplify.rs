@@ -84,29 +84,6 @@ struct TypedTarget {
 }
 
 impl Args {
-    /// The plainest call: input, output and a ratio.
-    pub fn with_ratio(input: PathBuf, output: PathBuf, ratio: f64) -> Args {
-        Args {
-            input,
-            output,
-            target: TypedTarget { triangles: None, ratio: Some(ratio) },
-            memory: None,
-            threads: None,
-            cell_triangles: DEFAULT_CELL_TRIANGLES,
-            temp_dir: None,
-            keep_temp: false,
-            until: None,
-            force: true,
-            restart: true,
-            format: OutputFormat::default(),
-            skip_bad: false,
-            drop_texture: false,
-            dry_run: false,
-            report: None,
-            seams: None,
-        }
-    }
-
     /// What was typed becomes what was decided.
     pub fn config(&self) -> Result<Config> {
         let target = match (self.target.triangles, self.target.ratio) {
