@@ -68,8 +68,8 @@ struct Report {
     peak_memory_bytes: u64,
 }
 
-/// Runs the command; the table or the JSON goes to `out`.
-pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> {
+/// Runs the command; the table or the JSON goes to standard output.
+pub fn run(args: &Args, progress: &Progress) -> Result<()> {
     let begin = std::time::Instant::now();
     let threads = args.threads.unwrap_or_else(crate::memory::cores).max(1);
     let sources = [MeshSource::open(&args.original)?, MeshSource::open(&args.simplified)?];
@@ -98,6 +98,7 @@ pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> 
     if let Some(path) = &args.report {
         std::fs::write(path, &json).map_err(|e| Error::io(path, "cannot write the report", e))?;
     }
+    let mut out = std::io::stdout().lock();
     let printed =
         if args.json { writeln!(out, "{json}") } else { write!(out, "{}", table(&report)) };
     printed.map_err(|e| Error::io("standard output", "cannot write", e))

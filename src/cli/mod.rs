@@ -54,8 +54,8 @@ pub struct Talk {
 
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    Convert(convert::Args),
     Simplify(simplify::Args),
+    Convert(convert::Args),
     Info(info::Args),
     Measure(measure::Args),
     Render(render::Args),
@@ -84,12 +84,11 @@ pub fn main() -> u8 {
         return complain(&mut log, &error);
     }
     let talk = &typed.talk;
-    let mut out = std::io::stdout();
     let outcome = match &typed.command {
         Command::Simplify(args) => simplify::run(args, talk, &progress, &mut log),
-        Command::Convert(args) => convert::run(args, &mut log),
-        Command::Info(args) => info::run(args, &mut out, &progress).map(|()| 0),
-        Command::Measure(args) => measure::run(args, &mut out, &progress).map(|()| 0),
+        Command::Convert(args) => convert::run(args, &mut log).map(|()| 0),
+        Command::Info(args) => info::run(args, &progress).map(|()| 0),
+        Command::Measure(args) => measure::run(args, &progress).map(|()| 0),
         Command::Render(args) => render::run(args, &progress, &mut log).map(|()| 0),
         Command::Synth(args) => synth::run(args, &progress, &mut log).map(|()| 0),
         Command::Status(args) => status::run(args).map(|()| 0),

@@ -6,7 +6,7 @@
 use super::evaluate::{RingGeometry, RingPart};
 use super::lanes::Simd;
 use super::legal::{Class, MAY_COLLAPSE, Reject};
-use super::surface::{GONE, MAX_VALENCE, Surface, boundary_quadric, others};
+use super::surface::{Fan, GONE, MAX_VALENCE, Surface, boundary_quadric, others};
 use super::vector::Vec3;
 
 /// A normal that turns further than this cosine is put off.
@@ -31,9 +31,11 @@ pub(crate) struct Plan {
 pub(crate) fn roles(surface: &Surface, a: u32, b: u32) -> (u32, u32) {
     let key = |v: u32| {
         let ring = &surface.rings[v as usize];
-        (ring.class, ring.room, v)
+        let class = ring.class.map_or(0, |class| class as u64);
+        class << 40 | u64::from(ring.room.min(255)) << 32 | u64::from(v)
     };
-    if key(a) < key(b) { (a, b) } else { (b, a) }
+    let (a, b) = (key(a), key(b));
+    (a.min(b) as u32, a.max(b) as u32)
 }
 
 /// Whether the classes of the ends allow it.
@@ -64,11 +66,16 @@ pub(crate) struct Collapser {
     opposite: [u32; 2],
     /// Neighbours over open edges of either end, and from which end.
     open: Vec<(u32, u32)>,
+    /// Third vertex of a hole of three edges that the collapse closes.
+    closes: Option<u32>,
+    may_close: bool,
+    fan: Fan,
     parts: Vec<RingGeometry>,
 }
 
 impl Collapser {
-    pub(crate) fn new() -> Self {
+    /// `may_close`: whether holes of three edges may close.
+    pub(crate) fn new(may_close: bool) -> Self {
         Collapser {
             ids: [0; ROOM],
             b: [0; ROOM],
@@ -79,6 +86,9 @@ impl Collapser {
             n: 0,
             opposite: [0; 2],
             open: Vec::new(),
+            closes: None,
+            may_close,
+            fan: Fan::new(),
             parts: vec![RingGeometry::ZERO; ROOM / 8],
         }
     }
@@ -111,29 +121,27 @@ impl Collapser {
         if ring0.len() + ring1.len() > MAX_VALENCE as usize {
             return Err(Reject::Sliver);
         }
-        let mut gone = [[0u32; 3]; 2];
+        // Everything is written where the next kept one goes and overwritten if it was not one: which
+        // triangles vanish cannot be predicted.
+        let mut gone = [[0u32; 3]; 4];
         let mut n_gone = 0;
         let mut n = 0;
         for &t in ring0 {
             let (b, c) = others(surface.triangles[t as usize], v0);
-            if b == v1 || c == v1 {
-                if n_gone == 2 {
-                    return Err(Reject::NonManifold);
-                }
-                gone[n_gone] = [t, b, c];
-                n_gone += 1;
-            } else {
-                (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, -1.0);
-                n += 1;
-            }
+            let vanishes = b == v1 || c == v1;
+            gone[n_gone] = [t, b, c];
+            (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, -1.0);
+            n_gone = (n_gone + usize::from(vanishes)).min(3);
+            n += usize::from(!vanishes);
+        }
+        if n_gone > 2 {
+            return Err(Reject::NonManifold);
         }
         self.n0 = n;
         for &t in ring1 {
             let (b, c) = others(surface.triangles[t as usize], v1);
-            if b != v0 && c != v0 {
-                (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, 1.0);
-                n += 1;
-            }
+            (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, 1.0);
+            n += usize::from(b != v0 && c != v0);
         }
         self.n_kept = n;
         for (i, &[t, b, c]) in gone[..n_gone].iter().enumerate() {
@@ -169,6 +177,14 @@ impl Collapser {
                 return Err(Reject::Boundary);
             }
         }
+        self.open.clear();
+        if class0 == Class::Boundary {
+            self.open_edges(v0, v1, true);
+        }
+        if class1 == Class::Boundary {
+            self.open_edges(v1, v0, false);
+        }
+        self.closes = None;
         // Every neighbour of v0 that also is one of v1 must be opposite to the edge.
         let (b0, c0) = (&self.b[..n0], &self.c[..n0]);
         let (b1, c1) = (&self.b[n0..n_kept], &self.c[n0..n_kept]);
@@ -181,8 +197,14 @@ impl Collapser {
             }
         } else {
             let common = |w: u32| b1.contains(&w) || c1.contains(&w);
-            if b0.iter().chain(c0).any(|&w| stranger(w) && common(w)) {
-                return Err(Reject::LinkCondition);
+            for &w in b0.iter().chain(c0).filter(|&&w| stranger(w) && common(w)) {
+                let hole = self.open.contains(&(w, v0)) && self.open.contains(&(w, v1));
+                if !(self.may_close && n_gone == 1 && hole && class(w) == Class::Boundary)
+                    || self.closes.is_some_and(|other| other != w)
+                {
+                    return Err(Reject::LinkCondition);
+                }
+                self.closes = Some(w);
             }
         }
         if class1 == Class::Locked {
@@ -198,13 +220,6 @@ impl Collapser {
             if b0.iter().zip(c0).any(over) && b1.iter().zip(c1).any(over) {
                 return Err(Reject::LinkCondition);
             }
-        }
-        self.open.clear();
-        if class0 == Class::Boundary {
-            self.open_edges(v0, v1, true);
-        }
-        if class1 == Class::Boundary {
-            self.open_edges(v1, v0, false);
         }
         Ok(())
     }
@@ -302,6 +317,9 @@ impl Collapser {
         }
         let class0 = surface.rings[v0 as usize].class;
         for &(w, _) in &self.open {
+            if self.closes == Some(w) {
+                continue;
+            }
             let new = boundary_quadric(surface.edge(w, v1));
             let sum = &mut surface.vertices[w as usize].quadric;
             for k in 0..6 {
@@ -315,6 +333,22 @@ impl Collapser {
         self.rewire(surface, v0, v1);
         let ring = &mut surface.rings[v1 as usize];
         ring.class = ring.class.max(class0);
+        if let Some(w) = self.closes {
+            for v in [v1, w] {
+                surface.rings[v as usize].class = Some(self.fan.look(surface, v));
+            }
+        }
+    }
+
+    /// After a refusal: a common neighbour of both ends that no vanishing triangle explains.
+    pub(crate) fn stranger(&self, surface: &Surface) -> Option<u32> {
+        if self.n - self.n_kept != 2 {
+            return None;
+        }
+        let (b0, b1) = (&self.b[..self.n0], &self.b[self.n0..self.n_kept]);
+        let inner = |w: u32| surface.rings[w as usize].class == Some(Class::Interior);
+        let known = |w: u32| self.opposite.contains(&w);
+        b0.iter().copied().find(|&w| inner(w) && !known(w) && b1.contains(&w))
     }
 
     /// Puts the survivor in its place, its channels interpolated along the edge.
@@ -336,11 +370,8 @@ impl Collapser {
     /// Triangles and rings after the collapse.
     fn rewire(&mut self, surface: &mut Surface, v0: u32, v1: u32) {
         for &t in &self.ids[..self.n0] {
-            for v in &mut surface.triangles[t as usize] {
-                if *v == v0 {
-                    *v = v1;
-                }
-            }
+            let triangle = &mut surface.triangles[t as usize];
+            *triangle = triangle.map(|v| if v == v0 { v1 } else { v });
         }
         for (&t, &w) in self.ids[self.n_kept..self.n].iter().zip(&self.opposite) {
             surface.triangles[t as usize][0] = GONE;

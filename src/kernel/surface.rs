@@ -67,14 +67,11 @@ pub(crate) fn boundary_quadric(edge: [f32; 3]) -> [f32; 6] {
 /// A triangle as seen from one of its corners: the other two, in its sense of rotation.
 #[inline(always)]
 pub(crate) fn others(triangle: [u32; 3], v: u32) -> (u32, u32) {
-    let [x, y, z] = triangle;
-    if x == v {
-        (y, z)
-    } else if y == v {
-        (z, x)
-    } else {
-        (x, y)
-    }
+    // Which corner it is cannot be predicted, so there is no branch on it.
+    const NEXT: [usize; 4] = [1, 2, 0, 0];
+    let at = usize::from(triangle[1] == v) + 2 * usize::from(triangle[2] == v);
+    let next = NEXT[at];
+    (triangle[next], triangle[NEXT[next]])
 }
 
 fn is_proper(t: &[u32; 3]) -> bool {
