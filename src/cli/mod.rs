@@ -86,7 +86,7 @@ pub fn main() -> u8 {
     let talk = &typed.talk;
     let outcome = match &typed.command {
         Command::Simplify(args) => simplify::run(args, talk, &progress, &mut log),
-        Command::Convert(args) => convert::run(args, &mut log).map(|()| 0),
+        Command::Convert(args) => convert::run(args, &mut log),
         Command::Info(args) => info::run(args, &progress).map(|()| 0),
         Command::Measure(args) => measure::run(args, &progress).map(|()| 0),
         Command::Render(args) => render::run(args, &progress, &mut log).map(|()| 0),
