@@ -6,12 +6,14 @@
 //! knows no files, threads, clock or logging. docs/ARCHITECTURE.md has the map.
 
 pub mod cells;
+pub mod check;
 pub mod cli;
 pub mod compare;
 pub mod config;
 pub mod disk;
 pub mod error;
 pub mod format;
+pub mod formats;
 pub mod job;
 pub mod kernel;
 pub mod measure;
@@ -23,8 +25,10 @@ pub mod pipeline;
 pub mod plan;
 pub mod ply;
 pub mod progress;
+pub mod render;
 pub mod run;
 pub mod schema;
+pub mod scratch;
 pub mod seams;
 pub mod simplify;
 pub mod stitch;

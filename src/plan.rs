@@ -1,6 +1,6 @@
 //! The plan before the work: cells, rounds, memory, disk. Refuses what cannot succeed, by name.
 
-use crate::cells::{CellTally, VertexLayout, load_bytes};
+use crate::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::kernel;
@@ -54,9 +54,13 @@ impl Plan {
     /// Plans a run; fails with `NoMemory` where the budget cannot hold one cell, the finish or the tables.
     pub fn new(source: &MeshSource, config: &Config) -> Result<Plan> {
         let triangles_in = source.n_faces();
+        if triangles_in == 0 {
+            let what = "has no triangles (element face, row 0): there is nothing to simplify";
+            return Err(Error::bad_input(source.path(), what));
+        }
         let target = config.target.triangles(triangles_in);
         let layout = VertexLayout::new(source.schema(), source.n_vertices());
-        let cells = partition::plan_cells(triangles_in, config.cell_triangles);
+        let cells = plan_cells(triangles_in, config.cell_triangles);
         let (rounds, finish_triangles) = rounds(triangles_in, target, config.cell_triangles);
         let vertices_per_triangle = source.n_vertices() as f64 / triangles_in.max(1) as f64;
         let stage_bytes = |triangles: u64| {

@@ -153,7 +153,7 @@ const KERNELS: [(&str, Kernel); 2] =
     [("production", simplify_mesh), ("reference", reference::simplify_mesh)];
 
 fn to(triangles: u64) -> Options {
-    Options { stop: Stop::Triangles(triangles) }
+    Options { stop: Stop::Triangles(triangles), ..Options::default() }
 }
 
 #[test]
@@ -203,7 +203,7 @@ fn a_prefix_of_the_levels_gives_a_prefix_of_the_run() {
             let levels: Vec<f64> = (0..14).map(|i| 1e-12 * 4f64.powi(i)).collect();
             let run = |n: usize, floor_triangles: u64| {
                 let stop = Stop::Costs { levels: levels[..n].to_vec(), floor_triangles };
-                simplify(mesh.clone(), &locked, &Options { stop })
+                simplify(mesh.clone(), &locked, &Options { stop, ..Options::default() })
             };
             let whole = run(levels.len(), 0);
             validate(&mesh, &locked, &whole);

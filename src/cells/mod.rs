@@ -7,9 +7,11 @@ mod pack;
 mod scatter;
 mod store;
 mod survivors;
+mod tree;
 
 pub use id_map::IdMap;
 pub use pack::{Pack, PackWriter};
 pub use scatter::Scatter;
 pub use store::{CellMesh, CellStore, CellTally, StoreInfo, VertexLayout, load_bytes};
 pub use survivors::{SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors};
+pub use tree::{CellTree, Frame, n_samples, plan_cells};

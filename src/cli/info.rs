@@ -20,6 +20,12 @@ pub struct Args {
     /// Prints JSON
     #[arg(long)]
     json: bool,
+    /// Memory for --check; a larger mesh is cut into cells on disk [default: 75 % of the tightest limit]
+    #[arg(long, value_name = "SIZE", value_parser = super::parse_memory)]
+    memory: Option<u64>,
+    /// Where those cells lie for the time being [default: the working folder]
+    #[arg(long, value_name = "DIR", default_value = ".")]
+    temp_dir: PathBuf,
     /// Threads to use [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
@@ -40,14 +46,11 @@ struct Report {
     check: Option<Topology>,
 }
 
-/// Runs the command; the answer goes to standard output.
-pub fn run(args: &Args, progress: &Progress) -> Result<()> {
+/// Runs the command; the answer goes to `out`.
+pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> {
     let threads = args.threads.unwrap_or_else(crate::memory::cores).max(1);
     let source = MeshSource::open(&args.file)?;
-    let check = match args.check {
-        true => Some(load::topology_of(&load::load(&source, threads, progress)?)),
-        false => None,
-    };
+    let check = if args.check { Some(count(args, &source, threads, progress)?) } else { None };
     let schema = source.schema();
     let report = Report {
         path: args.file.clone(),
@@ -67,9 +70,24 @@ pub fn run(args: &Args, progress: &Progress) -> Result<()> {
     } else {
         table(&source, &report)
     };
-    std::io::stdout()
-        .write_all(text.as_bytes())
-        .map_err(|e| Error::io("standard output", "cannot write", e))
+    out.write_all(text.as_bytes()).map_err(|e| Error::io("standard output", "cannot write", e))
+}
+
+/// Bytes a triangle that counting in memory takes, besides the mesh.
+const COUNT_BYTES: u64 = 64;
+
+fn count(
+    args: &Args,
+    source: &MeshSource,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Topology> {
+    let budget = super::memory_budget(args.memory);
+    let whole = load::bytes_in_memory(source).saturating_add(COUNT_BYTES * source.n_faces());
+    if whole > budget / 2 || u32::try_from(source.n_vertices()).is_err() {
+        return crate::check::check(source, &args.temp_dir, threads, budget * 3 / 4, progress);
+    }
+    Ok(load::topology_of(&load::load(source, threads, progress)?))
 }
 
 fn table(source: &MeshSource, report: &Report) -> String {

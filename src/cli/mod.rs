@@ -1,9 +1,11 @@
 //! The command line: what was typed becomes a call into the library; the only place that prints.
 
+pub mod convert;
 mod demo;
 mod display;
 mod info;
-mod measure;
+pub mod measure;
+pub mod render;
 mod simplify;
 mod status;
 pub mod synth;
@@ -53,8 +55,10 @@ pub struct Talk {
 #[derive(Debug, clap::Subcommand)]
 enum Command {
     Simplify(simplify::Args),
-    Measure(measure::Args),
+    Convert(convert::Args),
     Info(info::Args),
+    Measure(measure::Args),
+    Render(render::Args),
     Synth(synth::Args),
     Status(status::Args),
     Demo(demo::Args),
@@ -80,10 +84,13 @@ pub fn main() -> u8 {
         return complain(&mut log, &error);
     }
     let talk = &typed.talk;
+    let mut out = std::io::stdout();
     let outcome = match &typed.command {
         Command::Simplify(args) => simplify::run(args, talk, &progress, &mut log),
+        Command::Convert(args) => convert::run(args, &mut log).map(|()| 0),
+        Command::Info(args) => info::run(args, &mut out, &progress).map(|()| 0),
         Command::Measure(args) => measure::run(args, talk, &progress, &mut log).map(|()| 0),
-        Command::Info(args) => info::run(args, &progress).map(|()| 0),
+        Command::Render(args) => render::run(args, &progress, &mut log).map(|()| 0),
         Command::Synth(args) => synth::run(args, &progress, &mut log).map(|()| 0),
         Command::Status(args) => status::run(args).map(|()| 0),
         Command::Demo(args) => demo::run(args, talk, &progress, &mut log),

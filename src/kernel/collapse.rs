@@ -6,7 +6,7 @@
 use super::evaluate::{RingGeometry, RingPart};
 use super::lanes::Simd;
 use super::legal::{Class, MAY_COLLAPSE, Reject};
-use super::surface::{GONE, MAX_VALENCE, Surface, boundary_quadric, others};
+use super::surface::{Fan, GONE, MAX_VALENCE, Surface, boundary_quadric, others};
 use super::vector::Vec3;
 
 /// A normal that turns further than this cosine is put off.
@@ -31,9 +31,11 @@ pub(crate) struct Plan {
 pub(crate) fn roles(surface: &Surface, a: u32, b: u32) -> (u32, u32) {
     let key = |v: u32| {
         let ring = &surface.rings[v as usize];
-        (ring.class, ring.room, v)
+        let class = ring.class.map_or(0, |class| class as u64);
+        class << 40 | u64::from(ring.room.min(255)) << 32 | u64::from(v)
     };
-    if key(a) < key(b) { (a, b) } else { (b, a) }
+    let (a, b) = (key(a), key(b));
+    (a.min(b) as u32, a.max(b) as u32)
 }
 
 /// Whether the classes of the ends allow it.
@@ -45,23 +47,52 @@ pub(crate) fn classes_allow(surface: &Surface, v0: u32, v1: u32) -> Result<(), R
     }
 }
 
+/// Room for the triangles of both ends, in whole parts of eight.
+const ROOM: usize = MAX_VALENCE as usize + 8;
+
 /// Scratch space of one collapse, re-used.
-#[derive(Default)]
 pub(crate) struct Collapser {
-    /// Triangles of `v0` (first `n0`) and of `v1` that stay, then those that vanish.
-    ids: Vec<u32>,
-    b: Vec<u32>,
-    c: Vec<u32>,
+    /// Triangles of `v0` (first `n0`) and of `v1` that stay (up to `n_kept`), then those that vanish (up
+    /// to `n`).
+    ids: [u32; ROOM],
+    b: [u32; ROOM],
+    c: [u32; ROOM],
+    /// -1 for a triangle of `v0`, 1 for one of `v1`.
+    side: [f32; ROOM],
     n0: usize,
     n_kept: usize,
-    /// Third corners of the vanishing triangles.
-    opposite: Vec<u32>,
+    n: usize,
+    /// Third corners of the vanishing triangles; the first twice if there is only one.
+    opposite: [u32; 2],
     /// Neighbours over open edges of either end, and from which end.
     open: Vec<(u32, u32)>,
-    geometry: Vec<RingGeometry>,
+    /// Third vertex of a hole of three edges that the collapse closes.
+    closes: Option<u32>,
+    may_close: bool,
+    fan: Fan,
+    parts: Vec<RingGeometry>,
 }
 
 impl Collapser {
+    /// `may_close`: whether holes of three edges may close.
+    pub(crate) fn new(may_close: bool) -> Self {
+        Collapser {
+            ids: [0; ROOM],
+            b: [0; ROOM],
+            c: [0; ROOM],
+            side: [0.0; ROOM],
+            n0: 0,
+            n_kept: 0,
+            n: 0,
+            opposite: [0; 2],
+            open: Vec::new(),
+            closes: None,
+            may_close,
+            fan: Fan::new(),
+            parts: vec![RingGeometry::ZERO; ROOM / 8],
+        }
+    }
+
     /// Checks topology, then geometry; carries the collapse out if both agree. `number` becomes the
     /// stamp of every vertex whose quadric changes.
     pub(crate) fn attempt(
@@ -84,47 +115,51 @@ impl Collapser {
     }
 
     /// Sorts the triangles of both ends into those that stay and those that vanish.
+    #[inline(always)]
     fn gather(&mut self, surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
         let (ring0, ring1) = (surface.ring(v0), surface.ring(v1));
         if ring0.len() + ring1.len() > MAX_VALENCE as usize {
             return Err(Reject::Sliver);
         }
-        for list in [&mut self.ids, &mut self.b, &mut self.c, &mut self.opposite] {
-            list.clear();
-        }
-        let mut gone = [[0u32; 3]; 3];
+        // Everything is written where the next kept one goes and overwritten if it was not one: which
+        // triangles vanish cannot be predicted.
+        let mut gone = [[0u32; 3]; 4];
         let mut n_gone = 0;
+        let mut n = 0;
         for &t in ring0 {
             let (b, c) = others(surface.triangles[t as usize], v0);
-            if b == v1 || c == v1 {
-                if n_gone == 2 {
-                    return Err(Reject::NonManifold);
-                }
-                gone[n_gone] = [t, b, c];
-                n_gone += 1;
-            } else {
-                self.ids.push(t);
-                self.b.push(b);
-                self.c.push(c);
-            }
+            let vanishes = b == v1 || c == v1;
+            gone[n_gone] = [t, b, c];
+            (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, -1.0);
+            n_gone = (n_gone + usize::from(vanishes)).min(3);
+            n += usize::from(!vanishes);
         }
-        self.n0 = self.ids.len();
+        if n_gone > 2 {
+            return Err(Reject::NonManifold);
+        }
+        self.n0 = n;
         for &t in ring1 {
             let (b, c) = others(surface.triangles[t as usize], v1);
-            if b != v0 && c != v0 {
-                self.ids.push(t);
-                self.b.push(b);
-                self.c.push(c);
-            }
+            (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, 1.0);
+            n += usize::from(b != v0 && c != v0);
         }
-        self.n_kept = self.ids.len();
-        for &[t, b, c] in &gone[..n_gone] {
-            self.ids.push(t);
-            self.b.push(b);
-            self.c.push(c);
-            self.opposite.push(if b == v1 { c } else { b });
+        self.n_kept = n;
+        for (i, &[t, b, c]) in gone[..n_gone].iter().enumerate() {
+            (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, -1.0);
+            n += 1;
+            self.opposite[i] = if b == v1 { c } else { b };
         }
-        if n_gone == 0 { Err(Reject::LinkCondition) } else { Ok(()) }
+        self.n = n;
+        match n_gone {
+            // Nothing is left of the edge.
+            0 => return Err(Reject::LinkCondition),
+            1 => self.opposite[1] = self.opposite[0],
+            _ => {}
+        }
+        let filled = n.next_multiple_of(8);
+        self.b[n..filled].fill(v1);
+        self.c[n..filled].fill(v1);
+        Ok(())
     }
 
     /// The link condition, boundaries and locks.
@@ -132,45 +167,14 @@ impl Collapser {
         let class = |v: u32| surface.rings[v as usize].class.unwrap_or(Class::Complex);
         let (class0, class1) = (class(v0), class(v1));
         let (n0, n_kept) = (self.n0, self.n_kept);
-        let n_gone = self.opposite.len();
+        let n_gone = self.n - n_kept;
         if n_gone == 2 && (class0 == Class::Boundary || self.opposite[0] == self.opposite[1]) {
             let bridge = class0 == Class::Boundary;
             return Err(if bridge { Reject::Boundary } else { Reject::LinkCondition });
         }
-        for &w in &self.opposite {
+        for &w in &self.opposite[..n_gone] {
             if surface.rings[w as usize].len == 1 {
                 return Err(Reject::Boundary);
-            }
-        }
-        // Every neighbour of v0 that also is one of v1 must be opposite to the edge.
-        let (b0, c0) = (&self.b[..n0], &self.c[..n0]);
-        let (b1, c1) = (&self.b[n0..n_kept], &self.c[n0..n_kept]);
-        for (list, all) in [(b0, true), (c0, class0 != Class::Interior)] {
-            if !all {
-                break;
-            }
-            for &w in list {
-                let common = b1.contains(&w) || c1.contains(&w);
-                if common && !self.opposite.contains(&w) {
-                    return Err(Reject::LinkCondition);
-                }
-            }
-        }
-        if class1 == Class::Locked {
-            for &w in b0.iter().chain(c0) {
-                if class(w) == Class::Locked && !self.opposite.contains(&w) {
-                    return Err(Reject::Locked);
-                }
-            }
-        }
-        if n_gone == 2 {
-            // A triangle over both opposite corners at either end: the two would fall together.
-            let over = |b: u32, c: u32| self.opposite.contains(&b) && self.opposite.contains(&c);
-            let on = |range: std::ops::Range<usize>| {
-                range.into_iter().any(|i| over(self.b[i], self.c[i]))
-            };
-            if on(0..n0) && on(n0..n_kept) {
-                return Err(Reject::LinkCondition);
             }
         }
         self.open.clear();
@@ -180,6 +184,43 @@ impl Collapser {
         if class1 == Class::Boundary {
             self.open_edges(v1, v0, false);
         }
+        self.closes = None;
+        // Every neighbour of v0 that also is one of v1 must be opposite to the edge.
+        let (b0, c0) = (&self.b[..n0], &self.c[..n0]);
+        let (b1, c1) = (&self.b[n0..n_kept], &self.c[n0..n_kept]);
+        let opposite = self.opposite;
+        let stranger = |w: u32| w != opposite[0] && w != opposite[1];
+        if class0 == Class::Interior && class1 == Class::Interior {
+            // Each neighbour comes up as `b` exactly once.
+            if b0.iter().any(|&w| b1.contains(&w) && stranger(w)) {
+                return Err(Reject::LinkCondition);
+            }
+        } else {
+            let common = |w: u32| b1.contains(&w) || c1.contains(&w);
+            for &w in b0.iter().chain(c0).filter(|&&w| stranger(w) && common(w)) {
+                let hole = self.open.contains(&(w, v0)) && self.open.contains(&(w, v1));
+                if !(self.may_close && n_gone == 1 && hole && class(w) == Class::Boundary)
+                    || self.closes.is_some_and(|other| other != w)
+                {
+                    return Err(Reject::LinkCondition);
+                }
+                self.closes = Some(w);
+            }
+        }
+        if class1 == Class::Locked {
+            for &w in b0.iter().chain(c0) {
+                if class(w) == Class::Locked && stranger(w) {
+                    return Err(Reject::Locked);
+                }
+            }
+        }
+        if n_gone == 2 {
+            // A triangle over both opposite corners at either end: the two would fall together.
+            let over = |(&b, &c): (&u32, &u32)| !stranger(b) && !stranger(c);
+            if b0.iter().zip(c0).any(over) && b1.iter().zip(c1).any(over) {
+                return Err(Reject::LinkCondition);
+            }
+        }
         Ok(())
     }
 
@@ -187,7 +228,7 @@ impl Collapser {
     fn open_edges(&mut self, v: u32, other: u32, is_v0: bool) {
         let own = if is_v0 { 0..self.n0 } else { self.n0..self.n_kept };
         // The vanishing triangles are noted as seen from v0: from v1 the third corner changes sides.
-        let vanishing = (self.n_kept..self.ids.len()).map(|i| {
+        let vanishing = (self.n_kept..self.n).map(|i| {
             let w = self.opposite[i - self.n_kept];
             let other_first = (self.b[i] == w) != is_v0;
             if other_first { (other, w) } else { (w, other) }
@@ -204,38 +245,41 @@ impl Collapser {
     }
 
     /// Normals, quadrics and shapes of all triangles of both rings, before and after.
+    #[inline(always)]
     fn measure(&mut self, surface: &Surface, plan: Plan, centre: &Vec3, simd: Simd) {
         let half = surface.edge(plan.v0, plan.v1).map(|x| x * 0.5);
-        let n = self.ids.len();
-        self.geometry.clear();
-        for first in (0..n).step_by(8) {
-            let at = |i: usize| (first + i).min(n - 1);
-            let b = std::array::from_fn(|i| &surface.vertices[self.b[at(i)] as usize]);
-            let c = std::array::from_fn(|i| &surface.vertices[self.c[at(i)] as usize]);
-            let of_v1 = self.n0..self.n_kept;
-            let before = std::array::from_fn(|axis| {
-                let h = half[axis];
-                std::array::from_fn(|i| if of_v1.contains(&at(i)) { h } else { -h })
+        let parts = self.n.div_ceil(8);
+        let (bs, cs) = (self.b.as_chunks::<8>().0, self.c.as_chunks::<8>().0);
+        let sides = self.side.as_chunks::<8>().0;
+        for (part, out) in self.parts.iter_mut().enumerate().take(parts) {
+            let vertex = |v: u32| &surface.vertices[v as usize];
+            simd.run(RingPart {
+                b: bs[part].map(vertex),
+                c: cs[part].map(vertex),
+                side: &sides[part],
+                half,
+                after: plan.place,
+                centre,
+                scale: surface.scale,
+                n_kept: self.n_kept as f32 - (part * 8) as f32,
+                n_used: self.n as f32 - (part * 8) as f32,
+                out,
             });
-            let after = plan.place;
-            let part = RingPart { b, c, before, after, centre, scale: surface.scale };
-            self.geometry.push(simd.run(part));
         }
     }
 
     /// Refuses what would turn too far, or become a needle.
     fn shapes(&self, may_turn: bool) -> Result<(), Reject> {
-        let (mut cosine, mut worst_before, mut worst_after) = (1.0f32, 1.0f32, 1.0f32);
-        for i in 0..self.n_kept {
-            let part = &self.geometry[i / 8];
-            cosine = cosine.min(part.cosine[i % 8]);
-            worst_before = worst_before.min(part.shape_before[i % 8]);
-            worst_after = worst_after.min(part.shape_after[i % 8]);
+        let (mut cosine, mut before, mut after) = (1.0f32, 1.0f32, 1.0f32);
+        for part in &self.parts[..self.n.div_ceil(8)] {
+            cosine = cosine.min(part.cosine);
+            before = before.min(part.shape_before);
+            after = after.min(part.shape_after);
         }
         if cosine < FLIP_COSINE && !may_turn {
             return Err(Reject::Flip);
         }
-        if worst_after < MIN_SHAPE && worst_after < worst_before && !may_turn {
+        if after < MIN_SHAPE && after < before && !may_turn {
             return Err(Reject::Sliver);
         }
         Ok(())
@@ -257,31 +301,25 @@ impl Collapser {
             self.move_survivor(surface, plan, std::array::from_fn(|i| centre[i] + place[i]));
         }
         let mut quadric = [0.0f32; 9];
-        for i in 0..self.n_kept {
-            let (part, lane) = (&self.geometry[i / 8], i % 8);
-            let mut change = [0.0f32; 9];
-            for k in 0..9 {
-                quadric[k] += part.after[k][lane];
-                change[k] = part.after[k][lane] - part.before[k][lane];
+        for part in &self.parts[..self.n.div_ceil(8)] {
+            for (sum, x) in quadric.iter_mut().zip(part.total) {
+                *sum += x;
             }
+        }
+        // The rows of vanishing triangles also touch v1, whose quadric is replaced below.
+        for i in 0..self.n {
+            let change = &self.parts[i / 8].change;
             for w in [self.b[i], self.c[i]] {
                 let vertex = &mut surface.vertices[w as usize];
-                for k in 0..9 {
-                    vertex.quadric[k] += change[k];
-                }
+                change.add_to(i % 8, &mut vertex.quadric);
                 vertex.stamp = number;
             }
         }
-        for (i, &w) in (self.n_kept..self.ids.len()).zip(&self.opposite) {
-            let (part, lane) = (&self.geometry[i / 8], i % 8);
-            let vertex = &mut surface.vertices[w as usize];
-            for k in 0..9 {
-                vertex.quadric[k] -= part.before[k][lane];
-            }
-            vertex.stamp = number;
-        }
         let class0 = surface.rings[v0 as usize].class;
         for &(w, _) in &self.open {
+            if self.closes == Some(w) {
+                continue;
+            }
             let new = boundary_quadric(surface.edge(w, v1));
             let sum = &mut surface.vertices[w as usize].quadric;
             for k in 0..6 {
@@ -295,6 +333,22 @@ impl Collapser {
         self.rewire(surface, v0, v1);
         let ring = &mut surface.rings[v1 as usize];
         ring.class = ring.class.max(class0);
+        if let Some(w) = self.closes {
+            for v in [v1, w] {
+                surface.rings[v as usize].class = Some(self.fan.look(surface, v));
+            }
+        }
+    }
+
+    /// After a refusal: a common neighbour of both ends that no vanishing triangle explains.
+    pub(crate) fn stranger(&self, surface: &Surface) -> Option<u32> {
+        if self.n - self.n_kept != 2 {
+            return None;
+        }
+        let (b0, b1) = (&self.b[..self.n0], &self.b[self.n0..self.n_kept]);
+        let inner = |w: u32| surface.rings[w as usize].class == Some(Class::Interior);
+        let known = |w: u32| self.opposite.contains(&w);
+        b0.iter().copied().find(|&w| inner(w) && !known(w) && b1.contains(&w))
     }
 
     /// Puts the survivor in its place, its channels interpolated along the edge.
@@ -316,13 +370,10 @@ impl Collapser {
     /// Triangles and rings after the collapse.
     fn rewire(&mut self, surface: &mut Surface, v0: u32, v1: u32) {
         for &t in &self.ids[..self.n0] {
-            for v in &mut surface.triangles[t as usize] {
-                if *v == v0 {
-                    *v = v1;
-                }
-            }
+            let triangle = &mut surface.triangles[t as usize];
+            *triangle = triangle.map(|v| if v == v0 { v1 } else { v });
         }
-        for (&t, &w) in self.ids[self.n_kept..].iter().zip(&self.opposite) {
+        for (&t, &w) in self.ids[self.n_kept..self.n].iter().zip(&self.opposite) {
             surface.triangles[t as usize][0] = GONE;
             surface.n_alive -= 1;
             let ring = &mut surface.rings[w as usize];

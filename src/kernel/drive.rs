@@ -5,19 +5,21 @@
 //! across, so there are no borders between blocks. Entries are evaluated again when they come up; what
 //! has become dearer than its bucket goes back.
 
+use super::Topology;
 use super::collapse::{Collapser, Plan, classes_allow, roles};
 use super::evaluate::{Edges, Evaluated};
 use super::lanes::Simd;
 use super::legal::{Class, Reject, RejectCounts};
 use super::queue::{BucketQueue, Entry};
 use super::surface::{GONE, Surface};
+use super::topology::{self, Remedy};
 
 /// Triangles whose edges seed one queue.
-const BLOCK: usize = 6 * 1024;
+const BLOCK: usize = 4 * 1024;
 /// Every so many blocks is drained first to find a level's threshold.
 const PILOT_STRIDE: usize = 16;
 /// Meshes of fewer triangles have no levels.
-const MIN_LEVEL_TRIANGLES: u64 = 16 * BLOCK as u64;
+const MIN_LEVEL_TRIANGLES: u64 = 24 * BLOCK as u64;
 /// A level leaves about this share of the triangles.
 const LEVEL_SHARE: f64 = 0.25;
 /// Levels end at this multiple of the target; the exact queue does the rest.
@@ -25,6 +27,9 @@ const EXACT_MULTIPLE: f64 = 1.4;
 /// A collapse that turns a normal too far is dearer by a factor of two a failure, and goes through
 /// after this many.
 const MAX_FAILURES: u8 = 3;
+
+/// Sources kept for cuts.
+const MAX_SPARE: usize = 1 << 16;
 
 /// The simplification under way.
 pub(crate) struct Driver {
@@ -35,6 +40,17 @@ pub(crate) struct Driver {
     /// Since the last time the stamps were set to zero; and before.
     collapses: u64,
     collapses_before: u64,
+    topology: Topology,
+    /// Input vertices that are gone, for the new vertices of a cut.
+    spare_sources: Vec<u32>,
+    pub(crate) changes: TopologyChanges,
+}
+
+/// Changes of topology that were made.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct TopologyChanges {
+    pub(crate) specks: u64,
+    pub(crate) cuts: u64,
 }
 
 /// Where a drain ends.
@@ -53,14 +69,17 @@ struct Batch {
 }
 
 impl Driver {
-    pub(crate) fn new(surface: Surface, simd: Simd) -> Self {
+    pub(crate) fn new(surface: Surface, simd: Simd, topology: Topology) -> Self {
         Driver {
             surface,
             simd,
-            collapser: Collapser::default(),
+            collapser: Collapser::new(topology == Topology::Error),
             rejects: RejectCounts::default(),
             collapses: 0,
             collapses_before: 0,
+            topology,
+            spare_sources: Vec::new(),
+            changes: TopologyChanges::default(),
         }
     }
 
@@ -103,7 +122,7 @@ impl Driver {
 
     fn tidy(&mut self) {
         if (self.surface.n_alive as f64) < 0.75 * self.surface.triangles.len() as f64 {
-            self.surface.compact();
+            self.surface.compact(self.simd);
             self.collapses_before += std::mem::take(&mut self.collapses);
         }
     }
@@ -118,7 +137,7 @@ impl Driver {
             pilot.iter().map(alive).sum()
         };
         let wanted = (count(self) as f64 * share) as usize;
-        let mut cost = self.low_cost(&pilot);
+        let mut cost = self.low_cost(&pilot, (1.0 - share) * 0.6);
         let mut queue = BucketQueue::new(3);
         for _ in 0..200 {
             let limits = Limits { cost, triangles: target };
@@ -140,8 +159,8 @@ impl Driver {
         self.surface.triangles[block * BLOCK..end].iter()
     }
 
-    /// A cost that is higher than that of about a tenth of the edges.
-    fn low_cost(&mut self, blocks: &[usize]) -> f32 {
+    /// The cost that a share of the edges does not reach.
+    fn low_cost(&mut self, blocks: &[usize], share: f64) -> f32 {
         let mut costs = Vec::new();
         for &block in blocks {
             let end = ((block + 1) * BLOCK).min(self.surface.triangles.len());
@@ -150,48 +169,46 @@ impl Driver {
         if costs.is_empty() {
             return f32::MIN_POSITIVE;
         }
-        let at = costs.len() / 10;
+        let at = (costs.len() as f64 * share) as usize;
         costs.select_nth_unstable_by(at, f32::total_cmp).1.max(f32::MIN_POSITIVE)
     }
 
     /// Evaluates the edges of some triangles, each once, and hands those that classes allow to `take`.
     fn each_edge(&self, range: std::ops::Range<usize>, mut take: impl FnMut(u32, u32, f32)) {
         let surface = &self.surface;
-        let mut pairs = [(0u32, 0u32); 8];
+        let mut pairs = [(0u32, 0u32); 16];
         let mut n = 0;
-        let class = |v: u32| surface.rings[v as usize].class;
+        let inner = |v: u32| surface.rings[v as usize].class == Some(Class::Interior);
+        let mut take_eight = |pairs: &[(u32, u32); 8], n: usize| {
+            let found = self.evaluate(pairs);
+            for (&(v0, v1), cost) in pairs.iter().zip(found.cost).take(n) {
+                take(v0, v1, cost);
+            }
+        };
         for t in &surface.triangles[range] {
             if t[0] == GONE {
                 continue;
             }
             for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
                 // An inner edge comes up twice, in either direction; an open one may come up in one only.
-                let once = a < b
-                    || (class(a) != Some(Class::Interior) && class(b) != Some(Class::Interior));
-                if !once {
-                    continue;
-                }
+                let once = a < b || !(inner(a) || inner(b));
                 let (v0, v1) = roles(surface, a, b);
-                if classes_allow(surface, v0, v1).is_err() {
-                    continue;
+                pairs[n & 15] = (v0, v1);
+                n += usize::from(once && classes_allow(surface, v0, v1).is_ok());
+            }
+            if n >= 8 {
+                if let Some(eight) = pairs.first_chunk::<8>() {
+                    take_eight(eight, 8);
                 }
-                pairs[n] = (v0, v1);
-                n += 1;
-                if n == 8 {
-                    let found = self.evaluate(&pairs);
-                    for (i, &(v0, v1)) in pairs.iter().enumerate() {
-                        take(v0, v1, found.cost[i]);
-                    }
-                    n = 0;
-                }
+                pairs.copy_within(8.., 0);
+                n -= 8;
             }
         }
         if n > 0 {
             let first = pairs[0];
             pairs[n..].fill(first);
-            let found = self.evaluate(&pairs);
-            for (i, &(v0, v1)) in pairs[..n].iter().enumerate() {
-                take(v0, v1, found.cost[i]);
+            if let Some(eight) = pairs.first_chunk::<8>() {
+                take_eight(eight, n);
             }
         }
     }
@@ -258,10 +275,14 @@ impl Driver {
         while batch.n < 8 {
             let Some((bucket, entry)) = queue.pop() else { break };
             let (a, b) = (self.survivor(entry.v0), self.survivor(entry.v1));
-            if a == b {
+            let lone = |v: u32| self.surface.rings[v as usize].len == 0;
+            if a == b || lone(a) || lone(b) {
                 continue;
             }
             let (v0, v1) = roles(&self.surface, a, b);
+            if queue.is_double(bucket, v0, v1) {
+                continue;
+            }
             match classes_allow(&self.surface, v0, v1) {
                 Ok(()) => {
                     batch.entries[batch.n] = (bucket, Entry { v0, v1, ..entry });
@@ -306,10 +327,11 @@ impl Driver {
                 }
                 let now = queue.bucket(cost);
                 if now > bucket {
-                    queue.push(now, entry);
+                    queue.put_back(now, entry);
                     continue;
                 }
-                self.attempt(queue, entry, cost, limits, [0, 1, 2].map(|k| found.place[k][i]));
+                let place = [0, 1, 2].map(|k| found.place[k][i]);
+                self.attempt(queue, (bucket, entry), cost, limits, place);
             }
         }
     }
@@ -317,7 +339,7 @@ impl Driver {
     fn attempt(
         &mut self,
         queue: &mut BucketQueue,
-        entry: Entry,
+        (bucket, entry): (u32, Entry),
         cost: f32,
         limits: Limits,
         place: [f32; 3],
@@ -325,8 +347,14 @@ impl Driver {
         let may_turn = entry.failures >= MAX_FAILURES;
         let plan = Plan { v0: entry.v0, v1: entry.v1, place, may_turn };
         let number = (self.collapses + 1) as u32;
+        let source = self.surface.source[entry.v0 as usize];
         match self.collapser.attempt(&mut self.surface, plan, number, self.simd) {
-            Ok(()) => self.collapses += 1,
+            Ok(()) => {
+                self.collapses += 1;
+                if self.spare_sources.len() < MAX_SPARE {
+                    self.spare_sources.push(source);
+                }
+            }
             Err(reason @ (Reject::Flip | Reject::Sliver)) if !may_turn => {
                 self.rejects.add(reason);
                 let dearer = cost * 2.0;
@@ -335,7 +363,51 @@ impl Driver {
                     queue.push(queue.bucket(dearer), entry);
                 }
             }
+            Err(reason @ (Reject::LinkCondition | Reject::Boundary))
+                if self.topology == Topology::Error =>
+            {
+                self.rejects.add(reason);
+                self.relax(queue, (bucket, entry), limits);
+            }
             Err(reason) => self.rejects.add(reason),
         }
+    }
+
+    /// Changes the topology where a collapse was refused for its sake, once that costs no more than
+    /// collapses do.
+    fn relax(&mut self, queue: &mut BucketQueue, (bucket, entry): (u32, Entry), limits: Limits) {
+        let (v0, v1) = (entry.v0, entry.v1);
+        let Some((remedy, cost)) = topology::remedy(&self.surface, v0, v1, &self.collapser) else {
+            return;
+        };
+        let allowed = cost <= limits.cost;
+        if !allowed {
+            return;
+        }
+        let due = queue.bucket(cost);
+        if due > bucket {
+            queue.put_back(due, entry);
+            return;
+        }
+        let number = (self.collapses + 1) as u32;
+        match remedy {
+            Remedy::Vanish(triangles) => {
+                topology::vanish(&mut self.surface, &triangles);
+                self.changes.specks += 1;
+            }
+            Remedy::Cut(cycle) => {
+                let n = self.spare_sources.len();
+                let Some(&sources) = self.spare_sources.last_chunk::<3>() else { return };
+                let new = topology::cut(&mut self.surface, cycle, sources, number, self.simd);
+                let Some([a, b, c]) = new else { return };
+                self.spare_sources.truncate(n - 3);
+                self.changes.cuts += 1;
+                queue.push(bucket, entry);
+                for (v0, v1) in [(a, b), (b, c), (c, a)] {
+                    queue.push(bucket, Entry { v0, v1, failures: 0 });
+                }
+            }
+        }
+        self.collapses += 1;
     }
 }

@@ -67,6 +67,8 @@ pub(crate) trait Lanes: Copy {
     fn relative(vertices: [&Vertex; 8], base: [&[f64; 3]; 8], scale: f64) -> [Self; 3];
     /// The nine numbers of each vertex's quadric, one array a number.
     fn quadrics(vertices: [&Vertex; 8]) -> [Self; 9];
+    /// Eight numbers of each lane, one array a lane.
+    fn store_rows(columns: [Self; 8], rows: &mut [[f32; 8]; 8]);
 }
 
 /// Eight numbers in an array.
@@ -132,6 +134,14 @@ impl Lanes for Portable {
     fn quadrics(vertices: [&Vertex; 8]) -> [Self; 9] {
         std::array::from_fn(|row| Portable(std::array::from_fn(|i| vertices[i].quadric[row])))
     }
+    #[inline(always)]
+    fn store_rows(columns: [Self; 8], rows: &mut [[f32; 8]; 8]) {
+        for (lane, row) in rows.iter_mut().enumerate() {
+            for (x, column) in row.iter_mut().zip(&columns) {
+                *x = column.0[lane];
+            }
+        }
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -153,6 +163,58 @@ mod avx2 {
     /// Eight numbers in a register; exists only inside of `run`, which vouches for AVX2.
     #[derive(Clone, Copy)]
     pub(super) struct Avx2(__m256);
+
+    /// Two points minus their bases, times `scale`, side by side.
+    ///
+    /// # Safety
+    /// The processor must have AVX2; each pointer must be to three numbers.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    unsafe fn rows(
+        p: *const f64,
+        from_p: *const f64,
+        q: *const f64,
+        from_q: *const f64,
+        mask: __m256i,
+        scale: __m256d,
+    ) -> __m256 {
+        // SAFETY: the mask keeps the loads to three numbers.
+        let (p, from_p, q, from_q) = unsafe {
+            (
+                _mm256_maskload_pd(p, mask),
+                _mm256_maskload_pd(from_p, mask),
+                _mm256_maskload_pd(q, mask),
+                _mm256_maskload_pd(from_q, mask),
+            )
+        };
+        let p = _mm256_cvtpd_ps(_mm256_mul_pd(_mm256_sub_pd(p, from_p), scale));
+        let q = _mm256_cvtpd_ps(_mm256_mul_pd(_mm256_sub_pd(q, from_q), scale));
+        _mm256_set_m128(q, p)
+    }
+
+    /// Rows become columns.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    fn transposed(r: [__m256; 8]) -> [__m256; 8] {
+        let (t0, t1) = (_mm256_unpacklo_ps(r[0], r[1]), _mm256_unpackhi_ps(r[0], r[1]));
+        let (t2, t3) = (_mm256_unpacklo_ps(r[2], r[3]), _mm256_unpackhi_ps(r[2], r[3]));
+        let (t4, t5) = (_mm256_unpacklo_ps(r[4], r[5]), _mm256_unpackhi_ps(r[4], r[5]));
+        let (t6, t7) = (_mm256_unpacklo_ps(r[6], r[7]), _mm256_unpackhi_ps(r[6], r[7]));
+        let (s0, s1) = (_mm256_shuffle_ps::<0x44>(t0, t2), _mm256_shuffle_ps::<0xEE>(t0, t2));
+        let (s2, s3) = (_mm256_shuffle_ps::<0x44>(t1, t3), _mm256_shuffle_ps::<0xEE>(t1, t3));
+        let (s4, s5) = (_mm256_shuffle_ps::<0x44>(t4, t6), _mm256_shuffle_ps::<0xEE>(t4, t6));
+        let (s6, s7) = (_mm256_shuffle_ps::<0x44>(t5, t7), _mm256_shuffle_ps::<0xEE>(t5, t7));
+        [
+            _mm256_permute2f128_ps::<0x20>(s0, s4),
+            _mm256_permute2f128_ps::<0x20>(s1, s5),
+            _mm256_permute2f128_ps::<0x20>(s2, s6),
+            _mm256_permute2f128_ps::<0x20>(s3, s7),
+            _mm256_permute2f128_ps::<0x31>(s0, s4),
+            _mm256_permute2f128_ps::<0x31>(s1, s5),
+            _mm256_permute2f128_ps::<0x31>(s2, s6),
+            _mm256_permute2f128_ps::<0x31>(s3, s7),
+        ]
+    }
 
     // SAFETY of every block below: `Avx2` is private to this module and named only by `run`, whose
     // caller has made sure of AVX2; the loads are of arrays that are at least as long as what is read.
@@ -204,13 +266,12 @@ mod avx2 {
             unsafe {
                 let mask = _mm256_setr_epi64x(-1, -1, -1, 0);
                 let scale = _mm256_set1_pd(scale);
-                let row = |i: usize| {
-                    let p = _mm256_maskload_pd(vertices[i].position.as_ptr(), mask);
-                    let o = _mm256_maskload_pd(base[i].as_ptr(), mask);
-                    _mm256_cvtpd_ps(_mm256_mul_pd(_mm256_sub_pd(p, o), scale))
-                };
-                let pair = |i: usize| _mm256_set_m128(row(i + 4), row(i));
-                let (r0, r1, r2, r3) = (pair(0), pair(1), pair(2), pair(3));
+                let at = |i: usize| vertices[i].position.as_ptr();
+                let from = |i: usize| base[i].as_ptr();
+                let r0 = rows(at(0), from(0), at(4), from(4), mask, scale);
+                let r1 = rows(at(1), from(1), at(5), from(5), mask, scale);
+                let r2 = rows(at(2), from(2), at(6), from(6), mask, scale);
+                let r3 = rows(at(3), from(3), at(7), from(7), mask, scale);
                 let (xy01, z01) = (_mm256_unpacklo_ps(r0, r1), _mm256_unpackhi_ps(r0, r1));
                 let (xy23, z23) = (_mm256_unpacklo_ps(r2, r3), _mm256_unpackhi_ps(r2, r3));
                 [
@@ -221,33 +282,42 @@ mod avx2 {
             }
         }
         #[inline(always)]
+        fn store_rows(columns: [Self; 8], rows: &mut [[f32; 8]; 8]) {
+            let c = &columns;
+            unsafe {
+                let r =
+                    transposed([c[0].0, c[1].0, c[2].0, c[3].0, c[4].0, c[5].0, c[6].0, c[7].0]);
+                _mm256_storeu_ps(rows[0].as_mut_ptr(), r[0]);
+                _mm256_storeu_ps(rows[1].as_mut_ptr(), r[1]);
+                _mm256_storeu_ps(rows[2].as_mut_ptr(), r[2]);
+                _mm256_storeu_ps(rows[3].as_mut_ptr(), r[3]);
+                _mm256_storeu_ps(rows[4].as_mut_ptr(), r[4]);
+                _mm256_storeu_ps(rows[5].as_mut_ptr(), r[5]);
+                _mm256_storeu_ps(rows[6].as_mut_ptr(), r[6]);
+                _mm256_storeu_ps(rows[7].as_mut_ptr(), r[7]);
+            }
+        }
+        #[inline(always)]
         fn quadrics(vertices: [&Vertex; 8]) -> [Self; 9] {
             unsafe {
-                let r: [__m256; 8] =
-                    std::array::from_fn(|i| _mm256_loadu_ps(vertices[i].quadric.as_ptr()));
+                let at = |i: usize| vertices[i].quadric.as_ptr();
+                let (r0, r1) = (_mm256_loadu_ps(at(0)), _mm256_loadu_ps(at(1)));
+                let (r2, r3) = (_mm256_loadu_ps(at(2)), _mm256_loadu_ps(at(3)));
+                let (r4, r5) = (_mm256_loadu_ps(at(4)), _mm256_loadu_ps(at(5)));
+                let (r6, r7) = (_mm256_loadu_ps(at(6)), _mm256_loadu_ps(at(7)));
                 let last: [f32; 8] = std::array::from_fn(|i| vertices[i].quadric[8]);
-                let lo = |i: usize| _mm256_unpacklo_ps(r[i], r[i + 1]);
-                let hi = |i: usize| _mm256_unpackhi_ps(r[i], r[i + 1]);
-                let (t0, t1, t2, t3) = (lo(0), hi(0), lo(2), hi(2));
-                let (t4, t5, t6, t7) = (lo(4), hi(4), lo(6), hi(6));
-                let s0 = _mm256_shuffle_ps::<0x44>(t0, t2);
-                let s1 = _mm256_shuffle_ps::<0xEE>(t0, t2);
-                let s2 = _mm256_shuffle_ps::<0x44>(t1, t3);
-                let s3 = _mm256_shuffle_ps::<0xEE>(t1, t3);
-                let s4 = _mm256_shuffle_ps::<0x44>(t4, t6);
-                let s5 = _mm256_shuffle_ps::<0xEE>(t4, t6);
-                let s6 = _mm256_shuffle_ps::<0x44>(t5, t7);
-                let s7 = _mm256_shuffle_ps::<0xEE>(t5, t7);
+                let [x0, x1, x2, x3, x4, x5, x6, x7] = transposed([r0, r1, r2, r3, r4, r5, r6, r7]);
+                let last = _mm256_loadu_ps(last.as_ptr());
                 [
-                    Avx2(_mm256_permute2f128_ps::<0x20>(s0, s4)),
-                    Avx2(_mm256_permute2f128_ps::<0x20>(s1, s5)),
-                    Avx2(_mm256_permute2f128_ps::<0x20>(s2, s6)),
-                    Avx2(_mm256_permute2f128_ps::<0x20>(s3, s7)),
-                    Avx2(_mm256_permute2f128_ps::<0x31>(s0, s4)),
-                    Avx2(_mm256_permute2f128_ps::<0x31>(s1, s5)),
-                    Avx2(_mm256_permute2f128_ps::<0x31>(s2, s6)),
-                    Avx2(_mm256_permute2f128_ps::<0x31>(s3, s7)),
-                    Avx2(_mm256_loadu_ps(last.as_ptr())),
+                    Avx2(x0),
+                    Avx2(x1),
+                    Avx2(x2),
+                    Avx2(x3),
+                    Avx2(x4),
+                    Avx2(x5),
+                    Avx2(x6),
+                    Avx2(x7),
+                    Avx2(last),
                 ]
             }
         }

@@ -12,6 +12,7 @@ mod order;
 mod queue;
 pub mod reference;
 mod surface;
+mod topology;
 mod vector;
 
 use crate::mesh::Mesh;
@@ -39,12 +40,25 @@ pub enum Stop {
 pub struct Options {
     /// When to stop.
     pub stop: Stop,
+    /// What may happen to the topology.
+    pub topology: Topology,
+}
+
+/// What may happen to components, holes and handles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Topology {
+    /// Nothing: a target that cannot be met without is not met.
+    Keep,
+    /// What is smaller than the current error: components vanish (never with a locked vertex), holes of
+    /// three edges close, thin tubes and handles are cut and capped.
+    #[default]
+    Error,
 }
 
 impl Default for Options {
     /// Collapses nothing; the stages set the stop.
     fn default() -> Self {
-        Options { stop: Stop::Triangles(u64::MAX) }
+        Options { stop: Stop::Triangles(u64::MAX), topology: Topology::default() }
     }
 }
 
@@ -78,8 +92,9 @@ pub struct Simplified {
 /// `locked` has one entry a vertex; all of them `false` if nothing is shared with other cells.
 pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplified {
     let mut statistics = Statistics::default();
-    let surface = surface::Surface::new(mesh, locked);
-    let mut driver = drive::Driver::new(surface, lanes::Simd::detect());
+    let simd = lanes::Simd::detect();
+    let surface = surface::Surface::new(mesh, locked, simd);
+    let mut driver = drive::Driver::new(surface, simd, options.topology);
     match &options.stop {
         Stop::Triangles(target) => statistics.reached = driver.to_count(*target),
         Stop::Costs { levels, floor_triangles } => {

@@ -34,6 +34,25 @@ pub(crate) struct BucketQueue {
     pool: Vec<Slot>,
     free: u32,
     len: usize,
+    /// Edges that were put back, to know their doubles by.
+    seen: Vec<Seen>,
+    epoch: u32,
+}
+
+/// An edge that was put back into a bucket while the queue was in an epoch.
+#[derive(Clone, Copy, Default)]
+struct Seen {
+    v0: u32,
+    v1: u32,
+    bucket: u32,
+    epoch: u32,
+}
+
+/// Slots that remember edges put back; 64 KiB.
+const N_SEEN: usize = 4096;
+
+fn seen_slot(v0: u32, v1: u32) -> usize {
+    (v0.wrapping_mul(0x9E37_79B1) ^ v1.wrapping_mul(0x85EB_CA77)) as usize >> 20
 }
 
 impl BucketQueue {
@@ -49,6 +68,8 @@ impl BucketQueue {
             pool: Vec::new(),
             free: NONE,
             len: 0,
+            seen: vec![Seen::default(); N_SEEN],
+            epoch: 1,
         }
     }
 
@@ -57,6 +78,7 @@ impl BucketQueue {
         cost.max(0.0).to_bits() >> self.shift
     }
 
+    #[cfg(test)]
     pub(crate) fn is_empty(&self) -> bool {
         self.len == 0
     }
@@ -71,6 +93,21 @@ impl BucketQueue {
         self.pool.clear();
         self.free = NONE;
         self.len = 0;
+        self.epoch += 1;
+    }
+
+    /// Puts an entry back that became dearer than its bucket.
+    pub(crate) fn put_back(&mut self, bucket: u32, entry: Entry) {
+        let seen = Seen { v0: entry.v0, v1: entry.v1, bucket, epoch: self.epoch };
+        self.seen[seen_slot(entry.v0, entry.v1)] = seen;
+        self.push(bucket, entry);
+    }
+
+    /// Whether the same edge waits in a dearer bucket: two edges become one when a triangle vanishes,
+    /// and one entry is enough. May miss some.
+    pub(crate) fn is_double(&self, bucket: u32, v0: u32, v1: u32) -> bool {
+        let seen = &self.seen[seen_slot(v0, v1)];
+        seen.v0 == v0 && seen.v1 == v1 && seen.epoch == self.epoch && seen.bucket > bucket
     }
 
     pub(crate) fn push(&mut self, bucket: u32, entry: Entry) {

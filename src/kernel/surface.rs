@@ -3,6 +3,8 @@
 //! A ring lists the triangles of a vertex in a common arena; a merged ring takes over a slot that is
 //! large enough or is appended. Building and compacting live here, collapses do not.
 
+use super::evaluate::{Rows, Triangles};
+use super::lanes::Simd;
 use super::legal::Class;
 use super::order;
 use super::vector::Vec3;
@@ -65,14 +67,11 @@ pub(crate) fn boundary_quadric(edge: [f32; 3]) -> [f32; 6] {
 /// A triangle as seen from one of its corners: the other two, in its sense of rotation.
 #[inline(always)]
 pub(crate) fn others(triangle: [u32; 3], v: u32) -> (u32, u32) {
-    let [x, y, z] = triangle;
-    if x == v {
-        (y, z)
-    } else if y == v {
-        (z, x)
-    } else {
-        (x, y)
-    }
+    // Which corner it is cannot be predicted, so there is no branch on it.
+    const NEXT: [usize; 4] = [1, 2, 0, 0];
+    let at = usize::from(triangle[1] == v) + 2 * usize::from(triangle[2] == v);
+    let next = NEXT[at];
+    (triangle[next], triangle[NEXT[next]])
 }
 
 fn is_proper(t: &[u32; 3]) -> bool {
@@ -81,7 +80,7 @@ fn is_proper(t: &[u32; 3]) -> bool {
 
 impl Surface {
     /// Takes a mesh apart. Triangles that repeat a corner are dropped.
-    pub(crate) fn new(mut mesh: Mesh, locked: &[bool]) -> Self {
+    pub(crate) fn new(mut mesh: Mesh, locked: &[bool], simd: Simd) -> Self {
         mesh.triangles.retain(is_proper);
         let order = order::morton(&mesh.positions, &mesh.triangles);
         let (_, side) = order::bounds(&mesh.positions);
@@ -124,12 +123,12 @@ impl Surface {
             n_channels,
             scale,
         };
-        surface.build();
+        surface.build(simd, false);
         surface
     }
 
     /// Drops what is gone, keeps the order of the rest, and builds rings and quadrics anew.
-    pub(crate) fn compact(&mut self) {
+    pub(crate) fn compact(&mut self, simd: Simd) {
         let mut place = vec![GONE; self.vertices.len()];
         let mut n = 0;
         for old in 0..self.vertices.len() {
@@ -155,11 +154,11 @@ impl Surface {
         for t in &mut self.triangles {
             *t = t.map(|v| place[v as usize]);
         }
-        self.build();
+        self.build(simd, true);
     }
 
-    /// Rings, quadrics and classes from vertices and triangles.
-    fn build(&mut self) {
+    /// Rings, quadrics and classes from vertices and triangles; `again` after a compaction.
+    fn build(&mut self, simd: Simd, again: bool) {
         for (vertex, ring) in self.vertices.iter_mut().zip(&mut self.rings) {
             vertex.quadric = [0.0; 9];
             vertex.stamp = 0;
@@ -167,7 +166,6 @@ impl Surface {
         }
         for t in &self.triangles {
             for &v in t {
-                self.rings[v as usize].room = 0;
                 self.rings[v as usize].len += 1;
             }
         }
@@ -180,21 +178,43 @@ impl Surface {
         }
         self.arena.clear();
         self.arena.resize(start as usize, 0);
+        self.sum_quadrics(simd);
         for (id, t) in self.triangles.iter().enumerate() {
-            let quadric = self.triangle_quadric(t);
             for &v in t {
                 let ring = &mut self.rings[v as usize];
                 self.arena[(ring.start + ring.len) as usize] = id as u32;
                 ring.len += 1;
-                let sum = &mut self.vertices[v as usize].quadric;
-                for (sum, x) in sum.iter_mut().zip(quadric) {
-                    *sum += x;
-                }
             }
         }
-        let mut scratch = Fan::default();
+        let mut scratch = Fan::new();
         for v in 0..self.vertices.len() as u32 {
-            self.classify(v, &mut scratch);
+            // A vertex that is interior stays so.
+            if !again || self.rings[v as usize].class != Some(Class::Interior) {
+                self.classify(v, &mut scratch);
+            }
+        }
+    }
+
+    fn sum_quadrics(&mut self, simd: Simd) {
+        let mut rows = Rows::ZERO;
+        for first in (0..self.triangles.len()).step_by(8) {
+            let eight = &self.triangles[first..(first + 8).min(self.triangles.len())];
+            let corner = |i: usize, k: usize| {
+                let t = eight[i.min(eight.len() - 1)];
+                &self.vertices[t[k] as usize]
+            };
+            simd.run(Triangles {
+                a: std::array::from_fn(|i| corner(i, 0)),
+                b: std::array::from_fn(|i| corner(i, 1)),
+                c: std::array::from_fn(|i| corner(i, 2)),
+                scale: self.scale,
+                out: &mut rows,
+            });
+            for (i, t) in eight.iter().enumerate() {
+                for &v in t {
+                    rows.add_to(i, &mut self.vertices[v as usize].quadric);
+                }
+            }
         }
     }
 
@@ -203,26 +223,6 @@ impl Surface {
     pub(crate) fn edge(&self, from: u32, to: u32) -> [f32; 3] {
         let (p, q) = (self.vertices[from as usize].position, self.vertices[to as usize].position);
         std::array::from_fn(|i| ((q[i] - p[i]) * self.scale) as f32)
-    }
-
-    #[inline(always)]
-    fn triangle_quadric(&self, t: &[u32; 3]) -> [f32; 9] {
-        let (a, b) = (self.edge(t[0], t[1]), self.edge(t[0], t[2]));
-        let n = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-        let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-        let w = if length > 0.0 { 0.5 / length } else { 0.0 };
-        let m = n.map(|x| x * w);
-        [
-            n[0] * m[0],
-            n[0] * m[1],
-            n[0] * m[2],
-            n[1] * m[1],
-            n[1] * m[2],
-            n[2] * m[2],
-            n[0],
-            n[1],
-            n[2],
-        ]
     }
 
     /// The triangles of a vertex.
@@ -237,9 +237,8 @@ impl Surface {
         if self.rings[v as usize].class == Some(Class::Locked) {
             return;
         }
-        fan.look(self, v);
-        let class =
-            if self.rings[v as usize].len > MAX_VALENCE { Class::Complex } else { fan.class() };
+        let valence = self.rings[v as usize].len;
+        let class = if valence > MAX_VALENCE { Class::Complex } else { fan.look(self, v) };
         self.rings[v as usize].class = Some(class);
         if class == Class::Boundary {
             for &w in &fan.ends {
@@ -284,65 +283,66 @@ impl Surface {
     }
 }
 
-/// The triangles of one vertex, put in order; re-used from vertex to vertex.
-#[derive(Default)]
+/// The triangles of one vertex as pairs of corners; re-used from vertex to vertex.
 pub(crate) struct Fan {
-    b: Vec<u32>,
-    c: Vec<u32>,
+    b: [u32; MAX_VALENCE as usize],
+    c: [u32; MAX_VALENCE as usize],
+    n: usize,
     /// Neighbours over open edges.
     pub(crate) ends: Vec<u32>,
-    n_starts: usize,
-    start: u32,
-    repeated: bool,
 }
 
 impl Fan {
-    pub(crate) fn look(&mut self, surface: &Surface, v: u32) {
-        self.b.clear();
-        self.c.clear();
-        self.ends.clear();
-        self.repeated = false;
-        self.n_starts = 0;
-        if surface.rings[v as usize].len > MAX_VALENCE {
-            return;
-        }
-        for &t in surface.ring(v) {
-            let (b, c) = others(surface.triangles[t as usize], v);
-            self.repeated |= self.b.contains(&b) || self.c.contains(&c);
-            self.b.push(b);
-            self.c.push(c);
-        }
-        self.start = self.b.first().copied().unwrap_or(0);
-        for i in 0..self.b.len() {
-            let (b, c) = (self.b[i], self.c[i]);
-            if !self.c.contains(&b) {
-                self.ends.push(b);
-                self.n_starts += 1;
-                self.start = b;
-            }
-            if !self.b.contains(&c) {
-                self.ends.push(c);
-            }
-        }
+    pub(crate) fn new() -> Self {
+        let none = [0; MAX_VALENCE as usize];
+        Fan { b: none, c: none, n: 0, ends: Vec::new() }
     }
 
-    pub(crate) fn class(&self) -> Class {
-        if self.repeated || self.n_starts > 1 {
-            return Class::Complex;
+    /// Looks at a vertex of at most `MAX_VALENCE` triangles.
+    pub(crate) fn look(&mut self, surface: &Surface, v: u32) -> Class {
+        self.ends.clear();
+        self.n = 0;
+        for &t in surface.ring(v) {
+            (self.b[self.n], self.c[self.n]) = others(surface.triangles[t as usize], v);
+            self.n += 1;
         }
-        // One walk must reach every triangle: else several fans meet here.
-        let (mut at, mut seen) = (self.start, 0);
-        while let Some(i) = self.b.iter().position(|&b| b == at) {
-            at = self.c[i];
-            seen += 1;
-            if at == self.start {
-                break;
+        let (b, c) = (&self.b[..self.n], &self.c[..self.n]);
+        if b.is_empty() {
+            return Class::Interior;
+        }
+        // A walk that comes back to its start after all triangles has met each once.
+        if walk(b, c, b[0]) == (b.len(), true) {
+            return Class::Interior;
+        }
+        let repeated = |list: &[u32]| (1..list.len()).any(|i| list[..i].contains(&list[i]));
+        let mut start = None;
+        for i in 0..b.len() {
+            if !c.contains(&b[i]) {
+                start = Some(b[i]);
+                self.ends.push(b[i]);
+            }
+            if !b.contains(&c[i]) {
+                self.ends.push(c[i]);
             }
         }
-        match (seen == self.b.len(), self.n_starts) {
-            (false, _) => Class::Complex,
-            (true, 0) => Class::Interior,
-            (true, _) => Class::Boundary,
+        match start {
+            Some(start) if walk(b, c, start).0 == b.len() && !repeated(b) && !repeated(c) => {
+                Class::Boundary
+            }
+            _ => Class::Complex,
         }
     }
+}
+
+/// Walks from triangle to triangle around a vertex: how many it met, and whether it came back.
+fn walk(b: &[u32], c: &[u32], start: u32) -> (usize, bool) {
+    let (mut at, mut seen) = (start, 0);
+    while let Some(i) = b.iter().position(|&x| x == at) {
+        at = c[i];
+        seen += 1;
+        if at == start || seen > b.len() {
+            return (seen, at == start);
+        }
+    }
+    (seen, false)
 }

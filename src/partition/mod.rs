@@ -5,18 +5,23 @@
 //! It does not look at connectivity and moves nothing.
 
 mod scan;
-mod tree;
+mod sorted;
+mod table;
 
-pub use scan::{Scan, n_samples, scan};
-pub use tree::{CellTree, Frame};
+pub use scan::{Scan, scan};
 
-use crate::cells::{CellTally, PackWriter, Scatter, StoreInfo, VertexLayout};
+use crate::cells::{
+    CellTally, CellTree, Frame, IdMap, Pack, PackWriter, Scatter, StoreInfo, VertexLayout,
+    n_samples, plan_cells,
+};
 use crate::error::{Error, Result};
 use crate::format::ChunkKind;
 use crate::parallel::in_order;
-use crate::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
+use crate::ply::{BLOCK_ROWS, MeshSource, VertexBlock};
 use crate::run::Run;
 use serde::{Deserialize, Serialize};
+use sorted::Sorted;
+use table::{CellTable, window_rows};
 
 /// Share of the memory budget that scatter buffers may take.
 const BUFFER_SHARE: u64 = 6;
@@ -35,14 +40,10 @@ pub struct Partition {
     pub degenerate_faces: u64,
 }
 
-/// Cells for `n_triangles` triangles, none of them planned above `cell_triangles`.
-pub fn plan_cells(n_triangles: u64, cell_triangles: u64) -> u32 {
-    n_triangles.div_ceil(cell_triangles.max(1)).clamp(1, u64::from(u32::MAX / 2)) as u32
-}
-
 /// Peak memory of this stage in bytes: the cell-of-vertex table, buffers, blocks and samples.
 pub fn memory_bytes(n_vertices: u64, n_cells: u32, threads: usize, budget_bytes: u64) -> u64 {
-    let table = n_vertices * CellTable::bytes_per_vertex(n_cells);
+    let window = window_rows(n_cells, budget_bytes).min(n_vertices);
+    let table = window * CellTable::bytes_per_vertex(n_cells);
     let buffers = Scatter::bytes(n_cells, budget_bytes / BUFFER_SHARE);
     let blocks = threads as u64 * 2 * BLOCK_ROWS * 64;
     table + buffers + blocks + 24 * n_samples(n_vertices, n_cells)
@@ -64,9 +65,8 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
         tally: vec![CellTally::default(); tree.n_cells() as usize],
         tree,
     };
-    let table = passes.vertices(&mut pack)?;
-    let (foreign, degenerate_faces) = passes.triangles(&table, &mut pack)?;
-    drop(table);
+    let first_window = passes.vertices(&mut pack)?;
+    let (foreign, degenerate_faces) = passes.triangles(first_window, &mut pack)?;
     let shared_vertices = passes.shared(foreign, &mut pack)?;
     pack.sync()?;
     run.disk().sync_folder_of(&run.job.path(PACK_NAME))?;
@@ -81,41 +81,6 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
     Ok(Partition { store, bounds, degenerate_faces })
 }
 
-/// The cell of every vertex: 2 bytes each while there are at most 65,536 cells, else 4.
-enum CellTable {
-    Narrow(Vec<u16>),
-    Wide(Vec<u32>),
-}
-
-impl CellTable {
-    fn bytes_per_vertex(n_cells: u32) -> u64 {
-        if n_cells <= 1 << 16 { 2 } else { 4 }
-    }
-
-    fn new(n_vertices: u64, n_cells: u32) -> CellTable {
-        let n = n_vertices as usize;
-        match Self::bytes_per_vertex(n_cells) {
-            2 => CellTable::Narrow(Vec::with_capacity(n)),
-            _ => CellTable::Wide(Vec::with_capacity(n)),
-        }
-    }
-
-    fn extend(&mut self, cells: &[u32]) {
-        match self {
-            CellTable::Narrow(table) => table.extend(cells.iter().map(|&cell| cell as u16)),
-            CellTable::Wide(table) => table.extend_from_slice(cells),
-        }
-    }
-
-    #[inline]
-    fn get(&self, vertex: u64) -> u32 {
-        match self {
-            CellTable::Narrow(table) => u32::from(table[vertex as usize]),
-            CellTable::Wide(table) => table[vertex as usize],
-        }
-    }
-}
-
 /// A vertex, and a cell that uses it without owning it.
 type Foreign = (u64, u32);
 
@@ -125,65 +90,6 @@ struct Passes<'a> {
     layout: VertexLayout,
     tree: CellTree,
     tally: Vec<CellTally>,
-}
-
-/// A block of rows, sorted by cell.
-#[derive(Default)]
-struct Sorted {
-    vertices: VertexBlock,
-    faces: FaceBlock,
-    /// Cell of each row of the block.
-    cells: Vec<u32>,
-    rows: Vec<u8>,
-    /// Cell and number of rows of each run in `rows`.
-    runs: Vec<(u32, u32)>,
-    foreign: Vec<Foreign>,
-    /// Per cell: where its next row goes; all zero between blocks.
-    cursor: Vec<u32>,
-}
-
-impl Sorted {
-    /// Orders rows by cell (stable); `write` appends row `i` at the end of a slice of `row_bytes`.
-    fn sort(&mut self, n_cells: u32, row_bytes: usize, mut write: impl FnMut(usize, &mut [u8])) {
-        self.cursor.resize(n_cells as usize, 0);
-        self.runs.clear();
-        for &cell in &self.cells {
-            if self.cursor[cell as usize] == 0 {
-                self.runs.push((cell, 0));
-            }
-            self.cursor[cell as usize] += 1;
-        }
-        let mut start = 0;
-        for run in &mut self.runs {
-            run.1 = self.cursor[run.0 as usize];
-            self.cursor[run.0 as usize] = start;
-            start += run.1;
-        }
-        self.rows.resize(self.cells.len() * row_bytes, 0);
-        for (i, &cell) in self.cells.iter().enumerate() {
-            let at = self.cursor[cell as usize] as usize * row_bytes;
-            self.cursor[cell as usize] += 1;
-            write(i, &mut self.rows[at..at + row_bytes]);
-        }
-        for run in &self.runs {
-            self.cursor[run.0 as usize] = 0;
-        }
-    }
-
-    fn push_runs(
-        &self,
-        row_bytes: usize,
-        scatter: &mut Scatter,
-        pack: &mut PackWriter,
-    ) -> Result<()> {
-        let mut at = 0;
-        for &(cell, n_rows) in &self.runs {
-            let end = at + n_rows as usize * row_bytes;
-            scatter.push(pack, cell, &self.rows[at..end])?;
-            at = end;
-        }
-        Ok(())
-    }
 }
 
 impl Passes<'_> {
@@ -198,7 +104,8 @@ impl Passes<'_> {
         let record_bytes = self.layout.schema.record_bytes();
         let row_bytes = ids.bytes + record_bytes;
         let mut scatter = self.buffers(ChunkKind::Vertices);
-        let mut table = CellTable::new(source.n_vertices(), n_cells);
+        let window = window_rows(n_cells, run.memory_bytes).min(source.n_vertices());
+        let mut table = CellTable::new(0, window, n_cells);
         let (schema, tally) = (&self.layout.schema, &mut self.tally);
         in_order(
             source.n_vertex_blocks(),
@@ -220,7 +127,10 @@ impl Passes<'_> {
                 Ok(())
             },
             |_, sorted| {
-                table.extend(&sorted.cells);
+                // Windows are whole blocks.
+                if table.len() < window {
+                    table.extend(&sorted.cells);
+                }
                 for &(cell, n_rows) in &sorted.runs {
                     tally[cell as usize].vertices += u64::from(n_rows);
                 }
@@ -232,16 +142,75 @@ impl Passes<'_> {
         Ok(table)
     }
 
-    /// Sends every triangle to the cell of its first corner and notes the corners that lie elsewhere.
+    /// Cells of the vertices from `first` on, as many as the window holds.
+    fn window(&self, first: u64) -> Result<CellTable> {
+        let (source, run, tree) = (self.source, self.run, &self.tree);
+        let record_bytes = self.layout.schema.record_bytes();
+        let rows = window_rows(tree.n_cells(), run.memory_bytes).min(source.n_vertices() - first);
+        let mut table = CellTable::new(first, rows, tree.n_cells());
+        in_order(
+            rows.div_ceil(BLOCK_ROWS),
+            run.threads,
+            run.progress,
+            |index, out: &mut Sorted| {
+                source.read_vertices(first / BLOCK_ROWS + index, &mut out.vertices)?;
+                out.cells.clear();
+                let records = out.vertices.records.chunks_exact(record_bytes);
+                let cells = records.map(|r| tree.cell_of(self.layout.schema.position(r)));
+                out.cells.extend(cells);
+                Ok(())
+            },
+            |_, block| {
+                table.extend(&block.cells);
+                Ok(())
+            },
+        )?;
+        Ok(table)
+    }
+
+    /// Sends every triangle to the cell of its first corner; finds the corners that lie elsewhere, and how
+    /// many faces were degenerate.
+    ///
+    /// While the table holds all vertices that takes one pass over the faces. Otherwise each window takes a
+    /// pass for the triangles whose first corner it knows, and the cells tell afterwards what they miss.
     fn triangles(
         &mut self,
+        first_window: CellTable,
+        pack: &mut PackWriter,
+    ) -> Result<(Vec<Foreign>, u64)> {
+        let mut scatter = self.buffers(ChunkKind::Triangles);
+        let n_vertices = self.source.n_vertices();
+        if first_window.len() >= n_vertices {
+            let (foreign, degenerate) = self.triangles_of(&first_window, &mut scatter, pack)?;
+            scatter.finish(pack)?;
+            return Ok((foreign, degenerate));
+        }
+        let mut table = first_window;
+        let degenerate = loop {
+            let (_, degenerate) = self.triangles_of(&table, &mut scatter, pack)?;
+            let next = table.first + table.len();
+            if next >= n_vertices {
+                break degenerate;
+            }
+            drop(table);
+            table = self.window(next)?;
+        };
+        drop(table);
+        scatter.finish(pack)?;
+        pack.sync()?;
+        Ok((self.missing(pack.length())?, degenerate))
+    }
+
+    /// Sends the triangles whose first corner lies in `table` to their cells.
+    fn triangles_of(
+        &mut self,
         table: &CellTable,
+        scatter: &mut Scatter,
         pack: &mut PackWriter,
     ) -> Result<(Vec<Foreign>, u64)> {
         let (source, run, ids) = (self.source, self.run, self.layout.ids);
         let n_cells = self.tree.n_cells();
         let row_bytes = 3 * ids.bytes;
-        let mut scatter = self.buffers(ChunkKind::Triangles);
         let mut foreign: Vec<Foreign> = Vec::new();
         let mut sorted_up_to = 0;
         let mut degenerate = 0;
@@ -255,16 +224,18 @@ impl Passes<'_> {
                 source.read_faces(index, &mut faces)?;
                 out.cells.clear();
                 out.foreign.clear();
-                for corners in &faces.triangles {
-                    let cells = corners.map(|v| table.get(v));
-                    out.cells.push(cells[0]);
-                    if cells[1] != cells[0] {
-                        out.foreign.push((corners[1], cells[0]));
+                faces.triangles.retain(|corners| {
+                    let [Some(owner), second, third] = corners.map(|v| table.get(v)) else {
+                        return false;
+                    };
+                    out.cells.push(owner);
+                    for (corner, cell) in [(corners[1], second), (corners[2], third)] {
+                        if cell.is_some_and(|cell| cell != owner) {
+                            out.foreign.push((corner, owner));
+                        }
                     }
-                    if cells[2] != cells[0] {
-                        out.foreign.push((corners[2], cells[0]));
-                    }
-                }
+                    true
+                });
                 out.foreign.sort_unstable();
                 out.foreign.dedup();
                 out.sort(n_cells, row_bytes, |i, row| {
@@ -289,13 +260,57 @@ impl Passes<'_> {
                     sorted_up_to = foreign.len();
                 }
                 run.progress.add(sorted.cells.len() as u64 / 2);
-                sorted.push_runs(row_bytes, &mut scatter, pack)
+                sorted.push_runs(row_bytes, scatter, pack)
             },
         )?;
-        scatter.finish(pack)?;
         foreign.sort_unstable();
         foreign.dedup();
         Ok((foreign, degenerate))
+    }
+
+    /// The vertices that triangles of each cell use and the cell does not hold.
+    fn missing(&self, pack_bytes: u64) -> Result<Vec<Foreign>> {
+        let run = self.run;
+        let n_cells = self.tally.len() as u32;
+        let pack = Pack::open(run.disk(), &run.job.path(PACK_NAME), n_cells, pack_bytes)?;
+        let row_bytes = self.layout.ids.bytes + self.layout.schema.record_bytes();
+        let mut all = Vec::new();
+        in_order(
+            u64::from(n_cells),
+            run.threads,
+            run.progress,
+            |cell, out: &mut Vec<Foreign>| {
+                out.clear();
+                let tally = self.tally[cell as usize];
+                let mut map = IdMap::with_capacity(tally.vertices as usize);
+                let mut own = Vec::with_capacity(tally.vertices as usize);
+                let mut payload = Vec::new();
+                // Vertices were scattered before triangles, so they come first.
+                for chunk in pack.chunks_of(cell as u32) {
+                    pack.read(chunk, &mut payload)?;
+                    match chunk.kind {
+                        ChunkKind::Vertices => payload.chunks_exact(row_bytes).for_each(|row| {
+                            map.insert(self.layout.ids.read(row), &mut own);
+                        }),
+                        _ => payload.chunks_exact(self.layout.ids.bytes).for_each(|corner| {
+                            let id = self.layout.ids.read(corner);
+                            if map.get(id, &own).is_none() {
+                                out.push((id, cell as u32));
+                            }
+                        }),
+                    }
+                }
+                out.sort_unstable();
+                out.dedup();
+                Ok(())
+            },
+            |_, found| {
+                all.append(found);
+                Ok(())
+            },
+        )?;
+        all.sort_unstable();
+        Ok(all)
     }
 
     /// Copies every vertex to the foreign cells that use it, and marks it in all cells that hold it.
@@ -350,5 +365,82 @@ impl Passes<'_> {
         marks.finish(pack)?;
         run.progress.add(source.n_faces() / 8);
         Ok(n_shared)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cells::{CellMesh, CellStore};
+    use crate::disk::Disk;
+    use crate::job::{Identity, Job};
+    use crate::ply::{OutputHeader, PlyWriter};
+    use crate::progress::Progress;
+    use crate::schema::{Scalar, VertexSchema};
+    use std::collections::BTreeMap;
+
+    /// A grid of `n` x `n` vertices as a PLY file.
+    fn write_grid(path: &std::path::Path, n: u32) {
+        let schema = VertexSchema { coordinate: Scalar::F32, properties: Vec::new() };
+        let mut records = Vec::new();
+        for y in 0..n {
+            for x in 0..n {
+                schema.encode_position([f64::from(x), f64::from(y), 0.0], &mut records);
+            }
+        }
+        let at = |x: u32, y: u32| y * n + x;
+        let faces: Vec<[u32; 3]> = (0..n - 1)
+            .flat_map(|y| (0..n - 1).map(move |x| (x, y)))
+            .flat_map(|(x, y)| {
+                let (a, b, c, d) = (at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1));
+                [[a, b, c], [b, d, c]]
+            })
+            .collect();
+        let header = OutputHeader::new(schema, u64::from(n * n), faces.len() as u64);
+        let mut writer = PlyWriter::create(path, header).unwrap();
+        writer.write_vertices(&records).unwrap();
+        writer.write_faces_u32(&faces).unwrap();
+        writer.finish().unwrap();
+    }
+
+    fn cut(folder: &std::path::Path, memory_bytes: u64) -> (Partition, Vec<CellMesh>) {
+        let source = MeshSource::open(&folder.join("grid.ply")).unwrap();
+        let identity = Identity {
+            input: "grid".into(),
+            input_marks: BTreeMap::new(),
+            settings: BTreeMap::new(),
+        };
+        let disk = Disk::default();
+        let job = Job::open(&folder.join("job"), &disk, &identity, true).unwrap();
+        let run = Run { job: &job, progress: &Progress::default(), threads: 2, memory_bytes };
+        let partition = partition(&source, 20_000, &run).unwrap();
+        let layout = VertexLayout::new(source.schema(), source.n_vertices());
+        let store = CellStore::open(&disk, job.folder(), partition.store.clone(), layout).unwrap();
+        let cells = (0..store.n_cells()).map(|cell| store.load(cell).unwrap()).collect();
+        (partition, cells)
+    }
+
+    #[test]
+    fn a_table_in_windows_gives_the_same_cells() {
+        let folder = tempfile::tempdir().unwrap();
+        // 160,000 vertices: three blocks, so that the smallest window holds less than half of them.
+        write_grid(&folder.path().join("grid.ply"), 400);
+        let (whole, cells) = cut(folder.path(), 1 << 30);
+        let (windowed, cells_windowed) = cut(folder.path(), 1 << 10);
+        assert!(cells.len() >= 15, "{}", cells.len());
+        assert_eq!(whole.store.shared_vertices, windowed.store.shared_vertices);
+        assert_eq!(whole.store.triangles, 399 * 399 * 2);
+        for (a, b) in cells.iter().zip(&cells_windowed) {
+            let geometry = |cell: &CellMesh| {
+                let mut triangles: Vec<_> =
+                    cell.mesh.triangles.iter().map(|t| t.map(|v| cell.ids[v as usize])).collect();
+                triangles.sort_unstable();
+                let mut shared: Vec<u64> =
+                    (0..cell.ids.len()).filter(|&v| cell.shared[v]).map(|v| cell.ids[v]).collect();
+                shared.sort_unstable();
+                (triangles, shared)
+            };
+            assert_eq!(geometry(a), geometry(b));
+        }
     }
 }

@@ -2,13 +2,11 @@
 //!
 //! Reading a block checks every coordinate, so after this pass all of them are known to be finite.
 
+use crate::cells::n_samples;
 use crate::error::Result;
 use crate::parallel::in_order;
 use crate::ply::{MeshSource, VertexBlock};
 use crate::progress::Progress;
-
-/// Samples per planned cell; their cells then agree in size within about 3 %.
-const SAMPLES_PER_CELL: u64 = 1024;
 
 /// What a pass over the vertices finds.
 #[derive(Clone, Debug)]
@@ -24,11 +22,6 @@ struct BlockScan {
     block: VertexBlock,
     bounds: Option<[[f64; 3]; 2]>,
     samples: Vec<[f64; 3]>,
-}
-
-/// How many samples a scan for `n_cells` cells keeps; 24 bytes each.
-pub fn n_samples(n_vertices: u64, n_cells: u32) -> u64 {
-    (u64::from(n_cells) * SAMPLES_PER_CELL).clamp(1, n_vertices.max(1))
 }
 
 /// Reads all vertices once. Memory: `n_samples` positions and a few blocks.

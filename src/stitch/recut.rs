@@ -4,11 +4,13 @@
 //! over the survivors is enough. A vertex interior to an old cell is shared if its triangles go to several
 //! new cells; for a vertex on an old seam that is settled once all old cells are through.
 
-use crate::cells::{CellTally, PackWriter, Scatter, StoreInfo, SurvivorPack, Survivors};
+use crate::cells::{
+    CellTally, CellTree, Frame, PackWriter, Scatter, StoreInfo, SurvivorPack, Survivors, n_samples,
+    plan_cells,
+};
 use crate::error::Result;
 use crate::format::ChunkKind;
 use crate::parallel::in_order;
-use crate::partition::{CellTree, Frame, n_samples, plan_cells};
 use crate::run::Run;
 
 /// Share of the memory budget for each of the three sets of scatter buffers.

@@ -74,6 +74,19 @@ enum Child {
     Cell(u32),
 }
 
+/// Cells for `n_triangles` triangles, none of them planned above `cell_triangles`.
+pub fn plan_cells(n_triangles: u64, cell_triangles: u64) -> u32 {
+    n_triangles.div_ceil(cell_triangles.max(1)).clamp(1, u64::from(u32::MAX / 2)) as u32
+}
+
+/// Samples per planned cell; their cells then agree in size within about 3 %.
+const SAMPLES_PER_CELL: u64 = 1024;
+
+/// How many sample points (24 bytes each) a tree for `n_cells` cells wants.
+pub fn n_samples(n_vertices: u64, n_cells: u32) -> u64 {
+    (u64::from(n_cells) * SAMPLES_PER_CELL).clamp(1, n_vertices.max(1))
+}
+
 /// Maps every point of space to one of `n_cells` cells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CellTree {

@@ -1,0 +1,188 @@
+//! `stonecut render`: a picture of a mesh.
+
+use crate::error::{Error, Result};
+use crate::memory::{DEFAULT_SHARE, cores, limit_bytes};
+use crate::mesh::Mesh;
+use crate::ply::{FaceBlock, MeshSource, VertexBlock};
+use crate::progress::Progress;
+use crate::render::{
+    Coloring, Direction, Picture, Resources, Sphere, View, aim_source, render_mesh, render_source,
+};
+use crate::units::{parse_bytes, show_count};
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+/// Renders a mesh of any size into a PNG picture, without a window or a GPU.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The mesh; several are shown side by side, all seen by the camera of the first.
+    #[arg(required = true)]
+    pub mesh: Vec<PathBuf>,
+    /// The PNG file to write.
+    #[arg(short, long, value_name = "PNG")]
+    pub output: PathBuf,
+    /// What stands above a picture; once for each mesh.
+    #[arg(long, value_name = "TEXT")]
+    pub caption: Vec<String>,
+    /// With several meshes: each seen by a camera of its own.
+    #[arg(long)]
+    pub own_camera: bool,
+    /// Pixels of each picture.
+    #[arg(long, value_name = "WxH", default_value = "1200x900", value_parser = parse_size)]
+    pub size: (u32, u32),
+    /// From where: auto, front, back, left, right, top, bottom, or a direction x,y,z towards the viewer.
+    #[arg(long, value_name = "DIR", default_value = "auto", value_parser = parse_direction,
+          allow_hyphen_values = true)]
+    pub view: Direction,
+    /// A close-up of a sphere: its middle x,y,z and its radius r.
+    #[arg(long, value_name = "x,y,z,r", value_parser = parse_sphere, allow_hyphen_values = true)]
+    pub zoom: Option<Sphere>,
+    /// With the edges of triangles.
+    #[arg(long)]
+    pub edges: bool,
+    /// Facet by facet instead of smooth across edges.
+    #[arg(long)]
+    pub flat: bool,
+    /// Paint: vertex colours or plain clay.
+    #[arg(long, value_name = "PAINT", default_value = "plain", value_parser = ["vertex", "plain"])]
+    pub color: String,
+    /// Draw the error quadrics of the N most important vertices as ellipsoids (reads the mesh into
+    /// memory).
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub quadrics: usize,
+    /// Memory to use: 4GiB [default: 75 % of what this process may use].
+    #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
+    pub memory: Option<u64>,
+    /// Threads to use [default: the cores this process may use].
+    #[arg(long, value_name = "N")]
+    pub threads: Option<NonZeroUsize>,
+    /// Overwrite an existing picture.
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// Renders and writes the picture, and tells on `log` what was done.
+pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<()> {
+    if !args.force && args.output.exists() {
+        let output = args.output.display();
+        return Err(Error::Usage(format!("{output} exists; --force overwrites it")));
+    }
+    let mut view = View {
+        width: args.size.0,
+        height: args.size.1,
+        direction: args.view,
+        zoom: args.zoom,
+        edges: args.edges,
+        smooth: !args.flat,
+        coloring: match args.color.as_str() {
+            "vertex" => Coloring::Vertex { channel: 0 },
+            _ => Coloring::Plain,
+        },
+        n_quadrics: args.quadrics,
+        aim: None,
+    };
+    let memory_bytes = args.memory.unwrap_or_else(|| (DEFAULT_SHARE * limit_bytes() as f64) as u64);
+    let threads = args.threads.map_or_else(cores, NonZeroUsize::get);
+    let resources = Resources { memory_bytes, threads };
+    let mut pictures = Vec::new();
+    let mut n_faces = 0;
+    for path in &args.mesh {
+        let source = MeshSource::open(path)?;
+        n_faces += source.n_faces();
+        if args.mesh.len() > 1 && !args.own_camera && view.aim.is_none() {
+            view.aim = Some(aim_source(&source, &view, resources, progress)?);
+        }
+        pictures.push(if args.quadrics > 0 {
+            render_mesh(&read_whole(&source)?, &view, threads, progress)?
+        } else {
+            render_source(&source, &view, resources, progress)?
+        });
+    }
+    let captions = args.caption.iter().map(String::as_str).chain(std::iter::repeat(""));
+    let parts: Vec<(&Picture, &str)> = pictures.iter().zip(captions).collect();
+    let picture = Picture::side_by_side(&parts);
+    picture.write_png(&args.output)?;
+    let (output, n) = (args.output.display(), show_count(n_faces));
+    // A closed standard error is no reason to fail: the picture is there.
+    let _ = writeln!(log, "{output}: {}x{} pixels, {n} faces", picture.width, picture.height);
+    Ok(())
+}
+
+/// The whole mesh, for pictures that need its connectivity; positions only.
+fn read_whole(source: &MeshSource) -> Result<Mesh> {
+    let mut mesh = Mesh::default();
+    if source.n_vertices() > u64::from(u32::MAX) {
+        return Err(Error::Usage("--quadrics: a mesh of fewer than 2^32 vertices".to_owned()));
+    }
+    let mut vertices = VertexBlock::default();
+    for block in 0..source.n_vertex_blocks() {
+        source.read_vertices(block, &mut vertices)?;
+        let records = vertices.records.chunks_exact(source.schema().record_bytes());
+        mesh.positions.extend(records.map(|record| source.schema().position(record)));
+    }
+    let mut faces = FaceBlock::default();
+    for block in 0..source.n_face_blocks() {
+        source.read_faces(block, &mut faces)?;
+        mesh.triangles.extend(faces.triangles.iter().map(|t| t.map(|id| id as u32)));
+    }
+    Ok(mesh)
+}
+
+fn parse_size(text: &str) -> Result<(u32, u32), String> {
+    let complaint = || format!("'{text}' is no size; write 1200x900");
+    let (width, height) = text.split_once(['x', 'X']).ok_or_else(complaint)?;
+    let number = |text: &str| text.trim().parse::<u32>().map_err(|_| complaint());
+    Ok((number(width)?, number(height)?))
+}
+
+fn parse_direction(text: &str) -> Result<Direction, String> {
+    let complaint = || {
+        format!("'{text}' is no view; write auto, front, back, left, right, top, bottom or x,y,z")
+    };
+    Ok(match text {
+        "auto" => Direction::Auto,
+        "front" => Direction::From([0.0, -1.0, 0.0]),
+        "back" => Direction::From([0.0, 1.0, 0.0]),
+        "left" => Direction::From([-1.0, 0.0, 0.0]),
+        "right" => Direction::From([1.0, 0.0, 0.0]),
+        "top" => Direction::From([0.0, 0.0, 1.0]),
+        "bottom" => Direction::From([0.0, 0.0, -1.0]),
+        _ => {
+            let numbers: [f64; 3] =
+                parse_numbers(text).and_then(|n| n.try_into().ok()).ok_or_else(complaint)?;
+            if numbers == [0.0; 3] {
+                return Err(complaint());
+            }
+            Direction::From(numbers)
+        }
+    })
+}
+
+fn parse_sphere(text: &str) -> Result<Sphere, String> {
+    let numbers: Option<[f64; 4]> = parse_numbers(text).and_then(|n| n.try_into().ok());
+    match numbers {
+        Some([x, y, z, radius]) if radius > 0.0 => Ok(Sphere { centre: [x, y, z], radius }),
+        _ => Err(format!("'{text}' is no sphere; write x,y,z,r with a radius r above 0")),
+    }
+}
+
+fn parse_numbers(text: &str) -> Option<Vec<f64>> {
+    let number = |part: &str| part.trim().parse::<f64>().ok().filter(|x| x.is_finite());
+    text.split(',').map(number).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_directions_and_spheres_are_read_or_refused_with_an_example() {
+        assert_eq!(parse_size("640x480"), Ok((640, 480)));
+        assert_eq!(parse_direction("1,-2,0.5"), Ok(Direction::From([1.0, -2.0, 0.5])));
+        let sphere = Sphere { centre: [1.0, 2.0, -3.0], radius: 0.5 };
+        assert_eq!(parse_sphere("1,2,-3,0.5"), Ok(sphere));
+        assert!(parse_size("640").is_err() && parse_size("-1x5").is_err());
+        assert!(parse_direction("0,0,0").is_err() && parse_direction("up").is_err());
+        assert!(parse_sphere("1,2,3,0").is_err() && parse_sphere("1,2,3,NaN").is_err());
+    }
+}

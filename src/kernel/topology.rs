@@ -1,0 +1,227 @@
+//! Changes of topology in proportion to the error: specks vanish, thin tubes are cut.
+//!
+//! Called when a collapse was refused for the sake of topology under `Topology::Error`. A change has a cost
+//! in the same unit as a collapse (area times squared length) and happens when collapses cost as much.
+//! Locked, boundary and non-manifold vertices are never touched by a cut, locked ones by nothing.
+
+use super::collapse::Collapser;
+use super::evaluate::{Rows, Triangles};
+use super::lanes::Simd;
+use super::legal::Class;
+use super::surface::{GONE, Ring, Surface, others};
+use super::vector::length_sq;
+
+/// Components of more triangles than this are not specks: collapses have work to do there first.
+const MAX_SPECK: usize = 24;
+
+/// What can be done about a refusal.
+pub(crate) enum Remedy {
+    /// The component around a vertex may vanish.
+    Vanish(Vec<u32>),
+    /// The surface may be cut along this triangle of edges and both ends capped.
+    Cut([u32; 3]),
+}
+
+/// The remedy for a refused collapse of `v0` into `v1`, with its cost in scaled units.
+pub(crate) fn remedy(
+    surface: &Surface,
+    v0: u32,
+    v1: u32,
+    collapser: &Collapser,
+) -> Option<(Remedy, f32)> {
+    if let Some(speck) = speck(surface, v0) {
+        let cost = speck_cost(surface, &speck);
+        return Some((Remedy::Vanish(speck), cost));
+    }
+    let w = collapser.stranger(surface)?;
+    let inner = |v: u32| surface.rings[v as usize].class == Some(Class::Interior);
+    if !(inner(v0) && inner(v1) && inner(w)) {
+        return None;
+    }
+    // Around a vertex of three triangles the cut would only strip that vertex off.
+    let cycle = [v0, v1, w];
+    for (i, &v) in cycle.iter().enumerate() {
+        let (next, prev) = (cycle[(i + 1) % 3], cycle[(i + 2) % 3]);
+        for (from, to) in [(next, prev), (prev, next)] {
+            let sector = sector(surface, v, from, to)?;
+            if sector.len() == 2 {
+                let middle = others(surface.triangles[sector[0] as usize], v).1;
+                if surface.rings[middle as usize].len == 3 {
+                    return None;
+                }
+            }
+        }
+    }
+    let (a, b) = (surface.edge(v0, v1), surface.edge(v0, w));
+    let (a, b) = (a.map(f64::from), b.map(f64::from));
+    let across = super::vector::sub(a, b);
+    let double_area = length_sq(super::vector::cross(a, b)).sqrt();
+    let longest_sq = length_sq(a).max(length_sq(b)).max(length_sq(across));
+    Some((Remedy::Cut(cycle), (0.5 * double_area * longest_sq) as f32))
+}
+
+/// All triangles that hang together with a vertex, if they are few and none is locked.
+fn speck(surface: &Surface, start: u32) -> Option<Vec<u32>> {
+    let mut triangles: Vec<u32> = Vec::new();
+    let mut vertices = vec![start];
+    let mut next = 0;
+    while next < vertices.len() {
+        let v = vertices[next];
+        next += 1;
+        let ring = surface.rings[v as usize];
+        if ring.class == Some(Class::Locked) || ring.len as usize > MAX_SPECK {
+            return None;
+        }
+        for &t in surface.ring(v) {
+            if triangles.contains(&t) {
+                continue;
+            }
+            if triangles.len() == MAX_SPECK {
+                return None;
+            }
+            triangles.push(t);
+            for w in surface.triangles[t as usize] {
+                if !vertices.contains(&w) {
+                    vertices.push(w);
+                }
+            }
+        }
+    }
+    (!triangles.is_empty()).then_some(triangles)
+}
+
+/// Area times the squared diagonal of the box around it.
+fn speck_cost(surface: &Surface, triangles: &[u32]) -> f32 {
+    let origin = surface.triangles[triangles[0] as usize][0];
+    let (mut low, mut high) = ([0.0f32; 3], [0.0f32; 3]);
+    let mut area = 0.0;
+    for &t in triangles {
+        let corners = surface.triangles[t as usize];
+        for v in corners {
+            for (axis, x) in surface.edge(origin, v).into_iter().enumerate() {
+                low[axis] = low[axis].min(x);
+                high[axis] = high[axis].max(x);
+            }
+        }
+        let (a, b) = (surface.edge(corners[0], corners[1]), surface.edge(corners[0], corners[2]));
+        area += 0.5 * length_sq(super::vector::cross(a.map(f64::from), b.map(f64::from))).sqrt();
+    }
+    let diagonal: f32 = (0..3).map(|axis| (high[axis] - low[axis]).powi(2)).sum();
+    (area * f64::from(diagonal)) as f32
+}
+
+/// The triangles of `v` from its edge to `from` up to its edge to `to`, in their sense of rotation.
+fn sector(surface: &Surface, v: u32, from: u32, to: u32) -> Option<Vec<u32>> {
+    let ring = surface.ring(v);
+    let mut found = Vec::new();
+    let mut at = from;
+    while at != to {
+        let t = *ring.iter().find(|&&t| others(surface.triangles[t as usize], v).0 == at)?;
+        if found.len() == ring.len() {
+            return None;
+        }
+        at = others(surface.triangles[t as usize], v).1;
+        found.push(t);
+    }
+    (!found.is_empty()).then_some(found)
+}
+
+/// Removes triangles and leaves their vertices without any.
+pub(crate) fn vanish(surface: &mut Surface, triangles: &[u32]) {
+    for &t in triangles {
+        for v in surface.triangles[t as usize] {
+            surface.rings[v as usize].len = 0;
+        }
+        surface.triangles[t as usize][0] = GONE;
+        surface.n_alive -= 1;
+    }
+}
+
+/// Cuts along a cycle of three edges and caps both sides. What lies to the right of the cycle gets new
+/// vertices, which take over `sources`; they are returned. `None`, and nothing done, if it cannot be.
+pub(crate) fn cut(
+    surface: &mut Surface,
+    cycle: [u32; 3],
+    sources: [u32; 3],
+    number: u32,
+    simd: Simd,
+) -> Option<[u32; 3]> {
+    let mut right: [Vec<u32>; 3] = Default::default();
+    for i in 0..3 {
+        let (next, prev) = (cycle[(i + 1) % 3], cycle[(i + 2) % 3]);
+        right[i] = sector(surface, cycle[i], prev, next)?;
+        sector(surface, cycle[i], next, prev)?;
+    }
+    let first = surface.vertices.len() as u32;
+    let new = [first, first + 1, first + 2];
+    let caps = [surface.triangles.len() as u32, surface.triangles.len() as u32 + 1];
+    let [v0, v1, w] = cycle;
+    surface.triangles.push([v1, v0, w]);
+    surface.triangles.push(new);
+    surface.n_alive += 2;
+    for i in 0..3 {
+        let v = cycle[i];
+        let mut vertex = surface.vertices[v as usize];
+        vertex.stamp = number;
+        surface.vertices.push(vertex);
+        surface.source.push(sources[i]);
+        for channel in 0..surface.n_channels {
+            let value = surface.channels[v as usize * surface.n_channels + channel];
+            surface.channels.push(value);
+        }
+        let mut left: Vec<u32> =
+            surface.ring(v).iter().copied().filter(|t| !right[i].contains(t)).collect();
+        left.push(caps[0]);
+        right[i].push(caps[1]);
+        surface.rings.push(Ring { start: 0, len: 0, room: 0, class: Some(Class::Interior) });
+        set_ring(surface, v, &left);
+        set_ring(surface, new[i], &right[i]);
+    }
+    for i in 0..3 {
+        for &t in &right[i] {
+            let triangle = &mut surface.triangles[t as usize];
+            *triangle = triangle.map(|v| if v == cycle[i] { new[i] } else { v });
+        }
+    }
+    for v in cycle.into_iter().chain(new) {
+        refresh(surface, v, simd);
+        surface.vertices[v as usize].stamp = number;
+    }
+    Some(new)
+}
+
+fn set_ring(surface: &mut Surface, v: u32, list: &[u32]) {
+    let n = list.len() as u32;
+    let ring = &mut surface.rings[v as usize];
+    if n > ring.room {
+        ring.start = surface.arena.len() as u32;
+        ring.room = n;
+        surface.arena.resize(surface.arena.len() + list.len(), 0);
+    }
+    ring.len = n;
+    let start = ring.start as usize;
+    surface.arena[start..start + list.len()].copy_from_slice(list);
+}
+
+/// The quadric of an interior vertex from its triangles.
+fn refresh(surface: &mut Surface, v: u32, simd: Simd) {
+    let mut quadric = [0.0; 9];
+    let mut rows = Rows::ZERO;
+    for eight in surface.ring(v).chunks(8) {
+        let corner = |i: usize, k: usize| {
+            let t = surface.triangles[eight[i.min(eight.len() - 1)] as usize];
+            &surface.vertices[t[k] as usize]
+        };
+        simd.run(Triangles {
+            a: std::array::from_fn(|i| corner(i, 0)),
+            b: std::array::from_fn(|i| corner(i, 1)),
+            c: std::array::from_fn(|i| corner(i, 2)),
+            scale: surface.scale,
+            out: &mut rows,
+        });
+        for i in 0..eight.len() {
+            rows.add_to(i, &mut quadric);
+        }
+    }
+    surface.vertices[v as usize].quadric = quadric;
+}

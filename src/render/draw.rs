@@ -1,0 +1,229 @@
+//! From a scene and a view to samples: aims the camera, fetches vertices, draws faces as they stream by.
+
+use super::camera::{Camera, Extent, Silhouette};
+use super::picture::Picture;
+use super::quadrics::Facet;
+use super::raster::{Corner, Frame, SAMPLE_BYTES, Style};
+use super::scene::{Faces, Points, Scene};
+use super::vector::{V3, add, dot, normal, scale, smoothstep, unit};
+use super::vertices::{Vertices, vertex_bytes};
+use super::{Aim, Direction, Resources, Sphere, View, per_pixel, shade};
+use crate::error::Result;
+use crate::parallel::in_order;
+use crate::progress::Progress;
+
+/// Width of edge lines in pixels.
+const LINE_WIDTH: f32 = 0.9;
+/// The colour of a mesh without colours, sRGB: light clay.
+const CLAY: [f32; 3] = [0.83, 0.80, 0.755];
+/// Meshes with more faces than this are lit by averaged face normals instead of vertex normals: their
+/// triangles are about as small as the samples anyway.
+const MOST_SMOOTH_FACES: u64 = 12_000_000;
+/// Memory for whatever is neither vertices nor samples: blocks under way, the finished picture.
+const SLACK_BYTES: u64 = 64 << 20;
+
+/// Renders a scene, and over it some facets given in object space.
+pub(super) fn render(
+    scene: &dyn Scene,
+    view: &View,
+    overlay: &[Facet],
+    resources: Resources,
+    progress: &Progress,
+) -> Result<Picture> {
+    let per_pixel = per_pixel(view)?;
+    let camera = match &view.aim {
+        Some(Aim(camera)) => camera.clone(),
+        None => aim(scene, view, per_pixel, resources, progress)?,
+    };
+    let threads = resources.threads;
+    let mut frame =
+        Frame::new(view.width as usize * per_pixel, view.height as usize * per_pixel, &camera);
+    let frame_bytes = (frame.samples.len() * SAMPLE_BYTES) as u64;
+    let budget = resources.memory_bytes.saturating_sub(frame_bytes + SLACK_BYTES);
+    let mut vertices = Vertices::new(scene, &camera, budget, threads, progress)?;
+    let smooth_bytes = scene.n_vertices().saturating_mul(vertex_bytes(scene.is_colored(), true));
+    let smooth = view.smooth && scene.n_faces() <= MOST_SMOOTH_FACES && smooth_bytes <= budget;
+    if smooth && vertices.all_held() {
+        vertices.normals = vertex_normals(scene, &mut vertices, threads, progress)?;
+    }
+    let style = Style {
+        line: if view.edges { 0.5 * LINE_WIDTH * per_pixel as f32 } else { 0.0 },
+        samples: per_pixel as f32,
+    };
+    each_block(scene, threads, progress, |triangles| {
+        vertices.tick();
+        for ids in triangles {
+            draw_face(ids, &mut vertices, &mut frame, style)?;
+        }
+        Ok(())
+    })?;
+    drop(vertices);
+    for facet in overlay {
+        let corners = [0, 1, 2].map(|i| Corner {
+            place: camera.place(facet.corners[i]).map(|x| x as f32),
+            normal: camera.axes.map(|axis| dot(axis, facet.normals[i]) as f32),
+            color: facet.color,
+        });
+        frame.triangle(&corners, Style { line: 0.0, ..style });
+    }
+    shade::shade(&frame, &camera, per_pixel, threads, progress)
+}
+
+fn draw_face(
+    ids: &[u64; 3],
+    vertices: &mut Vertices,
+    frame: &mut Frame,
+    style: Style,
+) -> Result<()> {
+    let mut corners = [Corner::default(); 3];
+    for (corner, id) in corners.iter_mut().zip(ids) {
+        let (place, color) = vertices.get(*id)?;
+        corner.place = place;
+        corner.color = color.map_or(CLAY, |color| color.map(|c| f32::from(c) / 255.0));
+    }
+    if !frame.may_show(&corners) {
+        return Ok(());
+    }
+    let Some(flat) = unit(normal(corners.map(|c| c.place.map(f64::from)))) else { return Ok(()) };
+    let flat = flat.map(|x| x as f32);
+    for (corner, id) in corners.iter_mut().zip(ids) {
+        corner.normal = match vertices.normals.get(*id as usize) {
+            Some(smooth) => creased(*smooth, flat),
+            None => flat,
+        };
+    }
+    frame.triangle(&corners, style);
+    Ok(())
+}
+
+/// The normal to light a corner by: the vertex's, unless the face turns so far away from it that there
+/// must be a crease.
+fn creased(smooth: [f32; 3], flat: [f32; 3]) -> [f32; 3] {
+    let along = smooth[0] * flat[0] + smooth[1] * flat[1] + smooth[2] * flat[2];
+    let share = smoothstep(0.45, 0.8, along);
+    std::array::from_fn(|i| flat[i] + share * (smooth[i] - flat[i]))
+}
+
+/// Angle-free vertex normals: face normals weighted by area, in camera space.
+fn vertex_normals(
+    scene: &dyn Scene,
+    vertices: &mut Vertices,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Vec<[f32; 3]>> {
+    let mut normals = vec![[0.0f32; 3]; scene.n_vertices() as usize];
+    each_block(scene, threads, progress, |triangles| {
+        for ids in triangles {
+            let mut places = [[0.0; 3]; 3];
+            for (place, id) in places.iter_mut().zip(ids) {
+                *place = vertices.get(*id)?.0.map(f64::from);
+            }
+            // Scaled by the root of its length: large faces count more, but do not swamp small ones.
+            let area = normal(places);
+            let Some(direction) = unit(area) else { continue };
+            let weight = dot(area, area).sqrt().sqrt();
+            for id in ids {
+                for (sum, x) in normals[*id as usize].iter_mut().zip(direction) {
+                    *sum += (weight * x) as f32;
+                }
+            }
+        }
+        Ok(())
+    })?;
+    for normal in &mut normals {
+        let direction = unit(normal.map(f64::from)).unwrap_or([0.0, 0.0, 1.0]);
+        *normal = direction.map(|x| x as f32);
+    }
+    Ok(normals)
+}
+
+/// Places the camera for a view.
+pub(super) fn aim(
+    scene: &dyn Scene,
+    view: &View,
+    per_pixel: usize,
+    resources: Resources,
+    progress: &Progress,
+) -> Result<Camera> {
+    if let Some(Aim(camera)) = &view.aim {
+        return Ok(camera.clone());
+    }
+    let size = [view.width as usize * per_pixel, view.height as usize * per_pixel];
+    let threads = resources.threads;
+    let mut extent = Extent::default();
+    each_point(scene, threads, progress, |points| points.iter().for_each(|p| extent.add(*p)))?;
+    let (up, natural) = extent.natural_view();
+    let direction = match (view.direction, &view.zoom) {
+        (Direction::From(direction), _) => direction,
+        (Direction::Auto, Some(sphere)) => {
+            let outward = facing(scene, sphere, resources, progress)?;
+            outward.map_or(natural, |n| add(add(n, scale(up, 0.35)), scale(natural, 0.25)))
+        }
+        (Direction::Auto, None) => natural,
+    };
+    if let Some(sphere) = &view.zoom {
+        let mut camera = Camera::facing(sphere.centre, direction, up, size);
+        camera.frame_sphere(sphere.radius.max(1e-9 * extent.radius()).max(f64::MIN_POSITIVE));
+        return Ok(camera);
+    }
+    let mut camera = Camera::facing(extent.middle(), direction, up, size);
+    let mut silhouette: Silhouette = camera.silhouette();
+    each_point(scene, threads, progress, |points| {
+        points.iter().for_each(|p| silhouette.add(camera.place(*p)));
+    })?;
+    camera.frame(&silhouette);
+    Ok(camera)
+}
+
+/// Which way the surface inside a sphere faces on the whole; `None` if nothing is there.
+fn facing(
+    scene: &dyn Scene,
+    sphere: &Sphere,
+    resources: Resources,
+    progress: &Progress,
+) -> Result<Option<V3>> {
+    let camera = Camera::upright(sphere.centre);
+    let threads = resources.threads;
+    let budget = resources.memory_bytes.saturating_sub(SLACK_BYTES);
+    let mut vertices = Vertices::new(scene, &camera, budget, threads, progress)?;
+    let mut sum = [0.0; 3];
+    each_block(scene, threads, progress, |triangles| {
+        vertices.tick();
+        for ids in triangles {
+            let first = vertices.get(ids[0])?.0.map(f64::from);
+            if dot(first, first) < sphere.radius * sphere.radius {
+                let [_, b, c] = *ids;
+                let places =
+                    [first, vertices.get(b)?.0.map(f64::from), vertices.get(c)?.0.map(f64::from)];
+                sum = add(sum, normal(places));
+            }
+        }
+        Ok(())
+    })?;
+    Ok(unit(sum))
+}
+
+/// Reads all vertices in order, decoding on `threads` threads.
+fn each_point(
+    scene: &dyn Scene,
+    threads: usize,
+    progress: &Progress,
+    mut visit: impl FnMut(&[V3]),
+) -> Result<()> {
+    let read = |block: u64, points: &mut Points| scene.points(block, points);
+    in_order(scene.n_point_blocks(), threads, progress, read, |_, points| {
+        visit(&points.positions);
+        Ok(())
+    })
+}
+
+/// Reads all faces in order, decoding on `threads` threads.
+fn each_block(
+    scene: &dyn Scene,
+    threads: usize,
+    progress: &Progress,
+    mut visit: impl FnMut(&[[u64; 3]]) -> Result<()>,
+) -> Result<()> {
+    let read = |block: u64, faces: &mut Faces| scene.faces(block, faces);
+    in_order(scene.n_face_blocks(), threads, progress, read, |_, faces| visit(&faces.triangles))
+}

@@ -1,0 +1,269 @@
+//! Triangles into a buffer of samples: depth, normal, colour and edge lines; shading comes later.
+//!
+//! Large triangles are drawn as usual. Triangles of about one sample or less are averaged: every one of
+//! them adds its normal and colour to the sample it falls on, as long as it lies on the front surface
+//! there. A mesh of a billion triangles thus looks as smooth as the eye would see it, from one pass over
+//! its faces and without vertex normals.
+
+use super::camera::Camera;
+use super::vector::smoothstep;
+
+/// Bytes of one sample.
+pub(super) const SAMPLE_BYTES: usize = std::mem::size_of::<Sample>();
+/// Sides of the bounding box, in samples, up to which a triangle is averaged into its samples.
+const SMALL: f32 = 2.0;
+/// Depths that differ by at most so many samples' width count as the same surface for averaging.
+const SAME_SURFACE: f32 = 3.0;
+
+/// What is seen at one sample.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Sample {
+    /// 1 / distance from the eye; 0 where nothing is seen.
+    pub(super) nearness: f32,
+    /// Sum of normals, towards the viewer, in camera space.
+    pub(super) normal: [f32; 3],
+    /// Sum of colours times weight, sRGB values in [0, 1].
+    pub(super) color: [f32; 3],
+    /// Sum of weights.
+    pub(super) weight: f32,
+    /// Cover by edge lines in [0, 1].
+    pub(super) ink: f32,
+    /// Whether the back of the surface is seen.
+    pub(super) back: bool,
+}
+
+/// A corner of a triangle in camera space.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Corner {
+    /// Position relative to the camera's target.
+    pub(super) place: [f32; 3],
+    /// Unit normal on the front side.
+    pub(super) normal: [f32; 3],
+    /// sRGB values in [0, 1].
+    pub(super) color: [f32; 3],
+}
+
+/// How triangles are drawn.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Style {
+    /// Half the width of edge lines in samples; 0: no lines.
+    pub(super) line: f32,
+    /// Samples along one side of a pixel.
+    pub(super) samples: f32,
+}
+
+/// The samples of a picture, row by row.
+pub(super) struct Frame {
+    /// Samples in a row.
+    pub(super) width: usize,
+    /// Rows of samples.
+    pub(super) height: usize,
+    /// All samples.
+    pub(super) samples: Vec<Sample>,
+    focal: f32,
+    centre: [f32; 2],
+    distance: f32,
+    near: f32,
+}
+
+/// A corner in the picture.
+struct Projected {
+    x: f32,
+    y: f32,
+    nearness: f32,
+}
+
+impl Frame {
+    /// An empty frame for a camera.
+    pub(super) fn new(width: usize, height: usize, camera: &Camera) -> Self {
+        Frame {
+            width,
+            height,
+            samples: vec![Sample::default(); width * height],
+            focal: camera.focal as f32,
+            centre: camera.centre.map(|x| x as f32),
+            distance: camera.distance as f32,
+            near: camera.near as f32,
+        }
+    }
+
+    fn project(&self, place: [f32; 3]) -> Option<Projected> {
+        let depth = self.distance - place[2];
+        let nearness = 1.0 / depth;
+        (depth > self.near).then(|| Projected {
+            x: self.centre[0] + self.focal * place[0] * nearness,
+            y: self.centre[1] - self.focal * place[1] * nearness,
+            nearness,
+        })
+    }
+
+    /// Whether any part of a triangle may lie within the picture; cheap, for faces of huge meshes.
+    pub(super) fn may_show(&self, corners: &[Corner; 3]) -> bool {
+        let mut low = [f32::INFINITY; 2];
+        let mut high = [f32::NEG_INFINITY; 2];
+        for corner in corners {
+            let Some(p) = self.project(corner.place) else { return false };
+            low = [low[0].min(p.x), low[1].min(p.y)];
+            high = [high[0].max(p.x), high[1].max(p.y)];
+        }
+        high[0] > 0.0 && high[1] > 0.0 && low[0] < self.width as f32 && low[1] < self.height as f32
+    }
+
+    /// Draws one triangle; one that reaches behind the near plane is left out.
+    pub(super) fn triangle(&mut self, corners: &[Corner; 3], style: Style) {
+        let (Some(a), Some(b), Some(c)) = (
+            self.project(corners[0].place),
+            self.project(corners[1].place),
+            self.project(corners[2].place),
+        ) else {
+            return;
+        };
+        // Positive where the corners run counter-clockwise for the viewer; rows count downwards.
+        let area = (c.x - a.x) * (b.y - a.y) - (b.x - a.x) * (c.y - a.y);
+        let has_area = area.abs() > 0.0;
+        let low = [a.x.min(b.x).min(c.x), a.y.min(b.y).min(c.y)];
+        let high = [a.x.max(b.x).max(c.x), a.y.max(b.y).max(c.y)];
+        let within = high[0] > 0.0
+            && high[1] > 0.0
+            && low[0] < self.width as f32
+            && low[1] < self.height as f32;
+        if !(has_area && within) {
+            return;
+        }
+        if high[0] - low[0] < SMALL && high[1] - low[1] < SMALL {
+            self.small(corners, &[a, b, c], area);
+        } else {
+            self.large(corners, &[a, b, c], area, (low, high), style);
+        }
+    }
+
+    /// Averages a small triangle into the sample under its centroid and those whose centres it covers.
+    fn small(&mut self, corners: &[Corner; 3], p: &[Projected; 3], area: f32) {
+        let third = 1.0 / 3.0;
+        let x = (p[0].x + p[1].x + p[2].x) * third;
+        let y = (p[0].y + p[1].y + p[2].y) * third;
+        let nearness = (p[0].nearness + p[1].nearness + p[2].nearness) * third;
+        let weight = 0.5 * area.abs();
+        let mean = |field: fn(&Corner) -> [f32; 3]| {
+            let [a, b, c] = [0, 1, 2].map(|i| field(&corners[i]));
+            std::array::from_fn(|i| (a[i] + b[i] + c[i]) * third)
+        };
+        let side = area.signum();
+        let normal: [f32; 3] = mean(|c| c.normal);
+        let color: [f32; 3] = mean(|c| c.color);
+        let found = Sample {
+            nearness,
+            normal: normal.map(|x| side * weight * x),
+            color: color.map(|x| weight * x),
+            weight,
+            ink: 0.0,
+            back: area < 0.0,
+        };
+        let tolerance = SAME_SURFACE / self.focal;
+        // A triangle wide enough to cover sample centres must reach them all, or holes would show.
+        let (i, j) = (x as usize, y as usize);
+        for dy in 0..3usize {
+            for dx in 0..3usize {
+                let (Some(col), Some(row)) = ((i + dx).checked_sub(1), (j + dy).checked_sub(1))
+                else {
+                    continue;
+                };
+                let own = dx == 1 && dy == 1;
+                let covered = || inside(p, area, col as f32 + 0.5, row as f32 + 0.5);
+                if col < self.width && row < self.height && (own || covered()) {
+                    self.samples[row * self.width + col].average(&found, tolerance);
+                }
+            }
+        }
+    }
+
+    fn large(
+        &mut self,
+        corners: &[Corner; 3],
+        p: &[Projected; 3],
+        area: f32,
+        (low, high): ([f32; 2], [f32; 2]),
+        style: Style,
+    ) {
+        // Doubles: a corner may lie far outside the picture.
+        let q = [0, 1, 2].map(|i| (f64::from(p[i].x), f64::from(p[i].y)));
+        let full = (q[2].0 - q[0].0) * (q[1].1 - q[0].1) - (q[1].0 - q[0].0) * (q[2].1 - q[0].1);
+        let per_area = 1.0 / full;
+        let heights = [0, 1, 2].map(|i| {
+            let (a, b) = (q[(i + 1) % 3], q[(i + 2) % 3]);
+            (full.abs() / ((a.0 - b.0).powi(2) + (a.1 - b.1).powi(2)).sqrt().max(1e-9)) as f32
+        });
+        // Lines fade out as triangles become too small to be told apart.
+        let size = (0.5 * area.abs()).sqrt() / style.samples;
+        let strength = if style.line > 0.0 { smoothstep(1.2, 6.0, size) } else { 0.0 };
+        let side = area.signum();
+        let first = |low: f32| (low - 0.5).ceil().max(0.0) as usize;
+        let last = |high: f32, n: usize| ((high - 0.5).floor() + 1.0).clamp(0.0, n as f32) as usize;
+        let reach = ((0.25 * full.abs().sqrt() / f64::from(style.samples)) as f32).clamp(0.4, 1.0);
+        let line = style.line * reach;
+        for row in first(low[1])..last(high[1], self.height) {
+            let y = row as f64 + 0.5;
+            for col in first(low[0])..last(high[0], self.width) {
+                let x = col as f64 + 0.5;
+                let part = |i: usize| {
+                    let (a, b) = (q[(i + 1) % 3], q[(i + 2) % 3]);
+                    ((b.0 - x) * (a.1 - y) - (a.0 - x) * (b.1 - y)) * per_area
+                };
+                let (s, t) = (part(0), part(1));
+                let r = 1.0 - s - t;
+                if !(s >= 0.0 && t >= 0.0 && r >= -1e-12) {
+                    continue;
+                }
+                let parts = [s as f32, t as f32, r as f32];
+                let nearness = (0..3).map(|i| parts[i] * p[i].nearness).sum::<f32>();
+                let sample = &mut self.samples[row * self.width + col];
+                let in_front = nearness > sample.nearness;
+                if !in_front {
+                    continue;
+                }
+                // Attributes are linear in space, not in the picture.
+                let parts_in_space = [0, 1, 2].map(|i| parts[i] * p[i].nearness / nearness);
+                let mix = |field: fn(&Corner) -> [f32; 3]| {
+                    let [a, b, c] = [0, 1, 2].map(|i| field(&corners[i]));
+                    let [s, t, r] = parts_in_space;
+                    std::array::from_fn(|i| s * a[i] + t * b[i] + r * c[i])
+                };
+                let normal: [f32; 3] = mix(|c| c.normal);
+                let to_edge = (0..3).map(|i| parts[i] * heights[i]).fold(f32::INFINITY, f32::min);
+                *sample = Sample {
+                    nearness,
+                    normal: normal.map(|x| side * x),
+                    color: mix(|c| c.color),
+                    weight: 1.0,
+                    ink: strength * (line + 0.5 - to_edge).clamp(0.0, 1.0),
+                    back: area < 0.0,
+                };
+            }
+        }
+    }
+}
+
+impl Sample {
+    /// Adds what a small triangle shows: in front it replaces, at the same depth it is averaged in.
+    fn average(&mut self, found: &Sample, tolerance: f32) {
+        if found.nearness > self.nearness * (1.0 + tolerance) {
+            *self = *found;
+        } else if found.nearness >= self.nearness * (1.0 - tolerance) {
+            for i in 0..3 {
+                self.normal[i] += found.normal[i];
+                self.color[i] += found.color[i];
+            }
+            self.weight += found.weight;
+            self.nearness = self.nearness.max(found.nearness);
+            self.back &= found.back;
+        }
+    }
+}
+
+/// Whether a triangle covers a point of the picture.
+fn inside(p: &[Projected; 3], area: f32, x: f32, y: f32) -> bool {
+    (0..3).all(|i| {
+        let (a, b) = (&p[(i + 1) % 3], &p[(i + 2) % 3]);
+        ((b.x - x) * (a.y - y) - (a.x - x) * (b.y - y)) * area.signum() >= 0.0
+    })
+}

@@ -1,0 +1,148 @@
+//! Vertices in camera space while faces stream by: all of them, or the blocks used last.
+//!
+//! As long as they fit the budget, all vertices are held: 12 bytes each, 15 with colours, 27 with
+//! normals. Beyond that a block of vertices is read when a face asks for it and kept until others have
+//! been used more recently. Scans come in an order in which neighbours are near in the file, and then
+//! every block is read little more than once; a shuffled file larger than the budget is refused rather
+//! than read a thousand times.
+
+use super::camera::Camera;
+use super::scene::{Points, Scene};
+use crate::error::{Error, Result};
+use crate::parallel::in_order;
+use crate::ply::BLOCK_ROWS;
+use crate::progress::Progress;
+use crate::units::show_bytes;
+
+/// How often, on average, a vertex block may be read before the file counts as shuffled.
+const MOST_READS: u64 = 12;
+
+/// Blocks that are held however small the budget: some rows of neighbouring patches.
+const LEAST_BLOCKS: u64 = 8;
+
+/// A block of vertices in camera space.
+#[derive(Default)]
+struct Placed {
+    places: Vec<[f32; 3]>,
+    colors: Vec<[u8; 3]>,
+}
+
+/// Vertices in camera space by number.
+pub(super) struct Vertices<'a> {
+    scene: &'a dyn Scene,
+    camera: &'a Camera,
+    /// Unit normals, where all vertices are held and normals were asked for.
+    pub(super) normals: Vec<[f32; 3]>,
+    /// For each vertex block its place among `held`.
+    slots: Vec<Option<u32>>,
+    held: Vec<Placed>,
+    /// Which block each of `held` is, and when it was used last.
+    used: Vec<(u64, u64)>,
+    clock: u64,
+    /// Blocks that may be held.
+    room: usize,
+    reads: u64,
+    points: Points,
+}
+
+/// Bytes of one vertex.
+pub(super) fn vertex_bytes(colored: bool, normals: bool) -> u64 {
+    12 + if colored { 3 } else { 0 } + if normals { 12 } else { 0 }
+}
+
+impl<'a> Vertices<'a> {
+    /// Prepares the vertices of a scene within `budget_bytes`.
+    pub(super) fn new(
+        scene: &'a dyn Scene,
+        camera: &'a Camera,
+        budget_bytes: u64,
+        threads: usize,
+        progress: &Progress,
+    ) -> Result<Self> {
+        let block_bytes = BLOCK_ROWS * vertex_bytes(scene.is_colored(), false);
+        let n_blocks = scene.n_point_blocks();
+        let room = (budget_bytes / block_bytes).max(LEAST_BLOCKS).min(n_blocks.max(1));
+        let mut vertices = Vertices {
+            scene,
+            camera,
+            normals: Vec::new(),
+            slots: vec![None; n_blocks as usize],
+            held: Vec::new(),
+            used: Vec::new(),
+            clock: 0,
+            room: room as usize,
+            reads: 0,
+            points: Points::default(),
+        };
+        if room >= n_blocks {
+            let read = |block: u64, (points, placed): &mut (Points, Placed)| {
+                scene.points(block, points)?;
+                place(camera, points, placed);
+                Ok(())
+            };
+            in_order(n_blocks, threads, progress, read, |block, (_, placed)| {
+                vertices.slots[block as usize] = Some(block as u32);
+                vertices.held.push(std::mem::take(placed));
+                Ok(())
+            })?;
+        }
+        Ok(vertices)
+    }
+
+    /// Whether every vertex is in memory.
+    pub(super) fn all_held(&self) -> bool {
+        self.held.len() == self.slots.len()
+    }
+
+    /// The camera-space place and the colour of a vertex.
+    pub(super) fn get(&mut self, id: u64) -> Result<([f32; 3], Option<[u8; 3]>)> {
+        let (block, row) = (id / BLOCK_ROWS, (id % BLOCK_ROWS) as usize);
+        let slot = match self.slots[block as usize] {
+            Some(slot) => slot as usize,
+            None => self.load(block)?,
+        };
+        if !self.used.is_empty() {
+            self.used[slot].1 = self.clock;
+        }
+        let placed = &self.held[slot];
+        Ok((placed.places[row], placed.colors.get(row).copied()))
+    }
+
+    /// Marks the passing of time: what is used after this counts as more recent.
+    pub(super) fn tick(&mut self) {
+        self.clock += 1;
+    }
+
+    fn load(&mut self, block: u64) -> Result<usize> {
+        self.reads += 1;
+        if self.reads > MOST_READS * self.slots.len() as u64 {
+            let bytes = self.scene.n_vertices() * vertex_bytes(self.scene.is_colored(), false);
+            return Err(Error::NoMemory(format!(
+                "the vertices of this mesh are in random order and do not fit into memory; give it \
+                 --memory of at least {}, or render its simplification",
+                show_bytes(bytes + (512 << 20))
+            )));
+        }
+        let slot = if self.held.len() < self.room {
+            self.held.push(Placed::default());
+            self.used.push((block, self.clock));
+            self.held.len() - 1
+        } else {
+            let oldest = (0..self.used.len()).min_by_key(|&slot| self.used[slot].1).unwrap_or(0);
+            self.slots[self.used[oldest].0 as usize] = None;
+            oldest
+        };
+        self.scene.points(block, &mut self.points)?;
+        place(self.camera, &self.points, &mut self.held[slot]);
+        self.used[slot] = (block, self.clock);
+        self.slots[block as usize] = Some(slot as u32);
+        Ok(slot)
+    }
+}
+
+fn place(camera: &Camera, points: &Points, out: &mut Placed) {
+    out.places.clear();
+    out.places.extend(points.positions.iter().map(|p| camera.place(*p).map(|x| x as f32)));
+    out.colors.clear();
+    out.colors.extend_from_slice(&points.colors);
+}

@@ -1,0 +1,92 @@
+//! A mesh cut into cells for a look at it, in a folder that vanishes afterwards.
+//!
+//! For commands that read a mesh larger than memory without changing it: `info --check`, `measure`. Nothing
+//! here is resumable.
+
+use crate::cells::{CellStore, VertexLayout};
+use crate::disk::Disk;
+use crate::error::Result;
+use crate::job::{Identity, Job};
+use crate::partition::{Partition, partition};
+use crate::ply::MeshSource;
+use crate::progress::Progress;
+use crate::run::Run;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// How a scratch store is made.
+#[derive(Clone, Copy, Debug)]
+pub struct Cutting<'a> {
+    /// Triangles per cell.
+    pub cell_triangles: u64,
+    /// The folder in which the scratch folder is made.
+    pub temp_dir: &'a Path,
+    /// Worker threads.
+    pub threads: usize,
+    /// Memory for tables and buffers, in bytes.
+    pub memory_bytes: u64,
+}
+
+/// A store of cells that removes its folder when dropped.
+#[derive(Debug)]
+pub struct Scratch {
+    store: CellStore,
+    partition: Partition,
+    folder: PathBuf,
+}
+
+impl Scratch {
+    /// Partitions `source` into a new folder below `cutting.temp_dir`; takes about 20 bytes a triangle there.
+    pub fn cut(source: &MeshSource, cutting: Cutting, progress: &Progress) -> Result<Scratch> {
+        let name = source.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
+        // Two files of one name may be cut by one process.
+        static NUMBER: AtomicU64 = AtomicU64::new(0);
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let process = std::process::id();
+        let folder = cutting.temp_dir.join(format!("{name}.{process}-{number}.stonecut-scratch"));
+        let cut = || {
+            let disk = Disk::default();
+            let identity = Identity {
+                input: source.path().display().to_string(),
+                input_marks: BTreeMap::new(),
+                settings: BTreeMap::new(),
+            };
+            let job = Job::open(&folder, &disk, &identity, true)?;
+            let Cutting { threads, memory_bytes, .. } = cutting;
+            let run = Run { job: &job, progress, threads, memory_bytes };
+            let partition = partition(source, cutting.cell_triangles, &run)?;
+            let layout = VertexLayout::new(source.schema(), source.n_vertices());
+            let store = CellStore::open(&disk, &folder, partition.store.clone(), layout)?;
+            Ok((store, partition))
+        };
+        match cut() {
+            Ok((store, partition)) => Ok(Scratch { store, partition, folder }),
+            Err(error) => {
+                remove(&folder);
+                Err(error)
+            }
+        }
+    }
+
+    /// The cells.
+    pub fn store(&self) -> &CellStore {
+        &self.store
+    }
+
+    /// Bounds and faults found on the way.
+    pub fn partition(&self) -> &Partition {
+        &self.partition
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        remove(&self.folder);
+    }
+}
+
+/// Removes a folder that only this process has written to; what cannot be removed is left.
+fn remove(folder: &Path) {
+    let _ = std::fs::remove_dir_all(folder);
+}

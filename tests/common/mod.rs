@@ -1,0 +1,64 @@
+//! What several test programs need: a scratch folder, the command, real scans where they are.
+#![allow(dead_code)] // Each test program uses its own part.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// The `stonecut` command of this build.
+pub fn stonecut() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_stonecut"))
+}
+
+/// Runs the command with arguments separated by blanks, in `folder`.
+pub fn run(folder: &Path, arguments: &str) -> Output {
+    stonecut().current_dir(folder).args(arguments.split_whitespace()).output().expect("runs")
+}
+
+/// Runs the command and insists on its exit code; gives back standard error.
+pub fn expect(folder: &Path, arguments: &str, code: i32) -> String {
+    let output = run(folder, arguments);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(code), "stonecut {arguments}\n{said}");
+    said
+}
+
+/// The JSON of `info --check`.
+pub fn check(folder: &Path, file: &str) -> serde_json::Value {
+    let output = run(folder, &format!("info --check --json {file}"));
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("JSON")
+}
+
+/// One number of that JSON.
+pub fn count(json: &serde_json::Value, key: &str) -> i64 {
+    json[key].as_i64().unwrap_or_else(|| panic!("{key} in {json}"))
+}
+
+/// Root mean square deviation both ways, by `stonecut measure`.
+pub fn rms(folder: &Path, original: &str, simplified: &str) -> f64 {
+    expect(folder, &format!("measure {original} {simplified} --samples 200k --report m.json"), 0);
+    let json = std::fs::read(folder.join("m.json")).expect("a report");
+    let json: serde_json::Value = serde_json::from_slice(&json).expect("JSON");
+    json["rms"].as_f64().expect("rms")
+}
+
+/// A real scan, unpacked by `../shared/tools/prepare-real-data`; `None` (and a word about it) without.
+pub fn real_scan(name: &str) -> Option<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let unpacked = root.join("target/real-data").join(name);
+    let packed = root.join("../shared/data/real").join(format!("{name}.zst"));
+    if !unpacked.exists() && packed.exists() {
+        static ONCE: std::sync::Once = std::sync::Once::new();
+        ONCE.call_once(|| {
+            let _ = Command::new("bash")
+                .current_dir(root)
+                .args(["../shared/tools/prepare-real-data", "target/real-data", "--no-terrain"])
+                .output();
+        });
+    }
+    if unpacked.exists() {
+        return Some(unpacked);
+    }
+    println!("skipped: no real scan {name} here");
+    None
+}
