@@ -3,20 +3,17 @@
 //! Meshes that fit into the memory budget are read and measured there. A larger original, and if need be
 //! the simplified mesh too, is first cut into cells by the partition stage; the numbers are the same.
 
-use crate::cells::{CellStore, VertexLayout};
+use crate::cells::plan_cells;
 use crate::config::DEFAULT_CELL_TRIANGLES;
-use crate::disk::Disk;
 use crate::error::{Error, Result};
-use crate::job::{Identity, Job};
 use crate::measure::load::{self, Loaded};
 use crate::measure::tree::Tree;
 use crate::measure::{self, ColourChannels, Measured, Options, Parts};
-use crate::partition::{self, Partition};
+use crate::partition;
 use crate::ply::MeshSource;
 use crate::progress::Progress;
-use crate::run::Run;
+use crate::scratch::{Cutting, Scratch};
 use crate::units::show_bytes;
-use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 /// Memory for code, stacks, allocator slack and small things, in bytes.
@@ -35,8 +32,8 @@ pub struct Request<'a> {
     pub memory_bytes: u64,
     /// Triangles per cell where cells are needed.
     pub cell_triangles: u64,
-    /// Where cells are kept while they are needed; beside it lies nothing.
-    pub job_folder: PathBuf,
+    /// The folder in which cells are kept for the time being, if they are needed.
+    pub temp_dir: PathBuf,
     /// Also measure the distance of every vertex of this mesh to the other one.
     pub heat_of: Option<Which>,
 }
@@ -92,10 +89,8 @@ fn options(request: &Request) -> Options {
 /// Compares two meshes by way of cells, even if they would fit into memory; the numbers are the same.
 pub fn compare_in_cells(request: &Request, progress: &Progress) -> Result<Comparison> {
     let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
-    let disk = Disk::default();
-    let original = Cut::new(request.original, request, "original", usable, &disk, progress)?;
-    let outcome = with_original(request, &original, options(request), usable, &disk, progress);
-    original.remove(outcome)
+    let original = cut(request.original, request, usable, progress)?;
+    with_original(request, &original, options(request), usable, progress)
 }
 
 fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
@@ -127,26 +122,23 @@ fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
 /// The original is in cells; the simplified mesh is read whole if a third of the memory holds it.
 fn with_original(
     request: &Request,
-    original: &Cut,
+    original: &Scratch,
     options: Options,
     usable: u64,
-    disk: &Disk,
     progress: &Progress,
 ) -> Result<Comparison> {
-    let first = original.parts();
+    let first = parts(original, request.original);
+    let temp_bytes = original.store().info().pack_bytes;
+    let degenerate = original.partition().degenerate_faces;
     let whole =
         load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_faces());
     if whole <= usable / 3 {
         let simplified = load::load(request.simplified, options.threads, progress)?;
         let second = Parts::in_memory(&simplified.mesh, simplified.colours);
         let mut comparison = run(request, &first, &second, &options, usable - whole, progress)?;
-        add_degenerate(
-            &mut comparison,
-            original.partition.degenerate_faces,
-            simplified.n_degenerate,
-        );
+        add_degenerate(&mut comparison, degenerate, simplified.n_degenerate);
         comparison.heat = heat(request, &first, &simplified, &options, usable - whole, progress)?;
-        comparison.temp_bytes = disk.peak_bytes();
+        comparison.temp_bytes = temp_bytes;
         return Ok(comparison);
     }
     if request.heat_of.is_some() {
@@ -155,12 +147,11 @@ fn with_original(
             show_bytes(3 * whole)
         )));
     }
-    let cut = Cut::new(request.simplified, request, "simplified", usable, disk, progress)?;
-    let dropped = [original.partition.degenerate_faces, cut.partition.degenerate_faces];
-    let outcome = run(request, &first, &cut.parts(), &options, usable, progress);
-    let mut comparison = cut.remove(outcome)?;
-    add_degenerate(&mut comparison, dropped[0], dropped[1]);
-    comparison.temp_bytes = disk.peak_bytes();
+    let cells = cut(request.simplified, request, usable, progress)?;
+    let second = parts(&cells, request.simplified);
+    let mut comparison = run(request, &first, &second, &options, usable, progress)?;
+    add_degenerate(&mut comparison, degenerate, cells.partition().degenerate_faces);
+    comparison.temp_bytes = temp_bytes + cells.store().info().pack_bytes;
     Ok(comparison)
 }
 
@@ -221,72 +212,27 @@ fn add_degenerate(comparison: &mut Comparison, original: u64, simplified: u64) {
     }
 }
 
-/// A mesh cut into cells in a folder of its own.
-struct Cut {
-    job: Job,
-    partition: Partition,
-    store: CellStore,
-    n_vertices: u64,
+fn cut(
+    source: &MeshSource,
+    request: &Request,
+    memory_bytes: u64,
+    progress: &Progress,
+) -> Result<Scratch> {
+    let (cell_triangles, threads) = (request.cell_triangles, request.options.threads);
+    let n_cells = plan_cells(source.n_faces(), cell_triangles);
+    let needed = partition::memory_bytes(source.n_vertices(), n_cells, threads, memory_bytes);
+    if needed > memory_bytes {
+        return Err(Error::NoMemory(format!(
+            "cutting {} into cells needs {}; give more --memory",
+            source.path().display(),
+            show_bytes(needed + BASE_BYTES)
+        )));
+    }
+    progress.begin("partition", 1, 2, source.n_faces());
+    let cutting = Cutting { cell_triangles, temp_dir: &request.temp_dir, threads, memory_bytes };
+    Scratch::cut(source, cutting, progress)
 }
 
-impl Cut {
-    fn new(
-        source: &MeshSource,
-        request: &Request,
-        name: &'static str,
-        memory_bytes: u64,
-        disk: &Disk,
-        progress: &Progress,
-    ) -> Result<Cut> {
-        let needed = partition::memory_bytes(
-            source.n_vertices(),
-            crate::cells::plan_cells(source.n_faces(), request.cell_triangles),
-            request.options.threads,
-            memory_bytes,
-        );
-        if needed > memory_bytes {
-            return Err(Error::NoMemory(format!(
-                "cutting {} into cells needs {}; give more --memory",
-                source.path().display(),
-                show_bytes(needed + BASE_BYTES)
-            )));
-        }
-        let identity = Identity {
-            input: source.path().display().to_string(),
-            input_marks: BTreeMap::new(),
-            settings: BTreeMap::from([("measure".to_owned(), name.to_owned())]),
-        };
-        // Always begun anew: a measurement is too short to be continued.
-        let job = Job::open(&request.job_folder.with_extension(name), disk, &identity, true)?;
-        progress.begin("partition", 1, 2, source.n_faces());
-        let run = Run { job: &job, progress, threads: request.options.threads, memory_bytes };
-        let cut =
-            partition::partition(source, request.cell_triangles, &run).and_then(|partition| {
-                let layout = VertexLayout::new(source.schema(), source.n_vertices());
-                let store = CellStore::open(disk, job.folder(), partition.store.clone(), layout)?;
-                Ok((partition, store))
-            });
-        match cut {
-            Ok((partition, store)) => {
-                Ok(Cut { job, partition, store, n_vertices: source.n_vertices() })
-            }
-            Err(error) => {
-                // The first error is the one to tell.
-                let _ = job.remove();
-                Err(error)
-            }
-        }
-    }
-
-    fn parts(&self) -> Parts<'_> {
-        Parts::in_cells(&self.store, self.n_vertices, self.partition.bounds)
-    }
-
-    /// Removes the cells, whatever the outcome, and hands the outcome on.
-    fn remove<T>(self, outcome: Result<T>) -> Result<T> {
-        let removed = self.job.remove();
-        let outcome = outcome?;
-        removed?;
-        Ok(outcome)
-    }
+fn parts<'a>(cells: &'a Scratch, source: &MeshSource) -> Parts<'a> {
+    Parts::in_cells(cells.store(), source.n_vertices(), cells.partition().bounds)
 }

@@ -72,7 +72,7 @@ fn request<'a>(sources: &'a [MeshSource; 2], folder: &Path) -> Request<'a> {
         options: Options { samples: 60_000, threads: 2, ..Options::default() },
         memory_bytes: 4 << 30,
         cell_triangles: 2000,
-        job_folder: folder.join("job"),
+        temp_dir: folder.to_path_buf(),
         heat_of: None,
     }
 }

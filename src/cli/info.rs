@@ -46,8 +46,8 @@ struct Report {
     check: Option<Topology>,
 }
 
-/// Runs the command; the answer goes to standard output.
-pub fn run(args: &Args, progress: &Progress) -> Result<()> {
+/// Runs the command; the answer goes to `out`.
+pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> {
     let threads = args.threads.unwrap_or_else(crate::memory::cores).max(1);
     let source = MeshSource::open(&args.file)?;
     let check = if args.check { Some(count(args, &source, threads, progress)?) } else { None };
@@ -70,9 +70,7 @@ pub fn run(args: &Args, progress: &Progress) -> Result<()> {
     } else {
         table(&source, &report)
     };
-    std::io::stdout()
-        .write_all(text.as_bytes())
-        .map_err(|e| Error::io("standard output", "cannot write", e))
+    out.write_all(text.as_bytes()).map_err(|e| Error::io("standard output", "cannot write", e))
 }
 
 /// Bytes a triangle that counting in memory takes, besides the mesh.

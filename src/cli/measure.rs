@@ -2,9 +2,10 @@
 
 use super::display::watch;
 use super::{Log, Talk, memory_budget, parse_memory};
-use crate::compare::{self, CELL_TRIANGLES, Comparison, Request};
+use crate::compare::{self, CELL_TRIANGLES, Comparison, Request, Which};
 use crate::error::{Error, Result};
-use crate::measure::{self, Deviation, Options, Region, Side, TriangleSizes, load};
+use crate::measure::{self, Deviation, Options, Region, Side, TriangleSizes, heatmap, load};
+use crate::plan::folder_of;
 use crate::ply::MeshSource;
 use crate::progress::Progress;
 use crate::topology::Topology;
@@ -34,6 +35,12 @@ pub struct Args {
     /// Writes all numbers as JSON
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
+    /// Writes the simplified mesh coloured by its distance to the original
+    #[arg(long, value_name = "OUT.ply")]
+    heatmap: Option<PathBuf>,
+    /// Replaces the heatmap if it exists
+    #[arg(long)]
+    force: bool,
     /// Prints all numbers as JSON instead of the table
     #[arg(long)]
     json: bool,
@@ -84,6 +91,9 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     let threads = args.threads.unwrap_or_else(crate::memory::cores).max(1);
     let [original, simplified] =
         [MeshSource::open(&args.original)?, MeshSource::open(&args.simplified)?];
+    if let Some(path) = args.heatmap.as_ref().filter(|path| path.exists() && !args.force) {
+        return Err(Error::Usage(format!("{} exists; --force replaces it", path.display())));
+    }
     let region = match (&args.near, args.within) {
         (Some(path), Some(within)) => Some(region(path, within, threads, progress)?),
         _ => None,
@@ -100,11 +110,14 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
         options: Options { samples: args.samples, seed: args.seed, threads, colours: None, region },
         memory_bytes: memory_budget(args.memory),
         cell_triangles: args.cell_triangles.max(1000),
-        job_folder: job_folder(args)?,
-        heat_of: None,
+        temp_dir: temp_dir(args),
+        heat_of: args.heatmap.as_ref().map(|_| Which::Simplified),
     };
     let comparison = watch(talk, progress, log, || compare::compare(&request, progress))?;
-    let Comparison { measured, cells, temp_bytes, .. } = comparison;
+    let Comparison { measured, cells, temp_bytes, heat } = comparison;
+    if let Some(path) = &args.heatmap {
+        heatmap::write(&simplified, &heat, path, threads, progress)?;
+    }
     let report = Report {
         version: env!("CARGO_PKG_VERSION"),
         original: file_report(&original, measured.original),
@@ -128,18 +141,9 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     printed.map_err(|e| Error::io("standard output", "cannot write", e))
 }
 
-/// Where cells go: beside the simplified mesh, under a name that two runs do not share by accident.
-fn job_folder(args: &Args) -> Result<PathBuf> {
-    let mut name = match args.simplified.file_name() {
-        Some(name) => name.to_owned(),
-        None => {
-            let what = format!("{} names no file", args.simplified.display());
-            return Err(Error::Usage(what));
-        }
-    };
-    name.push(format!(".measure-{}", std::process::id()));
-    let beside = args.simplified.parent().unwrap_or(Path::new(""));
-    Ok(args.temp_dir.as_deref().unwrap_or(beside).join(name))
+/// Where cells go: beside the simplified mesh, unless told otherwise.
+fn temp_dir(args: &Args) -> PathBuf {
+    args.temp_dir.clone().unwrap_or_else(|| folder_of(&args.simplified).to_path_buf())
 }
 
 fn region(path: &Path, within: f64, threads: usize, progress: &Progress) -> Result<Region> {

@@ -9,6 +9,7 @@
 #![allow(clippy::needless_range_loop)]
 
 pub mod colour;
+pub mod heatmap;
 pub mod load;
 mod out_of_core;
 mod parts;
