@@ -96,7 +96,7 @@ fn dispatch(
     match command {
         Command::Simplify(args) => simplify::run(args, talk, progress, log),
         Command::Convert(args) => convert::run(args, log),
-        Command::Info(args) => info::run(args, progress).map(|()| 0),
+        Command::Info(args) => info::run(args, &mut std::io::stdout(), progress).map(|()| 0),
         Command::Measure(args) => measure::run(args, talk, progress, log).map(|()| 0),
         Command::Render(args) => render::run(args, progress, log).map(|()| 0),
         Command::Synth(args) => synth::run(args, progress, log).map(|()| 0),
