@@ -81,15 +81,14 @@ pub fn simplify_cells_exactly(
         .job
         .sealed(&format!("round {} levels", goal.round), || pilot(store, goal, options, run))?;
     let Some(&last) = levels.0.last() else {
-        return run_cells(store, goal.round, run, |cell| Survivors::from(cell));
+        return run_cells(store, goal.round, run, Survivors::from);
     };
     let fine: Vec<f64> =
         (-FINE_LEVELS..=FINE_LEVELS).map(|j| last * (f64::from(j) / FINE_STEPS).exp2()).collect();
     let plan: (usize, usize) =
         run.job.sealed(&format!("round {} exact levels", goal.round), || {
             let counts = run_all(store, run, |cell| {
-                let mesh = kernel_run(cell, &fine, 0, options).1;
-                mesh.statistics.level_counts
+                kernel_run(cell, &fine, 0, options).1.statistics.level_counts
             })?;
             Ok(choose_levels(&counts, store, goal.triangles))
         })?;
@@ -132,22 +131,23 @@ fn choose_levels(counts: &[Vec<u64>], store: &CellStore, target: u64) -> (usize,
     (enough - 1, counts.len())
 }
 
-/// The kernel on one cell; gives back what identifies its vertices.
+/// The kernel on one cell; gives back what identifies its vertices (the cell without its mesh), too.
 fn kernel_run(
-    cell: CellMesh,
+    mut cell: CellMesh,
     levels: &[f64],
     floor_triangles: u64,
     options: &Options,
-) -> ((Vec<u64>, Vec<bool>, Vec<u8>), Simplified) {
+) -> (CellMesh, Simplified) {
     let stop = Stop::Costs { levels: levels.to_vec(), floor_triangles };
     let options = Options { stop, ..options.clone() };
-    let simplified = kernel::simplify_mesh(cell.mesh, &cell.shared, &options);
-    ((cell.ids, cell.shared, cell.records), simplified)
+    let mesh = std::mem::take(&mut cell.mesh);
+    let simplified = kernel::simplify_mesh(mesh, &cell.shared, &options);
+    (cell, simplified)
 }
 
 fn drain(cell: CellMesh, levels: &[f64], options: &Options, store: &CellStore) -> Survivors {
-    let ((ids, shared, records), simplified) = kernel_run(cell, levels, 0, options);
-    Survivors::new(&ids, &shared, &records, simplified, store.layout())
+    let (cell, simplified) = kernel_run(cell, levels, 0, options);
+    Survivors::new(&cell.ids, &cell.shared, &cell.records, simplified, store.layout())
 }
 
 /// Finds the levels that bring the whole store to `goal` from how a sample of its cells behaves.

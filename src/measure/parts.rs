@@ -155,7 +155,6 @@ impl<'a> Parts<'a> {
             (*gathered.lock().unwrap_or_else(PoisonError::into_inner))(part, look);
             Ok(())
         })?;
-        drop(gathered);
         // The order of the parts decides how the tree is built, though not what it answers.
         sparse.sort_unstable_by_key(|(part, _)| *part);
         let points: Vec<Vector> = sparse.into_iter().flat_map(|(_, points)| points).collect();

@@ -51,7 +51,7 @@ pub fn scan(
                     low[k] = low[k].min(point[k]);
                     high[k] = high[k].max(point[k]);
                 }
-                if id % stretch == 0 {
+                if id.is_multiple_of(stretch) {
                     wanted = chosen(id / stretch, stretch);
                 }
                 if id == wanted {

@@ -45,18 +45,17 @@ pub fn recut(
     })
 }
 
+/// Lower and upper corner.
+type Bounds = [[f64; 3]; 2];
+
 #[derive(Default)]
 struct CellSample {
-    bounds: Option<[[f64; 3]; 2]>,
+    bounds: Option<Bounds>,
     samples: Vec<[f64; 3]>,
 }
 
 /// Bounds and an even sample of the survivors' vertices.
-fn sample(
-    survivors: &SurvivorPack,
-    n_cells: u32,
-    run: &Run,
-) -> Result<([[f64; 3]; 2], Vec<[f64; 3]>)> {
+fn sample(survivors: &SurvivorPack, n_cells: u32, run: &Run) -> Result<(Bounds, Vec<[f64; 3]>)> {
     let info = survivors.info();
     let n_vertices: u64 = info.cells.iter().map(|cell| cell.vertices).sum();
     let step = (n_vertices / n_samples(n_vertices, n_cells)).max(1) as usize;
@@ -70,11 +69,10 @@ fn sample(
             let part = survivors.load(cell as usize)?;
             // The kernel leaves vertices in no order that a regular step could fall in with.
             out.samples = part.mesh.positions.iter().step_by(step).copied().collect();
-            out.bounds =
-                part.mesh.positions.iter().fold(None, |bounds: Option<[[f64; 3]; 2]>, p| {
-                    let [l, h] = bounds.unwrap_or([*p, *p]);
-                    Some([[0, 1, 2].map(|k| l[k].min(p[k])), [0, 1, 2].map(|k| h[k].max(p[k]))])
-                });
+            out.bounds = part.mesh.positions.iter().fold(None, |bounds: Option<Bounds>, p| {
+                let [l, h] = bounds.unwrap_or([*p, *p]);
+                Some([[0, 1, 2].map(|k| l[k].min(p[k])), [0, 1, 2].map(|k| h[k].max(p[k]))])
+            });
             Ok(())
         },
         |_, found| {
