@@ -14,6 +14,7 @@ pub mod reference;
 mod surface;
 mod topology;
 mod vector;
+mod weld;
 
 use crate::mesh::Mesh;
 
@@ -50,7 +51,8 @@ pub enum Topology {
     /// Nothing: a target that cannot be met without is not met.
     Keep,
     /// What is smaller than the current error: components vanish (never with a locked vertex), holes of
-    /// three edges close, thin tubes and handles are cut and capped.
+    /// three edges close, thin tubes and handles are cut and capped. Open boundaries whose vertices
+    /// coincide exactly are joined first.
     #[default]
     Error,
 }
@@ -96,7 +98,10 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
 
 fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
     let mut statistics = Statistics::default();
-    let surface = surface::Surface::new(mesh, locked, simd);
+    let mut surface = surface::Surface::new(mesh, locked, simd);
+    if options.topology == Topology::Error {
+        weld::coincident(&mut surface, simd);
+    }
     let mut driver = drive::Driver::new(surface, simd, options.topology);
     match &options.stop {
         Stop::Triangles(target) => statistics.reached = driver.reach(*target),
@@ -204,5 +209,26 @@ mod tests {
         locked[first as usize] = true;
         let options = Options { stop: Stop::Triangles(300), topology: Topology::Error };
         assert_eq!(specks(&simplify_mesh(mesh, &locked, &options)), 4, "a locked vertex holds it");
+    }
+
+    #[test]
+    fn charts_that_touch_are_joined_unless_locked() {
+        // Each row of quads is a chart of its own, as if split along texture seams.
+        let whole = sheet(24);
+        let mut split = Mesh::default();
+        for row in whole.triangles.chunks(2 * 24) {
+            let first = split.positions.len() as u32;
+            let lowest = row.iter().flatten().min().copied().unwrap_or(0);
+            let n = 2 * 25;
+            split.positions.extend_from_slice(&whole.positions[lowest as usize..][..n]);
+            split.triangles.extend(row.iter().map(|t| t.map(|v| v - lowest + first)));
+        }
+        for lock in [false, true] {
+            let locked = vec![lock; split.positions.len()];
+            let options = Options { stop: Stop::Triangles(2000), ..Options::default() };
+            let result = simplify_mesh(split.clone(), &locked, &options);
+            let expected = if lock { split.positions.len() } else { whole.positions.len() };
+            assert_eq!(result.source.len(), expected);
+        }
     }
 }
