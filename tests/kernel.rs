@@ -226,7 +226,8 @@ fn a_prefix_of_the_levels_gives_a_prefix_of_the_run() {
 fn tiny_and_degenerate_meshes_come_through() {
     let square = vec![[0., 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
     let line: Vec<[f64; 3]> = (0..6).map(|i| [i as f64, 0., 0.]).collect();
-    let cases: Vec<(Vec<[f64; 3]>, Vec<[u32; 3]>)> = vec![
+    type Case = (Vec<[f64; 3]>, Vec<[u32; 3]>);
+    let cases: Vec<Case> = vec![
         (vec![], vec![]),
         (square.clone(), vec![]),
         (square.clone(), vec![[0, 1, 2]]),

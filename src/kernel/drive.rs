@@ -117,7 +117,7 @@ impl Driver {
     }
 
     /// Simplifies to at most `target` triangles; false if nothing legal is left before.
-    pub(crate) fn to_count(&mut self, target: u64) -> bool {
+    pub(crate) fn reach(&mut self, target: u64) -> bool {
         let enough = (target as f64 * EXACT_MULTIPLE) as u64;
         while self.surface.n_alive > enough.max(MIN_LEVEL_TRIANGLES) {
             let before = self.surface.n_alive;

@@ -131,12 +131,12 @@ impl Surface {
     pub(crate) fn compact(&mut self, simd: Simd) {
         let mut place = vec![GONE; self.vertices.len()];
         let mut n = 0;
-        for old in 0..self.vertices.len() {
+        for (old, place) in place.iter_mut().enumerate() {
             let ring = self.rings[old];
             if ring.class.is_none() || ring.len == 0 {
                 continue;
             }
-            place[old] = n as u32;
+            *place = n as u32;
             self.vertices[n] = self.vertices[old];
             self.rings[n] = ring;
             self.source[n] = self.source[old];

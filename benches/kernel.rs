@@ -1,0 +1,59 @@
+//! Speed of the kernel: nanoseconds an input triangle, by target and by cell size.
+//!
+//! `cargo bench --bench kernel`. The whole call is timed, ordering included; the input is cloned outside.
+
+use divan::Bencher;
+use divan::counter::ItemsCount;
+use stonecut::Mesh;
+use stonecut::kernel::{Options, Stop, simplify_mesh};
+
+fn main() {
+    divan::main();
+}
+
+/// A rough height field of about `n_triangles` triangles.
+fn terrain(n_triangles: usize) -> Mesh {
+    let n = ((n_triangles / 2) as f64).sqrt() as usize;
+    let mut mesh = Mesh::default();
+    for i in 0..=n {
+        for j in 0..=n {
+            let (x, y) = (i as f64 / n as f64, j as f64 / n as f64);
+            let octave = |k: i32| {
+                let f = 5.0 * 1.9f64.powi(k);
+                0.1 * 0.45f64.powi(k)
+                    * (f * x + 1.7 * f64::from(k)).sin()
+                    * (f * y - f * x / 3.0).cos()
+            };
+            mesh.positions.push([x, y, (0..9).map(octave).sum()]);
+        }
+    }
+    let at = |i: usize, j: usize| (i * (n + 1) + j) as u32;
+    for i in 0..n {
+        for j in 0..n {
+            mesh.triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+            mesh.triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+        }
+    }
+    mesh
+}
+
+fn simplify(bencher: Bencher, n_triangles: usize, share: f64) {
+    let mesh = terrain(n_triangles);
+    let locked = vec![false; mesh.positions.len()];
+    let target = (mesh.triangles.len() as f64 * share) as u64;
+    let options = Options { stop: Stop::Triangles(target), ..Options::default() };
+    bencher
+        .counter(ItemsCount::new(mesh.triangles.len()))
+        .with_inputs(|| mesh.clone())
+        .bench_local_values(|mesh| simplify_mesh(mesh, &locked, &options));
+}
+
+#[divan::bench(args = [65_536, 262_144, 1_048_576, 2_097_152], sample_count = 5, sample_size = 1)]
+fn to_ten_percent(bencher: Bencher, n_triangles: usize) {
+    simplify(bencher, n_triangles, 0.1);
+}
+
+#[divan::bench(args = [65_536, 262_144, 1_048_576, 2_097_152], sample_count = 5, sample_size = 1)]
+fn to_one_percent(bencher: Bencher, n_triangles: usize) {
+    simplify(bencher, n_triangles, 0.01);
+}
