@@ -6,6 +6,7 @@ mod display;
 mod info;
 pub mod measure;
 pub mod render;
+mod report;
 mod simplify;
 mod status;
 pub mod synth;
@@ -59,6 +60,7 @@ enum Command {
     Info(info::Args),
     Measure(measure::Args),
     Render(render::Args),
+    Report(report::Args),
     Synth(synth::Args),
     Status(status::Args),
     Demo(demo::Args),
@@ -90,6 +92,7 @@ pub fn main() -> u8 {
         Command::Convert(args) => convert::run(args, &mut log).map(|()| 0),
         Command::Info(args) => info::run(args, &mut out, &progress).map(|()| 0),
         Command::Measure(args) => measure::run(args, talk, &progress, &mut log).map(|()| 0),
+        Command::Report(args) => report::run(args, &progress, &mut log).map(|()| 0),
         Command::Render(args) => render::run(args, &progress, &mut log).map(|()| 0),
         Command::Synth(args) => synth::run(args, &progress, &mut log).map(|()| 0),
         Command::Status(args) => status::run(args).map(|()| 0),
