@@ -26,6 +26,7 @@ pub mod plan;
 pub mod ply;
 pub mod progress;
 pub mod render;
+pub mod report;
 pub mod run;
 pub mod schema;
 pub mod scratch;

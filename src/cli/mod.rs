@@ -6,6 +6,7 @@ mod display;
 mod info;
 pub mod measure;
 pub mod render;
+mod report;
 mod simplify;
 mod status;
 pub mod synth;
@@ -59,6 +60,7 @@ enum Command {
     Info(info::Args),
     Measure(measure::Args),
     Render(render::Args),
+    Report(report::Args),
     Synth(synth::Args),
     Status(status::Args),
     Demo(demo::Args),
@@ -83,6 +85,7 @@ pub fn main() -> u8 {
     if let Err(error) = listen_to_signals(&progress) {
         return complain(&mut log, &error);
     }
+<<<<<<< HEAD
     dispatch(&typed.command, &typed.talk, &progress, &mut log)
         .unwrap_or_else(|error| complain(&mut log, &error))
 }
@@ -100,6 +103,18 @@ fn dispatch(
         Command::Measure(args) => measure::run(args, talk, progress, log).map(|()| 0),
         Command::Render(args) => render::run(args, progress, log).map(|()| 0),
         Command::Synth(args) => synth::run(args, progress, log).map(|()| 0),
+=======
+    let talk = &typed.talk;
+    let mut out = std::io::stdout();
+    let outcome = match &typed.command {
+        Command::Simplify(args) => simplify::run(args, talk, &progress, &mut log),
+        Command::Convert(args) => convert::run(args, &mut log).map(|()| 0),
+        Command::Info(args) => info::run(args, &mut out, &progress).map(|()| 0),
+        Command::Measure(args) => measure::run(args, talk, &progress, &mut log).map(|()| 0),
+        Command::Report(args) => report::run(args, &progress, &mut log).map(|()| 0),
+        Command::Render(args) => render::run(args, &progress, &mut log).map(|()| 0),
+        Command::Synth(args) => synth::run(args, &progress, &mut log).map(|()| 0),
+>>>>>>> measure
         Command::Status(args) => status::run(args).map(|()| 0),
         Command::Demo(args) => demo::run(args, talk, progress, log),
     }

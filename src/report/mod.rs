@@ -1,0 +1,268 @@
+//! One self-contained HTML page from the JSON of `simplify --report` or `measure --report`.
+//!
+//! Numbers and plots come from the JSON (`page`), pictures from the meshes it names, as far as they are
+//! still there. Nothing is measured here, and the page asks the network for nothing.
+
+mod page;
+
+use crate::error::{Error, Result};
+use crate::formats::GlbWriter;
+use crate::measure::load;
+use crate::ply::{MeshSource, OutputHeader};
+use crate::progress::Progress;
+use crate::render::{Resources, Sphere, View, aim_source, render_source};
+use crate::schema::{Scalar, VertexSchema};
+use base64::Engine;
+use page::{bars, escape, histogram, show, table};
+use serde_json::Value;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+/// The viewer: three.js with a few lines of ours, see assets/README.md.
+const VIEWER: &str = include_str!("assets/viewer.min.js");
+
+/// A larger mesh would make the page too heavy to open; 1 M triangles are about 20 MiB of it.
+const MOST_EMBEDDED: u64 = 1_000_000;
+
+/// Side of a close-up, as a share of the original's diagonal.
+const CLOSE_UP: f64 = 0.03;
+
+/// What the page is made of.
+#[derive(Clone, Debug)]
+pub struct Material {
+    /// The JSON of `simplify --report` or `measure --report`.
+    pub report: Value,
+    /// The JSON of `measure --report`, if `report` has no deviation.
+    pub measured: Option<Value>,
+    /// Folder for the one temporary file.
+    pub temp_dir: PathBuf,
+    /// What rendering may use.
+    pub resources: Resources,
+}
+
+/// The whole page as text. A mesh that is no longer there costs its pictures, not the page.
+pub fn html(material: &Material, progress: &Progress) -> Result<String> {
+    let report = &material.report;
+    let deviation = material.measured.as_ref().unwrap_or(report);
+    let names = [("input", "original"), ("output", "simplified")]
+        .map(|(run, measure)| text_at(report, run).or_else(|| text_at(report, measure)));
+    let mut out = String::from("<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">");
+    let title = names[1].clone().unwrap_or_else(|| "stonecut".to_owned());
+    // A String takes everything that is written to it.
+    let _ = write!(
+        out,
+        "<meta name=\"viewport\" content=\"width=device-width\"><link rel=\"icon\" href=\"data:,\">\
+         <title>{0}</title><style>{1}</style></head><body><h1>{0}</h1>",
+        escape(&title),
+        page::STYLE
+    );
+    summary(report, &mut out);
+    error(deviation, &mut out);
+    run(report, &mut out);
+    let sources = names.map(|name| name.and_then(|name| MeshSource::open(Path::new(&name)).ok()));
+    if let [Some(original), Some(simplified)] = &sources {
+        pictures([original, simplified], deviation, material.resources, &mut out, progress)?;
+    }
+    if let [_, Some(simplified)] = &sources {
+        viewer(simplified, material, &mut out, progress)?;
+    }
+    out.push_str("</body></html>\n");
+    Ok(out)
+}
+
+fn text_at(report: &Value, part: &str) -> Option<String> {
+    report[part]["path"].as_str().map(str::to_owned)
+}
+
+fn summary(report: &Value, out: &mut String) {
+    out.push_str("<h2>Asked and done</h2><div class=\"columns\">");
+    for part in ["input", "output", "original", "simplified", "settings"] {
+        let rows = table(&report[part]);
+        if !rows.is_empty() {
+            let _ = write!(out, "<section><h3>{part}</h3>{rows}</section>");
+        }
+    }
+    let faults = table(&report["input"]["faults"]);
+    if !faults.is_empty() {
+        let _ = write!(out, "<section><h3>faults in the input</h3>{faults}</section>");
+    }
+    for part in ["original", "simplified"] {
+        let rows = table(&report[part]["topology"]);
+        if !rows.is_empty() {
+            let _ = write!(out, "<section><h3>topology, {part}</h3>{rows}</section>");
+        }
+    }
+    out.push_str("</div>");
+}
+
+fn error(deviation: &Value, out: &mut String) {
+    if !deviation["forward"].is_object() {
+        return;
+    }
+    out.push_str("<h2>Measured error</h2>");
+    let _ = write!(
+        out,
+        "<p>RMS both ways <b>{}</b>, which is {} of the diagonal {}.</p><div class=\"columns\">",
+        show(&deviation["rms"]),
+        show(&deviation["relative_rms"]),
+        show(&deviation["diagonal"])
+    );
+    for (side, name) in
+        [("forward", "original to simplified"), ("backward", "simplified to original")]
+    {
+        let _ = write!(out, "<section><h3>{name}</h3>{}</section>", table(&deviation[side]));
+    }
+    out.push_str("</div>");
+    for (side, name) in
+        [("forward", "Original to simplified"), ("backward", "Simplified to original")]
+    {
+        let counts: Vec<f64> = deviation[side]["histogram"]
+            .as_array()
+            .map(|bins| bins.iter().filter_map(Value::as_f64).collect())
+            .unwrap_or_default();
+        let top = deviation[side]["max"].as_f64().unwrap_or(0.0);
+        out.push_str(&histogram(&format!("{name}, distance in input units"), &counts, top));
+    }
+}
+
+fn run(report: &Value, out: &mut String) {
+    let stages: Vec<(String, f64)> = report["stages"]
+        .as_array()
+        .map(|stages| {
+            let row = |s: &Value| Some((s["name"].as_str()?.to_owned(), s["seconds"].as_f64()?));
+            stages.iter().filter_map(row).collect()
+        })
+        .unwrap_or_default();
+    out.push_str("<h2>The run</h2>");
+    let picked: serde_json::Map<String, Value> = [
+        "version",
+        "seconds",
+        "triangles_per_second",
+        "peak_memory_bytes",
+        "peak_temp_bytes",
+        "cells",
+        "rounds",
+        "target",
+        "target_met",
+        "stop_reason",
+    ]
+    .iter()
+    .filter(|key| !report[**key].is_null())
+    .map(|key| ((*key).to_owned(), report[*key].clone()))
+    .collect();
+    out.push_str(&table(&Value::Object(picked)));
+    out.push_str(&bars("Seconds by stage", &stages, "s"));
+    let rejects: Vec<(String, f64)> = report["rejects"]
+        .as_object()
+        .map(|all| {
+            all.iter().filter_map(|(k, v)| Some((k.replace('_', " "), v.as_f64()?))).collect()
+        })
+        .unwrap_or_default();
+    if !rejects.is_empty() {
+        out.push_str("<h3>Refused collapses</h3>");
+        out.push_str(&bars("Refused collapses by reason", &rejects, ""));
+    }
+    let seams = table(&report["seams"]);
+    if !seams.is_empty() {
+        let _ = write!(out, "<h3>Seams</h3>{seams}");
+    }
+}
+
+fn pictures(
+    sources: [&MeshSource; 2],
+    deviation: &Value,
+    resources: Resources,
+    out: &mut String,
+    progress: &Progress,
+) -> Result<()> {
+    let whole = View { width: 800, height: 600, ..View::default() };
+    let mut views = vec![
+        ("The whole", whole.clone()),
+        ("With edges", View { edges: true, smooth: false, ..whole.clone() }),
+    ];
+    let worst: Option<Vec<f64>> = deviation["forward"]["worst"]
+        .as_array()
+        .map(|point| point.iter().filter_map(Value::as_f64).collect());
+    let diagonal = deviation["diagonal"].as_f64().unwrap_or(0.0);
+    if let Some(&[x, y, z]) = worst.as_deref()
+        && diagonal > 0.0
+    {
+        let zoom = Some(Sphere { centre: [x, y, z], radius: CLOSE_UP * diagonal });
+        views.push((
+            "Close up, at the worst place",
+            View { zoom, edges: true, smooth: false, ..whole },
+        ));
+    }
+    out.push_str("<h2>Pictures</h2>");
+    for (name, view) in views {
+        // One camera for both, or they could not be compared.
+        let aim = aim_source(sources[0], &view, resources, progress)?;
+        let _ = write!(out, "<h3>{name}</h3><div class=\"pair\">");
+        for (source, caption) in sources.iter().zip(["original", "simplified"]) {
+            let view = View { aim: Some(aim.clone()), ..view.clone() };
+            let png = render_source(source, &view, resources, progress)?.to_png()?;
+            let _ = write!(
+                out,
+                "<figure><img alt=\"{name}, {caption}\" src=\"data:image/png;base64,{}\">\
+                 <figcaption>{caption}: {} triangles</figcaption></figure>",
+                base64::engine::general_purpose::STANDARD.encode(png),
+                show(&serde_json::json!(source.n_faces()))
+            );
+        }
+        out.push_str("</div>");
+    }
+    Ok(())
+}
+
+fn viewer(
+    source: &MeshSource,
+    material: &Material,
+    out: &mut String,
+    progress: &Progress,
+) -> Result<()> {
+    out.push_str("<h2>To turn around</h2>");
+    if source.n_faces() == 0 || source.n_faces() > MOST_EMBEDDED {
+        out.push_str("<p>The mesh is too large, or too empty, for a web page.</p>");
+        return Ok(());
+    }
+    let glb = glb(source, material, progress)?;
+    let _ = write!(
+        out,
+        "<canvas id=\"viewer\" aria-label=\"The simplified mesh in 3D\"></canvas>\
+         <p><label><input type=\"checkbox\" id=\"viewer-edges\"> edges</label> <span id=\"viewer-note\"></span></p>\
+         <script id=\"glb\" type=\"text/plain\">{}</script><script>{VIEWER}</script>",
+        base64::engine::general_purpose::STANDARD.encode(glb)
+    );
+    Ok(())
+}
+
+/// The mesh as GLB, about its own middle: browsers compute in single precision.
+fn glb(source: &MeshSource, material: &Material, progress: &Progress) -> Result<Vec<u8>> {
+    let mesh = load::load(source, material.resources.threads, progress)?.mesh;
+    let mut least = [f64::INFINITY; 3];
+    let mut most = [f64::NEG_INFINITY; 3];
+    for position in &mesh.positions {
+        for (k, x) in position.iter().enumerate() {
+            least[k] = least[k].min(*x);
+            most[k] = most[k].max(*x);
+        }
+    }
+    let schema = VertexSchema { coordinate: Scalar::F64, properties: Vec::new() };
+    let header =
+        OutputHeader::new(schema.clone(), mesh.positions.len() as u64, mesh.triangles.len() as u64);
+    let path = material.temp_dir.join(format!(".stonecut-report-{}.glb", std::process::id()));
+    let mut writer = GlbWriter::create(&path, header)?;
+    let mut records = Vec::with_capacity(mesh.positions.len() * schema.record_bytes());
+    for position in &mesh.positions {
+        let about = [0, 1, 2].map(|k| position[k] - (least[k] + most[k]) / 2.0);
+        schema.encode_position(about, &mut records);
+    }
+    writer.write_vertices(&records)?;
+    let triangles: Vec<[u64; 3]> = mesh.triangles.iter().map(|t| t.map(u64::from)).collect();
+    writer.write_faces(&triangles)?;
+    writer.finish()?;
+    let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "cannot read", e));
+    // A temporary file that cannot be removed does not spoil the page.
+    let _ = std::fs::remove_file(&path);
+    bytes
+}

@@ -1,0 +1,133 @@
+//! The report as one HTML page: text, tables and plots as inline SVG. Knows no files and no pictures.
+
+use serde_json::Value;
+use std::fmt::Write;
+
+/// Escapes text for HTML, attribute values included.
+pub fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            _ => out.push(c),
+        }
+    }
+    out
+}
+
+/// A JSON value as people read it: short numbers, nothing for null.
+pub fn show(value: &Value) -> String {
+    match value {
+        Value::Null => "-".to_owned(),
+        Value::Bool(flag) => (if *flag { "yes" } else { "no" }).to_owned(),
+        Value::String(text) => text.clone(),
+        Value::Number(number) => match (number.as_u64(), number.as_f64()) {
+            (Some(count), _) => grouped(count),
+            (None, Some(x)) if x == 0.0 || (1e-3..1e6).contains(&x.abs()) => format!("{x:.4}"),
+            (None, Some(x)) => format!("{x:.4e}"),
+            (None, None) => number.to_string(),
+        },
+        other => other.to_string(),
+    }
+}
+
+/// A count with thin spaces between groups of three digits.
+fn grouped(count: u64) -> String {
+    let digits = count.to_string();
+    let mut out = String::new();
+    for (i, c) in digits.chars().enumerate() {
+        if i > 0 && (digits.len() - i) % 3 == 0 {
+            out.push('\u{2009}');
+        }
+        out.push(c);
+    }
+    out
+}
+
+/// A table of two columns from the entries of a JSON object; nothing for an empty or missing one.
+pub fn table(object: &Value) -> String {
+    let Some(entries) = object.as_object().filter(|entries| !entries.is_empty()) else {
+        return String::new();
+    };
+    let mut out = String::from("<table>");
+    for (name, value) in entries {
+        if value.is_object() || value.as_array().is_some_and(|list| list.len() > 8) {
+            continue;
+        }
+        let name = escape(&name.replace('_', " "));
+        // A String takes everything that is written to it.
+        let _ = write!(out, "<tr><th>{name}</th><td>{}</td></tr>", escape(&show(value)));
+    }
+    out + "</table>"
+}
+
+/// Horizontal bars, the longest across the whole width; `unit` follows each value.
+pub fn bars(title: &str, rows: &[(String, f64)], unit: &str) -> String {
+    let top = rows.iter().map(|row| row.1).fold(0.0, f64::max);
+    if top <= 0.0 {
+        return String::new();
+    }
+    let height = 26 * rows.len() + 6;
+    let mut out = format!(
+        "<svg role=\"img\" aria-label=\"{0}\" viewBox=\"0 0 720 {height}\"><title>{0}</title>",
+        escape(title)
+    );
+    for (i, (name, value)) in rows.iter().enumerate() {
+        let (y, width) = (26 * i + 4, value / top * 400.0);
+        let (name, value) = (escape(name), escape(&show(&serde_json::json!(value))));
+        let _ = write!(
+            out,
+            "<text x=\"190\" y=\"{}\" text-anchor=\"end\">{name}</text>\
+             <rect x=\"200\" y=\"{y}\" width=\"{width:.1}\" height=\"18\"/>\
+             <text x=\"{:.1}\" y=\"{}\">{value} {unit}</text>",
+            y + 14,
+            206.0 + width,
+            y + 14
+        );
+    }
+    out + "</svg>"
+}
+
+/// Two distributions over the same kind of axis, as columns; logarithmic in the count.
+pub fn histogram(title: &str, counts: &[f64], top: f64) -> String {
+    let most = counts.iter().copied().fold(0.0, f64::max);
+    if most <= 0.0 {
+        return String::new();
+    }
+    let width = 640.0 / counts.len() as f64;
+    let mut out = format!(
+        "<svg role=\"img\" aria-label=\"{0}\" viewBox=\"0 0 720 220\"><title>{0}</title>",
+        escape(title)
+    );
+    for (i, count) in counts.iter().enumerate().filter(|(_, count)| **count > 0.0) {
+        let height = 170.0 * (1.0 + count).ln() / (1.0 + most).ln();
+        let _ = write!(
+            out,
+            "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{:.1}\" height=\"{height:.1}\"/>",
+            40.0 + width * i as f64,
+            180.0 - height,
+            width * 0.9
+        );
+    }
+    let _ = write!(
+        out,
+        "<text x=\"40\" y=\"198\">0</text><text x=\"680\" y=\"198\" text-anchor=\"end\">{}</text>\
+         <text x=\"360\" y=\"214\" text-anchor=\"middle\">{} (samples on a logarithmic scale)</text>",
+        escape(&show(&serde_json::json!(top))),
+        escape(title)
+    );
+    out + "</svg>"
+}
+
+/// The style of the page.
+pub const STYLE: &str = "\
+:root{color-scheme:light}body{font:16px/1.5 system-ui,sans-serif;margin:0 auto;max-width:76rem;padding:1.5rem;\
+color:#222;background:#fff}h1{font-size:1.6rem}h2{margin-top:2.2rem;border-bottom:1px solid #ddd}\
+table{border-collapse:collapse;margin:.6rem 0}th{text-align:left;font-weight:500;color:#555;padding:.1rem 1.5rem .1rem 0}\
+td{text-align:right;font-variant-numeric:tabular-nums}svg{width:100%;max-width:46rem;display:block}\
+svg rect{fill:#3b6ea5}svg text{font-size:13px;fill:#333}.pair{display:grid;grid-template-columns:1fr 1fr;gap:1rem}\
+.pair img{width:100%;border:1px solid #ddd}figure{margin:0}figcaption{color:#555;font-size:.9rem}\
+canvas{width:100%;max-width:60rem;aspect-ratio:4/3;display:block;border:1px solid #ddd}.columns{display:flex;flex-wrap:wrap;gap:3rem}";
