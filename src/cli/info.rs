@@ -49,7 +49,7 @@ struct Report {
 /// Runs the command; the answer goes to `out`.
 pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> {
     let threads = args.threads.unwrap_or_else(crate::memory::cores).max(1);
-    let source = MeshSource::open(&args.file)?;
+    let source = super::open_mesh(&args.file)?;
     let check = if args.check { Some(count(args, &source, threads, progress)?) } else { None };
     let schema = source.schema();
     let report = Report {

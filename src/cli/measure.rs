@@ -90,7 +90,7 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     let begin = std::time::Instant::now();
     let threads = args.threads.unwrap_or_else(crate::memory::cores).max(1);
     let [original, simplified] =
-        [MeshSource::open(&args.original)?, MeshSource::open(&args.simplified)?];
+        [super::open_mesh(&args.original)?, super::open_mesh(&args.simplified)?];
     if let Some(path) = args.heatmap.as_ref().filter(|path| path.exists() && !args.force) {
         return Err(Error::Usage(format!("{} exists; --force replaces it", path.display())));
     }
@@ -150,7 +150,7 @@ fn region(path: &Path, within: f64, threads: usize, progress: &Progress) -> Resu
     if !(within >= 0.0 && within.is_finite()) {
         return Err(Error::Usage(format!("--within {within} is no distance")));
     }
-    let places = load::load(&MeshSource::open(path)?, threads, progress)?;
+    let places = load::load(&super::open_mesh(path)?, threads, progress)?;
     Ok(Region::around_points(&places.mesh.positions, within))
 }
 

@@ -12,6 +12,8 @@ mod status;
 pub mod synth;
 
 use crate::error::Error;
+use crate::formats::StageOptions;
+use crate::ply::MeshSource;
 use crate::progress::Progress;
 use clap::Parser;
 use display::Show;
@@ -184,6 +186,11 @@ impl Write for Log {
     fn flush(&mut self) -> std::io::Result<()> {
         std::io::stderr().flush()
     }
+}
+
+/// Opens a mesh of any format; what is no plain PLY is unpacked into the working folder for the time being.
+fn open_mesh(path: &std::path::Path) -> crate::Result<MeshSource> {
+    MeshSource::open_staged(path, &StageOptions::new("."))
 }
 
 /// Parses `--memory`: a size, or a share of the tightest limit in force.

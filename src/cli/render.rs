@@ -87,7 +87,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
     let mut pictures = Vec::new();
     let mut n_faces = 0;
     for path in &args.mesh {
-        let source = MeshSource::open(path)?;
+        let source = super::open_mesh(path)?;
         n_faces += source.n_faces();
         if args.mesh.len() > 1 && !args.own_camera && view.aim.is_none() {
             view.aim = Some(aim_source(&source, &view, resources, progress)?);
