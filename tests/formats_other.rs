@@ -45,6 +45,7 @@ fn to(input: &Path, output: &Path, format: &str) -> stonecut::Result<Converted> 
         force: false,
         skip_bad: false,
         drop_texture: false,
+        keep_duplicates: false,
         keep_unreferenced: false,
         temp_dir: None,
     })
@@ -120,6 +121,18 @@ fn every_output_reads_back_as_the_same_triangles() -> AnyResult {
     assert_eq!(body(&second)?, body(&folder.path().join("b.ply"))?);
     let names = std::fs::read_dir(folder.path())?.count();
     assert_eq!(names, 1 + cases.len() + 1, "no temporary file is left");
+    Ok(())
+}
+
+#[test]
+fn repeated_and_degenerate_faces_are_dropped_and_counted() -> AnyResult {
+    let folder = tempfile::tempdir()?;
+    let (input, output) = (folder.path().join("in.obj"), folder.path().join("out.ply"));
+    let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 9 9 9\nf 1 2 3\nf 2 3 1\nf 1 1 2\nf 3 2 1\n";
+    std::fs::write(&input, text)?;
+    let done = to(&input, &output, "")?;
+    assert_eq!((done.n_triangles, done.n_vertices), (1, 3));
+    assert_eq!((done.n_duplicate, done.n_degenerate, done.n_unreferenced), (2, 1, 1));
     Ok(())
 }
 

@@ -1,11 +1,12 @@
 //! `stonecut convert`: any mesh in, any mesh out, nothing changed but the format.
 //!
 //! Two passes over the faces: the first counts triangles and notes which vertices they use, the second
-//! writes them. Degenerate faces are dropped, vertices that no face uses vanish; the order of all others
-//! stays. Memory: a bit and a half a vertex, and a few blocks.
+//! writes them. Degenerate faces and repeated ones are dropped, vertices that no face uses vanish; the order
+//! of all others stays. Memory: a bit and a half a vertex, 64 MiB to find repeated faces, a bit for each
+//! triangle if there are any, and a few blocks.
 
 use crate::error::{Error, Result};
-use crate::formats::{MeshSink, OutputFormat, StageOptions};
+use crate::formats::{DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions};
 use crate::ply::{FaceBlock, MeshSource, OutputHeader, ReadOptions, VertexBlock};
 use std::path::PathBuf;
 
@@ -29,6 +30,9 @@ pub struct Args {
     /// Give up texture coordinates at corners, which cannot be kept.
     #[arg(long)]
     pub drop_texture: bool,
+    /// Keep faces that repeat an earlier one; saves a sort.
+    #[arg(long)]
+    pub keep_duplicates: bool,
     /// Keep vertices that no face uses.
     #[arg(long)]
     pub keep_unreferenced: bool,
@@ -46,6 +50,8 @@ pub struct Converted {
     pub n_triangles: u64,
     /// Faces dropped because corners repeat or are fewer than three.
     pub n_degenerate: u64,
+    /// Faces dropped because an earlier one has the same corners.
+    pub n_duplicate: u64,
     /// Broken faces and missing rows dropped with `--skip-bad`.
     pub n_bad: u64,
     /// Vertices that no face uses.
@@ -54,8 +60,8 @@ pub struct Converted {
     pub n_bytes: u64,
 }
 
-/// Converts and says on `log` what was done.
-pub fn run(args: &Args, log: &mut dyn std::io::Write) -> Result<()> {
+/// Converts and says on `log` what was done; the exit code tells whether broken faces were dropped.
+pub fn run(args: &Args, log: &mut dyn std::io::Write) -> Result<u8> {
     let done = convert(args)?;
     // A closed standard error is no reason to fail: the mesh is there.
     let _ = writeln!(
@@ -68,6 +74,7 @@ pub fn run(args: &Args, log: &mut dyn std::io::Write) -> Result<()> {
     );
     for (count, what) in [
         (done.n_degenerate, "degenerate faces dropped"),
+        (done.n_duplicate, "repeated faces dropped"),
         (done.n_bad, "broken faces or rows dropped"),
         (done.n_unreferenced, "vertices without a face dropped"),
     ] {
@@ -75,7 +82,7 @@ pub fn run(args: &Args, log: &mut dyn std::io::Write) -> Result<()> {
             let _ = writeln!(log, "  {count} {what}");
         }
     }
-    Ok(())
+    Ok(if done.n_bad > 0 { super::EXIT_SHORT } else { 0 })
 }
 
 /// Converts; the library's own entry.
@@ -98,21 +105,33 @@ pub fn convert(args: &Args) -> Result<Converted> {
     if !args.drop_texture {
         source.require_no_texture()?;
     }
+    // Above 2^32 vertices no output can be written, so there is nothing to look for.
+    let look = !args.keep_duplicates && source.n_vertices() <= 1 << 32;
+    let mut finder = look.then(|| DuplicateFinder::new(&stage.temp_dir, DUPLICATES_MEMORY_BYTES));
     let mut done = Converted::default();
     let used = if source.n_faces() == 0 || args.keep_unreferenced {
         let mut used = Used::all(source.n_vertices());
-        used.survey(&source, &mut done)?;
+        used.survey(&source, finder.as_mut(), &mut done)?;
         used
     } else {
         let mut used = Used::none(source.n_vertices());
-        used.survey(&source, &mut done)?;
+        used.survey(&source, finder.as_mut(), &mut done)?;
         used
     };
-    used.write(&source, args, &mut done)?;
+    let duplicates = match finder {
+        Some(finder) => finder.finish()?,
+        None => Duplicates::default(),
+    };
+    done.n_duplicate = duplicates.count();
+    done.n_triangles -= done.n_duplicate;
+    used.write(&source, args, &duplicates, &mut done)?;
     let faults = source.faults();
     done.n_bad += faults.missing_faces + faults.missing_vertices + faults.bad_faces;
     Ok(done)
 }
+
+/// Memory to sort triangles in.
+const DUPLICATES_MEMORY_BYTES: usize = 64 << 20;
 
 /// Which vertices the output has, and their new ids.
 struct Used {
@@ -141,13 +160,21 @@ impl Used {
     }
 
     /// The first pass over the faces.
-    fn survey(&mut self, source: &MeshSource, done: &mut Converted) -> Result<()> {
+    fn survey(
+        &mut self,
+        source: &MeshSource,
+        mut finder: Option<&mut DuplicateFinder>,
+        done: &mut Converted,
+    ) -> Result<()> {
         let mut block = FaceBlock::default();
         for i in 0..source.n_face_blocks() {
             source.read_faces(i, &mut block)?;
             done.n_triangles += block.triangles.len() as u64;
             done.n_degenerate += block.n_degenerate;
             done.n_bad += block.n_bad;
+            if let Some(finder) = finder.as_deref_mut() {
+                block.triangles.iter().try_for_each(|&t| finder.push(t))?;
+            }
             for &vertex in block.triangles.as_flattened() {
                 self.bits[(vertex / 64) as usize] |= 1 << (vertex % 64);
             }
@@ -178,7 +205,13 @@ impl Used {
         self.before[group] + whole + u64::from(below.count_ones())
     }
 
-    fn write(&self, source: &MeshSource, args: &Args, done: &mut Converted) -> Result<()> {
+    fn write(
+        &self,
+        source: &MeshSource,
+        args: &Args,
+        duplicates: &Duplicates,
+        done: &mut Converted,
+    ) -> Result<()> {
         let mut header =
             OutputHeader::new(source.schema().clone(), done.n_vertices, done.n_triangles);
         header.comments = source.comments().to_vec();
@@ -204,8 +237,15 @@ impl Used {
             sink.write_vertices(&kept)?;
         }
         let mut block = FaceBlock::default();
+        let mut place = 0;
         for i in 0..source.n_face_blocks() {
             source.read_faces(i, &mut block)?;
+            if duplicates.count() > 0 {
+                block.triangles.retain(|_| {
+                    place += 1;
+                    !duplicates.contains(place - 1)
+                });
+            }
             if !all {
                 for vertex in block.triangles.as_flattened_mut() {
                     *vertex = self.new_id(*vertex);

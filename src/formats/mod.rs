@@ -3,6 +3,7 @@
 //! In: STL, OBJ, gzip, zstd, standard input (`stage`). Out: PLY in any encoding, STL, OBJ, GLB (`sink`).
 //! The rest of the program sees a `MeshSource` and a `MeshSink`.
 
+mod duplicates;
 mod glb_out;
 mod lines;
 mod obj;
@@ -14,6 +15,7 @@ mod stl;
 mod stl_out;
 mod weld;
 
+pub use duplicates::{DuplicateFinder, Duplicates};
 pub use glb_out::GlbWriter;
 pub use obj_out::ObjWriter;
 pub use sink::{MeshSink, OutputFormat, OutputKind};

@@ -10,7 +10,7 @@ use super::surface::{Fan, GONE, MAX_VALENCE, Surface, boundary_quadric, others};
 use super::vector::Vec3;
 
 /// A normal that turns further than this cosine is put off.
-const FLIP_COSINE: f32 = 0.2;
+const FLIP_COSINE: f32 = 0.5;
 /// Double area over the sum of squared edges below which a triangle is a needle (an aspect of about 70),
 /// unless there was a worse one before.
 const MIN_SHAPE: f32 = 0.007;

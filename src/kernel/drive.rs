@@ -28,6 +28,11 @@ const EXACT_MULTIPLE: f64 = 1.4;
 /// after this many.
 const MAX_FAILURES: u8 = 3;
 
+/// Costs rise by this factor from one look at the progress to the next; by N ~ cost^-0.48 the count
+/// should have fallen to an eighth.
+const STALL_COST: f32 = 64.0;
+/// A drain has stalled if fewer than one in so many triangles went meanwhile.
+const STALL_SHARE: u64 = 10;
 /// Sources kept for cuts.
 const MAX_SPARE: usize = 1 << 16;
 
@@ -60,6 +65,15 @@ struct Limits {
     cost: f32,
     /// Number of triangles at which to stop at once.
     triangles: u64,
+    /// Whether to give up when hardly anything is legal; only where the whole mesh is in the queue.
+    may_stall: bool,
+}
+
+/// Where a drain was when it last asked itself whether it still gets on.
+struct Mark {
+    cost: f32,
+    alive: u64,
+    refused: u64,
 }
 
 /// Up to eight edges that are evaluated together.
@@ -94,7 +108,7 @@ impl Driver {
 
     /// Drains the whole mesh to one threshold, block by block.
     pub(crate) fn level(&mut self, level: f64) {
-        let limits = Limits { cost: self.scaled(level), triangles: 0 };
+        let limits = Limits { cost: self.scaled(level), triangles: 0, may_stall: false };
         let mut queue = BucketQueue::new(3);
         for block in 0..self.n_blocks() {
             self.drain_block(&mut queue, block, limits);
@@ -140,7 +154,7 @@ impl Driver {
         let mut cost = self.low_cost(&pilot, (1.0 - share) * 0.6);
         let mut queue = BucketQueue::new(3);
         for _ in 0..200 {
-            let limits = Limits { cost, triangles: target };
+            let limits = Limits { cost, triangles: target, may_stall: false };
             for &block in &pilot {
                 self.drain_block(&mut queue, block, limits);
             }
@@ -150,7 +164,11 @@ impl Driver {
             cost *= std::f32::consts::SQRT_2;
         }
         for block in (0..n_blocks).filter(|block| block % PILOT_STRIDE != 0) {
-            self.drain_block(&mut queue, block, Limits { cost, triangles: target });
+            self.drain_block(
+                &mut queue,
+                block,
+                Limits { cost, triangles: target, may_stall: false },
+            );
         }
     }
 
@@ -246,10 +264,11 @@ impl Driver {
                     queue.push(queue.bucket(cost), Entry { v0, v1, failures: 0 });
                 }
             });
-            self.drain(&mut queue, Limits { cost: f32::MAX, triangles: target });
+            let limits = Limits { cost: f32::MAX, triangles: target, may_stall: true };
+            let stalled = self.drain(&mut queue, limits);
             // What was refused may have become legal since; without any progress it has not.
-            if self.surface.n_alive == before {
-                return false;
+            if stalled || self.surface.n_alive == before {
+                return self.surface.n_alive <= target;
             }
         }
         true
@@ -293,12 +312,27 @@ impl Driver {
         }
     }
 
-    fn drain(&mut self, queue: &mut BucketQueue, limits: Limits) {
+    /// Collapses until the queue is empty or a limit is met. True if it gave up because hardly anything
+    /// legal was left: going on would flatten the little that can still collapse.
+    fn drain(&mut self, queue: &mut BucketQueue, limits: Limits) -> bool {
+        let mut mark = Mark { cost: f32::MAX, alive: self.surface.n_alive, refused: 0 };
         let mut batch = Batch { entries: [(0, Entry { v0: 0, v1: 0, failures: 0 }); 8], n: 0 };
         while self.surface.n_alive > limits.triangles {
             self.fill(queue, &mut batch);
             if batch.n == 0 {
-                return;
+                return false;
+            }
+            let refused = self.rejects.topological();
+            let cost = queue.lowest_cost(batch.entries[0].0);
+            if cost > mark.cost * STALL_COST {
+                let removed = mark.alive - self.surface.n_alive.min(mark.alive);
+                let few = removed < mark.alive / STALL_SHARE;
+                if limits.may_stall && few && refused - mark.refused > mark.alive / 4 {
+                    return true;
+                }
+                mark = Mark { cost, alive: self.surface.n_alive, refused };
+            } else if mark.cost == f32::MAX {
+                mark = Mark { cost, alive: self.surface.n_alive, refused };
             }
             let pair = |i: usize| {
                 let entry = batch.entries[if i < batch.n { i } else { 0 }].1;
@@ -309,7 +343,7 @@ impl Driver {
             for i in 0..batch.n {
                 let (bucket, entry) = batch.entries[i];
                 if self.surface.n_alive <= limits.triangles {
-                    return;
+                    return false;
                 }
                 let changed = |v: u32| {
                     let ring = &self.surface.rings[v as usize];
@@ -334,6 +368,7 @@ impl Driver {
                 self.attempt(queue, (bucket, entry), cost, limits, place);
             }
         }
+        false
     }
 
     fn attempt(
@@ -392,6 +427,10 @@ impl Driver {
         let number = (self.collapses + 1) as u32;
         match remedy {
             Remedy::Vanish(triangles) => {
+                // Not past the target.
+                if self.surface.n_alive + 2 < limits.triangles + triangles.len() as u64 {
+                    return;
+                }
                 topology::vanish(&mut self.surface, &triangles);
                 self.changes.specks += 1;
             }

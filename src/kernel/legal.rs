@@ -40,6 +40,11 @@ impl RejectCounts {
         self.0[reason as usize] += 1;
     }
 
+    /// Refusals that no waiting will mend.
+    pub(crate) fn topological(&self) -> u64 {
+        self.0[Reject::LinkCondition as usize] + self.0[Reject::Boundary as usize]
+    }
+
     /// Names and counts, always all of them, in the order of `Reject::NAMED`.
     pub(crate) fn named(&self) -> Vec<(&'static str, u64)> {
         Reject::NAMED.iter().map(|&(reason, name)| (name, self.0[reason as usize])).collect()

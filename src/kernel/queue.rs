@@ -78,6 +78,11 @@ impl BucketQueue {
         cost.max(0.0).to_bits() >> self.shift
     }
 
+    /// The least cost of a bucket.
+    pub(crate) fn lowest_cost(&self, bucket: u32) -> f32 {
+        f32::from_bits(bucket << self.shift)
+    }
+
     #[cfg(test)]
     pub(crate) fn is_empty(&self) -> bool {
         self.len == 0

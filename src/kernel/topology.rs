@@ -11,6 +11,8 @@ use super::legal::Class;
 use super::surface::{GONE, Ring, Surface, others};
 use super::vector::length_sq;
 
+/// How much dearer than its own extent a speck is: what is far from it gets its error.
+const SPECK_WEIGHT: f64 = 8.0;
 /// Components of more triangles than this are not specks: collapses have work to do there first.
 const MAX_SPECK: usize = 24;
 
@@ -107,7 +109,7 @@ fn speck_cost(surface: &Surface, triangles: &[u32]) -> f32 {
         area += 0.5 * length_sq(super::vector::cross(a.map(f64::from), b.map(f64::from))).sqrt();
     }
     let diagonal: f32 = (0..3).map(|axis| (high[axis] - low[axis]).powi(2)).sum();
-    (area * f64::from(diagonal)) as f32
+    (SPECK_WEIGHT * area * f64::from(diagonal)) as f32
 }
 
 /// The triangles of `v` from its edge to `from` up to its edge to `to`, in their sense of rotation.
