@@ -64,6 +64,12 @@ pub struct Config {
     pub restart: bool,
     /// Where to write the vertices on the first round's seams, as a point set.
     pub seams: Option<PathBuf>,
+    /// How the output is written.
+    pub format: crate::formats::OutputFormat,
+    /// Drop and count broken faces and vertices instead of failing.
+    pub skip_bad: bool,
+    /// Give up texture coordinates at corners.
+    pub drop_texture: bool,
     /// How cells and finish are simplified; the stop is set by the stages.
     pub kernel: crate::kernel::Options,
 }

@@ -8,10 +8,12 @@
 pub mod cells;
 pub mod check;
 pub mod cli;
+pub mod compare;
 pub mod config;
 pub mod disk;
 pub mod error;
 pub mod format;
+pub mod formats;
 pub mod job;
 pub mod kernel;
 pub mod measure;

@@ -8,10 +8,11 @@ use crate::cells::{CellStore, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, 
 use crate::config::{Config, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
+use crate::formats::StageOptions;
 use crate::job::{Identity, Job};
 use crate::partition::{self, Partition};
-use crate::plan::Plan;
-use crate::ply::{MeshSource, OutputHeader};
+use crate::plan::{Plan, folder_of};
+use crate::ply::{MeshSource, OutputHeader, ReadOptions};
 use crate::progress::Progress;
 use crate::run::Run;
 use crate::simplify::{self, Goal};
@@ -21,15 +22,42 @@ use crate::write::{self, Written};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
-use std::time::Instant;
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+use std::time::{Instant, UNIX_EPOCH};
 
-/// Simplifies `config.input` into `config.output`; `None` when `--until` ended the run early.
-pub fn simplify(config: &Config, progress: &Progress) -> Result<Option<RunReport>> {
-    let started = Instant::now();
+/// An input that has been opened and planned for; nothing has been written yet.
+#[derive(Debug)]
+pub struct Prepared {
+    /// The open input.
+    pub source: MeshSource,
+    /// What the run will do and need.
+    pub plan: Plan,
+}
+
+/// Opens the input and plans the run. What is no plain PLY file is first unpacked beside the output.
+pub fn prepare(config: &Config) -> Result<Prepared> {
     refuse_to_overwrite(config)?;
-    let source = MeshSource::open(&config.input)?;
+    let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
+    let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+    let source = MeshSource::open_staged(&config.input, &stage)?;
+    if !config.drop_texture {
+        source.require_no_texture()?;
+    }
     let plan = Plan::new(&source, config)?;
     plan.check_disk(config)?;
+    Ok(Prepared { source, plan })
+}
+
+/// Simplifies `config.input` into `config.output`; `None` when `--until` ended the run early.
+pub fn simplify(
+    prepared: Prepared,
+    config: &Config,
+    progress: &Progress,
+) -> Result<Option<RunReport>> {
+    let started = Instant::now();
+    let Prepared { source, plan } = prepared;
     let disk = Disk::default();
     let identity = identity(&source, config)?;
     let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
@@ -285,7 +313,7 @@ impl<'a> Stages<'a> {
         let number = self.reports.len() as u32 + 1;
         run.progress.begin("write", number, self.n_stages.max(number), result.triangles);
         let (read, start) = (run.disk().bytes_read(), Instant::now());
-        let written = write::write(&pack, output, header, &run)?;
+        let written = write::write(&pack, output, header, self.config.format, &run)?;
         self.reports.push(StageReport {
             name: "write".to_owned(),
             seconds: start.elapsed().as_secs_f64(),
@@ -315,10 +343,7 @@ impl<'a> Stages<'a> {
                 bytes: source.file_bytes(),
                 vertices: source.n_vertices(),
                 triangles: source.n_faces(),
-                faults: BTreeMap::from([(
-                    "degenerate_faces".to_owned(),
-                    partition.degenerate_faces,
-                )]),
+                faults: faults(source, partition),
             },
             settings: settings(config),
             cells: partition.store.cells.len() as u32,
@@ -345,6 +370,18 @@ impl<'a> Stages<'a> {
     }
 }
 
+/// Faults of the input that were dropped, by name.
+fn faults(source: &MeshSource, partition: &Partition) -> BTreeMap<String, u64> {
+    let found = source.faults();
+    BTreeMap::from([
+        ("degenerate_faces".to_owned(), partition.degenerate_faces),
+        ("bad_faces".to_owned(), partition.bad_faces + found.bad_faces),
+        ("bad_vertices".to_owned(), found.bad_vertices),
+        ("missing_faces".to_owned(), found.missing_faces),
+        ("missing_vertices".to_owned(), found.missing_vertices),
+    ])
+}
+
 fn refuse_to_overwrite(config: &Config) -> Result<()> {
     if config.output.exists() && !config.force {
         let path = config.output.display();
@@ -358,42 +395,41 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
     BTreeMap::from([
         ("target".to_owned(), format!("{:?}", config.target)),
         ("cell-triangles".to_owned(), config.cell_triangles.to_string()),
+        ("skip-bad".to_owned(), config.skip_bad.to_string()),
     ])
 }
 
 /// What the job's files are only valid for.
 fn identity(source: &MeshSource, config: &Config) -> Result<Identity> {
-    let meta =
-        std::fs::metadata(source.path()).map_err(|e| Error::io(source.path(), "cannot stat", e))?;
-    let mtime = meta
-        .modified()
-        .ok()
-        .and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok())
-        .map_or_else(|| "unknown".to_owned(), |t| t.as_nanos().to_string());
-    let input = std::path::absolute(source.path()).unwrap_or_else(|_| source.path().to_path_buf());
-    Ok(Identity {
-        input: input.display().to_string(),
-        input_marks: BTreeMap::from([
-            ("bytes".to_owned(), source.file_bytes().to_string()),
-            ("mtime".to_owned(), mtime),
-            ("checksum of samples".to_owned(), format!("{:016x}", sample_checksum(source)?)),
-        ]),
-        settings: settings(config),
-    })
+    let mut marks = BTreeMap::from([
+        ("vertices".to_owned(), source.n_vertices().to_string()),
+        ("faces".to_owned(), source.n_faces().to_string()),
+    ]);
+    let path = &config.input;
+    // Standard input has no marks of its own; its counts have to do.
+    if path != Path::new("-") {
+        let file = File::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
+        let meta = file.metadata().map_err(|e| Error::io(path, "cannot stat", e))?;
+        let mtime = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
+        let mtime = mtime.map_or_else(|| "unknown".to_owned(), |t| t.as_nanos().to_string());
+        let samples =
+            sample_checksum(&file, meta.len()).map_err(|e| Error::io(path, "cannot read", e))?;
+        marks.insert("bytes".to_owned(), meta.len().to_string());
+        marks.insert("mtime".to_owned(), mtime);
+        marks.insert("checksum of samples".to_owned(), format!("{samples:016x}"));
+    }
+    let input = std::path::absolute(path).unwrap_or_else(|_| path.clone());
+    let input = input.display().to_string();
+    Ok(Identity { input, input_marks: marks, settings: settings(config) })
 }
 
 /// xxh3 over the first 64 KiB and 64 pages evenly spread over the file.
-fn sample_checksum(source: &MeshSource) -> Result<u64> {
-    use std::os::unix::fs::FileExt;
-    let path = source.path();
-    let file = std::fs::File::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
+fn sample_checksum(file: &File, bytes: u64) -> std::io::Result<u64> {
     let mut hasher = xxhash_rust::xxh3::Xxh3::new();
     let mut page = vec![0; 65_536];
     for i in 0..=64u64 {
         let wanted = if i == 0 { 65_536 } else { 4096 };
-        let at = source.file_bytes().saturating_sub(4096) / 64 * i;
-        let n =
-            file.read_at(&mut page[..wanted], at).map_err(|e| Error::io(path, "cannot read", e))?;
+        let n = file.read_at(&mut page[..wanted], bytes.saturating_sub(4096) / 64 * i)?;
         hasher.update(&page[..n]);
     }
     Ok(hasher.digest())

@@ -13,6 +13,7 @@ use crate::progress::Progress;
 use crate::run::Run;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// How a scratch store is made.
 #[derive(Clone, Copy, Debug)]
@@ -39,8 +40,11 @@ impl Scratch {
     /// Partitions `source` into a new folder below `cutting.temp_dir`; takes about 20 bytes a triangle there.
     pub fn cut(source: &MeshSource, cutting: Cutting, progress: &Progress) -> Result<Scratch> {
         let name = source.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
-        let folder =
-            cutting.temp_dir.join(format!("{name}.{}.stonecut-scratch", std::process::id()));
+        // Two files of one name may be cut by one process.
+        static NUMBER: AtomicU64 = AtomicU64::new(0);
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let process = std::process::id();
+        let folder = cutting.temp_dir.join(format!("{name}.{process}-{number}.stonecut-scratch"));
         let cut = || {
             let disk = Disk::default();
             let identity = Identity {

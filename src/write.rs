@@ -2,7 +2,8 @@
 
 use crate::cells::{SurvivorPack, Survivors};
 use crate::error::Result;
-use crate::ply::{OutputHeader, PlyWriter};
+use crate::formats::{MeshSink, OutputFormat};
+use crate::ply::OutputHeader;
 use crate::run::Run;
 use std::collections::HashMap;
 use std::path::Path;
@@ -25,6 +26,7 @@ pub fn write(
     result: &SurvivorPack,
     output: &Path,
     header: OutputHeader,
+    format: OutputFormat,
     run: &Run,
 ) -> Result<Written> {
     let layout = result.layout();
@@ -32,7 +34,7 @@ pub fn write(
     let first_uses = index_vertices(result)?;
     let n_vertices = first_uses.n_vertices;
     let header = OutputHeader { n_vertices, n_faces: info.triangles, ..header };
-    let mut writer = PlyWriter::create(output, header)?;
+    let mut writer = MeshSink::create(output, header, format)?;
     let record_bytes = layout.schema.record_bytes();
     let mut records = Vec::new();
     for cell in 0..info.cells.len() {

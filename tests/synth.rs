@@ -133,7 +133,7 @@ fn scans_are_open_patches_with_holes_and_specks() {
         assert_eq!(topology.degenerate, 0);
         assert_eq!(scans.n_channels, 3);
         if n == 200_000 {
-            assert!(topology.components > 30, "eight patches and many specks");
+            assert!(topology.components > 30, "patches and many specks");
             assert!(topology.boundary_edges > 5000 && topology.unreferenced > 0);
             assert!(scans.triangles.len() < 210_000);
         }

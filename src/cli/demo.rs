@@ -1,38 +1,68 @@
-//! `stonecut demo`: the whole way on a synthetic scan, for a first impression.
+//! `stonecut demo`: the whole way on a synthetic scan, told command by command.
 
-use super::{Log, Talk, simplify};
+use super::{Log, Talk, Typed, dispatch};
 use crate::error::{Error, Result};
+use crate::measure::load;
+use crate::ply::MeshSource;
 use crate::progress::Progress;
-use crate::synth;
-use std::path::PathBuf;
+use clap::Parser;
+use std::path::{Path, PathBuf};
 
-/// Makes a synthetic scan, simplifies it out of core, and says where everything lies.
+/// Makes a synthetic scan, simplifies it out of core, checks the result, and says where everything lies.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Where to put the demo's files.
+    /// Where to put the demo's files (about 200 MB).
     #[arg(default_value = "stonecut-demo")]
     folder: PathBuf,
 }
 
-/// Triangles of the demo's scan.
-const TRIANGLES: u64 = 4_000_000;
+/// The commands, as a person would type them in the demo's folder.
+const COMMANDS: [&str; 4] = [
+    "synth statue statue.ply --triangles 4M --force",
+    "simplify statue.ply small.ply --ratio 1% --cell-triangles 100k --memory 256MiB --report small.json \
+     --force --restart",
+    "measure statue.ply small.ply",
+    "render statue.ply small.ply -o pictures.png --edges --caption before --caption after --force",
+];
 
-/// Runs the demo.
+/// Runs the demo; fails if the result is not as closed as the scan it came from.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
-    std::fs::create_dir_all(&args.folder)
-        .map_err(|e| Error::io(&args.folder, "cannot create", e))?;
-    let scan = args.folder.join("statue.ply");
-    log.say(format!("making a synthetic scan of {TRIANGLES} triangles: {}", scan.display()));
-    let settings = synth::Settings {
-        kind: synth::Kind::Statue,
-        n_triangles: TRIANGLES,
-        seed: 1,
-        shuffle: false,
-        color: false,
-        uv: false,
-    };
-    let writing = synth::Writing { threads: crate::memory::cores(), force: true };
-    synth::write_ply(&scan, &settings, writing, progress)?;
-    let output = args.folder.join("statue-1-percent.ply");
-    simplify::run(&simplify::Args::with_ratio(scan, output, 0.01), talk, progress, log)
+    let folder = &args.folder;
+    std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "cannot create", e))?;
+    for command in COMMANDS {
+        log.say(format!("\n$ stonecut {command}"));
+        let words = command.split_whitespace().map(|word| in_folder(folder, word));
+        let typed = Typed::try_parse_from(std::iter::once("stonecut".to_owned()).chain(words))
+            .map_err(|e| Error::Usage(e.to_string()))?;
+        let code = dispatch(&typed.command, talk, progress, log)?;
+        if code != 0 {
+            return Ok(code);
+        }
+    }
+    let small = folder.join("small.ply");
+    let topology =
+        load::topology_of(&load::load(&MeshSource::open(&small)?, 1, &Progress::default())?);
+    let is_sound = topology.boundary_edges == 0
+        && topology.non_manifold_edges == 0
+        && topology.components == 1
+        && topology.euler_characteristic == 2;
+    if !is_sound {
+        let what = format!("is not the closed surface that went in: {topology:?}");
+        return Err(Error::bad_input(&small, what));
+    }
+    log.say(format!(
+        "\nchecked: the scan was closed and in one piece, and so is the result.\n\
+         scan {}, result {}, report {}, pictures {}",
+        folder.join("statue.ply").display(),
+        small.display(),
+        folder.join("small.json").display(),
+        folder.join("pictures.png").display()
+    ));
+    Ok(0)
+}
+
+/// File names of the demo lie in its folder.
+fn in_folder(folder: &Path, word: &str) -> String {
+    let is_file = [".ply", ".json", ".png"].iter().any(|ending| word.ends_with(ending));
+    if is_file { folder.join(word).display().to_string() } else { word.to_owned() }
 }

@@ -54,6 +54,8 @@ pub fn watch<T>(talk: &Talk, progress: &Progress, log: &mut Log, work: impl FnOn
         is_over.store(true, Ordering::Relaxed);
         watcher.thread().unpark();
         let _ = watcher.join();
+        // The next command of the demo begins with no stage.
+        progress.begin("", 0, 0, 0);
         outcome.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
     })
 }

@@ -1,8 +1,11 @@
 //! `stonecut measure`: its arguments, its table, its report.
 
+use super::display::watch;
+use super::{Log, Talk, memory_budget, parse_memory};
+use crate::compare::{self, CELL_TRIANGLES, Comparison, Request, Which};
 use crate::error::{Error, Result};
-use crate::measure::load::{self, Loaded};
-use crate::measure::{self, Deviation, Options, Region, Side, TriangleSizes};
+use crate::measure::{self, Deviation, Options, Region, Side, TriangleSizes, heatmap, load};
+use crate::plan::folder_of;
 use crate::ply::MeshSource;
 use crate::progress::Progress;
 use crate::topology::Topology;
@@ -24,17 +27,29 @@ pub struct Args {
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
     /// Memory to use [default: 75 % of what there is]
-    #[arg(long, value_name = "SIZE")]
-    memory: Option<String>,
+    #[arg(long, value_name = "SIZE", value_parser = parse_memory)]
+    memory: Option<u64>,
     /// Threads to use [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<usize>,
     /// Writes all numbers as JSON
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
+    /// Writes the simplified mesh coloured by its distance to the original
+    #[arg(long, value_name = "OUT.ply")]
+    heatmap: Option<PathBuf>,
+    /// Replaces the heatmap if it exists
+    #[arg(long)]
+    force: bool,
     /// Prints all numbers as JSON instead of the table
     #[arg(long)]
     json: bool,
+    /// Where cells are kept if the meshes exceed the memory [default: beside SIMPLIFIED]
+    #[arg(long, value_name = "DIR")]
+    temp_dir: Option<PathBuf>,
+    /// Triangles per cell if the meshes exceed the memory
+    #[arg(long, value_name = "N", value_parser = units::parse_count, default_value_t = CELL_TRIANGLES)]
+    cell_triangles: u64,
     /// Counts samples near the vertices of this mesh apart (to look for seams)
     #[arg(long, value_name = "FILE.ply", requires = "within")]
     near: Option<PathBuf>,
@@ -64,43 +79,71 @@ struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     triangle_sizes: Option<TriangleSizes>,
     seed: u64,
+    cells: u64,
     seconds: f64,
     peak_memory_bytes: u64,
+    peak_temp_bytes: u64,
 }
 
-/// Runs the command; the table or the JSON goes to `out`.
-pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> {
+/// Runs the command; the table or the JSON goes to standard output.
+pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<()> {
     let begin = std::time::Instant::now();
     let threads = args.threads.unwrap_or_else(crate::memory::cores).max(1);
-    let sources = [MeshSource::open(&args.original)?, MeshSource::open(&args.simplified)?];
     let [original, simplified] =
-        [load::load(&sources[0], threads, progress)?, load::load(&sources[1], threads, progress)?];
+        [MeshSource::open(&args.original)?, MeshSource::open(&args.simplified)?];
+    if let Some(path) = args.heatmap.as_ref().filter(|path| path.exists() && !args.force) {
+        return Err(Error::Usage(format!("{} exists; --force replaces it", path.display())));
+    }
     let region = match (&args.near, args.within) {
         (Some(path), Some(within)) => Some(region(path, within, threads, progress)?),
         _ => None,
     };
-    let triangle_sizes = region.as_ref().map(|r| TriangleSizes::of(&simplified.mesh, r));
-    let colours = original.colours.zip(simplified.colours).map(|(a, b)| [a, b]);
-    let options = Options { samples: args.samples, seed: args.seed, threads, colours, region };
-    let deviation = measure::two_sided(&original.mesh, &simplified.mesh, &options, progress)?;
+    let triangle_sizes = match &region {
+        Some(region) => {
+            Some(TriangleSizes::of(&load::load(&simplified, threads, progress)?.mesh, region))
+        }
+        None => None,
+    };
+    let request = Request {
+        original: &original,
+        simplified: &simplified,
+        options: Options { samples: args.samples, seed: args.seed, threads, colours: None, region },
+        memory_bytes: memory_budget(args.memory),
+        cell_triangles: args.cell_triangles.max(1000),
+        temp_dir: temp_dir(args),
+        heat_of: args.heatmap.as_ref().map(|_| Which::Simplified),
+    };
+    let comparison = watch(talk, progress, log, || compare::compare(&request, progress))?;
+    let Comparison { measured, cells, temp_bytes, heat } = comparison;
+    if let Some(path) = &args.heatmap {
+        heatmap::write(&simplified, &heat, path, threads, progress)?;
+    }
     let report = Report {
         version: env!("CARGO_PKG_VERSION"),
-        original: file_report(&sources[0], &original),
-        simplified: file_report(&sources[1], &simplified),
-        deviation,
+        original: file_report(&original, measured.original),
+        simplified: file_report(&simplified, measured.simplified),
+        deviation: measured.deviation,
         triangle_sizes,
         seed: args.seed,
+        cells,
         seconds: begin.elapsed().as_secs_f64(),
         peak_memory_bytes: crate::memory::peak_bytes(),
+        peak_temp_bytes: temp_bytes,
     };
     let json = serde_json::to_string_pretty(&report)
         .map_err(|e| Error::Usage(format!("the report cannot be written as JSON: {e}")))?;
     if let Some(path) = &args.report {
         std::fs::write(path, &json).map_err(|e| Error::io(path, "cannot write the report", e))?;
     }
+    let mut out = std::io::stdout().lock();
     let printed =
         if args.json { writeln!(out, "{json}") } else { write!(out, "{}", table(&report)) };
     printed.map_err(|e| Error::io("standard output", "cannot write", e))
+}
+
+/// Where cells go: beside the simplified mesh, unless told otherwise.
+fn temp_dir(args: &Args) -> PathBuf {
+    args.temp_dir.clone().unwrap_or_else(|| folder_of(&args.simplified).to_path_buf())
 }
 
 fn region(path: &Path, within: f64, threads: usize, progress: &Progress) -> Result<Region> {
@@ -111,13 +154,13 @@ fn region(path: &Path, within: f64, threads: usize, progress: &Progress) -> Resu
     Ok(Region::around_points(&places.mesh.positions, within))
 }
 
-fn file_report(source: &MeshSource, loaded: &Loaded) -> FileReport {
+fn file_report(source: &MeshSource, topology: Topology) -> FileReport {
     FileReport {
         path: source.path().to_path_buf(),
         bytes: source.file_bytes(),
-        vertices: source.n_vertices(),
-        triangles: loaded.mesh.triangles.len() as u64 + loaded.n_degenerate,
-        topology: load::topology_of(loaded),
+        vertices: topology.vertices,
+        triangles: topology.triangles,
+        topology,
     }
 }
 

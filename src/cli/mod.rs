@@ -1,5 +1,6 @@
 //! The command line: what was typed becomes a call into the library; the only place that prints.
 
+pub mod convert;
 mod demo;
 mod display;
 mod info;
@@ -54,6 +55,7 @@ pub struct Talk {
 #[derive(Debug, clap::Subcommand)]
 enum Command {
     Simplify(simplify::Args),
+    Convert(convert::Args),
     Info(info::Args),
     Measure(measure::Args),
     Render(render::Args),
@@ -81,18 +83,26 @@ pub fn main() -> u8 {
     if let Err(error) = listen_to_signals(&progress) {
         return complain(&mut log, &error);
     }
-    let talk = &typed.talk;
-    let mut out = std::io::stdout();
-    let outcome = match &typed.command {
-        Command::Simplify(args) => simplify::run(args, talk, &progress, &mut log),
-        Command::Info(args) => info::run(args, &mut out, &progress).map(|()| 0),
-        Command::Measure(args) => measure::run(args, &mut out, &progress).map(|()| 0),
-        Command::Render(args) => render::run(args, &progress, &mut log).map(|()| 0),
-        Command::Synth(args) => synth::run(args, &progress, &mut log).map(|()| 0),
+    dispatch(&typed.command, &typed.talk, &progress, &mut log)
+        .unwrap_or_else(|error| complain(&mut log, &error))
+}
+
+fn dispatch(
+    command: &Command,
+    talk: &Talk,
+    progress: &Progress,
+    log: &mut Log,
+) -> crate::Result<u8> {
+    match command {
+        Command::Simplify(args) => simplify::run(args, talk, progress, log),
+        Command::Convert(args) => convert::run(args, log),
+        Command::Info(args) => info::run(args, &mut std::io::stdout(), progress).map(|()| 0),
+        Command::Measure(args) => measure::run(args, talk, progress, log).map(|()| 0),
+        Command::Render(args) => render::run(args, progress, log).map(|()| 0),
+        Command::Synth(args) => synth::run(args, progress, log).map(|()| 0),
         Command::Status(args) => status::run(args).map(|()| 0),
-        Command::Demo(args) => demo::run(args, talk, &progress, &mut log),
-    };
-    outcome.unwrap_or_else(|error| complain(&mut log, &error))
+        Command::Demo(args) => demo::run(args, talk, progress, log),
+    }
 }
 
 fn complain(log: &mut dyn Write, error: &Error) -> u8 {

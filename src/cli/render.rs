@@ -5,7 +5,9 @@ use crate::memory::{DEFAULT_SHARE, cores, limit_bytes};
 use crate::mesh::Mesh;
 use crate::ply::{FaceBlock, MeshSource, VertexBlock};
 use crate::progress::Progress;
-use crate::render::{Coloring, Direction, Resources, Sphere, View, render_mesh, render_source};
+use crate::render::{
+    Coloring, Direction, Picture, Resources, Sphere, View, aim_source, render_mesh, render_source,
+};
 use crate::units::{parse_bytes, show_count};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -13,12 +15,19 @@ use std::path::PathBuf;
 /// Renders a mesh of any size into a PNG picture, without a window or a GPU.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// The mesh.
-    pub mesh: PathBuf,
+    /// The mesh; several are shown side by side, all seen by the camera of the first.
+    #[arg(required = true)]
+    pub mesh: Vec<PathBuf>,
     /// The PNG file to write.
     #[arg(short, long, value_name = "PNG")]
     pub output: PathBuf,
-    /// Pixels: 1200x900.
+    /// What stands above a picture; once for each mesh.
+    #[arg(long, value_name = "TEXT")]
+    pub caption: Vec<String>,
+    /// With several meshes: each seen by a camera of its own.
+    #[arg(long)]
+    pub own_camera: bool,
+    /// Pixels of each picture.
     #[arg(long, value_name = "WxH", default_value = "1200x900", value_parser = parse_size)]
     pub size: (u32, u32),
     /// From where: auto, front, back, left, right, top, bottom, or a direction x,y,z towards the viewer.
@@ -58,8 +67,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         let output = args.output.display();
         return Err(Error::Usage(format!("{output} exists; --force overwrites it")));
     }
-    let source = MeshSource::open(&args.mesh)?;
-    let view = View {
+    let mut view = View {
         width: args.size.0,
         height: args.size.1,
         direction: args.view,
@@ -75,13 +83,26 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
     };
     let memory_bytes = args.memory.unwrap_or_else(|| (DEFAULT_SHARE * limit_bytes() as f64) as u64);
     let threads = args.threads.map_or_else(cores, NonZeroUsize::get);
-    let picture = if args.quadrics > 0 {
-        render_mesh(&read_whole(&source)?, &view, threads, progress)?
-    } else {
-        render_source(&source, &view, Resources { memory_bytes, threads }, progress)?
-    };
+    let resources = Resources { memory_bytes, threads };
+    let mut pictures = Vec::new();
+    let mut n_faces = 0;
+    for path in &args.mesh {
+        let source = MeshSource::open(path)?;
+        n_faces += source.n_faces();
+        if args.mesh.len() > 1 && !args.own_camera && view.aim.is_none() {
+            view.aim = Some(aim_source(&source, &view, resources, progress)?);
+        }
+        pictures.push(if args.quadrics > 0 {
+            render_mesh(&read_whole(&source)?, &view, threads, progress)?
+        } else {
+            render_source(&source, &view, resources, progress)?
+        });
+    }
+    let captions = args.caption.iter().map(String::as_str).chain(std::iter::repeat(""));
+    let parts: Vec<(&Picture, &str)> = pictures.iter().zip(captions).collect();
+    let picture = Picture::side_by_side(&parts);
     picture.write_png(&args.output)?;
-    let (output, n) = (args.output.display(), show_count(source.n_faces()));
+    let (output, n) = (args.output.display(), show_count(n_faces));
     // A closed standard error is no reason to fail: the picture is there.
     let _ = writeln!(log, "{output}: {}x{} pixels, {n} faces", picture.width, picture.height);
     Ok(())

@@ -5,11 +5,11 @@ use super::{EXIT_SHORT, Log, Talk, memory_budget, parse_memory};
 use crate::config::{Config, DEFAULT_CELL_TRIANGLES, Target, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
+use crate::formats::OutputFormat;
 use crate::kernel;
 use crate::memory::cores;
 use crate::pipeline;
-use crate::plan::{Plan, folder_of};
-use crate::ply::MeshSource;
+use crate::plan::folder_of;
 use crate::progress::Progress;
 use crate::summary::RunReport;
 use crate::units::{parse_count, parse_ratio, show_bytes, show_count};
@@ -51,6 +51,16 @@ pub struct Args {
     /// Throw away what an earlier run left and start over.
     #[arg(long)]
     restart: bool,
+    /// Words joined by commas: ascii, binary_little_endian or binary_big_endian; float or double; int or
+    /// uint; ply, stl, obj or glb [default: by OUTPUT's name, binary].
+    #[arg(long, value_name = "FORMAT", default_value = "")]
+    format: OutputFormat,
+    /// Drop and count broken faces and vertices instead of failing.
+    #[arg(long)]
+    skip_bad: bool,
+    /// Give up texture coordinates at corners, which cannot be kept.
+    #[arg(long)]
+    drop_texture: bool,
     /// Print the plan and stop.
     #[arg(long)]
     dry_run: bool,
@@ -74,26 +84,6 @@ struct TypedTarget {
 }
 
 impl Args {
-    /// The plainest call: input, output and a ratio.
-    pub fn with_ratio(input: PathBuf, output: PathBuf, ratio: f64) -> Args {
-        Args {
-            input,
-            output,
-            target: TypedTarget { triangles: None, ratio: Some(ratio) },
-            memory: None,
-            threads: None,
-            cell_triangles: DEFAULT_CELL_TRIANGLES,
-            temp_dir: None,
-            keep_temp: false,
-            until: None,
-            force: true,
-            restart: true,
-            dry_run: false,
-            report: None,
-            seams: None,
-        }
-    }
-
     /// What was typed becomes what was decided.
     pub fn config(&self) -> Result<Config> {
         let target = match (self.target.triangles, self.target.ratio) {
@@ -125,6 +115,9 @@ impl Args {
             force: self.force,
             restart: self.restart,
             seams: self.seams.clone(),
+            format: self.format,
+            skip_bad: self.skip_bad,
+            drop_texture: self.drop_texture,
             kernel: kernel::Options::default(),
         })
     }
@@ -146,15 +139,14 @@ pub fn simplify(
     log: &mut Log,
 ) -> Result<Option<RunReport>> {
     let config = args.config()?;
-    let plan = Plan::new(&MeshSource::open(&config.input)?, &config)?;
-    for line in plan.lines(&config) {
+    let prepared = pipeline::prepare(&config)?;
+    for line in prepared.plan.lines(&config) {
         log.say(line);
     }
     if args.dry_run {
-        plan.check_disk(&config)?;
         return Ok(None);
     }
-    let outcome = watch(talk, progress, log, || pipeline::simplify(&config, progress));
+    let outcome = watch(talk, progress, log, || pipeline::simplify(prepared, &config, progress));
     let Some(report) = outcome? else {
         log.say(format!(
             "stopped as asked; the same command without --until continues. State: {}",

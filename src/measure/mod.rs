@@ -9,15 +9,21 @@
 #![allow(clippy::needless_range_loop)]
 
 pub mod colour;
+pub mod heatmap;
 pub mod load;
+mod out_of_core;
+mod parts;
 pub mod region;
 mod sample;
+mod settle;
 mod side;
 mod sums;
 pub mod tree;
 pub mod triangle;
 
 pub use colour::ColourChannels;
+pub use out_of_core::{Measured, distances, two_sided_parts};
+pub use parts::{Parts, Place};
 pub use region::{Region, TriangleSizes};
 pub use side::{Side, Spread};
 
@@ -135,7 +141,7 @@ pub(crate) struct Bounds {
 impl Bounds {
     pub const EMPTY: Bounds = Bounds { low: [f64::INFINITY; 3], high: [f64::NEG_INFINITY; 3] };
 
-    fn of(mesh: &Mesh) -> Self {
+    pub fn of(mesh: &Mesh) -> Self {
         let mut bounds = Bounds::EMPTY;
         mesh.triangles.iter().flatten().for_each(|&v| bounds.add(mesh.positions[v as usize]));
         bounds
@@ -155,6 +161,19 @@ impl Bounds {
         }
     }
 
+    /// Squared distance from a point to the box; infinite for an empty box.
+    pub fn distance_sq(&self, point: Vector) -> f64 {
+        let off = [0, 1, 2].map(|k| (self.low[k] - point[k]).max(point[k] - self.high[k]).max(0.0));
+        triangle::length_sq(off)
+    }
+
+    /// Squared distance to another box; a lower bound for the distances between their points.
+    pub fn gap_sq(&self, other: &Bounds) -> f64 {
+        let off = [0, 1, 2]
+            .map(|k| (self.low[k] - other.high[k]).max(other.low[k] - self.high[k]).max(0.0));
+        triangle::length_sq(off)
+    }
+
     /// The length of the diagonal; 0 for an empty box.
     pub fn diagonal(&self) -> f64 {
         if self.low[0] > self.high[0] {
@@ -172,6 +191,36 @@ struct Surface<'a> {
 }
 
 impl Surface<'_> {
+    /// The area, as a sum that does not depend on the order of the triangles; `diagonal` is that of a box
+    /// around the whole surface, of which this may be a part.
+    fn area(&self, diagonal: f64) -> Sum {
+        let mut area = Sum::new(diagonal * diagonal);
+        for i in 0..self.mesh.triangles.len() {
+            area.add(triangle::area(&triangle::canonical(self.mesh.corners(i))));
+        }
+        area
+    }
+
+    /// CIELAB at a point of a triangle given in canonical order, if there are colours.
+    fn lab(&self, vertices: [u32; 3], weights: [f64; 3]) -> Option<[f64; 3]> {
+        self.colour.map(|colour| colour.lab(self.mesh, vertices, weights))
+    }
+
+    /// CIELAB at the point of `nearest` (the triangle at `slot` of `tree`, over this mesh) next to `point`.
+    fn lab_next_to(&self, tree: &Tree, slot: u32, point: Vector) -> Option<[f64; 3]> {
+        self.colour?;
+        let (_, weights) = triangle::closest(point, tree.corners(slot));
+        let (_, vertices) = self.canonical(tree.id(slot) as usize);
+        self.lab(vertices, weights)
+    }
+
+    /// The normal and the colour of the surface at one of its samples.
+    fn look(&self, triangle: usize, sample: &Sample) -> (Vector, Option<[f64; 3]>) {
+        let (corners, vertices) = self.canonical(triangle);
+        let [u, v] = sample.weights.map(f64::from);
+        (triangle::area_normal(&corners), self.lab(vertices, [1.0 - u - v, u, v]))
+    }
+
     /// Corner positions and corner vertices in canonical order.
     fn canonical(&self, triangle: usize) -> ([Vector; 3], [u32; 3]) {
         let corners = self.mesh.corners(triangle);
@@ -190,7 +239,7 @@ struct Direction<'a> {
     region: Option<&'a Region>,
     reach: f64,
     /// Bits of the largest squared distance so far, of all threads: lets vertices be passed over early.
-    worst_sq: AtomicU64,
+    worst_sq: &'a AtomicU64,
 }
 
 fn one_sided(
@@ -202,10 +251,8 @@ fn one_sided(
 ) -> Result<Side> {
     let n_triangles = source.mesh.triangles.len();
     let tree = Tree::build(target.mesh.triangles.len(), |i| target.mesh.corners(i));
-    let mut area = Sum::new(reach * reach);
-    for i in 0..n_triangles {
-        area.add(triangle::area(&triangle::canonical(source.mesh.corners(i))));
-    }
+    let area = source.area(Bounds::of(source.mesh).diagonal());
+    let worst_sq = AtomicU64::new(0);
     let direction = Direction {
         source,
         target,
@@ -213,7 +260,7 @@ fn one_sided(
         density: Density::new(options.samples, area.value(), options.seed),
         region: options.region.as_ref(),
         reach,
-        worst_sq: AtomicU64::new(0),
+        worst_sq: &worst_sq,
     };
     let new_sums = || SideSums::new(reach, options.region.is_some());
     let mut sums = new_sums();
@@ -290,20 +337,9 @@ impl Direction<'_> {
 
     /// Compares normals and colours at a sample and at its nearest point.
     fn compare(&self, from: usize, sample: &Sample, slot: u32, sums: &mut SideSums) {
-        let (corners, vertices) = self.source.canonical(from);
-        let nearest = self.tree.corners(slot);
-        let normals = (triangle::area_normal(&corners), triangle::area_normal(nearest));
-        if let Some(angle) = triangle::angle(normals.0, normals.1) {
-            sums.add_angle(angle);
-        }
-        if let (Some(own), Some(other)) = (self.source.colour, self.target.colour) {
-            let [u, v] = sample.weights.map(f64::from);
-            let here = own.lab(self.source.mesh, vertices, [1.0 - u - v, u, v]);
-            let (_, weights) = triangle::closest(sample.point, nearest);
-            let (_, vertices) = self.target.canonical(self.tree.id(slot) as usize);
-            let there = other.lab(self.target.mesh, vertices, weights);
-            sums.add_delta_e(colour::delta_e(here, there));
-        }
+        let here = self.source.look(from, sample);
+        let there = triangle::area_normal(self.tree.corners(slot));
+        sums.add_looks(here, (there, self.target.lab_next_to(self.tree, slot, sample.point)));
     }
 
     /// Holds vertices against the maximum. One that is seen to lie closer than the worst point so far is

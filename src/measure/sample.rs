@@ -89,24 +89,35 @@ fn mix(value: u64) -> u64 {
 ///
 /// Speed only: every sample's own result is independent of the order.
 pub fn sort_along_curve(samples: &mut Vec<Sample>) {
+    let points: Vec<Vector> = samples.iter().map(|sample| sample.point).collect();
+    *samples = order_along_curve(&points).iter().map(|&i| samples[i as usize]).collect();
+}
+
+/// Sorts points along a space-filling curve through their box.
+pub fn sort_points_along_curve(points: &mut Vec<Vector>) {
+    *points = order_along_curve(points).iter().map(|&i| points[i as usize]).collect();
+}
+
+/// The order of points along a space-filling curve through their box.
+pub fn order_along_curve(points: &[Vector]) -> Vec<u32> {
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
-    for sample in &*samples {
+    for point in points {
         for k in 0..3 {
-            low[k] = low[k].min(sample.point[k]);
-            high[k] = high[k].max(sample.point[k]);
+            low[k] = low[k].min(point[k]);
+            high[k] = high[k].max(point[k]);
         }
     }
     let reach = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
     let scale = if reach > 0.0 { 1023.0 / reach } else { 0.0 };
-    let key = |sample: &Sample| {
-        let cell = [0, 1, 2].map(|k| spread(((sample.point[k] - low[k]) * scale) as u32));
+    let key = |point: &Vector| {
+        let cell = [0, 1, 2].map(|k| spread(((point[k] - low[k]) * scale) as u32));
         cell[0] << 2 | cell[1] << 1 | cell[2]
     };
     let mut order: Vec<(u32, u32)> =
-        samples.iter().enumerate().map(|(i, sample)| (key(sample), i as u32)).collect();
+        points.iter().enumerate().map(|(i, point)| (key(point), i as u32)).collect();
     order.sort_unstable();
-    *samples = order.iter().map(|&(_, i)| samples[i as usize]).collect();
+    order.into_iter().map(|(_, i)| i).collect()
 }
 
 /// Puts two zero bits before each of the lower ten bits.

@@ -3,8 +3,12 @@
 //! Sums are added to sample by sample, in any order, by any number of threads; `finish` turns them into
 //! the numbers of the report. Does not search anything itself.
 
-use super::colour::LARGEST_DELTA_E;
+use super::colour::{self, LARGEST_DELTA_E};
 use super::sums::{Distances, Sum};
+use super::triangle::{self, Vector};
+
+/// A normal of any length, and CIELAB where there are colours.
+pub(crate) type Look = (Vector, Option<[f64; 3]>);
 
 /// Bins of the distribution in the report, from 0 to the maximum.
 const HISTOGRAM_BINS: usize = 64;
@@ -89,16 +93,16 @@ impl SideSums {
         }
     }
 
-    /// Adds the angle between two normals, in radians.
-    pub fn add_angle(&mut self, radians: f64) {
-        self.angle.add(radians.to_degrees());
-        self.n_angles += 1;
-    }
-
-    /// Adds a colour difference.
-    pub fn add_delta_e(&mut self, delta_e: f64) {
-        self.delta_e.add(delta_e);
-        self.n_delta_e += 1;
+    /// Compares normal and colour of a sample with those of its nearest point.
+    pub fn add_looks(&mut self, here: Look, there: Look) {
+        if let Some(radians) = triangle::angle(here.0, there.0) {
+            self.angle.add(radians.to_degrees());
+            self.n_angles += 1;
+        }
+        if let (Some(here), Some(there)) = (here.1, there.1) {
+            self.delta_e.add(colour::delta_e(here, there));
+            self.n_delta_e += 1;
+        }
     }
 
     /// Holds a point against the maximum; of equally far points the one with the least coordinates stays.

@@ -38,6 +38,8 @@ pub struct Partition {
     pub bounds: [[f64; 3]; 2],
     /// Faces dropped because a corner repeats or is missing.
     pub degenerate_faces: u64,
+    /// Broken faces dropped on request.
+    pub bad_faces: u64,
 }
 
 /// Peak memory of this stage in bytes: the cell-of-vertex table, buffers, blocks and samples.
@@ -66,7 +68,7 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
         tree,
     };
     let first_window = passes.vertices(&mut pack)?;
-    let (foreign, degenerate_faces) = passes.triangles(first_window, &mut pack)?;
+    let (foreign, dropped) = passes.triangles(first_window, &mut pack)?;
     let shared_vertices = passes.shared(foreign, &mut pack)?;
     pack.sync()?;
     run.disk().sync_folder_of(&run.job.path(PACK_NAME))?;
@@ -78,11 +80,18 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
         shared_vertices,
         has_channels: false,
     };
-    Ok(Partition { store, bounds, degenerate_faces })
+    Ok(Partition { store, bounds, degenerate_faces: dropped.degenerate, bad_faces: dropped.bad })
 }
 
 /// A vertex, and a cell that uses it without owning it.
 type Foreign = (u64, u32);
+
+/// Faces that a pass has left out.
+#[derive(Clone, Copy, Default)]
+struct Dropped {
+    degenerate: u64,
+    bad: u64,
+}
 
 struct Passes<'a> {
     source: &'a MeshSource,
@@ -177,20 +186,20 @@ impl Passes<'_> {
         &mut self,
         first_window: CellTable,
         pack: &mut PackWriter,
-    ) -> Result<(Vec<Foreign>, u64)> {
+    ) -> Result<(Vec<Foreign>, Dropped)> {
         let mut scatter = self.buffers(ChunkKind::Triangles);
         let n_vertices = self.source.n_vertices();
         if first_window.len() >= n_vertices {
-            let (foreign, degenerate) = self.triangles_of(&first_window, &mut scatter, pack)?;
+            let (foreign, dropped) = self.triangles_of(&first_window, &mut scatter, pack)?;
             scatter.finish(pack)?;
-            return Ok((foreign, degenerate));
+            return Ok((foreign, dropped));
         }
         let mut table = first_window;
-        let degenerate = loop {
-            let (_, degenerate) = self.triangles_of(&table, &mut scatter, pack)?;
+        let dropped = loop {
+            let (_, dropped) = self.triangles_of(&table, &mut scatter, pack)?;
             let next = table.first + table.len();
             if next >= n_vertices {
-                break degenerate;
+                break dropped;
             }
             drop(table);
             table = self.window(next)?;
@@ -198,7 +207,7 @@ impl Passes<'_> {
         drop(table);
         scatter.finish(pack)?;
         pack.sync()?;
-        Ok((self.missing(pack.length())?, degenerate))
+        Ok((self.missing(pack.length())?, dropped))
     }
 
     /// Sends the triangles whose first corner lies in `table` to their cells.
@@ -207,13 +216,13 @@ impl Passes<'_> {
         table: &CellTable,
         scatter: &mut Scatter,
         pack: &mut PackWriter,
-    ) -> Result<(Vec<Foreign>, u64)> {
+    ) -> Result<(Vec<Foreign>, Dropped)> {
         let (source, run, ids) = (self.source, self.run, self.layout.ids);
         let n_cells = self.tree.n_cells();
         let row_bytes = 3 * ids.bytes;
         let mut foreign: Vec<Foreign> = Vec::new();
         let mut sorted_up_to = 0;
-        let mut degenerate = 0;
+        let mut dropped = Dropped::default();
         let tally = &mut self.tally;
         in_order(
             source.n_face_blocks(),
@@ -248,7 +257,8 @@ impl Passes<'_> {
                 Ok(())
             },
             |_, sorted| {
-                degenerate += sorted.faces.n_degenerate;
+                dropped.degenerate += sorted.faces.n_degenerate;
+                dropped.bad += sorted.faces.n_bad;
                 for &(cell, n_rows) in &sorted.runs {
                     tally[cell as usize].triangles += u64::from(n_rows);
                 }
@@ -265,7 +275,7 @@ impl Passes<'_> {
         )?;
         foreign.sort_unstable();
         foreign.dedup();
-        Ok((foreign, degenerate))
+        Ok((foreign, dropped))
     }
 
     /// The vertices that triangles of each cell use and the cell does not hold.

@@ -8,20 +8,20 @@ mod ascii;
 mod binary;
 mod fields;
 mod fixed_faces;
-mod header;
+pub(crate) mod header;
 mod layout;
-mod lookup;
-mod raw;
-mod rows;
-mod scan;
+pub(crate) mod lookup;
+pub(crate) mod raw;
+pub(crate) mod rows;
+pub(crate) mod scan;
 mod skipped;
-mod source;
+pub(crate) mod source;
 mod strips;
-mod writer;
+pub(crate) mod writer;
 
 pub use header::Encoding;
 pub use source::{Faults, MeshSource, ReadOptions, TextureInfo};
-pub use writer::{OutputHeader, PlyWriter};
+pub use writer::{OutputHeader, PlyFormat, PlyWriter};
 
 /// Vertices or faces in one block.
 pub const BLOCK_ROWS: u64 = 65_536;

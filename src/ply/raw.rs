@@ -93,32 +93,55 @@ impl RawFile {
     }
 }
 
-/// Bytes below this many stay in memory when they are spooled.
-const SPOOL_MEMORY_BYTES: u64 = 16 << 20;
+/// So many spooled bytes stay in memory; more go to a file.
+const SPOOL_MEMORY_BYTES: usize = 16 << 20;
+
+/// Bytes gathered before they go to the spool's file.
+const SPOOL_WRITE_BYTES: usize = 1 << 20;
 
 /// Bytes written once and read at random afterwards; in memory, or in a nameless file of a folder.
 pub(crate) struct Spool {
     folder: PathBuf,
     memory: Vec<u8>,
     file: Option<File>,
-    in_memory: bool,
     len: u64,
 }
 
 impl Spool {
-    /// A spool for about `expected_bytes`.
-    pub fn new(folder: &Path, expected_bytes: u64) -> Self {
-        let in_memory = expected_bytes <= SPOOL_MEMORY_BYTES;
-        Spool { folder: folder.to_path_buf(), memory: Vec::new(), file: None, in_memory, len: 0 }
+    /// An empty spool; nothing is created in `folder` before it is needed.
+    pub fn new(folder: &Path) -> Self {
+        Spool { folder: folder.to_path_buf(), memory: Vec::new(), file: None, len: 0 }
+    }
+
+    /// Bytes written so far.
+    pub fn len(&self) -> u64 {
+        self.len
     }
 
     /// Appends bytes.
     pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
         self.len += bytes.len() as u64;
-        if self.in_memory {
-            self.memory.extend_from_slice(bytes);
-            return Ok(());
+        let room = if self.file.is_some() { SPOOL_WRITE_BYTES } else { SPOOL_MEMORY_BYTES };
+        if self.memory.len() + bytes.len() > room {
+            self.spill()?;
+            if bytes.len() > SPOOL_WRITE_BYTES {
+                return self.put_in_file(bytes);
+            }
         }
+        self.memory.extend_from_slice(bytes);
+        Ok(())
+    }
+
+    fn spill(&mut self) -> Result<()> {
+        let memory = std::mem::take(&mut self.memory);
+        self.put_in_file(&memory)?;
+        self.memory = memory;
+        self.memory.clear();
+        self.memory.shrink_to(SPOOL_WRITE_BYTES);
+        Ok(())
+    }
+
+    fn put_in_file(&mut self, bytes: &[u8]) -> Result<()> {
         let fail = |e| Error::io(&self.folder, "cannot write temporary data", e);
         let mut file = match self.file.take() {
             Some(file) => file,
@@ -129,13 +152,16 @@ impl Spool {
         Ok(())
     }
 
-    /// The bytes, readable at random.
-    pub fn finish(self) -> Result<RawFile> {
+    /// The bytes, readable at random, under a name for messages.
+    pub fn finish(mut self, name: &Path) -> Result<RawFile> {
+        if self.file.is_some() {
+            self.spill()?;
+        }
         let data = match self.file {
             Some(file) => Data::File(file),
             None => Data::Memory(self.memory),
         };
-        Ok(RawFile { path: self.folder, data, len: self.len })
+        Ok(RawFile { path: name.to_path_buf(), data, len: self.len })
     }
 }
 

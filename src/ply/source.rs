@@ -36,6 +36,8 @@ pub struct Faults {
     pub missing_vertices: u64,
     /// Face records that the header promises and the file does not hold.
     pub missing_faces: u64,
+    /// Broken faces of an STL or OBJ file.
+    pub bad_faces: u64,
 }
 
 /// Texture images that the faces refer to by coordinates at their corners.
@@ -57,6 +59,16 @@ pub struct MeshSource {
     bad_vertices: BadVertices,
     positions: OnceLock<RawFile>,
     positions_lock: Mutex<()>,
+    staged: Staged,
+}
+
+/// What is known of an input that was turned into PLY before it was opened.
+#[derive(Debug, Default)]
+pub(crate) struct Staged {
+    /// Broken faces that were dropped on the way.
+    pub bad_faces: u64,
+    /// A texture that the PLY no longer mentions.
+    pub texture: Option<TextureInfo>,
 }
 
 impl MeshSource {
@@ -78,7 +90,14 @@ impl MeshSource {
         Self::new(RawFile::from_bytes(name, bytes), options)
     }
 
-    fn new(file: RawFile, options: ReadOptions) -> Result<Self> {
+    /// Takes a file that stands for a staged input, with what the staging found.
+    pub(crate) fn from_staged(file: RawFile, options: ReadOptions, staged: Staged) -> Result<Self> {
+        let mut source = Self::new(file, options)?;
+        source.staged = staged;
+        Ok(source)
+    }
+
+    pub(crate) fn new(file: RawFile, options: ReadOptions) -> Result<Self> {
         let header = Header::read(&file)?;
         let layout = locate(&file, &header, options.skip_bad)?;
         let vertex = &header.elements[layout.vertex_element];
@@ -93,6 +112,7 @@ impl MeshSource {
             bad_vertices: BadVertices::default(),
             positions: OnceLock::new(),
             positions_lock: Mutex::new(()),
+            staged: Staged::default(),
         };
         if source.options.skip_bad {
             source.bad_vertices = source.find_bad_vertices()?;
@@ -137,6 +157,9 @@ impl MeshSource {
 
     /// Images that per-corner texture coordinates refer to; these coordinates are not carried.
     pub fn texture(&self) -> Option<TextureInfo> {
+        if self.staged.texture.is_some() {
+            return self.staged.texture.clone();
+        }
         let files = self.header.texture_files();
         let element = &self.header.elements[self.layout.face_element?];
         let property = element.properties.iter().find(|p| {
@@ -183,6 +206,7 @@ impl MeshSource {
             bad_vertices: self.bad_vertices.len(),
             missing_vertices: promised.count - self.n_vertices(),
             missing_faces: faces.saturating_sub(self.n_faces()),
+            bad_faces: self.staged.bad_faces,
         }
     }
 
@@ -434,7 +458,7 @@ impl MeshSource {
     /// Writes all positions to a nameless temporary file, 24 bytes each.
     fn spool_positions(&self) -> Result<RawFile> {
         let folder = self.options.temp_dir.clone().unwrap_or_else(std::env::temp_dir);
-        let mut spool = super::raw::Spool::new(&folder, self.n_vertices().saturating_mul(24));
+        let mut spool = super::raw::Spool::new(&folder);
         let (mut block, mut bytes) = (VertexBlock::default(), Vec::new());
         for index in 0..self.n_vertex_blocks() {
             self.read_unchecked(index, &mut block)?;
@@ -446,7 +470,7 @@ impl MeshSource {
             }
             spool.write(&bytes)?;
         }
-        spool.finish()
+        spool.finish(self.file.path())
     }
 
     fn find_bad_vertices(&self) -> Result<BadVertices> {

@@ -1,7 +1,7 @@
-//! Meshes into binary PLY files that appear whole or not at all.
+//! Meshes into PLY files that appear whole or not at all.
 //!
 //! The header stands first, so the exact counts must be known before the first record; `finish` holds
-//! what was written against them. Other encodings and formats build on this (`formats`).
+//! what was written against them. Other formats build on `PendingFile` (`formats`).
 
 use super::header::Encoding;
 use crate::error::{Error, Result};
@@ -55,17 +55,25 @@ impl OutputHeader {
         }
     }
 
-    /// The header's text.
+    /// The header's text, with the line that names this program and its settings.
     pub(crate) fn text(&self, encoding: Encoding, index: Scalar) -> String {
+        let version = env!("CARGO_PKG_VERSION");
+        let own = format!("stonecut {version} {}", one_line(&self.settings));
+        self.text_signed(encoding, index, Some(own.trim_end()))
+    }
+
+    /// The header's text; staged data is signed by nobody.
+    pub(crate) fn text_signed(
+        &self,
+        encoding: Encoding,
+        index: Scalar,
+        own: Option<&str>,
+    ) -> String {
         let mut text = format!("ply\nformat {} 1.0\n", encoding.name());
-        let signature = "stonecut ";
         // The lines of earlier runs stay too: they are the history of the data.
-        for comment in &self.comments {
+        for comment in self.comments.iter().map(String::as_str).chain(own) {
             text.push_str(&format!("comment {}\n", one_line(comment)));
         }
-        let version = env!("CARGO_PKG_VERSION");
-        let own = format!("{signature}{version} {}", one_line(&self.settings));
-        text.push_str(&format!("comment {}\n", own.trim_end()));
         for info in &self.obj_infos {
             text.push_str(&format!("obj_info {}\n", one_line(info)));
         }
@@ -116,8 +124,20 @@ pub(crate) struct PendingFile {
 }
 
 impl PendingFile {
-    /// Creates `.NAME.PID.tmp` beside `target`.
+    /// Creates `.NAME.PID.tmp` beside `target`; `-` is standard output, where nothing can be taken back.
     pub fn create(target: &Path) -> Result<Self> {
+        if target == Path::new("-") {
+            let stdout = std::io::stdout();
+            let fd = std::os::fd::AsFd::as_fd(&stdout).try_clone_to_owned();
+            let fd = fd.map_err(|e| Error::io(target, "cannot write to standard output", e))?;
+            return Ok(PendingFile {
+                target: target.to_path_buf(),
+                temporary: PathBuf::new(),
+                file: Some(File::from(fd)),
+                buffer: Vec::with_capacity(BUFFER_BYTES),
+                n_bytes: 0,
+            });
+        }
         let name = target.file_name().ok_or_else(|| {
             Error::Usage(format!("'{}' names no file to write", target.display()))
         })?;
@@ -155,11 +175,6 @@ impl PendingFile {
         Ok(())
     }
 
-    /// Bytes written so far.
-    pub fn n_bytes(&self) -> u64 {
-        self.n_bytes
-    }
-
     /// The name that the file will have.
     pub fn target(&self) -> &Path {
         &self.target
@@ -175,6 +190,9 @@ impl PendingFile {
     /// Syncs, renames to the target and syncs the folder; returns the file's length.
     pub fn finish(mut self) -> Result<u64> {
         self.flush()?;
+        if self.temporary.as_os_str().is_empty() {
+            return Ok(self.n_bytes);
+        }
         if let Some(file) = self.file.take() {
             file.sync_all().map_err(|e| Error::io(&self.target, "cannot sync the output", e))?;
         }
@@ -211,28 +229,69 @@ fn write_all(target: &Path, file: Option<&mut File>, bytes: &[u8]) -> Result<()>
     }
 }
 
-/// Writes a binary little-endian PLY file: all vertices, then all faces.
+/// How a PLY file is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PlyFormat {
+    /// How numbers are written.
+    pub encoding: Encoding,
+    /// `F32` or `F64`; the input's type if `None`.
+    pub coordinate: Option<Scalar>,
+    /// `I32` or `U32`; what `OutputHeader::index_type` says if `None`.
+    pub index: Option<Scalar>,
+}
+
+impl Default for PlyFormat {
+    /// The one form that every program reads.
+    fn default() -> Self {
+        PlyFormat { encoding: Encoding::BinaryLittleEndian, coordinate: None, index: None }
+    }
+}
+
+/// Writes a PLY file: all vertices, then all faces.
 pub struct PlyWriter {
     out: PendingFile,
-    header: OutputHeader,
+    /// Layout of the records that come in.
+    schema: VertexSchema,
+    /// Type of x, y and z in the file.
+    coordinate: Scalar,
+    encoding: Encoding,
     record_bytes: u64,
+    n_vertices: u64,
     vertices_left: u64,
     faces_left: u64,
     rows: Vec<u8>,
 }
 
 impl PlyWriter {
-    /// Creates the output under a temporary name in its folder and writes the header.
+    /// Creates the output in the default format under a temporary name in its folder and writes the
+    /// header.
     pub fn create(path: &Path, header: OutputHeader) -> Result<Self> {
-        let index = header.index_type()?;
+        Self::create_as(path, header, PlyFormat::default())
+    }
+
+    /// Creates the output in a format of choice.
+    pub fn create_as(path: &Path, mut header: OutputHeader, format: PlyFormat) -> Result<Self> {
+        let needed = header.index_type()?;
+        let index = format.index.unwrap_or(needed);
+        if index == Scalar::I32 && needed != Scalar::I32 {
+            return Err(Error::Usage(format!(
+                "{} vertices need 'uint' indices; leave 'int' out of --format",
+                header.n_vertices
+            )));
+        }
+        let schema = header.schema.clone();
+        header.schema.coordinate = format.coordinate.unwrap_or(schema.coordinate);
         let mut out = PendingFile::create(path)?;
-        out.write(header.text(Encoding::BinaryLittleEndian, index).as_bytes())?;
+        out.write(header.text(format.encoding, index).as_bytes())?;
         Ok(PlyWriter {
             out,
-            record_bytes: header.schema.record_bytes() as u64,
+            record_bytes: schema.record_bytes() as u64,
+            schema,
+            coordinate: header.schema.coordinate,
+            encoding: format.encoding,
+            n_vertices: header.n_vertices,
             vertices_left: header.n_vertices,
             faces_left: header.n_faces,
-            header,
             rows: Vec::new(),
         })
     }
@@ -243,43 +302,60 @@ impl PlyWriter {
         assert!(n * self.record_bytes == records.len() as u64, "whole records");
         assert!(n <= self.vertices_left, "no more vertices than the header says");
         self.vertices_left -= n;
-        self.out.write(records)
+        if self.encoding == Encoding::BinaryLittleEndian
+            && self.coordinate == self.schema.coordinate
+        {
+            return self.out.write(records);
+        }
+        for chunk in records.chunks(16_384 * self.record_bytes as usize) {
+            self.rows.clear();
+            for record in chunk.chunks_exact(self.record_bytes as usize) {
+                put_vertex(&self.schema, self.coordinate, self.encoding, record, &mut self.rows);
+            }
+            self.out.write(&self.rows)?;
+        }
+        Ok(())
     }
 
     /// Appends triangles; all vertices must have been written.
     pub fn write_faces(&mut self, triangles: &[[u64; 3]]) -> Result<()> {
-        self.write_rows(
-            triangles
-                .iter()
-                .map(|t| {
-                    debug_assert!(t.iter().all(|&v| v < self.header.n_vertices), "corners exist");
-                    t.map(|v| v as u32)
-                })
-                .collect::<Vec<_>>()
-                .as_slice(),
-        )
+        let n_vertices = self.n_vertices;
+        self.write_rows(triangles, |t| {
+            debug_assert!(t.iter().all(|&v| v < n_vertices), "corners exist");
+            // Checked when the output was created: there are no more than 2^32 vertices.
+            t.map(|v| v as u32)
+        })
     }
 
     /// Appends triangles; all vertices must have been written.
     pub fn write_faces_u32(&mut self, triangles: &[[u32; 3]]) -> Result<()> {
-        self.write_rows(triangles)
+        self.write_rows(triangles, |t| *t)
     }
 
-    fn write_rows(&mut self, triangles: &[[u32; 3]]) -> Result<()> {
+    fn write_rows<T>(&mut self, triangles: &[T], narrow: impl Fn(&T) -> [u32; 3]) -> Result<()> {
         assert!(self.vertices_left == 0, "all vertices come before the first face");
         assert!(triangles.len() as u64 <= self.faces_left, "no more faces than the header says");
         self.faces_left -= triangles.len() as u64;
+        let mut rows = std::mem::take(&mut self.rows);
         for chunk in triangles.chunks(16_384) {
-            self.rows.clear();
-            for t in chunk {
-                let mut row = [3u8; 13];
-                row[1..5].copy_from_slice(&t[0].to_le_bytes());
-                row[5..9].copy_from_slice(&t[1].to_le_bytes());
-                row[9..13].copy_from_slice(&t[2].to_le_bytes());
-                self.rows.extend_from_slice(&row);
+            rows.clear();
+            for triangle in chunk {
+                let [a, b, c] = narrow(triangle);
+                match self.encoding {
+                    Encoding::Ascii => {
+                        let _ = writeln!(rows, "3 {a} {b} {c}");
+                    }
+                    Encoding::BinaryLittleEndian => {
+                        put_row(&mut rows, [a, b, c].map(u32::to_le_bytes));
+                    }
+                    Encoding::BinaryBigEndian => {
+                        put_row(&mut rows, [a, b, c].map(u32::to_be_bytes));
+                    }
+                }
             }
-            self.out.write(&self.rows)?;
+            self.out.write(&rows)?;
         }
+        self.rows = rows;
         Ok(())
     }
 
@@ -288,5 +364,90 @@ impl PlyWriter {
     pub fn finish(self) -> Result<u64> {
         assert!(self.vertices_left == 0 && self.faces_left == 0, "as many rows as the header says");
         self.out.finish()
+    }
+}
+
+fn put_row(rows: &mut Vec<u8>, corners: [[u8; 4]; 3]) {
+    let mut row = [3u8; 13];
+    row[1..5].copy_from_slice(&corners[0]);
+    row[5..9].copy_from_slice(&corners[1]);
+    row[9..13].copy_from_slice(&corners[2]);
+    rows.extend_from_slice(&row);
+}
+
+/// Appends one vertex in the given encoding, with coordinates of the given type.
+fn put_vertex(
+    schema: &VertexSchema,
+    coordinate: Scalar,
+    encoding: Encoding,
+    record: &[u8],
+    rows: &mut Vec<u8>,
+) {
+    let mut put = |scalar: Scalar, bytes: &[u8]| match encoding {
+        Encoding::Ascii => {
+            put_text(scalar, bytes, rows);
+            rows.push(b' ');
+        }
+        Encoding::BinaryLittleEndian => rows.extend_from_slice(bytes),
+        Encoding::BinaryBigEndian => rows.extend(bytes.iter().rev()),
+    };
+    if coordinate == schema.coordinate {
+        record[..schema.position_bytes()]
+            .chunks_exact(coordinate.bytes())
+            .for_each(|bytes| put(coordinate, bytes));
+    } else {
+        for value in schema.position(record) {
+            match coordinate {
+                Scalar::F64 => put(coordinate, &value.to_le_bytes()),
+                _ => put(coordinate, &(value as f32).to_le_bytes()),
+            }
+        }
+    }
+    let mut at = schema.position_bytes();
+    for property in &schema.properties {
+        let end = at + property.scalar.bytes();
+        put(property.scalar, &record[at..end]);
+        at = end;
+    }
+    if encoding == Encoding::Ascii
+        && let Some(last) = rows.last_mut()
+    {
+        *last = b'\n';
+    }
+}
+
+/// The shortest text that reads back as the same number.
+fn put_text(scalar: Scalar, little: &[u8], rows: &mut Vec<u8>) {
+    let mut bytes = [0u8; 8];
+    bytes[..little.len()].copy_from_slice(little);
+    let unsigned = u64::from_le_bytes(bytes);
+    // Writing into memory cannot fail.
+    let _ = match scalar {
+        Scalar::U8 | Scalar::U16 | Scalar::U32 | Scalar::U64 => write!(rows, "{unsigned}"),
+        Scalar::I8 => write!(rows, "{}", unsigned as i8),
+        Scalar::I16 => write!(rows, "{}", unsigned as i16),
+        Scalar::I32 => write!(rows, "{}", unsigned as i32),
+        Scalar::I64 => write!(rows, "{}", unsigned as i64),
+        Scalar::F32 => write!(rows, "{}", Shortest(f32::from_bits(unsigned as u32))),
+        Scalar::F64 => write!(rows, "{}", Shortest(f64::from_bits(unsigned))),
+    };
+}
+
+/// Prints a float as C programs read it: an exponent where the digits would be many, lower-case names.
+pub(crate) struct Shortest<T>(pub T);
+
+impl<T: Copy + Into<f64> + std::fmt::Display + std::fmt::LowerExp> std::fmt::Display
+    for Shortest<T>
+{
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let value: f64 = self.0.into();
+        let size = value.abs();
+        if value.is_nan() {
+            f.write_str("nan")
+        } else if size == 0.0 || (1e-5..1e16).contains(&size) || size.is_infinite() {
+            write!(f, "{}", self.0)
+        } else {
+            write!(f, "{:e}", self.0)
+        }
     }
 }

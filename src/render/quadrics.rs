@@ -11,11 +11,11 @@ use crate::mesh::Mesh;
 use nalgebra::{Matrix3, SymmetricEigen};
 
 /// Half-axes are at most so many mean edge lengths of the vertex.
-const LONGEST: f64 = 0.55;
+const LONGEST: f64 = 0.85;
 /// Half-axes are at least so many mean edge lengths, or flat ones could not be seen.
-const SHORTEST: f64 = 0.05;
+const SHORTEST: f64 = 0.06;
 /// The level: cost of moving against the surface by this share of a mean edge length.
-const LEVEL: f64 = 0.20;
+const LEVEL: f64 = 0.30;
 /// Times each of the octahedron's edges is halved: 8 * 4^4 facets an ellipsoid.
 const HALVINGS: u32 = 4;
 
@@ -75,7 +75,8 @@ fn quadrics(mesh: &Mesh) -> Vec<Quadric> {
         let corners = mesh.corners(t);
         let n = normal(corners);
         let length = dot(n, n).sqrt();
-        if !(length > 0.0) {
+        let has_area = length > 0.0;
+        if !has_area {
             continue;
         }
         for v in mesh.triangles[t] {

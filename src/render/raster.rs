@@ -89,11 +89,8 @@ impl Frame {
 
     fn project(&self, place: [f32; 3]) -> Option<Projected> {
         let depth = self.distance - place[2];
-        if !(depth > self.near) {
-            return None;
-        }
         let nearness = 1.0 / depth;
-        Some(Projected {
+        (depth > self.near).then(|| Projected {
             x: self.centre[0] + self.focal * place[0] * nearness,
             y: self.centre[1] - self.focal * place[1] * nearness,
             nearness,
@@ -123,15 +120,14 @@ impl Frame {
         };
         // Positive where the corners run counter-clockwise for the viewer; rows count downwards.
         let area = (c.x - a.x) * (b.y - a.y) - (b.x - a.x) * (c.y - a.y);
-        if !(area.abs() > 0.0) {
-            return;
-        }
+        let has_area = area.abs() > 0.0;
         let low = [a.x.min(b.x).min(c.x), a.y.min(b.y).min(c.y)];
         let high = [a.x.max(b.x).max(c.x), a.y.max(b.y).max(c.y)];
-        if !(high[0] > 0.0 && high[1] > 0.0)
-            || low[0] >= self.width as f32
-            || low[1] >= self.height as f32
-        {
+        let within = high[0] > 0.0
+            && high[1] > 0.0
+            && low[0] < self.width as f32
+            && low[1] < self.height as f32;
+        if !(has_area && within) {
             return;
         }
         if high[0] - low[0] < SMALL && high[1] - low[1] < SMALL {
@@ -221,7 +217,8 @@ impl Frame {
                 let parts = [s as f32, t as f32, r as f32];
                 let nearness = (0..3).map(|i| parts[i] * p[i].nearness).sum::<f32>();
                 let sample = &mut self.samples[row * self.width + col];
-                if !(nearness > sample.nearness) {
+                let in_front = nearness > sample.nearness;
+                if !in_front {
                     continue;
                 }
                 // Attributes are linear in space, not in the picture.

@@ -7,7 +7,7 @@
 use super::camera::Camera;
 use super::picture::Picture;
 use super::raster::{Frame, Sample};
-use super::vector::{dot, scale, unit};
+use super::vector::{dot, scale, smoothstep, sub, unit};
 use crate::error::Result;
 use crate::parallel::in_order;
 use crate::progress::Progress;
@@ -18,15 +18,15 @@ const BAND: usize = 16;
 const DIRECTIONS: usize = 12;
 const STEPS: usize = 7;
 /// How dark full occlusion makes sky light.
-const OCCLUSION: f32 = 1.15;
+const OCCLUSION: f32 = 1.45;
 /// Directions of the key and fill light in camera space, normalised on use.
-const KEY: [f64; 3] = [-0.52, 0.62, 0.60];
+const KEY: [f64; 3] = [-0.64, 0.56, 0.46];
 const FILL: [f64; 3] = [0.75, 0.05, 0.55];
 /// Linear colours of the lights.
-const KEY_LIGHT: [f32; 3] = [1.02, 0.96, 0.88];
+const KEY_LIGHT: [f32; 3] = [0.98, 0.92, 0.83];
 const FILL_LIGHT: [f32; 3] = [0.10, 0.13, 0.17];
-const SKY: [f32; 3] = [0.46, 0.50, 0.56];
-const GROUND: [f32; 3] = [0.20, 0.17, 0.14];
+const SKY: [f32; 3] = [0.34, 0.37, 0.42];
+const GROUND: [f32; 3] = [0.15, 0.125, 0.10];
 /// What backs of surfaces are mixed with, linear.
 const BACK: [f32; 3] = [0.13, 0.20, 0.33];
 /// Edge lines, linear.
@@ -105,18 +105,22 @@ struct Lights {
     fill: [f32; 3],
     half: [f32; 3],
     up: [f32; 3],
+    key_strength: f32,
 }
 
 impl Lights {
     fn new(camera: &Camera) -> Self {
         let single = |v: [f64; 3]| v.map(|x| x as f32);
         let direction = |v| unit(v).unwrap_or([0.0, 0.0, 1.0]);
-        let key = direction(KEY);
-        let half = direction([key[0], key[1], key[2] + 1.0]);
         let up = camera.axes.map(|axis| dot(axis, camera.world_up));
+        // Seen from above, ground lit by a high sun would show no relief: the sun is lowered.
+        let lowered = 0.6 * f64::from(smoothstep(0.3, 0.6, up[2] as f32));
+        let key = direction(sub(KEY, scale(up, lowered)));
+        let half = direction([key[0], key[1], key[2] + 1.0]);
         Lights {
             key: single(key),
             fill: single(direction(FILL)),
+            key_strength: 1.0 + 0.9 * lowered as f32,
             half: single(half),
             up: single(up),
         }
@@ -130,7 +134,7 @@ impl Lights {
         let along = |v: &[f32; 3]| n[0] * v[0] + n[1] * v[1] + n[2] * v[2];
         let key = along(&self.key);
         // Light wraps a little around the edge of the shade, as under a large soft box.
-        let key = ((key + 0.12) / 1.12).max(0.0) * (0.35 + 0.65 * open);
+        let key = self.key_strength * ((key + 0.12) / 1.12).max(0.0) * (0.35 + 0.65 * open);
         let fill = along(&self.fill).max(0.0);
         let sky = 0.5 + 0.5 * along(&self.up);
         let gloss = 0.10 * along(&self.half).max(0.0).powi(36) * open;
@@ -269,9 +273,9 @@ impl Surface {
     }
 }
 
-/// sRGB to linear, by the usual square approximation refined: exact enough for materials.
+/// sRGB to linear, by a cubic that is off by at most 0.003.
 fn linear(x: f32) -> f32 {
-    x * (x * (x * 0.305_306_011 + 0.682_171_111) + 0.012_522_878)
+    x * (x * (x * 0.305_306 + 0.682_171_1) + 0.012_522_88)
 }
 
 /// A linear value as an sRGB byte, highlights rolled off softly.

@@ -17,6 +17,9 @@ use crate::units::show_bytes;
 /// How often, on average, a vertex block may be read before the file counts as shuffled.
 const MOST_READS: u64 = 12;
 
+/// Blocks that are held however small the budget: some rows of neighbouring patches.
+const LEAST_BLOCKS: u64 = 8;
+
 /// A block of vertices in camera space.
 #[derive(Default)]
 struct Placed {
@@ -58,7 +61,7 @@ impl<'a> Vertices<'a> {
     ) -> Result<Self> {
         let block_bytes = BLOCK_ROWS * vertex_bytes(scene.is_colored(), false);
         let n_blocks = scene.n_point_blocks();
-        let room = (budget_bytes / block_bytes).max(64).min(n_blocks.max(1));
+        let room = (budget_bytes / block_bytes).max(LEAST_BLOCKS).min(n_blocks.max(1));
         let mut vertices = Vertices {
             scene,
             camera,

@@ -15,10 +15,13 @@ pub const FINISH_CELLS: u64 = 4;
 
 /// Cells stop at this multiple of the final count in the round after which their seams first vanish; nearer,
 /// seams show (KERNEL experiments: 4x no trace, 1.2x 1.08-1.29 times the error at the seams).
-const COARSE: f64 = 4.0;
+///
+/// The second number says how much above its goal a round may end before it is repeated: the pilot misses by
+/// up to 10 %, and only the last multiple has to be near, since the exact round begins from it.
+const COARSE: (f64, f64) = (4.0, 1.3);
 /// Further multiples for results too large for one finish, each with seams elsewhere.
-const MEDIUM: f64 = 2.0;
-const FINE: f64 = 1.08;
+const MEDIUM: (f64, f64) = (2.0, 1.3);
+const FINE: (f64, f64) = (1.08, 1.06);
 
 /// A round reduces by no more than this, so that a cell keeps enough triangles to be far wider than its
 /// edges (64 of 256k: 4,000 triangles, some 45 edges across).
@@ -53,10 +56,9 @@ pub fn next_step(now: u64, target: u64, cell_triangles: u64, rounds_done: u32) -
         return Step::Done;
     }
     let floor = now / MOST_REDUCTION;
-    for multiple in [COARSE, MEDIUM, FINE] {
+    for (multiple, near) in [COARSE, MEDIUM, FINE] {
         let goal = ((target as f64 * multiple) as u64).max(floor);
-        // A goal already met within 5 % is no reason for another round.
-        if now as f64 > goal as f64 * 1.05 {
+        if now as f64 > goal as f64 * near {
             return Step::Round(goal);
         }
     }
@@ -85,7 +87,7 @@ mod tests {
         assert_eq!(rounds(34_000_000, 340_000, 500_000), [Step::Round(1_360_000), Step::Finish]);
         let billion = rounds(1_000_000_000, 1_000_000, 256_000);
         assert_eq!(billion[0], Step::Round(15_625_000));
-        assert_eq!(billion.last(), Some(&Step::Finish));
+        assert_eq!(billion.last(), Some(&Step::ExactRound));
         let large = rounds(1_000_000_000, 10_000_000, 256_000);
         assert_eq!(
             large,

@@ -1,7 +1,7 @@
 //! Synthetic scans of any size: closed-form, seeded, streamed.
 //!
 //! `write_ply` is the way in for files, `mesh` for tests. A `Surface` says what vertex and face number i
-//! are; `write` turns it into a file; `shuffle` puts into random order what cannot be computed in one.
+//! are; `write` turns it into records; `shuffle` puts into random order what cannot be computed in one.
 //! Nothing here simplifies, measures or reads a mesh.
 
 mod gyroid;
@@ -18,12 +18,13 @@ mod write;
 
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
+use crate::ply::{OutputHeader, PlyWriter};
 use crate::progress::Progress;
 use shuffle::Shuffler;
 use sliced::Counted;
 use std::path::Path;
 use surface::{InOrder, Indexed, Order, Shuffled, Surface};
-use write::{FACE_BYTES, Layout, Stream, Unfinished};
+use write::{Layout, Stream};
 
 /// The synthetic meshes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,39 +102,44 @@ pub fn write_ply(
     progress: &Progress,
 ) -> Result<Counts> {
     check(settings)?;
-    let mut file = Unfinished::create(path, writing.force)?;
+    if path.exists() && !writing.force {
+        let path = path.display();
+        return Err(Error::Usage(format!("{path} exists; --force overwrites it")));
+    }
     let surface = surface(settings, writing.threads, progress)?;
     let counts = Counts { n_vertices: surface.n_vertices(), n_triangles: surface.n_faces() };
     progress.begin("synth", 1, 1, counts.n_triangles);
-    let layout = layout(settings, counts.n_vertices);
-    let comment = format!(
-        "stonecut {} synth {:?} --triangles {} --seed {}{}",
-        env!("CARGO_PKG_VERSION"),
-        settings.kind,
+    let layout = layout(settings);
+    let mut header = OutputHeader::new(layout.schema(), counts.n_vertices, counts.n_triangles);
+    header.settings = format!(
+        "synth {} --triangles {} --seed {}{}",
+        format!("{:?}", settings.kind).to_lowercase(),
         settings.n_triangles,
         settings.seed,
         if settings.shuffle { " --shuffle" } else { "" },
     );
-    let header = layout.header(counts.n_vertices, counts.n_triangles, &comment.to_lowercase());
-    file.write(header.as_bytes())?;
+    let mut file = PlyWriter::create(path, header)?;
     let stream = Stream { surface: &*surface, layout, threads: writing.threads, progress };
     if settings.shuffle && !surface.is_shuffled() {
-        write_shuffled(&mut file, &stream, settings.seed)?;
+        write_shuffled(&mut file, path, &stream, settings.seed)?;
     } else {
-        stream.vertices(|bytes| file.write(bytes))?;
-        stream.faces(|_, face| face, |bytes| file.write(bytes))?;
+        stream.vertices(|records| file.write_vertices(records))?;
+        stream.faces(|_, face| face, |faces| file.write_faces_u32(faces))?;
     }
     file.finish()?;
     Ok(counts)
 }
 
 /// Writes all vertices and then all faces in random order, by way of a temporary file beside the output.
-fn write_shuffled(file: &mut Unfinished, stream: &Stream, seed: u64) -> Result<()> {
+fn write_shuffled(file: &mut PlyWriter, path: &Path, stream: &Stream, seed: u64) -> Result<()> {
     let (n_vertices, n_faces) = (stream.surface.n_vertices(), stream.surface.n_faces());
     let order = Order::new(n_vertices, n_faces, seed);
-    let temporary = file.companion(".shuffle");
+    let mut hidden = std::ffi::OsString::from(".");
+    hidden.push(path.file_name().unwrap_or_default());
+    hidden.push(format!(".{}.shuffle", std::process::id()));
+    let temporary = path.with_file_name(hidden);
 
-    let record_bytes = stream.layout.vertex_bytes();
+    let record_bytes = stream.layout.schema().record_bytes();
     let mut shuffler = Shuffler::new(&temporary, n_vertices, record_bytes)?;
     let mut id = 0;
     stream.vertices(|bytes| {
@@ -142,19 +148,26 @@ fn write_shuffled(file: &mut Unfinished, stream: &Stream, seed: u64) -> Result<(
             shuffler.put(order.vertices.apply(id - 1), record)
         })
     })?;
-    shuffler.drain(|bytes| file.write(bytes))?;
+    shuffler.drain(|bytes| file.write_vertices(bytes))?;
 
-    let mut shuffler = Shuffler::new(&temporary, n_faces, FACE_BYTES)?;
+    let mut shuffler = Shuffler::new(&temporary, n_faces, size_of::<[u32; 3]>())?;
     let mut row = 0;
     let renumber = |row, face| order.renumber(row, face);
-    stream.faces(renumber, |bytes| {
-        bytes.chunks_exact(FACE_BYTES).try_for_each(|record| {
+    stream.faces(renumber, |faces| {
+        faces.iter().try_for_each(|face| {
             row += 1;
-            shuffler.put(order.faces.apply(row - 1), record)
+            shuffler.put(order.faces.apply(row - 1), bytemuck::bytes_of(face))
         })
     })?;
     assert!(id == n_vertices && row == n_faces, "the surface gave as many rows as it counted");
-    shuffler.drain(|bytes| file.write(bytes))
+    let mut faces = Vec::new();
+    shuffler.drain(|bytes| {
+        faces.clear();
+        faces.extend(
+            bytes.chunks_exact(size_of::<[u32; 3]>()).map(bytemuck::pod_read_unaligned::<[u32; 3]>),
+        );
+        file.write_faces_u32(&faces)
+    })
 }
 
 /// The same mesh in memory, for tests and small demonstrations; colours are three channels in [0, 255],
@@ -164,7 +177,7 @@ fn write_shuffled(file: &mut Unfinished, stream: &Stream, seed: u64) -> Result<(
 pub fn mesh(settings: &Settings) -> Result<Mesh> {
     check(settings)?;
     let surface = surface(settings, 1, &Progress::default())?;
-    let layout = layout(settings, surface.n_vertices());
+    let layout = layout(settings);
     let mut mesh = Mesh {
         n_channels: if layout.color { 3 } else { 0 } + if layout.uv { 2 } else { 0 },
         ..Mesh::default()
@@ -234,9 +247,9 @@ fn ordered(surface: impl Indexed + 'static, settings: &Settings) -> Box<dyn Surf
     }
 }
 
-fn layout(settings: &Settings, n_vertices: u64) -> Layout {
+fn layout(settings: &Settings) -> Layout {
     let color = settings.color || settings.kind == Kind::Scans;
-    Layout { color, uv: settings.uv, unsigned: n_vertices > 1 << 31 }
+    Layout { color, uv: settings.uv }
 }
 
 fn check(settings: &Settings) -> Result<()> {

@@ -11,6 +11,8 @@ use super::surface::Vertex;
 
 /// Triangles of one patch of a large set: about what a structured-light scanner takes at once.
 const PATCH_TRIANGLES: u64 = 800_000;
+/// Patches of a small set; fewer could not cover the statue.
+const LEAST_PATCHES: u64 = 14;
 /// Pixels in a block, about.
 const BLOCK_PIXELS: usize = 32_768;
 /// Triangles per pixel: two, times the share of the square that is valid.
@@ -58,7 +60,7 @@ enum Pixel {
 impl Scans {
     /// Scans of about `n_triangles` times `scale`^2 triangles together.
     pub(super) fn new(n_triangles: u64, scale: f64, seed: u64) -> Self {
-        let n_patches = n_triangles.div_ceil(PATCH_TRIANGLES).max(8);
+        let n_patches = n_triangles.div_ceil(PATCH_TRIANGLES).max(LEAST_PATCHES);
         let pixels = n_triangles as f64 / n_patches as f64 / TRIANGLES_PER_PIXEL;
         let side = ((pixels.sqrt() * scale) as usize).max(6) + 1;
         let reach = (std::f64::consts::PI * COVERAGE / n_patches as f64).sqrt().min(0.9);

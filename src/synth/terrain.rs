@@ -47,24 +47,24 @@ impl Terrain {
         let mut amplitude = 1.0;
         for octave in 0..OCTAVES {
             let [value, dx, dy] = noise2_slope(point, seed.wrapping_add(octave * 0x9E37));
-            slope[0] += 0.55 * dx;
-            slope[1] += 0.55 * dy;
+            slope[0] += 0.7 * dx;
+            slope[1] += 0.7 * dy;
             height += amplitude * value / (1.0 + slope[0] * slope[0] + slope[1] * slope[1]);
-            amplitude *= 0.5;
+            amplitude *= 0.48;
             // Each octave is turned by 36.87 degrees, or lattice lines of all octaves would coincide.
             point = [1.6 * point[0] - 1.2 * point[1], 1.2 * point[0] + 1.6 * point[1]];
         }
-        (1500.0 * height, slope[0] * slope[0] + slope[1] * slope[1])
+        (2600.0 * height, slope[0] * slope[0] + slope[1] * slope[1])
     }
 
     fn color(&self, p: [f64; 3], steep: f64) -> [u8; 3] {
         let patch = noise3([p[0] / 300.0, p[1] / 300.0, 0.0], 77);
-        let rock = smoothstep(0.3, 1.2, steep + 0.2 * patch);
-        let snow = smoothstep(350.0, 600.0, p[2] + 120.0 * patch) * (1.0 - 0.6 * rock);
+        let rock = smoothstep(0.5, 2.2, steep + 0.2 * patch);
+        let snow = smoothstep(500.0, 850.0, p[2] + 120.0 * patch) * (1.0 - 0.6 * rock);
         let blend =
             |a: [f64; 3], b: [f64; 3], t: f64| std::array::from_fn(|i| a[i] + t * (b[i] - a[i]));
-        let meadow = blend([0.36, 0.45, 0.22], [0.55, 0.53, 0.32], 0.5 + 0.5 * patch);
-        let ground = blend(meadow, [0.48, 0.44, 0.40], rock);
+        let meadow = blend([0.42, 0.52, 0.27], [0.66, 0.62, 0.40], 0.5 + 0.5 * patch);
+        let ground = blend(meadow, [0.60, 0.56, 0.51], rock);
         let tint: [f64; 3] = blend(ground, [0.95, 0.96, 0.98], snow);
         tint.map(|c| (255.0 * c.clamp(0.0, 1.0)) as u8)
     }

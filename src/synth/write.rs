@@ -1,52 +1,39 @@
-//! Streams a surface into a binary PLY: blocks computed in parallel, written in order, renamed at the end.
+//! Streams a surface: blocks computed in parallel, handed on in order as PLY records.
 //!
-//! Memory is a few blocks a thread, whatever the mesh's size. The bytes depend on the surface
-//! alone: a block's place in the file is fixed before any thread begins.
+//! Memory is a few blocks a thread, whatever the mesh's size. The bytes depend on the surface alone: a
+//! block's place in the file is fixed before any thread begins.
 
 use super::surface::{Surface, Vertex};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::parallel::in_order;
 use crate::progress::Progress;
-use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use crate::schema::{Property, Scalar, VertexSchema};
 
-/// What a vertex and a face look like in the file.
+/// What a vertex looks like in the file, besides its position in floats.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
     /// `uchar red green blue` after the position.
     pub(super) color: bool,
     /// `float s t` after the colour.
     pub(super) uv: bool,
-    /// `uint` indices instead of `int`: past 2^31 vertices.
-    pub(super) unsigned: bool,
 }
 
 impl Layout {
-    /// The header of a mesh, with a comment.
-    pub(super) fn header(&self, n_vertices: u64, n_faces: u64, comment: &str) -> String {
-        let mut text = String::from("ply\nformat binary_little_endian 1.0\n");
-        text += &format!("comment {comment}\n");
-        text += &format!("element vertex {n_vertices}\n");
-        text += "property float x\nproperty float y\nproperty float z\n";
+    /// The layout for the writer.
+    pub(super) fn schema(&self) -> VertexSchema {
+        let property = |name: &str, scalar| Property { name: name.to_owned(), scalar };
+        let mut properties = Vec::new();
         if self.color {
-            text += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+            properties.extend(["red", "green", "blue"].map(|name| property(name, Scalar::U8)));
         }
         if self.uv {
-            text += "property float s\nproperty float t\n";
+            properties.extend(["s", "t"].map(|name| property(name, Scalar::F32)));
         }
-        let index = if self.unsigned { "uint" } else { "int" };
-        text += &format!("element face {n_faces}\nproperty list uchar {index} vertex_indices\n");
-        text + "end_header\n"
-    }
-
-    /// Bytes of one vertex record.
-    pub(super) fn vertex_bytes(&self) -> usize {
-        12 + if self.color { 3 } else { 0 } + if self.uv { 8 } else { 0 }
+        VertexSchema { coordinate: Scalar::F32, properties }
     }
 
     /// Appends one vertex record.
-    pub(super) fn put_vertex(&self, vertex: &Vertex, out: &mut Vec<u8>) {
+    fn put_vertex(&self, vertex: &Vertex, out: &mut Vec<u8>) {
         for value in vertex.position {
             out.extend_from_slice(&value.to_le_bytes());
         }
@@ -57,76 +44,6 @@ impl Layout {
             for value in vertex.uv {
                 out.extend_from_slice(&value.to_le_bytes());
             }
-        }
-    }
-
-    /// Appends one face record.
-    pub(super) fn put_face(face: [u64; 3], out: &mut Vec<u8>) {
-        let mut record = [3u8; FACE_BYTES];
-        for (corner, id) in face.into_iter().enumerate() {
-            // Ids are below 2^32: `synth::check` refuses larger meshes. Below 2^31, int and uint agree.
-            let id = id as u32;
-            record[1 + 4 * corner..5 + 4 * corner].copy_from_slice(&id.to_le_bytes());
-        }
-        out.extend_from_slice(&record);
-    }
-}
-
-/// Bytes of one face record.
-pub(super) const FACE_BYTES: usize = 13;
-
-/// A file being written beside its final place; removed again unless `finish` is reached.
-pub(super) struct Unfinished {
-    path: PathBuf,
-    target: PathBuf,
-    file: BufWriter<File>,
-    finished: bool,
-}
-
-impl Unfinished {
-    /// Begins the file that shall become `target`; refuses an existing one without `force`.
-    pub(super) fn create(target: &Path, force: bool) -> Result<Self> {
-        if !force && target.exists() {
-            let target = target.display();
-            return Err(Error::Usage(format!("{target} exists; --force overwrites it")));
-        }
-        let mut name = target.file_name().map(ToOwned::to_owned).unwrap_or_default();
-        name.push(format!(".part-{}", std::process::id()));
-        let path = target.with_file_name(name);
-        let file = File::create(&path).map_err(|e| Error::io(&path, "cannot create", e))?;
-        let file = BufWriter::with_capacity(1 << 20, file);
-        Ok(Unfinished { path, target: target.to_path_buf(), file, finished: false })
-    }
-
-    /// Appends bytes.
-    pub(super) fn write(&mut self, bytes: &[u8]) -> Result<()> {
-        self.file.write_all(bytes).map_err(|e| Error::io(&self.path, "cannot write", e))
-    }
-
-    /// A path beside the unfinished file for data that is needed while writing it.
-    pub(super) fn companion(&self, suffix: &str) -> PathBuf {
-        let mut name = self.path.file_name().map(ToOwned::to_owned).unwrap_or_default();
-        name.push(suffix);
-        self.path.with_file_name(name)
-    }
-
-    /// Makes the bytes durable and gives the file its name.
-    pub(super) fn finish(mut self) -> Result<()> {
-        self.file.flush().map_err(|e| Error::io(&self.path, "cannot write", e))?;
-        self.file.get_ref().sync_all().map_err(|e| Error::io(&self.path, "cannot sync", e))?;
-        std::fs::rename(&self.path, &self.target).map_err(|e| {
-            Error::io(&self.target, "cannot rename the finished file to this name", e)
-        })?;
-        self.finished = true;
-        Ok(())
-    }
-}
-
-impl Drop for Unfinished {
-    fn drop(&mut self) {
-        if !self.finished {
-            // Nothing can be done about a failure here, and the run has failed already.
-            let _ = std::fs::remove_file(&self.path);
         }
     }
 }
@@ -146,46 +63,46 @@ pub(super) struct Stream<'a> {
 
 /// A block under way, and the memory it is made in.
 #[derive(Default)]
-struct Block<T> {
+struct Block<T, U> {
     rows: Vec<T>,
-    bytes: Vec<u8>,
+    encoded: Vec<U>,
 }
 
 impl Stream<'_> {
     /// Encodes all vertices, block after block, into `sink`.
     pub(super) fn vertices(&self, mut sink: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
-        let produce = |index: u64, block: &mut Block<Vertex>| {
+        let produce = |index: u64, block: &mut Block<Vertex, u8>| {
             block.rows.clear();
-            block.bytes.clear();
+            block.encoded.clear();
             self.surface.vertices(index, &mut block.rows);
-            block.rows.iter().for_each(|v| self.layout.put_vertex(v, &mut block.bytes));
+            block.rows.iter().for_each(|v| self.layout.put_vertex(v, &mut block.encoded));
             Ok(())
         };
         let n_blocks = self.surface.n_vertex_blocks();
-        in_order(n_blocks, self.threads, self.progress, produce, |_, block| sink(&block.bytes))
+        in_order(n_blocks, self.threads, self.progress, produce, |_, block| sink(&block.encoded))
     }
 
-    /// Encodes all faces, block after block, into `sink`; counts them as progress. `renumber` gives the
+    /// Hands all faces, block after block, to `sink`; counts them as progress. `renumber` gives the
     /// corners of each face their final numbers, knowing the face's row.
     pub(super) fn faces(
         &self,
         renumber: impl Fn(u64, [u64; 3]) -> [u64; 3] + Sync,
-        mut sink: impl FnMut(&[u8]) -> Result<()>,
+        mut sink: impl FnMut(&[[u32; 3]]) -> Result<()>,
     ) -> Result<()> {
-        let produce = |index: u64, block: &mut Block<[u64; 3]>| {
+        let produce = |index: u64, block: &mut Block<[u64; 3], [u32; 3]>| {
             block.rows.clear();
-            block.bytes.clear();
+            block.encoded.clear();
             self.surface.faces(index, &mut block.rows);
             let first = self.surface.first_face(index);
-            for (row, face) in block.rows.iter().enumerate() {
-                Layout::put_face(renumber(first + row as u64, *face), &mut block.bytes);
-            }
+            // Ids are below 2^32: larger meshes are refused before anything is made.
+            let renumbered = (first..).zip(&block.rows).map(|(row, face)| renumber(row, *face));
+            block.encoded.extend(renumbered.map(|face| face.map(|id| id as u32)));
             Ok(())
         };
         let n_blocks = self.surface.n_face_blocks();
         in_order(n_blocks, self.threads, self.progress, produce, |_, block| {
             self.progress.add(block.rows.len() as u64);
-            sink(&block.bytes)
+            sink(&block.encoded)
         })
     }
 }

@@ -1,0 +1,259 @@
+//! `stonecut convert`: any mesh in, any mesh out, nothing changed but the format.
+//!
+//! Two passes over the faces: the first counts triangles and notes which vertices they use, the second
+//! writes them. Degenerate faces and repeated ones are dropped, vertices that no face uses vanish; the order
+//! of all others stays. Memory: a bit and a half a vertex, 64 MiB to find repeated faces, a bit for each
+//! triangle if there are any, and a few blocks.
+
+use crate::error::{Error, Result};
+use crate::formats::{DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions};
+use crate::ply::{FaceBlock, MeshSource, OutputHeader, ReadOptions, VertexBlock};
+use std::path::PathBuf;
+
+/// Converts a mesh between formats: PLY, STL, OBJ and GLB.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// PLY, STL or OBJ, also gzip or zstd compressed; '-' is standard input.
+    pub input: PathBuf,
+    /// A file ending in .ply, .stl, .obj or .glb; '-' is standard output.
+    pub output: PathBuf,
+    /// Words joined by commas: ascii, binary_little_endian or binary_big_endian; float or double
+    /// coordinates; int or uint indices; ply, stl, obj or glb.
+    #[arg(long, value_name = "FORMAT", default_value = "")]
+    pub format: OutputFormat,
+    /// Overwrite an existing file.
+    #[arg(long)]
+    pub force: bool,
+    /// Drop and count broken faces and vertices instead of failing.
+    #[arg(long)]
+    pub skip_bad: bool,
+    /// Give up texture coordinates at corners, which cannot be kept.
+    #[arg(long)]
+    pub drop_texture: bool,
+    /// Keep faces that repeat an earlier one; saves a sort.
+    #[arg(long)]
+    pub keep_duplicates: bool,
+    /// Keep vertices that no face uses.
+    #[arg(long)]
+    pub keep_unreferenced: bool,
+    /// Where temporary data goes [default: the output's folder].
+    #[arg(long, value_name = "DIR")]
+    pub temp_dir: Option<PathBuf>,
+}
+
+/// What a conversion did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Converted {
+    /// Vertices written.
+    pub n_vertices: u64,
+    /// Triangles written.
+    pub n_triangles: u64,
+    /// Faces dropped because corners repeat or are fewer than three.
+    pub n_degenerate: u64,
+    /// Faces dropped because an earlier one has the same corners.
+    pub n_duplicate: u64,
+    /// Broken faces and missing rows dropped with `--skip-bad`.
+    pub n_bad: u64,
+    /// Vertices that no face uses.
+    pub n_unreferenced: u64,
+    /// Length of the output.
+    pub n_bytes: u64,
+}
+
+/// Converts and says on `log` what was done; the exit code tells whether broken faces were dropped.
+pub fn run(args: &Args, log: &mut dyn std::io::Write) -> Result<u8> {
+    let done = convert(args)?;
+    // A closed standard error is no reason to fail: the mesh is there.
+    let _ = writeln!(
+        log,
+        "{}: {} vertices, {} triangles, {}",
+        args.output.display(),
+        done.n_vertices,
+        done.n_triangles,
+        crate::units::show_bytes(done.n_bytes)
+    );
+    for (count, what) in [
+        (done.n_degenerate, "degenerate faces dropped"),
+        (done.n_duplicate, "repeated faces dropped"),
+        (done.n_bad, "broken faces or rows dropped"),
+        (done.n_unreferenced, "vertices without a face dropped"),
+    ] {
+        if count > 0 {
+            let _ = writeln!(log, "  {count} {what}");
+        }
+    }
+    Ok(if done.n_bad > 0 { super::EXIT_SHORT } else { 0 })
+}
+
+/// Converts; the library's own entry.
+pub fn convert(args: &Args) -> Result<Converted> {
+    let to_stdout = args.output == std::path::Path::new("-");
+    if !to_stdout && !args.force && args.output.exists() {
+        return Err(Error::Usage(format!(
+            "{} exists; overwrite it with --force",
+            args.output.display()
+        )));
+    }
+    let folder = args.temp_dir.clone().unwrap_or_else(|| match args.output.parent() {
+        Some(folder) if !to_stdout && !folder.as_os_str().is_empty() => folder.to_path_buf(),
+        _ if to_stdout => std::env::temp_dir(),
+        _ => PathBuf::from("."),
+    });
+    let read = ReadOptions { skip_bad: args.skip_bad, temp_dir: None };
+    let stage = StageOptions { read, ..StageOptions::new(folder) };
+    let source = MeshSource::open_staged(&args.input, &stage)?;
+    if !args.drop_texture {
+        source.require_no_texture()?;
+    }
+    // Above 2^32 vertices no output can be written, so there is nothing to look for.
+    let look = !args.keep_duplicates && source.n_vertices() <= 1 << 32;
+    let mut finder = look.then(|| DuplicateFinder::new(&stage.temp_dir, DUPLICATES_MEMORY_BYTES));
+    let mut done = Converted::default();
+    let used = if source.n_faces() == 0 || args.keep_unreferenced {
+        let mut used = Used::all(source.n_vertices());
+        used.survey(&source, finder.as_mut(), &mut done)?;
+        used
+    } else {
+        let mut used = Used::none(source.n_vertices());
+        used.survey(&source, finder.as_mut(), &mut done)?;
+        used
+    };
+    let duplicates = match finder {
+        Some(finder) => finder.finish()?,
+        None => Duplicates::default(),
+    };
+    done.n_duplicate = duplicates.count();
+    done.n_triangles -= done.n_duplicate;
+    used.write(&source, args, &duplicates, &mut done)?;
+    let faults = source.faults();
+    done.n_bad += faults.missing_faces + faults.missing_vertices + faults.bad_faces;
+    Ok(done)
+}
+
+/// Memory to sort triangles in.
+const DUPLICATES_MEMORY_BYTES: usize = 64 << 20;
+
+/// Which vertices the output has, and their new ids.
+struct Used {
+    /// A bit a vertex.
+    bits: Vec<u64>,
+    /// Vertices used before each group of 512.
+    before: Vec<u64>,
+    n_vertices: u64,
+}
+
+const GROUP_WORDS: usize = 8;
+
+impl Used {
+    fn none(n_vertices: u64) -> Self {
+        let words = n_vertices.div_ceil(64) as usize;
+        Used { bits: vec![0; words], before: Vec::new(), n_vertices }
+    }
+
+    fn all(n_vertices: u64) -> Self {
+        let mut used = Self::none(n_vertices);
+        used.bits.fill(u64::MAX);
+        if let Some(last) = used.bits.last_mut().filter(|_| !n_vertices.is_multiple_of(64)) {
+            *last = (1 << (n_vertices % 64)) - 1;
+        }
+        used
+    }
+
+    /// The first pass over the faces.
+    fn survey(
+        &mut self,
+        source: &MeshSource,
+        mut finder: Option<&mut DuplicateFinder>,
+        done: &mut Converted,
+    ) -> Result<()> {
+        let mut block = FaceBlock::default();
+        for i in 0..source.n_face_blocks() {
+            source.read_faces(i, &mut block)?;
+            done.n_triangles += block.triangles.len() as u64;
+            done.n_degenerate += block.n_degenerate;
+            done.n_bad += block.n_bad;
+            if let Some(finder) = finder.as_deref_mut() {
+                block.triangles.iter().try_for_each(|&t| finder.push(t))?;
+            }
+            for &vertex in block.triangles.as_flattened() {
+                self.bits[(vertex / 64) as usize] |= 1 << (vertex % 64);
+            }
+        }
+        let mut sum = 0;
+        for group in self.bits.chunks(GROUP_WORDS) {
+            self.before.push(sum);
+            sum += group.iter().map(|word| u64::from(word.count_ones())).sum::<u64>();
+        }
+        done.n_vertices = sum;
+        done.n_unreferenced = self.n_vertices - sum;
+        Ok(())
+    }
+
+    fn contains(&self, vertex: u64) -> bool {
+        self.bits[(vertex / 64) as usize] >> (vertex % 64) & 1 == 1
+    }
+
+    /// The id that a used vertex has in the output.
+    fn new_id(&self, vertex: u64) -> u64 {
+        let word = (vertex / 64) as usize;
+        let group = word / GROUP_WORDS;
+        let whole: u64 = self.bits[group * GROUP_WORDS..word]
+            .iter()
+            .map(|word| u64::from(word.count_ones()))
+            .sum();
+        let below = self.bits[word] & ((1u64 << (vertex % 64)) - 1);
+        self.before[group] + whole + u64::from(below.count_ones())
+    }
+
+    fn write(
+        &self,
+        source: &MeshSource,
+        args: &Args,
+        duplicates: &Duplicates,
+        done: &mut Converted,
+    ) -> Result<()> {
+        let mut header =
+            OutputHeader::new(source.schema().clone(), done.n_vertices, done.n_triangles);
+        header.comments = source.comments().to_vec();
+        header.obj_infos = source.obj_infos().to_vec();
+        header.settings = "convert".to_owned();
+        let mut sink = MeshSink::create(&args.output, header, args.format)?;
+        let all = done.n_unreferenced == 0;
+        let mut block = VertexBlock::default();
+        let mut kept = Vec::new();
+        for i in 0..source.n_vertex_blocks() {
+            source.read_vertices(i, &mut block)?;
+            if all {
+                sink.write_vertices(&block.records)?;
+                continue;
+            }
+            kept.clear();
+            let records = block.records.chunks_exact(source.schema().record_bytes());
+            for (vertex, record) in (block.first..).zip(records) {
+                if self.contains(vertex) {
+                    kept.extend_from_slice(record);
+                }
+            }
+            sink.write_vertices(&kept)?;
+        }
+        let mut block = FaceBlock::default();
+        let mut place = 0;
+        for i in 0..source.n_face_blocks() {
+            source.read_faces(i, &mut block)?;
+            if duplicates.count() > 0 {
+                block.triangles.retain(|_| {
+                    place += 1;
+                    !duplicates.contains(place - 1)
+                });
+            }
+            if !all {
+                for vertex in block.triangles.as_flattened_mut() {
+                    *vertex = self.new_id(*vertex);
+                }
+            }
+            sink.write_faces(&block.triangles)?;
+        }
+        done.n_bytes = sink.finish()?;
+        Ok(())
+    }
+}

@@ -1,0 +1,238 @@
+//! The program behind `stonecut measure`: two mesh files, and how far they are apart.
+//!
+//! Meshes that fit into the memory budget are read and measured there. A larger original, and if need be
+//! the simplified mesh too, is first cut into cells by the partition stage; the numbers are the same.
+
+use crate::cells::plan_cells;
+use crate::config::DEFAULT_CELL_TRIANGLES;
+use crate::error::{Error, Result};
+use crate::measure::load::{self, Loaded};
+use crate::measure::tree::Tree;
+use crate::measure::{self, ColourChannels, Measured, Options, Parts};
+use crate::partition;
+use crate::ply::MeshSource;
+use crate::progress::Progress;
+use crate::scratch::{Cutting, Scratch};
+use crate::units::show_bytes;
+use std::path::PathBuf;
+
+/// Memory for code, stacks, allocator slack and small things, in bytes.
+const BASE_BYTES: u64 = 40 << 20;
+
+/// What is to be compared, and with what means.
+#[derive(Debug)]
+pub struct Request<'a> {
+    /// The original.
+    pub original: &'a MeshSource,
+    /// The simplified mesh.
+    pub simplified: &'a MeshSource,
+    /// How to measure. Colours are found by themselves.
+    pub options: Options,
+    /// Memory budget, everything included.
+    pub memory_bytes: u64,
+    /// Triangles per cell where cells are needed.
+    pub cell_triangles: u64,
+    /// The folder in which cells are kept for the time being, if they are needed.
+    pub temp_dir: PathBuf,
+    /// Also measure the distance of every vertex of this mesh to the other one.
+    pub heat_of: Option<Which>,
+}
+
+/// One of the two meshes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Which {
+    /// The original.
+    Original,
+    /// The simplified mesh.
+    Simplified,
+}
+
+/// The outcome.
+#[derive(Clone, Debug, Default)]
+pub struct Comparison {
+    /// Deviation and connectivity.
+    pub measured: Measured,
+    /// Cells that the original was cut into; 0 if it was measured in memory.
+    pub cells: u64,
+    /// Peak bytes of temporary files.
+    pub temp_bytes: u64,
+    /// Distance of every vertex of the mesh that was asked for to the other mesh, in input units.
+    pub heat: Vec<f64>,
+}
+
+/// The default cell size.
+pub const CELL_TRIANGLES: u64 = DEFAULT_CELL_TRIANGLES;
+
+/// Compares two meshes within the memory budget.
+///
+/// Errors: those of reading; `NoMemory` where not even one cell fits the budget.
+pub fn compare(request: &Request, progress: &Progress) -> Result<Comparison> {
+    let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
+    let meshes = [request.original, request.simplified].map(load::bytes_in_memory);
+    let largest = request.original.n_faces().max(request.simplified.n_faces());
+    let tree = Tree::bytes(largest);
+    let values = 24 * request.options.samples;
+    if meshes[0] + meshes[1] + tree.max(60 * largest) + values <= usable {
+        return in_memory(request, progress);
+    }
+    compare_in_cells(request, progress)
+}
+
+/// The options with what the two files say about colours.
+fn options(request: &Request) -> Options {
+    let colours = ColourChannels::of(request.original.schema())
+        .zip(ColourChannels::of(request.simplified.schema()))
+        .map(|(a, b)| [a, b]);
+    Options { colours, ..request.options.clone() }
+}
+
+/// Compares two meshes by way of cells, even if they would fit into memory; the numbers are the same.
+pub fn compare_in_cells(request: &Request, progress: &Progress) -> Result<Comparison> {
+    let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
+    let original = cut(request.original, request, usable, progress)?;
+    with_original(request, &original, options(request), usable, progress)
+}
+
+fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
+    let options = options(request);
+    progress.begin("measure", 1, 1, request.original.n_faces());
+    let threads = options.threads;
+    let original = load::load(request.original, threads, progress)?;
+    let simplified = load::load(request.simplified, threads, progress)?;
+    let deviation = measure::two_sided(&original.mesh, &simplified.mesh, &options, progress)?;
+    let heat = match request.heat_of {
+        None => Vec::new(),
+        Some(which) => {
+            let (hot, other) = match which {
+                Which::Original => (&original, &simplified),
+                Which::Simplified => (&simplified, &original),
+            };
+            let other = Parts::in_memory(&other.mesh, None);
+            measure::distances(&hot.mesh.positions, &other, threads, u64::MAX, progress)?
+        }
+    };
+    let measured = Measured {
+        deviation,
+        original: load::topology_of(&original),
+        simplified: load::topology_of(&simplified),
+    };
+    Ok(Comparison { measured, heat, ..Comparison::default() })
+}
+
+/// The original is in cells; the simplified mesh is read whole if a third of the memory holds it.
+fn with_original(
+    request: &Request,
+    original: &Scratch,
+    options: Options,
+    usable: u64,
+    progress: &Progress,
+) -> Result<Comparison> {
+    let first = parts(original, request.original);
+    let temp_bytes = original.store().info().pack_bytes;
+    let degenerate = original.partition().degenerate_faces;
+    let whole =
+        load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_faces());
+    if whole <= usable / 3 {
+        let simplified = load::load(request.simplified, options.threads, progress)?;
+        let second = Parts::in_memory(&simplified.mesh, simplified.colours);
+        let mut comparison = run(request, &first, &second, &options, usable - whole, progress)?;
+        add_degenerate(&mut comparison, degenerate, simplified.n_degenerate);
+        comparison.heat = heat(request, &first, &simplified, &options, usable - whole, progress)?;
+        comparison.temp_bytes = temp_bytes;
+        return Ok(comparison);
+    }
+    if request.heat_of.is_some() {
+        return Err(Error::NoMemory(format!(
+            "the simplified mesh needs {} to be coloured; give more --memory, or measure without --heatmap",
+            show_bytes(3 * whole)
+        )));
+    }
+    let cells = cut(request.simplified, request, usable, progress)?;
+    let second = parts(&cells, request.simplified);
+    let mut comparison = run(request, &first, &second, &options, usable, progress)?;
+    add_degenerate(&mut comparison, degenerate, cells.partition().degenerate_faces);
+    comparison.temp_bytes = temp_bytes + cells.store().info().pack_bytes;
+    Ok(comparison)
+}
+
+fn run(
+    request: &Request,
+    original: &Parts,
+    simplified: &Parts,
+    options: &Options,
+    memory_bytes: u64,
+    progress: &Progress,
+) -> Result<Comparison> {
+    // Every cell is loaded for the survey, for its samples and for its tree; the first two are counted.
+    progress.begin("measure", 2, 2, 2 * request.original.n_faces());
+    let largest = (0..original.n_parts())
+        .map(|part| original.bytes(part) + Tree::bytes(original.n_triangles(part)))
+        .max()
+        .unwrap_or(0);
+    if largest > memory_bytes {
+        return Err(Error::NoMemory(format!(
+            "the budget of {} does not hold the largest cell, which needs {}; give more --memory",
+            show_bytes(request.memory_bytes),
+            show_bytes(largest)
+        )));
+    }
+    let measured = measure::two_sided_parts(original, simplified, options, memory_bytes, progress)?;
+    Ok(Comparison { measured, cells: original.n_parts() as u64, ..Comparison::default() })
+}
+
+fn heat(
+    request: &Request,
+    original: &Parts,
+    simplified: &Loaded,
+    options: &Options,
+    memory_bytes: u64,
+    progress: &Progress,
+) -> Result<Vec<f64>> {
+    let points = &simplified.mesh.positions;
+    match request.heat_of {
+        None => Ok(Vec::new()),
+        Some(Which::Simplified) => {
+            measure::distances(points, original, options.threads, memory_bytes, progress)
+        }
+        Some(Which::Original) => Err(Error::Usage(
+            "the original does not fit into memory and cannot be coloured; colour the simplified mesh"
+                .to_owned(),
+        )),
+    }
+}
+
+/// Partitioning leaves out faces with repeated corners; they count as triangles all the same.
+fn add_degenerate(comparison: &mut Comparison, original: u64, simplified: u64) {
+    let measured = &mut comparison.measured;
+    for (topology, n) in
+        [(&mut measured.original, original), (&mut measured.simplified, simplified)]
+    {
+        topology.triangles += n;
+        topology.degenerate_triangles += n;
+    }
+}
+
+fn cut(
+    source: &MeshSource,
+    request: &Request,
+    memory_bytes: u64,
+    progress: &Progress,
+) -> Result<Scratch> {
+    let (cell_triangles, threads) = (request.cell_triangles, request.options.threads);
+    let n_cells = plan_cells(source.n_faces(), cell_triangles);
+    let needed = partition::memory_bytes(source.n_vertices(), n_cells, threads, memory_bytes);
+    if needed > memory_bytes {
+        return Err(Error::NoMemory(format!(
+            "cutting {} into cells needs {}; give more --memory",
+            source.path().display(),
+            show_bytes(needed + BASE_BYTES)
+        )));
+    }
+    progress.begin("partition", 1, 2, source.n_faces());
+    let cutting = Cutting { cell_triangles, temp_dir: &request.temp_dir, threads, memory_bytes };
+    Scratch::cut(source, cutting, progress)
+}
+
+fn parts<'a>(cells: &'a Scratch, source: &MeshSource) -> Parts<'a> {
+    Parts::in_cells(cells.store(), source.n_vertices(), cells.partition().bounds)
+}

@@ -1,0 +1,232 @@
+//! The two-sided measurement of surfaces of any size, in bounded memory.
+//!
+//! Samples, nearest points and sums are those of `two_sided`; only their order differs, which does not
+//! show. A surface in memory answers through one tree; one in cells through `settle`.
+
+use super::parts::{Means, Parts, Place, Survey};
+use super::sample::{self, Density, Sample};
+use super::settle::{QUERY_BYTES, settle};
+use super::side::{Look, Side, SideSums};
+use super::tree::Tree;
+use super::triangle::Vector;
+use super::{Deviation, Direction, Options, Surface, used_vertices};
+use crate::error::{Error, Result};
+use crate::progress::Progress;
+use crate::topology::Topology;
+use std::sync::atomic::AtomicU64;
+
+/// Bytes a gathered sample takes besides its query: point, normal, colour.
+const SAMPLE_BYTES: u64 = 120;
+
+/// Share of the memory budget for queries under way.
+const QUERY_SHARE: u64 = 3;
+
+/// What out-of-core measurement finds.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Measured {
+    /// The deviation.
+    pub deviation: Deviation,
+    /// Connectivity of the original.
+    pub original: Topology,
+    /// Connectivity of the simplified mesh.
+    pub simplified: Topology,
+}
+
+/// Measures the deviation of `simplified` from `original`, wherever they are.
+///
+/// Memory: at most `memory_bytes` besides what is in memory already, as long as that holds the largest
+/// cell once; 8 bytes a sample of it are not negotiable.
+pub fn two_sided_parts(
+    original: &Parts,
+    simplified: &Parts,
+    options: &Options,
+    memory_bytes: u64,
+    progress: &Progress,
+) -> Result<Measured> {
+    let values_bytes = 2 * 8 * options.samples;
+    let free_bytes = memory_bytes.checked_sub(values_bytes).ok_or_else(|| {
+        Error::NoMemory(format!(
+            "{} samples a side need {values_bytes} bytes: give more --memory or fewer --samples",
+            options.samples
+        ))
+    })?;
+    let means = Means { threads: options.threads, memory_bytes: free_bytes, progress };
+    let surveys = [original.survey(means)?, simplified.survey(means)?];
+    let reach = surveys[0].bounds.joined(&surveys[1].bounds).diagonal() * (1.0 + 1e-12);
+    let [first, second] = &surveys;
+    let forward = Way { source: (original, first), target: (simplified, second), reach, options };
+    let backward = Way { source: (simplified, second), target: (original, first), reach, options };
+    let (forward, backward) = (forward.measure(means)?, backward.measure(means)?);
+    Ok(Measured {
+        deviation: Deviation::new(forward, backward, first.bounds.diagonal()),
+        original: first.topology,
+        simplified: second.topology,
+    })
+}
+
+/// Exact distances from points to a surface, in the order of the points.
+///
+/// Memory: 300 bytes a point besides the budget for cells.
+pub fn distances(
+    points: &[Vector],
+    target: &Parts,
+    threads: usize,
+    memory_bytes: u64,
+    progress: &Progress,
+) -> Result<Vec<f64>> {
+    let means = Means { threads, memory_bytes, progress };
+    let survey = target.survey(means)?;
+    let hits = settle(points, target, &survey, -1.0, means)?;
+    Ok(hits.iter().map(|hit| hit.distance_sq.sqrt()).collect())
+}
+
+/// One direction.
+struct Way<'a> {
+    source: (&'a Parts<'a>, &'a Survey),
+    target: (&'a Parts<'a>, &'a Survey),
+    reach: f64,
+    options: &'a Options,
+}
+
+/// A sample and the looks of its own surface there.
+struct Seen {
+    point: Vector,
+    look: Look,
+}
+
+impl Way<'_> {
+    fn measure(&self, means: Means) -> Result<Side> {
+        let mut sums = match self.target.0.place {
+            Place::Memory(mesh) => self.against_memory(mesh, means)?,
+            Place::Cells(_) => self.against_cells(means)?,
+        };
+        // Vertices that several cells hold were looked at in each.
+        sums.n_vertices = self.source.1.n_used();
+        Ok(sums.finish(self.target.1.is_empty()))
+    }
+
+    fn density(&self) -> Density {
+        Density::new(self.options.samples, self.source.1.area, self.options.seed)
+    }
+
+    fn new_sums(&self) -> SideSums {
+        SideSums::new(self.reach, self.options.region.is_some())
+    }
+
+    /// The target is one tree; the source passes by, part by part.
+    fn against_memory(&self, mesh: &crate::Mesh, means: Means) -> Result<SideSums> {
+        let tree = Tree::build(mesh.triangles.len(), |i| mesh.corners(i));
+        let target = Surface { mesh, colour: self.target.0.colours };
+        let worst_sq = AtomicU64::new(0);
+        let mut sums = self.new_sums();
+        let per_triangle = self.options.samples as f64 / self.n_source_triangles().max(1) as f64;
+        let more = |n: u64| (n as f64 * per_triangle * 150.0) as u64 + 2 * n;
+        self.source.0.for_each(
+            0..self.source.0.n_parts(),
+            means,
+            more,
+            |_, source| {
+                let direction = Direction {
+                    source,
+                    target,
+                    tree: &tree,
+                    density: self.density(),
+                    region: self.options.region.as_ref(),
+                    reach: self.reach,
+                    worst_sq: &worst_sq,
+                };
+                let mut sums = self.new_sums();
+                direction.measure_samples(0..source.mesh.triangles.len(), &mut sums);
+                let used = used_vertices(source.mesh);
+                direction.measure_vertices(&used, 0..used.len(), &mut sums);
+                sums
+            },
+            |part| sums.merge(&part),
+        )?;
+        Ok(sums)
+    }
+
+    fn n_source_triangles(&self) -> u64 {
+        (0..self.source.0.n_parts()).map(|part| self.source.0.n_triangles(part)).sum()
+    }
+
+    /// The target is in cells: samples and vertices of the source are gathered, then settled together.
+    fn against_cells(&self, means: Means) -> Result<SideSums> {
+        let (source, n_parts) = (self.source.0, self.source.0.n_parts());
+        let share = means.memory_bytes / QUERY_SHARE;
+        let cell_means = Means { memory_bytes: means.memory_bytes - share, ..means };
+        let batch = (share / (QUERY_BYTES + SAMPLE_BYTES)).max(4096) as usize;
+        let mut sums = self.new_sums();
+        let mut waiting: Vec<Seen> = Vec::new();
+        for part in 0..n_parts {
+            means.progress.check()?;
+            let mesh = source.load(part)?;
+            let surface = Surface { mesh: &mesh, colour: source.colours };
+            let n = mesh.triangles.len();
+            let step = 65_536.min(n.max(1));
+            for start in (0..n).step_by(step) {
+                self.gather(surface, start..(start + step).min(n), &mut waiting);
+                if waiting.len() >= batch {
+                    self.settle_samples(&mut waiting, &mut sums, cell_means)?;
+                }
+            }
+        }
+        self.settle_samples(&mut waiting, &mut sums, cell_means)?;
+        for part in 0..n_parts {
+            means.progress.check()?;
+            let mesh = source.load(part)?;
+            let used = used_vertices(&mesh);
+            let points = mesh.positions.iter().zip(&used).filter(|(_, used)| **used);
+            let mut points: Vec<Vector> = points.map(|(&point, _)| point).collect();
+            drop(mesh);
+            sample::sort_points_along_curve(&mut points);
+            for some in points.chunks(batch) {
+                // One that is seen to be nearer than the worst so far is not looked at further.
+                let enough_sq = sums.worst_sq().next_down();
+                let hits = settle(some, self.target.0, self.target.1, enough_sq, cell_means)?;
+                for (&point, hit) in
+                    some.iter().zip(&hits).filter(|(_, h)| h.distance_sq.is_finite())
+                {
+                    sums.offer_worst(point, hit.distance_sq);
+                }
+            }
+        }
+        Ok(sums)
+    }
+
+    fn gather(&self, surface: Surface, triangles: std::ops::Range<usize>, waiting: &mut Vec<Seen>) {
+        let (first, density) = (triangles.start, self.density());
+        let mut samples: Vec<Sample> = Vec::new();
+        for i in triangles {
+            density.sample(&surface.canonical(i).0, (i - first) as u32, &mut samples);
+        }
+        waiting.extend(samples.iter().map(|sample| Seen {
+            point: sample.point,
+            look: surface.look(first + sample.triangle as usize, sample),
+        }));
+    }
+
+    fn settle_samples(
+        &self,
+        waiting: &mut Vec<Seen>,
+        sums: &mut SideSums,
+        means: Means,
+    ) -> Result<()> {
+        let points: Vec<Vector> = waiting.iter().map(|seen| seen.point).collect();
+        let order = sample::order_along_curve(&points);
+        let sorted: Vec<Vector> = order.iter().map(|&i| points[i as usize]).collect();
+        drop(points);
+        let hits = settle(&sorted, self.target.0, self.target.1, -1.0, means)?;
+        for ((&i, &point), hit) in order.iter().zip(&sorted).zip(&hits) {
+            let near = self.options.region.as_ref().map(|region| region.contains(point));
+            if hit.distance_sq.is_finite() {
+                sums.add_sample(point, hit.distance_sq, near);
+                sums.add_looks(waiting[i as usize].look, hit.look());
+            } else {
+                sums.add_sample(point, 0.0, near);
+            }
+        }
+        waiting.clear();
+        Ok(())
+    }
+}

@@ -1,0 +1,228 @@
+//! Surfaces that come in parts: a whole mesh in memory, or the cells of a store on disk.
+//!
+//! One look at every part tells what the measurement must know beforehand: area, boxes, connectivity,
+//! and a sparse set of points that bounds every later search. Measures nothing yet.
+
+use super::sums::Sum;
+use super::tree::{Nearest, Tree};
+use super::triangle::Vector;
+use super::{Bounds, ColourChannels, Surface};
+use crate::cells::{CellStore, load_bytes};
+use crate::error::Result;
+use crate::mesh::Mesh;
+use crate::parallel::{self, Weighted};
+use crate::progress::Progress;
+use crate::topology::{CellCounts, CellPart, Topology, TopologyCounter, count_cell};
+use std::borrow::Cow;
+use std::sync::{Mutex, PoisonError};
+
+/// Most of the sparse points that bound searches; 22 MiB of tree.
+const SPARSE_POINTS: u64 = 200_000;
+
+/// Where a surface is.
+#[derive(Clone, Copy)]
+pub enum Place<'a> {
+    /// In memory, as one part.
+    Memory(&'a Mesh),
+    /// On disk, a part a cell.
+    Cells(&'a CellStore),
+}
+
+/// A surface to be measured, wherever it is.
+#[derive(Clone, Copy)]
+pub struct Parts<'a> {
+    /// Where it is.
+    pub place: Place<'a>,
+    /// Where its colours are among the channels.
+    pub colours: Option<ColourChannels>,
+    /// All vertices, unused ones included.
+    pub n_vertices: u64,
+    /// Lower and upper corner of a box around all vertices.
+    pub bounds: [Vector; 2],
+}
+
+/// What is known of a surface after one look at it.
+pub(super) struct Survey {
+    /// The box of each part's used vertices.
+    pub boxes: Vec<Bounds>,
+    /// The box of them all.
+    pub bounds: Bounds,
+    pub area: f64,
+    pub topology: Topology,
+    /// Points of the surface: no search goes farther than to the nearest of them.
+    sparse: Tree,
+}
+
+/// The surroundings of out-of-core work.
+#[derive(Clone, Copy)]
+pub(super) struct Means<'a> {
+    pub threads: usize,
+    pub memory_bytes: u64,
+    pub progress: &'a Progress,
+}
+
+impl<'a> Parts<'a> {
+    /// A mesh in memory.
+    pub fn in_memory(mesh: &'a Mesh, colours: Option<ColourChannels>) -> Self {
+        let mut bounds = Bounds::EMPTY;
+        mesh.positions.iter().for_each(|&point| bounds.add(point));
+        let (place, n_vertices) = (Place::Memory(mesh), mesh.positions.len() as u64);
+        Parts { place, colours, n_vertices, bounds: [bounds.low, bounds.high] }
+    }
+
+    /// The cells of a store, which hold a mesh of `n_vertices` vertices within `bounds`.
+    pub fn in_cells(store: &'a CellStore, n_vertices: u64, bounds: [Vector; 2]) -> Self {
+        let colours = ColourChannels::of(&store.layout().schema);
+        Parts { place: Place::Cells(store), colours, n_vertices, bounds }
+    }
+
+    /// How many parts there are.
+    pub fn n_parts(&self) -> usize {
+        match self.place {
+            Place::Memory(_) => 1,
+            Place::Cells(store) => store.n_cells(),
+        }
+    }
+
+    /// Triangles of one part.
+    pub fn n_triangles(&self, part: usize) -> u64 {
+        match self.place {
+            Place::Memory(mesh) => mesh.triangles.len() as u64,
+            Place::Cells(store) => store.info().cells[part].triangles,
+        }
+    }
+
+    /// Bytes that loading a part takes, mesh included.
+    pub fn bytes(&self, part: usize) -> u64 {
+        match self.place {
+            Place::Memory(_) => 0,
+            Place::Cells(store) => load_bytes(store.info().cells[part], store.layout()),
+        }
+    }
+
+    /// Loads a part.
+    pub fn load(&self, part: usize) -> Result<Cow<'_, Mesh>> {
+        Ok(match self.place {
+            Place::Memory(mesh) => Cow::Borrowed(mesh),
+            Place::Cells(store) => Cow::Owned(store.load(part)?.mesh),
+        })
+    }
+
+    /// Runs `work` on every listed part, in parallel within the memory budget, and hands the results to
+    /// `gather` in any order; `more_bytes` is what `work` takes besides the part itself.
+    pub(super) fn for_each<T>(
+        &self,
+        parts: impl Iterator<Item = usize>,
+        means: Means,
+        more_bytes: impl Fn(u64) -> u64,
+        work: impl Fn(usize, Surface) -> T + Sync,
+        gather: impl FnMut(T) + Send,
+    ) -> Result<()> {
+        let weigh =
+            |item| Weighted { item, bytes: self.bytes(item) + more_bytes(self.n_triangles(item)) };
+        let gather = Mutex::new(gather);
+        let jobs = parts.map(weigh).collect();
+        parallel::largest_first(jobs, means.threads, means.memory_bytes, means.progress, |part| {
+            let mesh = self.load(part)?;
+            let result = work(part, Surface { mesh: &mesh, colour: self.colours });
+            means.progress.add(mesh.triangles.len() as u64);
+            (*gather.lock().unwrap_or_else(PoisonError::into_inner))(result);
+            Ok(())
+        })
+    }
+
+    /// Looks at every part once.
+    pub(super) fn survey(&self, means: Means) -> Result<Survey> {
+        let n_parts = self.n_parts();
+        let diagonal = self.diagonal();
+        let n_triangles: u64 = (0..n_parts).map(|part| self.n_triangles(part)).sum();
+        let stride = (n_triangles / SPARSE_POINTS + 1) as usize;
+        let mut boxes = vec![Bounds::EMPTY; n_parts];
+        let mut area = Sum::new(diagonal * diagonal);
+        let mut counter = TopologyCounter::default();
+        let mut sparse: Vec<(usize, Vec<Vector>)> = Vec::new();
+        let weigh = |item| Weighted { item, bytes: self.bytes(item) + 60 * self.n_triangles(item) };
+        let jobs = (0..n_parts).map(weigh).collect();
+        let gathered = Mutex::new(|part: usize, look: PartLook| {
+            boxes[part] = look.bounds;
+            area.merge(&look.area);
+            counter.add(look.counts);
+            sparse.push((part, look.points));
+        });
+        parallel::largest_first(jobs, means.threads, means.memory_bytes, means.progress, |part| {
+            let look = self.look(part, diagonal, stride)?;
+            means.progress.add(self.n_triangles(part));
+            (*gathered.lock().unwrap_or_else(PoisonError::into_inner))(part, look);
+            Ok(())
+        })?;
+        drop(gathered);
+        // The order of the parts decides how the tree is built, though not what it answers.
+        sparse.sort_unstable_by_key(|(part, _)| *part);
+        let points: Vec<Vector> = sparse.into_iter().flat_map(|(_, points)| points).collect();
+        let bounds = boxes.iter().fold(Bounds::EMPTY, |all, part| all.joined(part));
+        Ok(Survey {
+            boxes,
+            bounds,
+            area: area.value(),
+            topology: counter.finish(self.n_vertices),
+            sparse: Tree::build(points.len(), |i| [points[i]; 3]),
+        })
+    }
+
+    fn diagonal(&self) -> f64 {
+        let mut bounds = Bounds::EMPTY;
+        self.bounds.iter().filter(|p| p.iter().all(|x| x.is_finite())).for_each(|&p| bounds.add(p));
+        bounds.diagonal()
+    }
+
+    fn look(&self, part: usize, diagonal: f64, stride: usize) -> Result<PartLook> {
+        let look = |mesh: &Mesh, counts: CellCounts| {
+            let surface = Surface { mesh, colour: None };
+            let some = mesh.triangles.iter().step_by(stride);
+            PartLook {
+                bounds: Bounds::of(mesh),
+                area: surface.area(diagonal),
+                counts,
+                points: some.map(|t| mesh.positions[t[0] as usize]).collect(),
+            }
+        };
+        Ok(match self.place {
+            Place::Memory(mesh) => look(mesh, crate::topology::count_mesh(mesh)),
+            Place::Cells(store) => {
+                let cell = store.load(part)?;
+                let (triangles, shared) = (&cell.mesh.triangles[..], &cell.shared[..]);
+                let counts = count_cell(&CellPart { triangles, global: &cell.ids, shared });
+                look(&cell.mesh, counts)
+            }
+        })
+    }
+}
+
+/// What one look at a part tells.
+struct PartLook {
+    bounds: Bounds,
+    area: Sum,
+    counts: CellCounts,
+    points: Vec<Vector>,
+}
+
+impl Survey {
+    /// Whether there is no surface at all.
+    pub fn is_empty(&self) -> bool {
+        self.sparse.is_empty()
+    }
+
+    /// Used vertices.
+    pub fn n_used(&self) -> u64 {
+        self.topology.vertices - self.topology.unreferenced_vertices
+    }
+
+    /// A squared distance that the nearest point of the surface does not exceed, and the sparse point it
+    /// was found at, as a hint for the next call.
+    pub fn bound_sq(&self, point: Vector, hint: u32) -> (f64, u32) {
+        let found = self.sparse.nearest(point, self.sparse.guess(point, hint));
+        let found = if found.is_found() { found } else { Nearest::NONE };
+        // A triangle's own distance is computed in another way than that of its corner: allow rounding.
+        (found.distance_sq * (1.0 + 1e-9), found.slot)
+    }
+}

@@ -1,0 +1,120 @@
+//! Nearest points on a surface that is on disk in cells.
+//!
+//! Every query visits just the cells whose boxes are no farther than a bound that a sparse set of surface
+//! points gives; each such cell is loaded once for all its queries. The nearest answer of all cells is the
+//! exact one: whatever lies in other cells is farther than the bound.
+
+use super::Bounds;
+use super::parts::{Means, Parts, Survey};
+use super::side::Look;
+use super::tree::{Nearest, Tree};
+use super::triangle::{self, Vector};
+use crate::error::Result;
+use crate::progress::Progress;
+
+/// Queries that are held against the boxes together.
+const RUN: usize = 256;
+
+/// Bytes a query takes while it is settled: bound, place in lists, answer on the way and at its end.
+pub(super) const QUERY_BYTES: u64 = 300;
+
+/// The nearest point of a surface: squared distance, canonical corners of its triangle, colour.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+pub(super) struct Hit {
+    pub distance_sq: f64,
+    pub corners: [Vector; 3],
+    pub lab: Option<[f64; 3]>,
+}
+
+impl Hit {
+    const NONE: Hit = Hit { distance_sq: f64::INFINITY, corners: [[0.0; 3]; 3], lab: None };
+
+    /// Normal and colour at the hit.
+    pub fn look(&self) -> Look {
+        (triangle::area_normal(&self.corners), self.lab)
+    }
+}
+
+/// Finds the nearest point of `target` for every point; best given in an order that keeps neighbours together.
+///
+/// Where a distance of at most `enough_sq` (squared; below 0 for never) was met, the answer may be any such
+/// hit instead of the nearest. An empty target leaves all distances infinite.
+pub(super) fn settle(
+    points: &[Vector],
+    target: &Parts,
+    survey: &Survey,
+    enough_sq: f64,
+    means: Means,
+) -> Result<Vec<Hit>> {
+    let mut bounds = Vec::with_capacity(points.len());
+    let mut hint = u32::MAX;
+    for &point in points {
+        let (bound_sq, found) = survey.bound_sq(point, hint);
+        hint = found;
+        bounds.push(bound_sq);
+    }
+    let lists = lists(points, &bounds, &survey.boxes);
+    let mut hits = vec![Hit::NONE; points.len()];
+    let busy = (0..target.n_parts()).filter(|&part| !lists[part].is_empty());
+    // Loading counts into the progress only once, in the survey.
+    let silent = Progress::default();
+    let means = Means { progress: &silent, ..means };
+    let more = |n_triangles| Tree::bytes(n_triangles);
+    target.for_each(
+        busy,
+        means,
+        more,
+        |part, surface| {
+            let tree = Tree::build(surface.mesh.triangles.len(), |i| surface.mesh.corners(i));
+            let mut found = Vec::with_capacity(lists[part].len());
+            let mut slot = u32::MAX;
+            for &query in &lists[part] {
+                let (point, bound_sq) = (points[query as usize], bounds[query as usize]);
+                let mut guess = tree.guess(point, slot);
+                if bound_sq < guess.distance_sq {
+                    guess = Nearest { distance_sq: bound_sq, ..Nearest::NONE };
+                }
+                let nearest = tree.nearest_unless_within(point, guess, enough_sq);
+                if nearest.is_found() {
+                    slot = nearest.slot;
+                    let lab = surface.lab_next_to(&tree, slot, point);
+                    let distance_sq = nearest.distance_sq;
+                    found.push((query, Hit { distance_sq, corners: *tree.corners(slot), lab }));
+                }
+            }
+            found
+        },
+        |found| {
+            for (query, hit) in found {
+                let best = &mut hits[query as usize];
+                // By distance, then by corners: the same choice as within one tree.
+                if hit < *best {
+                    *best = hit;
+                }
+            }
+        },
+    )?;
+    Ok(hits)
+}
+
+/// For each part, the queries that may find their nearest point there, in the order of the queries.
+fn lists(points: &[Vector], bounds: &[f64], boxes: &[Bounds]) -> Vec<Vec<u32>> {
+    let mut lists = vec![Vec::new(); boxes.len()];
+    for (number, run) in points.chunks(RUN).enumerate() {
+        let first = number * RUN;
+        let mut around = Bounds::EMPTY;
+        run.iter().for_each(|&point| around.add(point));
+        let reach_sq = bounds[first..first + run.len()].iter().copied().fold(0.0, f64::max);
+        for (list, part) in lists.iter_mut().zip(boxes) {
+            if part.gap_sq(&around) > reach_sq {
+                continue;
+            }
+            for (i, &point) in run.iter().enumerate() {
+                if part.distance_sq(point) <= bounds[first + i] {
+                    list.push((first + i) as u32);
+                }
+            }
+        }
+    }
+    lists
+}

@@ -1,0 +1,326 @@
+//! STL, OBJ, GLB, compressed input and `convert`.
+
+// Helpers of tests may fail a test; the lint knows only the tests themselves.
+#![allow(clippy::unwrap_used, clippy::type_complexity)]
+
+use std::io::Write;
+use std::path::Path;
+use stonecut::cli::convert::{Args, Converted, convert};
+use stonecut::formats::{OutputFormat, StageOptions};
+use stonecut::ply::{FaceBlock, MeshSource, VertexBlock};
+
+type AnyResult<T = ()> = Result<T, Box<dyn std::error::Error>>;
+
+fn open(path: &Path) -> stonecut::Result<MeshSource> {
+    MeshSource::open_staged(path, &StageOptions::new(std::env::temp_dir()))
+}
+
+/// Positions of the corners of all triangles, each from its smallest corner on, sorted; -0 is 0.
+fn soup(source: &MeshSource) -> stonecut::Result<Vec<[[u64; 3]; 3]>> {
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    let (mut vertices, mut faces) = (VertexBlock::default(), FaceBlock::default());
+    let schema = source.schema();
+    for i in 0..source.n_vertex_blocks() {
+        source.read_vertices(i, &mut vertices)?;
+        let records = vertices.records.chunks_exact(schema.record_bytes());
+        positions.extend(records.map(|r| schema.position(r).map(|v| (v + 0.0).to_bits())));
+    }
+    for i in 0..source.n_face_blocks() {
+        source.read_faces(i, &mut faces)?;
+        triangles.extend(faces.triangles.iter().map(|t| {
+            let p = t.map(|v| positions[v as usize]);
+            (0..3).map(|i| [p[i], p[(i + 1) % 3], p[(i + 2) % 3]]).min().unwrap_or(p)
+        }));
+    }
+    triangles.sort_unstable();
+    Ok(triangles)
+}
+
+fn to(input: &Path, output: &Path, format: &str) -> stonecut::Result<Converted> {
+    let format: OutputFormat = format.parse().map_err(stonecut::Error::Usage)?;
+    convert(&Args {
+        input: input.into(),
+        output: output.into(),
+        format,
+        force: false,
+        skip_bad: false,
+        drop_texture: false,
+        keep_duplicates: false,
+        keep_unreferenced: false,
+        temp_dir: None,
+    })
+}
+
+/// A bumpy grid with colours and normals, and one vertex that no face uses.
+fn bumpy(path: &Path, side: u32) -> AnyResult {
+    let mut text = format!(
+        "ply\nformat ascii 1.0\ncomment made here\nobj_info old 1\nelement vertex {}\n\
+         property float x\nproperty float y\nproperty float z\nproperty float nx\n\
+         property float ny\nproperty float nz\nproperty uchar red\nproperty uchar green\n\
+         property uchar blue\nproperty float quality\nproperty int label\n\
+         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        side * side + 1,
+        (side - 1) * (side - 1) * 2
+    );
+    text.push_str("9 9 9 0 0 1 1 2 3 0.5 -7\n");
+    for i in 0..side * side {
+        let (x, y) = (f64::from(i % side) / 7.0, f64::from(i / side) / 7.0);
+        let z = (3.0 * x).sin() * (2.0 * y).cos();
+        text.push_str(&format!("{x} {y} {z} 0.6 0 0.8 {} {} 0 {x} {i}\n", i % 256, i / 7 % 256));
+    }
+    for y in 0..side - 1 {
+        for x in 0..side - 1 {
+            let a = y * side + x + 1;
+            text.push_str(&format!("3 {a} {} {}\n", a + 1, a + side));
+            text.push_str(&format!("3 {} {} {}\n", a + 1, a + side + 1, a + side));
+        }
+    }
+    Ok(std::fs::write(path, text)?)
+}
+
+#[test]
+fn every_output_reads_back_as_the_same_triangles() -> AnyResult {
+    let folder = tempfile::tempdir()?;
+    let input = folder.path().join("in.ply");
+    bumpy(&input, 40)?;
+    let source = open(&input)?;
+    let expected = soup(&source)?;
+    let cases = [
+        ("a.ply", "ascii"),
+        ("b.ply", ""),
+        ("c.ply", "binary_big_endian"),
+        ("d.ply", "double,uint"),
+        ("e.ply", "ascii,double"),
+        ("f.stl", ""),
+        ("g.stl", "ascii"),
+        ("h.obj", ""),
+    ];
+    for (name, format) in cases {
+        let output = folder.path().join(name);
+        let done = to(&input, &output, format)?;
+        assert_eq!((done.n_vertices, done.n_triangles), (1600, 3042), "{name}");
+        assert_eq!((done.n_unreferenced, done.n_degenerate, done.n_bad), (1, 0, 0), "{name}");
+        let back = open(&output)?;
+        assert_eq!(back.n_vertices(), 1600, "{name}: welded exactly");
+        assert!(soup(&back)? == expected, "{name}");
+        if name.ends_with("ply") {
+            assert_eq!(back.schema().properties, source.schema().properties, "{name}");
+            assert_eq!(back.obj_infos(), ["old 1"]);
+            assert_eq!(back.comments()[0], "made here");
+        }
+    }
+    // The long way round comes back to the same bytes, all attributes included.
+    let second = folder.path().join("second.ply");
+    to(&folder.path().join("a.ply"), &second, "")?;
+    let body = |path: &Path| -> AnyResult<Vec<u8>> {
+        let bytes = std::fs::read(path)?;
+        let header = b"end_header\n";
+        let at = bytes.windows(header.len()).position(|w| w == header).ok_or("no header")?;
+        Ok(bytes[at..].to_vec())
+    };
+    assert_eq!(body(&second)?, body(&folder.path().join("b.ply"))?);
+    let names = std::fs::read_dir(folder.path())?.count();
+    assert_eq!(names, 1 + cases.len() + 1, "no temporary file is left");
+    Ok(())
+}
+
+#[test]
+fn repeated_and_degenerate_faces_are_dropped_and_counted() -> AnyResult {
+    let folder = tempfile::tempdir()?;
+    let (input, output) = (folder.path().join("in.obj"), folder.path().join("out.ply"));
+    let text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 9 9 9\nf 1 2 3\nf 2 3 1\nf 1 1 2\nf 3 2 1\n";
+    std::fs::write(&input, text)?;
+    let done = to(&input, &output, "")?;
+    assert_eq!((done.n_triangles, done.n_vertices), (1, 3));
+    assert_eq!((done.n_duplicate, done.n_degenerate, done.n_unreferenced), (2, 1, 1));
+    Ok(())
+}
+
+#[test]
+fn a_glb_holds_the_mesh_within_half_a_step() -> AnyResult {
+    let folder = tempfile::tempdir()?;
+    let input = folder.path().join("in.ply");
+    bumpy(&input, 30)?;
+    let output = folder.path().join("out.glb");
+    to(&input, &output, "")?;
+    let bytes = std::fs::read(&output)?;
+    let word =
+        |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
+    assert_eq!(&bytes[..4], b"glTF");
+    assert_eq!((word(4), word(8) as usize), (2, bytes.len()));
+    let json_bytes = word(12) as usize;
+    let json: serde_json::Value = serde_json::from_slice(&bytes[20..20 + json_bytes])?;
+    assert_eq!(json["extensionsRequired"][0], "KHR_mesh_quantization");
+    let bin = 20 + json_bytes + 8;
+    assert_eq!(word(bin - 8) as usize, bytes.len() - bin);
+    let scale = json["nodes"][0]["scale"][0].as_f64().ok_or("scale")?;
+    let stride = json["bufferViews"][0]["byteStride"].as_u64().ok_or("stride")? as usize;
+    assert_eq!(stride, 16);
+    let source = open(&input)?;
+    let mut block = VertexBlock::default();
+    source.read_vertices(0, &mut block)?;
+    let records = block.records.chunks_exact(source.schema().record_bytes()).skip(1);
+    for (i, record) in records.enumerate() {
+        let position = source.schema().position(record);
+        for axis in 0..3 {
+            let at = bin + i * stride + 2 * axis;
+            let steps = f64::from(u16::from_le_bytes([bytes[at], bytes[at + 1]]));
+            let origin = json["nodes"][0]["translation"][axis].as_f64().ok_or("translation")?;
+            assert!((origin + steps * scale - position[axis]).abs() <= 0.501 * scale);
+        }
+        assert_eq!(bytes[bin + i * stride + 8], record[24], "red");
+    }
+    Ok(())
+}
+
+#[test]
+fn compressed_input_is_a_stream() -> AnyResult {
+    let folder = tempfile::tempdir()?;
+    let input = folder.path().join("in.ply");
+    bumpy(&input, 30)?;
+    let plain = std::fs::read(&input)?;
+    let expected = soup(&open(&input)?)?;
+    let half = plain.len() / 2;
+    let mut packed = Vec::new();
+    for part in [&plain[..half], &plain[half..]] {
+        let mut encoder = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+        encoder.write_all(part)?;
+        packed.extend(encoder.finish()?);
+    }
+    // What is packed, the bytes say, not the name.
+    let gzip = folder.path().join("mesh.bin");
+    std::fs::write(&gzip, &packed)?;
+    assert!(soup(&open(&gzip)?)? == expected);
+    let zstd = folder.path().join("mesh.ply.zst");
+    std::fs::write(&zstd, zstd::encode_all(&plain[..], 3)?)?;
+    assert!(soup(&open(&zstd)?)? == expected);
+
+    std::fs::write(&gzip, &packed[..packed.len() - 40])?;
+    let message = open(&gzip).map(|_| ()).unwrap_err().to_string();
+    assert!(message.contains("damaged or cut off"), "{message}");
+    Ok(())
+}
+
+fn staged(name: &str, text: &str, skip_bad: bool) -> stonecut::Result<MeshSource> {
+    let mut options = StageOptions::new(std::env::temp_dir());
+    options.read.skip_bad = skip_bad;
+    MeshSource::staged_from_bytes(name, text.as_bytes().to_vec(), &options)
+}
+
+#[test]
+fn obj_with_polygons_negative_indices_and_colours() -> AnyResult {
+    let text = "# made here\nv 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 1 1 0 0 0 1\nv 0 1 0.5 0 0 0.5\nvn 0 0 1\n\
+         g side\nf 1//1 2//1 3//1 4//1\nf -4 \\\n -3 -2\nv 5 5 5 1 1 1\nf -1/7 1 2\nl 1 2\n";
+    let source = staged("a.obj", text, false)?;
+    assert_eq!((source.n_vertices(), source.n_faces()), (5, 3));
+    let mut faces = FaceBlock::default();
+    source.read_faces(0, &mut faces)?;
+    // The diagonal from corner 1 to 3 is longer than the one from 0 to 2: (1,0,0)-(0,1,0.5).
+    assert_eq!(faces.triangles, [[0, 1, 2], [0, 2, 3], [0, 1, 2], [4, 0, 1]]);
+    let mut vertices = VertexBlock::default();
+    source.read_vertices(0, &mut vertices)?;
+    assert_eq!(source.schema().properties.len(), 3);
+    assert_eq!(&vertices.records[15 * 3 + 12..15 * 4], [0, 0, 128]);
+    assert!(source.texture().is_none());
+    assert_eq!(source.comments(), ["made here"]);
+
+    // Without a name that says OBJ, the text does; far from the origin, coordinates are doubles.
+    let far = "mtllib a.mtl\nv 500000.123 1 2\nv 500001.5 1 2\nv 500000 2 2\nf 1/1 2/1 3/1\n";
+    let source = staged("standard input", far, false)?;
+    let mut vertices = VertexBlock::default();
+    source.read_vertices(0, &mut vertices)?;
+    assert_eq!(source.schema().position(&vertices.records)[0], 500000.123);
+    assert_eq!(source.texture().map(|t| t.files), Some(vec!["a.mtl".to_owned()]));
+
+    for (body, wanted) in [
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "line 4 (byte offset 24): the corner '4'"),
+        ("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "the corner '0'"),
+        ("v 0 0 0\nv 1 0 0\nf 1 2 -3\n", "the corner '-3'"),
+        ("v 0 0\n", "line 1 (byte offset 0): a vertex has fewer"),
+        ("v 0 0 nan\nf 1 1 1\n", "not finite"),
+        ("v 0 0 zero\n", "no number"),
+    ] {
+        let message = staged("bad.obj", body, false).map(|_| ()).unwrap_err().to_string();
+        assert!(message.contains(wanted), "{message} lacks {wanted}");
+    }
+    let source = staged("bad.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\nf 1 2 3\n", true)?;
+    assert_eq!((source.n_faces(), source.faults().bad_faces), (1, 1));
+    Ok(())
+}
+
+#[test]
+fn stl_is_told_apart_and_welded() -> AnyResult {
+    let text = "solid a vertex in the name\n facet normal 0 0 1\n  outer loop\n   vertex 0 0 0\n   \
+         vertex 1 0 0\n   vertex 0 1 -0\n  endloop\n endfacet\n facet normal 0 0 1\n  outer loop\n   \
+         VERTEX 1 0 -0\n   vertex 1 1 0\n   vertex 0 1\n 0\n  endloop\n endfacet\nendsolid a\n";
+    let source = staged("a.stl", text, false)?;
+    assert_eq!((source.n_vertices(), source.n_faces()), (4, 2));
+    let mut faces = FaceBlock::default();
+    source.read_faces(0, &mut faces)?;
+    assert_eq!(faces.triangles, [[0, 1, 2], [1, 3, 2]]);
+
+    // A binary file whose header begins with "solid".
+    let mut binary = b"solid binary".to_vec();
+    binary.resize(80, b' ');
+    binary.extend(2u32.to_le_bytes());
+    for corners in [
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+        [[1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0f32, 1.0, 0.0]],
+    ] {
+        binary.extend([0u8; 12]);
+        corners.as_flattened().iter().for_each(|v: &f32| binary.extend(v.to_le_bytes()));
+        binary.extend([0u8; 2]);
+    }
+    let options = StageOptions::new(std::env::temp_dir());
+    let source = MeshSource::staged_from_bytes("b.stl", binary.clone(), &options)?;
+    assert_eq!((source.n_vertices(), source.n_faces()), (4, 2));
+    assert_eq!(source.comments(), ["solid binary"]);
+    binary.truncate(84 + 70);
+    binary[0] = b'x';
+    let message = MeshSource::staged_from_bytes("b.stl", binary.clone(), &options).unwrap_err();
+    assert!(message.to_string().contains("facet 1, byte offset 154"), "{message}");
+    let mut lenient = options.clone();
+    lenient.read.skip_bad = true;
+    let source = MeshSource::staged_from_bytes("b.stl", binary, &lenient)?;
+    assert_eq!((source.n_faces(), source.faults().bad_faces), (1, 1));
+    let message = staged("c.stl", &text.replace("1 1 0", "1 inf 0"), false).unwrap_err();
+    assert!(message.to_string().contains("not finite"), "{message}");
+    let message = staged("c.stl", &text.replace("endsolid a\n", ""), false).unwrap_err();
+    assert!(message.to_string().contains("endsolid"), "{message}");
+    assert!(staged("x.bin", "nothing like a mesh", false).is_err());
+    Ok(())
+}
+
+/// With the least memory, every sort spills; the result is the same.
+#[test]
+fn welding_does_not_depend_on_memory() -> AnyResult {
+    let folder = tempfile::tempdir()?;
+    let (ply, stl) = (folder.path().join("in.ply"), folder.path().join("in.stl"));
+    bumpy(&ply, 120)?;
+    to(&ply, &stl, "")?;
+    let read = |memory_bytes| -> stonecut::Result<_> {
+        let options = StageOptions { memory_bytes, ..StageOptions::new(folder.path()) };
+        let source = MeshSource::open_staged(&stl, &options)?;
+        let mut faces = FaceBlock::default();
+        source.read_faces(0, &mut faces)?;
+        Ok((source.n_vertices(), soup(&source)?, faces.triangles))
+    };
+    assert!(read(0)? == read(1 << 30)?);
+    assert_eq!(read(0)?.0, 120 * 120);
+    Ok(())
+}
+
+#[test]
+fn convert_refuses_what_it_cannot_keep() -> AnyResult {
+    let folder = tempfile::tempdir()?;
+    let input = folder.path().join("in.ply");
+    bumpy(&input, 5)?;
+    let usage = |result: stonecut::Result<Converted>| result.unwrap_err().exit_code();
+    assert_eq!(usage(to(&input, &input, "")), 2, "exists");
+    assert_eq!(usage(to(&input, &folder.path().join("a.xyz"), "")), 2);
+    assert_eq!(usage(to(&input, &folder.path().join("a.stl"), "double")), 2);
+    assert_eq!(usage(to(&input, &folder.path().join("a.ply"), "big")), 2);
+    assert_eq!(usage(to(&input, &folder.path().join("a.ply"), "ascii,binary")), 2);
+    assert_eq!(std::fs::read_dir(folder.path())?.count(), 1);
+    Ok(())
+}

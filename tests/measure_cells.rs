@@ -1,0 +1,137 @@
+//! Measuring out of core gives the numbers of measuring in memory.
+
+use std::path::Path;
+use stonecut::compare::{Comparison, Request, compare, compare_in_cells};
+use stonecut::measure::{Options, Side};
+use stonecut::ply::{MeshSource, OutputHeader, PlyWriter};
+use stonecut::progress::Progress;
+use stonecut::schema::{Property, Scalar, VertexSchema};
+
+/// A bumpy coloured height field with a closed tube through it, `2 n^2` triangles and more, some of its
+/// faces degenerate, some vertices unused.
+fn write_scene(path: &Path, n: u32, noise: f64) {
+    let mut records = Vec::new();
+    let mut triangles: Vec<[u64; 3]> = Vec::new();
+    let property = |name: &str| Property { name: name.into(), scalar: Scalar::U8 };
+    let schema = VertexSchema {
+        coordinate: Scalar::F32,
+        properties: vec![property("red"), property("green"), property("blue")],
+    };
+    let mut vertex = |p: [f64; 3]| {
+        schema.encode_position(p, &mut records);
+        records.extend(p.map(|x| (x * 40.0).rem_euclid(255.0) as u8));
+        (records.len() / schema.record_bytes()) as u64 - 1
+    };
+    let mut hash = 1u64;
+    let mut random = || {
+        hash = hash.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+        noise * ((hash >> 40) as f64 / (1u64 << 24) as f64 - 0.5)
+    };
+    let mut grid =
+        |wrap: bool, place: &dyn Fn(f64, f64) -> [f64; 3], random: &mut dyn FnMut() -> f64| {
+            let columns = if wrap { n } else { n + 1 };
+            let mut first = None;
+            for j in 0..=n {
+                for i in 0..columns {
+                    let mut p = place(f64::from(i) / f64::from(n), f64::from(j) / f64::from(n));
+                    p.iter_mut().for_each(|x| *x += random());
+                    first.get_or_insert(vertex(p));
+                }
+            }
+            let at = |i: u32, j: u32| first.unwrap_or(0) + u64::from(j * columns + i % columns);
+            for j in 0..n {
+                for i in 0..n {
+                    triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+                    triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+                }
+            }
+        };
+    grid(false, &|x, y| [8.0 * x, 6.0 * y, 0.3 * (9.0 * x).sin() * (7.0 * y).cos()], &mut random);
+    grid(
+        true,
+        &|u, v| {
+            let angle = u * std::f64::consts::TAU;
+            [8.0 * v, 3.0 + angle.cos(), 0.5 + angle.sin()]
+        },
+        &mut random,
+    );
+    vertex([1.0, 1.0, 1.0]);
+    triangles.push([3, 3, 4]);
+    let n_vertices = (records.len() / schema.record_bytes()) as u64;
+    let header = OutputHeader::new(schema, n_vertices, triangles.len() as u64);
+    let mut writer = PlyWriter::create(path, header).unwrap();
+    writer.write_vertices(&records).unwrap();
+    writer.write_faces(&triangles).unwrap();
+    writer.finish().unwrap();
+}
+
+fn request<'a>(sources: &'a [MeshSource; 2], folder: &Path) -> Request<'a> {
+    Request {
+        original: &sources[0],
+        simplified: &sources[1],
+        options: Options { samples: 60_000, threads: 2, ..Options::default() },
+        memory_bytes: 4 << 30,
+        cell_triangles: 2000,
+        temp_dir: folder.to_path_buf(),
+        heat_of: None,
+    }
+}
+
+fn sources(folder: &Path) -> [MeshSource; 2] {
+    ["original.ply", "simplified.ply"].map(|name| MeshSource::open(&folder.join(name)).unwrap())
+}
+
+fn numbers(side: &Side) -> Vec<f64> {
+    let d = &side.distance;
+    let mut all = vec![d.mean, d.rms, d.p999, d.max, d.samples as f64, side.vertices as f64];
+    all.extend([side.normal_degrees.unwrap(), side.colour_delta_e.unwrap()]);
+    all.extend(side.worst.unwrap());
+    all.extend(side.histogram.iter().map(|&n| n as f64));
+    all
+}
+
+#[test]
+fn cells_give_the_numbers_of_one_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(&folder.path().join("original.ply"), 150, 0.01);
+    write_scene(&folder.path().join("simplified.ply"), 130, 0.02);
+    let sources = sources(folder.path());
+    let progress = Progress::default();
+    let whole = compare(&request(&sources, folder.path()), &progress).unwrap();
+    assert_eq!(whole.cells, 0);
+    // First the simplified mesh is in memory, then in cells too; few cells and many; any threads.
+    let mib = 1u64 << 20;
+    for (memory, cells, threads) in
+        [(500 * mib, 20_000, 2), (60 * mib, 9000, 2), (54 * mib, 1500, 1)]
+    {
+        let mut request = request(&sources, folder.path());
+        (request.memory_bytes, request.cell_triangles) = (memory, cells);
+        request.options.threads = threads;
+        let cut = compare_in_cells(&request, &progress).unwrap();
+        assert!(cut.cells > 3, "{} cells", cut.cells);
+        assert_eq!(cut.measured.original, whole.measured.original);
+        assert_eq!(cut.measured.simplified, whole.measured.simplified);
+        let (a, b) = (&whole.measured.deviation, &cut.measured.deviation);
+        for (x, y) in [(&a.forward, &b.forward), (&a.backward, &b.backward)] {
+            for (x, y) in numbers(x).into_iter().zip(numbers(y)) {
+                assert!(
+                    (x - y).abs() <= 1e-9 * x.abs(),
+                    "{x} {y} with {memory} bytes: {a:?} {b:?}"
+                );
+            }
+        }
+        let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().collect();
+        assert_eq!(left.len(), 2, "temporary files stay behind: {left:?}");
+    }
+}
+
+#[test]
+fn a_budget_for_nothing_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(&folder.path().join("original.ply"), 60, 0.01);
+    write_scene(&folder.path().join("simplified.ply"), 20, 0.0);
+    let sources = sources(folder.path());
+    let request = Request { memory_bytes: 41 << 20, ..request(&sources, folder.path()) };
+    let error = compare(&request, &Progress::default()).unwrap_err();
+    assert_eq!(error.exit_code(), 6, "{error}");
+}
