@@ -32,7 +32,11 @@ impl PackWriter {
     /// Reads the pack whole: nothing vouches for it until it is sealed.
     pub fn reopen(disk: &Disk, path: &Path) -> Result<PackWriter> {
         let file = disk.open(path)?;
-        let (mut chunks, end) = scan(&file)?;
+        let (mut chunks, end) = match scan(&file) {
+            // Not even its first bytes reached the disk before the crash.
+            Err(Error::Corrupt { .. }) => return Self::create(disk, path),
+            found => found?,
+        };
         let mut payload = Vec::new();
         let mut unreadable = None;
         chunks.retain(|chunk| match read_payload(&file, chunk, &mut payload) {

@@ -116,7 +116,7 @@ impl Losses {
                 for path in &self.known {
                     match self.durable.get(path) {
                         Some(&id) => std::fs::write(path, &self.contents[id].durable)?,
-                        None if path.exists() => std::fs::remove_file(path)?,
+                        None if path.is_file() => std::fs::remove_file(path)?,
                         None => {}
                     }
                 }
