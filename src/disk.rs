@@ -6,11 +6,15 @@
 
 use crate::error::{Error, Result};
 use std::fs::{File, OpenOptions};
-use std::io::Write;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicI64, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
+
+mod losses;
+
+pub use losses::Loss;
+use losses::Losses;
 
 /// A handle on the file system; clones share their counters.
 #[derive(Clone, Debug, Default)]
@@ -25,9 +29,23 @@ struct Shared {
     held_bytes: AtomicI64,
     peak_bytes: AtomicI64,
     operations: AtomicU64,
-    /// 0: never; k: operation k and all after it fail.
-    fail_from: AtomicU64,
+    /// Operations that change something; the only moments between which a death makes a difference.
+    changes: AtomicU64,
+    /// 0: never; k: operation k fails, those after it do not.
+    fail_at: AtomicU64,
+    /// 0: never; k: change k and everything after it fails.
+    freeze_at: AtomicU64,
+    is_frozen: AtomicBool,
+    losses: Option<Mutex<Losses>>,
 }
+
+/// Whether an operation changes what is on the disk.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Effect {
+    Look,
+    Change,
+}
+use Effect::{Change, Look};
 
 impl Disk {
     /// Bytes read from job files so far.
@@ -50,9 +68,39 @@ impl Disk {
         self.hold(bytes as i64);
     }
 
-    /// For tests: operation number `k` (from 1) and all later ones fail as if the device had gone.
-    pub fn fail_from(&self, k: u64) {
-        self.shared.fail_from.store(k, Relaxed);
+    /// For tests: a disk that knows what a power loss would take. It syncs nothing for real.
+    pub fn for_crash_tests() -> Disk {
+        let losses = Some(Mutex::new(Losses::default()));
+        Disk { shared: Arc::new(Shared { losses, ..Shared::default() }) }
+    }
+
+    /// For tests: operation number `k` (from 1) fails, and the device works again afterwards.
+    pub fn fail_at(&self, k: u64) {
+        self.shared.fail_at.store(k, Relaxed);
+    }
+
+    /// For tests: the process "dies" at change number `k` (from 1): nothing reaches the disk any more.
+    pub fn freeze_at(&self, k: u64) {
+        self.shared.freeze_at.store(k, Relaxed);
+    }
+
+    /// For tests: puts the files into the state that a machine may come back with after a power loss.
+    pub fn lose(&self, loss: Loss) -> std::io::Result<()> {
+        match &self.shared.losses {
+            Some(losses) => losses.lock().unwrap_or_else(PoisonError::into_inner).lose(loss),
+            None => Ok(()),
+        }
+    }
+
+    fn follow(&self, note: impl FnOnce(&mut Losses)) {
+        if let Some(losses) = &self.shared.losses {
+            note(&mut losses.lock().unwrap_or_else(PoisonError::into_inner));
+        }
+    }
+
+    /// Changes that have passed through this joint so far.
+    pub fn changes(&self) -> u64 {
+        self.shared.changes.load(Relaxed)
     }
 
     /// Operations that have passed through this joint so far.
@@ -65,24 +113,31 @@ impl Disk {
         self.shared.peak_bytes.fetch_max(now, Relaxed);
     }
 
-    fn operation(&self, path: &Path, action: &'static str) -> Result<()> {
-        let number = self.shared.operations.fetch_add(1, Relaxed) + 1;
-        let fail_from = self.shared.fail_from.load(Relaxed);
-        if fail_from != 0 && number >= fail_from {
+    fn operation(&self, path: &Path, action: &'static str, effect: Effect) -> Result<()> {
+        let shared = &self.shared;
+        let number = shared.operations.fetch_add(1, Relaxed) + 1;
+        if effect == Change {
+            let change = shared.changes.fetch_add(1, Relaxed) + 1;
+            if change == shared.freeze_at.load(Relaxed) {
+                shared.is_frozen.store(true, Relaxed);
+            }
+        }
+        if number == shared.fail_at.load(Relaxed) || shared.is_frozen.load(Relaxed) {
             return Err(Error::io(path, action, std::io::Error::other("injected device failure")));
         }
+        self.follow(|losses| losses.meet(path));
         Ok(())
     }
 
     /// Creates a folder and its parents.
     pub fn create_dir(&self, path: &Path) -> Result<()> {
-        self.operation(path, "cannot create folder")?;
+        self.operation(path, "cannot create folder", Change)?;
         std::fs::create_dir_all(path).map_err(|e| Error::io(path, "cannot create folder", e))
     }
 
     /// Creates a file anew, or empties it.
     pub fn create(&self, path: &Path) -> Result<DiskFile> {
-        self.operation(path, "cannot create")?;
+        self.operation(path, "cannot create", Change)?;
         let file = OpenOptions::new()
             .read(true)
             .write(true)
@@ -90,12 +145,13 @@ impl Disk {
             .truncate(true)
             .open(path)
             .map_err(|e| Error::io(path, "cannot create", e))?;
+        self.follow(|losses| losses.created(path, &file));
         Ok(DiskFile { disk: self.clone(), file, path: path.into(), length: 0 })
     }
 
     /// Opens a file to append at `length`; whatever lies behind it is cut off.
     pub fn open_append(&self, path: &Path, length: u64) -> Result<DiskFile> {
-        self.operation(path, "cannot open")?;
+        self.operation(path, "cannot open", Change)?;
         let file = OpenOptions::new()
             .read(true)
             .write(true)
@@ -107,22 +163,29 @@ impl Disk {
 
     /// Opens a file for reading.
     pub fn open(&self, path: &Path) -> Result<DiskFile> {
-        self.operation(path, "cannot open")?;
+        self.operation(path, "cannot open", Look)?;
         // Writing is wanted only for punching holes; a read-only file system still lets us read.
         let file = OpenOptions::new()
             .read(true)
             .write(true)
             .open(path)
             .or_else(|_| File::open(path))
-            .map_err(|e| Error::io(path, "cannot open", e))?;
+            .map_err(|e| match e.kind() {
+                std::io::ErrorKind::NotFound => {
+                    Error::corrupt(path, "is missing; run again with --restart")
+                }
+                _ => Error::io(path, "cannot open", e),
+            })?;
         let length = file.metadata().map_err(|e| Error::io(path, "cannot stat", e))?.len();
         Ok(DiskFile { disk: self.clone(), file, path: path.into(), length })
     }
 
     /// Renames a file within one folder and makes the new name durable.
     pub fn rename(&self, from: &Path, to: &Path) -> Result<()> {
-        self.operation(to, "cannot rename to")?;
+        self.operation(to, "cannot rename to", Change)?;
+        self.follow(|losses| losses.meet(from));
         std::fs::rename(from, to).map_err(|e| Error::io(to, "cannot rename to", e))?;
+        self.follow(|losses| losses.renamed(from, to));
         self.sync_folder_of(to)
     }
 
@@ -132,19 +195,35 @@ impl Disk {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),
         };
-        self.operation(folder, "cannot sync folder")?;
-        File::open(folder)
-            .and_then(|folder| folder.sync_all())
-            .map_err(|e| Error::io(folder, "cannot sync folder", e))
+        self.operation(folder, "cannot sync folder", Change)?;
+        if self.shared.losses.is_some() {
+            self.follow(|losses| losses.folder_synced(folder));
+            return Ok(());
+        }
+        match File::open(folder).and_then(|folder| folder.sync_all()) {
+            // Some network file systems cannot sync a folder; they keep names by themselves.
+            Err(e) if e.kind() == std::io::ErrorKind::InvalidInput => Ok(()),
+            outcome => outcome.map_err(|e| Error::io(folder, "cannot sync folder", e)),
+        }
+    }
+
+    /// Removes an empty folder; one that is not empty (any more) stays.
+    pub fn remove_dir(&self, path: &Path) -> Result<()> {
+        self.operation(path, "cannot remove folder", Change)?;
+        match std::fs::remove_dir(path) {
+            Err(e) if e.kind() == std::io::ErrorKind::DirectoryNotEmpty => Ok(()),
+            outcome => outcome.map_err(|e| Error::io(path, "cannot remove folder", e)),
+        }
     }
 
     /// Removes a file if it is there and returns its bytes to the account.
     pub fn remove(&self, path: &Path) -> Result<()> {
-        self.operation(path, "cannot remove")?;
+        self.operation(path, "cannot remove", Change)?;
         let held = std::fs::metadata(path).map(|meta| allocated(&meta)).unwrap_or(0);
         match std::fs::remove_file(path) {
             Ok(()) => {
                 self.hold(-(held as i64));
+                self.follow(|losses| losses.removed(path));
                 Ok(())
             }
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(()),
@@ -185,7 +264,7 @@ impl DiskFile {
 
     /// Appends bytes.
     pub fn append(&mut self, bytes: &[u8]) -> Result<()> {
-        self.disk.operation(&self.path, "cannot write")?;
+        self.disk.operation(&self.path, "cannot write", Change)?;
         if !bytes.is_empty() {
             // `write_all_at` rather than the file cursor: a failed append leaves `length` as it was.
             self.file
@@ -200,16 +279,17 @@ impl DiskFile {
 
     /// Makes everything appended so far durable.
     pub fn sync(&mut self) -> Result<()> {
-        self.disk.operation(&self.path, "cannot sync")?;
-        self.file
-            .flush()
-            .and_then(|()| self.file.sync_data())
-            .map_err(|e| Error::io(&self.path, "cannot sync", e))
+        self.disk.operation(&self.path, "cannot sync", Change)?;
+        if self.disk.shared.losses.is_some() {
+            self.disk.follow(|losses| losses.synced(&self.file));
+            return Ok(());
+        }
+        self.file.sync_data().map_err(|e| Error::io(&self.path, "cannot sync", e))
     }
 
     /// Reads exactly `out.len()` bytes at `offset`; a file that ends before is a corrupt one.
     pub fn read_at(&self, out: &mut [u8], offset: u64) -> Result<()> {
-        self.disk.operation(&self.path, "cannot read")?;
+        self.disk.operation(&self.path, "cannot read", Look)?;
         self.file.read_exact_at(out, offset).map_err(|e| {
             if e.kind() == std::io::ErrorKind::UnexpectedEof {
                 Error::corrupt(
@@ -229,11 +309,12 @@ impl DiskFile {
 
     /// Gives the blocks of a byte range back to the file system where it can do that.
     pub fn punch(&self, offset: u64, length: u64) -> Result<()> {
-        self.disk.operation(&self.path, "cannot free space in")?;
+        self.disk.operation(&self.path, "cannot free space in", Change)?;
         use rustix::fs::{FallocateFlags, fallocate};
         let flags = FallocateFlags::PUNCH_HOLE | FallocateFlags::KEEP_SIZE;
         // A file system without holes only costs space; the run goes on.
         if length > 0 && fallocate(&self.file, flags, offset, length).is_ok() {
+            self.disk.follow(|losses| losses.punched(&self.file, offset, length));
             self.disk.hold(-(length as i64));
         }
         Ok(())

@@ -9,10 +9,10 @@ use crate::config::{Config, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::formats::StageOptions;
-use crate::job::{Identity, Job};
+use crate::job::{self, Identity, Job};
 use crate::partition::{self, Partition};
 use crate::plan::{Plan, folder_of};
-use crate::ply::{MeshSource, OutputHeader, ReadOptions};
+use crate::ply::{MeshSource, OutputHeader, Place, ReadOptions};
 use crate::progress::Progress;
 use crate::run::Run;
 use crate::simplify::{self, Goal};
@@ -26,6 +26,7 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::time::{Instant, UNIX_EPOCH};
+use xxhash_rust::xxh3::xxh3_64;
 
 /// An input that has been opened and planned for; nothing has been written yet.
 #[derive(Debug)]
@@ -56,14 +57,23 @@ pub fn simplify(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
+    simplify_on(&Disk::default(), prepared, config, progress)
+}
+
+/// The same through a given disk, so that a test can make it fail.
+pub fn simplify_on(
+    disk: &Disk,
+    prepared: Prepared,
+    config: &Config,
+    progress: &Progress,
+) -> Result<Option<RunReport>> {
     let started = Instant::now();
     let Prepared { source, plan } = prepared;
-    let disk = Disk::default();
     let identity = identity(&source, config)?;
-    let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
+    let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
     let mut stages = Stages::new(config, &plan, &job, progress, &source);
 
-    let partition = stages.partition(&source)?;
+    let partition = stages.partition(&source, &identity.input_marks)?;
     if config.until == Some(Until::Partition) {
         return Ok(None);
     }
@@ -175,14 +185,26 @@ impl<'a> Stages<'a> {
         Ok(outcome)
     }
 
-    fn partition(&mut self, source: &MeshSource) -> Result<Partition> {
+    fn partition(
+        &mut self,
+        source: &MeshSource,
+        marks: &BTreeMap<String, String>,
+    ) -> Result<Partition> {
+        let config = self.config;
         let (size, n) = (self.config.cell_triangles, source.n_faces());
         let partition = self.stage(
             "partition",
             "partition",
             n,
             |p: &Partition| p.store.triangles,
-            |run| partition::partition(source, size, run),
+            |run| {
+                let partition = partition::partition(source, size, run)?;
+                // Nothing reads the input after this.
+                match identity(source, config)?.input_marks == *marks {
+                    true => Ok(partition),
+                    false => Err(Error::bad_input(&config.input, CHANGED)),
+                }
+            },
         )?;
         if let Some(report) = self.reports.last_mut() {
             report.bytes_read += self.input_bytes;
@@ -307,13 +329,23 @@ impl<'a> Stages<'a> {
             ..OutputHeader::new(source.schema().clone(), 0, 0)
         };
         let pack = self.survivors(result.clone())?;
-        let output = &self.config.output;
+        let folder = self.run.job.folder();
+        let place = Place {
+            path: self.config.output.clone(),
+            disk: self.run.disk().clone(),
+            // Of the job, not of the process: a later run overwrites what a killed one has left.
+            tag: format!("{:08x}", xxh3_64(folder.as_os_str().as_encoded_bytes()) as u32),
+            replace: self.config.force,
+        };
+        if self.run.job.outcome::<()>(WRITING)?.is_none() {
+            self.run.job.record(WRITING, &())?;
+        }
         // Never taken from the manifest: the output may have been moved away since.
         let run = self.run;
         let number = self.reports.len() as u32 + 1;
         run.progress.begin("write", number, self.n_stages.max(number), result.triangles);
         let (read, start) = (run.disk().bytes_read(), Instant::now());
-        let written = write::write(&pack, output, header, self.config.format, &run)?;
+        let written = write::write(&pack, place, header, self.config.format, &run)?;
         self.reports.push(StageReport {
             name: "write".to_owned(),
             seconds: start.elapsed().as_secs_f64(),
@@ -382,8 +414,14 @@ fn faults(source: &MeshSource, partition: &Partition) -> BTreeMap<String, u64> {
     ])
 }
 
+/// Recorded before the output is written: an output that is found later may be this job's own.
+const WRITING: &str = "writing";
+
+/// The writer itself compares: a run that died between its rename and its end has left the same bytes.
 fn refuse_to_overwrite(config: &Config) -> Result<()> {
-    if config.output.exists() && !config.force {
+    let may_be_ours =
+        || job::view(&config.job_folder).is_ok_and(|view| view.outcomes.contains_key(WRITING));
+    if config.output.exists() && !config.force && (config.restart || !may_be_ours()) {
         let path = config.output.display();
         return Err(Error::Usage(format!("{path} exists; give --force to replace it")));
     }
@@ -398,6 +436,9 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("skip-bad".to_owned(), config.skip_bad.to_string()),
     ])
 }
+
+/// An input that is not the same file after its last reading as before the first.
+const CHANGED: &str = "was changed during the run; run again with --restart once it stays as it is";
 
 /// What the job's files are only valid for.
 fn identity(source: &MeshSource, config: &Config) -> Result<Identity> {

@@ -3,10 +3,9 @@
 use crate::cells::{SurvivorPack, Survivors};
 use crate::error::Result;
 use crate::formats::{MeshSink, OutputFormat};
-use crate::ply::OutputHeader;
+use crate::ply::{OutputHeader, Place};
 use crate::run::Run;
 use std::collections::HashMap;
-use std::path::Path;
 
 /// What was written.
 #[derive(Clone, Copy, Debug, Default, serde::Serialize, serde::Deserialize)]
@@ -24,7 +23,7 @@ pub struct Written {
 /// Vertices come in the order of their first cell. Memory: one cell, and 48 bytes per shared vertex.
 pub fn write(
     result: &SurvivorPack,
-    output: &Path,
+    place: Place,
     header: OutputHeader,
     format: OutputFormat,
     run: &Run,
@@ -34,7 +33,7 @@ pub fn write(
     let first_uses = index_vertices(result)?;
     let n_vertices = first_uses.n_vertices;
     let header = OutputHeader { n_vertices, n_faces: info.triangles, ..header };
-    let mut writer = MeshSink::create(output, header, format)?;
+    let mut writer = MeshSink::create(place, header, format)?;
     let record_bytes = layout.schema.record_bytes();
     let mut records = Vec::new();
     for cell in 0..info.cells.len() {

@@ -15,6 +15,8 @@ pub struct PackWriter {
     file: DiskFile,
     pending: Vec<u8>,
     chunks: Vec<Chunk>,
+    /// A write or sync has failed: what the file holds is unknown, so that nothing may be sealed on it.
+    is_broken: bool,
 }
 
 impl PackWriter {
@@ -22,15 +24,38 @@ impl PackWriter {
     pub fn create(disk: &Disk, path: &Path) -> Result<PackWriter> {
         let mut file = disk.create(path)?;
         file.append(&format::pack_header())?;
-        Ok(PackWriter { file, pending: Vec::with_capacity(WRITE_BYTES * 2), chunks: Vec::new() })
+        Ok(PackWriter::at_end_of(file, Vec::new()))
     }
 
-    /// Continues a pack behind its last whole chunk.
+    /// Continues a pack behind its last whole chunk. Chunks whose payload is damaged do not count.
+    ///
+    /// Reads the pack whole: nothing vouches for it until it is sealed.
     pub fn reopen(disk: &Disk, path: &Path) -> Result<PackWriter> {
-        let (chunks, end) = scan(&disk.open(path)?)?;
+        let file = disk.open(path)?;
+        let (mut chunks, end) = match scan(&file) {
+            // Not even its first bytes reached the disk before the crash.
+            Err(Error::Corrupt { .. }) => return Self::create(disk, path),
+            found => found?,
+        };
+        let mut payload = Vec::new();
+        let mut unreadable = None;
+        chunks.retain(|chunk| match read_payload(&file, chunk, &mut payload) {
+            Ok(is_whole) => is_whole,
+            Err(error) => {
+                unreadable.get_or_insert(error);
+                false
+            }
+        });
+        if let Some(error) = unreadable {
+            return Err(error);
+        }
         let file = disk.open_append(path, end)?;
         disk.adopt(end);
-        Ok(PackWriter { file, pending: Vec::with_capacity(WRITE_BYTES * 2), chunks })
+        Ok(PackWriter::at_end_of(file, chunks))
+    }
+
+    fn at_end_of(file: DiskFile, chunks: Vec<Chunk>) -> PackWriter {
+        PackWriter { file, pending: Vec::with_capacity(WRITE_BYTES * 2), chunks, is_broken: false }
     }
 
     /// Appends one chunk.
@@ -41,15 +66,23 @@ impl PackWriter {
         self.pending.extend_from_slice(&header);
         if payload.len() >= WRITE_BYTES {
             self.flush()?;
-            return self.file.append(payload);
+            let outcome = self.file.append(payload);
+            self.is_broken |= outcome.is_err();
+            return outcome;
         }
         self.pending.extend_from_slice(payload);
         if self.pending.len() >= WRITE_BYTES { self.flush() } else { Ok(()) }
     }
 
     fn flush(&mut self) -> Result<()> {
+        if self.is_broken {
+            let what = "an earlier write failed; run the same command to continue";
+            let cause = std::io::Error::other(what);
+            return Err(Error::io(self.file.path(), "cannot write", cause));
+        }
         let outcome = self.file.append(&self.pending);
         self.pending.clear();
+        self.is_broken = outcome.is_err();
         outcome
     }
 
@@ -61,7 +94,10 @@ impl PackWriter {
     /// Makes everything appended so far durable.
     pub fn sync(&mut self) -> Result<()> {
         self.flush()?;
-        self.file.sync()
+        let outcome = self.file.sync();
+        // The system may report a lost write only once; a second sync would falsely succeed.
+        self.is_broken = outcome.is_err();
+        outcome
     }
 
     /// Bytes in the pack, once everything pending is written.
@@ -123,10 +159,7 @@ impl Pack {
 
     /// Reads a chunk's payload into `payload` and checks it.
     pub fn read(&self, chunk: &Chunk, payload: &mut Vec<u8>) -> Result<()> {
-        payload.clear();
-        payload.resize(chunk.bytes as usize, 0);
-        self.file.read_at(payload, chunk.offset)?;
-        if xxh3_64(payload) != chunk.checksum {
+        if !read_payload(&self.file, chunk, payload)? {
             let what = format!(
                 "the chunk at byte {} (cell {}) is damaged; run again with --restart",
                 chunk.offset, chunk.cell
@@ -143,6 +176,14 @@ impl Pack {
         }
         Ok(())
     }
+}
+
+/// Reads a chunk's payload; tells whether its checksum holds.
+fn read_payload(file: &DiskFile, chunk: &Chunk, payload: &mut Vec<u8>) -> Result<bool> {
+    payload.clear();
+    payload.resize(chunk.bytes as usize, 0);
+    file.read_at(payload, chunk.offset)?;
+    Ok(xxh3_64(payload) == chunk.checksum)
 }
 
 /// Walks over the chunk headers of a pack: its whole chunks and where the last of them ends.

@@ -180,6 +180,8 @@ impl SurvivorWriter {
         } else {
             PackWriter::create(disk, &path)?
         };
+        // Sources are freed as soon as the data is synced, so the name must be durable before that.
+        disk.sync_folder_of(&path)?;
         Ok(SurvivorWriter { name: name.to_owned(), pack, layout: layout.clone() })
     }
 

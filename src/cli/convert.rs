@@ -217,7 +217,7 @@ impl Used {
         header.comments = source.comments().to_vec();
         header.obj_infos = source.obj_infos().to_vec();
         header.settings = "convert".to_owned();
-        let mut sink = MeshSink::create(&args.output, header, args.format)?;
+        let mut sink = MeshSink::create(args.output.as_path(), header, args.format)?;
         let all = done.n_unreferenced == 0;
         let mut block = VertexBlock::default();
         let mut kept = Vec::new();

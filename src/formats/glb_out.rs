@@ -10,12 +10,11 @@ use super::sink::folder_of;
 use crate::error::{Error, Result};
 use crate::ply::OutputHeader;
 use crate::ply::raw::Spool;
-use crate::ply::writer::PendingFile;
+use crate::ply::writer::{PendingFile, Place};
 use crate::schema::{Scalar, read_scalar};
 use gltf_json as json;
 use json::validation::Checked::Valid;
 use json::validation::USize64;
-use std::path::Path;
 
 /// Bytes of x, y, z as `u16` and padding.
 const POSITION_BYTES: u64 = 8;
@@ -39,7 +38,9 @@ pub struct GlbWriter {
 
 impl GlbWriter {
     /// Creates the output; fails if it is empty or would exceed the 4 GiB that GLB can count.
-    pub fn create(path: &Path, header: OutputHeader) -> Result<Self> {
+    pub fn create(place: impl Into<Place>, header: OutputHeader) -> Result<Self> {
+        let place = place.into();
+        let path = place.path.clone();
         let colour = find_colour(&header.schema);
         let normal = find3(&header.schema, ["nx", "ny", "nz"]);
         let extras = u64::from(colour.is_some()) + u64::from(normal.is_some());
@@ -61,11 +62,11 @@ impl GlbWriter {
         }
         let (vertices_left, faces_left) = (header.n_vertices, header.n_faces);
         Ok(GlbWriter {
-            out: PendingFile::create(path)?,
+            out: PendingFile::create(place)?,
             header,
             colour,
             normal,
-            spool: Some(Spool::new(folder_of(path))),
+            spool: Some(Spool::new(folder_of(&path))),
             least: [f64::MAX; 3],
             most: [f64::MIN; 3],
             vertices_left,

@@ -2,10 +2,9 @@
 
 use crate::error::Result;
 use crate::ply::OutputHeader;
-use crate::ply::writer::{PendingFile, Shortest};
+use crate::ply::writer::{PendingFile, Place, Shortest};
 use crate::schema::{Scalar, VertexSchema, read_scalar};
 use std::io::Write;
-use std::path::Path;
 
 /// Writes OBJ.
 pub struct ObjWriter {
@@ -52,8 +51,8 @@ pub(crate) fn unit_colour(scalar: Scalar, record: &[u8], at: usize) -> f64 {
 
 impl ObjWriter {
     /// Creates the output and writes the comments.
-    pub fn create(path: &Path, header: OutputHeader) -> Result<Self> {
-        let mut out = PendingFile::create(path)?;
+    pub fn create(place: impl Into<Place>, header: OutputHeader) -> Result<Self> {
+        let mut out = PendingFile::create(place)?;
         for line in header.comments.iter().chain(&header.obj_infos) {
             out.write(format!("# {}\n", line.replace(['\n', '\r'], " ")).as_bytes())?;
         }

@@ -4,7 +4,7 @@ use super::glb_out::GlbWriter;
 use super::obj_out::ObjWriter;
 use super::stl_out::StlWriter;
 use crate::error::{Error, Result};
-use crate::ply::{Encoding, OutputHeader, PlyFormat, PlyWriter};
+use crate::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter};
 use crate::schema::Scalar;
 use std::path::Path;
 
@@ -106,7 +106,13 @@ impl MeshSink {
     /// Creates the output under a temporary name in its folder.
     ///
     /// STL and GLB spool the positions, 12 to 48 bytes a vertex, to a nameless file in that folder.
-    pub fn create(path: &Path, header: OutputHeader, format: OutputFormat) -> Result<Self> {
+    pub fn create(
+        place: impl Into<Place>,
+        header: OutputHeader,
+        format: OutputFormat,
+    ) -> Result<Self> {
+        let place = place.into();
+        let path = place.path.as_path();
         let kind = match format.kind {
             Some(kind) => kind,
             None => OutputKind::of(path)?,
@@ -128,13 +134,13 @@ impl MeshSink {
             OutputKind::Ply => {
                 let ply =
                     PlyFormat { encoding, coordinate: format.coordinate, index: format.index };
-                PlyWriter::create_as(path, header, ply).map(MeshSink::Ply)
+                PlyWriter::create_as(place, header, ply).map(MeshSink::Ply)
             }
             OutputKind::Stl => {
-                StlWriter::create(path, header, encoding).map(|w| MeshSink::Stl(Box::new(w)))
+                StlWriter::create(place, header, encoding).map(|w| MeshSink::Stl(Box::new(w)))
             }
-            OutputKind::Obj => ObjWriter::create(path, header).map(|w| MeshSink::Obj(Box::new(w))),
-            OutputKind::Glb => GlbWriter::create(path, header).map(|w| MeshSink::Glb(Box::new(w))),
+            OutputKind::Obj => ObjWriter::create(place, header).map(|w| MeshSink::Obj(Box::new(w))),
+            OutputKind::Glb => GlbWriter::create(place, header).map(|w| MeshSink::Glb(Box::new(w))),
         }
     }
 

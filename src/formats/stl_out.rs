@@ -4,10 +4,9 @@ use super::sink::folder_of;
 use crate::error::{Error, Result};
 use crate::ply::lookup::Lookup;
 use crate::ply::raw::{RawFile, Spool};
-use crate::ply::writer::{PendingFile, Shortest};
+use crate::ply::writer::{PendingFile, Place, Shortest};
 use crate::ply::{Encoding, OutputHeader};
 use std::io::Write;
-use std::path::Path;
 
 /// Writes STL; positions are spooled until the faces come.
 pub struct StlWriter {
@@ -21,7 +20,13 @@ pub struct StlWriter {
 
 impl StlWriter {
     /// Creates the output; fails above 2^32 - 1 triangles, which binary STL cannot count.
-    pub fn create(path: &Path, header: OutputHeader, encoding: Encoding) -> Result<Self> {
+    pub fn create(
+        place: impl Into<Place>,
+        header: OutputHeader,
+        encoding: Encoding,
+    ) -> Result<Self> {
+        let place = place.into();
+        let path = place.path.clone();
         let ascii = encoding == Encoding::Ascii;
         let Ok(n_faces) = u32::try_from(header.n_faces) else {
             return Err(Error::Usage(format!(
@@ -30,7 +35,7 @@ impl StlWriter {
                 u32::MAX
             )));
         };
-        let mut out = PendingFile::create(path)?;
+        let mut out = PendingFile::create(place)?;
         let version = env!("CARGO_PKG_VERSION");
         if ascii {
             out.write(b"solid stonecut\n")?;
@@ -40,7 +45,7 @@ impl StlWriter {
             out.write(&text)?;
             out.write(&n_faces.to_le_bytes())?;
         }
-        let spool = Some(Spool::new(folder_of(path)));
+        let spool = Some(Spool::new(folder_of(&path)));
         let faces_left = header.n_faces;
         Ok(StlWriter { out, header, ascii, spool, positions: None, faces_left })
     }

@@ -7,6 +7,7 @@ use crate::error::{Error, Result};
 use rustix::fs::{FlockOperation, flock};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
 /// The lock file's name in the job folder.
@@ -21,6 +22,17 @@ pub struct Lock {
 impl Lock {
     /// Takes the lock of a job folder, or says who holds it.
     pub fn take(folder: &Path) -> Result<Lock> {
+        loop {
+            if let Some(lock) = Self::take_once(folder)? {
+                return Ok(lock);
+            }
+        }
+    }
+
+    /// `None` if the file was removed, with its folder perhaps, between opening and locking it.
+    fn take_once(folder: &Path) -> Result<Option<Lock>> {
+        std::fs::create_dir_all(folder)
+            .map_err(|e| Error::io(folder, "cannot create folder", e))?;
         let path = folder.join(FILE_NAME);
         let io = |action| move |e| Error::io(folder.join(FILE_NAME), action, e);
         let mut file = OpenOptions::new()
@@ -46,11 +58,15 @@ impl Lock {
             }
             Err(e) => return Err(Error::io(&path, "cannot lock", e.into())),
         }
+        let here = file.metadata().map_err(io("cannot stat lock"))?.ino();
+        if std::fs::metadata(&path).map(|meta| meta.ino()).ok() != Some(here) {
+            return Ok(None);
+        }
         let host = rustix::system::uname().nodename().to_string_lossy().into_owned();
         file.set_len(0)
             .and_then(|()| file.rewind())
             .and_then(|()| writeln!(file, "host {host}, process {}", std::process::id()))
             .map_err(io("cannot write lock"))?;
-        Ok(Lock { _file: file })
+        Ok(Some(Lock { _file: file }))
     }
 }

@@ -94,17 +94,18 @@ impl Job {
     /// Removes the whole folder: the run is over and its output stands.
     pub fn remove(self) -> Result<()> {
         clear(&self.folder, &self.disk)?;
-        drop(self._lock);
-        let lock = self.folder.join(lock::FILE_NAME);
-        std::fs::remove_file(&lock)
-            .and_then(|()| std::fs::remove_dir(&self.folder))
-            .map_err(|e| Error::io(&self.folder, "cannot remove job folder", e))
+        // Removed while held: a run that has just opened the old file sees that it is gone and begins anew.
+        self.disk.remove(&self.folder.join(lock::FILE_NAME))?;
+        self.disk.remove_dir(&self.folder)
     }
 }
 
 /// Removes every file of a job but its lock.
 fn clear(folder: &Path, disk: &Disk) -> Result<()> {
-    disk.remove(&folder.join(manifest::FILE_NAME))?;
+    let manifest = folder.join(manifest::FILE_NAME);
+    disk.remove(&manifest)?;
+    // Before the data goes: a manifest that came back after a power loss would name files that are gone.
+    disk.sync_folder_of(&manifest)?;
     clear_data(folder, disk)
 }
 

@@ -21,7 +21,7 @@ pub(crate) mod writer;
 
 pub use header::Encoding;
 pub use source::{Faults, MeshSource, ReadOptions, TextureInfo};
-pub use writer::{OutputHeader, PlyFormat, PlyWriter};
+pub use writer::{OutputHeader, Place, PlyFormat, PlyWriter};
 
 /// Vertices or faces in one block.
 pub const BLOCK_ROWS: u64 = 65_536;

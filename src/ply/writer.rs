@@ -4,10 +4,11 @@
 //! what was written against them. Other formats build on `PendingFile` (`formats`).
 
 use super::header::Encoding;
+use crate::disk::{Disk, DiskFile};
 use crate::error::{Error, Result};
 use crate::schema::{Scalar, VertexSchema};
 use std::fs::File;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 /// Bytes gathered before they go to the system; 1 MiB writes run at disk speed.
@@ -114,52 +115,75 @@ fn one_line(text: &str) -> String {
     text.replace(['\n', '\r'], " ")
 }
 
+/// Where an output appears, and through which disk.
+#[derive(Clone, Debug)]
+pub struct Place {
+    /// The name of the finished file; `-` is standard output.
+    pub path: PathBuf,
+    /// The disk that it is written through.
+    pub disk: Disk,
+    /// Tells temporary files of different writers apart: the process, or the job that is resumed.
+    pub tag: String,
+    /// Whether another file of that name is replaced; otherwise only one with the same bytes is.
+    pub replace: bool,
+}
+
+impl From<&Path> for Place {
+    /// A file of this process that replaces what is there.
+    fn from(path: &Path) -> Self {
+        let tag = std::process::id().to_string();
+        Place { path: path.to_path_buf(), disk: Disk::default(), tag, replace: true }
+    }
+}
+
+enum Out {
+    File(DiskFile),
+    Stdout(File),
+}
+
+impl Out {
+    fn append(&mut self, bytes: &[u8]) -> Result<()> {
+        match self {
+            Out::File(file) => file.append(bytes),
+            Out::Stdout(file) => file
+                .write_all(bytes)
+                .map_err(|e| Error::io("-", "cannot write to standard output", e)),
+        }
+    }
+}
+
 /// A file under a temporary name in its folder until `finish` renames it; dropped before, it is removed.
 pub(crate) struct PendingFile {
-    target: PathBuf,
+    place: Place,
     temporary: PathBuf,
-    file: Option<File>,
+    out: Out,
     buffer: Vec<u8>,
     n_bytes: u64,
 }
 
 impl PendingFile {
-    /// Creates `.NAME.PID.tmp` beside `target`; `-` is standard output, where nothing can be taken back.
-    pub fn create(target: &Path) -> Result<Self> {
-        if target == Path::new("-") {
+    /// Creates `.NAME.TAG.tmp` beside the target; `-` is standard output, where nothing can be taken back.
+    pub fn create(place: impl Into<Place>) -> Result<Self> {
+        let place = place.into();
+        let target = place.path.as_path();
+        let mut temporary = PathBuf::new();
+        let out = if target == Path::new("-") {
             let stdout = std::io::stdout();
             let fd = std::os::fd::AsFd::as_fd(&stdout).try_clone_to_owned();
             let fd = fd.map_err(|e| Error::io(target, "cannot write to standard output", e))?;
-            return Ok(PendingFile {
-                target: target.to_path_buf(),
-                temporary: PathBuf::new(),
-                file: Some(File::from(fd)),
-                buffer: Vec::with_capacity(BUFFER_BYTES),
-                n_bytes: 0,
-            });
-        }
-        let name = target.file_name().ok_or_else(|| {
-            Error::Usage(format!("'{}' names no file to write", target.display()))
-        })?;
-        let mut hidden = std::ffi::OsString::from(".");
-        hidden.push(name);
-        hidden.push(format!(".{}.tmp", std::process::id()));
-        let temporary = target.with_file_name(hidden);
-        let file = File::options()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(true)
-            .open(&temporary)
-            .map_err(|e| Error::io(target, "cannot create the output", e))?;
+            Out::Stdout(File::from(fd))
+        } else {
+            let name = target.file_name().ok_or_else(|| {
+                Error::Usage(format!("'{}' names no file to write", target.display()))
+            })?;
+            let mut hidden = std::ffi::OsString::from(".");
+            hidden.push(name);
+            hidden.push(format!(".{}.tmp", place.tag));
+            temporary = target.with_file_name(hidden);
+            Out::File(place.disk.create(&temporary)?)
+        };
         let buffer = Vec::with_capacity(BUFFER_BYTES);
-        Ok(PendingFile {
-            target: target.to_path_buf(),
-            temporary,
-            file: Some(file),
-            buffer,
-            n_bytes: 0,
-        })
+        Ok(PendingFile { place, temporary, out, buffer, n_bytes: 0 })
     }
 
     /// Appends bytes.
@@ -169,7 +193,7 @@ impl PendingFile {
             self.flush()?;
         }
         if bytes.len() >= BUFFER_BYTES {
-            return write_all(&self.target, self.file.as_mut(), bytes);
+            return self.out.append(bytes);
         }
         self.buffer.extend_from_slice(bytes);
         Ok(())
@@ -177,12 +201,12 @@ impl PendingFile {
 
     /// The name that the file will have.
     pub fn target(&self) -> &Path {
-        &self.target
+        &self.place.path
     }
 
     /// Hands what is buffered to the system.
     pub fn flush(&mut self) -> Result<()> {
-        write_all(&self.target, self.file.as_mut(), &self.buffer)?;
+        self.out.append(&self.buffer)?;
         self.buffer.clear();
         Ok(())
     }
@@ -190,23 +214,15 @@ impl PendingFile {
     /// Syncs, renames to the target and syncs the folder; returns the file's length.
     pub fn finish(mut self) -> Result<u64> {
         self.flush()?;
-        if self.temporary.as_os_str().is_empty() {
-            return Ok(self.n_bytes);
+        let Out::File(file) = &mut self.out else { return Ok(self.n_bytes) };
+        file.sync()?;
+        let target = &self.place.path;
+        if !self.place.replace && target.exists() && !same_bytes(&self.temporary, target)? {
+            let what = "has appeared during the run; give --force to replace it";
+            return Err(Error::Usage(format!("{} {what}", target.display())));
         }
-        if let Some(file) = self.file.take() {
-            file.sync_all().map_err(|e| Error::io(&self.target, "cannot sync the output", e))?;
-        }
-        std::fs::rename(&self.temporary, &self.target)
-            .map_err(|e| Error::io(&self.target, "cannot rename the output", e))?;
+        self.place.disk.rename(&self.temporary, target)?;
         self.temporary = PathBuf::new();
-        let folder = match self.target.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder,
-            _ => Path::new("."),
-        };
-        // Some file systems cannot sync a folder; the file itself is safe by then.
-        if let Ok(folder) = File::open(folder) {
-            let _ = folder.sync_all();
-        }
         Ok(self.n_bytes)
     }
 }
@@ -215,18 +231,30 @@ impl Drop for PendingFile {
     fn drop(&mut self) {
         if !self.temporary.as_os_str().is_empty() {
             // Nothing can be done about a failure here, and the name tells what the file is.
-            let _ = std::fs::remove_file(&self.temporary);
+            let _ = self.place.disk.remove(&self.temporary);
         }
     }
 }
 
-fn write_all(target: &Path, file: Option<&mut File>, bytes: &[u8]) -> Result<()> {
-    match file {
-        Some(file) => {
-            file.write_all(bytes).map_err(|e| Error::io(target, "cannot write the output", e))
-        }
-        None => Ok(()),
+fn same_bytes(a: &Path, b: &Path) -> Result<bool> {
+    let open = |path: &Path| File::open(path).map_err(|e| Error::io(path, "cannot open", e));
+    let (mut left, mut right) = (open(a)?, open(b)?);
+    let length = |file: &File| file.metadata().map(|meta| meta.len()).unwrap_or(0);
+    if length(&left) != length(&right) {
+        return Ok(false);
     }
+    let (mut x, mut y) = (vec![0; BUFFER_BYTES], vec![0; BUFFER_BYTES]);
+    let mut rest = length(&left) as usize;
+    while rest > 0 {
+        let n = rest.min(BUFFER_BYTES);
+        left.read_exact(&mut x[..n]).map_err(|e| Error::io(a, "cannot read", e))?;
+        right.read_exact(&mut y[..n]).map_err(|e| Error::io(b, "cannot read", e))?;
+        if x[..n] != y[..n] {
+            return Ok(false);
+        }
+        rest -= n;
+    }
+    Ok(true)
 }
 
 /// How a PLY file is written.
@@ -265,12 +293,16 @@ pub struct PlyWriter {
 impl PlyWriter {
     /// Creates the output in the default format under a temporary name in its folder and writes the
     /// header.
-    pub fn create(path: &Path, header: OutputHeader) -> Result<Self> {
-        Self::create_as(path, header, PlyFormat::default())
+    pub fn create(place: impl Into<Place>, header: OutputHeader) -> Result<Self> {
+        Self::create_as(place, header, PlyFormat::default())
     }
 
     /// Creates the output in a format of choice.
-    pub fn create_as(path: &Path, mut header: OutputHeader, format: PlyFormat) -> Result<Self> {
+    pub fn create_as(
+        place: impl Into<Place>,
+        mut header: OutputHeader,
+        format: PlyFormat,
+    ) -> Result<Self> {
         let needed = header.index_type()?;
         let index = format.index.unwrap_or(needed);
         if index == Scalar::I32 && needed != Scalar::I32 {
@@ -281,7 +313,7 @@ impl PlyWriter {
         }
         let schema = header.schema.clone();
         header.schema.coordinate = format.coordinate.unwrap_or(schema.coordinate);
-        let mut out = PendingFile::create(path)?;
+        let mut out = PendingFile::create(place)?;
         out.write(header.text(format.encoding, index).as_bytes())?;
         Ok(PlyWriter {
             out,
