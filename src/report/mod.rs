@@ -251,7 +251,7 @@ fn glb(source: &MeshSource, material: &Material, progress: &Progress) -> Result<
     let header =
         OutputHeader::new(schema.clone(), mesh.positions.len() as u64, mesh.triangles.len() as u64);
     let path = material.temp_dir.join(format!(".stonecut-report-{}.glb", std::process::id()));
-    let mut writer = GlbWriter::create(&path, header)?;
+    let mut writer = GlbWriter::create(path.as_path(), header)?;
     let mut records = Vec::with_capacity(mesh.positions.len() * schema.record_bytes());
     for position in &mesh.positions {
         let about = [0, 1, 2].map(|k| position[k] - (least[k] + most[k]) / 2.0);
