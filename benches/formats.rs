@@ -2,6 +2,8 @@
 //!
 //! Files come from the page cache (each is read once before the clock starts). Prints the median of five.
 
+#![allow(clippy::unwrap_used)] // A bench has nobody to report to.
+
 use std::time::Instant;
 use stonecut::ply::{FaceBlock, MeshSource, VertexBlock};
 

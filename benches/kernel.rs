@@ -2,6 +2,8 @@
 //!
 //! `cargo bench --bench kernel`. The whole call is timed, ordering included; the input is cloned outside.
 
+#![allow(clippy::unwrap_used)] // A bench has nobody to report to.
+
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use stonecut::Mesh;

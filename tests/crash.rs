@@ -2,6 +2,8 @@
 //!
 //! Whatever happened, the output is absent or complete, and the same command ends with the reference bytes.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 use std::path::Path;
 use stonecut::Result;
 use stonecut::config::{Config, Target};
@@ -38,10 +40,10 @@ fn simplify(disk: &Disk, config: &Config) -> Result<()> {
 /// A fast folder where there is one: thousands of small jobs are written.
 fn folder() -> tempfile::TempDir {
     let shm = Path::new("/dev/shm");
-    if shm.is_dir() {
-        if let Ok(folder) = tempfile::tempdir_in(shm) {
-            return folder;
-        }
+    if shm.is_dir()
+        && let Ok(folder) = tempfile::tempdir_in(shm)
+    {
+        return folder;
     }
     tempfile::tempdir().unwrap()
 }

@@ -1,7 +1,9 @@
 //! Measuring out of core gives the numbers of measuring in memory.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 use std::path::Path;
-use stonecut::compare::{Comparison, Request, compare, compare_in_cells};
+use stonecut::compare::{Request, compare, compare_in_cells};
 use stonecut::measure::{Options, Side};
 use stonecut::ply::{MeshSource, OutputHeader, PlyWriter};
 use stonecut::progress::Progress;

@@ -1,5 +1,7 @@
 //! Damaged and truncated job files, changed inputs, two runs at once: each is told or does no harm.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 mod common;
 
 use common::{expect, run, stonecut};

@@ -115,7 +115,11 @@ impl Losses {
             Loss::Unsynced => {
                 for path in &self.known {
                     match self.durable.get(path) {
-                        Some(&id) => std::fs::write(path, &self.contents[id].durable)?,
+                        Some(&id) => {
+                            // The folder itself may have been removed too.
+                            path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
+                            std::fs::write(path, &self.contents[id].durable)?;
+                        }
                         None if path.is_file() => std::fs::remove_file(path)?,
                         None => {}
                     }

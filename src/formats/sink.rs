@@ -93,7 +93,7 @@ impl std::str::FromStr for OutputFormat {
 /// Writes a mesh in any format: all vertices, then all faces; the file appears when it is finished.
 pub enum MeshSink {
     /// See `PlyWriter`.
-    Ply(PlyWriter),
+    Ply(Box<PlyWriter>),
     /// See `StlWriter`.
     Stl(Box<StlWriter>),
     /// See `ObjWriter`.
@@ -134,7 +134,7 @@ impl MeshSink {
             OutputKind::Ply => {
                 let ply =
                     PlyFormat { encoding, coordinate: format.coordinate, index: format.index };
-                PlyWriter::create_as(place, header, ply).map(MeshSink::Ply)
+                PlyWriter::create_as(place, header, ply).map(|w| MeshSink::Ply(Box::new(w)))
             }
             OutputKind::Stl => {
                 StlWriter::create(place, header, encoding).map(|w| MeshSink::Stl(Box::new(w)))
