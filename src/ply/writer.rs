@@ -136,6 +136,12 @@ impl From<&Path> for Place {
     }
 }
 
+impl From<&PathBuf> for Place {
+    fn from(path: &PathBuf) -> Self {
+        Place::from(path.as_path())
+    }
+}
+
 enum Out {
     File(DiskFile),
     Stdout(File),

@@ -1,5 +1,6 @@
 //! What several test programs need: a scratch folder, the command, real scans where they are.
 
+#![allow(clippy::print_stdout)] // Skipped tests say so.
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(dead_code)] // Each test program uses its own part.
 
