@@ -61,6 +61,9 @@ pub struct Args {
     /// Give up texture coordinates at corners, which cannot be kept.
     #[arg(long)]
     drop_texture: bool,
+    /// Whether specks, three-edge holes and thin tubes smaller than the error may go (error) or must stay (keep).
+    #[arg(long, value_enum, value_name = "POLICY", default_value = "error")]
+    topology: TypedTopology,
     /// Print the plan and stop.
     #[arg(long)]
     dry_run: bool,
@@ -70,6 +73,15 @@ pub struct Args {
     /// Write the vertices on the seams of the first round, as a point set.
     #[arg(long, value_name = "FILE")]
     seams: Option<PathBuf>,
+}
+
+/// The choices of `--topology`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum TypedTopology {
+    /// Components, holes and handles stay as they are.
+    Keep,
+    /// What is smaller than the error may go.
+    Error,
 }
 
 #[derive(Clone, Debug, clap::Args)]
@@ -118,7 +130,13 @@ impl Args {
             format: self.format,
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
-            kernel: kernel::Options::default(),
+            kernel: kernel::Options {
+                topology: match self.topology {
+                    TypedTopology::Keep => kernel::Topology::Keep,
+                    TypedTopology::Error => kernel::Topology::Error,
+                },
+                ..kernel::Options::default()
+            },
         })
     }
 }
