@@ -139,37 +139,6 @@ pub(crate) fn vanish(surface: &mut Surface, triangles: &[u32]) {
     }
 }
 
-/// A piece of at most so many triangles that only the cycle joins to the rest is a bump.
-const BUMP_TRIANGLES: usize = 256;
-
-/// Whether `side` of the cycle is a bump. Cutting it off would leave a crumb floating over the surface, while
-/// a bump can always be flattened by collapses inside it.
-fn is_bump(surface: &Surface, cycle: [u32; 3], side: &[u32]) -> bool {
-    let on_cycle = |a: u32, b: u32| cycle.contains(&a) && cycle.contains(&b);
-    let mut found: Vec<u32> = side.iter().take(1).copied().collect();
-    let mut next = 0;
-    while let Some(&t) = found.get(next) {
-        next += 1;
-        let corners = surface.triangles[t as usize];
-        for k in 0..3 {
-            let (a, b) = (corners[k], corners[(k + 1) % 3]);
-            if on_cycle(a, b) {
-                continue;
-            }
-            for &other in surface.ring(a) {
-                let is_neighbour = surface.triangles[other as usize].contains(&b);
-                if is_neighbour && !found.contains(&other) {
-                    if found.len() == BUMP_TRIANGLES {
-                        return false;
-                    }
-                    found.push(other);
-                }
-            }
-        }
-    }
-    true
-}
-
 /// Cuts along a cycle of three edges and caps both sides. What lies to the right of the cycle gets new
 /// vertices, which take over `sources`; they are returned. `None`, and nothing done, if it cannot be.
 pub(crate) fn cut(
@@ -183,10 +152,7 @@ pub(crate) fn cut(
     for i in 0..3 {
         let (next, prev) = (cycle[(i + 1) % 3], cycle[(i + 2) % 3]);
         right[i] = sector(surface, cycle[i], prev, next)?;
-        let left = sector(surface, cycle[i], next, prev)?;
-        if i == 0 && [&right[0], &left].iter().any(|side| is_bump(surface, cycle, side)) {
-            return None;
-        }
+        sector(surface, cycle[i], next, prev)?;
     }
     let first = surface.vertices.len() as u32;
     let new = [first, first + 1, first + 2];
