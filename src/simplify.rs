@@ -55,9 +55,7 @@ pub fn simplify_cells(
     options: &Options,
     run: &Run,
 ) -> Result<SurvivorInfo> {
-    let levels: Levels = run
-        .job
-        .sealed(&format!("round {} levels", goal.round), || pilot(store, goal, options, run))?;
+    let levels = sealed_levels(store, goal, options, run)?;
     run_cells(store, goal.round, run, |cell| {
         if levels.0.is_empty() {
             return Survivors::from(cell);
@@ -77,9 +75,7 @@ pub fn simplify_cells_exactly(
     options: &Options,
     run: &Run,
 ) -> Result<SurvivorInfo> {
-    let levels: Levels = run
-        .job
-        .sealed(&format!("round {} levels", goal.round), || pilot(store, goal, options, run))?;
+    let levels = sealed_levels(store, goal, options, run)?;
     let Some(&last) = levels.0.last() else {
         return run_cells(store, goal.round, run, Survivors::from);
     };
@@ -148,6 +144,12 @@ fn kernel_run(
 fn drain(cell: CellMesh, levels: &[f64], options: &Options, store: &CellStore) -> Survivors {
     let (cell, simplified) = kernel_run(cell, levels, 0, options);
     Survivors::new(&cell.ids, &cell.shared, &cell.records, simplified, store.layout())
+}
+
+/// The levels of a round, found once and then the same for every run that continues it.
+fn sealed_levels(store: &CellStore, goal: Goal, options: &Options, run: &Run) -> Result<Levels> {
+    let name = format!("round {} levels", goal.round);
+    run.job.sealed(&name, || pilot(store, goal, options, run))
 }
 
 /// Finds the levels that bring the whole store to `goal` from how a sample of its cells behaves.

@@ -1,4 +1,4 @@
-//! The report of a run, as `--report` writes it; the keys are a contract (docs/report.md).
+//! The report of a run, as `--report` writes it; the keys are a contract that scripts rely on.
 
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

@@ -17,7 +17,7 @@ pub const FINISH_CELLS: u64 = 4;
 /// seams show (KERNEL experiments: 4x no trace, 1.2x 1.08-1.29 times the error at the seams).
 ///
 /// The second number says how much above its goal a round may end before it is repeated: the pilot misses by
-/// up to 10 %, and only the last multiple has to be near, since the exact round begins from it.
+/// up to 17 %, and only the last multiple has to be near, since the exact round begins from it.
 const COARSE: (f64, f64) = (4.0, 1.3);
 /// Further multiples for results too large for one finish, each with seams elsewhere.
 const MEDIUM: (f64, f64) = (2.0, 1.3);
