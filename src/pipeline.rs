@@ -4,7 +4,9 @@
 //! write. Every stage is sealed in the job folder before the next one begins, so the same command continues
 //! wherever an earlier run stopped. Only this file names two stages.
 
-use crate::cells::{CellStore, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout};
+use crate::cells::{
+    CellStore, Dropped, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout,
+};
 use crate::config::{Config, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
@@ -83,6 +85,7 @@ pub fn simplify_on(
     }
     let mut step = stages.next_step(partition.store.triangles);
     let mut survivors = None;
+    let mut dropped = None;
     while let Step::Round(_) | Step::ExactRound = step {
         if let Some(earlier) = survivors.take() {
             store = stages.recut(earlier)?;
@@ -92,6 +95,7 @@ pub fn simplify_on(
             return Ok(None);
         }
         step = stages.next_step(left.triangles);
+        dropped.get_or_insert(left.dropped);
         survivors = Some(left);
     }
     let result = match (step, survivors) {
@@ -104,7 +108,8 @@ pub fn simplify_on(
     }
     let written = stages.write(&source, &result)?;
 
-    let report = stages.report(&source, config, &partition, &result, written, started);
+    let mut report = stages.report(&source, config, &partition, &result, written, started);
+    report.input.faults = faults(&source, &partition, dropped.unwrap_or(result.dropped));
     drop(stages);
     if !config.keep_temp {
         job.remove()?;
@@ -305,7 +310,7 @@ impl<'a> Stages<'a> {
                     }
                     None => {
                         let store = CellStore::open(disk, folder, info, layout.clone())?;
-                        let load = |cell| store.load(cell).map(Survivors::from);
+                        let load = |cell| store.load_tidy(cell).map(Survivors::from);
                         let parts =
                             Parts { cells: &store.info().cells, layout: &layout, load: &load };
                         stitch::finish(parts, target, &options, run)
@@ -375,7 +380,7 @@ impl<'a> Stages<'a> {
                 bytes: source.file_bytes(),
                 vertices: source.n_vertices(),
                 triangles: source.n_faces(),
-                faults: faults(source, partition),
+                ..InputReport::default()
             },
             settings: settings(config),
             cells: partition.store.cells.len() as u32,
@@ -403,10 +408,12 @@ impl<'a> Stages<'a> {
 }
 
 /// Faults of the input that were dropped, by name.
-fn faults(source: &MeshSource, partition: &Partition) -> BTreeMap<String, u64> {
+fn faults(source: &MeshSource, partition: &Partition, dropped: Dropped) -> BTreeMap<String, u64> {
     let found = source.faults();
     BTreeMap::from([
         ("degenerate_faces".to_owned(), partition.degenerate_faces),
+        ("duplicate_faces".to_owned(), dropped.duplicate_faces),
+        ("unreferenced_vertices".to_owned(), dropped.unreferenced_vertices),
         ("bad_faces".to_owned(), partition.bad_faces + found.bad_faces),
         ("bad_vertices".to_owned(), found.bad_vertices),
         ("missing_faces".to_owned(), found.missing_faces),

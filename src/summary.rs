@@ -31,8 +31,16 @@ pub struct InputReport {
     pub vertices: u64,
     /// Faces in the file.
     pub triangles: u64,
-    /// Faults found, by name.
+    /// Faults found, by name; what is concerned was dropped.
     pub faults: BTreeMap<String, u64>,
+}
+
+impl InputReport {
+    /// Rows that were broken or missing, and dropped on request: the result is of a part of the input only.
+    pub fn lost_rows(&self) -> u64 {
+        let lost = ["bad_faces", "bad_vertices", "missing_faces", "missing_vertices"];
+        lost.iter().filter_map(|name| self.faults.get(*name)).sum()
+    }
 }
 
 /// The output of a run.

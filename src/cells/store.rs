@@ -5,6 +5,7 @@
 
 use super::id_map::IdMap;
 use super::pack::Pack;
+use super::tidy::Dropped;
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::format::{Chunk, ChunkKind, IdWidth};
@@ -77,6 +78,8 @@ pub struct CellMesh {
     pub shared: Vec<bool>,
     /// Geometry and channels.
     pub mesh: Mesh,
+    /// What tidying left out.
+    pub dropped: Dropped,
 }
 
 /// A store opened for reading; cells load from any thread.
@@ -124,6 +127,15 @@ impl CellStore {
     /// Gives a cell's bytes back to the file system once its survivors are durable.
     pub fn free(&self, cell: usize) -> Result<()> {
         self.pack.free(cell as u32)
+    }
+
+    /// Loads one cell for simplification: the first round's without repeated faces and idle vertices.
+    pub fn load_tidy(&self, cell: usize) -> Result<CellMesh> {
+        let mut mesh = self.load(cell)?;
+        if !self.info.has_channels {
+            mesh.dropped = mesh.tidy(self.layout.schema.record_bytes());
+        }
+        Ok(mesh)
     }
 
     /// Loads one cell. Vertices are in the order of their first row, triangles in the order of their rows.

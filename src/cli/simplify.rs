@@ -144,7 +144,7 @@ impl Args {
 /// Runs the command and gives its exit code.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
     match simplify(args, talk, progress, log)? {
-        Some(report) if !report.target_met => Ok(EXIT_SHORT),
+        Some(report) if !report.target_met || report.input.lost_rows() > 0 => Ok(EXIT_SHORT),
         _ => Ok(0),
     }
 }
@@ -205,6 +205,9 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
         show_bytes(report.peak_memory_bytes),
         show_bytes(report.peak_temp_bytes)
     ));
+    for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
+        log.say(format!("  {n} {} dropped", name.replace('_', " ")));
+    }
     if !report.target_met {
         log.say(format!(
             "short of the target of {} triangles: {}",

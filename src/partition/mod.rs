@@ -1,7 +1,7 @@
 //! Stage 1: from a mesh file to a store of cells.
 //!
 //! Three passes after the scan, all I/O sequential: vertices go to the cell of their position, triangles to
-//! the cell of their first corner, and the vertices that triangles of another cell use are copied there.
+//! the cell of their corner of lowest index, and the vertices that triangles of another cell use are copied there.
 //! It does not look at connectivity and moves nothing.
 
 mod scan;
@@ -177,11 +177,11 @@ impl Passes<'_> {
         Ok(table)
     }
 
-    /// Sends every triangle to the cell of its first corner; finds the corners that lie elsewhere, and how
+    /// Sends every triangle to the cell of its corner of lowest index; finds the corners that lie elsewhere, and how
     /// many faces were degenerate.
     ///
     /// While the table holds all vertices that takes one pass over the faces. Otherwise each window takes a
-    /// pass for the triangles whose first corner it knows, and the cells tell afterwards what they miss.
+    /// pass for the triangles whose lowest corner it knows, and the cells tell afterwards what they miss.
     fn triangles(
         &mut self,
         first_window: CellTable,
@@ -210,7 +210,9 @@ impl Passes<'_> {
         Ok((self.missing(pack.length())?, dropped))
     }
 
-    /// Sends the triangles whose first corner lies in `table` to their cells.
+    /// Sends the triangles whose lowest corner lies in `table` to their cells.
+    ///
+    /// The lowest, not the first: repeats of a triangle begin anywhere, and must meet in one cell.
     fn triangles_of(
         &mut self,
         table: &CellTable,
@@ -234,12 +236,11 @@ impl Passes<'_> {
                 out.cells.clear();
                 out.foreign.clear();
                 faces.triangles.retain(|corners| {
-                    let [Some(owner), second, third] = corners.map(|v| table.get(v)) else {
-                        return false;
-                    };
+                    let lowest = corners[0].min(corners[1]).min(corners[2]);
+                    let Some(owner) = table.get(lowest) else { return false };
                     out.cells.push(owner);
-                    for (corner, cell) in [(corners[1], second), (corners[2], third)] {
-                        if cell.is_some_and(|cell| cell != owner) {
+                    for &corner in corners.iter() {
+                        if table.get(corner).is_some_and(|cell| cell != owner) {
                             out.foreign.push((corner, owner));
                         }
                     }
