@@ -20,6 +20,7 @@ use crate::run::Run;
 use crate::simplify::{self, Goal};
 use crate::stitch::{self, Parts, Step};
 use crate::summary::{InputReport, OutputReport, RunReport, SeamReport, StageReport};
+use crate::verify;
 use crate::write::{self, Written};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -42,6 +43,9 @@ pub struct Prepared {
 /// Opens the input and plans the run. What is no plain PLY file is first unpacked beside the output.
 pub fn prepare(config: &Config) -> Result<Prepared> {
     refuse_to_overwrite(config)?;
+    if config.verify {
+        verify::refuse_unreadable(config)?;
+    }
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
     let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     let source = MeshSource::open_staged(&config.input, &stage)?;
@@ -110,6 +114,9 @@ pub fn simplify_on(
 
     let mut report = stages.report(&source, config, &partition, &result, written, started);
     report.input.faults = faults(&source, &partition, dropped.unwrap_or(result.dropped));
+    if config.verify {
+        verify::verify(config, &stages.run, &mut report)?;
+    }
     drop(stages);
     if !config.keep_temp {
         job.remove()?;
@@ -380,6 +387,7 @@ impl<'a> Stages<'a> {
                 bytes: source.file_bytes(),
                 vertices: source.n_vertices(),
                 triangles: source.n_faces(),
+                bounds: partition.bounds,
                 ..InputReport::default()
             },
             settings: settings(config),
@@ -398,10 +406,12 @@ impl<'a> Stages<'a> {
             seams: SeamReport {
                 shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
                 shared_vertices_by_round: self.shared_by_round.clone(),
+                place: partition.seam_place,
             },
             target: self.target,
             target_met: met,
             stop_reason: if met { "target" } else { "nothing legal left to collapse" }.to_owned(),
+            measured: None,
             stages: self.reports.clone(),
         }
     }

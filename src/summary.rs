@@ -31,6 +31,9 @@ pub struct InputReport {
     pub vertices: u64,
     /// Faces in the file.
     pub triangles: u64,
+    /// Lower and upper corner of the bounding box of all vertices.
+    #[serde(default)]
+    pub bounds: [[f64; 3]; 2],
     /// Faults found, by name; what is concerned was dropped.
     pub faults: BTreeMap<String, u64>,
 }
@@ -61,6 +64,9 @@ pub struct SeamReport {
     pub shared_vertices: u64,
     /// The same for every round.
     pub shared_vertices_by_round: Vec<u64>,
+    /// One of those of the first round, near the middle of the mesh, to look at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub place: Option<[f64; 3]>,
 }
 
 /// The report of `simplify`.
@@ -83,4 +89,7 @@ pub struct RunReport {
     pub target: u64,
     pub target_met: bool,
     pub stop_reason: String,
+    /// What `measure` says of input and output; only with `--verify`.
+    #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
+    pub measured: Option<Box<crate::compare::Report>>,
 }

@@ -70,6 +70,9 @@ pub struct Args {
     /// Write a report in JSON.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// Measure how far the result deviates from the input, and report it.
+    #[arg(long)]
+    verify: bool,
     /// Write the vertices on the seams of the first round, as a point set.
     #[arg(long, value_name = "FILE")]
     seams: Option<PathBuf>,
@@ -127,6 +130,7 @@ impl Args {
             force: self.force,
             restart: self.restart,
             seams: self.seams.clone(),
+            verify: self.verify,
             format: self.format,
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
@@ -207,6 +211,9 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     ));
     for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
         log.say(format!("  {n} {} dropped", name.replace('_', " ")));
+    }
+    if let Some(measured) = &report.measured {
+        super::measure::table(measured).lines().for_each(|line| log.say(line));
     }
     if !report.target_met {
         log.say(format!(
