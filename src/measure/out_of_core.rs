@@ -4,12 +4,12 @@
 //! show. A surface in memory answers through one tree; one in cells through `settle`.
 
 use super::parts::{Means, Parts, Place, Survey};
-use super::sample::{self, Density, Sample};
+use super::sample::{self, Density};
 use super::settle::{QUERY_BYTES, settle};
 use super::side::{Look, Side, SideSums};
 use super::tree::Tree;
 use super::triangle::Vector;
-use super::{Deviation, Direction, Options, Surface, used_vertices};
+use super::{BLOCK_SAMPLES, Deviation, Direction, Options, Surface, used_vertices};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::topology::Topology;
@@ -51,7 +51,12 @@ pub fn two_sided_parts(
         ))
     })?;
     let means = Means { threads: options.threads, memory_bytes: free_bytes, progress };
-    let surveys = [original.survey(means)?, simplified.survey(means)?];
+    let first = original.survey(means)?;
+    let means = Means { memory_bytes: free_bytes - first.bytes().min(free_bytes), ..means };
+    let second = simplified.survey(means)?;
+    let left_bytes = means.memory_bytes - second.bytes().min(means.memory_bytes);
+    let means = Means { memory_bytes: left_bytes, ..means };
+    let surveys = [first, second];
     let reach = surveys[0].bounds.joined(&surveys[1].bounds).diagonal() * (1.0 + 1e-12);
     let [first, second] = &surveys;
     let forward = Way { source: (original, first), target: (simplified, second), reach, options };
@@ -118,9 +123,8 @@ impl Way<'_> {
         let tree = Tree::build(mesh.triangles.len(), |i| mesh.corners(i));
         let target = Surface { mesh, colour: self.target.0.colours };
         let worst_sq = AtomicU64::new(0);
-        let mut sums = self.new_sums();
-        let per_triangle = self.options.samples as f64 / self.n_source_triangles().max(1) as f64;
-        let more = |n: u64| (n as f64 * per_triangle * 150.0) as u64 + 2 * n;
+        let (mut sums, mut failed) = (self.new_sums(), None);
+        let more = |n: u64| SAMPLE_BYTES * BLOCK_SAMPLES + 2 * n;
         self.source.0.for_each(
             0..self.source.0.n_parts(),
             means,
@@ -136,18 +140,14 @@ impl Way<'_> {
                     worst_sq: &worst_sq,
                 };
                 let mut sums = self.new_sums();
-                direction.measure_samples(0..source.mesh.triangles.len(), &mut sums);
+                direction.measure_samples(0..source.mesh.triangles.len(), &mut sums)?;
                 let used = used_vertices(source.mesh);
                 direction.measure_vertices(&used, 0..used.len(), &mut sums);
-                sums
+                Ok(sums)
             },
-            |part| sums.merge(&part),
+            |part| failed = part.map(|part| sums.merge(&part)).err().or(failed.take()),
         )?;
-        Ok(sums)
-    }
-
-    fn n_source_triangles(&self) -> u64 {
-        (0..self.source.0.n_parts()).map(|part| self.source.0.n_triangles(part)).sum()
+        failed.map_or(Ok(sums), Err)
     }
 
     /// The target is in cells: samples and vertices of the source are gathered, then settled together.
@@ -162,14 +162,18 @@ impl Way<'_> {
             means.progress.check()?;
             let mesh = source.load(part)?;
             let surface = Surface { mesh: &mesh, colour: source.colours };
-            let n = mesh.triangles.len();
-            let step = 65_536.min(n.max(1));
-            for start in (0..n).step_by(step) {
-                self.gather(surface, start..(start + step).min(n), &mut waiting);
-                if waiting.len() >= batch {
+            let corners_of = |i| surface.canonical(i).0;
+            let run = (batch / 2).min(BLOCK_SAMPLES as usize);
+            self.density().in_runs(0..mesh.triangles.len(), corners_of, run, |samples| {
+                waiting.extend(samples.iter().map(|sample| Seen {
+                    point: sample.point,
+                    look: surface.look(sample.triangle as usize, sample),
+                }));
+                if waiting.len() + run > batch {
                     self.settle_samples(&mut waiting, &mut sums, cell_means)?;
                 }
-            }
+                Ok(())
+            })?;
         }
         self.settle_samples(&mut waiting, &mut sums, cell_means)?;
         for part in 0..n_parts {
@@ -192,18 +196,6 @@ impl Way<'_> {
             }
         }
         Ok(sums)
-    }
-
-    fn gather(&self, surface: Surface, triangles: std::ops::Range<usize>, waiting: &mut Vec<Seen>) {
-        let (first, density) = (triangles.start, self.density());
-        let mut samples: Vec<Sample> = Vec::new();
-        for i in triangles {
-            density.sample(&surface.canonical(i).0, (i - first) as u32, &mut samples);
-        }
-        waiting.extend(samples.iter().map(|sample| Seen {
-            point: sample.point,
-            look: surface.look(first + sample.triangle as usize, sample),
-        }));
     }
 
     fn settle_samples(
