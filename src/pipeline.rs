@@ -190,6 +190,7 @@ impl<'a> Stages<'a> {
                 triangles_out: count(&outcome),
                 bytes_read: run.disk().bytes_read() - read,
                 bytes_written: run.disk().bytes_written() - written,
+                peak_memory_bytes: crate::memory::peak_bytes(),
             };
             Ok((outcome, report))
         })?;
@@ -365,6 +366,7 @@ impl<'a> Stages<'a> {
             triangles_out: written.triangles,
             bytes_read: run.disk().bytes_read() - read,
             bytes_written: written.bytes,
+            peak_memory_bytes: crate::memory::peak_bytes(),
         });
         Ok(written)
     }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 /// One stage of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageReport {
-    /// `partition`, `simplify`, `stitch` or `write`.
+    /// `partition`, `simplify`, `stitch`, `write` or `verify`.
     pub name: String,
     /// Wall time.
     pub seconds: f64,
@@ -18,6 +18,9 @@ pub struct StageReport {
     pub bytes_read: u64,
     /// Bytes written, the output included.
     pub bytes_written: u64,
+    /// Peak memory of the process up to the end of the stage.
+    #[serde(default)]
+    pub peak_memory_bytes: u64,
 }
 
 /// The input of a run.

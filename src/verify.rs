@@ -63,6 +63,7 @@ pub fn verify(config: &Config, run: &Run, report: &mut RunReport) -> Result<()> 
         triangles_out: report.output.triangles,
         bytes_read: original.file_bytes() + simplified.file_bytes() + comparison.temp_bytes,
         bytes_written: comparison.temp_bytes,
+        peak_memory_bytes: crate::memory::peak_bytes(),
     });
     report.seconds += seconds;
     report.peak_memory_bytes = crate::memory::peak_bytes();

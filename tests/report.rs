@@ -58,6 +58,7 @@ fn the_page_is_whole_by_itself() {
         "Original to simplified, distance in input units</title>",
         "Simplified to original, distance in input units</title>",
         "Seconds by stage",
+        "Peak memory up to the end of each stage</title>",
         ">verify</text>",
         "Refused collapses",
         "<h3>Seams</h3>",

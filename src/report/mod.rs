@@ -131,13 +131,11 @@ fn error(deviation: &Value, out: &mut String) {
 }
 
 fn run(report: &Value, out: &mut String) {
-    let stages: Vec<(String, f64)> = report["stages"]
-        .as_array()
-        .map(|stages| {
-            let row = |s: &Value| Some((s["name"].as_str()?.to_owned(), s["seconds"].as_f64()?));
-            stages.iter().filter_map(row).collect()
-        })
-        .unwrap_or_default();
+    let stages = |key: &str, unit: f64| -> Vec<(String, f64)> {
+        let stages = report["stages"].as_array().map(Vec::as_slice).unwrap_or_default();
+        let row = |s: &Value| Some((s["name"].as_str()?.to_owned(), s[key].as_f64()? / unit));
+        stages.iter().filter_map(row).collect()
+    };
     out.push_str("<h2>The run</h2>");
     let picked: serde_json::Map<String, Value> = [
         "version",
@@ -156,7 +154,12 @@ fn run(report: &Value, out: &mut String) {
     .map(|key| ((*key).to_owned(), report[*key].clone()))
     .collect();
     out.push_str(&table(&Value::Object(picked)));
-    out.push_str(&bars("Seconds by stage", &stages, "s"));
+    out.push_str("<h3>Time by stage</h3>");
+    out.push_str(&bars("Seconds by stage", &stages("seconds", 1.0), "s"));
+    let memory = stages("peak_memory_bytes", f64::from(1 << 20));
+    let memory: Vec<(String, f64)> = memory.into_iter().map(|(n, mib)| (n, mib.round())).collect();
+    out.push_str("<h3>Peak memory up to the end of each stage</h3>");
+    out.push_str(&bars("Peak memory up to the end of each stage", &memory, "MiB"));
     let rejects: Vec<(String, f64)> = report["rejects"]
         .as_object()
         .map(|all| {
