@@ -120,3 +120,16 @@ fn either_mesh_is_coloured_by_its_distance_to_the_other() {
         );
     }
 }
+
+#[test]
+fn quiet_commands_say_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    for command in [
+        "synth terrain a.ply --triangles 2k -q",
+        "convert a.ply b.obj -q",
+        "simplify a.ply c.ply --ratio 50% --cell-triangles 1k -q",
+        "render c.ply -o c.png --size 80x60 -q",
+    ] {
+        assert_eq!(expect(folder.path(), command, 0), "", "{command}");
+    }
+}
