@@ -81,7 +81,8 @@ def own(stonecut, path, folder):
 
 def verdict(reader, path, wanted):
     """What comes out of `compare` below, in a process of its own."""
-    run = subprocess.run([sys.executable, __file__, "compare", reader, path, wanted], capture_output=True, text=True)
+    run = subprocess.run([sys.executable, __file__, "compare", reader, path, wanted], capture_output=True,
+                         text=True, errors="replace")
     if run.returncode < 0:
         return "crashes"
     return run.stdout.strip().splitlines()[-1] if run.returncode == 0 and run.stdout.strip() else "no"

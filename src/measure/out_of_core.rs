@@ -81,7 +81,7 @@ pub fn distances(
 ) -> Result<Vec<f64>> {
     let means = Means { threads, memory_bytes, progress };
     let survey = target.survey(means)?;
-    let hits = settle(points, target, &survey, -1.0, means)?;
+    let hits = settle(points, target, &survey, &vec![-1.0; points.len()], means)?;
     Ok(hits.iter().map(|hit| hit.distance_sq.sqrt()).collect())
 }
 
@@ -93,11 +93,14 @@ struct Way<'a> {
     options: &'a Options,
 }
 
-/// A sample and the looks of its own surface there.
+/// A sample and the looks of its own surface there, or a vertex, which has none.
 struct Seen {
     point: Vector,
-    look: Look,
+    look: Option<Look>,
 }
+
+/// Triangles whose samples are followed by the vertices that they are the first to use.
+const GATHERED_TRIANGLES: usize = 4096;
 
 impl Way<'_> {
     fn measure(&self, means: Means) -> Result<Side> {
@@ -151,54 +154,61 @@ impl Way<'_> {
     }
 
     /// The target is in cells: samples and vertices of the source are gathered, then settled together.
+    ///
+    /// Together, because every cell that they may be near to is loaded and gets its tree for each batch.
     fn against_cells(&self, means: Means) -> Result<SideSums> {
-        let (source, n_parts) = (self.source.0, self.source.0.n_parts());
+        let (source, density) = (self.source.0, self.density());
         let share = means.memory_bytes / QUERY_SHARE;
-        let cell_means = Means { memory_bytes: means.memory_bytes - share, ..means };
+        let means = Means { memory_bytes: means.memory_bytes - share, ..means };
         let batch = (share / (QUERY_BYTES + SAMPLE_BYTES)).max(4096) as usize;
+        let run = (batch / 2).min(BLOCK_SAMPLES as usize);
         let mut sums = self.new_sums();
         let mut waiting: Vec<Seen> = Vec::new();
-        for part in 0..n_parts {
+        for part in 0..source.n_parts() {
             means.progress.check()?;
             let mesh = source.load(part)?;
             let surface = Surface { mesh: &mesh, colour: source.colours };
             let corners_of = |i| surface.canonical(i).0;
-            let run = (batch / 2).min(BLOCK_SAMPLES as usize);
-            self.density().in_runs(0..mesh.triangles.len(), corners_of, run, |samples| {
-                waiting.extend(samples.iter().map(|sample| Seen {
-                    point: sample.point,
-                    look: surface.look(sample.triangle as usize, sample),
-                }));
-                if waiting.len() + run > batch {
-                    self.settle_samples(&mut waiting, &mut sums, cell_means)?;
-                }
-                Ok(())
-            })?;
-        }
-        self.settle_samples(&mut waiting, &mut sums, cell_means)?;
-        for part in 0..n_parts {
-            means.progress.check()?;
-            let mesh = source.load(part)?;
-            let used = used_vertices(&mesh);
-            let points = mesh.positions.iter().zip(&used).filter(|(_, used)| **used);
-            let mut points: Vec<Vector> = points.map(|(&point, _)| point).collect();
-            drop(mesh);
-            sample::sort_points_along_curve(&mut points);
-            for some in points.chunks(batch) {
-                // One that is seen to be nearer than the worst so far is not looked at further.
-                let enough_sq = sums.worst_sq().next_down();
-                let hits = settle(some, self.target.0, self.target.1, enough_sq, cell_means)?;
-                for (&point, hit) in
-                    some.iter().zip(&hits).filter(|(_, h)| h.distance_sq.is_finite())
-                {
-                    sums.offer_worst(point, hit.distance_sq);
+            let mut is_known = vec![false; mesh.positions.len()];
+            let n = mesh.triangles.len();
+            for first in (0..n).step_by(GATHERED_TRIANGLES) {
+                let triangles = first..(first + GATHERED_TRIANGLES).min(n);
+                density.in_runs(triangles.clone(), corners_of, run, |samples| {
+                    self.make_room(samples.len(), batch, &mut waiting, &mut sums, means)?;
+                    waiting.extend(samples.iter().map(|sample| Seen {
+                        point: sample.point,
+                        look: Some(surface.look(first + sample.triangle as usize, sample)),
+                    }));
+                    Ok(())
+                })?;
+                self.make_room(3 * GATHERED_TRIANGLES, batch, &mut waiting, &mut sums, means)?;
+                for &v in mesh.triangles[triangles].as_flattened() {
+                    if !std::mem::replace(&mut is_known[v as usize], true) {
+                        waiting.push(Seen { point: mesh.positions[v as usize], look: None });
+                    }
                 }
             }
         }
+        self.settle_waiting(&mut waiting, &mut sums, means)?;
         Ok(sums)
     }
 
-    fn settle_samples(
+    /// Settles what is waiting unless `more` fit into the batch besides.
+    fn make_room(
+        &self,
+        more: usize,
+        batch: usize,
+        waiting: &mut Vec<Seen>,
+        sums: &mut SideSums,
+        means: Means,
+    ) -> Result<()> {
+        if waiting.len() + more <= batch {
+            return Ok(());
+        }
+        self.settle_waiting(waiting, sums, means)
+    }
+
+    fn settle_waiting(
         &self,
         waiting: &mut Vec<Seen>,
         sums: &mut SideSums,
@@ -208,12 +218,24 @@ impl Way<'_> {
         let order = sample::order_along_curve(&points);
         let sorted: Vec<Vector> = order.iter().map(|&i| points[i as usize]).collect();
         drop(points);
-        let hits = settle(&sorted, self.target.0, self.target.1, -1.0, means)?;
+        // A vertex that is seen to be nearer than the worst so far is not looked at further.
+        let enough_sq = sums.worst_sq().next_down();
+        let is_sample = |i: u32| waiting[i as usize].look.is_some();
+        let enough_sq: Vec<f64> =
+            order.iter().map(|&i| if is_sample(i) { -1.0 } else { enough_sq }).collect();
+        let hits = settle(&sorted, self.target.0, self.target.1, &enough_sq, means)?;
         for ((&i, &point), hit) in order.iter().zip(&sorted).zip(&hits) {
+            let is_hit = hit.distance_sq.is_finite();
+            let Some(look) = waiting[i as usize].look else {
+                if is_hit {
+                    sums.offer_worst(point, hit.distance_sq);
+                }
+                continue;
+            };
             let near = self.options.region.as_ref().map(|region| region.contains(point));
-            if hit.distance_sq.is_finite() {
+            if is_hit {
                 sums.add_sample(point, hit.distance_sq, near);
-                sums.add_looks(waiting[i as usize].look, hit.look());
+                sums.add_looks(look, hit.look());
             } else {
                 sums.add_sample(point, 0.0, near);
             }

@@ -141,11 +141,6 @@ pub fn sort_along_curve(samples: &mut Vec<Sample>) {
     *samples = order_along_curve(&points).iter().map(|&i| samples[i as usize]).collect();
 }
 
-/// Sorts points along a space-filling curve through their box.
-pub fn sort_points_along_curve(points: &mut Vec<Vector>) {
-    *points = order_along_curve(points).iter().map(|&i| points[i as usize]).collect();
-}
-
 /// The order of points along a space-filling curve through their box.
 pub fn order_along_curve(points: &[Vector]) -> Vec<u32> {
     let mut low = [f64::INFINITY; 3];
