@@ -3,10 +3,10 @@
 //! `v0` goes and `v1` stays. Looks at the two rings once, so that the tests, the new quadrics and the new
 //! ring come from the same pass. It does not choose edges; `drive` does.
 
-use super::evaluate::{RingGeometry, RingPart};
-use super::lanes::Simd;
+use super::evaluate::{Around, Found, Rows};
+use super::lanes::Lanes;
 use super::legal::{Class, MAY_COLLAPSE, Reject};
-use super::surface::{Fan, GONE, MAX_VALENCE, Surface, boundary_quadric, others};
+use super::surface::{Fan, GONE, MAX_VALENCE, Surface, Vertex, boundary_quadric, others};
 use super::vector::Vec3;
 
 /// A normal that turns further than this cosine is put off.
@@ -47,8 +47,10 @@ pub(crate) fn classes_allow(surface: &Surface, v0: u32, v1: u32) -> Result<(), R
     }
 }
 
-/// Room for the triangles of both ends, in whole parts of eight.
-const ROOM: usize = MAX_VALENCE as usize + 8;
+/// Room for the triangles of both ends, in whole parts of eight; a power of two, so that a place in it needs
+/// no check.
+const ROOM: usize = 256;
+const _: () = assert!(ROOM >= MAX_VALENCE as usize + 8);
 
 /// Scratch space of one collapse, re-used.
 pub(crate) struct Collapser {
@@ -70,7 +72,15 @@ pub(crate) struct Collapser {
     closes: Option<u32>,
     may_close: bool,
     fan: Fan,
-    parts: Vec<RingGeometry>,
+    /// Quadrics of the triangles after minus before.
+    changes: Vec<Rows>,
+}
+
+/// The vertices of some ids.
+#[inline(always)]
+pub(crate) fn eight<'a>(vertices: &'a [Vertex], ids: &[u32; 8]) -> [&'a Vertex; 8] {
+    let at = |i: usize| &vertices[ids[i] as usize];
+    [at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)]
 }
 
 impl Collapser {
@@ -89,28 +99,50 @@ impl Collapser {
             closes: None,
             may_close,
             fan: Fan::new(),
-            parts: vec![RingGeometry::ZERO; ROOM / 8],
+            changes: vec![Rows::ZERO; ROOM / 8],
         }
     }
 
     /// Checks topology, then geometry; carries the collapse out if both agree. `number` becomes the
     /// stamp of every vertex whose quadric changes.
-    pub(crate) fn attempt(
+    #[inline(always)]
+    pub(crate) fn attempt<L: Lanes>(
         &mut self,
         surface: &mut Surface,
         plan: Plan,
         number: u32,
-        simd: Simd,
     ) -> Result<(), Reject> {
         let (v0, v1) = (plan.v0, plan.v1);
         self.gather(surface, v0, v1)?;
-        self.link(surface, v0, v1)?;
+        self.link::<L>(surface, v0, v1)?;
         let (p0, p1) =
             (surface.vertices[v0 as usize].position, surface.vertices[v1 as usize].position);
-        let centre: Vec3 = std::array::from_fn(|i| p0[i] + (p1[i] - p0[i]) * 0.5);
-        self.measure(surface, plan, &centre, simd);
-        self.shapes(plan.may_turn)?;
-        self.carry_out(surface, plan, &centre, number);
+        let middle = |i: usize| p0[i] + (p1[i] - p0[i]) * 0.5;
+        let around = Around {
+            centre: [middle(0), middle(1), middle(2)],
+            scale: surface.scale,
+            half: surface.edge(v0, v1).map(|x| x * 0.5),
+            after: plan.place,
+        };
+        let mut found = Found::<L>::new();
+        let (bs, cs) = (self.b.as_chunks::<8>().0, self.c.as_chunks::<8>().0);
+        let sides = self.side.as_chunks::<8>().0;
+        for (part, change) in self.changes.iter_mut().enumerate().take(self.n.div_ceil(8)) {
+            let corners =
+                (eight(&surface.vertices, &bs[part]), eight(&surface.vertices, &cs[part]));
+            let n_kept = self.n_kept as f32 - (part * 8) as f32;
+            found.look(&around, corners, &sides[part], n_kept, change);
+        }
+        if !plan.may_turn {
+            if found.cosine() < FLIP_COSINE {
+                return Err(Reject::Flip);
+            }
+            let (before, after) = found.shapes();
+            if after < MIN_SHAPE && after < before {
+                return Err(Reject::Sliver);
+            }
+        }
+        self.carry_out(surface, plan, &around, found.quadric(), number);
         Ok(())
     }
 
@@ -128,9 +160,10 @@ impl Collapser {
         let mut n = 0;
         for &t in ring0 {
             let (b, c) = others(surface.triangles[t as usize], v0);
-            let vanishes = b == v1 || c == v1;
-            gone[n_gone] = [t, b, c];
-            (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, -1.0);
+            let vanishes = (b == v1) | (c == v1);
+            gone[n_gone & 3] = [t, b, c];
+            let at = n & (ROOM - 1);
+            (self.ids[at], self.b[at], self.c[at], self.side[at]) = (t, b, c, -1.0);
             n_gone = (n_gone + usize::from(vanishes)).min(3);
             n += usize::from(!vanishes);
         }
@@ -140,30 +173,83 @@ impl Collapser {
         self.n0 = n;
         for &t in ring1 {
             let (b, c) = others(surface.triangles[t as usize], v1);
-            (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, 1.0);
-            n += usize::from(b != v0 && c != v0);
+            let at = n & (ROOM - 1);
+            (self.ids[at], self.b[at], self.c[at], self.side[at]) = (t, b, c, 1.0);
+            n += usize::from((b != v0) & (c != v0));
         }
         self.n_kept = n;
-        for (i, &[t, b, c]) in gone[..n_gone].iter().enumerate() {
+        // Nothing is left of the edge.
+        if n_gone == 0 {
+            return Err(Reject::LinkCondition);
+        }
+        let opposite = |[_, b, c]: [u32; 3]| if b == v1 { c } else { b };
+        let last = gone[n_gone - 1];
+        self.opposite = [opposite(gone[0]), opposite(last)];
+        for [t, b, c] in [gone[0], last] {
             (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, -1.0);
             n += 1;
-            self.opposite[i] = if b == v1 { c } else { b };
         }
+        n = self.n_kept + n_gone;
         self.n = n;
-        match n_gone {
-            // Nothing is left of the edge.
-            0 => return Err(Reject::LinkCondition),
-            1 => self.opposite[1] = self.opposite[0],
-            _ => {}
-        }
-        let filled = n.next_multiple_of(8);
-        self.b[n..filled].fill(v1);
-        self.c[n..filled].fill(v1);
+        // An empty lane has both corners in one place.
+        self.b[n..][..8].fill(v1);
+        self.c[n..][..8].fill(v1);
         Ok(())
     }
 
     /// The link condition, boundaries and locks.
-    fn link(&mut self, surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
+    #[inline(always)]
+    fn link<L: Lanes>(&mut self, surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
+        let inner = |v: u32| surface.rings[v as usize].class == Some(Class::Interior);
+        let usual = self.n - self.n_kept == 2 && (1..64).contains(&self.n_kept);
+        if inner(v0) && inner(v1) && usual {
+            self.open.clear();
+            self.closes = None;
+            self.link_inside::<L>(surface)
+        } else {
+            self.link_anywhere(surface, v0, v1)
+        }
+    }
+
+    /// The link condition of an edge between interior vertices.
+    #[inline(always)]
+    fn link_inside<L: Lanes>(&self, surface: &Surface) -> Result<(), Reject> {
+        let [first, second] = self.opposite;
+        let len = |v: u32| surface.rings[v as usize].len;
+        if (first == second) | (len(first) == 1) | (len(second) == 1) {
+            return Err(Reject::LinkCondition);
+        }
+        let (n0, n_kept) = (self.n0, self.n_kept);
+        // Each neighbour comes up as `b` exactly once. One of both ends must be opposite to the edge.
+        let mut common = 0;
+        for at in (n0..n_kept).step_by(8) {
+            let Some(list) = self.b[at..].first_chunk::<8>() else { break };
+            let mut both = 0;
+            for &w in &self.b[..n0] {
+                both |= L::matches(list, w);
+            }
+            let known = L::matches(list, first) | L::matches(list, second);
+            common |= both & !known & (0xFF >> (8 - (n_kept - at).min(8)));
+        }
+        // A triangle over both opposite corners at either end: the two would fall together.
+        let mut over = 0u64;
+        let lists = self.b.as_chunks::<8>().0.iter().zip(self.c.as_chunks::<8>().0);
+        for (part, (b, c)) in lists.enumerate().take(n_kept.div_ceil(8)) {
+            let b = L::matches(b, first) | L::matches(b, second);
+            let c = L::matches(c, first) | L::matches(c, second);
+            over |= u64::from(b & c) << (8 * part);
+        }
+        let of_v0 = (1u64 << n0) - 1;
+        let of_v1 = ((1u64 << n_kept) - 1) & !of_v0;
+        if (common != 0) | ((over & of_v0 != 0) & (over & of_v1 != 0)) {
+            return Err(Reject::LinkCondition);
+        }
+        Ok(())
+    }
+
+    /// The same wherever a boundary, a lock or a crowd is near.
+    #[inline(never)]
+    fn link_anywhere(&mut self, surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
         let class = |v: u32| surface.rings[v as usize].class.unwrap_or(Class::Complex);
         let (class0, class1) = (class(v0), class(v1));
         let (n0, n_kept) = (self.n0, self.n_kept);
@@ -179,10 +265,10 @@ impl Collapser {
         }
         self.open.clear();
         if class0 == Class::Boundary {
-            self.open_edges(v0, v1, true);
+            self.open_edges(v0, true);
         }
         if class1 == Class::Boundary {
-            self.open_edges(v1, v0, false);
+            self.open_edges(v1, false);
         }
         self.closes = None;
         // Every neighbour of v0 that also is one of v1 must be opposite to the edge.
@@ -225,67 +311,41 @@ impl Collapser {
     }
 
     /// Collects the neighbours of an end over its open edges, the other end left out.
-    fn open_edges(&mut self, v: u32, other: u32, is_v0: bool) {
+    fn open_edges(&mut self, v: u32, is_v0: bool) {
         let own = if is_v0 { 0..self.n0 } else { self.n0..self.n_kept };
+        let (b, c) = (&self.b[own.clone()], &self.c[own]);
+        let n_gone = self.n - self.n_kept;
         // The vanishing triangles are noted as seen from v0: from v1 the third corner changes sides.
-        let vanishing = (self.n_kept..self.n).map(|i| {
-            let w = self.opposite[i - self.n_kept];
-            let other_first = (self.b[i] == w) != is_v0;
-            if other_first { (other, w) } else { (w, other) }
-        });
-        let pairs: Vec<(u32, u32)> = own.map(|i| (self.b[i], self.c[i])).chain(vanishing).collect();
-        for &(b, c) in &pairs {
-            if b != other && !pairs.iter().any(|&(_, x)| x == b) {
-                self.open.push((b, v));
+        let is_first = |i: usize| (self.b[self.n_kept + i] == self.opposite[i]) == is_v0;
+        let vanishing = |w: u32, first: bool| {
+            (0..n_gone).any(|i| self.opposite[i] == w && is_first(i) == first)
+        };
+        for (&b_i, &c_i) in b.iter().zip(c) {
+            if !c.contains(&b_i) && !vanishing(b_i, false) {
+                self.open.push((b_i, v));
             }
-            if c != other && !pairs.iter().any(|&(x, _)| x == c) {
-                self.open.push((c, v));
+            if !b.contains(&c_i) && !vanishing(c_i, true) {
+                self.open.push((c_i, v));
+            }
+        }
+        for i in 0..n_gone {
+            let w = self.opposite[i];
+            let (facing, first) = if is_first(i) { (c, true) } else { (b, false) };
+            if !facing.contains(&w) && !vanishing(w, !first) {
+                self.open.push((w, v));
             }
         }
     }
 
-    /// Normals, quadrics and shapes of all triangles of both rings, before and after.
     #[inline(always)]
-    fn measure(&mut self, surface: &Surface, plan: Plan, centre: &Vec3, simd: Simd) {
-        let half = surface.edge(plan.v0, plan.v1).map(|x| x * 0.5);
-        let parts = self.n.div_ceil(8);
-        let (bs, cs) = (self.b.as_chunks::<8>().0, self.c.as_chunks::<8>().0);
-        let sides = self.side.as_chunks::<8>().0;
-        for (part, out) in self.parts.iter_mut().enumerate().take(parts) {
-            let vertex = |v: u32| &surface.vertices[v as usize];
-            simd.run(RingPart {
-                b: bs[part].map(vertex),
-                c: cs[part].map(vertex),
-                side: &sides[part],
-                half,
-                after: plan.place,
-                centre,
-                scale: surface.scale,
-                n_kept: self.n_kept as f32 - (part * 8) as f32,
-                n_used: self.n as f32 - (part * 8) as f32,
-                out,
-            });
-        }
-    }
-
-    /// Refuses what would turn too far, or become a needle.
-    fn shapes(&self, may_turn: bool) -> Result<(), Reject> {
-        let (mut cosine, mut before, mut after) = (1.0f32, 1.0f32, 1.0f32);
-        for part in &self.parts[..self.n.div_ceil(8)] {
-            cosine = cosine.min(part.cosine);
-            before = before.min(part.shape_before);
-            after = after.min(part.shape_after);
-        }
-        if cosine < FLIP_COSINE && !may_turn {
-            return Err(Reject::Flip);
-        }
-        if after < MIN_SHAPE && after < before && !may_turn {
-            return Err(Reject::Sliver);
-        }
-        Ok(())
-    }
-
-    fn carry_out(&mut self, surface: &mut Surface, plan: Plan, centre: &Vec3, number: u32) {
+    fn carry_out(
+        &mut self,
+        surface: &mut Surface,
+        plan: Plan,
+        around: &Around,
+        mut quadric: [f32; 9],
+        number: u32,
+    ) {
         let (v0, v1) = (plan.v0, plan.v1);
         let fixed = surface.rings[v1 as usize].class.is_some_and(Class::is_fixed);
         // The open edges change before the corner moves: their old lengths are still to be had.
@@ -298,17 +358,13 @@ impl Collapser {
         }
         if !fixed {
             let place = plan.place.map(|x| f64::from(x) / surface.scale);
-            self.move_survivor(surface, plan, std::array::from_fn(|i| centre[i] + place[i]));
-        }
-        let mut quadric = [0.0f32; 9];
-        for part in &self.parts[..self.n.div_ceil(8)] {
-            for (sum, x) in quadric.iter_mut().zip(part.total) {
-                *sum += x;
-            }
+            let centre = &around.centre;
+            let place = [centre[0] + place[0], centre[1] + place[1], centre[2] + place[2]];
+            self.move_survivor(surface, plan, place);
         }
         // The rows of vanishing triangles also touch v1, whose quadric is replaced below.
         for i in 0..self.n {
-            let change = &self.parts[i / 8].change;
+            let change = &self.changes[i / 8];
             for w in [self.b[i], self.c[i]] {
                 let vertex = &mut surface.vertices[w as usize];
                 change.add_to(i % 8, &mut vertex.quadric);
