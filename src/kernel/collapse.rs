@@ -3,10 +3,13 @@
 //! `v0` goes and `v1` stays. Looks at the two rings once, so that the tests, the new quadrics and the new
 //! ring come from the same pass. It does not choose edges; `drive` does.
 
+use std::hint::select_unpredictable;
+
 use super::evaluate::{Around, Found, Rows};
 use super::lanes::Lanes;
 use super::legal::{Class, MAY_COLLAPSE, Reject};
 use super::surface::{Fan, GONE, MAX_VALENCE, Surface, Vertex, boundary_quadric, others};
+use super::unchecked::{at, at_mut, part_mut};
 use super::vector::Vec3;
 
 /// A normal that turns further than this cosine is put off.
@@ -26,22 +29,22 @@ pub(crate) struct Plan {
     pub(crate) may_turn: bool,
 }
 
-/// Which end goes and which stays: the lower class goes, between equals the shorter ring.
+/// Which end goes and which stays: the lower class goes, between equals the smaller room.
 #[inline(always)]
 pub(crate) fn roles(surface: &Surface, a: u32, b: u32) -> (u32, u32) {
     let key = |v: u32| {
-        let ring = &surface.rings[v as usize];
-        let class = ring.class.map_or(0, |class| class as u64);
-        class << 40 | u64::from(ring.room.min(255)) << 32 | u64::from(v)
+        let ring = at(&surface.rings, v);
+        (ring.class.map_or(0, |class| class as u64) << 32) | u64::from(ring.room)
     };
-    let (a, b) = (key(a), key(b));
-    (a.min(b) as u32, a.max(b) as u32)
+    let (of_a, of_b) = (key(a), key(b));
+    let swap = (of_b < of_a) | ((of_b == of_a) & (b < a));
+    (select_unpredictable(swap, b, a), select_unpredictable(swap, a, b))
 }
 
 /// Whether the classes of the ends allow it.
 #[inline(always)]
 pub(crate) fn classes_allow(surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
-    match (surface.rings[v0 as usize].class, surface.rings[v1 as usize].class) {
+    match (at(&surface.rings, v0).class, at(&surface.rings, v1).class) {
         (Some(class0), Some(class1)) => MAY_COLLAPSE[class0 as usize][class1 as usize],
         _ => Err(Reject::LinkCondition),
     }
@@ -59,8 +62,6 @@ pub(crate) struct Collapser {
     ids: [u32; ROOM],
     b: [u32; ROOM],
     c: [u32; ROOM],
-    /// -1 for a triangle of `v0`, 1 for one of `v1`.
-    side: [f32; ROOM],
     n0: usize,
     n_kept: usize,
     n: usize,
@@ -79,8 +80,8 @@ pub(crate) struct Collapser {
 /// The vertices of some ids.
 #[inline(always)]
 pub(crate) fn eight<'a>(vertices: &'a [Vertex], ids: &[u32; 8]) -> [&'a Vertex; 8] {
-    let at = |i: usize| &vertices[ids[i] as usize];
-    [at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)]
+    let of = |i: usize| at(vertices, ids[i]);
+    [of(0), of(1), of(2), of(3), of(4), of(5), of(6), of(7)]
 }
 
 impl Collapser {
@@ -90,7 +91,6 @@ impl Collapser {
             ids: [0; ROOM],
             b: [0; ROOM],
             c: [0; ROOM],
-            side: [0.0; ROOM],
             n0: 0,
             n_kept: 0,
             n: 0,
@@ -115,8 +115,7 @@ impl Collapser {
         let (v0, v1) = (plan.v0, plan.v1);
         self.gather(surface, v0, v1)?;
         self.link::<L>(surface, v0, v1)?;
-        let (p0, p1) =
-            (surface.vertices[v0 as usize].position, surface.vertices[v1 as usize].position);
+        let (p0, p1) = (at(&surface.vertices, v0).position, at(&surface.vertices, v1).position);
         let middle = |i: usize| p0[i] + (p1[i] - p0[i]) * 0.5;
         let around = Around {
             centre: [middle(0), middle(1), middle(2)],
@@ -126,12 +125,12 @@ impl Collapser {
         };
         let mut found = Found::<L>::new();
         let (bs, cs) = (self.b.as_chunks::<8>().0, self.c.as_chunks::<8>().0);
-        let sides = self.side.as_chunks::<8>().0;
-        for (part, change) in self.changes.iter_mut().enumerate().take(self.n.div_ceil(8)) {
-            let corners =
-                (eight(&surface.vertices, &bs[part]), eight(&surface.vertices, &cs[part]));
-            let n_kept = self.n_kept as f32 - (part * 8) as f32;
-            found.look(&around, corners, &sides[part], n_kept, change);
+        let (mut n0, mut n_kept) = (self.n0 as f32, self.n_kept as f32);
+        let parts = bs.iter().zip(cs).zip(&mut self.changes);
+        for ((b, c), change) in parts.take(self.n.div_ceil(8)) {
+            let corners = (eight(&surface.vertices, b), eight(&surface.vertices, c));
+            found.look(&around, corners, (n0, n_kept), change);
+            (n0, n_kept) = (n0 - 8.0, n_kept - 8.0);
         }
         if !plan.may_turn {
             if found.cosine() < FLIP_COSINE {
@@ -142,7 +141,7 @@ impl Collapser {
                 return Err(Reject::Sliver);
             }
         }
-        self.carry_out(surface, plan, &around, found.quadric(), number);
+        self.carry_out::<L>(surface, plan, &around, found.quadric(), number);
         Ok(())
     }
 
@@ -155,38 +154,38 @@ impl Collapser {
         }
         // Everything is written where the next kept one goes and overwritten if it was not one: which
         // triangles vanish cannot be predicted.
-        let mut gone = [[0u32; 3]; 4];
-        let mut n_gone = 0;
         let mut n = 0;
         for &t in ring0 {
-            let (b, c) = others(surface.triangles[t as usize], v0);
-            let vanishes = (b == v1) | (c == v1);
+            let (b, c) = others(*at(&surface.triangles, t), v0);
+            let place = n & (ROOM - 1);
+            (self.ids[place], self.b[place], self.c[place]) = (t, b, c);
+            n += usize::from((b != v1) & (c != v1));
+        }
+        self.n0 = n;
+        let mut gone = [[0u32; 3]; 4];
+        let mut n_gone = 0;
+        for &t in ring1 {
+            let (b, c) = others(*at(&surface.triangles, t), v1);
+            let place = n & (ROOM - 1);
+            (self.ids[place], self.b[place], self.c[place]) = (t, b, c);
             gone[n_gone & 3] = [t, b, c];
-            let at = n & (ROOM - 1);
-            (self.ids[at], self.b[at], self.c[at], self.side[at]) = (t, b, c, -1.0);
-            n_gone = (n_gone + usize::from(vanishes)).min(3);
+            let vanishes = (b == v0) | (c == v0);
             n += usize::from(!vanishes);
+            n_gone += usize::from(vanishes);
+        }
+        self.n_kept = n;
+        // Nothing is left of the edge, or it has more than two triangles.
+        if n_gone == 0 {
+            return Err(Reject::LinkCondition);
         }
         if n_gone > 2 {
             return Err(Reject::NonManifold);
         }
-        self.n0 = n;
-        for &t in ring1 {
-            let (b, c) = others(surface.triangles[t as usize], v1);
-            let at = n & (ROOM - 1);
-            (self.ids[at], self.b[at], self.c[at], self.side[at]) = (t, b, c, 1.0);
-            n += usize::from((b != v0) & (c != v0));
-        }
-        self.n_kept = n;
-        // Nothing is left of the edge.
-        if n_gone == 0 {
-            return Err(Reject::LinkCondition);
-        }
-        let opposite = |[_, b, c]: [u32; 3]| if b == v1 { c } else { b };
+        let opposite = |[_, b, c]: [u32; 3]| if b == v0 { c } else { b };
         let last = gone[n_gone - 1];
         self.opposite = [opposite(gone[0]), opposite(last)];
         for [t, b, c] in [gone[0], last] {
-            (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, -1.0);
+            (self.ids[n], self.b[n], self.c[n]) = (t, b, c);
             n += 1;
         }
         n = self.n_kept + n_gone;
@@ -200,7 +199,7 @@ impl Collapser {
     /// The link condition, boundaries and locks.
     #[inline(always)]
     fn link<L: Lanes>(&mut self, surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
-        let inner = |v: u32| surface.rings[v as usize].class == Some(Class::Interior);
+        let inner = |v: u32| at(&surface.rings, v).class == Some(Class::Interior);
         let usual = self.n - self.n_kept == 2 && (1..64).contains(&self.n_kept);
         if inner(v0) && inner(v1) && usual {
             self.open.clear();
@@ -215,21 +214,21 @@ impl Collapser {
     #[inline(always)]
     fn link_inside<L: Lanes>(&self, surface: &Surface) -> Result<(), Reject> {
         let [first, second] = self.opposite;
-        let len = |v: u32| surface.rings[v as usize].len;
+        let len = |v: u32| at(&surface.rings, v).len;
         if (first == second) | (len(first) == 1) | (len(second) == 1) {
             return Err(Reject::LinkCondition);
         }
         let (n0, n_kept) = (self.n0, self.n_kept);
         // Each neighbour comes up as `b` exactly once. One of both ends must be opposite to the edge.
         let mut common = 0;
-        for at in (n0..n_kept).step_by(8) {
-            let Some(list) = self.b[at..].first_chunk::<8>() else { break };
+        for from in (n0..n_kept).step_by(8) {
+            let Some(list) = self.b[from..].first_chunk::<8>() else { break };
             let mut both = 0;
             for &w in &self.b[..n0] {
                 both |= L::matches(list, w);
             }
             let known = L::matches(list, first) | L::matches(list, second);
-            common |= both & !known & (0xFF >> (8 - (n_kept - at).min(8)));
+            common |= both & !known & (0xFF >> (8 - (n_kept - from).min(8)));
         }
         // A triangle over both opposite corners at either end: the two would fall together.
         let mut over = 0u64;
@@ -315,8 +314,8 @@ impl Collapser {
         let own = if is_v0 { 0..self.n0 } else { self.n0..self.n_kept };
         let (b, c) = (&self.b[own.clone()], &self.c[own]);
         let n_gone = self.n - self.n_kept;
-        // The vanishing triangles are noted as seen from v0: from v1 the third corner changes sides.
-        let is_first = |i: usize| (self.b[self.n_kept + i] == self.opposite[i]) == is_v0;
+        // The vanishing triangles are noted as seen from v1: from v0 the third corner changes sides.
+        let is_first = |i: usize| (self.b[self.n_kept + i] == self.opposite[i]) != is_v0;
         let vanishing = |w: u32, first: bool| {
             (0..n_gone).any(|i| self.opposite[i] == w && is_first(i) == first)
         };
@@ -338,7 +337,7 @@ impl Collapser {
     }
 
     #[inline(always)]
-    fn carry_out(
+    fn carry_out<L: Lanes>(
         &mut self,
         surface: &mut Surface,
         plan: Plan,
@@ -347,7 +346,7 @@ impl Collapser {
         number: u32,
     ) {
         let (v0, v1) = (plan.v0, plan.v1);
-        let fixed = surface.rings[v1 as usize].class.is_some_and(Class::is_fixed);
+        let fixed = at(&surface.rings, v1).class.is_some_and(Class::is_fixed);
         // The open edges change before the corner moves: their old lengths are still to be had.
         for &(w, from) in &self.open {
             let old = boundary_quadric(surface.edge(w, from));
@@ -362,12 +361,13 @@ impl Collapser {
             let place = [centre[0] + place[0], centre[1] + place[1], centre[2] + place[2]];
             self.move_survivor(surface, plan, place);
         }
-        // The rows of vanishing triangles also touch v1, whose quadric is replaced below.
-        for i in 0..self.n {
-            let change = &self.changes[i / 8];
-            for w in [self.b[i], self.c[i]] {
-                let vertex = &mut surface.vertices[w as usize];
-                change.add_to(i % 8, &mut vertex.quadric);
+        // The rows of vanishing triangles also touch v0, which is no more.
+        let corners = self.b.iter().zip(&self.c).take(self.n);
+        let rows = self.changes.iter().flat_map(|change| (0..8).map(move |row| (change, row)));
+        for ((&b, &c), (change, row)) in corners.zip(rows) {
+            for w in [b, c] {
+                let vertex = at_mut(&mut surface.vertices, w);
+                change.add_to(row, &mut vertex.quadric);
                 vertex.stamp = number;
             }
         }
@@ -386,7 +386,7 @@ impl Collapser {
         }
         surface.vertices[v1 as usize].quadric = quadric;
         surface.vertices[v1 as usize].stamp = number;
-        self.rewire(surface, v0, v1);
+        self.rewire::<L>(surface, v0, v1);
         let ring = &mut surface.rings[v1 as usize];
         ring.class = ring.class.max(class0);
         if let Some(w) = self.closes {
@@ -424,24 +424,34 @@ impl Collapser {
     }
 
     /// Triangles and rings after the collapse.
-    fn rewire(&mut self, surface: &mut Surface, v0: u32, v1: u32) {
+    #[inline(always)]
+    fn rewire<L: Lanes>(&mut self, surface: &mut Surface, v0: u32, v1: u32) {
         for &t in &self.ids[..self.n0] {
-            let triangle = &mut surface.triangles[t as usize];
-            *triangle = triangle.map(|v| if v == v0 { v1 } else { v });
+            let triangle = at_mut(&mut surface.triangles, t);
+            let [x, y, z] = *triangle;
+            let moved = |v: u32| select_unpredictable(v == v0, v1, v);
+            *triangle = [moved(x), moved(y), moved(z)];
         }
         for (&t, &w) in self.ids[self.n_kept..self.n].iter().zip(&self.opposite) {
-            surface.triangles[t as usize][0] = GONE;
+            at_mut(&mut surface.triangles, t)[0] = GONE;
             surface.n_alive -= 1;
-            let ring = &mut surface.rings[w as usize];
-            let (start, end) = (ring.start as usize, (ring.start + ring.len) as usize);
-            let list = &mut surface.arena[start..end];
-            if let Some(at) = list.iter().position(|&x| x == t) {
-                list[at] = list[list.len() - 1];
+            let ring = at_mut(&mut surface.rings, w);
+            let list = part_mut(&mut surface.arena, ring.start, ring.len);
+            let found = match list.first_chunk::<8>() {
+                Some(eight) => Some(L::matches(eight, t).trailing_zeros() as usize),
+                None => None,
+            };
+            let place = match found {
+                Some(place) if place < 8 => Some(place),
+                _ => list.iter().position(|&x| x == t),
+            };
+            if let Some(place) = place {
+                list[place] = list[list.len() - 1];
                 ring.len -= 1;
             }
         }
         let kept = &self.ids[..self.n_kept];
-        let (ring0, ring1) = (surface.rings[v0 as usize], surface.rings[v1 as usize]);
+        let (ring0, ring1) = (*at(&surface.rings, v0), *at(&surface.rings, v1));
         let n = kept.len() as u32;
         let (start, room) = if n <= ring1.room {
             (ring1.start, ring1.room)
@@ -452,10 +462,10 @@ impl Collapser {
             surface.arena.resize(surface.arena.len() + n as usize, 0);
             (start, n)
         };
-        surface.arena[start as usize..(start + n) as usize].copy_from_slice(kept);
-        let ring = &mut surface.rings[v1 as usize];
+        part_mut(&mut surface.arena, start, n).copy_from_slice(kept);
+        let ring = at_mut(&mut surface.rings, v1);
         (ring.start, ring.len, ring.room) = (start, n, room);
-        let ring = &mut surface.rings[v0 as usize];
+        let ring = at_mut(&mut surface.rings, v0);
         (ring.start, ring.len, ring.class) = (v1, 0, None);
     }
 }

@@ -4,6 +4,8 @@
 //! The whole loop is one `Job`, so that all of it is compiled for the lanes it runs on. Which edges are
 //! in the queue, and how far it is emptied, is up to `drive`.
 
+use std::hint::select_unpredictable;
+
 use super::Topology;
 use super::collapse::{Plan, classes_allow, eight, roles};
 use super::drive::Driver;
@@ -13,6 +15,7 @@ use super::legal::{Class, Reject};
 use super::queue::{BucketQueue, Entry};
 use super::surface::{GONE, Surface};
 use super::topology::{self, Remedy};
+use super::unchecked::{at, at_mut};
 
 /// A collapse that turns a normal too far is dearer by a factor of two a failure, and goes through
 /// after this many.
@@ -51,6 +54,8 @@ struct Batch {
     v1: [u32; 8],
     bucket: [u32; 8],
     failures: [u8; 8],
+    /// 1 where `v1` may not move, else 0.
+    fixed: [f32; 8],
     n: usize,
 }
 
@@ -84,65 +89,83 @@ impl<F: FnMut(u32, u32, f32)> Job for Seeds<'_, F> {
     #[inline(always)]
     fn run<L: Lanes>(mut self) {
         let surface = self.surface;
-        let (mut v0, mut v1) = ([0u32; 16], [0u32; 16]);
-        let mut n = 0;
+        let (mut ends, mut n) = ([[0u32; 16]; 2], 0);
         for t in &surface.triangles[self.triangles] {
             if t[0] == GONE {
                 continue;
             }
-            let inner = t.map(|v| surface.rings[v as usize].class == Some(Class::Interior));
+            let inner = t.map(|v| at(&surface.rings, v).class == Some(Class::Interior));
             for (i, j) in [(0, 1), (1, 2), (2, 0)] {
-                let (a, b) = (t[i], t[j]);
                 // An inner edge comes up twice, in either direction; an open one may come up in one only.
-                let once = (a < b) | !(inner[i] | inner[j]);
-                let (from, to) = roles(surface, a, b);
-                (v0[n & 15], v1[n & 15]) = (from, to);
-                let allowed = (inner[i] & inner[j]) || classes_allow(surface, from, to).is_ok();
-                n += usize::from(once & allowed);
+                let once = (t[i] < t[j]) | !(inner[i] | inner[j]);
+                (ends[0][n & 15], ends[1][n & 15]) = (t[i], t[j]);
+                n += usize::from(once);
             }
             if n >= 8 {
-                let (Some(from), Some(to)) = (v0.first_chunk(), v1.first_chunk()) else { return };
-                let cost = evaluate_eight::<L>(surface, from, to).cost;
-                for (i, &cost) in cost.iter().enumerate() {
-                    (self.take)(from[i], to[i], cost);
-                }
-                v0.copy_within(8.., 0);
-                v1.copy_within(8.., 0);
+                Self::take_eight::<L>(surface, &ends, 8, &mut self.take);
+                let [from, to] = &mut ends;
+                from.copy_within(8.., 0);
+                to.copy_within(8.., 0);
                 n -= 8;
             }
         }
         if n > 0 {
-            let (first0, first1) = (v0[0], v1[0]);
-            v0[n..].fill(first0);
-            v1[n..].fill(first1);
-            let (Some(from), Some(to)) = (v0.first_chunk(), v1.first_chunk()) else { return };
-            let cost = evaluate_eight::<L>(surface, from, to).cost;
-            for (i, &cost) in cost.iter().enumerate().take(n) {
-                (self.take)(from[i], to[i], cost);
+            let first = [ends[0][0], ends[1][0]];
+            ends[0][n..].fill(first[0]);
+            ends[1][n..].fill(first[1]);
+            Self::take_eight::<L>(surface, &ends, n, &mut self.take);
+        }
+    }
+}
+
+impl<F: FnMut(u32, u32, f32)> Seeds<'_, F> {
+    /// Evaluates the first eight edges and hands over the first `n`.
+    #[inline(always)]
+    fn take_eight<L: Lanes>(surface: &Surface, ends: &[[u32; 16]; 2], n: usize, take: &mut F) {
+        let (mut v0, mut v1, mut fixed) = ([0; 8], [0; 8], [0.0; 8]);
+        let mut allowed = [true; 8];
+        for i in 0..8 {
+            (v0[i], v1[i]) = roles(surface, ends[0][i], ends[1][i]);
+            // The class of `v1` is the higher one.
+            if at(&surface.rings, v1[i]).class != Some(Class::Interior) {
+                allowed[i] = classes_allow(surface, v0[i], v1[i]).is_ok();
+                fixed[i] = fixation(surface, v1[i]);
+            }
+        }
+        let cost = evaluate_eight::<L>(surface, &v0, &v1, &fixed).cost;
+        for i in 0..n {
+            if allowed[i] {
+                take(v0[i], v1[i], cost[i]);
             }
         }
     }
 }
 
+/// 1 if the vertex may not move, else 0.
 #[inline(always)]
-fn evaluate_eight<L: Lanes>(surface: &Surface, v0: &[u32; 8], v1: &[u32; 8]) -> Evaluated {
-    let mut fixed = [0.0; 8];
-    for (fixed, &v) in fixed.iter_mut().zip(v1) {
-        let class = surface.rings[v as usize].class;
-        *fixed = f32::from(u8::from(class >= Some(Class::Complex)));
-    }
+fn fixation(surface: &Surface, v: u32) -> f32 {
+    f32::from(u8::from(at(&surface.rings, v).class >= Some(Class::Complex)))
+}
+
+#[inline(always)]
+fn evaluate_eight<L: Lanes>(
+    surface: &Surface,
+    v0: &[u32; 8],
+    v1: &[u32; 8],
+    fixed: &[f32; 8],
+) -> Evaluated {
     let (from, to) = (eight(&surface.vertices, v0), eight(&surface.vertices, v1));
-    evaluate::edges::<L>(from, to, &fixed, surface.scale)
+    evaluate::edges::<L>(from, to, fixed, surface.scale)
 }
 
 impl Driver {
     /// The vertex that a vertex has been merged into, or itself.
     #[inline(always)]
     fn survivor(&mut self, v: u32) -> u32 {
-        let ring = &self.surface.rings[v as usize];
-        let at = if ring.class.is_none() { ring.start } else { v };
-        if self.surface.rings[at as usize].class.is_some() {
-            return at;
+        let ring = at(&self.surface.rings, v);
+        let next = select_unpredictable(ring.class.is_none(), ring.start, v);
+        if at(&self.surface.rings, next).class.is_some() {
+            return next;
         }
         self.far_survivor(v)
     }
@@ -150,16 +173,16 @@ impl Driver {
     /// The same after several mergers; the path becomes shorter.
     #[inline(never)]
     fn far_survivor(&mut self, v: u32) -> u32 {
-        let mut at = v;
-        while self.surface.rings[at as usize].class.is_none() {
-            at = self.surface.rings[at as usize].start;
+        let mut last = v;
+        while at(&self.surface.rings, last).class.is_none() {
+            last = at(&self.surface.rings, last).start;
         }
         let mut walk = v;
-        while walk != at {
-            let ring = &mut self.surface.rings[walk as usize];
-            walk = std::mem::replace(&mut ring.start, at);
+        while walk != last {
+            let ring = at_mut(&mut self.surface.rings, walk);
+            walk = std::mem::replace(&mut ring.start, last);
         }
-        at
+        last
     }
 
     /// Takes entries out, follows them to their survivors and drops those that came to nothing.
@@ -170,17 +193,19 @@ impl Driver {
             let Some((bucket, entry)) = queue.pop() else { break };
             let (a, b) = (self.survivor(entry.v0), self.survivor(entry.v1));
             let (v0, v1) = roles(&self.surface, a, b);
-            let (ring0, ring1) =
-                (&self.surface.rings[v0 as usize], &self.surface.rings[v1 as usize]);
+            let (ring0, ring1) = (at(&self.surface.rings, v0), at(&self.surface.rings, v1));
             let lone = (ring0.len == 0) | (ring1.len == 0);
             if (a == b) | lone | queue.is_double(bucket, v0, v1) {
                 continue;
             }
-            if (ring0.class, ring1.class) != (Some(Class::Interior), Some(Class::Interior))
-                && let Err(reason) = classes_allow(&self.surface, v0, v1)
-            {
-                self.rejects.add(reason);
-                continue;
+            // The class of `v1` is the higher one.
+            batch.fixed[n] = 0.0;
+            if ring1.class != Some(Class::Interior) {
+                if let Err(reason) = classes_allow(&self.surface, v0, v1) {
+                    self.rejects.add(reason);
+                    continue;
+                }
+                batch.fixed[n] = fixation(&self.surface, v1);
             }
             (batch.v0[n], batch.v1[n]) = (v0, v1);
             (batch.bucket[n], batch.failures[n]) = (bucket, entry.failures);
@@ -204,7 +229,7 @@ impl Driver {
             if limits.may_stall && self.stalls(queue.lowest_cost(batch.bucket[0]), &mut mark) {
                 return true;
             }
-            let found = evaluate_eight::<L>(&self.surface, &batch.v0, &batch.v1);
+            let found = evaluate_eight::<L>(&self.surface, &batch.v0, &batch.v1, &batch.fixed);
             let begun = self.collapses;
             // First what goes back, then what collapses: which is which cannot be predicted.
             let mut due = [(0, 0.0); 8];
@@ -230,8 +255,8 @@ impl Driver {
                 }
                 let entry = batch.entry(i);
                 let changed = |v: u32| {
-                    let stamp = u64::from(self.surface.vertices[v as usize].stamp);
-                    (stamp > begun) | self.surface.rings[v as usize].class.is_none()
+                    let stamp = u64::from(at(&self.surface.vertices, v).stamp);
+                    (stamp > begun) | at(&self.surface.rings, v).class.is_none()
                 };
                 if changed(entry.v0) | changed(entry.v1) {
                     queue.push(batch.bucket[i], entry);

@@ -294,16 +294,15 @@ impl<L: Lanes> Found<L> {
         (self.shape_before.least(), self.shape_after.least())
     }
 
-    /// Looks at eight triangles of the rings: corners `b` and `c`; `side` is -1 where the third corner is
-    /// `v0`, 1 where it is `v1`. Lanes from `n_kept` on vanish in the collapse; an empty lane has `b` in
-    /// the place of `c`. `change` becomes the quadrics after minus before.
+    /// Looks at eight triangles of the rings: corners `b` and `c`. The third corner is `v0` in the first `n0`
+    /// lanes, then `v1`. Lanes from `n_kept` on vanish in the collapse; an empty lane has `b` in the place
+    /// of `c`. `change` becomes the quadrics after minus before.
     #[inline(always)]
     pub(crate) fn look(
         &mut self,
         around: &Around,
         (b, c): ([&Vertex; 8], [&Vertex; 8]),
-        side: &[f32; 8],
-        n_kept: f32,
+        (n0, n_kept): (f32, f32),
         change: &mut Rows,
     ) {
         let b = L::relative(b, [&around.centre; 8], around.scale);
@@ -311,11 +310,12 @@ impl<L: Lanes> Found<L> {
         let across = sub3(c, b);
         let across_sq = dot3(across, across);
         let [x, y, z] = around.half;
-        let old = scale3([L::splat(x), L::splat(y), L::splat(z)], L::load(side));
+        let lane = L::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+        let side = L::lt_select(lane, L::splat(n0), L::splat(-1.0), L::splat(1.0));
+        let old = scale3([L::splat(x), L::splat(y), L::splat(z)], side);
         let [x, y, z] = around.after;
         let new = [L::splat(x), L::splat(y), L::splat(z)];
         let (one, zero) = (L::splat(1.0), L::splat(0.0));
-        let lane = L::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
         let kept = L::splat(n_kept);
         let (n0, edges_sq0) = corner(b, c, old);
         let (n1, edges_sq1) = corner(b, c, new);

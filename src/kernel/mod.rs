@@ -14,6 +14,7 @@ mod queue;
 pub mod reference;
 mod surface;
 mod topology;
+mod unchecked;
 mod vector;
 mod weld;
 

@@ -4,6 +4,8 @@
 //! last entry comes out first. The queue never goes back: what is pushed below the bucket that is being
 //! emptied goes into that one. It knows nothing of meshes; stale entries are its owner's business.
 
+use super::unchecked::{at, at_mut};
+
 /// An edge waiting to be collapsed, and how often it has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Entry {
@@ -53,8 +55,8 @@ struct Seen {
 const SEEN_BITS: u32 = 12;
 
 #[inline(always)]
-fn seen_slot(v0: u32, v1: u32) -> usize {
-    (v0.wrapping_mul(0x9E37_79B1) ^ v1.wrapping_mul(0x85EB_CA77)) as usize >> (32 - SEEN_BITS)
+fn seen_slot(v0: u32, v1: u32) -> u32 {
+    (v0.wrapping_mul(0x9E37_79B1) ^ v1.wrapping_mul(0x85EB_CA77)) >> (32 - SEEN_BITS)
 }
 
 impl BucketQueue {
@@ -103,7 +105,7 @@ impl BucketQueue {
     #[inline(always)]
     pub(crate) fn put_back(&mut self, bucket: u32, entry: Entry) {
         let seen = Seen { v0: entry.v0, v1: entry.v1, bucket, epoch: self.epoch };
-        self.seen[seen_slot(entry.v0, entry.v1)] = seen;
+        *at_mut(&mut self.seen, seen_slot(entry.v0, entry.v1)) = seen;
         self.push(bucket, entry);
     }
 
@@ -111,39 +113,39 @@ impl BucketQueue {
     /// and one entry is enough. May miss some.
     #[inline(always)]
     pub(crate) fn is_double(&self, bucket: u32, v0: u32, v1: u32) -> bool {
-        let seen = &self.seen[seen_slot(v0, v1)];
+        let seen = at(&self.seen, seen_slot(v0, v1));
         (seen.v0 == v0) & (seen.v1 == v1) & (seen.epoch == self.epoch) & (seen.bucket > bucket)
     }
 
     #[inline(always)]
     pub(crate) fn push(&mut self, bucket: u32, entry: Entry) {
-        let bucket = bucket.max(self.current) as usize;
+        let bucket = bucket.max(self.current);
         let v1 = entry.v1 | u32::from(entry.failures) << FAILURE_SHIFT;
-        let slot = Slot { v0: entry.v0, v1, next: self.heads[bucket] };
-        let at = self.free;
-        self.heads[bucket] = if let Some(place) = self.pool.get_mut(at as usize) {
+        let slot = Slot { v0: entry.v0, v1, next: *at(&self.heads, bucket) };
+        let free = self.free;
+        *at_mut(&mut self.heads, bucket) = if let Some(place) = self.pool.get_mut(free as usize) {
             self.free = place.next;
             *place = slot;
-            at
+            free
         } else {
             self.pool.push(slot);
             self.pool.len() as u32 - 1
         };
-        self.filled[bucket / 64] |= 1 << (bucket % 64);
+        *at_mut(&mut self.filled, bucket / 64) |= 1 << (bucket % 64);
     }
 
     /// The cheapest entry with its bucket.
     #[inline(always)]
     pub(crate) fn pop(&mut self) -> Option<(u32, Entry)> {
-        let mut at = self.heads[self.current as usize];
-        if at == NONE {
-            at = self.advance()?;
+        let mut first = *at(&self.heads, self.current);
+        if first == NONE {
+            first = self.advance()?;
         }
-        let place = &mut self.pool[at as usize];
+        let place = at_mut(&mut self.pool, first);
         let slot = *place;
         place.next = self.free;
-        self.free = at;
-        self.heads[self.current as usize] = slot.next;
+        self.free = first;
+        *at_mut(&mut self.heads, self.current) = slot.next;
         let v1 = slot.v1 & !(3 << FAILURE_SHIFT);
         let failures = (slot.v1 >> FAILURE_SHIFT) as u8;
         Some((self.current, Entry { v0: slot.v0, v1, failures }))

@@ -3,10 +3,13 @@
 //! A ring lists the triangles of a vertex in a common arena; a merged ring takes over a slot that is
 //! large enough or is appended. Building and compacting live here, collapses do not.
 
+use std::hint::select_unpredictable;
+
 use super::evaluate::{Rows, Triangles};
 use super::lanes::Simd;
 use super::legal::Class;
 use super::order;
+use super::unchecked::{at, part};
 use super::vector::Vec3;
 use crate::mesh::Mesh;
 
@@ -67,11 +70,12 @@ pub(crate) fn boundary_quadric(edge: [f32; 3]) -> [f32; 6] {
 /// A triangle as seen from one of its corners: the other two, in its sense of rotation.
 #[inline(always)]
 pub(crate) fn others(triangle: [u32; 3], v: u32) -> (u32, u32) {
-    // Which corner it is cannot be predicted, so there is no branch on it.
-    const NEXT: [usize; 4] = [1, 2, 0, 0];
-    let at = usize::from(triangle[1] == v) + 2 * usize::from(triangle[2] == v);
-    let next = NEXT[at];
-    (triangle[next], triangle[NEXT[next]])
+    // Which corner it is cannot be predicted.
+    let [x, y, z] = triangle;
+    let (first, second) = (x == v, y == v);
+    let next = select_unpredictable(first, y, select_unpredictable(second, z, x));
+    let last = select_unpredictable(first, z, select_unpredictable(second, x, y));
+    (next, last)
 }
 
 fn is_proper(t: &[u32; 3]) -> bool {
@@ -221,15 +225,16 @@ impl Surface {
     /// Scaled vector from one vertex to another.
     #[inline(always)]
     pub(crate) fn edge(&self, from: u32, to: u32) -> [f32; 3] {
-        let (p, q) = (self.vertices[from as usize].position, self.vertices[to as usize].position);
-        std::array::from_fn(|i| ((q[i] - p[i]) * self.scale) as f32)
+        let (p, q) = (at(&self.vertices, from).position, at(&self.vertices, to).position);
+        let along = |i: usize| ((q[i] - p[i]) * self.scale) as f32;
+        [along(0), along(1), along(2)]
     }
 
     /// The triangles of a vertex.
     #[inline(always)]
     pub(crate) fn ring(&self, v: u32) -> &[u32] {
-        let ring = self.rings[v as usize];
-        &self.arena[ring.start as usize..(ring.start + ring.len) as usize]
+        let ring = at(&self.rings, v);
+        part(&self.arena, ring.start, ring.len)
     }
 
     /// Finds the class of a vertex that is not locked and adds the quadrics of its boundary edges.
