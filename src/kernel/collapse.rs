@@ -53,7 +53,9 @@ pub(crate) fn classes_allow(surface: &Surface, v0: u32, v1: u32) -> Result<(), R
 /// Room for the triangles of both ends, in whole parts of eight; a power of two, so that a place in it needs
 /// no check.
 const ROOM: usize = 256;
-const _: () = assert!(ROOM >= MAX_VALENCE as usize + 8);
+/// Where the vanishing triangles are put until it is known how many stay.
+const GONE_AT: usize = ROOM - 8;
+const _: () = assert!(GONE_AT >= MAX_VALENCE as usize + 16);
 
 /// Scratch space of one collapse, re-used.
 pub(crate) struct Collapser {
@@ -162,14 +164,12 @@ impl Collapser {
             n += usize::from((b != v1) & (c != v1));
         }
         self.n0 = n;
-        let mut gone = [[0u32; 3]; 4];
         let mut n_gone = 0;
         for &t in ring1 {
             let (b, c) = others(*at(&surface.triangles, t), v1);
-            let place = n & (ROOM - 1);
-            (self.ids[place], self.b[place], self.c[place]) = (t, b, c);
-            gone[n_gone & 3] = [t, b, c];
             let vanishes = (b == v0) | (c == v0);
+            let place = select_unpredictable(vanishes, GONE_AT | (n_gone & 3), n & (ROOM - 1));
+            (self.ids[place], self.b[place], self.c[place]) = (t, b, c);
             n += usize::from(!vanishes);
             n_gone += usize::from(vanishes);
         }
@@ -181,15 +181,14 @@ impl Collapser {
         if n_gone > 2 {
             return Err(Reject::NonManifold);
         }
-        let opposite = |[_, b, c]: [u32; 3]| if b == v0 { c } else { b };
-        let last = gone[n_gone - 1];
-        self.opposite = [opposite(gone[0]), opposite(last)];
-        for [t, b, c] in [gone[0], last] {
-            (self.ids[n], self.b[n], self.c[n]) = (t, b, c);
+        for from in [GONE_AT, GONE_AT + n_gone - 1] {
+            (self.ids[n], self.b[n], self.c[n]) = (self.ids[from], self.b[from], self.c[from]);
             n += 1;
         }
         n = self.n_kept + n_gone;
         self.n = n;
+        let opposite = |i: usize| select_unpredictable(self.b[i] == v0, self.c[i], self.b[i]);
+        self.opposite = [opposite(self.n_kept), opposite(n - 1)];
         // An empty lane has both corners in one place.
         self.b[n..][..8].fill(v1);
         self.c[n..][..8].fill(v1);
@@ -356,22 +355,28 @@ impl Collapser {
             }
         }
         if !fixed {
-            let place = plan.place.map(|x| f64::from(x) / surface.scale);
-            let centre = &around.centre;
-            let place = [centre[0] + place[0], centre[1] + place[1], centre[2] + place[2]];
-            self.move_survivor(surface, plan, place);
+            let (centre, unscale) = (&around.centre, surface.unscale);
+            let place = |i: usize| centre[i] + f64::from(plan.place[i]) * unscale;
+            let place = [place(0), place(1), place(2)];
+            if surface.n_channels > 0 {
+                self.blend_channels(surface, plan, place);
+            }
+            at_mut(&mut surface.vertices, v1).position = place;
         }
         // The rows of vanishing triangles also touch v0, which is no more.
-        let corners = self.b.iter().zip(&self.c).take(self.n);
-        let rows = self.changes.iter().flat_map(|change| (0..8).map(move |row| (change, row)));
-        for ((&b, &c), (change, row)) in corners.zip(rows) {
-            for w in [b, c] {
-                let vertex = at_mut(&mut surface.vertices, w);
-                change.add_to(row, &mut vertex.quadric);
-                vertex.stamp = number;
+        let (bs, cs) = (self.b.as_chunks::<8>().0, self.c.as_chunks::<8>().0);
+        let mut left = self.n;
+        for ((b, c), change) in bs.iter().zip(cs).zip(&self.changes).take(self.n.div_ceil(8)) {
+            for row in 0..left.min(8) {
+                for w in [b[row], c[row]] {
+                    let vertex = at_mut(&mut surface.vertices, w);
+                    change.add_to(row, &mut vertex.quadric);
+                    vertex.stamp = number;
+                }
             }
+            left = left.saturating_sub(8);
         }
-        let class0 = surface.rings[v0 as usize].class;
+        let class0 = at(&surface.rings, v0).class;
         for &(w, _) in &self.open {
             if self.closes == Some(w) {
                 continue;
@@ -384,11 +389,13 @@ impl Collapser {
             }
             surface.vertices[w as usize].stamp = number;
         }
-        surface.vertices[v1 as usize].quadric = quadric;
-        surface.vertices[v1 as usize].stamp = number;
+        let survivor = at_mut(&mut surface.vertices, v1);
+        (survivor.quadric, survivor.stamp) = (quadric, number);
         self.rewire::<L>(surface, v0, v1);
-        let ring = &mut surface.rings[v1 as usize];
-        ring.class = ring.class.max(class0);
+        if class0 != Some(Class::Interior) {
+            let ring = at_mut(&mut surface.rings, v1);
+            ring.class = ring.class.max(class0);
+        }
         if let Some(w) = self.closes {
             for v in [v1, w] {
                 surface.rings[v as usize].class = Some(self.fan.look(surface, v));
@@ -407,20 +414,17 @@ impl Collapser {
         b0.iter().copied().find(|&w| inner(w) && !known(w) && b1.contains(&w))
     }
 
-    /// Puts the survivor in its place, its channels interpolated along the edge.
-    fn move_survivor(&self, surface: &mut Surface, plan: Plan, place: Vec3) {
+    /// Interpolates the channels of the survivor along the edge.
+    fn blend_channels(&self, surface: &mut Surface, plan: Plan, place: Vec3) {
         let (i0, i1) = (plan.v0 as usize, plan.v1 as usize);
         let n = surface.n_channels;
-        if n > 0 {
-            let (p0, p1) = (surface.vertices[i0].position, surface.vertices[i1].position);
-            let t = super::vector::along(place, p0, p1) as f32;
-            for channel in 0..n {
-                let c0 = surface.channels[i0 * n + channel];
-                let c1 = &mut surface.channels[i1 * n + channel];
-                *c1 = c0 + t * (*c1 - c0);
-            }
+        let (p0, p1) = (surface.vertices[i0].position, surface.vertices[i1].position);
+        let t = super::vector::along(place, p0, p1) as f32;
+        for channel in 0..n {
+            let c0 = surface.channels[i0 * n + channel];
+            let c1 = &mut surface.channels[i1 * n + channel];
+            *c1 = c0 + t * (*c1 - c0);
         }
-        surface.vertices[i1].position = place;
     }
 
     /// Triangles and rings after the collapse.
@@ -462,7 +466,10 @@ impl Collapser {
             surface.arena.resize(surface.arena.len() + n as usize, 0);
             (start, n)
         };
-        part_mut(&mut surface.arena, start, n).copy_from_slice(kept);
+        // Too few to be worth a call.
+        for (to, &id) in part_mut(&mut surface.arena, start, n).iter_mut().zip(kept) {
+            *to = id;
+        }
         let ring = at_mut(&mut surface.rings, v1);
         (ring.start, ring.len, ring.room) = (start, n, room);
         let ring = at_mut(&mut surface.rings, v0);

@@ -54,6 +54,10 @@ struct Batch {
     v1: [u32; 8],
     bucket: [u32; 8],
     failures: [u8; 8],
+    /// By what the failures multiply the cost.
+    weight: [f32; 8],
+    /// What costs this much or more belongs into a dearer bucket.
+    ceiling: [f32; 8],
     /// 1 where `v1` may not move, else 0.
     fixed: [f32; 8],
     n: usize,
@@ -209,6 +213,8 @@ impl Driver {
             }
             (batch.v0[n], batch.v1[n]) = (v0, v1);
             (batch.bucket[n], batch.failures[n]) = (bucket, entry.failures);
+            batch.weight[n] = f32::from(1u8 << entry.failures);
+            batch.ceiling[n] = queue.lowest_cost(bucket + 1);
             n += 1;
         }
         batch.n = n;
@@ -232,24 +238,19 @@ impl Driver {
             let found = evaluate_eight::<L>(&self.surface, &batch.v0, &batch.v1, &batch.fixed);
             let begun = self.collapses;
             // First what goes back, then what collapses: which is which cannot be predicted.
-            let mut due = [(0, 0.0); 8];
-            let mut n_due = 0;
-            let mut back = [(0, 0); 8];
-            let mut n_back = 0;
-            for i in 0..8 {
-                let cost = found.cost[i] * f32::from(1u8 << batch.failures[i]);
-                let now = queue.bucket(cost);
-                let allowed = (cost <= limits.cost) & (i < batch.n);
-                let dearer = now > batch.bucket[i];
-                due[n_due & 7] = (i, cost);
-                n_due += usize::from(allowed & !dearer);
-                back[n_back & 7] = (i, now);
-                n_back += usize::from(allowed & dearer);
+            let cost = L::load(&found.cost).times(L::load(&batch.weight));
+            let allowed = cost.below(L::splat(limits.cost.next_up())) & (0xFF >> (8 - batch.n));
+            let mut due = allowed & cost.below(L::load(&batch.ceiling));
+            let mut dearer = allowed & !due;
+            let cost = cost.store();
+            while dearer != 0 {
+                let i = dearer.trailing_zeros() as usize & 7;
+                dearer &= dearer - 1;
+                queue.put_back(queue.bucket(cost[i]), batch.entry(i));
             }
-            for &(i, now) in back.iter().take(n_back) {
-                queue.put_back(now, batch.entry(i));
-            }
-            for &(i, cost) in due.iter().take(n_due) {
+            while due != 0 {
+                let i = due.trailing_zeros() as usize & 7;
+                due &= due - 1;
                 if self.surface.n_alive <= limits.triangles {
                     return false;
                 }
@@ -263,7 +264,7 @@ impl Driver {
                     continue;
                 }
                 let place = [found.place[0][i], found.place[1][i], found.place[2][i]];
-                self.attempt::<L>(queue, (batch.bucket[i], entry), cost, limits, place);
+                self.attempt::<L>(queue, (batch.bucket[i], entry), cost[i], limits, place);
             }
         }
         false

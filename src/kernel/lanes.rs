@@ -75,6 +75,8 @@ pub(crate) trait Lanes: Copy {
     fn quadrics(vertices: [&Vertex; 8]) -> [Self; 9];
     /// Eight numbers of each lane, one array a lane.
     fn store_rows(columns: [Self; 8], rows: &mut [[f32; 8]; 8]);
+    /// Bit `i` tells whether lane `i` is less than that of `other`; not so if either is NaN.
+    fn below(self, other: Self) -> u32;
     /// Bit `i` tells whether `ids[i]` is `id`.
     fn matches(ids: &[u32; 8], id: u32) -> u32;
 }
@@ -164,6 +166,10 @@ impl Lanes for Portable {
                 *x = column.0[lane];
             }
         }
+    }
+    #[inline(always)]
+    fn below(self, other: Self) -> u32 {
+        (0..8).fold(0, |bits, i| bits | u32::from(self.0[i] < other.0[i]) << i)
     }
     #[inline(always)]
     fn matches(ids: &[u32; 8], id: u32) -> u32 {
@@ -346,6 +352,13 @@ mod avx2 {
                 _mm256_storeu_ps(rows[5].as_mut_ptr(), r[5]);
                 _mm256_storeu_ps(rows[6].as_mut_ptr(), r[6]);
                 _mm256_storeu_ps(rows[7].as_mut_ptr(), r[7]);
+            }
+        }
+        #[inline(always)]
+        fn below(self, other: Self) -> u32 {
+            unsafe {
+                let less = _mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0);
+                _mm256_movemask_ps(less).cast_unsigned()
             }
         }
         #[inline(always)]

@@ -83,6 +83,7 @@ impl BucketQueue {
     }
 
     /// The least cost of a bucket.
+    #[inline(always)]
     pub(crate) fn lowest_cost(&self, bucket: u32) -> f32 {
         f32::from_bits(bucket << self.shift)
     }

@@ -6,10 +6,10 @@
 use std::hint::select_unpredictable;
 
 use super::evaluate::{Rows, Triangles};
-use super::lanes::Simd;
+use super::lanes::{Job, Lanes, Simd};
 use super::legal::Class;
 use super::order;
-use super::unchecked::{at, part};
+use super::unchecked::{at, at_mut, part};
 use super::vector::Vec3;
 use crate::mesh::Mesh;
 
@@ -56,6 +56,8 @@ pub(crate) struct Surface {
     pub(crate) n_channels: usize,
     /// Power of two that brings edges near to length 1, so that f32 neither over- nor underflows.
     pub(crate) scale: f64,
+    /// 1 / scale, which is exact.
+    pub(crate) unscale: f64,
 }
 
 /// Quadric of a boundary edge: squared length times squared distance to its line.
@@ -126,6 +128,7 @@ impl Surface {
             channels,
             n_channels,
             scale,
+            unscale: 1.0 / scale,
         };
         surface.build(simd, false);
         surface
@@ -170,7 +173,7 @@ impl Surface {
         }
         for t in &self.triangles {
             for &v in t {
-                self.rings[v as usize].len += 1;
+                at_mut(&mut self.rings, v).len += 1;
             }
         }
         let mut start = 0;
@@ -185,18 +188,12 @@ impl Surface {
         self.sum_quadrics(simd);
         for (id, t) in self.triangles.iter().enumerate() {
             for &v in t {
-                let ring = &mut self.rings[v as usize];
-                self.arena[(ring.start + ring.len) as usize] = id as u32;
+                let ring = at_mut(&mut self.rings, v);
+                *at_mut(&mut self.arena, ring.start + ring.len) = id as u32;
                 ring.len += 1;
             }
         }
-        let mut scratch = Fan::new();
-        for v in 0..self.vertices.len() as u32 {
-            // A vertex that is interior stays so.
-            if !again || self.rings[v as usize].class != Some(Class::Interior) {
-                self.classify(v, &mut scratch);
-            }
-        }
+        simd.run(Classify { surface: self, again });
     }
 
     fn sum_quadrics(&mut self, simd: Simd) {
@@ -216,7 +213,7 @@ impl Surface {
             });
             for (i, t) in eight.iter().enumerate() {
                 for &v in t {
-                    rows.add_to(i, &mut self.vertices[v as usize].quadric);
+                    rows.add_to(i, &mut at_mut(&mut self.vertices, v).quadric);
                 }
             }
         }
@@ -286,6 +283,49 @@ impl Surface {
         mesh.triangles = self.triangles;
         (mesh, used.into_iter().map(|(source, _)| source).collect())
     }
+}
+
+/// Finds the classes of all vertices; after a compaction, an interior vertex stays one.
+struct Classify<'a> {
+    surface: &'a mut Surface,
+    again: bool,
+}
+
+impl Job for Classify<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let mut fan = Fan::new();
+        for v in 0..self.surface.vertices.len() as u32 {
+            let ring = at(&self.surface.rings, v);
+            let interior = ring.class == Some(Class::Interior);
+            if !(interior && (self.again || is_one_fan::<L>(self.surface, v))) {
+                self.surface.classify(v, &mut fan);
+            }
+        }
+    }
+}
+
+/// Whether the triangles of a vertex form one closed fan; false if they are more than eight or too few to
+/// tell quickly.
+#[inline(always)]
+fn is_one_fan<L: Lanes>(surface: &Surface, v: u32) -> bool {
+    let ring = surface.ring(v);
+    if ring.is_empty() || ring.len() > 8 {
+        return false;
+    }
+    let (mut b, mut c) = ([GONE; 8], [GONE; 8]);
+    for ((b, c), &t) in b.iter_mut().zip(&mut c).zip(ring) {
+        (*b, *c) = others(*at(&surface.triangles, t), v);
+    }
+    // From triangle to triangle; a walk that is back after all of them, not earlier, has met each once.
+    let (mut at, mut early) = (0, false);
+    for _ in 1..ring.len() {
+        at = L::matches(&b, c[at & 7]).trailing_zeros() as usize;
+        early |= (at == 0) | (at > 7);
+    }
+    !early && L::matches(&b, c[at & 7]) & 1 == 1
 }
 
 /// The triangles of one vertex as pairs of corners; re-used from vertex to vertex.
