@@ -143,7 +143,7 @@ impl Collapser {
                 return Err(Reject::Sliver);
             }
         }
-        self.carry_out::<L>(surface, plan, &around, found.quadric(), number);
+        self.carry_out(surface, plan, &around, found.quadric(), number);
         Ok(())
     }
 
@@ -336,7 +336,7 @@ impl Collapser {
     }
 
     #[inline(always)]
-    fn carry_out<L: Lanes>(
+    fn carry_out(
         &mut self,
         surface: &mut Surface,
         plan: Plan,
@@ -391,7 +391,7 @@ impl Collapser {
         }
         let survivor = at_mut(&mut surface.vertices, v1);
         (survivor.quadric, survivor.stamp) = (quadric, number);
-        self.rewire::<L>(surface, v0, v1);
+        self.rewire(surface, v0, v1);
         if class0 != Some(Class::Interior) {
             let ring = at_mut(&mut surface.rings, v1);
             ring.class = ring.class.max(class0);
@@ -429,7 +429,7 @@ impl Collapser {
 
     /// Triangles and rings after the collapse.
     #[inline(always)]
-    fn rewire<L: Lanes>(&mut self, surface: &mut Surface, v0: u32, v1: u32) {
+    fn rewire(&mut self, surface: &mut Surface, v0: u32, v1: u32) {
         for &t in &self.ids[..self.n0] {
             let triangle = at_mut(&mut surface.triangles, t);
             let [x, y, z] = *triangle;
@@ -441,14 +441,8 @@ impl Collapser {
             surface.n_alive -= 1;
             let ring = at_mut(&mut surface.rings, w);
             let list = part_mut(&mut surface.arena, ring.start, ring.len);
-            let found = match list.first_chunk::<8>() {
-                Some(eight) => Some(L::matches(eight, t).trailing_zeros() as usize),
-                None => None,
-            };
-            let place = match found {
-                Some(place) if place < 8 => Some(place),
-                _ => list.iter().position(|&x| x == t),
-            };
+            // Most rings are shorter than eight, and what comes after them in the arena is anyone's.
+            let place = list.iter().position(|&x| x == t);
             if let Some(place) = place {
                 list[place] = list[list.len() - 1];
                 ring.len -= 1;

@@ -1,7 +1,7 @@
 //! Eight f32 lanes: with AVX2 where the processor has it, portably elsewhere, with the same bytes.
 //!
 //! Every operation is one correctly rounded IEEE operation a lane, none is fused, so both kinds agree to
-//! the last bit. All `unsafe` of the kernel is in this file. It knows the layout of a vertex, no mesh.
+//! the last bit. The kernel's `unsafe` is here and in `unchecked`. It knows the layout of a vertex, no mesh.
 
 use super::surface::Vertex;
 
