@@ -3,7 +3,7 @@
 use crate::Outcome;
 use crate::child::{self, Ending, Job};
 use crate::judge::{self, judge};
-use crate::peers::{Kind, Peer, Places};
+use crate::peers::{Kind, PEERS, Peer, Places};
 use crate::record::{Quality, Row, Run};
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -93,6 +93,8 @@ impl Input {
             if !make.status()?.success() {
                 return Err(format!("{spec} could not be made").into());
             }
+            // Or writing it back would go on during the first run.
+            std::fs::File::open(&file)?.sync_all()?;
             (name, file, true)
         };
         let mut input = Input { name, file, raw: None, n_triangles: 0, made };
@@ -171,29 +173,61 @@ pub fn rows(input: &Input, target: u64, peers: &[Peer], settings: &Settings) -> 
     Ok(rows)
 }
 
-/// Runs stonecut alone; the result is judged only if `judged`, since that takes longer than the run.
-pub fn own_rows(
+/// Runs stonecut alone with several numbers of threads, interleaved; a row for each.
+///
+/// The result is judged only if `judged`, and once: whoever wrote other bytes than the first is in trouble.
+pub fn thread_rows(
     input: &Input,
     target: u64,
-    own: &[Peer],
+    threads: &[u64],
     settings: &Settings,
     judged: bool,
 ) -> Outcome<Vec<Row>> {
-    if judged {
-        return rows(input, target, own, settings);
-    }
-    let mut rows = Vec::new();
-    for peer in own {
-        let mut row = new_row(input, target, peer, settings);
-        for _ in 0..settings.runs {
-            if row.trouble.is_empty() {
-                one_run(&mut row, peer, input, settings)?;
+    let own = PEERS[0];
+    let settings: Vec<Settings> =
+        threads.iter().map(|&n| Settings { threads: Some(n), ..settings.clone() }).collect();
+    let mut rows: Vec<Row> =
+        settings.iter().map(|settings| new_row(input, target, &own, settings)).collect();
+    let mut first: Option<PathBuf> = None;
+    for _ in 0..settings.first().map_or(0, |settings| settings.runs) {
+        for (row, settings) in rows.iter_mut().zip(&settings) {
+            if !row.trouble.is_empty() {
+                continue;
+            }
+            one_run(row, &own, input, settings)?;
+            if !row.trouble.is_empty() {
+                continue;
+            }
+            let result = result_of(row, &own, settings);
+            match &first {
+                None => {
+                    let kept = result.with_extension("first.ply");
+                    std::fs::rename(result, &kept)?;
+                    first = Some(kept);
+                }
+                Some(first) => {
+                    if !same_bytes(first, &result)? {
+                        row.trouble = "other bytes than the first run".to_owned();
+                    }
+                    std::fs::remove_file(result)?;
+                }
             }
         }
-        let _ = std::fs::remove_file(result_of(&row, peer, settings));
-        rows.push(row);
+    }
+    if let (Some(first), Some(settings)) = (first, settings.first()) {
+        if judged {
+            let quality = quality(input, &first, settings)?;
+            for row in &mut rows {
+                row.quality = Some(quality.clone());
+            }
+        }
+        std::fs::remove_file(first)?;
     }
     Ok(rows)
+}
+
+fn same_bytes(a: &Path, b: &Path) -> Outcome<bool> {
+    Ok(Command::new("cmp").arg("-s").args([a, b]).status()?.success())
 }
 
 fn new_row(input: &Input, target: u64, peer: &Peer, settings: &Settings) -> Row {

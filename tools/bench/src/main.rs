@@ -52,7 +52,7 @@ enum Command {
         kinds: Vec<String>,
         #[arg(long, value_delimiter = ',', default_value = "1M,4M,16M,64M")]
         sizes: Vec<String>,
-        /// Numbers of threads, one run each
+        /// Numbers of threads, interleaved
         #[arg(long = "threads", value_delimiter = ',', default_value = "1,2")]
         counts: Vec<u64>,
         #[arg(long, value_parser = parse_ratio, default_value = "1%")]

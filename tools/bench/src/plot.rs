@@ -7,8 +7,8 @@ use plotters::prelude::*;
 use std::path::Path;
 
 const SIZE: (u32, u32) = (800, 480);
-/// Colour-blind safe (Okabe and Ito), black last.
-const COLOURS: [RGBColor; 8] = [
+/// Eight that are safe for the colour-blind (Okabe and Ito), black last, and three darker ones.
+const COLOURS: [RGBColor; 11] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -17,7 +17,13 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(86, 180, 233),
     RGBColor(120, 120, 120),
     RGBColor(0, 0, 0),
+    RGBColor(110, 60, 140),
+    RGBColor(130, 70, 20),
+    RGBColor(0, 90, 70),
 ];
+
+/// Room on the right for the names, as a factor of the largest x.
+const LEGEND: f64 = 4.0;
 
 /// A named line through points, ascending in x.
 pub type Series = (String, Vec<(f64, f64)>);
@@ -39,7 +45,7 @@ pub fn lines(path: &Path, title: &str, x: &str, y: &str, series: &[Series]) -> O
         .margin(12)
         .x_label_area_size(42)
         .y_label_area_size(72)
-        .build_cartesian_2d((xs.0..xs.1).log_scale(), (ys.0..ys.1).log_scale())?;
+        .build_cartesian_2d((xs.0..xs.1 * LEGEND).log_scale(), (ys.0..ys.1).log_scale())?;
     chart
         .configure_mesh()
         .x_desc(x)
@@ -57,7 +63,11 @@ pub fn lines(path: &Path, title: &str, x: &str, y: &str, series: &[Series]) -> O
             .legend(move |(x, y)| Rectangle::new([(x, y - 4), (x + 14, y + 4)], colour.filled()));
         chart.draw_series(points.iter().map(|p| Circle::new(*p, 3, colour.filled())))?;
     }
-    chart.configure_series_labels().background_style(WHITE.mix(0.8)).border_style(BLACK).draw()?;
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::MiddleRight)
+        .background_style(WHITE.mix(0.8))
+        .draw()?;
     root.present()?;
     Ok(())
 }
@@ -112,12 +122,16 @@ pub fn bars(path: &Path, title: &str, y: &str, bars: &[Bar]) -> Outcome<()> {
             .label(*name)
             .legend(move |(x, y)| Rectangle::new([(x, y - 4), (x + 14, y + 4)], colour.filled()));
     }
-    chart.configure_series_labels().background_style(WHITE.mix(0.8)).border_style(BLACK).draw()?;
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::MiddleRight)
+        .background_style(WHITE.mix(0.8))
+        .draw()?;
     root.present()?;
     Ok(())
 }
 
-/// An axis from -1/2 to n - 1/2 with labels at the whole numbers.
+/// An axis of n slots with labels in their middles, and room for the names on the right.
 struct Slots(usize);
 
 impl Ranged for Slots {
@@ -133,7 +147,7 @@ impl Ranged for Slots {
     }
 
     fn range(&self) -> std::ops::Range<f64> {
-        -0.5..self.0 as f64 - 0.5
+        -0.5..self.0 as f64 * 1.2 - 0.3
     }
 }
 

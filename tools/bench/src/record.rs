@@ -159,7 +159,13 @@ impl Machine {
             .find_map(|line| line.strip_prefix("model name"))
             .map_or("unknown processor", |rest| rest.trim_start_matches([' ', '\t', ':']));
         let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
-        let arguments: Vec<String> = std::env::args().skip(1).collect();
+        // Where this machine keeps its files is nobody's business: names stand for paths.
+        let name =
+            |word: String| match word.strip_prefix('/').and_then(|rest| rest.rsplit('/').next()) {
+                Some(name) => name.to_owned(),
+                None => word,
+            };
+        let arguments: Vec<String> = std::env::args().skip(1).map(name).collect();
         Machine {
             processor: format!("{} cores of {model}", stonecut::memory::cores()),
             memory_bytes: stonecut::memory::limit_bytes(),

@@ -2,7 +2,6 @@
 
 use crate::bench::{self, Input, Settings};
 use crate::page::{count, mib, number, spread, table};
-use crate::peers::{Kind, PEERS, Peer};
 use crate::plot;
 use crate::record::{Machine, Row};
 use crate::{Outcome, compare::Record};
@@ -36,7 +35,6 @@ pub fn run(request: &Request, settings: &Settings, out: &Path) -> Outcome<Record
     std::fs::create_dir_all(out)?;
     std::fs::create_dir_all(&settings.work)?;
     let mut record = Record { machine: Machine::here(), rows: Vec::new() };
-    let own: Vec<Peer> = PEERS.into_iter().filter(|peer| peer.kind == Kind::Stonecut).collect();
     let orders: &[&str] = if request.shuffled { &["", ":shuffled"] } else { &[""] };
     for kind in &request.kinds {
         for size in &request.sizes {
@@ -64,15 +62,15 @@ pub fn run(request: &Request, settings: &Settings, out: &Path) -> Outcome<Record
                 }
                 let input = Input::get(&spec, false, settings)?;
                 let target = (input.n_triangles as f64 * request.ratio) as u64;
-                for &threads in &request.threads {
-                    let measured = n <= request.measure_up_to;
-                    let settings = Settings { threads: Some(threads), ..settings.clone() };
-                    record.rows.extend(bench::own_rows(&input, target, &own, &settings, measured)?);
-                    std::fs::write(
-                        out.join("scaling.json"),
-                        serde_json::to_string_pretty(&record)?,
-                    )?;
-                }
+                let judged = n <= request.measure_up_to;
+                record.rows.extend(bench::thread_rows(
+                    &input,
+                    target,
+                    &request.threads,
+                    settings,
+                    judged,
+                )?);
+                std::fs::write(out.join("scaling.json"), serde_json::to_string_pretty(&record)?)?;
                 input.remove();
             }
         }
