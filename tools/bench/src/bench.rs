@@ -33,6 +33,8 @@ pub struct Settings {
     pub seconds: u64,
     /// Samples a side when results are judged.
     pub samples: u64,
+    /// Where stonecut's reports are kept, for `bench forecast`; `None`: nowhere.
+    pub reports: Option<PathBuf>,
     /// Further words for `stonecut simplify`.
     pub extra: Vec<String>,
 }
@@ -314,6 +316,7 @@ fn one_run(row: &mut Row, peer: &Peer, input: &Input, settings: &Settings) -> Ou
     let mut stages = Vec::new();
     if let Ok(text) = std::fs::read_to_string(&report) {
         let report: RunReport = serde_json::from_str(&text)?;
+        keep_report(row, report.clone(), settings)?;
         // The program counts its own files exactly; looking now and then sees less.
         usage.temp_bytes = report.peak_temp_bytes;
         stages = report.stages.into_iter().map(|stage| (stage.name, stage.seconds)).collect();
@@ -333,6 +336,17 @@ fn one_run(row: &mut Row, peer: &Peer, input: &Input, settings: &Settings) -> Ou
         row.trouble = error.to_string();
     }
     std::fs::remove_dir_all(&folder)?;
+    Ok(())
+}
+
+/// Keeps the last run's report of a mesh, target and number of threads, without the places of its files.
+fn keep_report(row: &Row, mut report: RunReport, settings: &Settings) -> Outcome<()> {
+    let Some(folder) = &settings.reports else { return Ok(()) };
+    std::fs::create_dir_all(folder)?;
+    report.input.path = row.mesh.clone();
+    report.output.path.clear();
+    let name = format!("{}_{}_{}.json", row.mesh, row.target, row.threads);
+    std::fs::write(folder.join(name), serde_json::to_string_pretty(&report)?)?;
     Ok(())
 }
 

@@ -81,6 +81,13 @@ pub fn run(request: &Request, page_path: &Path) -> Outcome<()> {
     );
     for &target in &request.targets {
         page += &one_target(request, &input, target)?;
+        let report = request.work.join(format!("to-{target}.json"));
+        if report.is_file() {
+            // Beside the page, for `bench forecast`.
+            let text = std::fs::read_to_string(&report)?;
+            let kept = page_path.with_extension(format!("{target}.json"));
+            std::fs::write(kept, without_places(&text, request))?;
+        }
         // After every target: a run that fails later leaves what there is.
         std::fs::write(page_path, without_places(&page, request))?;
     }
@@ -157,6 +164,9 @@ fn one_target(request: &Request, input: &Path, target: u64) -> Outcome<String> {
     })?;
     let mut page = format!("\n## To {} triangles\n\n`{}`\n\n", count(target), command.join(" "));
     let json = std::fs::read_to_string(&report).unwrap_or_default();
+    if !json.is_empty() {
+        std::fs::write(request.work.join(format!("to-{target}.json")), &json)?;
+    }
     let ended = match &usage.ending {
         Ending::Exit(0) => "finished".to_owned(),
         other => other.words(),

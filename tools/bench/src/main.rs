@@ -110,6 +110,12 @@ enum Command {
         /// Cores the reports were made with
         #[arg(long, default_value = "2")]
         measured_cores: u64,
+        /// Memory of the machine to plan for
+        #[arg(long, value_parser = parse_bytes, default_value = "64GiB")]
+        memory: u64,
+        /// Gigabytes a second that its disks move
+        #[arg(long, default_value = "4")]
+        disk: f64,
     },
     /// Cuts about so many triangles out of the middle of a mesh
     Crop {
@@ -224,6 +230,7 @@ impl Common {
             limit_bytes: self.limit,
             seconds: self.seconds,
             samples: self.samples,
+            reports: None,
             extra: self.extra.clone(),
         })
     }
@@ -282,7 +289,9 @@ fn run(command: Command) -> Outcome<()> {
         Command::Scaling { kinds, sizes, counts, ratio, shuffled, measure_up_to, common } => {
             let request =
                 scaling::Request { kinds, sizes, threads: counts, ratio, shuffled, measure_up_to };
-            let record = scaling::run(&request, &common.settings(None)?, &common.output)?;
+            let reports = Some(common.output.join("reports"));
+            let settings = Settings { reports, ..common.settings(None)? };
+            let record = scaling::run(&request, &settings, &common.output)?;
             scaling::write_page(&record, &common.output)
         }
         Command::Billion {
@@ -314,8 +323,14 @@ fn run(command: Command) -> Outcome<()> {
             };
             billion::run(&request, &output)
         }
-        Command::Forecast { reports, sizes, cores, measured_cores } => {
-            print!("{}", forecast::tables(&reports, &sizes, cores, measured_cores)?);
+        Command::Forecast { reports, sizes, cores, measured_cores, memory, disk } => {
+            let machine = forecast::Machine {
+                cores,
+                measured_cores,
+                memory_bytes: memory,
+                bytes_per_second: disk * 1e9,
+            };
+            print!("{}", forecast::tables(&reports, &sizes, machine)?);
             Ok(())
         }
         Command::Redraw { record } => redraw(&record),
