@@ -4,6 +4,7 @@
 //! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
 
 mod collapse;
+mod drain;
 mod drive;
 mod evaluate;
 mod lanes;
@@ -13,6 +14,7 @@ mod queue;
 pub mod reference;
 mod surface;
 mod topology;
+mod unchecked;
 mod vector;
 mod weld;
 
