@@ -140,7 +140,10 @@ fn kernel_run(mut cell: CellMesh, stop: Stop, options: &Options) -> (CellMesh, S
 
 fn drain(cell: CellMesh, stop: Stop, options: &Options, store: &CellStore) -> Survivors {
     let (cell, simplified) = kernel_run(cell, stop, options);
-    Survivors::new(&cell.ids, &cell.shared, &cell.records, simplified, store.layout())
+    let mut left =
+        Survivors::new(&cell.ids, &cell.shared, &cell.records, simplified, store.layout());
+    left.statistics.dropped = cell.dropped;
+    left
 }
 
 /// The levels of a round, found once and then the same for every run that continues it.
@@ -157,7 +160,7 @@ fn pilot(store: &CellStore, goal: Goal, options: &Options, run: &Run) -> Result<
     }
     let sample = pilot_cells(store.n_cells());
     let ratio = goal.triangles as f64 / n_triangles as f64;
-    let area = mean_area(&store.load(sample[0])?);
+    let area = mean_area(&store.load_tidy(sample[0])?);
     let ladder: Vec<f64> =
         (0..PILOT_LEVELS).map(|k| PILOT_START * area * area * PILOT_STEP.powi(k)).collect();
     let curves = Mutex::new(vec![Vec::new(); sample.len()]);
@@ -166,7 +169,7 @@ fn pilot(store: &CellStore, goal: Goal, options: &Options, run: &Run) -> Result<
         .enumerate()
         .map(|(item, &cell)| Weighted { item, bytes: cell_bytes(store, cell) });
     largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
-        let cell = store.load(sample[item])?;
+        let cell = store.load_tidy(sample[item])?;
         // Far enough below its share to see what the others may ask of a flat cell.
         let floor = (cell.mesh.triangles.len() as f64 * ratio / 4.0) as u64;
         let stop = Stop::Costs { levels: ladder.clone(), floor_triangles: floor };
@@ -242,7 +245,7 @@ fn run_all<T: Send + Clone + Default>(
     let outcomes = Mutex::new(vec![T::default(); store.n_cells()]);
     let jobs = (0..store.n_cells()).map(|item| Weighted { item, bytes: cell_bytes(store, item) });
     largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
-        let outcome = work(store.load(item)?);
+        let outcome = work(store.load_tidy(item)?);
         outcomes.lock().unwrap_or_else(PoisonError::into_inner)[item] = outcome;
         Ok(())
     })?;
@@ -287,7 +290,7 @@ fn run_cells_numbered(
     let output = Mutex::new(Output { writer, unsynced: Vec::new(), synced_at: Instant::now() });
     let outcome =
         largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
-            let survivors = work(item, store.load(item)?);
+            let survivors = work(item, store.load_tidy(item)?);
             let mut output = output.lock().unwrap_or_else(PoisonError::into_inner);
             output.writer.append(item, &survivors)?;
             output.unsynced.push(item);
