@@ -60,7 +60,8 @@ pub fn simplify_cells(
         if levels.0.is_empty() {
             return Survivors::from(cell);
         }
-        drain(cell, &levels.0, options, store)
+        let stop = Stop::Costs { levels: levels.0.clone(), floor_triangles: 0 };
+        drain(cell, stop, options, store)
     })
 }
 
@@ -84,7 +85,8 @@ pub fn simplify_cells_exactly(
     let plan: (usize, usize) =
         run.job.sealed(&format!("round {} exact levels", goal.round), || {
             let counts = run_all(store, run, |cell| {
-                kernel_run(cell, &fine, 0, options).1.statistics.level_counts
+                let stop = Stop::CloseCosts(fine.clone());
+                kernel_run(cell, stop, options).1.statistics.level_counts
             })?;
             Ok(choose_levels(&counts, store, goal.triangles))
         })?;
@@ -94,7 +96,8 @@ pub fn simplify_cells_exactly(
         if depth == 0 {
             return Survivors::from(cell);
         }
-        drain(cell, &fine[..depth.min(fine.len())], options, store)
+        let stop = Stop::CloseCosts(fine[..depth.min(fine.len())].to_vec());
+        drain(cell, stop, options, store)
     })
 }
 
@@ -128,21 +131,15 @@ fn choose_levels(counts: &[Vec<u64>], store: &CellStore, target: u64) -> (usize,
 }
 
 /// The kernel on one cell; gives back what identifies its vertices (the cell without its mesh), too.
-fn kernel_run(
-    mut cell: CellMesh,
-    levels: &[f64],
-    floor_triangles: u64,
-    options: &Options,
-) -> (CellMesh, Simplified) {
-    let stop = Stop::Costs { levels: levels.to_vec(), floor_triangles };
+fn kernel_run(mut cell: CellMesh, stop: Stop, options: &Options) -> (CellMesh, Simplified) {
     let options = Options { stop, ..options.clone() };
     let mesh = std::mem::take(&mut cell.mesh);
     let simplified = kernel::simplify_mesh(mesh, &cell.shared, &options);
     (cell, simplified)
 }
 
-fn drain(cell: CellMesh, levels: &[f64], options: &Options, store: &CellStore) -> Survivors {
-    let (cell, simplified) = kernel_run(cell, levels, 0, options);
+fn drain(cell: CellMesh, stop: Stop, options: &Options, store: &CellStore) -> Survivors {
+    let (cell, simplified) = kernel_run(cell, stop, options);
     let mut left =
         Survivors::new(&cell.ids, &cell.shared, &cell.records, simplified, store.layout());
     left.statistics.dropped = cell.dropped;
@@ -175,7 +172,8 @@ fn pilot(store: &CellStore, goal: Goal, options: &Options, run: &Run) -> Result<
         let cell = store.load_tidy(sample[item])?;
         // Far enough below its share to see what the others may ask of a flat cell.
         let floor = (cell.mesh.triangles.len() as f64 * ratio / 4.0) as u64;
-        let counts = kernel_run(cell, &ladder, floor, options).1.statistics.level_counts;
+        let stop = Stop::Costs { levels: ladder.clone(), floor_triangles: floor };
+        let counts = kernel_run(cell, stop, options).1.statistics.level_counts;
         curves.lock().unwrap_or_else(PoisonError::into_inner)[item] = counts;
         Ok(())
     })?;
