@@ -10,6 +10,7 @@ use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::formats::StageOptions;
 use crate::job::{self, Identity, Job};
+use crate::kernel;
 use crate::partition::{self, Partition};
 use crate::plan::{Plan, folder_of};
 use crate::ply::{MeshSource, OutputHeader, Place, ReadOptions};
@@ -46,6 +47,8 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     if !config.drop_texture {
         source.require_no_texture()?;
     }
+    let codec = source.schema().kernel_codec(&config.attributes.labels);
+    config.attributes.weights.check(&codec.meanings(source.schema()))?;
     let plan = Plan::new(&source, config)?;
     plan.check_disk(config)?;
     Ok(Prepared { source, plan })
@@ -81,6 +84,7 @@ pub fn simplify_on(
     if let Some(path) = &config.seams {
         crate::seams::write(&stages.store(store.clone())?, path, &stages.run)?;
     }
+    stages.weigh(&store)?;
     let mut step = stages.next_step(partition.store.triangles);
     let mut survivors = None;
     while let Step::Round(_) | Step::ExactRound = step {
@@ -117,6 +121,7 @@ struct Stages<'a> {
     run: Run<'a>,
     config: &'a Config,
     layout: VertexLayout,
+    kernel: kernel::Options,
     target: u64,
     rounds_done: u32,
     shared_by_round: Vec<u64>,
@@ -144,7 +149,13 @@ impl<'a> Stages<'a> {
                 memory_bytes: plan.usable_memory_bytes,
             },
             config,
-            layout: VertexLayout::new(source.schema(), source.n_vertices()),
+            layout: VertexLayout::for_kernel(
+                source.schema(),
+                source.n_vertices(),
+                &config.attributes.labels,
+                &config.attributes.weights,
+            ),
+            kernel: config.kernel.clone(),
             target: plan.target,
             rounds_done: 0,
             shared_by_round: Vec::new(),
@@ -213,6 +224,15 @@ impl<'a> Stages<'a> {
         Ok(partition)
     }
 
+    /// Finds what channels with a weight count for; once, and then the same for every round.
+    fn weigh(&mut self, info: &StoreInfo) -> Result<()> {
+        let (run, target) = (self.run, self.target);
+        self.kernel.weights = run.job.sealed("channel lengths", || {
+            simplify::channel_lengths(&self.store(info.clone())?, target, &run)
+        })?;
+        Ok(())
+    }
+
     fn next_step(&self, triangles_now: u64) -> Step {
         stitch::next_step(triangles_now, self.target, self.config.cell_triangles, self.rounds_done)
     }
@@ -234,8 +254,7 @@ impl<'a> Stages<'a> {
         };
         let goal = Goal { round, triangles: goal };
         let name = if round == 0 { "simplify" } else { "stitch" };
-        let (options, layout, n) =
-            (self.config.kernel.clone(), self.layout.clone(), info.triangles);
+        let (options, layout, n) = (self.kernel.clone(), self.layout.clone(), info.triangles);
         let pack = self.run.job.path(&info.pack);
         let left = self.stage(
             &format!("round {round}"),
@@ -281,7 +300,7 @@ impl<'a> Stages<'a> {
         store: &StoreInfo,
         survivors: Option<SurvivorInfo>,
     ) -> Result<SurvivorInfo> {
-        let (target, options) = (self.target, self.config.kernel.clone());
+        let (target, options) = (self.target, self.kernel.clone());
         let n = survivors.as_ref().map_or(store.triangles, |s| s.triangles);
         let source_pack = survivors.as_ref().map_or(&store.pack, |s| &s.pack);
         let pack = self.run.job.path(source_pack);
@@ -434,6 +453,8 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("target".to_owned(), format!("{:?}", config.target)),
         ("cell-triangles".to_owned(), config.cell_triangles.to_string()),
         ("skip-bad".to_owned(), config.skip_bad.to_string()),
+        ("weight".to_owned(), config.attributes.weights.to_string()),
+        ("label".to_owned(), config.attributes.labels.join(",")),
         ("topology".to_owned(), format!("{:?}", config.kernel.topology).to_lowercase()),
     ])
 }

@@ -3,6 +3,7 @@
 //! `v0` goes and `v1` stays. Looks at the two rings once, so that the tests, the new quadrics and the new
 //! ring come from the same pass. It does not choose edges; `drive` does.
 
+use super::attributes::{Attributes, RingLists};
 use super::evaluate::{RingGeometry, RingPart};
 use super::lanes::Simd;
 use super::legal::{Class, MAY_COLLAPSE, Reject};
@@ -110,8 +111,41 @@ impl Collapser {
         let centre: Vec3 = std::array::from_fn(|i| p0[i] + (p1[i] - p0[i]) * 0.5);
         self.measure(surface, plan, &centre, simd);
         self.shapes(plan.may_turn)?;
-        self.carry_out(surface, plan, &centre, number);
+        match surface.attributes.take() {
+            None => self.carry_out(surface, plan, &centre, number),
+            Some(attributes) => {
+                self.with_attributes(surface, plan, (&centre, number), attributes, simd);
+            }
+        }
         Ok(())
+    }
+
+    /// Carries the collapse out where attributes count.
+    fn with_attributes(
+        &mut self,
+        surface: &mut Surface,
+        plan: Plan,
+        (centre, number): (&Vec3, u32),
+        mut attributes: Box<Attributes>,
+        simd: Simd,
+    ) {
+        let fixed = surface.rings[plan.v1 as usize].class.is_some_and(Class::is_fixed);
+        attributes.before(surface, self.lists(plan), plan.place, simd);
+        self.carry_out(surface, plan, centre, number);
+        attributes.after(surface, self.lists(plan), fixed, simd);
+        surface.attributes = Some(attributes);
+    }
+
+    fn lists(&self, plan: Plan) -> RingLists<'_> {
+        RingLists {
+            v0: plan.v0,
+            v1: plan.v1,
+            b: &self.b,
+            c: &self.c,
+            side: &self.side,
+            n_kept: self.n_kept,
+            n: self.n,
+        }
     }
 
     /// Sorts the triangles of both ends into those that stay and those that vanish.

@@ -234,6 +234,10 @@ impl Driver {
     fn evaluate(&self, pairs: &[(u32, u32); 8]) -> Evaluated {
         let surface = &self.surface;
         let fixed = |v: u32| surface.rings[v as usize].class.is_some_and(Class::is_fixed);
+        if let Some(attributes) = &surface.attributes {
+            let fixed = pairs.map(|(_, v1)| if fixed(v1) { 1.0 } else { 0.0 });
+            return attributes.evaluate(surface, pairs, fixed, self.simd);
+        }
         self.simd.run(Edges {
             v0: std::array::from_fn(|i| &surface.vertices[pairs[i].0 as usize]),
             v1: std::array::from_fn(|i| &surface.vertices[pairs[i].1 as usize]),

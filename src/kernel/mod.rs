@@ -3,6 +3,8 @@
 //! It knows no files, threads, clock or logging, and its result depends on nothing but its arguments.
 //! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
 
+mod attribute_lanes;
+mod attributes;
 mod collapse;
 mod drive;
 mod evaluate;
@@ -15,6 +17,8 @@ mod surface;
 mod topology;
 mod vector;
 mod weld;
+
+pub use attributes::MAX_WEIGHTED;
 
 use crate::mesh::Mesh;
 
@@ -43,6 +47,9 @@ pub struct Options {
     pub stop: Stop,
     /// What may happen to the topology.
     pub topology: Topology,
+    /// For each channel, how many input units of distance a difference of 1 weighs as much as; 0, or none
+    /// given: it rides along. At most `MAX_WEIGHTED` count.
+    pub weights: Vec<f32>,
 }
 
 /// What may happen to components, holes and handles.
@@ -60,7 +67,11 @@ pub enum Topology {
 impl Default for Options {
     /// Collapses nothing; the stages set the stop.
     fn default() -> Self {
-        Options { stop: Stop::Triangles(u64::MAX), topology: Topology::default() }
+        Options {
+            stop: Stop::Triangles(u64::MAX),
+            topology: Topology::default(),
+            weights: Vec::new(),
+        }
     }
 }
 
@@ -98,7 +109,7 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
 
 fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
     let mut statistics = Statistics::default();
-    let mut surface = surface::Surface::new(mesh, locked, simd);
+    let mut surface = surface::Surface::new(mesh, locked, &options.weights, simd);
     if options.topology == Topology::Error {
         weld::coincident(&mut surface, simd);
     }
@@ -128,6 +139,18 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
 /// Measured: 60 bytes a triangle beyond the input on clean scans, 87 on a noisy CT (docs/results/kernel.md).
 pub fn peak_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
     102 * n_triangles + n_vertices * (24 + 8 * n_channels as u64)
+}
+
+/// What weighted channels add to `peak_bytes`.
+pub fn attribute_bytes(n_vertices: u64, n_weighted: usize) -> u64 {
+    match n_weighted {
+        0 => 0,
+        n => {
+            n_vertices
+                * 32
+                * attribute_lanes::numbers(n.min(MAX_WEIGHTED)).div_ceil(8).max(2) as u64
+        }
+    }
 }
 
 /// Drops vertices that no triangle uses; the second value tells where each kept vertex was.
@@ -203,11 +226,11 @@ mod tests {
         let mut locked = vec![false; mesh.positions.len()];
         let specks = |result: &Simplified| result.source.iter().filter(|&&v| v >= first).count();
         for (topology, left) in [(Topology::Keep, 4), (Topology::Error, 0)] {
-            let options = Options { stop: Stop::Triangles(300), topology };
+            let options = Options { stop: Stop::Triangles(300), topology, ..Options::default() };
             assert_eq!(specks(&simplify_mesh(mesh.clone(), &locked, &options)), left);
         }
         locked[first as usize] = true;
-        let options = Options { stop: Stop::Triangles(300), topology: Topology::Error };
+        let options = Options { stop: Stop::Triangles(300), ..Options::default() };
         assert_eq!(specks(&simplify_mesh(mesh, &locked, &options)), 4, "a locked vertex holds it");
     }
 

@@ -3,6 +3,7 @@
 //! A ring lists the triangles of a vertex in a common arena; a merged ring takes over a slot that is
 //! large enough or is appended. Building and compacting live here, collapses do not.
 
+use super::attributes::Attributes;
 use super::evaluate::{Rows, Triangles};
 use super::lanes::Simd;
 use super::legal::Class;
@@ -53,6 +54,8 @@ pub(crate) struct Surface {
     pub(crate) n_channels: usize,
     /// Power of two that brings edges near to length 1, so that f32 neither over- nor underflows.
     pub(crate) scale: f64,
+    /// Only if a channel has a weight.
+    pub(crate) attributes: Option<Box<Attributes>>,
 }
 
 /// Quadric of a boundary edge: squared length times squared distance to its line.
@@ -80,7 +83,7 @@ fn is_proper(t: &[u32; 3]) -> bool {
 
 impl Surface {
     /// Takes a mesh apart. Triangles that repeat a corner are dropped.
-    pub(crate) fn new(mut mesh: Mesh, locked: &[bool], simd: Simd) -> Self {
+    pub(crate) fn new(mut mesh: Mesh, locked: &[bool], weights: &[f32], simd: Simd) -> Self {
         mesh.triangles.retain(is_proper);
         let order = order::morton(&mesh.positions, &mesh.triangles);
         let (_, side) = order::bounds(&mesh.positions);
@@ -122,6 +125,7 @@ impl Surface {
             channels,
             n_channels,
             scale,
+            attributes: Attributes::new(weights, scale).map(Box::new),
         };
         surface.build(simd, false);
         surface
@@ -192,6 +196,10 @@ impl Surface {
             if !again || self.rings[v as usize].class != Some(Class::Interior) {
                 self.classify(v, &mut scratch);
             }
+        }
+        if let Some(mut attributes) = self.attributes.take() {
+            attributes.build(self, simd);
+            self.attributes = Some(attributes);
         }
     }
 

@@ -189,6 +189,10 @@ pub(crate) fn cut(
         refresh(surface, v, simd);
         surface.vertices[v as usize].stamp = number;
     }
+    if let Some(mut attributes) = surface.attributes.take() {
+        cycle.into_iter().chain(new).for_each(|v| attributes.refresh(surface, v, simd));
+        surface.attributes = Some(attributes);
+    }
     Some(new)
 }
 

@@ -36,9 +36,12 @@ pub(crate) fn coincident(surface: &mut Surface, simd: Simd) -> u64 {
     join.len() as u64
 }
 
-/// Boundary vertices, each with the one of lowest source in the same place.
+/// Vertices with open edges, each with the one of lowest source in the same place.
 fn candidates(surface: &Surface) -> BTreeMap<u32, u32> {
-    let open = |v: &u32| surface.rings[*v as usize].class == Some(Class::Boundary);
+    // Where several fans of one chart meet in a vertex, the gaps may be what other charts fill.
+    let open = |v: &u32| {
+        matches!(surface.rings[*v as usize].class, Some(Class::Boundary | Class::Complex))
+    };
     // Adding 0 makes -0 and 0 the same place.
     let place = |v: u32| surface.vertices[v as usize].position.map(|x| (x + 0.0).to_bits());
     let mut open: Vec<([u64; 3], u32, u32)> = (0..surface.vertices.len() as u32)

@@ -42,6 +42,8 @@ pub struct Side {
     pub normal_degrees: Option<f64>,
     /// Mean colour difference between a sample and its nearest point: CIELAB, Delta E 1976.
     pub colour_delta_e: Option<f64>,
+    /// Its root mean square.
+    pub colour_rms_delta_e: Option<f64>,
     /// The samples within the region asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub near: Option<Spread>,
@@ -61,6 +63,7 @@ pub(crate) struct SideSums {
     angle: Sum,
     n_angles: u64,
     delta_e: Sum,
+    delta_e_sq: Sum,
     n_delta_e: u64,
     near: Option<[Distances; 2]>,
     pub n_vertices: u64,
@@ -77,6 +80,7 @@ impl SideSums {
             angle: Sum::new(180.0),
             n_angles: 0,
             delta_e: Sum::new(LARGEST_DELTA_E),
+            delta_e_sq: Sum::new(LARGEST_DELTA_E * LARGEST_DELTA_E),
             n_delta_e: 0,
             near: with_region.then(|| [distances(), distances()]),
             n_vertices: 0,
@@ -100,7 +104,9 @@ impl SideSums {
             self.n_angles += 1;
         }
         if let (Some(here), Some(there)) = (here.1, there.1) {
-            self.delta_e.add(colour::delta_e(here, there));
+            let delta_e = colour::delta_e(here, there);
+            self.delta_e.add(delta_e);
+            self.delta_e_sq.add(delta_e * delta_e);
             self.n_delta_e += 1;
         }
     }
@@ -129,6 +135,7 @@ impl SideSums {
         self.angle.merge(&other.angle);
         self.n_angles += other.n_angles;
         self.delta_e.merge(&other.delta_e);
+        self.delta_e_sq.merge(&other.delta_e_sq);
         self.n_delta_e += other.n_delta_e;
         if let (Some(own), Some(others)) = (&mut self.near, &other.near) {
             own.iter_mut().zip(others).for_each(|(a, b)| a.merge(b));
@@ -166,6 +173,7 @@ impl SideSums {
             vertices: self.n_vertices,
             normal_degrees: mean(&self.angle, self.n_angles),
             colour_delta_e: mean(&self.delta_e, self.n_delta_e),
+            colour_rms_delta_e: mean(&self.delta_e_sq, self.n_delta_e).map(f64::sqrt),
             near,
             far,
             worst: self.worst.map(|(_, point)| point).filter(|_| finite),
