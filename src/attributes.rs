@@ -17,6 +17,9 @@ const SCALAR_EDGES: f64 = 0.3;
 /// A shift of the texture on the surface is worth so much of its length.
 const TEXTURE_LENGTHS: f64 = 0.3;
 
+/// Of a sampled piece of mesh every so many triangles and vertices are looked at.
+const STRIDE: usize = 8;
+
 /// Weights of kinds of attributes and of named properties.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Weights {
@@ -111,17 +114,17 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// Takes a piece of the mesh into the sample.
+    /// Takes a piece of the mesh into the sample: every eighth triangle and vertex of it.
     pub fn add(&mut self, mesh: &Mesh, meanings: &[Meaning]) {
         self.ranges.resize(mesh.n_channels, [f32::INFINITY, f32::NEG_INFINITY]);
-        for values in mesh.channels.chunks_exact(mesh.n_channels.max(1)) {
+        for values in mesh.channels.chunks_exact(mesh.n_channels.max(1)).step_by(STRIDE) {
             for (range, &value) in self.ranges.iter_mut().zip(values) {
                 *range = [range[0].min(value), range[1].max(value)];
             }
         }
         let texture: Vec<usize> =
             (0..meanings.len()).filter(|&i| meanings[i] == Meaning::Texture).take(2).collect();
-        for (t, corners) in mesh.triangles.iter().enumerate() {
+        for (t, corners) in mesh.triangles.iter().enumerate().step_by(STRIDE) {
             let area = area(mesh.corners(t));
             self.n_triangles += 1;
             self.area += area;

@@ -84,8 +84,10 @@ pub fn simplify_on(
     if let Some(path) = &config.seams {
         crate::seams::write(&stages.store(store.clone())?, path, &stages.run)?;
     }
-    stages.weigh(&store)?;
     let mut step = stages.next_step(partition.store.triangles);
+    if step != Step::Finish {
+        stages.weigh(&store)?;
+    }
     let mut survivors = None;
     while let Step::Round(_) | Step::ExactRound = step {
         if let Some(earlier) = survivors.take() {

@@ -559,4 +559,88 @@ mod tests {
         assert_eq!(at(Scalar::U8, 27), 7.0);
         assert_eq!(at(Scalar::F64, 28), 1e9 + 0.25);
     }
+
+    #[test]
+    fn every_byte_of_colour_comes_back_touched_or_not() {
+        let names = ["red", "green", "blue", "alpha"];
+        let properties: Vec<_> = names.iter().map(|&name| (name, Scalar::U8)).collect();
+        for n in [3, 4] {
+            let schema = schema(Scalar::F32, &properties[..n]);
+            let codec = schema.kernel_codec(&[]);
+            let mut channels = vec![0.0; codec.n_channels()];
+            for value in 0..=255u8 {
+                let v = f64::from(value);
+                for rgb in [[v, v, v], [v, 0.0, 255.0], [0.0, v, 13.0], [255.0 - v, 7.0, v]] {
+                    for alpha in [255.0, 40.0] {
+                        let values = [0.0, 0.0, 0.0, rgb[0], rgb[1], rgb[2], alpha];
+                        let original = record(&schema, &values[..3 + n]);
+                        codec.decode_channels(&original, &mut channels);
+                        let mut out = Vec::new();
+                        codec.encode([0.0; 3], &channels, &original, &mut out);
+                        assert_eq!(out, original);
+                        // The same colour by way of another vertex.
+                        let mut other = original.clone();
+                        other[12..].fill(99);
+                        out.clear();
+                        codec.encode([0.0; 3], &channels, &other, &mut out);
+                        assert_eq!(out, original, "{rgb:?} {alpha}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_transparent_has_no_say_in_a_mixture() {
+        let names = ["red", "green", "blue", "alpha"];
+        let schema = schema(Scalar::F32, &names.map(|name| (name, Scalar::U8)));
+        let codec = schema.kernel_codec(&[]);
+        let clear = record(&schema, &[0.0, 0.0, 0.0, 0.0, 255.0, 0.0, 0.0]);
+        let solid = record(&schema, &[0.0, 0.0, 0.0, 200.0, 30.0, 60.0, 255.0]);
+        let (mut a, mut b) = (vec![0.0; 4], vec![0.0; 4]);
+        codec.decode_channels(&clear, &mut a);
+        codec.decode_channels(&solid, &mut b);
+        let half: Vec<f32> = a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).collect();
+        let mut out = Vec::new();
+        codec.encode([0.0; 3], &half, &clear, &mut out);
+        assert_eq!(&out[12..], &[200, 30, 60, 128]);
+    }
+
+    #[test]
+    fn channels_have_meanings_and_labels_are_no_channels() {
+        let schema = schema(
+            Scalar::F32,
+            &[
+                ("s", Scalar::F32),
+                ("red", Scalar::U16),
+                ("green", Scalar::U16),
+                ("blue", Scalar::U16),
+                ("t", Scalar::F32),
+                ("nx", Scalar::F32),
+                ("ny", Scalar::F32),
+                ("nz", Scalar::F32),
+                ("time", Scalar::F64),
+                ("scalar_class", Scalar::F32),
+                ("u", Scalar::F32),
+            ],
+        );
+        let codec = schema.kernel_codec(&["scalar_class".to_owned()]);
+        use Meaning::{Colour, Normal, Rest, Texture};
+        let scalar = |name: &str| Meaning::Scalar(name.to_owned());
+        let expected = [
+            Texture,
+            Colour,
+            Colour,
+            Colour,
+            Texture,
+            Normal,
+            Normal,
+            Normal,
+            scalar("time"),
+            Rest,
+            scalar("u"),
+        ];
+        assert_eq!(codec.meanings(&schema), expected);
+        assert_eq!(codec.n_channels(), expected.len());
+    }
 }

@@ -157,13 +157,52 @@ impl<const K: usize> Job for AttributeEdges<'_, K> {
     }
 }
 
-/// Eight triangles: two corners relative to the first, in place and in attributes.
+/// Adds what triangles add to the sums of their corners: `corner` relative to `b` and `c`, and for each
+/// attribute its values relative to the same origin.
+#[inline(always)]
+fn triangle_numbers<L: Lanes, const K: usize>(
+    (b, c): ([L; 3], [L; 3]),
+    steps: impl Iterator<Item = (L, L)>,
+) -> [[L; 8]; K] {
+    let zero = L::splat(0.0);
+    let n = cross3(b, c);
+    let length_sq = dot3(n, n);
+    let area = length_sq.root().times(L::splat(0.5));
+    let across = sub3(c, b);
+    let edges_sq = dot3(b, b).plus(dot3(c, c)).plus(dot3(across, across));
+    let least = edges_sq.times(edges_sq).times(L::splat(LEAST_SHAPE_SQ));
+    let inverse = L::splat(1.0).over(length_sq.greater(least).plus(L::splat(1e-30)));
+    // g = to_b * (step to b) + to_c * (step to c).
+    let to_b = scale3(cross3(c, n), inverse);
+    let to_c = scale3(cross3(n, b), inverse);
+    let mut numbers = [[zero; 8]; K];
+    let mut second = [zero; 6];
+    let mut at = 6;
+    for (step_b, step_c) in steps {
+        let g = add3(scale3(to_b, step_b), scale3(to_c, step_c));
+        let l = scale3(g, area);
+        second = outer_plus(second, g, l);
+        for x in l {
+            numbers[at / 8][at % 8] = x;
+            at += 1;
+        }
+    }
+    numbers[0][0] = second[0];
+    numbers[0][1] = second[1];
+    numbers[0][2] = second[2];
+    numbers[0][3] = second[3];
+    numbers[0][4] = second[4];
+    numbers[0][5] = second[5];
+    numbers
+}
+
+/// Eight triangles: what each adds to its corners.
 pub(crate) struct AttributeTriangles<'a, const K: usize> {
-    pub(crate) a: [&'a [f64; 3]; 8],
+    pub(crate) a: [&'a Vertex; 8],
     pub(crate) b: [&'a Vertex; 8],
     pub(crate) c: [&'a Vertex; 8],
-    /// For each attribute what it is more at `b`, and at `c`, than at `a`.
-    pub(crate) steps: &'a [[[f32; 8]; 2]],
+    /// For each attribute its values at the corners.
+    pub(crate) values: &'a [[[f32; 8]; 3]],
     pub(crate) scale: f64,
     /// A row a triangle.
     pub(crate) out: &'a mut Rows<K>,
@@ -174,33 +213,90 @@ impl<const K: usize> Job for AttributeTriangles<'_, K> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let zero = L::splat(0.0);
-        let b = L::relative(self.b, self.a, self.scale);
-        let c = L::relative(self.c, self.a, self.scale);
-        let n = cross3(b, c);
-        let length_sq = dot3(n, n);
-        let area = length_sq.root().times(L::splat(0.5));
-        let across = sub3(c, b);
-        let edges_sq = dot3(b, b).plus(dot3(c, c)).plus(dot3(across, across));
-        let least = edges_sq.times(edges_sq).times(L::splat(LEAST_SHAPE_SQ));
-        let inverse = L::splat(1.0).over(length_sq.greater(least).plus(L::splat(1e-30)));
-        // g = to_b * (step at b) + to_c * (step at c).
-        let to_b = scale3(cross3(c, n), inverse);
-        let to_c = scale3(cross3(n, b), inverse);
-        let mut numbers = [[zero; 8]; K];
-        let mut second = [zero; 6];
-        for (j, [at_b, at_c]) in self.steps.iter().enumerate() {
-            let g = add3(scale3(to_b, L::load(at_b)), scale3(to_c, L::load(at_c)));
-            let l = scale3(g, area);
-            second = outer_plus(second, g, l);
-            for (i, x) in l.into_iter().enumerate() {
-                let at = 6 + 3 * j + i;
-                numbers[at / 8][at % 8] = x;
-            }
-        }
-        numbers[0][..6].copy_from_slice(&second);
+        let a = &self.a;
+        let base: [&[f64; 3]; 8] = [
+            &a[0].position,
+            &a[1].position,
+            &a[2].position,
+            &a[3].position,
+            &a[4].position,
+            &a[5].position,
+            &a[6].position,
+            &a[7].position,
+        ];
+        let b = L::relative(self.b, base, self.scale);
+        let c = L::relative(self.c, base, self.scale);
+        let steps = self.values.iter().map(|[a, b, c]| {
+            let a = L::load(a);
+            (L::load(b).minus(a), L::load(c).minus(a))
+        });
+        let numbers: [[L; 8]; K] = triangle_numbers((b, c), steps);
         for (columns, rows) in numbers.into_iter().zip(self.out) {
             L::store_rows(columns, rows);
+        }
+    }
+}
+
+/// Eight triangles around an edge whose moving corner goes from its old place to the survivor's.
+pub(crate) struct AttributeRing<'a, const K: usize> {
+    pub(crate) b: [&'a Vertex; 8],
+    pub(crate) c: [&'a Vertex; 8],
+    /// For each attribute its values at `b` and `c`, relative to the middle of the edge's.
+    pub(crate) values: &'a [[[f32; 8]; 2]],
+    /// For each attribute half its step from `v0` to `v1`, and the survivor's value.
+    pub(crate) corner: &'a [[f32; 2]],
+    /// Where the moving corner was: -1 at `-half`, 1 at `half`.
+    pub(crate) side: &'a [f32; 8],
+    /// From `centre` to `v1`, scaled.
+    pub(crate) half: [f32; 3],
+    /// The moving corner after, relative to `centre`, scaled.
+    pub(crate) place: [f32; 3],
+    pub(crate) centre: &'a [f64; 3],
+    pub(crate) scale: f64,
+    /// Lanes from here on vanish in the collapse; from `n_used` on they are empty.
+    pub(crate) n_kept: f32,
+    pub(crate) n_used: f32,
+    /// Numbers after minus before, a row a triangle.
+    pub(crate) change: &'a mut Rows<K>,
+    /// Numbers after are added here, one row a lane.
+    pub(crate) after: &'a mut Rows<K>,
+}
+
+impl<const K: usize> Job for AttributeRing<'_, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let b = L::relative(self.b, [self.centre; 8], self.scale);
+        let c = L::relative(self.c, [self.centre; 8], self.scale);
+        let [hx, hy, hz] = self.half;
+        let side = L::load(self.side);
+        let old = scale3([L::splat(hx), L::splat(hy), L::splat(hz)], side);
+        let steps = self.values.iter().zip(self.corner).map(|([b, c], [half, _])| {
+            let corner = L::splat(*half).times(side);
+            (L::load(b).minus(corner), L::load(c).minus(corner))
+        });
+        let before: [[L; 8]; K] = triangle_numbers((sub3(b, old), sub3(c, old)), steps);
+        let [x, y, z] = self.place;
+        let new = [L::splat(x), L::splat(y), L::splat(z)];
+        let steps = self.values.iter().zip(self.corner).map(|([b, c], [_, value])| {
+            let corner = L::splat(*value);
+            (L::load(b).minus(corner), L::load(c).minus(corner))
+        });
+        let after: [[L; 8]; K] = triangle_numbers((sub3(b, new), sub3(c, new)), steps);
+        let lane = L::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+        let (kept, used) = (L::splat(self.n_kept), L::splat(self.n_used));
+        let zero = L::splat(0.0);
+        for k in 0..K {
+            let mut change = [zero; 8];
+            for i in 0..8 {
+                let new = L::lt_select(lane, kept, after[k][i], zero);
+                let old = L::lt_select(lane, used, before[k][i], zero);
+                change[i] = new.minus(old);
+                let sum = &mut self.after[k][i];
+                *sum = L::load(sum).plus(new).store();
+            }
+            L::store_rows(change, &mut self.change[k]);
         }
     }
 }

@@ -4,7 +4,7 @@
 //! than ask whether it is there. What the sums mean, and the cost that follows from them, is in
 //! `attribute_lanes`. Does not choose edges and does not know what a channel stands for.
 
-use super::attribute_lanes::{AttributeEdges, AttributeTriangles, Rows, numbers};
+use super::attribute_lanes::{AttributeEdges, AttributeRing, AttributeTriangles, Rows, numbers};
 use super::evaluate::Evaluated;
 use super::lanes::Simd;
 use super::surface::Surface;
@@ -39,8 +39,10 @@ pub(crate) struct Attributes {
 /// What a collapse under way has found so far.
 #[derive(Default)]
 struct Patch {
-    /// The ring's rows before, `eights` for each eight triangles, one [eight] a triangle.
-    before: Vec<[[f32; 8]; 8]>,
+    /// Numbers after minus before, `eights` for each eight triangles, one [eight] a triangle.
+    change: Vec<[[f32; 8]; 8]>,
+    /// The survivor's numbers.
+    total: Vec<[f32; 8]>,
     /// New values of the active channels.
     values: Vec<f32>,
 }
@@ -53,28 +55,10 @@ pub(crate) struct RingLists<'a> {
     /// The corners that do not move, filled up to whole eights.
     pub(crate) b: &'a [u32],
     pub(crate) c: &'a [u32],
-    /// Below 0 for a triangle of `v0`.
+    /// -1 for a triangle of `v0`, 1 for one of `v1`.
     pub(crate) side: &'a [f32],
     pub(crate) n_kept: usize,
     pub(crate) n: usize,
-}
-
-/// Values and places of vertices, without the sums.
-#[derive(Clone, Copy)]
-struct Values<'a> {
-    channels: &'a [f32],
-    n_channels: usize,
-    active: &'a [(usize, f32)],
-}
-
-impl Values<'_> {
-    /// An attribute of `to` minus that of `from`, as a scaled length.
-    #[inline(always)]
-    fn step(&self, attribute: usize, from: u32, to: u32) -> f32 {
-        let (channel, factor) = self.active[attribute];
-        let at = |v: u32| self.channels[v as usize * self.n_channels + channel];
-        (at(to) - at(from)) * factor
-    }
 }
 
 impl Attributes {
@@ -101,24 +85,18 @@ impl Attributes {
 
     fn add_all<const K: usize>(&mut self, surface: &Surface, simd: Simd) {
         let mut rows = [[[0.0; 8]; 8]; K];
-        let mut steps = vec![[[0.0; 8]; 2]; self.active.len()];
-        let sums = self.sums.as_chunks_mut::<K>().0;
-        let values = values(&self.active, surface);
+        let mut sums = std::mem::take(&mut self.sums);
+        let by_vertex = sums.as_chunks_mut::<K>().0;
         for eight in surface.triangles.chunks(8) {
-            let corner = |i: usize, k: usize| eight[i.min(eight.len() - 1)][k];
-            let (a, b, c) = (
-                std::array::from_fn(|i| corner(i, 0)),
-                std::array::from_fn(|i| corner(i, 1)),
-                std::array::from_fn(|i| corner(i, 2)),
-            );
-            let at = a.map(|v| &surface.vertices[v as usize].position);
-            triangles(surface, values, (a, at), b, c, &mut steps, &mut rows, simd);
+            let corners = std::array::from_fn(|i| eight[i.min(eight.len() - 1)]);
+            self.triangles(surface, corners, &mut rows, simd);
             for (i, t) in eight.iter().enumerate() {
                 for &v in t {
-                    add(&mut sums[v as usize], &rows, i, 1.0);
+                    add(&mut by_vertex[v as usize], &rows, i);
                 }
             }
         }
+        self.sums = sums;
     }
 
     /// The sums of one vertex from its ring.
@@ -129,24 +107,43 @@ impl Attributes {
 
     fn add_ring<const K: usize>(&mut self, surface: &Surface, v: u32, simd: Simd) {
         let mut rows = [[[0.0; 8]; 8]; K];
-        let mut steps = vec![[[0.0; 8]; 2]; self.active.len()];
-        let sum = &mut self.sums.as_chunks_mut::<K>().0[v as usize];
-        *sum = [[0.0; 8]; K];
-        let values = values(&self.active, surface);
+        let mut sum = [[0.0; 8]; K];
         for eight in surface.ring(v).chunks(8) {
-            let corner =
-                |i: usize, k: usize| surface.triangles[eight[i.min(eight.len() - 1)] as usize][k];
-            let (a, b, c) = (
-                std::array::from_fn(|i| corner(i, 0)),
-                std::array::from_fn(|i| corner(i, 1)),
-                std::array::from_fn(|i| corner(i, 2)),
-            );
-            let at = a.map(|v| &surface.vertices[v as usize].position);
-            triangles(surface, values, (a, at), b, c, &mut steps, &mut rows, simd);
+            let triangle = |i: usize| surface.triangles[eight[i.min(eight.len() - 1)] as usize];
+            self.triangles(surface, std::array::from_fn(triangle), &mut rows, simd);
             for i in 0..eight.len() {
-                add(sum, &rows, i, 1.0);
+                add(&mut sum, &rows, i);
             }
         }
+        self.sums.as_chunks_mut::<K>().0[v as usize] = sum;
+    }
+
+    /// Rows of eight triangles.
+    fn triangles<const K: usize>(
+        &self,
+        surface: &Surface,
+        corners: [[u32; 3]; 8],
+        out: &mut Rows<K>,
+        simd: Simd,
+    ) {
+        let mut values = [[[0.0; 8]; 3]; MAX_WEIGHTED];
+        for (i, t) in corners.iter().enumerate() {
+            for k in 0..3 {
+                let at = t[k] as usize * surface.n_channels;
+                for (values, &(channel, factor)) in values.iter_mut().zip(&self.active) {
+                    values[k][i] = surface.channels[at + channel] * factor;
+                }
+            }
+        }
+        let vertex = |i: usize, k: usize| &surface.vertices[corners[i][k] as usize];
+        simd.run(AttributeTriangles {
+            a: std::array::from_fn(|i| vertex(i, 0)),
+            b: std::array::from_fn(|i| vertex(i, 1)),
+            c: std::array::from_fn(|i| vertex(i, 2)),
+            values: &values[..self.active.len()],
+            scale: surface.scale,
+            out,
+        });
     }
 
     /// Cost and place of eight edges, attributes included.
@@ -168,167 +165,252 @@ impl Attributes {
         simd: Simd,
     ) -> Evaluated {
         let sums = self.sums.as_chunks::<K>().0;
-        let values = values(&self.active, surface);
         let mut half_step = [[0.0f32; 8]; MAX_WEIGHTED];
-        for (j, half) in half_step.iter_mut().enumerate().take(self.active.len()) {
-            *half = pairs.map(|(v0, v1)| 0.5 * values.step(j, v0, v1));
+        for (i, &(v0, v1)) in pairs.iter().enumerate() {
+            let (at0, at1) = (v0 as usize * surface.n_channels, v1 as usize * surface.n_channels);
+            for (half, &(channel, factor)) in half_step.iter_mut().zip(&self.active) {
+                let step = surface.channels[at1 + channel] - surface.channels[at0 + channel];
+                half[i] = 0.5 * factor * step;
+            }
         }
         simd.run(AttributeEdges::<K> {
-            v0: pairs.map(|(v0, _)| &surface.vertices[v0 as usize]),
-            v1: pairs.map(|(_, v1)| &surface.vertices[v1 as usize]),
-            numbers0: pairs.map(|(v0, _)| &sums[v0 as usize]),
-            numbers1: pairs.map(|(_, v1)| &sums[v1 as usize]),
+            v0: std::array::from_fn(|i| &surface.vertices[pairs[i].0 as usize]),
+            v1: std::array::from_fn(|i| &surface.vertices[pairs[i].1 as usize]),
+            numbers0: std::array::from_fn(|i| &sums[pairs[i].0 as usize]),
+            numbers1: std::array::from_fn(|i| &sums[pairs[i].1 as usize]),
             half_step: &half_step[..self.active.len()],
             fixed,
             scale: surface.scale,
         })
     }
 
-    /// Before a collapse: what its ring's triangles have added, and the survivor's best values at `place`
-    /// (relative to the edge's midpoint, scaled).
+    /// Before a collapse: how its ring's sums will change, and the survivor's values at `place` (relative
+    /// to the edge's midpoint `centre`, scaled): its own if it is `fixed`, else the best.
     pub(crate) fn before(
         &mut self,
         surface: &Surface,
         ring: RingLists,
-        place: [f32; 3],
+        (centre, place): (&Vec3, [f32; 3]),
+        fixed: bool,
         simd: Simd,
     ) {
-        let mut rows = std::mem::take(&mut self.patch.before);
-        rows.resize(ring.n.div_ceil(8) * self.eights, [[0.0; 8]; 8]);
-        let ends = [ring.v0, ring.v1].map(|v| surface.vertices[v as usize].position);
-        with_eights!(self.eights, self.ring_rows(surface, ring, ends, &mut rows, simd));
-        self.patch.before = rows;
-        self.best_values(surface, ring, place);
+        with_eights!(self.eights, self.prepare(surface, ring, (centre, place), fixed, simd));
     }
 
-    fn best_values(&mut self, surface: &Surface, ring: RingLists, place: [f32; 3]) {
-        let values = values(&self.active, surface);
-        let (v0, v1) = (ring.v0, ring.v1);
-        let half = surface.edge(v0, v1).map(|x| 0.5 * x);
-        let area = |v: u32| {
-            let q = &surface.vertices[v as usize].quadric;
+    fn prepare<const K: usize>(
+        &mut self,
+        surface: &Surface,
+        ring: RingLists,
+        (centre, place): (&Vec3, [f32; 3]),
+        fixed: bool,
+        simd: Simd,
+    ) {
+        let half = surface.edge(ring.v0, ring.v1).map(|x| 0.5 * x);
+        let mut corner = [[0.0; 2]; MAX_WEIGHTED];
+        let mut middle = [0.0; MAX_WEIGHTED];
+        self.best_values::<K>(surface, ring, (half, place), fixed, (&mut corner, &mut middle));
+        let mut values = [[[0.0; 8]; 2]; MAX_WEIGHTED];
+        let mut after = [[[0.0; 8]; 8]; K];
+        let parts = ring.n.div_ceil(8);
+        let mut changes = std::mem::take(&mut self.patch.change);
+        changes.resize(parts * K, [[0.0; 8]; 8]);
+        let (bs, cs) = (ring.b.as_chunks::<8>().0, ring.c.as_chunks::<8>().0);
+        let sides = ring.side.as_chunks::<8>().0;
+        for (part, change) in changes.as_chunks_mut::<K>().0.iter_mut().enumerate() {
+            for (k, corners) in [&bs[part], &cs[part]].into_iter().enumerate() {
+                for (i, &v) in corners.iter().enumerate() {
+                    let at = v as usize * surface.n_channels;
+                    for (j, &(channel, factor)) in self.active.iter().enumerate() {
+                        values[j][k][i] = (surface.channels[at + channel] - middle[j]) * factor;
+                    }
+                }
+            }
+            simd.run(AttributeRing {
+                b: std::array::from_fn(|i| &surface.vertices[bs[part][i] as usize]),
+                c: std::array::from_fn(|i| &surface.vertices[cs[part][i] as usize]),
+                values: &values[..self.active.len()],
+                corner: &corner[..self.active.len()],
+                side: &sides[part],
+                half,
+                place,
+                centre,
+                scale: surface.scale,
+                n_kept: ring.n_kept as f32 - (part * 8) as f32,
+                n_used: ring.n as f32 - (part * 8) as f32,
+                change,
+                after: &mut after,
+            });
+        }
+        self.patch.change = changes;
+        self.patch.total.clear();
+        for columns in &after {
+            // One row a number, one place a lane.
+            let total =
+                columns.map(|x| ((x[0] + x[4]) + (x[1] + x[5])) + ((x[2] + x[6]) + (x[3] + x[7])));
+            self.patch.total.push(total);
+        }
+    }
+
+    /// Half steps and new values relative to the middle, scaled; the middle and the new values as they are.
+    fn best_values<const K: usize>(
+        &mut self,
+        surface: &Surface,
+        ring: RingLists,
+        (half, place): ([f32; 3], [f32; 3]),
+        fixed: bool,
+        (corner, middle): (&mut [[f32; 2]; MAX_WEIGHTED], &mut [f32; MAX_WEIGHTED]),
+    ) {
+        let (v0, v1) = (ring.v0 as usize, ring.v1 as usize);
+        let area = |v: usize| {
+            let q = &surface.vertices[v].quadric;
             q[0] + q[3] + q[5]
         };
         let (area0, area1) = (area(v0), area(v1));
-        let first = |v: u32, j: usize| {
-            let at = |i: usize| self.sums[v as usize * self.eights + i / 8][i % 8];
-            [at(6 + 3 * j), at(7 + 3 * j), at(8 + 3 * j)]
+        let sums = self.sums.as_chunks::<K>().0;
+        let dot = |v: usize, j: usize, x: [f32; 3]| {
+            let at = |i: usize| sums[v][i / 8][i % 8];
+            at(6 + 3 * j) * x[0] + at(7 + 3 * j) * x[1] + at(8 + 3 * j) * x[2]
         };
-        let dot = |a: [f32; 3], b: [f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        let from0 = [0, 1, 2].map(|k| place[k] + half[k]);
-        let from1 = [0, 1, 2].map(|k| place[k] - half[k]);
+        let from0: [f32; 3] = std::array::from_fn(|k| place[k] + half[k]);
+        let from1: [f32; 3] = std::array::from_fn(|k| place[k] - half[k]);
         self.patch.values.clear();
         for (j, &(channel, factor)) in self.active.iter().enumerate() {
-            let step = 0.5 * values.step(j, v0, v1);
-            let sum = dot(first(v0, j), from0) + dot(first(v1, j), from1) + (area1 - area0) * step;
-            let best = sum / (area0 + area1) / factor;
-            let at = |v: u32| surface.channels[v as usize * surface.n_channels + channel];
-            let middle = 0.5 * (at(v0) + at(v1));
-            self.patch.values.push(if best.is_finite() { middle + best } else { middle });
+            let at = |v: usize| surface.channels[v * surface.n_channels + channel];
+            middle[j] = 0.5 * (at(v0) + at(v1));
+            let step = 0.5 * factor * (at(v1) - at(v0));
+            let sum = dot(v0, j, from0) + dot(v1, j, from1) + (area1 - area0) * step;
+            let best = sum / (area0 + area1);
+            let best = if fixed {
+                step
+            } else if best.is_finite() {
+                best
+            } else {
+                0.0
+            };
+            corner[j] = [step, best];
+            self.patch.values.push(middle[j] + best / factor);
         }
     }
 
     /// After a collapse: sets the survivor's values unless it is `fixed`, and brings the sums of the ring
     /// up to date.
-    pub(crate) fn after(
-        &mut self,
-        surface: &mut Surface,
-        ring: RingLists,
-        fixed: bool,
-        simd: Simd,
-    ) {
+    pub(crate) fn after(&mut self, surface: &mut Surface, ring: RingLists, fixed: bool) {
         if !fixed {
             let first = ring.v1 as usize * surface.n_channels;
             for (&(channel, _), &value) in self.active.iter().zip(&self.patch.values) {
                 surface.channels[first + channel] = value;
             }
         }
-        with_eights!(self.eights, self.update(surface, ring, simd));
+        with_eights!(self.eights, self.update(ring));
     }
 
-    fn update<const K: usize>(&mut self, surface: &Surface, ring: RingLists, simd: Simd) {
-        let mut rows = vec![[[0.0; 8]; 8]; ring.n_kept.div_ceil(8) * K];
-        let ends = [surface.vertices[ring.v1 as usize].position; 2];
-        let kept = RingLists { n: ring.n_kept, v0: ring.v1, ..ring };
-        self.ring_rows::<K>(surface, kept, ends, &mut rows, simd);
-        let (before, after) = (self.patch.before.as_chunks::<K>().0, rows.as_chunks::<K>().0);
+    fn update<const K: usize>(&mut self, ring: RingLists) {
+        let changes = self.patch.change.as_chunks::<K>().0;
         let sums = self.sums.as_chunks_mut::<K>().0;
-        let mut total = [[0.0; 8]; K];
-        for i in 0..ring.n {
-            for w in [ring.b[i], ring.c[i]] {
-                let sum = &mut sums[w as usize];
-                add(sum, &before[i / 8], i % 8, -1.0);
-                if i < ring.n_kept {
-                    add(sum, &after[i / 8], i % 8, 1.0);
-                }
-            }
-            if i < ring.n_kept {
-                add(&mut total, &after[i / 8], i % 8, 1.0);
-            }
+        for (i, (&b, &c)) in ring.b.iter().zip(ring.c).enumerate().take(ring.n) {
+            add(&mut sums[b as usize], &changes[i / 8], i % 8);
+            add(&mut sums[c as usize], &changes[i / 8], i % 8);
         }
-        sums[ring.v1 as usize] = total;
-    }
-
-    /// Rows of the first `ring.n` triangles, their moving corners at `ends`.
-    fn ring_rows<const K: usize>(
-        &self,
-        surface: &Surface,
-        ring: RingLists,
-        ends: [Vec3; 2],
-        rows: &mut [[[f32; 8]; 8]],
-        simd: Simd,
-    ) {
-        let values = values(&self.active, surface);
-        let mut steps = [[[0.0; 8]; 2]; MAX_WEIGHTED];
-        let steps = &mut steps[..self.active.len()];
-        for (part, out) in rows.as_chunks_mut::<K>().0.iter_mut().enumerate() {
-            let lane = |i: usize| (part * 8 + i).min(ring.n - 1);
-            let is_v0: [bool; 8] = std::array::from_fn(|i| ring.side[lane(i)] < 0.0);
-            let a = is_v0.map(|is_v0| if is_v0 { ring.v0 } else { ring.v1 });
-            let at = is_v0.map(|is_v0| &ends[usize::from(!is_v0)]);
-            let b = std::array::from_fn(|i| ring.b[lane(i)]);
-            let c = std::array::from_fn(|i| ring.c[lane(i)]);
-            triangles(surface, values, (a, at), b, c, steps, out, simd);
+        // The rows of vanishing triangles have touched v1 too.
+        if let Ok(total) = self.patch.total.as_slice().try_into() {
+            sums[ring.v1 as usize] = total;
         }
     }
 }
 
-fn values<'a>(active: &'a [(usize, f32)], surface: &'a Surface) -> Values<'a> {
-    Values { channels: &surface.channels, n_channels: surface.n_channels, active }
-}
-
-/// Rows of eight triangles; `a` with its positions, which need not be those of the vertices.
-#[allow(clippy::too_many_arguments)] // The triangles' corners, scratch space, and the way to compute.
+/// Adds a triangle's row.
 #[inline(always)]
-fn triangles<const K: usize>(
-    surface: &Surface,
-    values: Values,
-    (a, at): ([u32; 8], [&Vec3; 8]),
-    b: [u32; 8],
-    c: [u32; 8],
-    steps: &mut [[[f32; 8]; 2]],
-    out: &mut Rows<K>,
-    simd: Simd,
-) {
-    for (j, [to_b, to_c]) in steps.iter_mut().enumerate() {
-        *to_b = std::array::from_fn(|i| values.step(j, a[i], b[i]));
-        *to_c = std::array::from_fn(|i| values.step(j, a[i], c[i]));
-    }
-    simd.run(AttributeTriangles {
-        a: at,
-        b: b.map(|v| &surface.vertices[v as usize]),
-        c: c.map(|v| &surface.vertices[v as usize]),
-        steps,
-        scale: surface.scale,
-        out,
-    });
-}
-
-/// Adds a triangle's row, or takes it away.
-#[inline(always)]
-fn add<const K: usize>(sum: &mut [[f32; 8]; K], rows: &Rows<K>, triangle: usize, sign: f32) {
+fn add<const K: usize>(sum: &mut [[f32; 8]; K], rows: &Rows<K>, triangle: usize) {
     for (sum, rows) in sum.iter_mut().zip(rows) {
         let row = &rows[triangle];
-        *sum = std::array::from_fn(|i| sum[i] + sign * row[i]);
+        *sum = std::array::from_fn(|i| sum[i] + row[i]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::kernel::{Options, Stop, run, tests::sheet};
+    use crate::mesh::Mesh;
+
+    /// A sheet with a smooth channel, a rough one and a step.
+    fn coloured(n: usize) -> Mesh {
+        let mut mesh = sheet(n);
+        mesh.n_channels = 4;
+        for (i, p) in mesh.positions.iter().enumerate() {
+            let x = (p[0] - 1e5) as f32;
+            let rough = (i as u32).wrapping_mul(2_654_435_761) as f32 / u32::MAX as f32;
+            mesh.channels.extend([(7.0 * x).sin(), rough, f32::from(x > 0.5), 3.0]);
+        }
+        mesh
+    }
+
+    fn options(target: u64, weights: &[f32]) -> Options {
+        let stop = Stop::Triangles(target);
+        Options { stop, weights: weights.to_vec(), ..Options::default() }
+    }
+
+    #[test]
+    fn sums_kept_up_to_date_are_the_sums_of_the_triangles() {
+        let mesh = coloured(40);
+        let locked: Vec<bool> = (0..mesh.positions.len()).map(|v| v % 97 == 0).collect();
+        let simd = Simd::detect();
+        let weights = [0.02, 0.01, 0.02, 0.0];
+        let surface = Surface::new(mesh, &locked, &weights, simd);
+        let mut driver =
+            crate::kernel::drive::Driver::new(surface, simd, crate::kernel::Topology::Error);
+        assert!(driver.reach(900));
+        let surface = &mut driver.surface;
+        let kept = surface.attributes.take().expect("there are weights");
+        let mut fresh = Attributes::new(&weights, surface.scale).expect("there are weights");
+        fresh.sums.resize(surface.vertices.len() * fresh.eights, [0.0; 8]);
+        let largest = kept.sums.iter().flatten().fold(0.0f32, |a, b| a.max(b.abs()));
+        let mut n = 0;
+        for v in 0..surface.vertices.len() as u32 {
+            if surface.rings[v as usize].class.is_some() && surface.rings[v as usize].len > 0 {
+                fresh.refresh(surface, v, simd);
+                let own = v as usize * kept.eights..(v as usize + 1) * kept.eights;
+                for (a, b) in kept.sums[own.clone()].iter().zip(&fresh.sums[own]) {
+                    assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4 * largest));
+                }
+                n += 1;
+            }
+        }
+        assert!(n > 400);
+    }
+
+    #[test]
+    fn portable_lanes_give_the_same_bytes_and_no_weight_changes_nothing() {
+        let mesh = coloured(240);
+        let locked = vec![false; mesh.positions.len()];
+        for weights in [&[0.01f32, 0.02, 0.005][..], &[0.01; 4]] {
+            let options = options(8_000, weights);
+            let portable = run(mesh.clone(), &locked, &options, Simd::Portable);
+            assert_eq!(portable, run(mesh.clone(), &locked, &options, Simd::detect()));
+            assert!(portable.mesh.channels.iter().all(|c| c.is_finite()));
+        }
+        let plain = run(mesh.clone(), &locked, &options(8_000, &[]), Simd::detect());
+        let zero = run(mesh.clone(), &locked, &options(8_000, &[0.0; 4]), Simd::detect());
+        assert_eq!(plain, zero);
+    }
+
+    #[test]
+    fn a_step_in_a_channel_stays_where_it_is() {
+        // A flat square, black on one side and white on the other.
+        let mut mesh = coloured(64);
+        for p in &mut mesh.positions {
+            p[2] = 0.0;
+        }
+        let locked = vec![false; mesh.positions.len()];
+        let deviation = |weights: &[f32]| -> f32 {
+            let result = run(mesh.clone(), &locked, &options(200, weights), Simd::detect()).mesh;
+            let off = |v: usize| {
+                let step = f32::from(result.positions[v][0] - 1e5 > 0.5);
+                (result.channels_of(v as u32)[2] - step).abs()
+            };
+            (0..result.positions.len()).map(off).sum::<f32>() / result.positions.len() as f32
+        };
+        let (with, without) = (deviation(&[0.0, 0.0, 0.1, 0.0]), deviation(&[]));
+        assert!(with < 0.6 * without, "{with} against {without}");
     }
 }

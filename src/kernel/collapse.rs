@@ -130,9 +130,9 @@ impl Collapser {
         simd: Simd,
     ) {
         let fixed = surface.rings[plan.v1 as usize].class.is_some_and(Class::is_fixed);
-        attributes.before(surface, self.lists(plan), plan.place, simd);
+        attributes.before(surface, self.lists(plan), (centre, plan.place), fixed, simd);
         self.carry_out(surface, plan, centre, number);
-        attributes.after(surface, self.lists(plan), fixed, simd);
+        attributes.after(surface, self.lists(plan), fixed);
         surface.attributes = Some(attributes);
     }
 

@@ -181,7 +181,7 @@ mod tests {
     use super::*;
 
     /// A bumpy sheet of 2 n^2 triangles.
-    fn sheet(n: usize) -> Mesh {
+    pub(super) fn sheet(n: usize) -> Mesh {
         let mut mesh = Mesh::default();
         for i in 0..=n {
             for j in 0..=n {
