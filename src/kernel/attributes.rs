@@ -57,6 +57,8 @@ pub(crate) struct RingLists<'a> {
     pub(crate) c: &'a [u32],
     /// -1 for a triangle of `v0`, 1 for one of `v1`.
     pub(crate) side: &'a [f32],
+    /// The triangles themselves; places beyond `n` mean nothing.
+    pub(crate) ids: &'a [u32],
     pub(crate) n_kept: usize,
     pub(crate) n: usize,
 }
@@ -76,6 +78,11 @@ impl Attributes {
         (!none).then(|| Attributes { active, eights, sums: Vec::new(), patch: Patch::default() })
     }
 
+    /// The channels that count, with their factors.
+    pub(crate) fn active(&self) -> &[(usize, f32)] {
+        &self.active
+    }
+
     /// Sums up all triangles anew; none of them may be gone.
     pub(crate) fn build(&mut self, surface: &Surface, simd: Simd) {
         self.sums.clear();
@@ -87,9 +94,9 @@ impl Attributes {
         let mut rows = [[[0.0; 8]; 8]; K];
         let mut sums = std::mem::take(&mut self.sums);
         let by_vertex = sums.as_chunks_mut::<K>().0;
-        for eight in surface.triangles.chunks(8) {
-            let corners = std::array::from_fn(|i| eight[i.min(eight.len() - 1)]);
-            self.triangles(surface, corners, &mut rows, simd);
+        for (block, eight) in surface.triangles.chunks(8).enumerate() {
+            let ids = std::array::from_fn(|i| (block * 8 + i.min(eight.len() - 1)) as u32);
+            self.triangles(surface, ids, &mut rows, simd);
             for (i, t) in eight.iter().enumerate() {
                 for &v in t {
                     add(&mut by_vertex[v as usize], &rows, i);
@@ -109,8 +116,8 @@ impl Attributes {
         let mut rows = [[[0.0; 8]; 8]; K];
         let mut sum = [[0.0; 8]; K];
         for eight in surface.ring(v).chunks(8) {
-            let triangle = |i: usize| surface.triangles[eight[i.min(eight.len() - 1)] as usize];
-            self.triangles(surface, std::array::from_fn(triangle), &mut rows, simd);
+            let id = |i: usize| eight[i.min(eight.len() - 1)];
+            self.triangles(surface, std::array::from_fn(id), &mut rows, simd);
             for i in 0..eight.len() {
                 add(&mut sum, &rows, i);
             }
@@ -122,16 +129,17 @@ impl Attributes {
     fn triangles<const K: usize>(
         &self,
         surface: &Surface,
-        corners: [[u32; 3]; 8],
+        ids: [u32; 8],
         out: &mut Rows<K>,
         simd: Simd,
     ) {
+        let corners: [[u32; 3]; 8] = std::array::from_fn(|i| surface.triangles[ids[i] as usize]);
         let mut values = [[[0.0; 8]; 3]; MAX_WEIGHTED];
         for (i, t) in corners.iter().enumerate() {
             for k in 0..3 {
-                let at = t[k] as usize * surface.n_channels;
+                let at_corner = surface.values_at(ids[i], t[k]);
                 for (values, &(channel, factor)) in values.iter_mut().zip(&self.active) {
-                    values[k][i] = surface.channels[at + channel] * factor;
+                    values[k][i] = at_corner[channel] * factor;
                 }
             }
         }
@@ -219,9 +227,12 @@ impl Attributes {
         for (part, change) in changes.as_chunks_mut::<K>().0.iter_mut().enumerate() {
             for (k, corners) in [&bs[part], &cs[part]].into_iter().enumerate() {
                 for (i, &v) in corners.iter().enumerate() {
-                    let at = v as usize * surface.n_channels;
+                    let at_corner = match part * 8 + i < ring.n {
+                        true => surface.values_at(ring.ids[part * 8 + i], v),
+                        false => surface.channels_of(v),
+                    };
                     for (j, &(channel, factor)) in self.active.iter().enumerate() {
-                        values[j][k][i] = (surface.channels[at + channel] - middle[j]) * factor;
+                        values[j][k][i] = (at_corner[channel] - middle[j]) * factor;
                     }
                 }
             }

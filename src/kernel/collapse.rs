@@ -3,12 +3,13 @@
 //! `v0` goes and `v1` stays. Looks at the two rings once, so that the tests, the new quadrics and the new
 //! ring come from the same pass. It does not choose edges; `drive` does.
 
-use super::attributes::{Attributes, RingLists};
+use super::attributes::RingLists;
 use super::evaluate::{RingGeometry, RingPart};
 use super::lanes::Simd;
 use super::legal::{Class, MAY_COLLAPSE, Reject};
 use super::surface::{Fan, GONE, MAX_VALENCE, Surface, boundary_quadric, others};
 use super::vector::Vec3;
+use super::wedges::{Wedges, place_on_edge};
 
 /// A normal that turns further than this cosine is put off.
 const FLIP_COSINE: f32 = 0.5;
@@ -27,13 +28,15 @@ pub(crate) struct Plan {
     pub(crate) may_turn: bool,
 }
 
-/// Which end goes and which stays: the lower class goes, between equals the shorter ring.
+/// Which end goes and which stays: the lower class goes, between equals what is off the seams, then the
+/// shorter ring.
 #[inline(always)]
 pub(crate) fn roles(surface: &Surface, a: u32, b: u32) -> (u32, u32) {
     let key = |v: u32| {
         let ring = &surface.rings[v as usize];
         let class = ring.class.map_or(0, |class| class as u64);
-        class << 40 | u64::from(ring.room.min(255)) << 32 | u64::from(v)
+        let seam = surface.wedges.as_ref().is_some_and(|wedges| wedges.is_seam(v));
+        class << 41 | u64::from(seam) << 40 | u64::from(ring.room.min(255)) << 32 | u64::from(v)
     };
     let (a, b) = (key(a), key(b));
     (a.min(b) as u32, a.max(b) as u32)
@@ -111,29 +114,66 @@ impl Collapser {
         let centre: Vec3 = std::array::from_fn(|i| p0[i] + (p1[i] - p0[i]) * 0.5);
         self.measure(surface, plan, &centre, simd);
         self.shapes(plan.may_turn)?;
-        match surface.attributes.take() {
-            None => self.carry_out(surface, plan, &centre, number),
-            Some(attributes) => {
-                self.with_attributes(surface, plan, (&centre, number), attributes, simd);
-            }
+        match surface.wedges.take() {
+            None => self.with_attributes(surface, plan, (&centre, number), simd),
+            Some(wedges) => self.with_wedges(surface, plan, (&centre, number), wedges, simd),
         }
         Ok(())
     }
 
-    /// Carries the collapse out where attributes count.
+    /// Carries the collapse out, off the seams.
+    #[inline(always)]
     fn with_attributes(
         &mut self,
         surface: &mut Surface,
         plan: Plan,
         (centre, number): (&Vec3, u32),
-        mut attributes: Box<Attributes>,
         simd: Simd,
     ) {
+        let Some(mut attributes) = surface.attributes.take() else {
+            self.carry_out(surface, plan, centre, number);
+            return;
+        };
         let fixed = surface.rings[plan.v1 as usize].class.is_some_and(Class::is_fixed);
         attributes.before(surface, self.lists(plan), (centre, plan.place), fixed, simd);
         self.carry_out(surface, plan, centre, number);
         attributes.after(surface, self.lists(plan), fixed);
         surface.attributes = Some(attributes);
+    }
+
+    /// Carries the collapse out where there are seams, at or off them.
+    fn with_wedges(
+        &mut self,
+        surface: &mut Surface,
+        plan: Plan,
+        centre_and_number: (&Vec3, u32),
+        mut wedges: Box<Wedges>,
+        simd: Simd,
+    ) {
+        let (v0, v1) = (plan.v0, plan.v1);
+        if !wedges.concern(v0, v1) {
+            let wedge = wedges.single(surface, v1);
+            surface.wedges = Some(wedges);
+            self.with_attributes(surface, plan, centre_and_number, simd);
+            if let (Some(wedge), Some(mut wedges)) = (wedge, surface.wedges.take()) {
+                wedges.rename(surface, &self.ids[..self.n0], v1, wedge);
+                surface.wedges = Some(wedges);
+            }
+            return;
+        }
+        let half = surface.edge(v0, v1).map(|x| x * 0.5);
+        let seam = wedges.plan(surface, (v0, v1), place_on_edge(half, plan.place));
+        let (centre, number) = centre_and_number;
+        self.carry_out(surface, plan, centre, number);
+        wedges.carry_out(surface, &self.ids[..self.n0], v1, seam);
+        surface.wedges = Some(wedges);
+        if let Some(mut attributes) = surface.attributes.take() {
+            attributes.refresh(surface, v1, simd);
+            for &w in self.b[..self.n].iter().chain(&self.c[..self.n]) {
+                attributes.refresh(surface, w, simd);
+            }
+            surface.attributes = Some(attributes);
+        }
     }
 
     fn lists(&self, plan: Plan) -> RingLists<'_> {
@@ -143,6 +183,7 @@ impl Collapser {
             b: &self.b,
             c: &self.c,
             side: &self.side,
+            ids: &self.ids,
             n_kept: self.n_kept,
             n: self.n,
         }

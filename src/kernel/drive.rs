@@ -182,7 +182,11 @@ impl Driver {
         let mut costs = Vec::new();
         for &block in blocks {
             let end = ((block + 1) * BLOCK).min(self.surface.triangles.len());
-            self.each_edge(block * BLOCK..end, |_, _, cost| costs.push(cost));
+            self.each_edge(block * BLOCK..end, |_, _, cost| {
+                if cost < f32::INFINITY {
+                    costs.push(cost);
+                }
+            });
         }
         if costs.is_empty() {
             return f32::MIN_POSITIVE;
@@ -234,9 +238,8 @@ impl Driver {
     fn evaluate(&self, pairs: &[(u32, u32); 8]) -> Evaluated {
         let surface = &self.surface;
         let fixed = |v: u32| surface.rings[v as usize].class.is_some_and(Class::is_fixed);
-        if let Some(attributes) = &surface.attributes {
-            let fixed = pairs.map(|(_, v1)| if fixed(v1) { 1.0 } else { 0.0 });
-            return attributes.evaluate(surface, pairs, fixed, self.simd);
+        if surface.attributes.is_some() || surface.wedges.is_some() {
+            return self.evaluate_attributes(pairs);
         }
         self.simd.run(Edges {
             v0: std::array::from_fn(|i| &surface.vertices[pairs[i].0 as usize]),
@@ -244,6 +247,33 @@ impl Driver {
             fixed: std::array::from_fn(|i| if fixed(pairs[i].1) { 1.0 } else { 0.0 }),
             scale: surface.scale,
         })
+    }
+
+    /// The same where channels count or seams are.
+    fn evaluate_attributes(&self, pairs: &[(u32, u32); 8]) -> Evaluated {
+        let surface = &self.surface;
+        let fixed = |v: u32| surface.rings[v as usize].class.is_some_and(Class::is_fixed);
+        let is_fixed = std::array::from_fn(|i| if fixed(pairs[i].1) { 1.0 } else { 0.0 });
+        let mut found = match &surface.attributes {
+            Some(attributes) => attributes.evaluate(surface, pairs, is_fixed, self.simd),
+            None => self.simd.run(Edges {
+                v0: std::array::from_fn(|i| &surface.vertices[pairs[i].0 as usize]),
+                v1: std::array::from_fn(|i| &surface.vertices[pairs[i].1 as usize]),
+                fixed: is_fixed,
+                scale: surface.scale,
+            }),
+        };
+        if let Some(wedges) = &surface.wedges {
+            let active = surface.attributes.as_ref().map_or(&[][..], |a| a.active());
+            for (i, &(v0, v1)) in pairs.iter().enumerate() {
+                if wedges.concern(v0, v1) {
+                    let (cost, place) = wedges.evaluate(surface, (v0, v1), fixed(v1), active);
+                    found.cost[i] = cost;
+                    (0..3).for_each(|k| found.place[k][i] = place[k]);
+                }
+            }
+        }
+        found
     }
 
     fn drain_block(&mut self, queue: &mut BucketQueue, block: usize, limits: Limits) {

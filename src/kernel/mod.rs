@@ -16,6 +16,7 @@ pub mod reference;
 mod surface;
 mod topology;
 mod vector;
+mod wedges;
 mod weld;
 
 pub use attributes::MAX_WEIGHTED;
@@ -110,9 +111,7 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
 fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
     let mut statistics = Statistics::default();
     let mut surface = surface::Surface::new(mesh, locked, &options.weights, simd);
-    if options.topology == Topology::Error {
-        weld::coincident(&mut surface, simd);
-    }
+    weld::coincident(&mut surface, options.topology, simd);
     let mut driver = drive::Driver::new(surface, simd, options.topology);
     match &options.stop {
         Stop::Triangles(target) => statistics.reached = driver.reach(*target),
