@@ -8,7 +8,7 @@ use crate::config::DEFAULT_CELL_TRIANGLES;
 use crate::error::{Error, Result};
 use crate::measure::load::{self, Loaded};
 use crate::measure::tree::Tree;
-use crate::measure::{self, ColourChannels, Measured, Options, Parts};
+use crate::measure::{self, Carried, Measured, Options, Parts};
 use crate::partition;
 use crate::ply::MeshSource;
 use crate::progress::Progress;
@@ -80,8 +80,8 @@ pub fn compare(request: &Request, progress: &Progress) -> Result<Comparison> {
 
 /// The options with what the two files say about colours.
 fn options(request: &Request) -> Options {
-    let colours = ColourChannels::of(request.original.schema())
-        .zip(ColourChannels::of(request.simplified.schema()))
+    let colours = Carried::of(request.original.schema())
+        .zip(Carried::of(request.simplified.schema()))
         .map(|(a, b)| [a, b]);
     Options { colours, ..request.options.clone() }
 }
