@@ -13,9 +13,9 @@ const COLOUR_EDGES: f64 = 0.3;
 /// A normal that turns by a radian is worth so many edges of the result.
 const NORMAL_EDGES: f64 = 0.1;
 /// A scalar that goes through its whole range is worth so many edges of the result.
-const SCALAR_EDGES: f64 = 0.3;
+const SCALAR_EDGES: f64 = 0.1;
 /// A shift of the texture on the surface is worth so much of its length.
-const TEXTURE_LENGTHS: f64 = 0.3;
+const TEXTURE_LENGTHS: f64 = 0.02;
 
 /// Of a sampled piece of mesh every so many triangles and vertices are looked at.
 const STRIDE: usize = 8;

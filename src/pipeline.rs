@@ -8,7 +8,7 @@ use crate::cells::{CellStore, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, 
 use crate::config::{Config, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
-use crate::formats::StageOptions;
+use crate::formats::{StageOptions, texture_at_vertices};
 use crate::job::{self, Identity, Job};
 use crate::kernel;
 use crate::partition::{self, Partition};
@@ -44,9 +44,14 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
     let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     let source = MeshSource::open_staged(&config.input, &stage)?;
-    if !config.drop_texture {
-        source.require_no_texture()?;
-    }
+    let source = match config.drop_texture {
+        true => source,
+        false => {
+            let source = texture_at_vertices(source, &stage)?;
+            source.require_no_texture()?;
+            source
+        }
+    };
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     config.attributes.weights.check(&codec.meanings(source.schema()))?;
     let plan = Plan::new(&source, config)?;

@@ -159,7 +159,8 @@ enum Rule {
     Single,
     /// A double: two channels, the nearest float and the float nearest to what is left.
     Double,
-    /// An integer colour component: one channel, rounded and clamped on the way back.
+    /// An integer colour component (or the number of an image): one channel, rounded and clamped on the way
+    /// back.
     Colour,
     /// An integer that means something by its value (a class, a flag, an id): never averaged.
     Label,
@@ -173,6 +174,8 @@ impl Rule {
             Scalar::U8 | Scalar::U16 if COLOUR_NAMES.contains(&property.name.as_str()) => {
                 Rule::Colour
             }
+            // Wedges of different images must not be taken for the same; equal ones mix to themselves.
+            Scalar::I32 if property.name == "texnumber" => Rule::Colour,
             _ => Rule::Label,
         }
     }

@@ -6,6 +6,7 @@
 
 mod ascii;
 mod binary;
+mod corners;
 mod fields;
 mod fixed_faces;
 pub(crate) mod header;

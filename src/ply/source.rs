@@ -51,12 +51,12 @@ pub struct TextureInfo {
 
 /// A mesh file whose header has been read and held against the file's length.
 pub struct MeshSource {
-    file: RawFile,
-    header: Header,
-    options: ReadOptions,
+    pub(super) file: RawFile,
+    pub(super) header: Header,
+    pub(super) options: ReadOptions,
     plan: FieldPlan,
-    layout: Layout,
-    bad_vertices: BadVertices,
+    pub(super) layout: Layout,
+    pub(super) bad_vertices: BadVertices,
     positions: OnceLock<RawFile>,
     positions_lock: Mutex<()>,
     staged: Staged,
@@ -354,7 +354,7 @@ impl MeshSource {
         Ok(())
     }
 
-    fn face(&self) -> &Element {
+    pub(super) fn face(&self) -> &Element {
         let i = self.layout.face_element.unwrap_or(self.layout.vertex_element);
         &self.header.elements[i]
     }
