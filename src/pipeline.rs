@@ -8,7 +8,7 @@ use crate::cells::{CellStore, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, 
 use crate::config::{Config, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
-use crate::formats::{StageOptions, texture_at_vertices};
+use crate::formats::{OutputKind, StageOptions, texture_at_vertices};
 use crate::job::{self, Identity, Job};
 use crate::kernel;
 use crate::partition::{self, Partition};
@@ -16,6 +16,7 @@ use crate::plan::{Plan, folder_of};
 use crate::ply::{MeshSource, OutputHeader, Place, ReadOptions};
 use crate::progress::Progress;
 use crate::run::Run;
+use crate::schema::Meaning;
 use crate::simplify::{self, Goal};
 use crate::stitch::{self, Parts, Step};
 use crate::summary::{InputReport, OutputReport, RunReport, SeamReport, StageReport};
@@ -162,7 +163,7 @@ impl<'a> Stages<'a> {
                 &config.attributes.labels,
                 &config.attributes.weights,
             ),
-            kernel: config.kernel.clone(),
+            kernel: kernel::Options { confined: confined(source, config), ..config.kernel.clone() },
             target: plan.target,
             rounds_done: 0,
             shared_by_round: Vec::new(),
@@ -371,7 +372,14 @@ impl<'a> Stages<'a> {
         let number = self.reports.len() as u32 + 1;
         run.progress.begin("write", number, self.n_stages.max(number), result.triangles);
         let (read, start) = (run.disk().bytes_read(), Instant::now());
-        let written = write::write(&pack, place, header, self.config.format, &run)?;
+        let format = self.config.format;
+        let kind = format.kind.map_or_else(|| OutputKind::of(&self.config.output), Ok)?;
+        let written = match source.wedges() {
+            Some(with_image) if kind == OutputKind::Ply && pack.info().cells.len() == 1 => {
+                write::write_corners(&pack, place, header, (format, with_image), &run)?
+            }
+            _ => write::write(&pack, place, header, format, &run)?,
+        };
         self.reports.push(StageReport {
             name: "write".to_owned(),
             seconds: start.elapsed().as_secs_f64(),
@@ -438,6 +446,12 @@ fn faults(source: &MeshSource, partition: &Partition) -> BTreeMap<String, u64> {
         ("missing_faces".to_owned(), found.missing_faces),
         ("missing_vertices".to_owned(), found.missing_vertices),
     ])
+}
+
+/// Texture coordinates mean nothing outside of their chart.
+fn confined(source: &MeshSource, config: &Config) -> Vec<bool> {
+    let codec = source.schema().kernel_codec(&config.attributes.labels);
+    codec.meanings(source.schema()).iter().map(|m| *m == Meaning::Texture).collect()
 }
 
 /// Recorded before the output is written: an output that is found later may be this job's own.

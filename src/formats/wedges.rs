@@ -121,8 +121,8 @@ pub fn at_vertices(source: MeshSource, options: &StageOptions) -> Result<MeshSou
         Ok(())
     })?;
     out.write(&row)?;
-    let mut staged = Staged::default();
-    staged.bad_faces = source.faults().bad_faces + n_bad;
+    let bad_faces = source.faults().bad_faces + n_bad;
+    let staged = Staged { bad_faces, wedges: Some(with_image), ..Staged::default() };
     let mut read = options.read.clone();
     read.temp_dir = Some(options.temp_dir.clone());
     MeshSource::from_staged(out.finish(&path)?, read, staged)

@@ -30,6 +30,8 @@ macro_rules! with_eights {
 pub(crate) struct Attributes {
     /// Channel and scaled length per unit of it.
     active: Vec<(usize, f32)>,
+    /// Whether an active channel is interpolated along the edge, and never leaves what the ends have.
+    confined: Vec<bool>,
     eights: usize,
     /// `eights` a vertex: M, then an L for each active channel.
     sums: Vec<[f32; 8]>,
@@ -65,7 +67,7 @@ pub(crate) struct RingLists<'a> {
 
 impl Attributes {
     /// `None` if no channel has a weight. Weights are lengths in input units per unit of a channel.
-    pub(crate) fn new(weights: &[f32], scale: f64) -> Option<Self> {
+    pub(crate) fn new(weights: &[f32], confined: &[bool], scale: f64) -> Option<Self> {
         let active: Vec<(usize, f32)> = weights
             .iter()
             .enumerate()
@@ -75,7 +77,9 @@ impl Attributes {
             .collect();
         let eights = numbers(active.len()).div_ceil(8).max(2);
         let none = active.is_empty();
-        (!none).then(|| Attributes { active, eights, sums: Vec::new(), patch: Patch::default() })
+        let confined = active.iter().map(|&(c, _)| confined.get(c) == Some(&true)).collect();
+        let (sums, patch) = (Vec::new(), Patch::default());
+        (!none).then(|| Attributes { active, confined, eights, sums, patch })
     }
 
     /// The channels that count, with their factors.
@@ -284,13 +288,17 @@ impl Attributes {
         };
         let from0: [f32; 3] = std::array::from_fn(|k| place[k] + half[k]);
         let from1: [f32; 3] = std::array::from_fn(|k| place[k] - half[k]);
+        let on_edge = super::wedges::place_on_edge(half, place);
         self.patch.values.clear();
         for (j, &(channel, factor)) in self.active.iter().enumerate() {
             let at = |v: usize| surface.channels[v * surface.n_channels + channel];
             middle[j] = 0.5 * (at(v0) + at(v1));
             let step = 0.5 * factor * (at(v1) - at(v0));
             let sum = dot(v0, j, from0) + dot(v1, j, from1) + (area1 - area0) * step;
-            let best = sum / (area0 + area1);
+            let best = match self.confined[j] {
+                true => step * (2.0 * on_edge - 1.0),
+                false => sum / (area0 + area1),
+            };
             let best = if fixed {
                 step
             } else if best.is_finite() {
@@ -367,13 +375,13 @@ mod tests {
         let locked: Vec<bool> = (0..mesh.positions.len()).map(|v| v % 97 == 0).collect();
         let simd = Simd::detect();
         let weights = [0.02, 0.01, 0.02, 0.0];
-        let surface = Surface::new(mesh, &locked, &weights, simd);
+        let surface = Surface::new(mesh, &locked, (&weights, &[]), simd);
         let mut driver =
             crate::kernel::drive::Driver::new(surface, simd, crate::kernel::Topology::Error);
         assert!(driver.reach(900));
         let surface = &mut driver.surface;
         let kept = surface.attributes.take().expect("there are weights");
-        let mut fresh = Attributes::new(&weights, surface.scale).expect("there are weights");
+        let mut fresh = Attributes::new(&weights, &[], surface.scale).expect("there are weights");
         fresh.sums.resize(surface.vertices.len() * fresh.eights, [0.0; 8]);
         let largest = kept.sums.iter().flatten().fold(0.0f32, |a, b| a.max(b.abs()));
         let mut n = 0;

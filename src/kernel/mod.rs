@@ -51,6 +51,9 @@ pub struct Options {
     /// For each channel, how many input units of distance a difference of 1 weighs as much as; 0, or none
     /// given: it rides along. At most `MAX_WEIGHTED` count.
     pub weights: Vec<f32>,
+    /// For each channel, whether its values are only ever interpolated along edges: texture coordinates, which
+    /// mean nothing outside of their chart. Others may be extrapolated to where the survivor is.
+    pub confined: Vec<bool>,
 }
 
 /// What may happen to components, holes and handles.
@@ -72,6 +75,7 @@ impl Default for Options {
             stop: Stop::Triangles(u64::MAX),
             topology: Topology::default(),
             weights: Vec::new(),
+            confined: Vec::new(),
         }
     }
 }
@@ -110,7 +114,8 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
 
 fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
     let mut statistics = Statistics::default();
-    let mut surface = surface::Surface::new(mesh, locked, &options.weights, simd);
+    let mut surface =
+        surface::Surface::new(mesh, locked, (&options.weights, &options.confined), simd);
     weld::coincident(&mut surface, options.topology, simd);
     let mut driver = drive::Driver::new(surface, simd, options.topology);
     match &options.stop {

@@ -86,7 +86,12 @@ fn is_proper(t: &[u32; 3]) -> bool {
 
 impl Surface {
     /// Takes a mesh apart. Triangles that repeat a corner are dropped.
-    pub(crate) fn new(mut mesh: Mesh, locked: &[bool], weights: &[f32], simd: Simd) -> Self {
+    pub(crate) fn new(
+        mut mesh: Mesh,
+        locked: &[bool],
+        (weights, confined): (&[f32], &[bool]),
+        simd: Simd,
+    ) -> Self {
         mesh.triangles.retain(is_proper);
         let order = order::morton(&mesh.positions, &mesh.triangles);
         let (_, side) = order::bounds(&mesh.positions);
@@ -128,7 +133,7 @@ impl Surface {
             channels,
             n_channels,
             scale,
-            attributes: Attributes::new(weights, scale).map(Box::new),
+            attributes: Attributes::new(weights, confined, scale).map(Box::new),
             wedges: None,
         };
         surface.build(simd, false);

@@ -5,11 +5,14 @@
 //! every corner of a triangle names the wedge it uses. So a collapse moves all sides of a seam together, no
 //! crack can open, and no value is mixed with that of another chart: where both ends of the edge have a
 //! wedge of the same chart, the two become one, interpolated along the edge; any other keeps its value.
+//! A channel in which all wedges of both ends agree (a colour beside the texture) knows no seam and is
+//! interpolated for all of them.
 //! What that costs is summed up over the rings directly; there is no sum to keep at a seam. The result is
 //! split again by `Surface::into_mesh`.
 
 use std::collections::BTreeMap;
 
+use super::attributes::MAX_WEIGHTED;
 use super::surface::{GONE, Surface, others};
 use super::vector::{along, cross, dot, length_sq, sub};
 
@@ -80,7 +83,7 @@ impl Pairs {
 /// A collapse at a seam under way.
 pub(crate) struct SeamPlan {
     pairs: Pairs,
-    /// New values of the wedges of `v1` that are in a pair.
+    /// New values of all wedges that the survivor will have.
     values: Vec<(u32, Vec<f32>)>,
 }
 
@@ -222,9 +225,14 @@ impl Wedges {
         };
         let ((along0, area0), (along1, area1)) = (geometric(v0), geometric(v1));
         let mut c = [along1, -along1, along0 + along1];
+        let mut common = [None; MAX_WEIGHTED];
+        for (common, &(channel, _)) in common.iter_mut().zip(active) {
+            let ends = [v0, v1].map(|v| self.common(surface, v, channel));
+            *common = ends[0].zip(ends[1]).map(|(a, b)| [a, b]);
+        }
         for (end, v) in [v0, v1].into_iter().enumerate() {
             for &t in surface.ring(v) {
-                self.add_triangle(surface, (t, v, end), (&pairs, edge), active, &mut c);
+                self.add_triangle(surface, (t, v, end), (&pairs, edge), (active, &common), &mut c);
             }
         }
         let free = if c[2] > 0.0 { (-c[1] / c[2]).clamp(0.0, 1.0) } else { 0.5 };
@@ -244,7 +252,7 @@ impl Wedges {
         surface: &Surface,
         (t, v, end): (u32, u32, usize),
         (pairs, edge): (&Pairs, [f64; 3]),
-        active: &[(usize, f32)],
+        (active, common): (&[(usize, f32)], &[Option<[f32; 2]>]),
         c: &mut [f64; 3],
     ) {
         let (b, d) = others(surface.triangles[t as usize], v);
@@ -266,11 +274,15 @@ impl Wedges {
             0 => self.values_of(w1),
             _ => self.values_of(w0),
         });
-        for &(channel, factor) in active {
+        for (&(channel, factor), common) in active.iter().zip(common) {
             let value = |list: &[f32]| f64::from(list[channel]) * f64::from(factor);
             let here = value(own);
             let per_edge = at_b * (value(values_b) - here) + at_d * (value(values_d) - here);
-            let step = other.map_or(0.0, |other| value(other) - here);
+            let step = match (common, other) {
+                (Some(ends), _) => f64::from(ends[1 - end]) * f64::from(factor) - here,
+                (None, Some(other)) => value(other) - here,
+                (None, None) => 0.0,
+            };
             // The residual at either end of the edge.
             let [r0, r1] = match end {
                 0 => [0.0, per_edge - step],
@@ -286,13 +298,42 @@ impl Wedges {
     /// What a collapse at a seam will do, before it is carried out; `s` is its place on the edge, 0 at `v0`.
     pub(crate) fn plan(&self, surface: &Surface, (v0, v1): (u32, u32), s: f32) -> SeamPlan {
         let pairs = Pairs::of(self, surface, v0, v1);
-        let mixed = |(w0, w1): (u32, u32)| {
-            let (from, to) = (self.values_of(w0), self.values_of(w1));
-            let mix = |(a, b): (&f32, &f32)| if s == 1.0 { *b } else { a + s * (b - a) };
-            (w1, from.iter().zip(to).map(mix).collect())
-        };
-        let values = pairs.list[..pairs.n].iter().copied().map(mixed).collect();
+        let mix = |a: f32, b: f32| if s == 1.0 { b } else { a + s * (b - a) };
+        let common: Vec<Option<f32>> = (0..self.n_channels)
+            .map(|channel| {
+                let ends = [v0, v1].map(|v| self.common(surface, v, channel));
+                ends[0].zip(ends[1]).map(|(a, b)| mix(a, b))
+            })
+            .collect();
+        let mut values: Vec<(u32, Vec<f32>)> = Vec::new();
+        let after0 = surface.ring(v0).iter().map(|&t| {
+            let wedge = self.at(surface, t, v0);
+            pairs.of_v0(wedge).map_or(wedge, |pair| pair.1)
+        });
+        for wedge in after0.chain(surface.ring(v1).iter().map(|&t| self.at(surface, t, v1))) {
+            if values.iter().any(|(known, _)| *known == wedge) {
+                continue;
+            }
+            let own = self.values_of(wedge);
+            let from = pairs.of_v1(wedge).map(|pair| self.values_of(pair.0));
+            let value = |channel: usize| match (common[channel], from) {
+                (Some(value), _) => value,
+                (None, Some(from)) => mix(from[channel], own[channel]),
+                (None, None) => own[channel],
+            };
+            values.push((wedge, (0..self.n_channels).map(value).collect()));
+        }
         SeamPlan { pairs, values }
+    }
+
+    /// The value of a channel that all wedges of a vertex have in common, if they do.
+    fn common(&self, surface: &Surface, v: u32, channel: usize) -> Option<f32> {
+        let ring = surface.ring(v);
+        let value = |&t: &u32| self.values_of(self.at(surface, t, v))[channel];
+        let first = value(ring.first()?);
+        let same =
+            !self.is_seam[v as usize] || ring.iter().all(|t| value(t).to_bits() == first.to_bits());
+        same.then_some(first)
     }
 
     /// After the collapse: renames the corners that came from `v0` (those of `triangles`), and sets values.
@@ -395,7 +436,8 @@ mod tests {
     fn simplify(mesh: &Mesh, target: u64, weights: &[f32], topology: Topology) -> Simplified {
         let locked = vec![false; mesh.positions.len()];
         let weights = weights.to_vec();
-        let options = Options { stop: Stop::Triangles(target), topology, weights };
+        let stop = Stop::Triangles(target);
+        let options = Options { stop, topology, weights, confined: vec![true; 2] };
         simplify_mesh(mesh.clone(), &locked, &options)
     }
 

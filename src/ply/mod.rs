@@ -22,7 +22,7 @@ pub(crate) mod writer;
 
 pub use header::Encoding;
 pub use source::{Faults, MeshSource, ReadOptions, TextureInfo};
-pub use writer::{OutputHeader, Place, PlyFormat, PlyWriter};
+pub use writer::{OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
 
 /// Vertices or faces in one block.
 pub const BLOCK_ROWS: u64 = 65_536;

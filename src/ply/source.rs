@@ -69,6 +69,8 @@ pub(crate) struct Staged {
     pub bad_faces: u64,
     /// A texture that the PLY no longer mentions.
     pub texture: Option<TextureInfo>,
+    /// Texture coordinates were at corners and are now at vertices; whether with the number of an image.
+    pub wedges: Option<bool>,
 }
 
 impl MeshSource {
@@ -167,6 +169,12 @@ impl MeshSource {
             matches!(p.kind, Kind::List { .. }) && name.replace('_', "").starts_with("texcoord")
         })?;
         (!files.is_empty()).then(|| TextureInfo { files, property: property.name.clone() })
+    }
+
+    /// Whether texture coordinates were moved from corners to vertices: the last two properties, or three
+    /// if the value is true (`formats::texture_at_vertices`).
+    pub fn wedges(&self) -> Option<bool> {
+        self.staged.wedges
     }
 
     /// Refuses a file that has no faces, saying what it has.
