@@ -40,6 +40,7 @@ pub mod summary;
 pub mod synth;
 pub mod topology;
 pub mod units;
+pub mod verify;
 pub mod write;
 
 pub use error::{Error, Result};

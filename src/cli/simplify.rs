@@ -78,6 +78,9 @@ pub struct Args {
     /// Write a report in JSON.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// Measure how far the result deviates from the input, and report it.
+    #[arg(long)]
+    verify: bool,
     /// Write the vertices on the seams of the first round, as a point set.
     #[arg(long, value_name = "FILE")]
     seams: Option<PathBuf>,
@@ -135,6 +138,7 @@ impl Args {
             force: self.force,
             restart: self.restart,
             seams: self.seams.clone(),
+            verify: self.verify,
             format: self.format,
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
@@ -153,7 +157,7 @@ impl Args {
 /// Runs the command and gives its exit code.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
     match simplify(args, talk, progress, log)? {
-        Some(report) if !report.target_met => Ok(EXIT_SHORT),
+        Some(report) if !report.target_met || report.input.lost_rows() > 0 => Ok(EXIT_SHORT),
         _ => Ok(0),
     }
 }
@@ -214,6 +218,12 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
         show_bytes(report.peak_memory_bytes),
         show_bytes(report.peak_temp_bytes)
     ));
+    for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
+        log.say(format!("  {n} {} dropped", name.replace('_', " ")));
+    }
+    if let Some(measured) = &report.measured {
+        super::measure::table(measured).lines().for_each(|line| log.say(line));
+    }
     if !report.target_met {
         log.say(format!(
             "short of the target of {} triangles: {}",

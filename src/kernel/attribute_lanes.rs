@@ -245,14 +245,14 @@ pub(crate) struct AttributeRing<'a, const K: usize> {
     pub(crate) values: &'a [[[f32; 8]; 2]],
     /// For each attribute half its step from `v0` to `v1`, and the survivor's value.
     pub(crate) corner: &'a [[f32; 2]],
-    /// Where the moving corner was: -1 at `-half`, 1 at `half`.
-    pub(crate) side: &'a [f32; 8],
     /// From `centre` to `v1`, scaled.
     pub(crate) half: [f32; 3],
     /// The moving corner after, relative to `centre`, scaled.
     pub(crate) place: [f32; 3],
     pub(crate) centre: &'a [f64; 3],
     pub(crate) scale: f64,
+    /// The moving corner was `v0` in so many lanes, then `v1`.
+    pub(crate) n0: f32,
     /// Lanes from here on vanish in the collapse; from `n_used` on they are empty.
     pub(crate) n_kept: f32,
     pub(crate) n_used: f32,
@@ -269,8 +269,9 @@ impl<const K: usize> Job for AttributeRing<'_, K> {
     fn run<L: Lanes>(self) {
         let b = L::relative(self.b, [self.centre; 8], self.scale);
         let c = L::relative(self.c, [self.centre; 8], self.scale);
+        let lane = L::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
+        let side = L::lt_select(lane, L::splat(self.n0), L::splat(-1.0), L::splat(1.0));
         let [hx, hy, hz] = self.half;
-        let side = L::load(self.side);
         let old = scale3([L::splat(hx), L::splat(hy), L::splat(hz)], side);
         let steps = self.values.iter().zip(self.corner).map(|([b, c], [half, _])| {
             let corner = L::splat(*half).times(side);
@@ -284,7 +285,6 @@ impl<const K: usize> Job for AttributeRing<'_, K> {
             (L::load(b).minus(corner), L::load(c).minus(corner))
         });
         let after: [[L; 8]; K] = triangle_numbers((sub3(b, new), sub3(c, new)), steps);
-        let lane = L::load(&[0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
         let (kept, used) = (L::splat(self.n_kept), L::splat(self.n_used));
         let zero = L::splat(0.0);
         for k in 0..K {

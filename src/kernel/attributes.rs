@@ -33,6 +33,7 @@ pub(crate) struct Attributes {
     /// Whether an active channel is interpolated along the edge, and never leaves what the ends have.
     confined: Vec<bool>,
     eights: usize,
+    simd: Simd,
     /// `eights` a vertex: M, then an L for each active channel.
     sums: Vec<[f32; 8]>,
     patch: Patch,
@@ -57,17 +58,17 @@ pub(crate) struct RingLists<'a> {
     /// The corners that do not move, filled up to whole eights.
     pub(crate) b: &'a [u32],
     pub(crate) c: &'a [u32],
-    /// -1 for a triangle of `v0`, 1 for one of `v1`.
-    pub(crate) side: &'a [f32],
     /// The triangles themselves; places beyond `n` mean nothing.
     pub(crate) ids: &'a [u32],
+    /// So many triangles of `v0` come first, then those of `v1`.
+    pub(crate) n0: usize,
     pub(crate) n_kept: usize,
     pub(crate) n: usize,
 }
 
 impl Attributes {
     /// `None` if no channel has a weight. Weights are lengths in input units per unit of a channel.
-    pub(crate) fn new(weights: &[f32], confined: &[bool], scale: f64) -> Option<Self> {
+    pub(crate) fn new(weights: &[f32], confined: &[bool], scale: f64, simd: Simd) -> Option<Self> {
         let active: Vec<(usize, f32)> = weights
             .iter()
             .enumerate()
@@ -79,7 +80,7 @@ impl Attributes {
         let none = active.is_empty();
         let confined = active.iter().map(|&(c, _)| confined.get(c) == Some(&true)).collect();
         let (sums, patch) = (Vec::new(), Patch::default());
-        (!none).then(|| Attributes { active, confined, eights, sums, patch })
+        (!none).then(|| Attributes { active, confined, eights, simd, sums, patch })
     }
 
     /// The channels that count, with their factors.
@@ -88,19 +89,19 @@ impl Attributes {
     }
 
     /// Sums up all triangles anew; none of them may be gone.
-    pub(crate) fn build(&mut self, surface: &Surface, simd: Simd) {
+    pub(crate) fn build(&mut self, surface: &Surface) {
         self.sums.clear();
         self.sums.resize(surface.vertices.len() * self.eights, [0.0; 8]);
-        with_eights!(self.eights, self.add_all(surface, simd));
+        with_eights!(self.eights, self.add_all(surface));
     }
 
-    fn add_all<const K: usize>(&mut self, surface: &Surface, simd: Simd) {
+    fn add_all<const K: usize>(&mut self, surface: &Surface) {
         let mut rows = [[[0.0; 8]; 8]; K];
         let mut sums = std::mem::take(&mut self.sums);
         let by_vertex = sums.as_chunks_mut::<K>().0;
         for (block, eight) in surface.triangles.chunks(8).enumerate() {
             let ids = std::array::from_fn(|i| (block * 8 + i.min(eight.len() - 1)) as u32);
-            self.triangles(surface, ids, &mut rows, simd);
+            self.triangles(surface, ids, &mut rows);
             for (i, t) in eight.iter().enumerate() {
                 for &v in t {
                     add(&mut by_vertex[v as usize], &rows, i);
@@ -111,17 +112,17 @@ impl Attributes {
     }
 
     /// The sums of one vertex from its ring.
-    pub(crate) fn refresh(&mut self, surface: &Surface, v: u32, simd: Simd) {
+    pub(crate) fn refresh(&mut self, surface: &Surface, v: u32) {
         self.sums.resize(surface.vertices.len() * self.eights, [0.0; 8]);
-        with_eights!(self.eights, self.add_ring(surface, v, simd));
+        with_eights!(self.eights, self.add_ring(surface, v));
     }
 
-    fn add_ring<const K: usize>(&mut self, surface: &Surface, v: u32, simd: Simd) {
+    fn add_ring<const K: usize>(&mut self, surface: &Surface, v: u32) {
         let mut rows = [[[0.0; 8]; 8]; K];
         let mut sum = [[0.0; 8]; K];
         for eight in surface.ring(v).chunks(8) {
             let id = |i: usize| eight[i.min(eight.len() - 1)];
-            self.triangles(surface, std::array::from_fn(id), &mut rows, simd);
+            self.triangles(surface, std::array::from_fn(id), &mut rows);
             for i in 0..eight.len() {
                 add(&mut sum, &rows, i);
             }
@@ -130,13 +131,7 @@ impl Attributes {
     }
 
     /// Rows of eight triangles.
-    fn triangles<const K: usize>(
-        &self,
-        surface: &Surface,
-        ids: [u32; 8],
-        out: &mut Rows<K>,
-        simd: Simd,
-    ) {
+    fn triangles<const K: usize>(&self, surface: &Surface, ids: [u32; 8], out: &mut Rows<K>) {
         let corners: [[u32; 3]; 8] = std::array::from_fn(|i| surface.triangles[ids[i] as usize]);
         let mut values = [[[0.0; 8]; 3]; MAX_WEIGHTED];
         for (i, t) in corners.iter().enumerate() {
@@ -148,7 +143,7 @@ impl Attributes {
             }
         }
         let vertex = |i: usize, k: usize| &surface.vertices[corners[i][k] as usize];
-        simd.run(AttributeTriangles {
+        self.simd.run(AttributeTriangles {
             a: std::array::from_fn(|i| vertex(i, 0)),
             b: std::array::from_fn(|i| vertex(i, 1)),
             c: std::array::from_fn(|i| vertex(i, 2)),
@@ -162,36 +157,36 @@ impl Attributes {
     pub(crate) fn evaluate(
         &self,
         surface: &Surface,
-        pairs: &[(u32, u32); 8],
-        fixed: [f32; 8],
-        simd: Simd,
+        v0: &[u32; 8],
+        v1: &[u32; 8],
+        fixed: &[f32; 8],
     ) -> Evaluated {
-        with_eights!(self.eights, self.evaluate_eight(surface, pairs, fixed, simd))
+        with_eights!(self.eights, self.evaluate_eight(surface, v0, v1, fixed))
     }
 
     fn evaluate_eight<const K: usize>(
         &self,
         surface: &Surface,
-        pairs: &[(u32, u32); 8],
-        fixed: [f32; 8],
-        simd: Simd,
+        v0: &[u32; 8],
+        v1: &[u32; 8],
+        fixed: &[f32; 8],
     ) -> Evaluated {
         let sums = self.sums.as_chunks::<K>().0;
         let mut half_step = [[0.0f32; 8]; MAX_WEIGHTED];
-        for (i, &(v0, v1)) in pairs.iter().enumerate() {
+        for (i, (&v0, &v1)) in v0.iter().zip(v1).enumerate() {
             let (at0, at1) = (v0 as usize * surface.n_channels, v1 as usize * surface.n_channels);
             for (half, &(channel, factor)) in half_step.iter_mut().zip(&self.active) {
                 let step = surface.channels[at1 + channel] - surface.channels[at0 + channel];
                 half[i] = 0.5 * factor * step;
             }
         }
-        simd.run(AttributeEdges::<K> {
-            v0: std::array::from_fn(|i| &surface.vertices[pairs[i].0 as usize]),
-            v1: std::array::from_fn(|i| &surface.vertices[pairs[i].1 as usize]),
-            numbers0: std::array::from_fn(|i| &sums[pairs[i].0 as usize]),
-            numbers1: std::array::from_fn(|i| &sums[pairs[i].1 as usize]),
+        self.simd.run(AttributeEdges::<K> {
+            v0: std::array::from_fn(|i| &surface.vertices[v0[i] as usize]),
+            v1: std::array::from_fn(|i| &surface.vertices[v1[i] as usize]),
+            numbers0: std::array::from_fn(|i| &sums[v0[i] as usize]),
+            numbers1: std::array::from_fn(|i| &sums[v1[i] as usize]),
             half_step: &half_step[..self.active.len()],
-            fixed,
+            fixed: *fixed,
             scale: surface.scale,
         })
     }
@@ -204,9 +199,8 @@ impl Attributes {
         ring: RingLists,
         (centre, place): (&Vec3, [f32; 3]),
         fixed: bool,
-        simd: Simd,
     ) {
-        with_eights!(self.eights, self.prepare(surface, ring, (centre, place), fixed, simd));
+        with_eights!(self.eights, self.prepare(surface, ring, (centre, place), fixed));
     }
 
     fn prepare<const K: usize>(
@@ -215,7 +209,6 @@ impl Attributes {
         ring: RingLists,
         (centre, place): (&Vec3, [f32; 3]),
         fixed: bool,
-        simd: Simd,
     ) {
         let half = surface.edge(ring.v0, ring.v1).map(|x| 0.5 * x);
         let mut corner = [[0.0; 2]; MAX_WEIGHTED];
@@ -227,7 +220,6 @@ impl Attributes {
         let mut changes = std::mem::take(&mut self.patch.change);
         changes.resize(parts * K, [[0.0; 8]; 8]);
         let (bs, cs) = (ring.b.as_chunks::<8>().0, ring.c.as_chunks::<8>().0);
-        let sides = ring.side.as_chunks::<8>().0;
         for (part, change) in changes.as_chunks_mut::<K>().0.iter_mut().enumerate() {
             for (k, corners) in [&bs[part], &cs[part]].into_iter().enumerate() {
                 for (i, &v) in corners.iter().enumerate() {
@@ -240,12 +232,12 @@ impl Attributes {
                     }
                 }
             }
-            simd.run(AttributeRing {
+            self.simd.run(AttributeRing {
                 b: std::array::from_fn(|i| &surface.vertices[bs[part][i] as usize]),
                 c: std::array::from_fn(|i| &surface.vertices[cs[part][i] as usize]),
                 values: &values[..self.active.len()],
                 corner: &corner[..self.active.len()],
-                side: &sides[part],
+                n0: ring.n0 as f32 - (part * 8) as f32,
                 half,
                 place,
                 centre,
@@ -381,13 +373,14 @@ mod tests {
         assert!(driver.reach(900));
         let surface = &mut driver.surface;
         let kept = surface.attributes.take().expect("there are weights");
-        let mut fresh = Attributes::new(&weights, &[], surface.scale).expect("there are weights");
+        let mut fresh =
+            Attributes::new(&weights, &[], surface.scale, simd).expect("there are weights");
         fresh.sums.resize(surface.vertices.len() * fresh.eights, [0.0; 8]);
         let largest = kept.sums.iter().flatten().fold(0.0f32, |a, b| a.max(b.abs()));
         let mut n = 0;
         for v in 0..surface.vertices.len() as u32 {
             if surface.rings[v as usize].class.is_some() && surface.rings[v as usize].len > 0 {
-                fresh.refresh(surface, v, simd);
+                fresh.refresh(surface, v);
                 let own = v as usize * kept.eights..(v as usize + 1) * kept.eights;
                 for (a, b) in kept.sums[own.clone()].iter().zip(&fresh.sums[own]) {
                     assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4 * largest));

@@ -204,7 +204,7 @@ pub(crate) fn cut(
         surface.vertices[v as usize].stamp = number;
     }
     if let Some(mut attributes) = surface.attributes.take() {
-        cycle.into_iter().chain(new).for_each(|v| attributes.refresh(surface, v, simd));
+        cycle.into_iter().chain(new).for_each(|v| attributes.refresh(surface, v));
         surface.attributes = Some(attributes);
     }
     Some(new)

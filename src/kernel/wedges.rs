@@ -13,6 +13,7 @@
 use std::collections::BTreeMap;
 
 use super::attributes::MAX_WEIGHTED;
+use super::evaluate::Evaluated;
 use super::surface::{GONE, Surface, others};
 use super::vector::{along, cross, dot, length_sq, sub};
 
@@ -197,9 +198,29 @@ impl Wedges {
         }
     }
 
+    /// Puts in cost and place of those of eight edges that have to do with a seam.
+    #[inline(never)]
+    pub(crate) fn correct(
+        &self,
+        surface: &Surface,
+        v0: &[u32; 8],
+        v1: &[u32; 8],
+        fixed: &[f32; 8],
+        found: &mut Evaluated,
+    ) {
+        let active = surface.attributes.as_ref().map_or(&[][..], |a| a.active());
+        for i in 0..8 {
+            if self.concern(v0[i], v1[i]) {
+                let (cost, place) = self.evaluate(surface, (v0[i], v1[i]), fixed[i] > 0.0, active);
+                found.cost[i] = cost;
+                (0..3).for_each(|k| found.place[k][i] = place[k]);
+            }
+        }
+    }
+
     /// Cost and place (relative to the edge's midpoint) of a collapse at a seam: the best place on the edge
     /// itself. `active` are the channels that count, with their factors.
-    pub(crate) fn evaluate(
+    fn evaluate(
         &self,
         surface: &Surface,
         (v0, v1): (u32, u32),
