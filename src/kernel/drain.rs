@@ -158,8 +158,32 @@ fn evaluate_eight<L: Lanes>(
     v1: &[u32; 8],
     fixed: &[f32; 8],
 ) -> Evaluated {
+    if surface.attributes.is_some() | surface.wedges.is_some() {
+        return evaluate_attributes::<L>(surface, v0, v1, fixed);
+    }
     let (from, to) = (eight(&surface.vertices, v0), eight(&surface.vertices, v1));
     evaluate::edges::<L>(from, to, fixed, surface.scale)
+}
+
+/// The same where channels count or seams are.
+#[inline(always)]
+fn evaluate_attributes<L: Lanes>(
+    surface: &Surface,
+    v0: &[u32; 8],
+    v1: &[u32; 8],
+    fixed: &[f32; 8],
+) -> Evaluated {
+    let mut found = match &surface.attributes {
+        Some(attributes) => attributes.evaluate(surface, v0, v1, fixed),
+        None => {
+            let (from, to) = (eight(&surface.vertices, v0), eight(&surface.vertices, v1));
+            evaluate::edges::<L>(from, to, fixed, surface.scale)
+        }
+    };
+    if let Some(wedges) = &surface.wedges {
+        wedges.correct(surface, v0, v1, fixed, &mut found);
+    }
+    found
 }
 
 impl Driver {

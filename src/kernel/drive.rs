@@ -166,7 +166,11 @@ impl Driver {
         let mut costs = Vec::new();
         for &block in blocks {
             let end = ((block + 1) * BLOCK).min(self.surface.triangles.len());
-            self.each_edge(block * BLOCK..end, |_, _, cost| costs.push(cost));
+            self.each_edge(block * BLOCK..end, |_, _, cost| {
+                if cost < f32::INFINITY {
+                    costs.push(cost);
+                }
+            });
         }
         if costs.is_empty() {
             return f32::MIN_POSITIVE;

@@ -3,6 +3,8 @@
 //! It knows no files, threads, clock or logging, and its result depends on nothing but its arguments.
 //! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
 
+mod attribute_lanes;
+mod attributes;
 mod collapse;
 mod drain;
 mod drive;
@@ -16,7 +18,10 @@ mod surface;
 mod topology;
 mod unchecked;
 mod vector;
+mod wedges;
 mod weld;
+
+pub use attributes::MAX_WEIGHTED;
 
 use crate::mesh::Mesh;
 
@@ -48,6 +53,12 @@ pub struct Options {
     pub stop: Stop,
     /// What may happen to the topology.
     pub topology: Topology,
+    /// For each channel, how many input units of distance a difference of 1 weighs as much as; 0, or none
+    /// given: it rides along. At most `MAX_WEIGHTED` count.
+    pub weights: Vec<f32>,
+    /// For each channel, whether its values are only ever interpolated along edges: texture coordinates, which
+    /// mean nothing outside of their chart. Others may be extrapolated to where the survivor is.
+    pub confined: Vec<bool>,
 }
 
 /// What may happen to components, holes and handles.
@@ -65,7 +76,12 @@ pub enum Topology {
 impl Default for Options {
     /// Collapses nothing; the stages set the stop.
     fn default() -> Self {
-        Options { stop: Stop::Triangles(u64::MAX), topology: Topology::default() }
+        Options {
+            stop: Stop::Triangles(u64::MAX),
+            topology: Topology::default(),
+            weights: Vec::new(),
+            confined: Vec::new(),
+        }
     }
 }
 
@@ -103,10 +119,9 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
 
 fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
     let mut statistics = Statistics::default();
-    let mut surface = surface::Surface::new(mesh, locked, simd);
-    if options.topology == Topology::Error {
-        weld::coincident(&mut surface, simd);
-    }
+    let mut surface =
+        surface::Surface::new(mesh, locked, (&options.weights, &options.confined), simd);
+    weld::coincident(&mut surface, options.topology, simd);
     let mut driver = drive::Driver::new(surface, simd, options.topology);
     match &options.stop {
         Stop::Triangles(target) => statistics.reached = driver.reach(*target),
@@ -139,6 +154,18 @@ pub fn peak_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
     102 * n_triangles + n_vertices * (24 + 8 * n_channels as u64)
 }
 
+/// What weighted channels add to `peak_bytes`.
+pub fn attribute_bytes(n_vertices: u64, n_weighted: usize) -> u64 {
+    match n_weighted {
+        0 => 0,
+        n => {
+            n_vertices
+                * 32
+                * attribute_lanes::numbers(n.min(MAX_WEIGHTED)).div_ceil(8).max(2) as u64
+        }
+    }
+}
+
 /// Drops vertices that no triangle uses; the second value tells where each kept vertex was.
 fn compact(mesh: Mesh) -> (Mesh, Vec<u32>) {
     const UNUSED: u32 = u32::MAX;
@@ -167,7 +194,7 @@ mod tests {
     use super::*;
 
     /// A bumpy sheet of 2 n^2 triangles.
-    fn sheet(n: usize) -> Mesh {
+    pub(super) fn sheet(n: usize) -> Mesh {
         let mut mesh = Mesh::default();
         for i in 0..=n {
             for j in 0..=n {
@@ -230,11 +257,11 @@ mod tests {
         let mut locked = vec![false; mesh.positions.len()];
         let specks = |result: &Simplified| result.source.iter().filter(|&&v| v >= first).count();
         for (topology, left) in [(Topology::Keep, 4), (Topology::Error, 0)] {
-            let options = Options { stop: Stop::Triangles(300), topology };
+            let options = Options { stop: Stop::Triangles(300), topology, ..Options::default() };
             assert_eq!(specks(&simplify_mesh(mesh.clone(), &locked, &options)), left);
         }
         locked[first as usize] = true;
-        let options = Options { stop: Stop::Triangles(300), topology: Topology::Error };
+        let options = Options { stop: Stop::Triangles(300), ..Options::default() };
         assert_eq!(specks(&simplify_mesh(mesh, &locked, &options)), 4, "a locked vertex holds it");
     }
 
