@@ -1,7 +1,8 @@
 //! What can go wrong, in classes that scripts can tell apart by exit code.
 //!
 //! A message is one line: what, where (file, element, row, byte offset), and what to do next. Faults of
-//! our own making are `assert!`s, never an `Error`.
+//! our own making are `assert!`s; only where a run would lose its end through one is it caught and becomes
+//! `Internal`.
 
 use std::path::{Path, PathBuf};
 
@@ -67,6 +68,11 @@ pub enum Error {
         /// Where, and the remedy.
         what: String,
     },
+    /// A fault of our own (a panic) that was caught; what was sealed before it is kept.
+    #[error(
+        "internal fault: {0}; please report it. The state is kept: the same command continues from it"
+    )]
+    Internal(String),
     /// The user, or the system, asked to stop; everything sealed so far is kept.
     #[error("stopped by signal {signal}; run the same command to continue")]
     Interrupted {
@@ -112,6 +118,7 @@ impl Error {
             Error::NoMemory(_) => 6,
             Error::Locked { .. } => 7,
             Error::StateMismatch { .. } => 8,
+            Error::Internal(_) => 9,
             Error::Interrupted { signal } => 128u8.saturating_add(*signal as u8),
         }
     }

@@ -4,7 +4,7 @@
 //! over a sample of cells. Vertices shared between cells are locked; nothing else ties the cells together.
 
 use crate::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors, load_bytes};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::kernel::{self, Options, Simplified, Stop};
 use crate::parallel::{Weighted, largest_first};
 use crate::run::Run;
@@ -290,7 +290,7 @@ fn run_cells_numbered(
     let outcome =
         largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
             let survivors = work(item, store.load(item)?);
-            let mut output = output.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut output = output.lock().map_err(half_written)?;
             output.writer.append(item, &survivors)?;
             output.unsynced.push(item);
             run.progress.add(store.info().cells[item].triangles);
@@ -299,11 +299,20 @@ fn run_cells_numbered(
             }
             Ok(())
         });
-    let mut output = output.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let mut output = match output.into_inner() {
+        Ok(output) => output,
+        // The panic that poisoned it is the outcome.
+        Err(poisoned) => return Err(outcome.err().unwrap_or_else(|| half_written(poisoned))),
+    };
     // Also after a failure or a signal: what is done stays done.
     let synced = output.sync(store);
     outcome.and(synced)?;
     output.writer.finish(run.disk(), run.job.folder(), store.n_cells())
+}
+
+/// A panic within `append` may have left half a chunk: nothing may follow it, and no source be freed for it.
+fn half_written<T>(_: PoisonError<T>) -> Error {
+    Error::Internal("another worker fell while it wrote".to_owned())
 }
 
 impl Output {

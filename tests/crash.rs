@@ -189,3 +189,94 @@ fn deaths_one_after_the_other_cost_nothing() {
     }
     assert!(k > 0);
 }
+
+/// A panic in whatever thread is an error of its own class; what was sealed before it is used again.
+#[test]
+fn a_panic_at_any_operation_costs_nothing() {
+    // Injected panics are told once, not some thousand times.
+    let tell = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        if !panic.to_string().contains("injected fault") {
+            tell(panic);
+        }
+    }));
+    for (job, threads) in [(JOBS[0], 1), (JOBS[1], 1), (JOBS[1], 2), (JOBS[2], 1)] {
+        let mut bench = bench(job);
+        bench.config.threads = std::num::NonZeroUsize::new(threads).unwrap();
+        for k in 1..=bench.operations + 2 {
+            let what = format!("{job:?}, a panic at operation {k} of {}", bench.operations);
+            let disk = Disk::for_crash_tests();
+            disk.watch(move |operation| assert!(operation != k, "injected fault at {k}"));
+            let outcome = simplify(&disk, &bench.config);
+            let is_there = bench.output_is_absent_or_whole(&what);
+            if let Err(error) = outcome {
+                assert_eq!(error.exit_code(), 9, "{what}: {error}");
+                assert!(error.to_string().contains("injected fault"), "{what}: {error}");
+            } else {
+                assert!(is_there, "{what}: success without output");
+            }
+            disk.lose(Loss::Unsynced).unwrap();
+            bench.rerun(&what);
+        }
+    }
+}
+
+/// What another program may do to the input while it is read.
+const CHANGES: [fn(&Path); 4] = [
+    |input| std::fs::File::options().write(true).open(input).unwrap().set_len(90_000).unwrap(),
+    |input| overwrite(input, b"ply\nformat ascii 1.0\n", 0),
+    |input| overwrite(input, &[0x7f; 64], 100_000),
+    |input| {
+        let other = input.with_file_name("other.ply");
+        std::fs::copy(input, &other).unwrap();
+        overwrite(&other, &[0; 16], 50_000);
+        std::fs::rename(other, input).unwrap();
+    },
+];
+
+fn overwrite(path: &Path, bytes: &[u8], at: u64) {
+    use std::os::unix::fs::FileExt;
+    std::fs::File::options().write(true).open(path).unwrap().write_all_at(bytes, at).unwrap();
+}
+
+/// The partition is the only stage that reads the input; after it a change no longer matters to the run.
+#[test]
+fn an_input_that_changes_while_it_is_read_is_named() {
+    let bench = bench(JOBS[1]);
+    let input = bench.config.input.clone();
+    let sound = std::fs::read(&input).unwrap();
+    for change in CHANGES {
+        let mut refused = 0;
+        for k in (1..=bench.operations).step_by(3) {
+            // So that a change is later than the file's making by the clock's granularity, too.
+            std::fs::write(&input, &sound).unwrap();
+            let prepared = pipeline::prepare(&bench.config).unwrap();
+            let disk = Disk::for_crash_tests();
+            let path = input.clone();
+            disk.watch(move |operation| {
+                if operation == k {
+                    change(&path);
+                }
+            });
+            let outcome =
+                pipeline::simplify_on(&disk, prepared, &bench.config, &Progress::default());
+            match outcome {
+                Ok(_) => {
+                    assert!(bench.output_is_absent_or_whole("a later change"));
+                    std::fs::remove_file(&bench.config.output).unwrap();
+                }
+                Err(error) => {
+                    refused += 1;
+                    assert_eq!(error.exit_code(), 4, "{error}");
+                    let said = error.to_string();
+                    assert!(said.contains("in.ply") && said.contains("changed during"), "{said}");
+                    assert!(!bench.config.output.exists());
+                    let error = simplify(&Disk::for_crash_tests(), &bench.config).unwrap_err();
+                    assert!([4, 8].contains(&error.exit_code()), "{error}");
+                    std::fs::remove_dir_all(&bench.config.job_folder).unwrap();
+                }
+            }
+        }
+        assert!(refused > 2, "{refused}");
+    }
+}

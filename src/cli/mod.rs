@@ -13,6 +13,7 @@ pub mod synth;
 
 use crate::error::Error;
 use crate::formats::StageOptions;
+use crate::parallel::guarded;
 use crate::ply::MeshSource;
 use crate::progress::Progress;
 use clap::Parser;
@@ -28,7 +29,7 @@ pub const EXIT_SHORT: u8 = 3;
 ///
 /// Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but short of the target; 4 bad input; 5 no disk
 /// space; 6 not enough memory; 7 another run holds the job; 8 the job belongs to other settings;
-/// 130, 143 stopped by SIGINT, SIGTERM.
+/// 9 internal fault, state kept; 130, 143 stopped by SIGINT, SIGTERM.
 #[derive(Debug, Parser)]
 #[command(name = "stonecut", version)]
 struct Typed {
@@ -87,7 +88,7 @@ pub fn main() -> u8 {
     if let Err(error) = listen_to_signals(&progress) {
         return complain(&mut log, &error);
     }
-    dispatch(&typed.command, &typed.talk, &progress, &mut log)
+    guarded(|| dispatch(&typed.command, &typed.talk, &progress, &mut log))
         .unwrap_or_else(|error| complain(&mut log, &error))
 }
 
