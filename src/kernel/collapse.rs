@@ -6,7 +6,7 @@
 use super::evaluate::{RingGeometry, RingPart};
 use super::lanes::Simd;
 use super::legal::{Class, MAY_COLLAPSE, Reject};
-use super::surface::{Fan, GONE, MAX_VALENCE, Surface, boundary_quadric, others};
+use super::surface::{Fan, GONE, HUB, MAX_VALENCE, Surface, boundary_quadric, others};
 use super::vector::Vec3;
 
 /// A normal that turns further than this cosine is put off.
@@ -377,6 +377,10 @@ impl Collapser {
             surface.triangles[t as usize][0] = GONE;
             surface.n_alive -= 1;
             let ring = &mut surface.rings[w as usize];
+            // Never gathered, and built anew by the next compaction: a search would cost its length each time.
+            if ring.len > HUB {
+                continue;
+            }
             let (start, end) = (ring.start as usize, (ring.start + ring.len) as usize);
             let list = &mut surface.arena[start..end];
             if let Some(at) = list.iter().position(|&x| x == t) {
