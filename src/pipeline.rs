@@ -70,7 +70,10 @@ pub fn simplify_on(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
-    guarded(|| run_stages(disk, prepared, config, progress))
+    progress.set_resumable(true);
+    let outcome = guarded(|| run_stages(disk, prepared, config, progress));
+    progress.set_resumable(false);
+    outcome
 }
 
 fn run_stages(
@@ -154,6 +157,7 @@ impl<'a> Stages<'a> {
                 progress,
                 threads: config.threads.get(),
                 memory_bytes: plan.usable_memory_bytes,
+                checkpoint_every: config.checkpoint_every,
             },
             config,
             layout: VertexLayout::new(source.schema(), source.n_vertices()),

@@ -55,7 +55,9 @@ impl Scratch {
             };
             let job = Job::open(&folder, &disk, &identity, true)?;
             let Cutting { threads, memory_bytes, .. } = cutting;
-            let run = Run { job: &job, progress, threads, memory_bytes };
+            // Nothing here is resumed, so nothing need be durable on the way.
+            let checkpoint_every = std::time::Duration::MAX;
+            let run = Run { job: &job, progress, threads, memory_bytes, checkpoint_every };
             // Standard input, and bytes in memory, have no marks.
             let marks = input_marks(source.path());
             let partition = partition(source, cutting.cell_triangles, &run);

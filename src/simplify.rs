@@ -10,7 +10,7 @@ use crate::parallel::{Weighted, largest_first};
 use crate::run::Run;
 use serde::{Deserialize, Serialize};
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// The pilot takes every 16th cell, at least 4 and at most 48.
 const PILOT_SHARE: usize = 16;
@@ -24,9 +24,6 @@ const PILOT_LEVELS: i32 = 40;
 /// A cell on its way down takes one level for each fall of the count by this factor (KERNEL experiments:
 /// levels a factor of about 4 apart cost nothing in error).
 const LEVEL_FACTOR: f64 = 4.0;
-
-/// Finished cells become durable, and their sources free, at least so often.
-const SYNC_EVERY: Duration = Duration::from_secs(20);
 
 /// What one round of simplification should reach.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -294,7 +291,7 @@ fn run_cells_numbered(
             output.writer.append(item, &survivors)?;
             output.unsynced.push(item);
             run.progress.add(store.info().cells[item].triangles);
-            if output.synced_at.elapsed() > SYNC_EVERY {
+            if output.synced_at.elapsed() >= run.checkpoint_every {
                 output.sync(store)?;
             }
             Ok(())

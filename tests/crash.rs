@@ -5,8 +5,9 @@
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
 use std::path::Path;
+use std::time::Duration;
 use stonecut::Result;
-use stonecut::config::{Config, Target};
+use stonecut::config::{Config, Target, Until};
 use stonecut::disk::{Disk, Loss};
 use stonecut::pipeline;
 use stonecut::progress::Progress;
@@ -28,6 +29,7 @@ fn config(folder: &Path, target: u64) -> Config {
         format: Default::default(),
         skip_bad: false,
         drop_texture: false,
+        checkpoint_every: stonecut::run::CHECKPOINT_EVERY,
         kernel: Default::default(),
     }
 }
@@ -80,6 +82,38 @@ fn input(folder: &Path, triangles: u32) {
 /// Triangles in and out: one round and the finish; two rounds, the second exact; the finish alone.
 const JOBS: [(u32, u64); 3] = [(6000, 400), (8500, 4400), (3000, 300)];
 
+/// Three blocks of vertices and three of faces, most of them unused or degenerate; a checkpoint after each.
+const LONG_JOB: (u32, u64) = (0, 3000);
+
+/// A sheet of 60 x 60 squares with its vertices and faces spread over `LONG_JOB`'s blocks.
+fn long_input(folder: &Path) {
+    let (n, n_vertices, n_faces) = (60u32, 140_000u32, 144_000u32);
+    let mut bytes = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {n_vertices}\nproperty float x\nproperty float y\n\
+         property float z\nelement face {n_faces}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    .into_bytes();
+    let id = |x: u32, y: u32| (y * (n + 1) + x) * 37;
+    for v in 0..n_vertices {
+        let (x, y) = ((v / 37) % (n + 1), v / 37 / (n + 1));
+        let z = (x as f32 * 0.7).sin() + (x * y % 7) as f32 * 0.01;
+        [x as f32, y as f32, z].iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+    }
+    for face in 0..n_faces {
+        let (square, is_upper) = (face / 40, face % 40 == 20);
+        let (x, y) = (square % n, square / n);
+        let (a, b, c, d) = (id(x, y), id(x + 1, y), id(x, y + 1), id(x + 1, y + 1));
+        let corners = match face % 20 {
+            0 if is_upper => [b, d, c],
+            0 => [a, b, c],
+            _ => [a, a, b],
+        };
+        bytes.push(3);
+        corners.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+    }
+    std::fs::write(folder.join("in.ply"), bytes).unwrap();
+}
+
 struct Bench {
     folder: tempfile::TempDir,
     config: Config,
@@ -88,10 +122,20 @@ struct Bench {
     changes: u64,
 }
 
-fn bench((triangles, target): (u32, u64)) -> Bench {
+fn bench(job: (u32, u64)) -> Bench {
+    bench_with(job, stonecut::run::CHECKPOINT_EVERY)
+}
+
+fn bench_with((triangles, target): (u32, u64), checkpoint_every: Duration) -> Bench {
     let folder = folder();
-    input(folder.path(), triangles);
-    let config = config(folder.path(), target);
+    let mut config = Config { checkpoint_every, ..config(folder.path(), target) };
+    match triangles {
+        0 => {
+            long_input(folder.path());
+            config.cell_triangles = 20_000;
+        }
+        _ => input(folder.path(), triangles),
+    }
     let disk = Disk::for_crash_tests();
     simplify(&disk, &config).unwrap();
     let reference = std::fs::read(&config.output).unwrap();
@@ -166,6 +210,58 @@ fn a_death_between_any_two_changes_costs_nothing() {
             }
         }
     }
+}
+
+/// Deaths within the passes of the partition, with a checkpoint after every block; runs with and without
+/// checkpoints give the same bytes.
+#[test]
+fn a_death_between_checkpoints_costs_nothing() {
+    for (job, step) in [(JOBS[1], 3), (LONG_JOB, 5)] {
+        let without = bench(job);
+        let bench = bench_with(job, Duration::ZERO);
+        assert!(bench.reference == without.reference, "checkpoints change the result");
+        assert!(bench.changes > without.changes + 5, "{} {}", bench.changes, without.changes);
+        let mut taken_up = 0;
+        for k in (1..=bench.changes + 1).step_by(step) {
+            for loss in [Loss::Nothing, Loss::Unsynced, Loss::UnsyncedData] {
+                let what = format!("{job:?}, death at change {k} of {}, {loss:?}", bench.changes);
+                let disk = Disk::for_crash_tests();
+                disk.freeze_at(k);
+                let _ = simplify(&disk, &bench.config);
+                disk.lose(loss).unwrap();
+                bench.output_is_absent_or_whole(&what);
+                let manifest = bench.config.job_folder.join("manifest.jsonl");
+                let manifest = std::fs::read_to_string(manifest).unwrap_or_default();
+                taken_up += usize::from(manifest.contains("partition so far"));
+                bench.rerun(&what);
+            }
+        }
+        assert!(taken_up > 20, "{taken_up}");
+    }
+}
+
+/// What a run reads again after a death within the partition: not what lies before the checkpoint.
+#[test]
+fn a_checkpoint_is_taken_up() {
+    let bench = bench_with(LONG_JOB, Duration::ZERO);
+    let written = |freeze_at: u64| {
+        let disk = Disk::for_crash_tests();
+        disk.freeze_at(freeze_at);
+        let _ = simplify(&disk, &Config { until: Some(Until::Partition), ..bench.config.clone() });
+        disk.bytes_written()
+    };
+    let whole = written(0);
+    let _ = std::fs::remove_dir_all(&bench.config.job_folder);
+    let mut most = 0;
+    for k in (10..bench.changes).step_by(4) {
+        let first = written(k);
+        let second = written(0);
+        if second > 0 {
+            most = most.max((first + second) * 100 / whole);
+        }
+        let _ = std::fs::remove_dir_all(&bench.config.job_folder);
+    }
+    assert!(most < 150, "a death and a rerun write {most} % of an undisturbed run");
 }
 
 #[test]

@@ -164,7 +164,7 @@ impl CellStore {
                         out.shared[find(row)? as usize] = true;
                     }
                 }
-                ChunkKind::Vertices | ChunkKind::Survivors => {}
+                ChunkKind::Vertices | ChunkKind::Survivors | ChunkKind::Foreign => {}
             }
         }
         Ok(out)

@@ -117,8 +117,12 @@ fn complain(log: &mut dyn Write, error: &Error) -> u8 {
     error.exit_code()
 }
 
+/// How long the workers of a resumable run have to reach the end of a block or cell after a signal.
+const GRACE: std::time::Duration = std::time::Duration::from_millis(1200);
+
 /// The first SIGINT or SIGTERM asks the workers to stop; the second ends the process at once, which loses
-/// nothing either: whatever is sealed stays sealed.
+/// nothing either: whatever is sealed stays sealed. So does `GRACE` after the first, where a run can be
+/// resumed: a large cell, a finish or a slow disk would hold it up for longer than anybody waits.
 fn listen_to_signals(progress: &Arc<Progress>) -> crate::Result<()> {
     let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM])
         .map_err(|e| Error::io(".", "cannot listen to signals", e))?;
@@ -131,6 +135,14 @@ fn listen_to_signals(progress: &Arc<Progress>) -> crate::Result<()> {
             }
             is_first = false;
             progress.request_stop(signal);
+            let progress = Arc::clone(&progress);
+            std::thread::spawn(move || {
+                std::thread::sleep(GRACE);
+                if progress.is_resumable() {
+                    complain(&mut std::io::stderr(), &Error::Interrupted { signal });
+                    signal_hook::low_level::exit(128 + signal);
+                }
+            });
         }
     });
     Ok(())

@@ -130,6 +130,7 @@ impl Args {
             format: self.format,
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
+            checkpoint_every: crate::run::CHECKPOINT_EVERY,
             kernel: kernel::Options {
                 topology: match self.topology {
                     TypedTopology::Keep => kernel::Topology::Keep,
