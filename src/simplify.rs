@@ -155,7 +155,12 @@ fn pilot(store: &CellStore, goal: Goal, options: &Options, run: &Run) -> Result<
     if goal.triangles >= n_triangles {
         return Ok(Levels::default());
     }
-    let sample = pilot_cells(store.n_cells());
+    // Nearly empty cells, around a hub whose triangles lie in another, tell nothing.
+    let counts = || store.info().cells.iter().map(|cell| cell.triangles);
+    let enough = n_triangles / store.n_cells() as u64 / 8;
+    let telling: Vec<usize> =
+        counts().enumerate().filter(|&(_, n)| n > enough).map(|(cell, _)| cell).collect();
+    let sample: Vec<usize> = pilot_cells(telling.len()).into_iter().map(|i| telling[i]).collect();
     let ratio = goal.triangles as f64 / n_triangles as f64;
     let area = mean_area(&store.load(sample[0])?);
     let ladder: Vec<f64> =

@@ -5,6 +5,7 @@
 mod id_map;
 mod pack;
 mod scatter;
+mod split;
 mod store;
 mod survivors;
 mod tree;
@@ -12,6 +13,7 @@ mod tree;
 pub use id_map::IdMap;
 pub use pack::{Pack, PackWriter};
 pub use scatter::Scatter;
+pub use split::split_overfull;
 pub use store::{CellMesh, CellStore, CellTally, StoreInfo, VertexLayout, load_bytes};
 pub use survivors::{SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors};
 pub use tree::{CellTree, Frame, n_samples, plan_cells};

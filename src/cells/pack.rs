@@ -160,14 +160,30 @@ impl Pack {
             return Err(Error::corrupt(file.path(), what));
         }
         chunks.sort_by_key(|chunk| (chunk.cell, chunk.offset));
+        let first = Self::index(&chunks, n_cells);
+        Ok(Pack { file, chunks, first })
+    }
+
+    /// Leaves out the chunks of some cells (ascending) that lie before a place in the pack.
+    pub fn forget(mut self, cells: &[u32], before: u64) -> Pack {
+        if !cells.is_empty() {
+            self.chunks.retain(|chunk| {
+                chunk.offset >= before || cells.binary_search(&chunk.cell).is_err()
+            });
+            self.first = Self::index(&self.chunks, self.first.len() as u32 - 1);
+        }
+        self
+    }
+
+    fn index(chunks: &[Chunk], n_cells: u32) -> Vec<u32> {
         let mut first = vec![0u32; n_cells as usize + 1];
-        for chunk in &chunks {
+        for chunk in chunks {
             first[chunk.cell as usize + 1] += 1;
         }
         for cell in 0..n_cells as usize {
             first[cell + 1] += first[cell];
         }
-        Ok(Pack { file, chunks, first })
+        first
     }
 
     /// The chunks of one cell, in the order they were written.

@@ -29,7 +29,7 @@ pub const EXIT_SHORT: u8 = 3;
 ///
 /// Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but short of the target; 4 bad input; 5 no disk
 /// space; 6 not enough memory; 7 another run holds the job; 8 the job belongs to other settings;
-/// 9 internal fault, state kept; 130, 143 stopped by SIGINT, SIGTERM.
+/// 9 internal fault, state kept; 10 the disk takes no files or fails; 130, 143 stopped by SIGINT, SIGTERM.
 #[derive(Debug, Parser)]
 #[command(name = "stonecut", version)]
 struct Typed {
@@ -118,7 +118,7 @@ fn complain(log: &mut dyn Write, error: &Error) -> u8 {
 }
 
 /// How long the workers of a resumable run have to reach the end of a block or cell after a signal.
-const GRACE: std::time::Duration = std::time::Duration::from_millis(1200);
+const GRACE: std::time::Duration = std::time::Duration::from_millis(500);
 
 /// The first SIGINT or SIGTERM asks the workers to stop; the second ends the process at once, which loses
 /// nothing either: whatever is sealed stays sealed. So does `GRACE` after the first, where a run can be

@@ -13,7 +13,7 @@ pub use scan::{Scan, scan};
 
 use crate::cells::{
     CellTally, CellTree, Frame, IdMap, Pack, PackWriter, Scatter, StoreInfo, VertexLayout,
-    n_samples, plan_cells,
+    n_samples, plan_cells, split_overfull,
 };
 use crate::error::{Error, Result};
 use crate::format::ChunkKind;
@@ -79,16 +79,17 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
     };
     let shared_vertices = passes.shared(foreign, &mut pack)?;
     let dropped = passes.place.dropped;
-    pack.sync()?;
-    run.disk().sync_folder_of(&run.job.path(PACK_NAME))?;
     let store = StoreInfo {
         pack: PACK_NAME.to_owned(),
-        pack_bytes: pack.length(),
         triangles: passes.tally.iter().map(|cell| cell.triangles).sum(),
         cells: passes.tally,
         shared_vertices,
-        has_channels: false,
+        ..StoreInfo::default()
     };
+    let store = split_overfull(store, &mut pack, &passes.layout, cell_triangles, 0, run)?;
+    pack.sync()?;
+    run.disk().sync_folder_of(&run.job.path(PACK_NAME))?;
+    let store = StoreInfo { pack_bytes: pack.length(), ..store };
     Ok(Partition { store, bounds, degenerate_faces: dropped.degenerate, bad_faces: dropped.bad })
 }
 
@@ -555,6 +556,49 @@ mod tests {
                 (triangles, shared)
             };
             assert_eq!(geometry(a), geometry(b));
+        }
+    }
+
+    /// A fan around its first corner, which would be one cell, comes out as cells of the planned size that
+    /// hold all their vertices and share those at their edges.
+    #[test]
+    fn a_cell_denser_than_planned_is_split() {
+        let folder = tempfile::tempdir().unwrap();
+        let (n, limit) = (100_000u32, 20_000);
+        let schema = VertexSchema { coordinate: Scalar::F32, properties: Vec::new() };
+        let mut records = Vec::new();
+        for i in 0..=n {
+            let angle = f64::from(i) * 1e-4;
+            schema.encode_position([angle.cos(), angle.sin(), 0.0], &mut records);
+        }
+        let faces: Vec<[u32; 3]> = (0..n).map(|i| [n, i, (i + 1) % n]).collect();
+        let header = OutputHeader::new(schema, u64::from(n) + 1, u64::from(n));
+        let mut writer = PlyWriter::create(&folder.path().join("grid.ply"), header).unwrap();
+        writer.write_vertices(&records).unwrap();
+        writer.write_faces_u32(&faces).unwrap();
+        writer.finish().unwrap();
+        let (partition, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
+        assert_eq!(partition.store.split.len(), 1);
+        let mut triangles: Vec<[u64; 3]> = Vec::new();
+        let mut users = BTreeMap::<u64, u32>::new();
+        for (cell, tally) in cells.iter().zip(&partition.store.cells) {
+            assert!(tally.triangles <= limit * 11 / 10, "{tally:?}");
+            assert_eq!(tally.triangles as usize, cell.mesh.triangles.len());
+            assert!(tally.vertices as usize >= cell.ids.len());
+            triangles.extend(cell.mesh.triangles.iter().map(|t| t.map(|v| cell.ids[v as usize])));
+            let mut used: Vec<u32> = cell.mesh.triangles.iter().flatten().copied().collect();
+            used.sort_unstable();
+            used.dedup();
+            used.iter().for_each(|&v| *users.entry(cell.ids[v as usize]).or_default() += 1);
+        }
+        triangles.sort_unstable();
+        let mut expected: Vec<[u64; 3]> = faces.iter().map(|t| t.map(u64::from)).collect();
+        expected.sort_unstable();
+        assert!(triangles == expected);
+        for cell in &cells {
+            for (id, shared) in cell.ids.iter().zip(&cell.shared) {
+                assert!(*shared || users.get(id).is_none_or(|&n| n == 1), "vertex {id}");
+            }
         }
     }
 }
