@@ -163,7 +163,7 @@ impl Old<'_> {
         for window in 0..n_windows {
             // By a hash, so that windows are even whatever ids the cell holds.
             let is_in = |id: u64| {
-                (id.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32) * n_windows >> 32 == window
+                ((id.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32) * n_windows) >> 32 == window
             };
             let users = self.users(&part_of, &is_in, run)?;
             let mut marked: Vec<u64> = Vec::new();
