@@ -7,7 +7,7 @@
 use std::path::Path;
 use std::time::Duration;
 use stonecut::Result;
-use stonecut::config::{Config, Target, Until};
+use stonecut::config::{Attributes, Config, Target, Until};
 use stonecut::disk::{Disk, Loss};
 use stonecut::pipeline;
 use stonecut::progress::Progress;
@@ -26,10 +26,12 @@ fn config(folder: &Path, target: u64) -> Config {
         force: false,
         restart: false,
         seams: None,
+        verify: false,
         format: Default::default(),
         skip_bad: false,
         drop_texture: false,
         checkpoint_every: stonecut::run::CHECKPOINT_EVERY,
+        attributes: Attributes::default(),
         kernel: Default::default(),
     }
 }

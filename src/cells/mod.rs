@@ -8,6 +8,7 @@ mod scatter;
 mod split;
 mod store;
 mod survivors;
+mod tidy;
 mod tree;
 
 pub use id_map::IdMap;
@@ -16,4 +17,5 @@ pub use scatter::Scatter;
 pub use split::split_overfull;
 pub use store::{CellMesh, CellStore, CellTally, StoreInfo, VertexLayout, load_bytes};
 pub use survivors::{SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors};
+pub use tidy::Dropped;
 pub use tree::{CellTree, Frame, n_samples, plan_cells};

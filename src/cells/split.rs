@@ -66,7 +66,8 @@ pub fn split_overfull(
     Ok(info)
 }
 
-/// What a triangle is told apart by: the sum of its ids, and for equal sums its place among its cell's rows.
+/// What a triangle is told apart by: the sum of its ids and the lowest of them. Repeats of a triangle are not
+/// told apart: they must meet in one cell.
 type Key = (u64, u64);
 
 /// A cell that is split.
@@ -105,11 +106,9 @@ impl Old<'_> {
         run: &Run,
         mut look: impl FnMut(Key, &[u8]) -> Result<()>,
     ) -> Result<()> {
-        let mut place = 0;
         self.each_row(ChunkKind::Triangles, run, |row| {
-            let key = (corners(row, self.layout.ids).iter().sum(), place);
-            place += 1;
-            look(key, row)
+            let ids = corners(row, self.layout.ids);
+            look((ids.iter().sum(), ids[0].min(ids[1]).min(ids[2])), row)
         })
     }
 
@@ -119,10 +118,12 @@ impl Old<'_> {
         let n_triangles = self.info.cells[self.cell as usize].triangles;
         let stride = n_triangles.div_ceil(SAMPLES).max(1);
         let mut keys = Vec::new();
+        let mut place = 0u64;
         self.each_triangle(run, |key, _| {
-            if key.1 % stride == 0 {
+            if place.is_multiple_of(stride) {
                 keys.push(key);
             }
+            place += 1;
             Ok(())
         })?;
         keys.sort_unstable();

@@ -3,7 +3,10 @@
 //! It knows no files, threads, clock or logging, and its result depends on nothing but its arguments.
 //! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
 
+mod attribute_lanes;
+mod attributes;
 mod collapse;
+mod drain;
 mod drive;
 mod evaluate;
 mod lanes;
@@ -13,8 +16,12 @@ mod queue;
 pub mod reference;
 mod surface;
 mod topology;
+mod unchecked;
 mod vector;
+mod wedges;
 mod weld;
+
+pub use attributes::MAX_WEIGHTED;
 
 use crate::mesh::Mesh;
 
@@ -34,6 +41,9 @@ pub enum Stop {
         /// No further level is begun once the mesh is this small.
         floor_triangles: u64,
     },
+    /// As `Costs`, for thresholds so close together that seeding a queue for each would cost more than the
+    /// collapses: one queue over the whole mesh serves them all.
+    CloseCosts(Vec<f64>),
 }
 
 /// How `simplify_mesh` works; every value is final.
@@ -43,6 +53,12 @@ pub struct Options {
     pub stop: Stop,
     /// What may happen to the topology.
     pub topology: Topology,
+    /// For each channel, how many input units of distance a difference of 1 weighs as much as; 0, or none
+    /// given: it rides along. At most `MAX_WEIGHTED` count.
+    pub weights: Vec<f32>,
+    /// For each channel, whether its values are only ever interpolated along edges: texture coordinates, which
+    /// mean nothing outside of their chart. Others may be extrapolated to where the survivor is.
+    pub confined: Vec<bool>,
 }
 
 /// What may happen to components, holes and handles.
@@ -60,7 +76,12 @@ pub enum Topology {
 impl Default for Options {
     /// Collapses nothing; the stages set the stop.
     fn default() -> Self {
-        Options { stop: Stop::Triangles(u64::MAX), topology: Topology::default() }
+        Options {
+            stop: Stop::Triangles(u64::MAX),
+            topology: Topology::default(),
+            weights: Vec::new(),
+            confined: Vec::new(),
+        }
     }
 }
 
@@ -98,10 +119,9 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
 
 fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
     let mut statistics = Statistics::default();
-    let mut surface = surface::Surface::new(mesh, locked, simd);
-    if options.topology == Topology::Error {
-        weld::coincident(&mut surface, simd);
-    }
+    let mut surface =
+        surface::Surface::new(mesh, locked, (&options.weights, &options.confined), simd);
+    weld::coincident(&mut surface, options.topology, simd);
     let mut driver = drive::Driver::new(surface, simd, options.topology);
     match &options.stop {
         Stop::Triangles(target) => statistics.reached = driver.reach(*target),
@@ -116,6 +136,10 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
             }
             statistics.reached = true;
         }
+        Stop::CloseCosts(levels) => {
+            statistics.level_counts = driver.close_levels(levels);
+            statistics.reached = true;
+        }
     }
     statistics.collapses = driver.total_collapses();
     statistics.rejects = driver.rejects.named();
@@ -128,6 +152,18 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
 /// Measured: 60 bytes a triangle beyond the input on clean scans, 87 on a noisy CT (docs/results/kernel.md).
 pub fn peak_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
     102 * n_triangles + n_vertices * (24 + 8 * n_channels as u64)
+}
+
+/// What weighted channels add to `peak_bytes`.
+pub fn attribute_bytes(n_vertices: u64, n_weighted: usize) -> u64 {
+    match n_weighted {
+        0 => 0,
+        n => {
+            n_vertices
+                * 32
+                * attribute_lanes::numbers(n.min(MAX_WEIGHTED)).div_ceil(8).max(2) as u64
+        }
+    }
 }
 
 /// Drops vertices that no triangle uses; the second value tells where each kept vertex was.
@@ -158,7 +194,7 @@ mod tests {
     use super::*;
 
     /// A bumpy sheet of 2 n^2 triangles.
-    fn sheet(n: usize) -> Mesh {
+    pub(super) fn sheet(n: usize) -> Mesh {
         let mut mesh = Mesh::default();
         for i in 0..=n {
             for j in 0..=n {
@@ -192,6 +228,24 @@ mod tests {
     }
 
     #[test]
+    fn a_prefix_of_close_levels_gives_the_same_counts() {
+        let mesh = sheet(90);
+        let locked = vec![false; mesh.positions.len()];
+        let levels: Vec<f64> = (0..20).map(|k| 1e-12 * 1.5f64.powi(k)).collect();
+        let counts = |n: usize| {
+            let options =
+                Options { stop: Stop::CloseCosts(levels[..n].to_vec()), ..Options::default() };
+            let result = simplify_mesh(mesh.clone(), &locked, &options);
+            let counts = result.statistics.level_counts;
+            assert_eq!(counts.last(), Some(&(result.mesh.triangles.len() as u64)));
+            counts
+        };
+        let all = counts(levels.len());
+        assert!(all[0] > 3 * all[19] / 2, "the levels do something: {all:?}");
+        assert_eq!(counts(7), all[..7]);
+    }
+
+    #[test]
     fn specks_vanish_only_if_asked() {
         let mut mesh = sheet(40);
         let first = mesh.positions.len() as u32;
@@ -203,11 +257,11 @@ mod tests {
         let mut locked = vec![false; mesh.positions.len()];
         let specks = |result: &Simplified| result.source.iter().filter(|&&v| v >= first).count();
         for (topology, left) in [(Topology::Keep, 4), (Topology::Error, 0)] {
-            let options = Options { stop: Stop::Triangles(300), topology };
+            let options = Options { stop: Stop::Triangles(300), topology, ..Options::default() };
             assert_eq!(specks(&simplify_mesh(mesh.clone(), &locked, &options)), left);
         }
         locked[first as usize] = true;
-        let options = Options { stop: Stop::Triangles(300), topology: Topology::Error };
+        let options = Options { stop: Stop::Triangles(300), ..Options::default() };
         assert_eq!(specks(&simplify_mesh(mesh, &locked, &options)), 4, "a locked vertex holds it");
     }
 

@@ -35,6 +35,15 @@ pub struct Dropped {
     pub bad: u64,
 }
 
+/// The vertices that several cells use.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub struct Seams {
+    /// How many there are.
+    pub n_shared: u64,
+    /// The one nearest to the middle of the bounds.
+    pub place: Option<[f64; 3]>,
+}
+
 /// A place between two blocks of a pass. Everything before it is in the pack, durably.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Place {
@@ -47,7 +56,7 @@ pub struct Place {
     /// Faces left out in this pass.
     pub dropped: Dropped,
     /// Shared vertices so far, in the last pass.
-    pub n_shared: u64,
+    pub seams: Seams,
     /// Sealed length of the pack.
     pub pack_bytes: u64,
 }

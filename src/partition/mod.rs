@@ -1,7 +1,7 @@
 //! Stage 1: from a mesh file to a store of cells.
 //!
 //! Three passes after the scan, all I/O sequential: vertices go to the cell of their position, triangles to
-//! the cell of their first corner, and the vertices that triangles of another cell use are copied there.
+//! the cell of their corner of lowest index, and the vertices that triangles of another cell use are copied there.
 //! It does not look at connectivity and moves nothing.
 
 mod checkpoint;
@@ -20,7 +20,7 @@ use crate::format::ChunkKind;
 use crate::parallel::in_order;
 use crate::ply::{BLOCK_ROWS, MeshSource, VertexBlock};
 use crate::run::Run;
-use checkpoint::{Checkpoints, Pass, Place, take_up, tally};
+use checkpoint::{Checkpoints, Pass, Place, Seams, take_up, tally};
 use serde::{Deserialize, Serialize};
 use sorted::Sorted;
 use table::{CellTable, window_rows};
@@ -42,6 +42,9 @@ pub struct Partition {
     pub degenerate_faces: u64,
     /// Broken faces dropped on request.
     pub bad_faces: u64,
+    /// The vertex on a seam that is nearest to the middle of the box.
+    #[serde(default)]
+    pub seam_place: Option<[f64; 3]>,
 }
 
 /// Peak memory of this stage in bytes: the cell-of-vertex table, buffers, blocks and samples.
@@ -77,20 +80,27 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
         Some(table) => passes.triangles(table, &mut pack)?,
         None => passes.noted(Vec::new(), &mut pack)?,
     };
-    let shared_vertices = passes.shared(foreign, &mut pack)?;
+    let middle = [0, 1, 2].map(|k| (bounds[0][k] + bounds[1][k]) / 2.0);
+    let seams = passes.shared(foreign, middle, &mut pack)?;
     let dropped = passes.place.dropped;
     let store = StoreInfo {
         pack: PACK_NAME.to_owned(),
         triangles: passes.tally.iter().map(|cell| cell.triangles).sum(),
         cells: passes.tally,
-        shared_vertices,
+        shared_vertices: seams.n_shared,
         ..StoreInfo::default()
     };
     let store = split_overfull(store, &mut pack, &passes.layout, cell_triangles, 0, run)?;
     pack.sync()?;
     run.disk().sync_folder_of(&run.job.path(PACK_NAME))?;
     let store = StoreInfo { pack_bytes: pack.length(), ..store };
-    Ok(Partition { store, bounds, degenerate_faces: dropped.degenerate, bad_faces: dropped.bad })
+    Ok(Partition {
+        store,
+        bounds,
+        degenerate_faces: dropped.degenerate,
+        bad_faces: dropped.bad,
+        seam_place: seams.place,
+    })
 }
 
 /// A vertex, and a cell that uses it without owning it.
@@ -199,10 +209,10 @@ impl Passes<'_> {
         Ok(table)
     }
 
-    /// Sends every triangle to the cell of its first corner; finds the corners that lie elsewhere.
+    /// Sends every triangle to the cell of its corner of lowest index; finds the corners that lie elsewhere.
     ///
     /// While the table holds all vertices that takes one pass over the faces. Otherwise each window takes a
-    /// pass for the triangles whose first corner it knows, and the cells tell afterwards what they miss.
+    /// pass for the triangles whose lowest corner it knows, and the cells tell afterwards what they miss.
     fn triangles(&mut self, table: CellTable, pack: &mut PackWriter) -> Result<Vec<Foreign>> {
         let mut scatter = self.buffers(ChunkKind::Triangles);
         let n_vertices = self.source.n_vertices();
@@ -257,8 +267,10 @@ impl Passes<'_> {
         Ok(foreign)
     }
 
-    /// Sends the triangles whose first corner lies in `table` to their cells. If the table is the whole one,
+    /// Sends the triangles whose lowest corner lies in `table` to their cells. If the table is the whole one,
     /// gives back the foreign corners that no checkpoint has noted.
+    ///
+    /// The lowest, not the first: repeats of a triangle begin anywhere, and must meet in one cell.
     fn triangles_of(
         &mut self,
         table: &CellTable,
@@ -284,12 +296,11 @@ impl Passes<'_> {
                 out.cells.clear();
                 out.foreign.clear();
                 faces.triangles.retain(|corners| {
-                    let [Some(owner), second, third] = corners.map(|v| table.get(v)) else {
-                        return false;
-                    };
+                    let lowest = corners[0].min(corners[1]).min(corners[2]);
+                    let Some(owner) = table.get(lowest) else { return false };
                     out.cells.push(owner);
-                    for (corner, cell) in [(corners[1], second), (corners[2], third)] {
-                        if cell.is_some_and(|cell| cell != owner) {
+                    for &corner in corners.iter() {
+                        if table.get(corner).is_some_and(|cell| cell != owner) {
                             out.foreign.push((corner, owner));
                         }
                     }
@@ -389,8 +400,13 @@ impl Passes<'_> {
 
     /// Copies every vertex to the foreign cells that use it, and marks it in all cells that hold it.
     ///
-    /// Returns how many vertices are shared.
-    fn shared(&mut self, foreign: Vec<Foreign>, pack: &mut PackWriter) -> Result<u64> {
+    /// Returns how many vertices are shared, and the one nearest to `middle`.
+    fn shared(
+        &mut self,
+        foreign: Vec<Foreign>,
+        middle: [f64; 3],
+        pack: &mut PackWriter,
+    ) -> Result<Seams> {
         let (source, run, ids) = (self.source, self.run, self.layout.ids);
         let record_bytes = self.layout.schema.record_bytes();
         let mut rows = self.buffers(ChunkKind::Vertices);
@@ -402,7 +418,9 @@ impl Passes<'_> {
         let blocks = &blocks[first_block..];
         let first_id = blocks.first().map_or(u64::MAX, |block| block * BLOCK_ROWS);
         let mut at = foreign.partition_point(|&(id, _)| id < first_id);
-        let mut n_shared = start.n_shared;
+        let mut seams = start.seams;
+        let off_sq = |place: [f64; 3]| (0..3).map(|k| (place[k] - middle[k]).powi(2)).sum::<f64>();
+        let mut nearest_sq = seams.place.map_or(f64::INFINITY, off_sq);
         // A place in this pass can only be taken up with the whole list.
         let mut is_noted = start.pack_bytes > 0;
         let mut row = Vec::new();
@@ -422,13 +440,13 @@ impl Passes<'_> {
                                 format!("block {index} changed while it was read"),
                             )
                         })?;
+                    let place = self.layout.schema.position(record);
+                    if off_sq(place) < nearest_sq {
+                        (nearest_sq, seams.place) = (off_sq(place), Some(place));
+                    }
                     row.clear();
                     ids.push(id, &mut row);
-                    marks.push(
-                        pack,
-                        self.tree.cell_of(self.layout.schema.position(record)),
-                        &row,
-                    )?;
+                    marks.push(pack, self.tree.cell_of(place), &row)?;
                     row.extend_from_slice(record);
                     while let Some(&(_, cell)) = foreign.get(at).filter(|(other, _)| *other == id) {
                         rows.push(pack, cell, &row)?;
@@ -436,7 +454,7 @@ impl Passes<'_> {
                         self.tally[cell as usize].vertices += 1;
                         at += 1;
                     }
-                    n_shared += 1;
+                    seams.n_shared += 1;
                 }
                 if self.checkpoints.is_due() {
                     if !is_noted {
@@ -446,7 +464,7 @@ impl Passes<'_> {
                     rows.flush(pack)?;
                     marks.flush(pack)?;
                     let block = first_block as u64 + index + 1;
-                    self.checkpoints.seal(Place { block, n_shared, ..start }, pack)?;
+                    self.checkpoints.seal(Place { block, seams, ..start }, pack)?;
                 }
                 Ok(())
             },
@@ -454,7 +472,7 @@ impl Passes<'_> {
         rows.finish(pack)?;
         marks.finish(pack)?;
         run.progress.add(source.n_faces() / 8);
-        Ok(n_shared)
+        Ok(seams)
     }
 }
 
