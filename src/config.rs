@@ -81,6 +81,8 @@ pub struct Config {
     pub skip_bad: bool,
     /// Give up texture coordinates at corners.
     pub drop_texture: bool,
+    /// Progress within a stage is made durable so often; does not change the result.
+    pub checkpoint_every: std::time::Duration,
     /// What becomes of colours, normals and other properties.
     pub attributes: Attributes,
     /// How cells and finish are simplified; the stop is set by the stages.

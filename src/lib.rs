@@ -16,6 +16,7 @@ pub mod disk;
 pub mod error;
 pub mod format;
 pub mod formats;
+pub mod identity;
 pub mod job;
 pub mod kernel;
 pub mod measure;

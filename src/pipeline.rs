@@ -11,8 +11,10 @@ use crate::config::{Config, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::formats::{OutputKind, StageOptions, texture_at_vertices};
+use crate::identity::{input_marks, unchanged};
 use crate::job::{self, Identity, Job};
 use crate::kernel;
+use crate::parallel::guarded;
 use crate::partition::{self, Partition};
 use crate::plan::{Plan, folder_of};
 use crate::ply::{MeshSource, OutputHeader, Place, ReadOptions};
@@ -27,10 +29,7 @@ use crate::write::{self, Written};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::os::unix::fs::FileExt;
-use std::path::Path;
-use std::time::{Instant, UNIX_EPOCH};
+use std::time::Instant;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// An input that has been opened and planned for; nothing has been written yet.
@@ -40,6 +39,8 @@ pub struct Prepared {
     pub source: MeshSource,
     /// What the run will do and need.
     pub plan: Plan,
+    /// By what the input is known again; taken before it was opened.
+    pub marks: BTreeMap<String, String>,
 }
 
 /// Opens the input and plans the run. What is no plain PLY file is first unpacked beside the output.
@@ -48,22 +49,23 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     if config.verify {
         verify::refuse_unreadable(config)?;
     }
+    let marks = input_marks(&config.input)?;
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
     let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
-    let source = MeshSource::open_staged(&config.input, &stage)?;
-    let source = match config.drop_texture {
-        true => source,
-        false => {
-            let source = texture_at_vertices(source, &stage)?;
-            source.require_no_texture()?;
-            source
+    let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
+        if config.drop_texture {
+            return Ok(source);
         }
-    };
+        let source = texture_at_vertices(source, &stage)?;
+        source.require_no_texture()?;
+        Ok(source)
+    });
+    let source = unchanged(&config.input, &marks, source)?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     config.attributes.weights.check(&codec.meanings(source.schema()))?;
     let plan = Plan::new(&source, config)?;
     plan.check_disk(config)?;
-    Ok(Prepared { source, plan })
+    Ok(Prepared { source, plan, marks })
 }
 
 /// Simplifies `config.input` into `config.output`; `None` when `--until` ended the run early.
@@ -75,20 +77,32 @@ pub fn simplify(
     simplify_on(&Disk::default(), prepared, config, progress)
 }
 
-/// The same through a given disk, so that a test can make it fail.
+/// The same through a given disk, so that a test can make it fail. A panic on the way becomes an error.
 pub fn simplify_on(
     disk: &Disk,
     prepared: Prepared,
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
+    progress.set_resumable(true);
+    let outcome = guarded(|| run_stages(disk, prepared, config, progress));
+    progress.set_resumable(false);
+    outcome
+}
+
+fn run_stages(
+    disk: &Disk,
+    prepared: Prepared,
+    config: &Config,
+    progress: &Progress,
+) -> Result<Option<RunReport>> {
     let started = Instant::now();
-    let Prepared { source, plan } = prepared;
-    let identity = identity(&source, config)?;
+    let Prepared { source, plan, marks } = prepared;
+    let identity = identity(&source, &marks, config);
     let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
     let mut stages = Stages::new(config, &plan, &job, progress, &source);
 
-    let partition = stages.partition(&source, &identity.input_marks)?;
+    let partition = stages.partition(&source, &marks)?;
     if config.until == Some(Until::Partition) {
         return Ok(None);
     }
@@ -167,6 +181,7 @@ impl<'a> Stages<'a> {
                 progress,
                 threads: config.threads.get(),
                 memory_bytes: plan.usable_memory_bytes,
+                checkpoint_every: config.checkpoint_every,
             },
             config,
             layout: VertexLayout::for_kernel(
@@ -230,12 +245,9 @@ impl<'a> Stages<'a> {
             n,
             |p: &Partition| p.store.triangles,
             |run| {
-                let partition = partition::partition(source, size, run)?;
                 // Nothing reads the input after this.
-                match identity(source, config)?.input_marks == *marks {
-                    true => Ok(partition),
-                    false => Err(Error::bad_input(&config.input, CHANGED)),
-                }
+                let outcome = guarded(|| partition::partition(source, size, run));
+                unchanged(&config.input, marks, outcome)
             },
         )?;
         if let Some(report) = self.reports.last_mut() {
@@ -499,41 +511,12 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
     ])
 }
 
-/// An input that is not the same file after its last reading as before the first.
-const CHANGED: &str = "was changed during the run; run again with --restart once it stays as it is";
-
 /// What the job's files are only valid for.
-fn identity(source: &MeshSource, config: &Config) -> Result<Identity> {
-    let mut marks = BTreeMap::from([
-        ("vertices".to_owned(), source.n_vertices().to_string()),
-        ("faces".to_owned(), source.n_faces().to_string()),
-    ]);
-    let path = &config.input;
-    // Standard input has no marks of its own; its counts have to do.
-    if path != Path::new("-") {
-        let file = File::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
-        let meta = file.metadata().map_err(|e| Error::io(path, "cannot stat", e))?;
-        let mtime = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
-        let mtime = mtime.map_or_else(|| "unknown".to_owned(), |t| t.as_nanos().to_string());
-        let samples =
-            sample_checksum(&file, meta.len()).map_err(|e| Error::io(path, "cannot read", e))?;
-        marks.insert("bytes".to_owned(), meta.len().to_string());
-        marks.insert("mtime".to_owned(), mtime);
-        marks.insert("checksum of samples".to_owned(), format!("{samples:016x}"));
-    }
-    let input = std::path::absolute(path).unwrap_or_else(|_| path.clone());
+fn identity(source: &MeshSource, marks: &BTreeMap<String, String>, config: &Config) -> Identity {
+    let mut marks = marks.clone();
+    marks.insert("vertices".to_owned(), source.n_vertices().to_string());
+    marks.insert("faces".to_owned(), source.n_faces().to_string());
+    let input = std::path::absolute(&config.input).unwrap_or_else(|_| config.input.clone());
     let input = input.display().to_string();
-    Ok(Identity { input, input_marks: marks, settings: settings(config) })
-}
-
-/// xxh3 over the first 64 KiB and 64 pages evenly spread over the file.
-fn sample_checksum(file: &File, bytes: u64) -> std::io::Result<u64> {
-    let mut hasher = xxhash_rust::xxh3::Xxh3::new();
-    let mut page = vec![0; 65_536];
-    for i in 0..=64u64 {
-        let wanted = if i == 0 { 65_536 } else { 4096 };
-        let n = file.read_at(&mut page[..wanted], bytes.saturating_sub(4096) / 64 * i)?;
-        hasher.update(&page[..n]);
-    }
-    Ok(hasher.digest())
+    Identity { input, input_marks: marks, settings: settings(config) }
 }

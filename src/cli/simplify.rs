@@ -142,6 +142,7 @@ impl Args {
             format: self.format,
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
+            checkpoint_every: crate::run::CHECKPOINT_EVERY,
             attributes: Attributes { weights: self.weight.clone(), labels: self.label.clone() },
             kernel: kernel::Options {
                 topology: match self.topology {

@@ -21,6 +21,8 @@ pub(crate) const GONE: u32 = u32::MAX;
 const BOUNDARY_WEIGHT: f32 = 1.0;
 /// Vertices of more triangles than this are left alone, so that no ring costs more than that.
 pub(crate) const MAX_VALENCE: u32 = 200;
+/// Rings longer than this keep triangles that are gone until the next compaction.
+pub(crate) const HUB: u32 = 4096;
 
 /// All that an edge's evaluation needs to know of its ends: one cache line.
 #[derive(Clone, Copy, Debug)]
