@@ -10,6 +10,7 @@ use super::collapse::{Collapser, Plan, classes_allow, roles};
 use super::evaluate::{Edges, Evaluated};
 use super::lanes::Simd;
 use super::legal::{Class, Reject, RejectCounts};
+use super::mend::{self, Mended};
 use super::queue::{BucketQueue, Entry};
 use super::surface::{GONE, Surface};
 use super::topology::{self, Remedy};
@@ -56,6 +57,23 @@ pub(crate) struct Driver {
 pub(crate) struct TopologyChanges {
     pub(crate) specks: u64,
     pub(crate) cuts: u64,
+    /// Vertices joined with others in the same place, and taken apart; duplicate triangles dropped.
+    pub(crate) joined: u64,
+    pub(crate) split: u64,
+    pub(crate) duplicates: u64,
+    /// Vertices that wait for a source to be taken apart.
+    missing: u64,
+    may_mend: bool,
+}
+
+impl TopologyChanges {
+    fn add(&mut self, done: Mended) {
+        self.joined += done.joined;
+        self.split += done.split;
+        self.duplicates += done.duplicates;
+        self.missing = done.missing;
+        self.may_mend = done.missing > 0;
+    }
 }
 
 /// Where a drain ends.
@@ -93,7 +111,7 @@ impl Driver {
             collapses_before: 0,
             topology,
             spare_sources: Vec::new(),
-            changes: TopologyChanges::default(),
+            changes: TopologyChanges { may_mend: true, ..TopologyChanges::default() },
         }
     }
 
@@ -110,6 +128,7 @@ impl Driver {
     pub(crate) fn level(&mut self, level: f64) {
         let limits = Limits { cost: self.scaled(level), triangles: 0, may_stall: false };
         let mut queue = BucketQueue::new(3);
+        self.mend();
         for block in 0..self.n_blocks() {
             self.drain_block(&mut queue, block, limits);
         }
@@ -123,6 +142,7 @@ impl Driver {
             let before = self.surface.n_alive;
             self.free_level(enough, target);
             self.tidy();
+            self.mend();
             if self.surface.n_alive as f64 > before as f64 * 0.97 {
                 break;
             }
@@ -132,6 +152,27 @@ impl Driver {
 
     fn n_blocks(&self) -> usize {
         self.surface.triangles.len().div_ceil(BLOCK)
+    }
+
+    /// Makes the surface manifold as far as sources for new vertices are at hand; see `mend`.
+    pub(crate) fn mend(&mut self) {
+        if self.topology == Topology::Error && self.changes.may_mend {
+            let done = mend::mend(&mut self.surface, &mut self.spare_sources, self.simd);
+            self.collapses_before += std::mem::take(&mut self.collapses);
+            self.changes.add(done);
+        }
+    }
+
+    /// The same, with sources from a few collapses if there are too few.
+    fn mend_at_last(&mut self, target: u64) {
+        let missing = self.changes.missing;
+        if self.topology == Topology::Error && missing > 0 {
+            if missing > self.spare_sources.len() as u64 {
+                let few = self.surface.n_alive.saturating_sub(2 * missing + 2);
+                self.drain_to(few.max(target));
+            }
+            self.mend();
+        }
     }
 
     fn tidy(&mut self) {
@@ -255,6 +296,11 @@ impl Driver {
 
     /// One fine queue over everything, to the exact count.
     fn exact(&mut self, target: u64) -> bool {
+        self.mend_at_last(target);
+        self.drain_to(target)
+    }
+
+    fn drain_to(&mut self, target: u64) -> bool {
         let mut queue = BucketQueue::new(5);
         while self.surface.n_alive > target {
             let before = self.surface.n_alive;

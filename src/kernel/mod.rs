@@ -8,13 +8,13 @@ mod drive;
 mod evaluate;
 mod lanes;
 mod legal;
+mod mend;
 mod order;
 mod queue;
 pub mod reference;
 mod surface;
 mod topology;
 mod vector;
-mod weld;
 
 use crate::mesh::Mesh;
 
@@ -98,11 +98,9 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
 
 fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
     let mut statistics = Statistics::default();
-    let mut surface = surface::Surface::new(mesh, locked, simd);
-    if options.topology == Topology::Error {
-        weld::coincident(&mut surface, simd);
-    }
+    let surface = surface::Surface::new(mesh, locked, simd);
     let mut driver = drive::Driver::new(surface, simd, options.topology);
+    driver.mend();
     match &options.stop {
         Stop::Triangles(target) => statistics.reached = driver.reach(*target),
         Stop::Costs { levels, floor_triangles } => {

@@ -232,6 +232,16 @@ impl Surface {
         &self.arena[ring.start as usize..(ring.start + ring.len) as usize]
     }
 
+    /// Takes a triangle out of the ring of one of its corners.
+    pub(crate) fn remove_from_ring(&mut self, v: u32, triangle: u32) {
+        let ring = &mut self.rings[v as usize];
+        let list = &mut self.arena[ring.start as usize..(ring.start + ring.len) as usize];
+        if let Some(at) = list.iter().position(|&t| t == triangle) {
+            list[at] = list[list.len() - 1];
+            ring.len -= 1;
+        }
+    }
+
     /// Finds the class of a vertex that is not locked and adds the quadrics of its boundary edges.
     fn classify(&mut self, v: u32, fan: &mut Fan) {
         if self.rings[v as usize].class == Some(Class::Locked) {
