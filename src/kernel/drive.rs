@@ -46,6 +46,8 @@ pub(crate) struct Driver {
     /// Since the last time the stamps were set to zero; and before.
     collapses: u64,
     collapses_before: u64,
+    /// Highest cost to which the whole mesh has been drained.
+    drained: f32,
     topology: Topology,
     /// Input vertices that are gone, for the new vertices of a cut.
     spare_sources: Vec<u32>,
@@ -109,6 +111,7 @@ impl Driver {
             rejects: RejectCounts::default(),
             collapses: 0,
             collapses_before: 0,
+            drained: 0.0,
             topology,
             spare_sources: Vec::new(),
             changes: TopologyChanges { may_mend: true, ..TopologyChanges::default() },
@@ -211,6 +214,7 @@ impl Driver {
                 Limits { cost, triangles: target, may_stall: false },
             );
         }
+        self.drained = cost;
     }
 
     fn block(&self, block: usize) -> impl Iterator<Item = &[u32; 3]> {
@@ -370,7 +374,9 @@ impl Driver {
             }
             let refused = self.rejects.topological();
             let cost = queue.lowest_cost(batch.entries[0].0);
-            if cost > mark.cost * STALL_COST {
+            if cost < self.drained {
+                // What is cheaper than the last level was refused then, and says nothing of progress.
+            } else if cost > mark.cost * STALL_COST {
                 let removed = mark.alive - self.surface.n_alive.min(mark.alive);
                 let few = removed < mark.alive / STALL_SHARE;
                 if limits.may_stall && few && refused - mark.refused > mark.alive / 4 {

@@ -48,16 +48,18 @@ pub(crate) fn mend(surface: &mut Surface, spare: &mut Vec<u32>, simd: Simd) -> M
     let mut mended = Mended { duplicates: drop_duplicates(surface, &place), ..Mended::default() };
     let sides = sides(surface, &place);
     let mut frozen = BTreeSet::new();
+    let mut crossed = BTreeSet::new();
     let mut corners;
     let mut plan;
     loop {
         corners = Corners::new(&sides);
-        pair_up(surface, &sides, &place, &mut corners, &mut frozen);
+        pair_up(surface, &sides, &place, &mut corners, (&mut frozen, &crossed));
         plan = Plan::new(surface, &mut corners, spare.len());
-        let bad = conflicts(surface, &sides, &place, &corners, &plan);
-        let known = frozen.len();
+        let (bad, doubled) = conflicts(surface, &sides, &place, &corners, &plan);
+        let known = (frozen.len(), crossed.len());
         frozen.extend(bad);
-        if frozen.len() == known {
+        crossed.extend(doubled);
+        if (frozen.len(), crossed.len()) == known {
             break;
         }
     }
@@ -188,12 +190,13 @@ fn vertex_of(surface: &Surface, corner: u32) -> u32 {
 }
 
 /// Pairs sides of opposite direction and unites their corners; what may not change is united whole.
+/// At the `crossed` edges those that bend most are paired first.
 fn pair_up(
     surface: &Surface,
     sides: &[Side],
     place: &[u32],
     corners: &mut Corners,
-    frozen: &mut BTreeSet<u32>,
+    (frozen, crossed): (&mut BTreeSet<u32>, &BTreeSet<[u32; 2]>),
 ) {
     // Neighbours that disagree in orientation: nothing can be paired, cutting would tear them apart.
     for edge in sides.chunk_by(|a, b| a.ends == b.ends).filter(|edge| edge.len() > 1) {
@@ -212,12 +215,13 @@ fn pair_up(
         let (forward, backward) = edge.split_at(backward);
         choices.clear();
         let is_simple = forward.len() == 1 && backward.len() == 1;
+        let sign = if crossed.contains(&edge[0].ends) { -1.0 } else { 1.0 };
         let may_join = !edge[0].ends.iter().any(|end| frozen.contains(end));
         for (i, f) in forward.iter().enumerate() {
             for (j, b) in backward.iter().enumerate() {
                 let is_joined = ends(f) == ends(b);
                 if is_joined || may_join {
-                    let bend = if is_simple { 0.0 } else { bend(surface, f, b) };
+                    let bend = if is_simple { 0.0 } else { sign * bend(surface, f, b) };
                     choices.push((!is_joined, bend, i, j));
                 }
             }
@@ -363,16 +367,17 @@ impl Plan {
     }
 }
 
-/// Places where the plan would make what was not there: a directed edge twice, or a corner twice.
+/// Places where the plan would make what was not there (a directed edge twice, or a corner twice), and
+/// edges at which sheets still touch: their ends hang together elsewhere, so another pairing may part them.
 fn conflicts(
     surface: &Surface,
     sides: &[Side],
     place: &[u32],
     corners: &Corners,
     plan: &Plan,
-) -> Vec<u32> {
+) -> (Vec<u32>, Vec<[u32; 2]>) {
     let mut edges: Vec<([u32; 2], [u32; 2], [u32; 2])> = Vec::with_capacity(sides.len());
-    let mut bad = Vec::new();
+    let (mut bad, mut doubled) = (Vec::new(), Vec::new());
     for side in sides {
         let after = [plan.of(corners, side.from), plan.of(corners, side.to)];
         let before = [vertex_of(surface, side.from), vertex_of(surface, side.to)];
@@ -387,7 +392,10 @@ fn conflicts(
         // As found is no conflict.
         if same.iter().any(|edge| edge.1 != same[0].1) {
             bad.extend(same.iter().flat_map(|edge| edge.2));
+        } else if same.len() > 1 {
+            let [a, b] = same[0].2;
+            doubled.push([a.min(b), a.max(b)]);
         }
     }
-    bad
+    (bad, doubled)
 }
