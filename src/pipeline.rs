@@ -434,6 +434,7 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("target".to_owned(), format!("{:?}", config.target)),
         ("cell-triangles".to_owned(), config.cell_triangles.to_string()),
         ("skip-bad".to_owned(), config.skip_bad.to_string()),
+        ("placement".to_owned(), format!("{:?}", config.kernel.placement).to_lowercase()),
         ("topology".to_owned(), format!("{:?}", config.kernel.topology).to_lowercase()),
     ])
 }

@@ -64,6 +64,9 @@ pub struct Args {
     /// Whether specks, three-edge holes and thin tubes smaller than the error may go (error) or must stay (keep).
     #[arg(long, value_enum, value_name = "POLICY", default_value = "error")]
     topology: TypedTopology,
+    /// Where the vertex goes that survives a collapse: optimal, subset (only vertices of the input) or midpoint.
+    #[arg(long, value_enum, value_name = "PLACE", default_value = "optimal")]
+    placement: TypedPlacement,
     /// Print the plan and stop.
     #[arg(long)]
     dry_run: bool,
@@ -82,6 +85,17 @@ enum TypedTopology {
     Keep,
     /// What is smaller than the error may go.
     Error,
+}
+
+/// The choices of `--placement`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum TypedPlacement {
+    /// Where the error is least, the volume preserved.
+    Optimal,
+    /// At an end of the edge.
+    Subset,
+    /// In the middle of the edge.
+    Midpoint,
 }
 
 #[derive(Clone, Debug, clap::Args)]
@@ -134,6 +148,11 @@ impl Args {
                 topology: match self.topology {
                     TypedTopology::Keep => kernel::Topology::Keep,
                     TypedTopology::Error => kernel::Topology::Error,
+                },
+                placement: match self.placement {
+                    TypedPlacement::Optimal => kernel::Placement::Optimal,
+                    TypedPlacement::Subset => kernel::Placement::Subset,
+                    TypedPlacement::Midpoint => kernel::Placement::Midpoint,
                 },
                 ..kernel::Options::default()
             },

@@ -4,16 +4,19 @@
 //! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
 
 mod collapse;
+mod drain;
 mod drive;
 mod evaluate;
 mod lanes;
 mod legal;
 mod mend;
 mod order;
+mod placement;
 mod queue;
 pub mod reference;
 mod surface;
 mod topology;
+mod unchecked;
 mod vector;
 
 use crate::mesh::Mesh;
@@ -43,6 +46,20 @@ pub struct Options {
     pub stop: Stop,
     /// What may happen to the topology.
     pub topology: Topology,
+    /// Where the vertex goes that survives a collapse.
+    pub placement: Placement,
+}
+
+/// Where the vertex goes that survives a collapse.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Placement {
+    /// Where the error is least, the enclosed volume preserved.
+    #[default]
+    Optimal,
+    /// To the better one of both ends: every vertex of the result is one of the input, bit for bit.
+    Subset,
+    /// To the middle of the edge.
+    Midpoint,
 }
 
 /// What may happen to components, holes and handles.
@@ -60,7 +77,11 @@ pub enum Topology {
 impl Default for Options {
     /// Collapses nothing; the stages set the stop.
     fn default() -> Self {
-        Options { stop: Stop::Triangles(u64::MAX), topology: Topology::default() }
+        Options {
+            stop: Stop::Triangles(u64::MAX),
+            topology: Topology::default(),
+            placement: Placement::default(),
+        }
     }
 }
 
@@ -98,7 +119,8 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
 
 fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
     let mut statistics = Statistics::default();
-    let surface = surface::Surface::new(mesh, locked, simd);
+    let mut surface = surface::Surface::new(mesh, locked, simd);
+    surface.placement = options.placement;
     let mut driver = drive::Driver::new(surface, simd, options.topology);
     driver.mend();
     match &options.stop {
@@ -201,11 +223,11 @@ mod tests {
         let mut locked = vec![false; mesh.positions.len()];
         let specks = |result: &Simplified| result.source.iter().filter(|&&v| v >= first).count();
         for (topology, left) in [(Topology::Keep, 4), (Topology::Error, 0)] {
-            let options = Options { stop: Stop::Triangles(300), topology };
+            let options = Options { stop: Stop::Triangles(300), topology, ..Options::default() };
             assert_eq!(specks(&simplify_mesh(mesh.clone(), &locked, &options)), left);
         }
         locked[first as usize] = true;
-        let options = Options { stop: Stop::Triangles(300), topology: Topology::Error };
+        let options = Options { stop: Stop::Triangles(300), ..Options::default() };
         assert_eq!(specks(&simplify_mesh(mesh, &locked, &options)), 4, "a locked vertex holds it");
     }
 

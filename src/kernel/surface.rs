@@ -3,10 +3,14 @@
 //! A ring lists the triangles of a vertex in a common arena; a merged ring takes over a slot that is
 //! large enough or is appended. Building and compacting live here, collapses do not.
 
+use std::hint::select_unpredictable;
+
+use super::Placement;
 use super::evaluate::{Rows, Triangles};
-use super::lanes::Simd;
+use super::lanes::{Job, Lanes, Simd};
 use super::legal::Class;
 use super::order;
+use super::unchecked::{at, at_mut, part};
 use super::vector::Vec3;
 use crate::mesh::Mesh;
 
@@ -51,8 +55,12 @@ pub(crate) struct Surface {
     pub(crate) source: Vec<u32>,
     pub(crate) channels: Vec<f32>,
     pub(crate) n_channels: usize,
+    /// Where survivors go; set by the owner.
+    pub(crate) placement: Placement,
     /// Power of two that brings edges near to length 1, so that f32 neither over- nor underflows.
     pub(crate) scale: f64,
+    /// 1 / scale, which is exact.
+    pub(crate) unscale: f64,
 }
 
 /// Quadric of a boundary edge: squared length times squared distance to its line.
@@ -67,11 +75,12 @@ pub(crate) fn boundary_quadric(edge: [f32; 3]) -> [f32; 6] {
 /// A triangle as seen from one of its corners: the other two, in its sense of rotation.
 #[inline(always)]
 pub(crate) fn others(triangle: [u32; 3], v: u32) -> (u32, u32) {
-    // Which corner it is cannot be predicted, so there is no branch on it.
-    const NEXT: [usize; 4] = [1, 2, 0, 0];
-    let at = usize::from(triangle[1] == v) + 2 * usize::from(triangle[2] == v);
-    let next = NEXT[at];
-    (triangle[next], triangle[NEXT[next]])
+    // Which corner it is cannot be predicted.
+    let [x, y, z] = triangle;
+    let (first, second) = (x == v, y == v);
+    let next = select_unpredictable(first, y, select_unpredictable(second, z, x));
+    let last = select_unpredictable(first, z, select_unpredictable(second, x, y));
+    (next, last)
 }
 
 fn is_proper(t: &[u32; 3]) -> bool {
@@ -121,7 +130,9 @@ impl Surface {
             source,
             channels,
             n_channels,
+            placement: Placement::default(),
             scale,
+            unscale: 1.0 / scale,
         };
         surface.build(simd, false);
         surface
@@ -166,7 +177,7 @@ impl Surface {
         }
         for t in &self.triangles {
             for &v in t {
-                self.rings[v as usize].len += 1;
+                at_mut(&mut self.rings, v).len += 1;
             }
         }
         let mut start = 0;
@@ -181,18 +192,12 @@ impl Surface {
         self.sum_quadrics(simd);
         for (id, t) in self.triangles.iter().enumerate() {
             for &v in t {
-                let ring = &mut self.rings[v as usize];
-                self.arena[(ring.start + ring.len) as usize] = id as u32;
+                let ring = at_mut(&mut self.rings, v);
+                *at_mut(&mut self.arena, ring.start + ring.len) = id as u32;
                 ring.len += 1;
             }
         }
-        let mut scratch = Fan::new();
-        for v in 0..self.vertices.len() as u32 {
-            // A vertex that is interior stays so.
-            if !again || self.rings[v as usize].class != Some(Class::Interior) {
-                self.classify(v, &mut scratch);
-            }
-        }
+        simd.run(Classify { surface: self, again });
     }
 
     fn sum_quadrics(&mut self, simd: Simd) {
@@ -212,7 +217,7 @@ impl Surface {
             });
             for (i, t) in eight.iter().enumerate() {
                 for &v in t {
-                    rows.add_to(i, &mut self.vertices[v as usize].quadric);
+                    rows.add_to(i, &mut at_mut(&mut self.vertices, v).quadric);
                 }
             }
         }
@@ -221,15 +226,16 @@ impl Surface {
     /// Scaled vector from one vertex to another.
     #[inline(always)]
     pub(crate) fn edge(&self, from: u32, to: u32) -> [f32; 3] {
-        let (p, q) = (self.vertices[from as usize].position, self.vertices[to as usize].position);
-        std::array::from_fn(|i| ((q[i] - p[i]) * self.scale) as f32)
+        let (p, q) = (at(&self.vertices, from).position, at(&self.vertices, to).position);
+        let along = |i: usize| ((q[i] - p[i]) * self.scale) as f32;
+        [along(0), along(1), along(2)]
     }
 
     /// The triangles of a vertex.
     #[inline(always)]
     pub(crate) fn ring(&self, v: u32) -> &[u32] {
-        let ring = self.rings[v as usize];
-        &self.arena[ring.start as usize..(ring.start + ring.len) as usize]
+        let ring = at(&self.rings, v);
+        part(&self.arena, ring.start, ring.len)
     }
 
     /// Takes a triangle out of the ring of one of its corners.
@@ -291,6 +297,49 @@ impl Surface {
         mesh.triangles = self.triangles;
         (mesh, used.into_iter().map(|(source, _)| source).collect())
     }
+}
+
+/// Finds the classes of all vertices; after a compaction, an interior vertex stays one.
+struct Classify<'a> {
+    surface: &'a mut Surface,
+    again: bool,
+}
+
+impl Job for Classify<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let mut fan = Fan::new();
+        for v in 0..self.surface.vertices.len() as u32 {
+            let ring = at(&self.surface.rings, v);
+            let interior = ring.class == Some(Class::Interior);
+            if !(interior && (self.again || is_one_fan::<L>(self.surface, v))) {
+                self.surface.classify(v, &mut fan);
+            }
+        }
+    }
+}
+
+/// Whether the triangles of a vertex form one closed fan; false if they are more than eight or too few to
+/// tell quickly.
+#[inline(always)]
+fn is_one_fan<L: Lanes>(surface: &Surface, v: u32) -> bool {
+    let ring = surface.ring(v);
+    if ring.is_empty() || ring.len() > 8 {
+        return false;
+    }
+    let (mut b, mut c) = ([GONE; 8], [GONE; 8]);
+    for ((b, c), &t) in b.iter_mut().zip(&mut c).zip(ring) {
+        (*b, *c) = others(*at(&surface.triangles, t), v);
+    }
+    // From triangle to triangle; a walk that is back after all of them, not earlier, has met each once.
+    let (mut at, mut early) = (0, false);
+    for _ in 1..ring.len() {
+        at = L::matches(&b, c[at & 7]).trailing_zeros() as usize;
+        early |= (at == 0) | (at > 7);
+    }
+    !early && L::matches(&b, c[at & 7]) & 1 == 1
 }
 
 /// The triangles of one vertex as pairs of corners; re-used from vertex to vertex.
