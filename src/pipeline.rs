@@ -5,7 +5,7 @@
 //! wherever an earlier run stopped. Only this file names two stages.
 
 use crate::cells::{CellStore, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout};
-use crate::config::{Config, Until};
+use crate::config::{Config, Target, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::formats::StageOptions;
@@ -18,6 +18,7 @@ use crate::run::Run;
 use crate::simplify::{self, Goal};
 use crate::stitch::{self, Parts, Step};
 use crate::summary::{InputReport, OutputReport, RunReport, SeamReport, StageReport};
+use crate::within;
 use crate::write::{self, Written};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -57,6 +58,9 @@ pub fn simplify(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
+    if let Target::MaxError(bound) = config.target {
+        return within::simplify(bound, prepared, config, progress);
+    }
     simplify_on(&Disk::default(), prepared, config, progress)
 }
 
@@ -398,6 +402,7 @@ impl<'a> Stages<'a> {
             target_met: met,
             stop_reason: if met { "target" } else { "nothing legal left to collapse" }.to_owned(),
             stages: self.reports.clone(),
+            max_error: None,
         }
     }
 }
@@ -415,7 +420,7 @@ fn faults(source: &MeshSource, partition: &Partition) -> BTreeMap<String, u64> {
 }
 
 /// Recorded before the output is written: an output that is found later may be this job's own.
-const WRITING: &str = "writing";
+pub(crate) const WRITING: &str = "writing";
 
 /// The writer itself compares: a run that died between its rename and its end has left the same bytes.
 fn refuse_to_overwrite(config: &Config) -> Result<()> {
@@ -443,7 +448,7 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
 const CHANGED: &str = "was changed during the run; run again with --restart once it stays as it is";
 
 /// What the job's files are only valid for.
-fn identity(source: &MeshSource, config: &Config) -> Result<Identity> {
+pub(crate) fn identity(source: &MeshSource, config: &Config) -> Result<Identity> {
     let mut marks = BTreeMap::from([
         ("vertices".to_owned(), source.n_vertices().to_string()),
         ("faces".to_owned(), source.n_faces().to_string()),
