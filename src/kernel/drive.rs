@@ -55,6 +55,17 @@ pub(crate) struct TopologyChanges {
 }
 
 impl TopologyChanges {
+    /// Names and counts, always all of them.
+    pub(crate) fn named(&self) -> Vec<(&'static str, u64)> {
+        vec![
+            ("specks vanished", self.specks),
+            ("tubes cut", self.cuts),
+            ("vertices joined", self.joined),
+            ("vertices split", self.split),
+            ("duplicate triangles dropped", self.duplicates),
+        ]
+    }
+
     fn add(&mut self, done: Mended) {
         self.joined += done.joined;
         self.split += done.split;
@@ -123,7 +134,10 @@ impl Driver {
     pub(crate) fn mend(&mut self) {
         if self.topology == Topology::Error && self.changes.may_mend {
             let done = mend::mend(&mut self.surface, &mut self.spare_sources, self.simd);
-            self.collapses_before += std::mem::take(&mut self.collapses);
+            if done.joined + done.split + done.duplicates > 0 {
+                // It was built anew, with stamps from zero.
+                self.collapses_before += std::mem::take(&mut self.collapses);
+            }
             self.changes.add(done);
         }
     }
@@ -226,6 +240,11 @@ impl Driver {
     }
 
     fn drain_to(&mut self, target: u64) -> bool {
+        if self.drained == 0.0 {
+            // Costs that half of the edges do not reach rise fast in any mesh.
+            let blocks: Vec<usize> = (0..self.n_blocks()).step_by(4).collect();
+            self.drained = self.low_cost(&blocks, 0.5);
+        }
         let mut queue = BucketQueue::new(5);
         while self.surface.n_alive > target {
             let before = self.surface.n_alive;

@@ -68,8 +68,8 @@ pub enum Topology {
     /// Nothing: a target that cannot be met without is not met.
     Keep,
     /// What is smaller than the current error: components vanish (never with a locked vertex), holes of
-    /// three edges close, thin tubes and handles are cut and capped. Open boundaries whose vertices
-    /// coincide exactly are joined first.
+    /// three edges close, thin tubes and handles are cut and capped. First, boundaries whose edges
+    /// coincide are joined, sheets that only touch are taken apart, and doubled triangles dropped.
     #[default]
     Error,
 }
@@ -92,6 +92,8 @@ pub struct Statistics {
     pub collapses: u64,
     /// Refused collapses by reason, in a fixed order of reasons.
     pub rejects: Vec<(&'static str, u64)>,
+    /// Changes of topology that were made under `Topology::Error`, by kind, in a fixed order.
+    pub changes: Vec<(&'static str, u64)>,
     /// Triangles left after each cost level of `Stop::Costs`.
     pub level_counts: Vec<u64>,
     /// Whether the stop was reached (false: nothing legal is left to collapse).
@@ -139,6 +141,7 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
     }
     statistics.collapses = driver.total_collapses();
     statistics.rejects = driver.rejects.named();
+    statistics.changes = driver.changes.named();
     let (mesh, source) = driver.surface.into_mesh();
     Simplified { mesh, source, statistics }
 }
