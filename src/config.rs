@@ -67,6 +67,8 @@ pub struct Config {
     pub restart: bool,
     /// Where to write the vertices on the first round's seams, as a point set.
     pub seams: Option<PathBuf>,
+    /// Measure the result at the end.
+    pub verify: bool,
     /// How the output is written.
     pub format: crate::formats::OutputFormat,
     /// Drop and count broken faces and vertices instead of failing.

@@ -37,6 +37,7 @@ pub mod summary;
 pub mod synth;
 pub mod topology;
 pub mod units;
+pub mod verify;
 pub mod within;
 pub mod write;
 

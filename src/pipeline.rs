@@ -4,7 +4,9 @@
 //! write. Every stage is sealed in the job folder before the next one begins, so the same command continues
 //! wherever an earlier run stopped. Only this file names two stages.
 
-use crate::cells::{CellStore, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout};
+use crate::cells::{
+    CellStore, Dropped, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout,
+};
 use crate::config::{Config, Target, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
@@ -18,6 +20,7 @@ use crate::run::Run;
 use crate::simplify::{self, Goal};
 use crate::stitch::{self, Parts, Step};
 use crate::summary::{InputReport, OutputReport, RunReport, SeamReport, StageReport};
+use crate::verify;
 use crate::within;
 use crate::write::{self, Written};
 use serde::Serialize;
@@ -41,6 +44,9 @@ pub struct Prepared {
 /// Opens the input and plans the run. What is no plain PLY file is first unpacked beside the output.
 pub fn prepare(config: &Config) -> Result<Prepared> {
     refuse_to_overwrite(config)?;
+    if config.verify {
+        verify::refuse_unreadable(config)?;
+    }
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
     let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     let source = MeshSource::open_staged(&config.input, &stage)?;
@@ -87,6 +93,7 @@ pub fn simplify_on(
     }
     let mut step = stages.next_step(partition.store.triangles);
     let mut survivors = None;
+    let mut dropped = None;
     while let Step::Round(_) | Step::ExactRound = step {
         if let Some(earlier) = survivors.take() {
             store = stages.recut(earlier)?;
@@ -96,6 +103,7 @@ pub fn simplify_on(
             return Ok(None);
         }
         step = stages.next_step(left.triangles);
+        dropped.get_or_insert(left.dropped);
         survivors = Some(left);
     }
     let result = match (step, survivors) {
@@ -108,7 +116,11 @@ pub fn simplify_on(
     }
     let written = stages.write(&source, &result)?;
 
-    let report = stages.report(&source, config, &partition, &result, written, started);
+    let mut report = stages.report(&source, config, &partition, &result, written, started);
+    report.input.faults = faults(&source, &partition, dropped.unwrap_or(result.dropped));
+    if config.verify {
+        verify::verify(config, &stages.run, &mut report)?;
+    }
     drop(stages);
     if !config.keep_temp {
         job.remove()?;
@@ -182,6 +194,7 @@ impl<'a> Stages<'a> {
                 triangles_out: count(&outcome),
                 bytes_read: run.disk().bytes_read() - read,
                 bytes_written: run.disk().bytes_written() - written,
+                peak_memory_bytes: crate::memory::peak_bytes(),
             };
             Ok((outcome, report))
         })?;
@@ -309,7 +322,7 @@ impl<'a> Stages<'a> {
                     }
                     None => {
                         let store = CellStore::open(disk, folder, info, layout.clone())?;
-                        let load = |cell| store.load(cell).map(Survivors::from);
+                        let load = |cell| store.load_tidy(cell).map(Survivors::from);
                         let parts =
                             Parts { cells: &store.info().cells, layout: &layout, load: &load };
                         stitch::finish(parts, target, &options, run)
@@ -357,6 +370,7 @@ impl<'a> Stages<'a> {
             triangles_out: written.triangles,
             bytes_read: run.disk().bytes_read() - read,
             bytes_written: written.bytes,
+            peak_memory_bytes: crate::memory::peak_bytes(),
         });
         Ok(written)
     }
@@ -379,7 +393,8 @@ impl<'a> Stages<'a> {
                 bytes: source.file_bytes(),
                 vertices: source.n_vertices(),
                 triangles: source.n_faces(),
-                faults: faults(source, partition),
+                bounds: partition.bounds,
+                ..InputReport::default()
             },
             settings: settings(config),
             cells: partition.store.cells.len() as u32,
@@ -397,10 +412,12 @@ impl<'a> Stages<'a> {
             seams: SeamReport {
                 shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
                 shared_vertices_by_round: self.shared_by_round.clone(),
+                place: partition.seam_place,
             },
             target: self.target,
             target_met: met,
             stop_reason: if met { "target" } else { "nothing legal left to collapse" }.to_owned(),
+            measured: None,
             stages: self.reports.clone(),
             max_error: None,
         }
@@ -408,10 +425,12 @@ impl<'a> Stages<'a> {
 }
 
 /// Faults of the input that were dropped, by name.
-fn faults(source: &MeshSource, partition: &Partition) -> BTreeMap<String, u64> {
+fn faults(source: &MeshSource, partition: &Partition, dropped: Dropped) -> BTreeMap<String, u64> {
     let found = source.faults();
     BTreeMap::from([
         ("degenerate_faces".to_owned(), partition.degenerate_faces),
+        ("duplicate_faces".to_owned(), dropped.duplicate_faces),
+        ("unreferenced_vertices".to_owned(), dropped.unreferenced_vertices),
         ("bad_faces".to_owned(), partition.bad_faces + found.bad_faces),
         ("bad_vertices".to_owned(), found.bad_vertices),
         ("missing_faces".to_owned(), found.missing_faces),

@@ -84,6 +84,8 @@ impl Plan {
             + triangles_in as f64 * 3.0 * ids)
             * PACK_OVERHEAD;
         let output_triangles = target.min(triangles_in) as f64;
+        let output_bytes =
+            (output_triangles * (13.0 + records * vertices_per_triangle)) as u64 + 4096;
         Ok(Plan {
             triangles_in,
             target,
@@ -91,9 +93,8 @@ impl Plan {
             finish: finish_triangles > 0,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
-            temp_bytes: store as u64 + (1 << 20),
-            output_bytes: (output_triangles * (13.0 + records * vertices_per_triangle)) as u64
-                + 4096,
+            temp_bytes: store as u64 + (1 << 20) + if config.verify { 3 * output_bytes } else { 0 },
+            output_bytes,
             seconds: triangles_in as f64 / (TRIANGLES_PER_SECOND_PER_CORE * threads as f64),
             rounds,
         })

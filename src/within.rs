@@ -17,8 +17,9 @@ use crate::plan::folder_of;
 use crate::ply::{MeshSource, ReadOptions};
 use crate::progress::Progress;
 use crate::summary::{BoundReport, RunReport, TrialReport};
+use crate::verify;
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// Trials never go beyond this; most searches end after three to six.
@@ -51,10 +52,11 @@ pub fn simplify(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
-    if config.until.is_some() || config.seams.is_some() || config.input == Path::new("-") {
-        let what = "--max-error goes with a file as input, without --until and --seams";
+    if config.until.is_some() || config.seams.is_some() {
+        let what = "--max-error does not go with --until and --seams";
         return Err(Error::Usage(what.to_owned()));
     }
+    verify::refuse_unreadable(config)?;
     let started = Instant::now();
     let disk = Disk::default();
     let n_input = prepared.source.n_faces();
@@ -167,6 +169,7 @@ fn run_trial(asked: u64, restart: bool, config: &Config, progress: &Progress) ->
     let temp_dir = folder_of(&config.job_folder).to_path_buf();
     let stage = StageOptions { read, ..StageOptions::new(&temp_dir) };
     let original = MeshSource::open_staged(&config.input, &stage)?;
+    let stage = StageOptions { read: ReadOptions::default(), ..stage };
     let simplified = MeshSource::open_staged(&inner.output, &stage)?;
     let request = Request {
         original: &original,
@@ -175,7 +178,7 @@ fn run_trial(asked: u64, restart: bool, config: &Config, progress: &Progress) ->
         memory_bytes: config.memory_bytes,
         cell_triangles: config.cell_triangles,
         temp_dir,
-        heat_of: None,
+        heat: false,
     };
     let deviation = compare::compare(&request, progress)?.measured.deviation;
     let max = deviation.forward.distance.max.max(deviation.backward.distance.max);

@@ -25,6 +25,7 @@ fn config(folder: &Path, target: u64) -> Config {
         force: false,
         restart: false,
         seams: None,
+        verify: false,
         format: Default::default(),
         skip_bad: false,
         drop_texture: false,

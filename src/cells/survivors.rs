@@ -5,6 +5,7 @@
 
 use super::pack::{Pack, PackWriter};
 use super::store::{CellMesh, VertexLayout};
+use super::tidy::Dropped;
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::format::ChunkKind;
@@ -30,6 +31,9 @@ pub struct SurvivorInfo {
     pub collapses: u64,
     /// Whether every cell reached its stop.
     pub reached: bool,
+    /// What was left out of the cells before they were simplified.
+    #[serde(default)]
+    pub dropped: Dropped,
 }
 
 /// One simplified cell.
@@ -56,6 +60,9 @@ pub struct CellStatistics {
     pub rejects: Vec<(String, u64)>,
     /// Whether the stop was reached.
     pub reached: bool,
+    /// What was left out of the cell before.
+    #[serde(default)]
+    pub dropped: Dropped,
 }
 
 impl From<&Statistics> for CellStatistics {
@@ -65,6 +72,7 @@ impl From<&Statistics> for CellStatistics {
             collapses: statistics.collapses,
             rejects: rejects.collect(),
             reached: statistics.reached,
+            dropped: Dropped::default(),
         }
     }
 }
@@ -72,8 +80,8 @@ impl From<&Statistics> for CellStatistics {
 impl From<CellMesh> for Survivors {
     /// A cell as it was loaded.
     fn from(cell: CellMesh) -> Self {
-        let CellMesh { ids, records, shared, mesh } = cell;
-        let statistics = CellStatistics { reached: true, ..CellStatistics::default() };
+        let CellMesh { ids, records, shared, mesh, dropped } = cell;
+        let statistics = CellStatistics { reached: true, dropped, ..CellStatistics::default() };
         Survivors { ids, shared, records, mesh, statistics }
     }
 }
@@ -220,6 +228,7 @@ impl SurvivorWriter {
             info.triangles += triangles;
             info.collapses += survivors.statistics.collapses;
             info.reached &= survivors.statistics.reached;
+            info.dropped += survivors.statistics.dropped;
             for (reason, n) in survivors.statistics.rejects {
                 match info.rejects.iter_mut().find(|(known, _)| *known == reason) {
                     Some((_, sum)) => *sum += n,

@@ -73,6 +73,9 @@ pub struct Args {
     /// Write a report in JSON.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// Measure how far the result deviates from the input, and report it.
+    #[arg(long)]
+    verify: bool,
     /// Write the vertices on the seams of the first round, as a point set.
     #[arg(long, value_name = "FILE")]
     seams: Option<PathBuf>,
@@ -150,6 +153,7 @@ impl Args {
             force: self.force,
             restart: self.restart,
             seams: self.seams.clone(),
+            verify: self.verify,
             format: self.format,
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
@@ -172,7 +176,7 @@ impl Args {
 /// Runs the command and gives its exit code.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
     match simplify(args, talk, progress, log)? {
-        Some(report) if !report.target_met => Ok(EXIT_SHORT),
+        Some(report) if !report.target_met || report.input.lost_rows() > 0 => Ok(EXIT_SHORT),
         _ => Ok(0),
     }
 }
@@ -233,6 +237,12 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
         show_bytes(report.peak_memory_bytes),
         show_bytes(report.peak_temp_bytes)
     ));
+    for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
+        log.say(format!("  {n} {} dropped", name.replace('_', " ")));
+    }
+    if let Some(measured) = &report.measured {
+        super::measure::table(measured).lines().for_each(|line| log.say(line));
+    }
     if let Some(BoundReport { bound, measured_max: Some(max), trials, .. }) = &report.max_error {
         let n = trials.len();
         log.say(format!("deviates by at most {max:.4e}, measured; the bound is {bound}; {n} runs"));

@@ -164,6 +164,17 @@ impl MeshSink {
         }
     }
 
+    /// The same for indices of 32 bits, which PLY takes as they are.
+    pub fn write_faces_u32(&mut self, triangles: &[[u32; 3]]) -> Result<()> {
+        match self {
+            MeshSink::Ply(sink) => sink.write_faces_u32(triangles),
+            other => {
+                let wide: Vec<[u64; 3]> = triangles.iter().map(|t| t.map(u64::from)).collect();
+                other.write_faces(&wide)
+            }
+        }
+    }
+
     /// Syncs and renames; returns the file's length in bytes.
     pub fn finish(self) -> Result<u64> {
         match self {

@@ -111,6 +111,28 @@ impl Driver {
         self.tidy();
     }
 
+    /// Drains the whole mesh from one queue to ascending thresholds that lie close together; gives back how
+    /// many triangles were left after each. Thresholds are rounded up to 1/32 of an octave.
+    pub(crate) fn close_levels(&mut self, levels: &[f64]) -> Vec<u64> {
+        let Some(&highest) = levels.last() else { return Vec::new() };
+        let mut queue = BucketQueue::new(5);
+        let limits = Limits { cost: f32::MAX, triangles: 0, may_stall: false };
+        let highest = queue.bucket(self.scaled(highest));
+        self.each_edge(0..self.surface.triangles.len(), |v0, v1, cost| {
+            let bucket = queue.bucket(cost);
+            if bucket <= highest {
+                queue.push(bucket, Entry { v0, v1, failures: 0 });
+            }
+        });
+        let mut counts = Vec::new();
+        for &level in levels {
+            queue.close_above(self.scaled(level));
+            self.drain(&mut queue, limits);
+            counts.push(self.surface.n_alive);
+        }
+        counts
+    }
+
     /// Simplifies to at most `target` triangles; false if nothing legal is left before.
     pub(crate) fn reach(&mut self, target: u64) -> bool {
         let enough = (target as f64 * EXACT_MULTIPLE) as u64;

@@ -37,6 +37,9 @@ pub enum Stop {
         /// No further level is begun once the mesh is this small.
         floor_triangles: u64,
     },
+    /// As `Costs`, for thresholds so close together that seeding a queue for each would cost more than the
+    /// collapses: one queue over the whole mesh serves them all.
+    CloseCosts(Vec<f64>),
 }
 
 /// How `simplify_mesh` works; every value is final.
@@ -138,6 +141,10 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
             }
             statistics.reached = true;
         }
+        Stop::CloseCosts(levels) => {
+            statistics.level_counts = driver.close_levels(levels);
+            statistics.reached = true;
+        }
     }
     statistics.collapses = driver.total_collapses();
     statistics.rejects = driver.rejects.named();
@@ -212,6 +219,24 @@ mod tests {
             assert_eq!(portable, fastest);
             assert!(portable.statistics.reached);
         }
+    }
+
+    #[test]
+    fn a_prefix_of_close_levels_gives_the_same_counts() {
+        let mesh = sheet(90);
+        let locked = vec![false; mesh.positions.len()];
+        let levels: Vec<f64> = (0..20).map(|k| 1e-12 * 1.5f64.powi(k)).collect();
+        let counts = |n: usize| {
+            let options =
+                Options { stop: Stop::CloseCosts(levels[..n].to_vec()), ..Options::default() };
+            let result = simplify_mesh(mesh.clone(), &locked, &options);
+            let counts = result.statistics.level_counts;
+            assert_eq!(counts.last(), Some(&(result.mesh.triangles.len() as u64)));
+            counts
+        };
+        let all = counts(levels.len());
+        assert!(all[0] > 3 * all[19] / 2, "the levels do something: {all:?}");
+        assert_eq!(counts(7), all[..7]);
     }
 
     #[test]

@@ -35,6 +35,8 @@ pub(crate) struct BucketQueue {
     filled: Vec<u64>,
     /// The bucket that is being emptied.
     current: u32,
+    /// Nothing comes out of buckets dearer than this one.
+    ceiling: u32,
     pool: Vec<Slot>,
     free: u32,
     /// Edges that were put back, to know their doubles by.
@@ -69,6 +71,7 @@ impl BucketQueue {
             heads: vec![NONE; n_buckets],
             filled: vec![0; n_buckets.div_ceil(64)],
             current: 0,
+            ceiling: u32::MAX,
             pool: Vec::new(),
             free: NONE,
             seen: vec![Seen::default(); 1 << SEEN_BITS],
@@ -88,6 +91,11 @@ impl BucketQueue {
         f32::from_bits(bucket << self.shift)
     }
 
+    /// Lets out nothing that is dearer than the bucket of `cost`; what waits there stays.
+    pub(crate) fn close_above(&mut self, cost: f32) {
+        self.ceiling = self.bucket(cost);
+    }
+
     /// Forgets everything, keeping the memory.
     pub(crate) fn clear(&mut self) {
         for (word, heads) in self.filled.iter_mut().zip(self.heads.chunks_mut(64)) {
@@ -97,6 +105,7 @@ impl BucketQueue {
             }
         }
         self.current = 0;
+        self.ceiling = u32::MAX;
         self.pool.clear();
         self.free = NONE;
         self.epoch += 1;
@@ -163,7 +172,11 @@ impl BucketQueue {
                 return None;
             }
         }
-        self.current = word as u32 * 64 + self.filled[word].trailing_zeros();
+        let next = word as u32 * 64 + self.filled[word].trailing_zeros();
+        if next > self.ceiling {
+            return None;
+        }
+        self.current = next;
         Some(self.heads[self.current as usize])
     }
 }
@@ -185,6 +198,18 @@ mod tests {
             assert_eq!(order, [1, 4, 3, 0, 5, 2]);
             assert_eq!(queue.pop(), None);
             queue.clear();
+        }
+    }
+
+    #[test]
+    fn what_is_dearer_than_the_ceiling_waits() {
+        let mut queue = BucketQueue::new(3);
+        for cost in [1.0f32, 4.0] {
+            queue.push(queue.bucket(cost), Entry { v0: cost as u32, v1: 9, failures: 0 });
+        }
+        for (ceiling, expected) in [(2.0, Some(1)), (3.0, None), (5.0, Some(4)), (9.0, None)] {
+            queue.close_above(ceiling);
+            assert_eq!(queue.pop().map(|(_, entry)| entry.v0), expected);
         }
     }
 

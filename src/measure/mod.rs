@@ -42,7 +42,8 @@ use triangle::Vector;
 /// Samples a side if nobody says otherwise.
 pub const DEFAULT_SAMPLES: u64 = 1_000_000;
 
-/// Samples worked on at a time by one thread: a few hundred KiB, and enough to sort them usefully.
+/// Samples worked on at a time by one thread: 3 MiB with all that is known of them, and enough to sort them
+/// usefully.
 const BLOCK_SAMPLES: u64 = 16_384;
 
 /// Most triangles or vertices worked on at a time by one thread.
@@ -273,8 +274,7 @@ fn one_sided(
         progress,
         |block, out: &mut Option<SideSums>| {
             let own = out.insert(new_sums());
-            direction.measure_samples(rows(block, per_block, n_triangles), own);
-            Ok(())
+            direction.measure_samples(rows(block, per_block, n_triangles), own)
         },
         |_, block| {
             block.iter().for_each(|block| sums.merge(block));
@@ -312,27 +312,26 @@ fn used_vertices(mesh: &Mesh) -> Vec<bool> {
 }
 
 impl Direction<'_> {
-    fn measure_samples(&self, triangles: Range<usize>, sums: &mut SideSums) {
+    fn measure_samples(&self, triangles: Range<usize>, sums: &mut SideSums) -> Result<()> {
         let first = triangles.start;
-        let mut samples = Vec::new();
-        for i in triangles {
-            let (corners, _) = self.source.canonical(i);
-            self.density.sample(&corners, (i - first) as u32, &mut samples);
-        }
-        sample::sort_along_curve(&mut samples);
-        let mut slot = u32::MAX;
-        for sample in &samples {
-            let found = self.tree.nearest(sample.point, self.tree.guess(sample.point, slot));
-            let near = self.region.map(|region| region.contains(sample.point));
-            if !found.is_found() {
-                sums.add_sample(sample.point, 0.0, near);
-                continue;
+        let corners_of = |i| self.source.canonical(i).0;
+        self.density.in_runs(triangles, corners_of, BLOCK_SAMPLES as usize, |samples| {
+            sample::sort_along_curve(samples);
+            let mut slot = u32::MAX;
+            for sample in samples.iter() {
+                let found = self.tree.nearest(sample.point, self.tree.guess(sample.point, slot));
+                let near = self.region.map(|region| region.contains(sample.point));
+                if !found.is_found() {
+                    sums.add_sample(sample.point, 0.0, near);
+                    continue;
+                }
+                slot = found.slot;
+                sums.add_sample(sample.point, found.distance_sq, near);
+                self.compare(first + sample.triangle as usize, sample, slot, sums);
             }
-            slot = found.slot;
-            sums.add_sample(sample.point, found.distance_sq, near);
-            self.compare(first + sample.triangle as usize, sample, slot, sums);
-        }
-        self.worst_sq.fetch_max(sums.worst_sq().to_bits(), Ordering::Relaxed);
+            self.worst_sq.fetch_max(sums.worst_sq().to_bits(), Ordering::Relaxed);
+            Ok(())
+        })
     }
 
     /// Compares normals and colours at a sample and at its nearest point.

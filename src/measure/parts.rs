@@ -19,6 +19,9 @@ use std::sync::{Mutex, PoisonError};
 /// Most of the sparse points that bound searches; 22 MiB of tree.
 const SPARSE_POINTS: u64 = 200_000;
 
+/// Share of the memory that their tree may take; fewer points bound a search less tightly, no less truly.
+const SPARSE_SHARE: u64 = 8;
+
 /// Where a surface is.
 #[derive(Clone, Copy)]
 pub enum Place<'a> {
@@ -136,7 +139,9 @@ impl<'a> Parts<'a> {
         let n_parts = self.n_parts();
         let diagonal = self.diagonal();
         let n_triangles: u64 = (0..n_parts).map(|part| self.n_triangles(part)).sum();
-        let stride = (n_triangles / SPARSE_POINTS + 1) as usize;
+        let most =
+            (means.memory_bytes / SPARSE_SHARE * 1000 / Tree::bytes(1000)).min(SPARSE_POINTS);
+        let stride = (n_triangles / most.max(1) + 1) as usize;
         let mut boxes = vec![Bounds::EMPTY; n_parts];
         let mut area = Sum::new(diagonal * diagonal);
         let mut counter = TopologyCounter::default();
@@ -209,6 +214,11 @@ impl Survey {
     /// Whether there is no surface at all.
     pub fn is_empty(&self) -> bool {
         self.sparse.is_empty()
+    }
+
+    /// Memory that it holds, in bytes.
+    pub fn bytes(&self) -> u64 {
+        Tree::bytes(self.sparse.len() as u64)
     }
 
     /// Used vertices.

@@ -37,13 +37,13 @@ impl Hit {
 
 /// Finds the nearest point of `target` for every point; best given in an order that keeps neighbours together.
 ///
-/// Where a distance of at most `enough_sq` (squared; below 0 for never) was met, the answer may be any such
-/// hit instead of the nearest. An empty target leaves all distances infinite.
+/// Where a distance of at most the point's entry in `enough_sq` (squared; below 0 for never) was met, the
+/// answer may be any such hit instead of the nearest. An empty target leaves all distances infinite.
 pub(super) fn settle(
     points: &[Vector],
     target: &Parts,
     survey: &Survey,
-    enough_sq: f64,
+    enough_sq: &[f64],
     means: Means,
 ) -> Result<Vec<Hit>> {
     let mut bounds = Vec::with_capacity(points.len());
@@ -74,7 +74,7 @@ pub(super) fn settle(
                 if bound_sq < guess.distance_sq {
                     guess = Nearest { distance_sq: bound_sq, ..Nearest::NONE };
                 }
-                let nearest = tree.nearest_unless_within(point, guess, enough_sq);
+                let nearest = tree.nearest_unless_within(point, guess, enough_sq[query as usize]);
                 if nearest.is_found() {
                     slot = nearest.slot;
                     let lab = surface.lab_next_to(&tree, slot, point);

@@ -6,6 +6,7 @@
 
 mod ascii;
 mod binary;
+mod checked;
 mod fields;
 mod fixed_faces;
 pub(crate) mod header;

@@ -360,7 +360,7 @@ impl MeshSource {
     }
 
     fn read_fixed_faces(&self, index: u64, block: &mut FaceBlock, out: &mut Decoded) -> Result<()> {
-        let FaceLayout::Fixed { offset, rows, fallback } = &self.layout.faces else {
+        let FaceLayout::Fixed { offset, rows, checked, fallback } = &self.layout.faces else {
             return Ok(());
         };
         block.first_row = index * BLOCK_ROWS;
@@ -368,20 +368,31 @@ impl MeshSource {
         if let Some(rows) = built {
             return self.read_face_rows(index, &rows, out);
         }
-        let n = BLOCK_ROWS.min(self.n_faces() - block.first_row) as usize;
-        let start = offset + block.first_row * rows.stride as u64;
-        block.scratch.resize(n * rows.stride, 0);
-        self.file.read_exact_at(&mut block.scratch, start)?;
+        let n = self.read_fixed_rows(index, &mut block.scratch)?;
         out.triangles.reserve(n);
-        match rows.decode(&block.scratch, self.n_vertices(), out) {
+        let mut found = rows.decode(&block.scratch, self.n_vertices(), out);
+        // These rows are where they seem to be only if all before them are triangles.
+        while found != Err(Stop::OtherLayout)
+            && let Some(earlier) = checked.gap_before(index)
+        {
+            self.read_fixed_rows(earlier, &mut block.scratch)?;
+            if block.scratch.chunks_exact(rows.stride).all(|row| rows.matches(row)) {
+                checked.add(earlier);
+            } else {
+                found = Err(Stop::OtherLayout);
+            }
+        }
+        if found == Ok(()) {
+            checked.add(index);
+        }
+        match found {
             Ok(()) => Ok(()),
-            Err(Stop::OutOfRange(i)) => Err(explain(
-                &self.file,
-                self.face(),
-                block.first_row + i as u64,
-                Mark { offset: start + (i * rows.stride) as u64, ..Mark::default() },
-                super::scan::Fault::Text(out_of_range(self.n_vertices())),
-            )),
+            Err(Stop::OutOfRange(i)) => {
+                let row = block.first_row + i as u64;
+                let at = Mark { offset: offset + row * rows.stride as u64, ..Mark::default() };
+                let what = super::scan::Fault::Text(out_of_range(self.n_vertices()));
+                Err(explain(&self.file, self.face(), row, at, what))
+            }
             Err(Stop::OtherLayout) => {
                 *out = Decoded {
                     triangles: std::mem::take(&mut out.triangles),
@@ -407,6 +418,16 @@ impl MeshSource {
                 self.read_face_rows(index, &rows, out)
             }
         }
+    }
+
+    /// Reads the bytes of a block of rows of one size; returns the number of rows.
+    fn read_fixed_rows(&self, index: u64, bytes: &mut Vec<u8>) -> Result<usize> {
+        let FaceLayout::Fixed { offset, rows, .. } = &self.layout.faces else { return Ok(0) };
+        let first = index * BLOCK_ROWS;
+        let n = BLOCK_ROWS.min(self.n_faces() - first) as usize;
+        bytes.resize(n * rows.stride, 0);
+        self.file.read_exact_at(bytes, offset + first * rows.stride as u64)?;
+        Ok(n)
     }
 
     fn read_face_rows(&self, index: u64, rows: &RowIndex, out: &mut Decoded) -> Result<()> {

@@ -28,7 +28,8 @@ pub fn finish(parts: Parts, target: u64, options: &Options, run: &Run) -> Result
     let options = Options { stop: Stop::Triangles(target), ..options.clone() };
     let locked = vec![false; joined.ids.len()];
     let simplified = kernel::simplify_mesh(joined.mesh, &locked, &options);
-    let result = Survivors::new(&joined.ids, &locked, &joined.records, simplified, layout);
+    let mut result = Survivors::new(&joined.ids, &locked, &joined.records, simplified, layout);
+    result.statistics.dropped = joined.statistics.dropped;
     run.progress.add(n_triangles);
     let path = run.job.path(PACK_NAME);
     run.disk().remove(&path)?;
@@ -62,6 +63,7 @@ fn join(parts: &Parts, run: &Run) -> Result<Survivors> {
     for cell in 0..parts.cells.len() {
         run.progress.check()?;
         let part = (parts.load)(cell)?;
+        out.statistics.dropped += part.statistics.dropped;
         local.clear();
         for (vertex, &id) in part.ids.iter().enumerate() {
             let (index, is_new) = map.insert(id, &mut out.ids);
