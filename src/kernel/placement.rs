@@ -35,8 +35,8 @@ pub(crate) fn choose(
         let trace: f32 = [0, 3, 5].iter().map(|&k: &usize| from.quadric[k] + to.quadric[k]).sum();
         let half_sq: f32 = half.iter().map(|x| x * x).sum();
         found.cost[i] = error.max(0.0) + trace * half_sq * LENGTH_COST;
-        for k in 0..3 {
-            found.place[k][i] = place[k];
+        for (row, x) in found.place.iter_mut().zip(place) {
+            row[i] = x;
         }
     }
 }
