@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::measure::heatmap;
 use crate::measure::load;
 use crate::measure::tree::Tree;
-use crate::measure::{self, ColourChannels, Deviation, Measured, Options, Parts, TriangleSizes};
+use crate::measure::{self, Carried, Deviation, Measured, Options, Parts, TriangleSizes};
 use crate::partition;
 use crate::ply::MeshSource;
 use crate::progress::Progress;
@@ -132,8 +132,8 @@ pub fn compare(request: &Request, progress: &Progress) -> Result<Comparison> {
 
 /// The options with what the two files say about colours.
 fn options(request: &Request) -> Options {
-    let colours = ColourChannels::of(request.original.schema())
-        .zip(ColourChannels::of(request.simplified.schema()))
+    let colours = Carried::of(request.original.schema())
+        .zip(Carried::of(request.simplified.schema()))
         .map(|(a, b)| [a, b]);
     Options { colours, ..request.options.clone() }
 }

@@ -40,6 +40,15 @@ pub enum Until {
     Stitch,
 }
 
+/// What becomes of what vertices carry besides their place.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Attributes {
+    /// What counts in the error, and how much.
+    pub weights: crate::attributes::Weights,
+    /// Properties that are chosen, not averaged.
+    pub labels: Vec<String>,
+}
+
 /// A run of `simplify`.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -75,6 +84,8 @@ pub struct Config {
     pub skip_bad: bool,
     /// Give up texture coordinates at corners.
     pub drop_texture: bool,
+    /// What becomes of colours, normals and other properties.
+    pub attributes: Attributes,
     /// How cells and finish are simplified; the stop is set by the stages.
     pub kernel: crate::kernel::Options,
 }

@@ -10,13 +10,15 @@ use crate::cells::{
 use crate::config::{Config, Target, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
-use crate::formats::StageOptions;
+use crate::formats::{OutputKind, StageOptions, texture_at_vertices};
 use crate::job::{self, Identity, Job};
+use crate::kernel;
 use crate::partition::{self, Partition};
 use crate::plan::{Plan, folder_of};
 use crate::ply::{MeshSource, OutputHeader, Place, ReadOptions};
 use crate::progress::Progress;
 use crate::run::Run;
+use crate::schema::Meaning;
 use crate::simplify::{self, Goal};
 use crate::stitch::{self, Parts, Step};
 use crate::summary::{InputReport, OutputReport, RunReport, SeamReport, StageReport};
@@ -50,9 +52,16 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
     let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     let source = MeshSource::open_staged(&config.input, &stage)?;
-    if !config.drop_texture {
-        source.require_no_texture()?;
-    }
+    let source = match config.drop_texture {
+        true => source,
+        false => {
+            let source = texture_at_vertices(source, &stage)?;
+            source.require_no_texture()?;
+            source
+        }
+    };
+    let codec = source.schema().kernel_codec(&config.attributes.labels);
+    config.attributes.weights.check(&codec.meanings(source.schema()))?;
     let plan = Plan::new(&source, config)?;
     plan.check_disk(config)?;
     Ok(Prepared { source, plan })
@@ -92,6 +101,9 @@ pub fn simplify_on(
         crate::seams::write(&stages.store(store.clone())?, path, &stages.run)?;
     }
     let mut step = stages.next_step(partition.store.triangles);
+    if step != Step::Finish {
+        stages.weigh(&store)?;
+    }
     let mut survivors = None;
     let mut dropped = None;
     while let Step::Round(_) | Step::ExactRound = step {
@@ -133,6 +145,7 @@ struct Stages<'a> {
     run: Run<'a>,
     config: &'a Config,
     layout: VertexLayout,
+    kernel: kernel::Options,
     target: u64,
     rounds_done: u32,
     shared_by_round: Vec<u64>,
@@ -160,7 +173,13 @@ impl<'a> Stages<'a> {
                 memory_bytes: plan.usable_memory_bytes,
             },
             config,
-            layout: VertexLayout::new(source.schema(), source.n_vertices()),
+            layout: VertexLayout::for_kernel(
+                source.schema(),
+                source.n_vertices(),
+                &config.attributes.labels,
+                &config.attributes.weights,
+            ),
+            kernel: kernel::Options { confined: confined(source, config), ..config.kernel.clone() },
             target: plan.target,
             rounds_done: 0,
             shared_by_round: Vec::new(),
@@ -230,6 +249,15 @@ impl<'a> Stages<'a> {
         Ok(partition)
     }
 
+    /// Finds what channels with a weight count for; once, and then the same for every round.
+    fn weigh(&mut self, info: &StoreInfo) -> Result<()> {
+        let (run, target) = (self.run, self.target);
+        self.kernel.weights = run.job.sealed("channel lengths", || {
+            simplify::channel_lengths(&self.store(info.clone())?, target, &run)
+        })?;
+        Ok(())
+    }
+
     fn next_step(&self, triangles_now: u64) -> Step {
         stitch::next_step(triangles_now, self.target, self.config.cell_triangles, self.rounds_done)
     }
@@ -251,8 +279,7 @@ impl<'a> Stages<'a> {
         };
         let goal = Goal { round, triangles: goal };
         let name = if round == 0 { "simplify" } else { "stitch" };
-        let (options, layout, n) =
-            (self.config.kernel.clone(), self.layout.clone(), info.triangles);
+        let (options, layout, n) = (self.kernel.clone(), self.layout.clone(), info.triangles);
         let pack = self.run.job.path(&info.pack);
         let left = self.stage(
             &format!("round {round}"),
@@ -298,7 +325,7 @@ impl<'a> Stages<'a> {
         store: &StoreInfo,
         survivors: Option<SurvivorInfo>,
     ) -> Result<SurvivorInfo> {
-        let (target, options) = (self.target, self.config.kernel.clone());
+        let (target, options) = (self.target, self.kernel.clone());
         let n = survivors.as_ref().map_or(store.triangles, |s| s.triangles);
         let source_pack = survivors.as_ref().map_or(&store.pack, |s| &s.pack);
         let pack = self.run.job.path(source_pack);
@@ -362,7 +389,14 @@ impl<'a> Stages<'a> {
         let number = self.reports.len() as u32 + 1;
         run.progress.begin("write", number, self.n_stages.max(number), result.triangles);
         let (read, start) = (run.disk().bytes_read(), Instant::now());
-        let written = write::write(&pack, place, header, self.config.format, &run)?;
+        let format = self.config.format;
+        let kind = format.kind.map_or_else(|| OutputKind::of(&self.config.output), Ok)?;
+        let written = match source.wedges() {
+            Some(with_image) if kind == OutputKind::Ply && pack.info().cells.len() == 1 => {
+                write::write_corners(&pack, place, header, (format, with_image), &run)?
+            }
+            _ => write::write(&pack, place, header, format, &run)?,
+        };
         self.reports.push(StageReport {
             name: "write".to_owned(),
             seconds: start.elapsed().as_secs_f64(),
@@ -438,6 +472,12 @@ fn faults(source: &MeshSource, partition: &Partition, dropped: Dropped) -> BTree
     ])
 }
 
+/// Texture coordinates mean nothing outside of their chart.
+fn confined(source: &MeshSource, config: &Config) -> Vec<bool> {
+    let codec = source.schema().kernel_codec(&config.attributes.labels);
+    codec.meanings(source.schema()).iter().map(|m| *m == Meaning::Texture).collect()
+}
+
 /// Recorded before the output is written: an output that is found later may be this job's own.
 pub(crate) const WRITING: &str = "writing";
 
@@ -459,6 +499,8 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("cell-triangles".to_owned(), config.cell_triangles.to_string()),
         ("skip-bad".to_owned(), config.skip_bad.to_string()),
         ("placement".to_owned(), format!("{:?}", config.kernel.placement).to_lowercase()),
+        ("weight".to_owned(), config.attributes.weights.to_string()),
+        ("label".to_owned(), config.attributes.labels.join(",")),
         ("topology".to_owned(), format!("{:?}", config.kernel.topology).to_lowercase()),
     ])
 }

@@ -59,7 +59,13 @@ impl Plan {
             return Err(Error::bad_input(source.path(), what));
         }
         let target = config.target.triangles(triangles_in);
-        let layout = VertexLayout::new(source.schema(), source.n_vertices());
+        let attributes = &config.attributes;
+        let layout = VertexLayout::for_kernel(
+            source.schema(),
+            source.n_vertices(),
+            &attributes.labels,
+            &attributes.weights,
+        );
         let cells = plan_cells(triangles_in, config.cell_triangles);
         let (rounds, finish_triangles) = rounds(triangles_in, target, config.cell_triangles);
         let vertices_per_triangle = source.n_vertices() as f64 / triangles_in.max(1) as f64;
@@ -68,6 +74,7 @@ impl Plan {
             let tally = CellTally { vertices, triangles };
             load_bytes(tally, &layout)
                 + kernel::peak_bytes(vertices, triangles, layout.codec.n_channels())
+                + kernel::attribute_bytes(vertices, layout.n_weighted())
         };
         let cell = (config.cell_triangles.min(triangles_in) as f64 * UNEVEN) as u64;
         let threads = config.threads.get();

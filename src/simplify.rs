@@ -3,6 +3,7 @@
 //! A threshold, not a quota per cell: flat cells must end emptier than detailed ones. It comes from a pilot
 //! over a sample of cells. Vertices shared between cells are locked; nothing else ties the cells together.
 
+use crate::attributes;
 use crate::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors, load_bytes};
 use crate::error::Result;
 use crate::kernel::{self, Options, Simplified, Stop};
@@ -46,6 +47,23 @@ pub fn cell_bytes(store: &CellStore, cell: usize) -> u64 {
     let tally = store.info().cells[cell];
     load_bytes(tally, store.layout())
         + kernel::peak_bytes(tally.vertices, tally.triangles, store.layout().codec.n_channels())
+        + kernel::attribute_bytes(tally.vertices, store.layout().n_weighted())
+}
+
+/// For each channel the length that a difference of 1 is worth, from a sample of cells; empty if no channel
+/// counts.
+pub fn channel_lengths(store: &CellStore, target: u64, run: &Run) -> Result<Vec<f32>> {
+    let layout = store.layout();
+    if layout.n_weighted() == 0 {
+        return Ok(Vec::new());
+    }
+    let meanings = layout.codec.meanings(&layout.schema);
+    let mut sample = attributes::Sample::default();
+    for cell in pilot_cells(store.n_cells()) {
+        run.progress.check()?;
+        sample.add(&store.load(cell)?.mesh, &meanings);
+    }
+    Ok(sample.lengths(&layout.weights, &meanings, store.info().triangles, target))
 }
 
 /// Simplifies every cell of `store` towards `goal` and seals what is left of them.

@@ -6,7 +6,7 @@
 
 use std::path::Path;
 use stonecut::Result;
-use stonecut::config::{Config, Target};
+use stonecut::config::{Attributes, Config, Target};
 use stonecut::disk::{Disk, Loss};
 use stonecut::pipeline;
 use stonecut::progress::Progress;
@@ -29,6 +29,7 @@ fn config(folder: &Path, target: u64) -> Config {
         format: Default::default(),
         skip_bad: false,
         drop_texture: false,
+        attributes: Attributes::default(),
         kernel: Default::default(),
     }
 }

@@ -6,6 +6,7 @@
 use super::id_map::IdMap;
 use super::pack::Pack;
 use super::tidy::Dropped;
+use crate::attributes::Weights;
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::format::{Chunk, ChunkKind, IdWidth};
@@ -49,6 +50,8 @@ pub struct VertexLayout {
     pub codec: VertexCodec,
     /// Width of ids.
     pub ids: IdWidth,
+    /// Weight of each channel in the error; empty where nothing is simplified.
+    pub weights: Vec<f64>,
 }
 
 impl VertexLayout {
@@ -58,7 +61,25 @@ impl VertexLayout {
             codec: schema.codec(),
             schema: schema.clone(),
             ids: IdWidth::for_vertices(n_vertices),
+            weights: Vec::new(),
         }
+    }
+
+    /// The layout for simplifying: perceptual colours, chosen `labels`, channels with weights.
+    pub fn for_kernel(
+        schema: &VertexSchema,
+        n_vertices: u64,
+        labels: &[String],
+        weights: &Weights,
+    ) -> VertexLayout {
+        let codec = schema.kernel_codec(labels);
+        let weights = weights.of_channels(&codec.meanings(schema));
+        VertexLayout { codec, weights, ..VertexLayout::new(schema, n_vertices) }
+    }
+
+    /// How many channels count in the error.
+    pub fn n_weighted(&self) -> usize {
+        self.weights.iter().filter(|weight| **weight > 0.0).count()
     }
 
     /// Bytes of one vertex row without its id.

@@ -173,6 +173,10 @@ pub(super) fn table(report: &Report) -> String {
     row("max", &|s| Some(s.distance.max));
     row("normals, mean degrees", &|s| s.normal_degrees);
     row("colour, mean delta E", &|s| s.colour_delta_e);
+    row("colour, rms delta E", &|s| s.colour_rms_delta_e);
+    row("carried normals, deg.", &|s| s.carried_normal_degrees);
+    row("texture, mean", &|s| s.texture_mean);
+    row("texture, rms", &|s| s.texture_rms);
     for (name, pick) in [("near", near as fn(&Side) -> Option<&measure::Spread>), ("far", far)] {
         row(&format!("{name}: mean"), &|s| pick(s).map(|d| d.mean));
         row(&format!("{name}: rms"), &|s| pick(s).map(|d| d.rms));

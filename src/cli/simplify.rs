@@ -2,7 +2,8 @@
 
 use super::display::watch;
 use super::{EXIT_SHORT, Log, Talk, memory_budget, parse_memory};
-use crate::config::{Config, DEFAULT_CELL_TRIANGLES, Target, Until};
+use crate::attributes::Weights;
+use crate::config::{Attributes, Config, DEFAULT_CELL_TRIANGLES, Target, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::formats::OutputFormat;
@@ -61,6 +62,13 @@ pub struct Args {
     /// Give up texture coordinates at corners, which cannot be kept.
     #[arg(long)]
     drop_texture: bool,
+    /// How much attributes count against the shape: color=W,normal=W,uv=W,NAME=W; 0 rides along, 1 is
+    /// sensible [default: color=1,normal=0,uv=1].
+    #[arg(long, value_name = "NAME=W,...", default_value = "", hide_default_value = true)]
+    weight: Weights,
+    /// A property whose values are chosen, never averaged; integers other than colours always are.
+    #[arg(long, value_name = "NAME")]
+    label: Vec<String>,
     /// Whether specks, three-edge holes and thin tubes smaller than the error may go (error) or must stay (keep).
     #[arg(long, value_enum, value_name = "POLICY", default_value = "error")]
     topology: TypedTopology,
@@ -157,6 +165,7 @@ impl Args {
             format: self.format,
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
+            attributes: Attributes { weights: self.weight.clone(), labels: self.label.clone() },
             kernel: kernel::Options {
                 topology: match self.topology {
                     TypedTopology::Keep => kernel::Topology::Keep,

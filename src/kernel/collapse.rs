@@ -6,6 +6,7 @@
 use std::hint::select_unpredictable;
 
 use super::Placement;
+use super::attributes::RingLists;
 use super::evaluate::{Around, Found, Rows};
 use super::lanes::Lanes;
 use super::legal::{Class, MAY_COLLAPSE, Reject};
@@ -13,6 +14,7 @@ use super::placement;
 use super::surface::{Fan, GONE, MAX_VALENCE, Surface, Vertex, boundary_quadric, others};
 use super::unchecked::{at, at_mut, part_mut};
 use super::vector::Vec3;
+use super::wedges::{Wedges, place_on_edge};
 
 /// A normal that turns further than this cosine is put off.
 const FLIP_COSINE: f32 = 0.5;
@@ -34,6 +36,9 @@ pub(crate) struct Plan {
 /// Which end goes and which stays: the lower class goes, between equals the smaller room.
 #[inline(always)]
 pub(crate) fn roles(surface: &Surface, a: u32, b: u32) -> (u32, u32) {
+    if let Some(wedges) = &surface.wedges {
+        return roles_at_seams(surface, wedges, a, b);
+    }
     let key = |v: u32| {
         let ring = at(&surface.rings, v);
         (ring.class.map_or(0, |class| class as u64) << 32) | u64::from(ring.room)
@@ -41,6 +46,16 @@ pub(crate) fn roles(surface: &Surface, a: u32, b: u32) -> (u32, u32) {
     let (of_a, of_b) = (key(a), key(b));
     let swap = (of_b < of_a) | ((of_b == of_a) & (b < a));
     (select_unpredictable(swap, b, a), select_unpredictable(swap, a, b))
+}
+
+/// The same where there are seams: between equals what is off the seams goes.
+#[inline(never)]
+fn roles_at_seams(surface: &Surface, wedges: &Wedges, a: u32, b: u32) -> (u32, u32) {
+    let key = |v: u32| {
+        let ring = at(&surface.rings, v);
+        (ring.class, wedges.is_seam(v), ring.room, v)
+    };
+    if key(b) < key(a) { (b, a) } else { (a, b) }
 }
 
 /// Whether the classes of the ends allow it.
@@ -145,8 +160,83 @@ impl Collapser {
                 return Err(Reject::Sliver);
             }
         }
-        self.carry_out(surface, plan, &around, found.quadric(), number);
+        if surface.attributes.is_some() | surface.wedges.is_some() {
+            self.with_wedges(surface, plan, &around, found.quadric(), number);
+        } else {
+            self.carry_out(surface, plan, &around, found.quadric(), number);
+        }
         Ok(())
+    }
+
+    /// Carries the collapse out where channels count or seams are.
+    #[inline(never)]
+    fn with_wedges(
+        &mut self,
+        surface: &mut Surface,
+        plan: Plan,
+        around: &Around,
+        quadric: [f32; 9],
+        number: u32,
+    ) {
+        let (v0, v1) = (plan.v0, plan.v1);
+        let Some(mut wedges) = surface.wedges.take() else {
+            self.with_attributes(surface, plan, around, quadric, number);
+            return;
+        };
+        if !wedges.concern(v0, v1) {
+            let wedge = wedges.single(surface, v1);
+            surface.wedges = Some(wedges);
+            self.with_attributes(surface, plan, around, quadric, number);
+            if let (Some(wedge), Some(mut wedges)) = (wedge, surface.wedges.take()) {
+                wedges.rename(surface, &self.ids[..self.n0], v1, wedge);
+                surface.wedges = Some(wedges);
+            }
+            return;
+        }
+        let seam = wedges.plan(surface, (v0, v1), place_on_edge(around.half, plan.place));
+        self.carry_out(surface, plan, around, quadric, number);
+        wedges.carry_out(surface, &self.ids[..self.n0], v1, seam);
+        surface.wedges = Some(wedges);
+        if let Some(mut attributes) = surface.attributes.take() {
+            attributes.refresh(surface, v1);
+            for &w in self.b[..self.n].iter().chain(&self.c[..self.n]) {
+                attributes.refresh(surface, w);
+            }
+            surface.attributes = Some(attributes);
+        }
+    }
+
+    /// Carries the collapse out off the seams.
+    fn with_attributes(
+        &mut self,
+        surface: &mut Surface,
+        plan: Plan,
+        around: &Around,
+        quadric: [f32; 9],
+        number: u32,
+    ) {
+        let Some(mut attributes) = surface.attributes.take() else {
+            self.carry_out(surface, plan, around, quadric, number);
+            return;
+        };
+        let fixed = at(&surface.rings, plan.v1).class.is_some_and(Class::is_fixed);
+        attributes.before(surface, self.lists(plan), (&around.centre, plan.place), fixed);
+        self.carry_out(surface, plan, around, quadric, number);
+        attributes.after(surface, self.lists(plan), fixed);
+        surface.attributes = Some(attributes);
+    }
+
+    fn lists(&self, plan: Plan) -> RingLists<'_> {
+        RingLists {
+            v0: plan.v0,
+            v1: plan.v1,
+            b: &self.b,
+            c: &self.c,
+            ids: &self.ids,
+            n0: self.n0,
+            n_kept: self.n_kept,
+            n: self.n,
+        }
     }
 
     /// Sorts the triangles of both ends into those that stay and those that vanish.

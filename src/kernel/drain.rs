@@ -161,9 +161,33 @@ fn evaluate_eight<L: Lanes>(
     fixed: &[f32; 8],
 ) -> Evaluated {
     let (from, to) = (eight(&surface.vertices, v0), eight(&surface.vertices, v1));
-    let mut found = evaluate::edges::<L>(from, to, fixed, surface.scale);
+    let mut found = match surface.attributes.is_some() | surface.wedges.is_some() {
+        true => evaluate_attributes::<L>(surface, v0, v1, fixed),
+        false => evaluate::edges::<L>(from, to, fixed, surface.scale),
+    };
     if surface.placement != Placement::Optimal {
         placement::choose(surface.placement, (from, to), fixed, surface.scale, &mut found);
+    }
+    found
+}
+
+/// The same where channels count or seams are.
+#[inline(always)]
+fn evaluate_attributes<L: Lanes>(
+    surface: &Surface,
+    v0: &[u32; 8],
+    v1: &[u32; 8],
+    fixed: &[f32; 8],
+) -> Evaluated {
+    let mut found = match &surface.attributes {
+        Some(attributes) => attributes.evaluate(surface, v0, v1, fixed),
+        None => {
+            let (from, to) = (eight(&surface.vertices, v0), eight(&surface.vertices, v1));
+            evaluate::edges::<L>(from, to, fixed, surface.scale)
+        }
+    };
+    if let Some(wedges) = &surface.wedges {
+        wedges.correct(surface, v0, v1, fixed, &mut found);
     }
     found
 }

@@ -154,7 +154,9 @@ impl Driver {
 
     /// Makes the surface manifold as far as sources for new vertices are at hand; see `mend`.
     pub(crate) fn mend(&mut self) {
-        if self.topology == Topology::Error && self.changes.may_mend {
+        // The wedges of a seam belong to one vertex each, which must not be taken apart.
+        let is_plain = self.surface.wedges.is_none();
+        if self.topology == Topology::Error && self.changes.may_mend && is_plain {
             let done = mend::mend(&mut self.surface, &mut self.spare_sources, self.simd);
             if done.joined + done.split + done.duplicates > 0 {
                 // It was built anew, with stamps from zero.
@@ -225,7 +227,11 @@ impl Driver {
         let mut costs = Vec::new();
         for &block in blocks {
             let end = ((block + 1) * BLOCK).min(self.surface.triangles.len());
-            self.each_edge(block * BLOCK..end, |_, _, cost| costs.push(cost));
+            self.each_edge(block * BLOCK..end, |_, _, cost| {
+                if cost < f32::INFINITY {
+                    costs.push(cost);
+                }
+            });
         }
         if costs.is_empty() {
             return f32::MIN_POSITIVE;

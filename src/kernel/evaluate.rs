@@ -13,14 +13,14 @@ use super::surface::Vertex;
 
 /// Share of the trace added to the diagonal when the best position is solved for; 1e-2 costs error,
 /// 1e-4 to 1e-6 are alike.
-const REGULARISATION: f32 = 3e-5;
+pub(crate) const REGULARISATION: f32 = 3e-5;
 /// Cost of an edge in a plane, as a share of trace times half length squared: prefers short edges where
 /// nothing else tells them apart. Rounding alone is worth 1e-7.
 pub(crate) const LENGTH_COST: f32 = 1e-6;
 /// The volume is kept where |G| is at least this share of the trace; at most it is 2.
-const VOLUME_SHARE: f32 = 0.2;
+pub(crate) const VOLUME_SHARE: f32 = 0.2;
 /// The survivor lies at most this many half lengths from the midpoint.
-const MAX_REACH: f32 = 4.0;
+pub(crate) const MAX_REACH: f32 = 4.0;
 
 /// What `Edges` finds: cost and place of the survivor, relative to the midpoint, for each edge.
 pub(crate) struct Evaluated {
@@ -29,22 +29,22 @@ pub(crate) struct Evaluated {
 }
 
 #[inline(always)]
-fn dot3<L: Lanes>(a: [L; 3], b: [L; 3]) -> L {
+pub(crate) fn dot3<L: Lanes>(a: [L; 3], b: [L; 3]) -> L {
     a[0].times(b[0]).plus(a[1].times(b[1])).plus(a[2].times(b[2]))
 }
 
 #[inline(always)]
-fn sub3<L: Lanes>(a: [L; 3], b: [L; 3]) -> [L; 3] {
+pub(crate) fn sub3<L: Lanes>(a: [L; 3], b: [L; 3]) -> [L; 3] {
     [a[0].minus(b[0]), a[1].minus(b[1]), a[2].minus(b[2])]
 }
 
 #[inline(always)]
-fn add3<L: Lanes>(a: [L; 3], b: [L; 3]) -> [L; 3] {
+pub(crate) fn add3<L: Lanes>(a: [L; 3], b: [L; 3]) -> [L; 3] {
     [a[0].plus(b[0]), a[1].plus(b[1]), a[2].plus(b[2])]
 }
 
 #[inline(always)]
-fn cross3<L: Lanes>(a: [L; 3], b: [L; 3]) -> [L; 3] {
+pub(crate) fn cross3<L: Lanes>(a: [L; 3], b: [L; 3]) -> [L; 3] {
     [
         a[1].times(b[2]).minus(a[2].times(b[1])),
         a[2].times(b[0]).minus(a[0].times(b[2])),
@@ -53,12 +53,12 @@ fn cross3<L: Lanes>(a: [L; 3], b: [L; 3]) -> [L; 3] {
 }
 
 #[inline(always)]
-fn scale3<L: Lanes>(a: [L; 3], s: L) -> [L; 3] {
+pub(crate) fn scale3<L: Lanes>(a: [L; 3], s: L) -> [L; 3] {
     [a[0].times(s), a[1].times(s), a[2].times(s)]
 }
 
 #[inline(always)]
-fn first6<L: Lanes>(q: [L; 9]) -> [L; 6] {
+pub(crate) fn first6<L: Lanes>(q: [L; 9]) -> [L; 6] {
     [q[0], q[1], q[2], q[3], q[4], q[5]]
 }
 
@@ -68,37 +68,37 @@ fn last3<L: Lanes>(q: [L; 9]) -> [L; 3] {
 }
 
 #[inline(always)]
-fn sub6<L: Lanes>(a: [L; 6], b: [L; 6]) -> [L; 6] {
+pub(crate) fn sub6<L: Lanes>(a: [L; 6], b: [L; 6]) -> [L; 6] {
     let (low, high) = (sub3([a[0], a[1], a[2]], [b[0], b[1], b[2]]), [a[3], a[4], a[5]]);
     let high = sub3(high, [b[3], b[4], b[5]]);
     [low[0], low[1], low[2], high[0], high[1], high[2]]
 }
 
 #[inline(always)]
-fn add6<L: Lanes>(a: [L; 6], b: [L; 6]) -> [L; 6] {
+pub(crate) fn add6<L: Lanes>(a: [L; 6], b: [L; 6]) -> [L; 6] {
     let (low, high) = (add3([a[0], a[1], a[2]], [b[0], b[1], b[2]]), [a[3], a[4], a[5]]);
     let high = add3(high, [b[3], b[4], b[5]]);
     [low[0], low[1], low[2], high[0], high[1], high[2]]
 }
 
 #[inline(always)]
-fn store3<L: Lanes>(a: [L; 3]) -> [[f32; 8]; 3] {
+pub(crate) fn store3<L: Lanes>(a: [L; 3]) -> [[f32; 8]; 3] {
     [a[0].store(), a[1].store(), a[2].store()]
 }
 
 /// Symmetric matrix (xx, xy, xz, yy, yz, zz) times vector.
 #[inline(always)]
-fn product<L: Lanes>(m: [L; 6], x: [L; 3]) -> [L; 3] {
+pub(crate) fn product<L: Lanes>(m: [L; 6], x: [L; 3]) -> [L; 3] {
     [dot3([m[0], m[1], m[2]], x), dot3([m[1], m[3], m[4]], x), dot3([m[2], m[4], m[5]], x)]
 }
 
 #[inline(always)]
-fn select3<L: Lanes>(a: L, b: L, x: [L; 3], y: [L; 3]) -> [L; 3] {
+pub(crate) fn select3<L: Lanes>(a: L, b: L, x: [L; 3], y: [L; 3]) -> [L; 3] {
     [L::lt_select(a, b, x[0], y[0]), L::lt_select(a, b, x[1], y[1]), L::lt_select(a, b, x[2], y[2])]
 }
 
 /// L D L^T of a symmetric matrix whose pivots are held above `lift`.
-struct Factors<L> {
+pub(crate) struct Factors<L> {
     l10: L,
     l20: L,
     l21: L,
@@ -107,7 +107,7 @@ struct Factors<L> {
 
 impl<L: Lanes> Factors<L> {
     #[inline(always)]
-    fn new(m: [L; 6], lift: L) -> Self {
+    pub(crate) fn new(m: [L; 6], lift: L) -> Self {
         let one = L::splat(1.0);
         let i0 = one.over(m[0].plus(lift));
         let (l10, l20) = (m[1].times(i0), m[2].times(i0));
@@ -120,7 +120,7 @@ impl<L: Lanes> Factors<L> {
     }
 
     #[inline(always)]
-    fn solve(&self, r: [L; 3]) -> [L; 3] {
+    pub(crate) fn solve(&self, r: [L; 3]) -> [L; 3] {
         let y1 = r[1].minus(self.l10.times(r[0]));
         let y2 = r[2].minus(self.l20.times(r[0])).minus(self.l21.times(y1));
         let z = y2.times(self.inverse[2]);

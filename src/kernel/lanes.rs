@@ -73,6 +73,8 @@ pub(crate) trait Lanes: Copy {
     fn relative(vertices: [&Vertex; 8], base: [&[f64; 3]; 8], scale: f64) -> [Self; 3];
     /// The nine numbers of each vertex's quadric, one array a number.
     fn quadrics(vertices: [&Vertex; 8]) -> [Self; 9];
+    /// Eight rows of eight numbers, one array a number.
+    fn columns(rows: [&[f32; 8]; 8]) -> [Self; 8];
     /// Eight numbers of each lane, one array a lane.
     fn store_rows(columns: [Self; 8], rows: &mut [[f32; 8]; 8]);
     /// Bit `i` tells whether lane `i` is less than that of `other`; not so if either is NaN.
@@ -158,6 +160,10 @@ impl Lanes for Portable {
     #[inline(always)]
     fn quadrics(vertices: [&Vertex; 8]) -> [Self; 9] {
         std::array::from_fn(|row| Portable(std::array::from_fn(|i| vertices[i].quadric[row])))
+    }
+    #[inline(always)]
+    fn columns(rows: [&[f32; 8]; 8]) -> [Self; 8] {
+        std::array::from_fn(|k| Portable(std::array::from_fn(|i| rows[i][k])))
     }
     #[inline(always)]
     fn store_rows(columns: [Self; 8], rows: &mut [[f32; 8]; 8]) {
@@ -367,6 +373,15 @@ mod avx2 {
                 let ids = _mm256_loadu_si256(ids.as_ptr().cast());
                 let same = _mm256_cmpeq_epi32(ids, _mm256_set1_epi32(id.cast_signed()));
                 _mm256_movemask_ps(_mm256_castsi256_ps(same)).cast_unsigned()
+            }
+        }
+        #[inline(always)]
+        fn columns(rows: [&[f32; 8]; 8]) -> [Self; 8] {
+            unsafe {
+                let r = |i: usize| _mm256_loadu_ps(rows[i].as_ptr());
+                let [x0, x1, x2, x3, x4, x5, x6, x7] =
+                    transposed([r(0), r(1), r(2), r(3), r(4), r(5), r(6), r(7)]);
+                [Avx2(x0), Avx2(x1), Avx2(x2), Avx2(x3), Avx2(x4), Avx2(x5), Avx2(x6), Avx2(x7)]
             }
         }
         #[inline(always)]

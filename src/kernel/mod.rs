@@ -3,6 +3,8 @@
 //! It knows no files, threads, clock or logging, and its result depends on nothing but its arguments.
 //! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
 
+mod attribute_lanes;
+mod attributes;
 mod collapse;
 mod drain;
 mod drive;
@@ -18,6 +20,10 @@ mod surface;
 mod topology;
 mod unchecked;
 mod vector;
+mod wedges;
+mod weld;
+
+pub use attributes::MAX_WEIGHTED;
 
 use crate::mesh::Mesh;
 
@@ -51,6 +57,12 @@ pub struct Options {
     pub topology: Topology,
     /// Where the vertex goes that survives a collapse.
     pub placement: Placement,
+    /// For each channel, how many input units of distance a difference of 1 weighs as much as; 0, or none
+    /// given: it rides along. At most `MAX_WEIGHTED` count.
+    pub weights: Vec<f32>,
+    /// For each channel, whether its values are only ever interpolated along edges: texture coordinates, which
+    /// mean nothing outside of their chart. Others may be extrapolated to where the survivor is.
+    pub confined: Vec<bool>,
 }
 
 /// Where the vertex goes that survives a collapse.
@@ -84,6 +96,8 @@ impl Default for Options {
             stop: Stop::Triangles(u64::MAX),
             topology: Topology::default(),
             placement: Placement::default(),
+            weights: Vec::new(),
+            confined: Vec::new(),
         }
     }
 }
@@ -124,8 +138,14 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
 
 fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
     let mut statistics = Statistics::default();
-    let mut surface = surface::Surface::new(mesh, locked, simd);
+    let mut surface =
+        surface::Surface::new(mesh, locked, (&options.weights, &options.confined), simd);
     surface.placement = options.placement;
+    if options.topology == Topology::Error && surface.n_channels == 0 {
+        weld::lock_coincident(&mut surface);
+    } else {
+        weld::coincident(&mut surface, options.topology, simd);
+    }
     let mut driver = drive::Driver::new(surface, simd, options.topology);
     driver.mend();
     match &options.stop {
@@ -160,6 +180,18 @@ pub fn peak_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
     102 * n_triangles + n_vertices * (24 + 8 * n_channels as u64)
 }
 
+/// What weighted channels add to `peak_bytes`.
+pub fn attribute_bytes(n_vertices: u64, n_weighted: usize) -> u64 {
+    match n_weighted {
+        0 => 0,
+        n => {
+            n_vertices
+                * 32
+                * attribute_lanes::numbers(n.min(MAX_WEIGHTED)).div_ceil(8).max(2) as u64
+        }
+    }
+}
+
 /// Drops vertices that no triangle uses; the second value tells where each kept vertex was.
 fn compact(mesh: Mesh) -> (Mesh, Vec<u32>) {
     const UNUSED: u32 = u32::MAX;
@@ -188,7 +220,7 @@ mod tests {
     use super::*;
 
     /// A bumpy sheet of 2 n^2 triangles.
-    fn sheet(n: usize) -> Mesh {
+    pub(super) fn sheet(n: usize) -> Mesh {
         let mut mesh = Mesh::default();
         for i in 0..=n {
             for j in 0..=n {

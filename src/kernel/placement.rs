@@ -17,6 +17,10 @@ pub(crate) fn choose(
     found: &mut Evaluated,
 ) {
     for i in 0..8 {
+        // Refused for the sake of a seam.
+        if found.cost[i] == f32::INFINITY {
+            continue;
+        }
         let (from, to) = (v0[i], v1[i]);
         let half: [f32; 3] =
             std::array::from_fn(|k| ((to.position[k] - from.position[k]) * scale * 0.5) as f32);

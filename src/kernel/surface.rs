@@ -6,12 +6,14 @@
 use std::hint::select_unpredictable;
 
 use super::Placement;
+use super::attributes::Attributes;
 use super::evaluate::{Rows, Triangles};
 use super::lanes::{Job, Lanes, Simd};
 use super::legal::Class;
 use super::order;
 use super::unchecked::{at, at_mut, part};
 use super::vector::Vec3;
+use super::wedges::Wedges;
 use crate::mesh::Mesh;
 
 /// First corner of a triangle that is gone.
@@ -61,6 +63,10 @@ pub(crate) struct Surface {
     pub(crate) scale: f64,
     /// 1 / scale, which is exact.
     pub(crate) unscale: f64,
+    /// Only if a channel has a weight.
+    pub(crate) attributes: Option<Box<Attributes>>,
+    /// Only if there are attribute seams.
+    pub(crate) wedges: Option<Box<Wedges>>,
 }
 
 /// Quadric of a boundary edge: squared length times squared distance to its line.
@@ -89,7 +95,12 @@ fn is_proper(t: &[u32; 3]) -> bool {
 
 impl Surface {
     /// Takes a mesh apart. Triangles that repeat a corner are dropped.
-    pub(crate) fn new(mut mesh: Mesh, locked: &[bool], simd: Simd) -> Self {
+    pub(crate) fn new(
+        mut mesh: Mesh,
+        locked: &[bool],
+        (weights, confined): (&[f32], &[bool]),
+        simd: Simd,
+    ) -> Self {
         mesh.triangles.retain(is_proper);
         let order = order::morton(&mesh.positions, &mesh.triangles);
         let (_, side) = order::bounds(&mesh.positions);
@@ -133,6 +144,8 @@ impl Surface {
             placement: Placement::default(),
             scale,
             unscale: 1.0 / scale,
+            attributes: Attributes::new(weights, confined, scale, simd).map(Box::new),
+            wedges: None,
         };
         surface.build(simd, false);
         surface
@@ -161,6 +174,9 @@ impl Surface {
         self.rings.truncate(n);
         self.source.truncate(n);
         self.channels.truncate(n * self.n_channels);
+        if let Some(wedges) = &mut self.wedges {
+            wedges.retain(&self.triangles);
+        }
         self.triangles.retain(|t| t[0] != GONE);
         for t in &mut self.triangles {
             *t = t.map(|v| place[v as usize]);
@@ -198,6 +214,14 @@ impl Surface {
             }
         }
         simd.run(Classify { surface: self, again });
+        if let Some(mut wedges) = self.wedges.take() {
+            wedges.find_seams(self);
+            self.wedges = Some(wedges);
+        }
+        if let Some(mut attributes) = self.attributes.take() {
+            attributes.build(self);
+            self.attributes = Some(attributes);
+        }
     }
 
     fn sum_quadrics(&mut self, simd: Simd) {
@@ -220,6 +244,21 @@ impl Surface {
                     rows.add_to(i, &mut at_mut(&mut self.vertices, v).quadric);
                 }
             }
+        }
+    }
+
+    /// The channels of a vertex off the seams.
+    #[inline(always)]
+    pub(crate) fn channels_of(&self, v: u32) -> &[f32] {
+        &self.channels[v as usize * self.n_channels..][..self.n_channels]
+    }
+
+    /// The channels at corner `v` of triangle `t`.
+    #[inline(always)]
+    pub(crate) fn values_at(&self, t: u32, v: u32) -> &[f32] {
+        match &self.wedges {
+            None => self.channels_of(v),
+            Some(wedges) => wedges.values_at(self, t, v),
         }
     }
 
@@ -267,8 +306,13 @@ impl Surface {
         }
     }
 
-    /// The mesh that is left, vertices in the order of their sources.
+    /// The mesh that is left, vertices in the order of their sources; seams are split again.
     pub(crate) fn into_mesh(mut self) -> (Mesh, Vec<u32>) {
+        if let Some(mut wedges) = self.wedges.take() {
+            wedges.retain(&self.triangles);
+            self.triangles.retain(|t| t[0] != GONE);
+            return self.split(&wedges);
+        }
         self.triangles.retain(|t| t[0] != GONE);
         let mut used: Vec<(u32, u32)> = Vec::new();
         let mut place = vec![GONE; self.vertices.len()];
@@ -296,6 +340,27 @@ impl Surface {
         }
         mesh.triangles = self.triangles;
         (mesh, used.into_iter().map(|(source, _)| source).collect())
+    }
+}
+
+impl Surface {
+    /// The mesh with a vertex for every wedge that is in use.
+    fn split(self, wedges: &Wedges) -> (Mesh, Vec<u32>) {
+        let corners = wedges.corner.iter().flatten().zip(self.triangles.iter().flatten());
+        let mut used: Vec<(u32, u32, u32)> =
+            corners.map(|(&w, &v)| (wedges.of(w).0, w, v)).collect();
+        used.sort_unstable();
+        used.dedup();
+        let mut mesh = Mesh { n_channels: self.n_channels, ..Mesh::default() };
+        let n_wedges = used.iter().map(|&(_, w, _)| w as usize + 1).max().unwrap_or(0);
+        let mut place = vec![GONE; n_wedges];
+        for (new, &(_, w, v)) in used.iter().enumerate() {
+            place[w as usize] = new as u32;
+            mesh.positions.push(self.vertices[v as usize].position);
+            mesh.channels.extend_from_slice(wedges.of(w).1);
+        }
+        mesh.triangles = wedges.corner.iter().map(|t| t.map(|w| place[w as usize])).collect();
+        (mesh, used.into_iter().map(|(source, ..)| source).collect())
     }
 }
 

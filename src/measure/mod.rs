@@ -8,6 +8,7 @@
 // Three axes (and eight lanes) run through several arrays side by side; an index shows that best.
 #![allow(clippy::needless_range_loop)]
 
+pub mod carried;
 pub mod colour;
 pub mod heatmap;
 pub mod load;
@@ -21,6 +22,7 @@ mod sums;
 pub mod tree;
 pub mod triangle;
 
+pub use carried::Carried;
 pub use colour::ColourChannels;
 pub use out_of_core::{Measured, distances, two_sided_parts};
 pub use parts::{Parts, Place};
@@ -31,6 +33,7 @@ use crate::error::Result;
 use crate::mesh::Mesh;
 use crate::parallel;
 use crate::progress::Progress;
+use carried::Values;
 use sample::{Density, Sample};
 use side::SideSums;
 use std::ops::Range;
@@ -58,8 +61,8 @@ pub struct Options {
     pub seed: u64,
     /// Threads to work on; they do not show in the result.
     pub threads: usize,
-    /// Where the colours are, if both meshes have some: of the original, of the simplified.
-    pub colours: Option<[ColourChannels; 2]>,
+    /// Where colours and the like are, if both meshes have some: of the original, of the simplified.
+    pub colours: Option<[Carried; 2]>,
     /// Counts the samples within it apart.
     pub region: Option<Region>,
 }
@@ -184,11 +187,11 @@ impl Bounds {
     }
 }
 
-/// A mesh and what is known of its colours.
+/// A mesh and what is known of its colours and the like.
 #[derive(Clone, Copy)]
 struct Surface<'a> {
     mesh: &'a Mesh,
-    colour: Option<ColourChannels>,
+    colour: Option<Carried>,
 }
 
 impl Surface<'_> {
@@ -202,24 +205,26 @@ impl Surface<'_> {
         area
     }
 
-    /// CIELAB at a point of a triangle given in canonical order, if there are colours.
-    fn lab(&self, vertices: [u32; 3], weights: [f64; 3]) -> Option<[f64; 3]> {
-        self.colour.map(|colour| colour.lab(self.mesh, vertices, weights))
+    /// What a point of a triangle given in canonical order carries.
+    fn values(&self, vertices: [u32; 3], weights: [f64; 3]) -> Values {
+        self.colour.map_or(Values::default(), |c| c.at(self.mesh, vertices, weights))
     }
 
-    /// CIELAB at the point of `nearest` (the triangle at `slot` of `tree`, over this mesh) next to `point`.
-    fn lab_next_to(&self, tree: &Tree, slot: u32, point: Vector) -> Option<[f64; 3]> {
-        self.colour?;
+    /// What is carried at the point of `nearest` (the triangle at `slot` of `tree`, over this mesh) next to `point`.
+    fn values_next_to(&self, tree: &Tree, slot: u32, point: Vector) -> Values {
+        if self.colour.is_none() {
+            return Values::default();
+        }
         let (_, weights) = triangle::closest(point, tree.corners(slot));
         let (_, vertices) = self.canonical(tree.id(slot) as usize);
-        self.lab(vertices, weights)
+        self.values(vertices, weights)
     }
 
-    /// The normal and the colour of the surface at one of its samples.
-    fn look(&self, triangle: usize, sample: &Sample) -> (Vector, Option<[f64; 3]>) {
+    /// The normal of the surface at one of its samples, and what it carries there.
+    fn look(&self, triangle: usize, sample: &Sample) -> (Vector, Values) {
         let (corners, vertices) = self.canonical(triangle);
         let [u, v] = sample.weights.map(f64::from);
-        (triangle::area_normal(&corners), self.lab(vertices, [1.0 - u - v, u, v]))
+        (triangle::area_normal(&corners), self.values(vertices, [1.0 - u - v, u, v]))
     }
 
     /// Corner positions and corner vertices in canonical order.
@@ -338,7 +343,7 @@ impl Direction<'_> {
     fn compare(&self, from: usize, sample: &Sample, slot: u32, sums: &mut SideSums) {
         let here = self.source.look(from, sample);
         let there = triangle::area_normal(self.tree.corners(slot));
-        sums.add_looks(here, (there, self.target.lab_next_to(self.tree, slot, sample.point)));
+        sums.add_looks(here, (there, self.target.values_next_to(self.tree, slot, sample.point)));
     }
 
     /// Holds vertices against the maximum. One that is seen to lie closer than the worst point so far is

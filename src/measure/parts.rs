@@ -6,7 +6,7 @@
 use super::sums::Sum;
 use super::tree::{Nearest, Tree};
 use super::triangle::Vector;
-use super::{Bounds, ColourChannels, Surface};
+use super::{Bounds, Carried, Surface};
 use crate::cells::{CellStore, load_bytes};
 use crate::error::Result;
 use crate::mesh::Mesh;
@@ -37,7 +37,7 @@ pub struct Parts<'a> {
     /// Where it is.
     pub place: Place<'a>,
     /// Where its colours are among the channels.
-    pub colours: Option<ColourChannels>,
+    pub colours: Option<Carried>,
     /// All vertices, unused ones included.
     pub n_vertices: u64,
     /// Lower and upper corner of a box around all vertices.
@@ -66,7 +66,7 @@ pub(super) struct Means<'a> {
 
 impl<'a> Parts<'a> {
     /// A mesh in memory.
-    pub fn in_memory(mesh: &'a Mesh, colours: Option<ColourChannels>) -> Self {
+    pub fn in_memory(mesh: &'a Mesh, colours: Option<Carried>) -> Self {
         let mut bounds = Bounds::EMPTY;
         mesh.positions.iter().for_each(|&point| bounds.add(point));
         let (place, n_vertices) = (Place::Memory(mesh), mesh.positions.len() as u64);
@@ -75,7 +75,7 @@ impl<'a> Parts<'a> {
 
     /// The cells of a store, which hold a mesh of `n_vertices` vertices within `bounds`.
     pub fn in_cells(store: &'a CellStore, n_vertices: u64, bounds: [Vector; 2]) -> Self {
-        let colours = ColourChannels::of(&store.layout().schema);
+        let colours = Carried::of(&store.layout().schema);
         Parts { place: Place::Cells(store), colours, n_vertices, bounds }
     }
 

@@ -5,6 +5,7 @@
 //! exact one: whatever lies in other cells is farther than the bound.
 
 use super::Bounds;
+use super::carried::Values;
 use super::parts::{Means, Parts, Survey};
 use super::side::Look;
 use super::tree::{Nearest, Tree};
@@ -18,20 +19,24 @@ const RUN: usize = 256;
 /// Bytes a query takes while it is settled: bound, place in lists, answer on the way and at its end.
 pub(super) const QUERY_BYTES: u64 = 300;
 
-/// The nearest point of a surface: squared distance, canonical corners of its triangle, colour.
+/// The nearest point of a surface: squared distance, canonical corners of its triangle, what it carries.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub(super) struct Hit {
     pub distance_sq: f64,
     pub corners: [Vector; 3],
-    pub lab: Option<[f64; 3]>,
+    pub values: Values,
 }
 
 impl Hit {
-    const NONE: Hit = Hit { distance_sq: f64::INFINITY, corners: [[0.0; 3]; 3], lab: None };
+    const NONE: Hit = Hit {
+        distance_sq: f64::INFINITY,
+        corners: [[0.0; 3]; 3],
+        values: Values { lab: None, texture: None, normal: None },
+    };
 
-    /// Normal and colour at the hit.
+    /// Normal at the hit and what it carries.
     pub fn look(&self) -> Look {
-        (triangle::area_normal(&self.corners), self.lab)
+        (triangle::area_normal(&self.corners), self.values)
     }
 }
 
@@ -77,9 +82,9 @@ pub(super) fn settle(
                 let nearest = tree.nearest_unless_within(point, guess, enough_sq[query as usize]);
                 if nearest.is_found() {
                     slot = nearest.slot;
-                    let lab = surface.lab_next_to(&tree, slot, point);
+                    let values = surface.values_next_to(&tree, slot, point);
                     let distance_sq = nearest.distance_sq;
-                    found.push((query, Hit { distance_sq, corners: *tree.corners(slot), lab }));
+                    found.push((query, Hit { distance_sq, corners: *tree.corners(slot), values }));
                 }
             }
             found

@@ -51,12 +51,12 @@ pub struct TextureInfo {
 
 /// A mesh file whose header has been read and held against the file's length.
 pub struct MeshSource {
-    file: RawFile,
-    header: Header,
-    options: ReadOptions,
+    pub(super) file: RawFile,
+    pub(super) header: Header,
+    pub(super) options: ReadOptions,
     plan: FieldPlan,
-    layout: Layout,
-    bad_vertices: BadVertices,
+    pub(super) layout: Layout,
+    pub(super) bad_vertices: BadVertices,
     positions: OnceLock<RawFile>,
     positions_lock: Mutex<()>,
     staged: Staged,
@@ -69,6 +69,8 @@ pub(crate) struct Staged {
     pub bad_faces: u64,
     /// A texture that the PLY no longer mentions.
     pub texture: Option<TextureInfo>,
+    /// Texture coordinates were at corners and are now at vertices; whether with the number of an image.
+    pub wedges: Option<bool>,
 }
 
 impl MeshSource {
@@ -167,6 +169,12 @@ impl MeshSource {
             matches!(p.kind, Kind::List { .. }) && name.replace('_', "").starts_with("texcoord")
         })?;
         (!files.is_empty()).then(|| TextureInfo { files, property: property.name.clone() })
+    }
+
+    /// Whether texture coordinates were moved from corners to vertices: the last two properties, or three
+    /// if the value is true (`formats::texture_at_vertices`).
+    pub fn wedges(&self) -> Option<bool> {
+        self.staged.wedges
     }
 
     /// Refuses a file that has no faces, saying what it has.
@@ -354,7 +362,7 @@ impl MeshSource {
         Ok(())
     }
 
-    fn face(&self) -> &Element {
+    pub(super) fn face(&self) -> &Element {
         let i = self.layout.face_element.unwrap_or(self.layout.vertex_element);
         &self.header.elements[i]
     }

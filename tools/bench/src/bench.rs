@@ -163,7 +163,10 @@ pub fn rows(input: &Input, target: u64, peers: &[Peer], settings: &Settings) -> 
     for (row, peer) in rows.iter_mut().zip(peers) {
         let result = result_of(row, peer, settings);
         if row.trouble.is_empty() && row.quality.is_none() {
-            row.quality = Some(quality(input, &result, settings)?);
+            match quality(input, &result, settings) {
+                Ok(quality) => row.quality = Some(quality),
+                Err(error) => row.trouble = error.to_string(),
+            }
         }
         if keeps(peer) && !row.version.is_empty() {
             let json = serde_json::to_string_pretty(row)?;
@@ -279,14 +282,20 @@ fn cached(row: &Row, peer: &Peer, settings: &Settings) -> Option<Row> {
     if !reuse || !keeps(peer) {
         return None;
     }
-    let text = std::fs::read_to_string(cache_name(row, settings, "json")).ok()?;
-    let mut earlier: Row = serde_json::from_str(&text).ok()?;
-    let same = earlier.version == row.version && earlier.triangles_in == row.triangles_in;
-    let whole = !earlier.trouble.is_empty()
-        || earlier.quality.is_some()
+    let mut found = earlier(row, settings)?;
+    let whole = !found.trouble.is_empty()
+        || found.quality.is_some()
         || cache_name(row, settings, "ply").is_file();
-    earlier.cached = true;
-    (same && whole).then_some(earlier)
+    found.cached = true;
+    whole.then_some(found)
+}
+
+/// What the cache says of this tool's version, mesh and target; the quality only if as many samples were taken.
+fn earlier(row: &Row, settings: &Settings) -> Option<Row> {
+    let text = std::fs::read_to_string(cache_name(row, settings, "json")).ok()?;
+    let mut found: Row = serde_json::from_str(&text).ok()?;
+    found.quality = found.quality.filter(|quality| quality.samples == settings.samples);
+    (found.version == row.version && found.triangles_in == row.triangles_in).then_some(found)
 }
 
 /// Runs one tool once and adds the run to its row.
@@ -350,18 +359,24 @@ fn keep_report(row: &Row, mut report: RunReport, settings: &Settings) -> Outcome
     Ok(())
 }
 
-fn keep_result(row: &Row, peer: &Peer, output: &Path, settings: &Settings) -> Outcome<()> {
+fn keep_result(row: &mut Row, peer: &Peer, output: &Path, settings: &Settings) -> Outcome<()> {
     let result = result_of(row, peer, settings);
     if peer.kind == Kind::Stonecut {
         std::fs::rename(output, result)?;
         return Ok(());
     }
+    let fresh = result.with_extension("new.ply");
     let done =
-        Command::new(&settings.places.bench).arg("to-ply").args([output, &result]).output()?;
-    if done.status.success() {
-        return Ok(());
+        Command::new(&settings.places.bench).arg("to-ply").args([output, &fresh]).output()?;
+    if !done.status.success() {
+        let said = String::from_utf8_lossy(&done.stderr);
+        return Err(format!("unusable result: {}", said.trim()).into());
     }
-    Err(format!("unusable result: {}", String::from_utf8_lossy(&done.stderr).trim()).into())
+    // The same bytes as in an earlier session need no further judgement.
+    let same = result.is_file() && same_bytes(&result, &fresh)?;
+    row.quality = if same { earlier(row, settings).and_then(|row| row.quality) } else { None };
+    std::fs::rename(fresh, result)?;
+    Ok(())
 }
 
 fn own_options(settings: &Settings, report: &Path) -> Vec<String> {

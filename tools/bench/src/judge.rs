@@ -73,6 +73,7 @@ pub fn judge(
     Ok(Quality {
         before,
         after: measured.simplified.topology,
+        samples: options.samples,
         rms: measured.rms,
         p999: measured.forward.p999.max(measured.backward.p999),
         max: measured.forward.max.max(measured.backward.max),

@@ -160,7 +160,7 @@ enum PeersCommand {
 
 #[derive(Args)]
 struct Comparing {
-    /// Files, or KIND:TRIANGLES[:shuffled] to make one
+    /// Files, or KIND:TRIANGLES or KIND:TRIANGLES:shuffled to make one
     #[arg(required = true)]
     meshes: Vec<String>,
     /// Shares of the input's triangles

@@ -38,6 +38,9 @@ pub struct Quality {
     pub before: Topology,
     /// Of the result.
     pub after: Topology,
+    /// Samples a side that were asked for.
+    #[serde(default)]
+    pub samples: u64,
     /// Two-sided root mean square distance, input units.
     pub rms: f64,
     /// The larger of the two directions' 99.9th percentiles, input units.

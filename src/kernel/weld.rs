@@ -1,0 +1,119 @@
+//! Joins open boundaries that touch: vertices in exactly the same place become one.
+//!
+//! Before anything is collapsed. A scan that was split along texture seams is otherwise a heap of charts,
+//! each with a boundary of its own, and cracks would open between them. Where joining would put two
+//! triangles on the same side of an edge, it is not done. Locked vertices are never joined: another cell
+//! knows them; what coincides with one is locked too, so that both sides stay together.
+//!
+//! Vertices whose channels are the same become one for good under `Topology::Error`; all others stay apart
+//! as wedges (`wedges`). Without channels and under `Topology::Error`, `mend` does more instead.
+
+use std::collections::BTreeMap;
+
+use super::Topology;
+use super::lanes::Simd;
+use super::legal::Class;
+use super::surface::{GONE, Surface};
+use super::wedges::Wedges;
+
+/// Joins what coincides; returns how many vertices went. Sorts boundary vertices only.
+pub(crate) fn coincident(surface: &mut Surface, topology: Topology, simd: Simd) -> u64 {
+    let mut join = candidates(surface);
+    while !join.is_empty() {
+        let bad = conflicts(surface, &join);
+        if bad.is_empty() {
+            break;
+        }
+        join.retain(|v, into| bad.binary_search(v).is_err() && bad.binary_search(into).is_err());
+    }
+    if join.is_empty() {
+        return 0;
+    }
+    let kept_apart = |surface: &Surface, (v, into): (&u32, &u32)| {
+        topology == Topology::Keep || surface.channels_of(*v) != surface.channels_of(*into)
+    };
+    if join.iter().any(|pair| kept_apart(surface, pair)) {
+        let mut wedges = Box::new(Wedges::new(surface));
+        if topology == Topology::Error {
+            wedges.join_equal(&join);
+        }
+        surface.wedges = Some(wedges);
+    }
+    for t in &mut surface.triangles {
+        if t[0] != GONE {
+            *t = t.map(|v| join.get(&v).copied().unwrap_or(v));
+        }
+    }
+    for &v in join.keys() {
+        surface.rings[v as usize].len = 0;
+    }
+    surface.compact(simd);
+    join.len() as u64
+}
+
+/// Locks what coincides with a locked vertex, and joins nothing.
+pub(crate) fn lock_coincident(surface: &mut Surface) {
+    candidates(surface);
+}
+
+/// Vertices with open edges, each with the one of lowest source in the same place. Where one of them is
+/// locked, they all become so instead.
+fn candidates(surface: &mut Surface) -> BTreeMap<u32, u32> {
+    // Where several fans of one chart meet in a vertex, the gaps may be what other charts fill.
+    let concerned =
+        |v: &u32| surface.rings[*v as usize].class.is_some_and(|class| class != Class::Interior);
+    // Adding 0 makes -0 and 0 the same place.
+    let place = |v: u32| surface.vertices[v as usize].position.map(|x| (x + 0.0).to_bits());
+    let mut found: Vec<([u64; 3], u32, u32)> = (0..surface.vertices.len() as u32)
+        .filter(concerned)
+        .map(|v| (place(v), surface.source[v as usize], v))
+        .collect();
+    found.sort_unstable();
+    let mut join = BTreeMap::new();
+    for group in found.chunk_by(|a, b| a.0 == b.0).filter(|group| group.len() > 1) {
+        let class = |v: u32| surface.rings[v as usize].class;
+        if group.iter().any(|&(_, _, v)| class(v) == Some(Class::Locked)) {
+            for &(_, _, v) in group {
+                surface.rings[v as usize].class = Some(Class::Locked);
+            }
+            continue;
+        }
+        for &(_, _, v) in &group[1..] {
+            join.insert(v, group[0].2);
+        }
+    }
+    join
+}
+
+/// Vertices, ascending, whose joining would repeat a directed edge or a corner.
+fn conflicts(surface: &Surface, join: &BTreeMap<u32, u32>) -> Vec<u32> {
+    let joined = |v: u32| join.get(&v).copied().unwrap_or(v);
+    let mut touched: Vec<u32> = join.iter().flat_map(|(&v, &into)| [v, into]).collect();
+    touched.sort_unstable();
+    touched.dedup();
+    let mut triangles: Vec<u32> =
+        touched.iter().flat_map(|&v| surface.ring(v).iter().copied()).collect();
+    triangles.sort_unstable();
+    triangles.dedup();
+    // Each directed edge as it would be, and as it is.
+    let mut edges: Vec<([u32; 2], [u32; 2])> = Vec::with_capacity(triangles.len() * 3);
+    let mut bad = Vec::new();
+    for &t in &triangles {
+        let t = surface.triangles[t as usize];
+        for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+            let edge = [joined(a), joined(b)];
+            if edge[0] == edge[1] {
+                bad.extend([a, b]);
+            }
+            edges.push((edge, [a, b]));
+        }
+    }
+    edges.sort_unstable();
+    for same in edges.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
+        bad.extend(same.iter().flat_map(|(_, now)| now));
+    }
+    bad.retain(|v| touched.binary_search(v).is_ok());
+    bad.sort_unstable();
+    bad.dedup();
+    bad
+}
