@@ -42,6 +42,7 @@ pub mod synth;
 pub mod topology;
 pub mod units;
 pub mod verify;
+pub mod within;
 pub mod write;
 
 pub use error::{Error, Result};

@@ -7,7 +7,7 @@
 use crate::cells::{
     CellStore, Dropped, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout,
 };
-use crate::config::{Config, Until};
+use crate::config::{Config, Target, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::formats::{OutputKind, StageOptions, texture_at_vertices};
@@ -25,6 +25,7 @@ use crate::simplify::{self, Goal};
 use crate::stitch::{self, Parts, Step};
 use crate::summary::{InputReport, OutputReport, RunReport, SeamReport, StageReport};
 use crate::verify;
+use crate::within;
 use crate::write::{self, Written};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -74,6 +75,9 @@ pub fn simplify(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
+    if let Target::MaxError(bound) = config.target {
+        return within::simplify(bound, prepared, config, progress);
+    }
     simplify_on(&Disk::default(), prepared, config, progress)
 }
 
@@ -461,6 +465,7 @@ impl<'a> Stages<'a> {
             stop_reason: if met { "target" } else { "nothing legal left to collapse" }.to_owned(),
             measured: None,
             stages: self.reports.clone(),
+            max_error: None,
         }
     }
 }
@@ -486,7 +491,7 @@ fn confined(source: &MeshSource, config: &Config) -> Vec<bool> {
 }
 
 /// Recorded before the output is written: an output that is found later may be this job's own.
-const WRITING: &str = "writing";
+pub(crate) const WRITING: &str = "writing";
 
 /// The writer itself compares: a run that died between its rename and its end has left the same bytes.
 fn refuse_to_overwrite(config: &Config) -> Result<()> {
@@ -505,6 +510,7 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("target".to_owned(), format!("{:?}", config.target)),
         ("cell-triangles".to_owned(), config.cell_triangles.to_string()),
         ("skip-bad".to_owned(), config.skip_bad.to_string()),
+        ("placement".to_owned(), format!("{:?}", config.kernel.placement).to_lowercase()),
         ("weight".to_owned(), config.attributes.weights.to_string()),
         ("label".to_owned(), config.attributes.labels.join(",")),
         ("topology".to_owned(), format!("{:?}", config.kernel.topology).to_lowercase()),
@@ -512,7 +518,11 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
 }
 
 /// What the job's files are only valid for.
-fn identity(source: &MeshSource, marks: &BTreeMap<String, String>, config: &Config) -> Identity {
+pub(crate) fn identity(
+    source: &MeshSource,
+    marks: &BTreeMap<String, String>,
+    config: &Config,
+) -> Identity {
     let mut marks = marks.clone();
     marks.insert("vertices".to_owned(), source.n_vertices().to_string());
     marks.insert("faces".to_owned(), source.n_faces().to_string());

@@ -5,10 +5,12 @@
 
 use std::hint::select_unpredictable;
 
+use super::Placement;
 use super::attributes::RingLists;
 use super::evaluate::{Around, Found, Rows};
 use super::lanes::Lanes;
 use super::legal::{Class, MAY_COLLAPSE, Reject};
+use super::placement;
 use super::surface::{Fan, GONE, HUB, MAX_VALENCE, Surface, Vertex, boundary_quadric, others};
 use super::unchecked::{at, at_mut, part_mut};
 use super::vector::Vec3;
@@ -444,7 +446,9 @@ impl Collapser {
                 *sum -= x;
             }
         }
-        if !fixed {
+        if !fixed && surface.placement == Placement::Subset {
+            placement::keep_an_end(surface, (v0, v1), &plan.place);
+        } else if !fixed {
             let (centre, unscale) = (&around.centre, surface.unscale);
             let place = |i: usize| centre[i] + f64::from(plan.place[i]) * unscale;
             let place = [place(0), place(1), place(2)];
