@@ -121,7 +121,7 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
     let mut statistics = Statistics::default();
     let mut surface =
         surface::Surface::new(mesh, locked, (&options.weights, &options.confined), simd);
-    weld::coincident(&mut surface, options.topology, simd);
+    weld::coincident(&mut surface, options.topology, &options.confined, simd);
     let mut driver = drive::Driver::new(surface, simd, options.topology);
     match &options.stop {
         Stop::Triangles(target) => statistics.reached = driver.reach(*target),
