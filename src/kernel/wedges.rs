@@ -81,6 +81,9 @@ impl Pairs {
     }
 }
 
+/// Values of a channel at both ends of an edge, if all wedges of either agree.
+type CommonEnds = Option<[f32; 2]>;
+
 /// A collapse at a seam under way.
 pub(crate) struct SeamPlan {
     pairs: Pairs,
@@ -194,9 +197,9 @@ impl Wedges {
         self.values[at..at + self.n_channels].copy_from_slice(surface.channels_of(v1));
         for &t in triangles {
             let corners = surface.triangles[t as usize];
-            for k in 0..3 {
-                if corners[k] == v1 {
-                    self.corner[t as usize][k] = wedge;
+            for (corner, &v) in self.corner[t as usize].iter_mut().zip(&corners) {
+                if v == v1 {
+                    *corner = wedge;
                 }
             }
         }
@@ -286,7 +289,7 @@ impl Wedges {
         surface: &Surface,
         (t, v, end): (u32, u32, usize),
         (pairs, edge): (&Pairs, [f64; 3]),
-        (active, common): (&[(usize, f32)], &[Option<[f32; 2]>]),
+        (active, common): (&[(usize, f32)], &[CommonEnds]),
         c: &mut [f64; 3],
     ) {
         let (b, d) = others(surface.triangles[t as usize], v);
@@ -295,7 +298,8 @@ impl Wedges {
         let double_area = length_sq(n).sqrt();
         let edges_sq = length_sq(to_b) + length_sq(to_d) + length_sq(sub(to_d, to_b));
         let below = length_sq(n).max(edges_sq * edges_sq * LEAST_SHAPE_SQ);
-        if !(below > 0.0) {
+        // NaN is no triangle either.
+        if below <= 0.0 || below.is_nan() {
             return;
         }
         // What one unit of step at b, and at d, is worth along the whole edge.
@@ -388,10 +392,9 @@ impl Wedges {
         }
         for &t in triangles {
             let corners = surface.triangles[t as usize];
-            for k in 0..3 {
-                let wedge = self.corner[t as usize][k];
-                if let (true, Some((_, new))) = (corners[k] == v1, plan.pairs.of_v0(wedge)) {
-                    self.corner[t as usize][k] = new;
+            for (corner, &v) in self.corner[t as usize].iter_mut().zip(&corners) {
+                if let (true, Some((_, new))) = (v == v1, plan.pairs.of_v0(*corner)) {
+                    *corner = new;
                 }
             }
         }
