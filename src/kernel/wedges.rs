@@ -458,7 +458,8 @@ mod tests {
         let locked = vec![false; mesh.positions.len()];
         let weights = weights.to_vec();
         let stop = Stop::Triangles(target);
-        let options = Options { stop, topology, weights, confined: vec![true; 2] };
+        let options =
+            Options { stop, topology, weights, confined: vec![true; 2], ..Options::default() };
         simplify_mesh(mesh.clone(), &locked, &options)
     }
 
