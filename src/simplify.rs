@@ -13,8 +13,8 @@ use serde::{Deserialize, Serialize};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// The pilot takes every 16th cell, at least 4 and at most 48.
-const PILOT_SHARE: usize = 16;
+/// The pilot takes every 32nd cell, at least 4 and at most 48.
+const PILOT_SHARE: usize = 32;
 const PILOT_CELLS: std::ops::RangeInclusive<usize> = 4..=48;
 
 /// The pilot's first threshold, in mean squared triangle areas, and the step to the next.
