@@ -349,6 +349,12 @@ impl DiskFile {
         Ok(())
     }
 
+    /// Lets the system read a byte range in the background, because `read_at` will soon ask for it. A hint.
+    pub fn expect(&self, offset: u64, length: u64) {
+        let advice = rustix::fs::Advice::WillNeed;
+        let _ = rustix::fs::fadvise(&self.file, offset, NonZeroU64::new(length), advice);
+    }
+
     /// Gives the blocks of a byte range back to the file system where it can do that.
     pub fn punch(&self, offset: u64, length: u64) -> Result<()> {
         self.disk.operation(&self.path, "cannot free space in", Change)?;

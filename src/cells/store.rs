@@ -152,6 +152,11 @@ impl CellStore {
         &self.layout
     }
 
+    /// Lets the system begin to read a cell that will soon be loaded.
+    pub fn expect(&self, cell: usize) {
+        self.pack.expect(cell as u32);
+    }
+
     /// Gives a cell's bytes back to the file system once its survivors are durable.
     pub fn free(&self, cell: usize) -> Result<()> {
         self.pack.free(cell as u32)
