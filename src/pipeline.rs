@@ -26,7 +26,7 @@ use crate::stitch::{self, Parts, Step};
 use crate::summary::{InputReport, OutputReport, RunReport, SeamReport, StageReport};
 use crate::verify;
 use crate::within;
-use crate::write::{self, Written};
+use crate::write::{self, Form, Written};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
@@ -403,12 +403,13 @@ impl<'a> Stages<'a> {
         let (read, start) = (run.disk().bytes_read(), Instant::now());
         let format = self.config.format;
         let kind = format.kind.map_or_else(|| OutputKind::of(&self.config.output), Ok)?;
-        let written = match source.wedges() {
-            Some(with_image) if kind == OutputKind::Ply && pack.info().cells.len() == 1 => {
-                write::write_corners(&pack, place, header, (format, with_image), &run)?
-            }
-            _ => write::write(&pack, place, header, format, &run)?,
+        let takes_corners = matches!(kind, OutputKind::Ply | OutputKind::Obj);
+        let form = Form {
+            format,
+            corners: source.wedges().filter(|_| takes_corners),
+            normals: self.config.attributes.normals,
         };
+        let written = write::write(&pack, place, header, form, &run)?;
         self.reports.push(StageReport {
             name: "write".to_owned(),
             seconds: start.elapsed().as_secs_f64(),
@@ -515,6 +516,7 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("placement".to_owned(), format!("{:?}", config.kernel.placement).to_lowercase()),
         ("weight".to_owned(), config.attributes.weights.to_string()),
         ("label".to_owned(), config.attributes.labels.join(",")),
+        ("normals".to_owned(), format!("{:?}", config.attributes.normals).to_lowercase()),
         ("topology".to_owned(), format!("{:?}", config.kernel.topology).to_lowercase()),
     ])
 }
