@@ -296,6 +296,11 @@ impl VertexCodec {
         meanings
     }
 
+    /// Whether there are texture coordinates, so that there may be attribute seams.
+    pub fn has_texture(&self, schema: &VertexSchema) -> bool {
+        self.meanings(schema).contains(&Meaning::Texture)
+    }
+
     /// How many channels `decode_channels` fills and `encode` takes.
     pub fn n_channels(&self) -> usize {
         self.n_channels

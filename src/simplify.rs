@@ -46,9 +46,16 @@ pub struct Levels(pub Vec<f64>);
 /// Memory in bytes that a cell takes while it is loaded, simplified and encoded.
 pub fn cell_bytes(store: &CellStore, cell: usize) -> u64 {
     let tally = store.info().cells[cell];
-    load_bytes(tally, store.layout())
-        + kernel::peak_bytes(tally.vertices, tally.triangles, store.layout().codec.n_channels())
-        + kernel::attribute_bytes(tally.vertices, store.layout().n_weighted())
+    let layout = store.layout();
+    let n_channels = layout.codec.n_channels();
+    let wedges = match layout.codec.has_texture(&layout.schema) {
+        true => kernel::wedge_bytes(tally.vertices, tally.triangles, n_channels),
+        false => 0,
+    };
+    load_bytes(tally, layout)
+        + kernel::peak_bytes(tally.vertices, tally.triangles, n_channels)
+        + kernel::attribute_bytes(tally.vertices, layout.n_weighted())
+        + wedges
 }
 
 /// For each channel the length that a difference of 1 is worth, from a sample of cells; empty if no channel

@@ -252,7 +252,7 @@ fn normals_are_kept_computed_anew_or_dropped() {
                 assert!((length - 1.0).abs() < 1e-5, "{row:?}");
                 let radius = (row[0] * row[0] + row[1] * row[1] + row[2] * row[2]).sqrt();
                 let cosine = (row[0] * row[3] + row[1] * row[4] + row[2] * row[5]) / radius;
-                assert!(cosine > 0.97, "{what}: {row:?}");
+                assert!(cosine > 0.97, "{what} {cells} {target}: {cosine} {row:?}");
             }
         }
         assert!(positions.iter().all(|p| *p == positions[0]), "only normals differ");

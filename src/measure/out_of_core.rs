@@ -15,8 +15,8 @@ use crate::progress::Progress;
 use crate::topology::Topology;
 use std::sync::atomic::AtomicU64;
 
-/// Bytes a gathered sample takes besides its query: point, normal, colour.
-const SAMPLE_BYTES: u64 = 120;
+/// Bytes a gathered sample takes besides its query: point, what is seen there, point and bound of the query.
+const SAMPLE_BYTES: u64 = (size_of::<Seen>() + size_of::<Vector>() + 8) as u64;
 
 /// Share of the memory budget for queries under way.
 const QUERY_SHARE: u64 = 3;

@@ -16,8 +16,8 @@ use crate::progress::Progress;
 /// Queries that are held against the boxes together.
 const RUN: usize = 256;
 
-/// Bytes a query takes while it is settled: bound, place in lists, answer on the way and at its end.
-pub(super) const QUERY_BYTES: u64 = 300;
+/// Bytes a query takes while it is settled: bound, places in two lists, answer on the way and at its end.
+pub(super) const QUERY_BYTES: u64 = (8 + 2 * 4 + size_of::<(u32, Hit)>() + size_of::<Hit>()) as u64;
 
 /// The nearest point of a surface: squared distance, canonical corners of its triangle, what it carries.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]

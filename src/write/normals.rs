@@ -1,8 +1,9 @@
 //! Normals of the result from its own triangles, the same on both sides of every seam.
 //!
-//! A vertex's normal is the sum of its corners' cross products, each divided by the squared lengths of both
-//! edges: exact for vertices on a sphere (Max 1999). Vertices in one place share theirs, so that no texture
-//! seam shows in the shading. A place without any area gets zeros.
+//! A vertex's normal is the sum of its triangles' normals, weighted by area: slivers, which a cell's seams may
+//! leave and whose normals mean little, have no say. (Weights by Max 1999, exact on spheres, let them decide:
+//! 18 degrees off on a sphere of 10,000 triangles.) Vertices in one place share their normal, so that no
+//! texture seam shows in the shading. A place without any area gets zeros.
 
 use crate::cells::{SurvivorPack, Survivors};
 use crate::error::Result;
@@ -76,16 +77,12 @@ fn unit(v: [f64; 3]) -> Option<[f64; 3]> {
 fn each_corner(part: &Survivors, mut each: impl FnMut(Key, [f64; 3])) {
     for t in 0..part.mesh.triangles.len() {
         let corners = part.mesh.corners(t);
-        for k in 0..3 {
-            let [a, b, c] = [k, (k + 1) % 3, (k + 2) % 3].map(|k| corners[k]);
-            let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
-            let square = |x: [f64; 3]| x.iter().map(|x| x * x).sum::<f64>();
-            let cross =
-                [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-            let weighted = cross.map(|x| x / square(u) / square(v));
-            if weighted.iter().all(|x| x.is_finite()) {
-                each(key(a), weighted);
-            }
+        let [a, b, c] = corners;
+        let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
+        let cross =
+            [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        if cross.iter().all(|x| x.is_finite()) {
+            corners.iter().for_each(|&corner| each(key(corner), cross));
         }
     }
 }
