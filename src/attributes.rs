@@ -109,7 +109,8 @@ pub struct Sample {
     area: f64,
     /// Least and greatest of each channel.
     ranges: Vec<[f32; 2]>,
-    /// Area in texture space, and of the triangles it belongs to on the surface.
+    /// Root of the product of a triangle's areas in texture space and on the surface, summed up, and the
+    /// latter. The few triangles over the edge of a texture, huge there, have no say in that.
     texture_area: [f64; 2],
 }
 
@@ -133,7 +134,7 @@ impl Sample {
                 let place = corners.map(|v| [f64::from(at(v)[s]), f64::from(at(v)[t]), 0.0]);
                 let flat = self::area(place);
                 if flat.is_finite() {
-                    self.texture_area[0] += flat;
+                    self.texture_area[0] += (flat * area).sqrt();
                     self.texture_area[1] += area;
                 }
             }
@@ -151,8 +152,8 @@ impl Sample {
     ) -> Vec<f32> {
         let mean_area = self.area / self.n_triangles.max(1) as f64;
         let edge = (mean_area * n_triangles as f64 / target.max(1) as f64).sqrt();
-        let [flat, curved] = self.texture_area;
-        let per_texture = if flat > 0.0 { (curved / flat).sqrt() } else { 0.0 };
+        let [both, curved] = self.texture_area;
+        let per_texture = if both > 0.0 { curved / both } else { 0.0 };
         let unit = |i: usize| match &meanings[i] {
             Meaning::Colour => COLOUR_EDGES * edge,
             Meaning::Normal => NORMAL_EDGES * edge,

@@ -40,6 +40,18 @@ pub enum Until {
     Stitch,
 }
 
+/// What becomes of normals.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Normals {
+    /// The input's, averaged and of length 1; none if it has none.
+    #[default]
+    Keep,
+    /// Those of the result's own triangles, whether or not the input has any.
+    Recompute,
+    /// None.
+    Drop,
+}
+
 /// What becomes of what vertices carry besides their place.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Attributes {
@@ -47,6 +59,8 @@ pub struct Attributes {
     pub weights: crate::attributes::Weights,
     /// Properties that are chosen, not averaged.
     pub labels: Vec<String>,
+    /// Whether normals are kept, computed anew, or left out.
+    pub normals: Normals,
 }
 
 /// A run of `simplify`.

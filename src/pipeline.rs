@@ -16,7 +16,7 @@ use crate::job::{self, Identity, Job};
 use crate::kernel;
 use crate::parallel::guarded;
 use crate::partition::{self, Partition};
-use crate::plan::{Plan, folder_of};
+use crate::plan::{Plan, check_split, folder_of};
 use crate::ply::{MeshSource, OutputHeader, Place, ReadOptions};
 use crate::progress::Progress;
 use crate::run::Run;
@@ -26,7 +26,7 @@ use crate::stitch::{self, Parts, Step};
 use crate::summary::{InputReport, OutputReport, RunReport, SeamReport, StageReport};
 use crate::verify;
 use crate::within;
-use crate::write::{self, Written};
+use crate::write::{self, Form, Written};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
@@ -57,6 +57,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         if config.drop_texture {
             return Ok(source);
         }
+        check_split(&source, config)?;
         let source = texture_at_vertices(source, &stage)?;
         source.require_no_texture()?;
         Ok(source)
@@ -163,6 +164,7 @@ struct Stages<'a> {
     target: u64,
     rounds_done: u32,
     shared_by_round: Vec<u64>,
+    charts_vanished: u64,
     reports: Vec<StageReport>,
     n_stages: u32,
     input_bytes: u64,
@@ -198,6 +200,7 @@ impl<'a> Stages<'a> {
             target: plan.target,
             rounds_done: 0,
             shared_by_round: Vec::new(),
+            charts_vanished: 0,
             reports: Vec::new(),
             n_stages,
             input_bytes: source.file_bytes(),
@@ -307,6 +310,7 @@ impl<'a> Stages<'a> {
             },
         )?;
         self.run.disk().remove(&pack)?;
+        self.charts_vanished += left.charts_vanished;
         self.rounds_done += 1;
         Ok(left)
     }
@@ -370,6 +374,7 @@ impl<'a> Stages<'a> {
             },
         )?;
         self.run.disk().remove(&pack)?;
+        self.charts_vanished += result.charts_vanished;
         Ok(result)
     }
 
@@ -403,12 +408,13 @@ impl<'a> Stages<'a> {
         let (read, start) = (run.disk().bytes_read(), Instant::now());
         let format = self.config.format;
         let kind = format.kind.map_or_else(|| OutputKind::of(&self.config.output), Ok)?;
-        let written = match source.wedges() {
-            Some(with_image) if kind == OutputKind::Ply && pack.info().cells.len() == 1 => {
-                write::write_corners(&pack, place, header, (format, with_image), &run)?
-            }
-            _ => write::write(&pack, place, header, format, &run)?,
+        let takes_corners = matches!(kind, OutputKind::Ply | OutputKind::Obj);
+        let form = Form {
+            format,
+            corners: source.wedges().filter(|_| takes_corners),
+            normals: self.config.attributes.normals,
         };
+        let written = write::write(&pack, place, header, form, &run)?;
         self.reports.push(StageReport {
             name: "write".to_owned(),
             seconds: start.elapsed().as_secs_f64(),
@@ -432,6 +438,7 @@ impl<'a> Stages<'a> {
     ) -> RunReport {
         let seconds = started.elapsed().as_secs_f64();
         let met = written.triangles <= self.target;
+        let has_texture = self.layout.codec.has_texture(source.schema());
         RunReport {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             input: InputReport {
@@ -458,6 +465,8 @@ impl<'a> Stages<'a> {
             seams: SeamReport {
                 shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
                 shared_vertices_by_round: self.shared_by_round.clone(),
+                texture_seam_vertices: has_texture.then_some(result.seam_vertices),
+                charts_vanished: has_texture.then_some(self.charts_vanished),
                 place: partition.seam_place,
             },
             target: self.target,
@@ -515,6 +524,7 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("placement".to_owned(), format!("{:?}", config.kernel.placement).to_lowercase()),
         ("weight".to_owned(), config.attributes.weights.to_string()),
         ("label".to_owned(), config.attributes.labels.join(",")),
+        ("normals".to_owned(), format!("{:?}", config.attributes.normals).to_lowercase()),
         ("topology".to_owned(), format!("{:?}", config.kernel.topology).to_lowercase()),
     ])
 }

@@ -19,6 +19,14 @@ const UNEVEN: f64 = 1.25;
 /// Chunk headers, shared rows and file-system blocks on top of the bare rows of a store.
 const PACK_OVERHEAD: f64 = 1.06;
 
+/// Temporary bytes for each vertex of an output whose corners get texture coordinates.
+const JOIN_BYTES: f64 = 72.0;
+
+/// Temporary bytes for each corner, and for each byte of the input, where texture coordinates at corners
+/// become vertices: two sorts, and the staged mesh beside its parts.
+const SPLIT_CORNER_BYTES: u64 = 44;
+const SPLIT_FILE_COPIES: u64 = 2;
+
 /// Free inodes the job needs: packs, manifest, lock, output and their temporaries.
 const INODES: u64 = 32;
 
@@ -69,12 +77,16 @@ impl Plan {
         let cells = plan_cells(triangles_in, config.cell_triangles);
         let (rounds, finish_triangles) = rounds(triangles_in, target, config.cell_triangles);
         let vertices_per_triangle = source.n_vertices() as f64 / triangles_in.max(1) as f64;
+        let has_texture = layout.codec.has_texture(&layout.schema);
+        let n_channels = layout.codec.n_channels();
         let stage_bytes = |triangles: u64| {
             let vertices = (triangles as f64 * vertices_per_triangle.clamp(0.5, 3.0)) as u64;
             let tally = CellTally { vertices, triangles };
+            let wedges = kernel::wedge_bytes(vertices, triangles, n_channels);
             load_bytes(tally, &layout)
-                + kernel::peak_bytes(vertices, triangles, layout.codec.n_channels())
+                + kernel::peak_bytes(vertices, triangles, n_channels)
                 + kernel::attribute_bytes(vertices, layout.n_weighted())
+                + if has_texture { wedges } else { 0 }
         };
         let cell = (config.cell_triangles.min(triangles_in) as f64 * UNEVEN) as u64;
         let threads = config.threads.get();
@@ -93,6 +105,11 @@ impl Plan {
         let output_triangles = target.min(triangles_in) as f64;
         let output_bytes =
             (output_triangles * (13.0 + records * vertices_per_triangle)) as u64 + 4096;
+        // The result's pack, and what putting texture coordinates back to corners sorts.
+        let joining = match source.wedges() {
+            Some(_) => (output_triangles * vertices_per_triangle * JOIN_BYTES) as u64,
+            None => 0,
+        };
         Ok(Plan {
             triangles_in,
             target,
@@ -100,7 +117,9 @@ impl Plan {
             finish: finish_triangles > 0,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
-            temp_bytes: store as u64 + (1 << 20) + if config.verify { 3 * output_bytes } else { 0 },
+            temp_bytes: (store as u64).max(output_bytes + joining)
+                + (1 << 20)
+                + if config.verify { 3 * output_bytes } else { 0 },
             output_bytes,
             seconds: triangles_in as f64 / (TRIANGLES_PER_SECOND_PER_CORE * threads as f64),
             rounds,
@@ -184,6 +203,32 @@ impl Plan {
             format!("time     about {:.0} s", self.seconds.max(1.0)),
         ]
     }
+}
+
+/// Fails where the disk cannot hold what it takes to move texture coordinates from corners to vertices,
+/// which happens before everything else; sources without any need nothing.
+pub fn check_split(source: &MeshSource, config: &Config) -> Result<()> {
+    if source.corner_texture().is_none() {
+        return Ok(());
+    }
+    // Nameless files lie beside the job folder.
+    let folder = existing_parent(&config.job_folder);
+    let bytes = 3 * SPLIT_CORNER_BYTES * source.n_faces() + SPLIT_FILE_COPIES * source.file_bytes();
+    let stat = rustix::fs::statvfs(folder)
+        .map_err(|e| Error::io(folder, "cannot ask for free space", e.into()))?;
+    let free = stat.f_bavail * stat.f_frsize;
+    if bytes <= free {
+        return Ok(());
+    }
+    Err(Error::NoSpace {
+        path: folder.into(),
+        what: format!(
+            "splitting the mesh along its texture's seams needs {} here, {} are free; make space, move \
+             the temporary data with --temp-dir, or give the texture up with --drop-texture",
+            show_bytes(bytes),
+            show_bytes(free)
+        ),
+    })
 }
 
 /// Goals of the rounds, and how many triangles the finish will take in (0: no finish).

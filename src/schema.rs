@@ -205,7 +205,7 @@ pub enum Meaning {
 }
 
 /// Names of texture coordinates at vertices.
-const TEXTURE_NAMES: [[&str; 2]; 4] =
+pub(crate) const TEXTURE_NAMES: [[&str; 2]; 4] =
     [["s", "t"], ["u", "v"], ["texture_u", "texture_v"], ["texture_s", "texture_t"]];
 
 /// One property of a record, with its places in the record and among the channels.
@@ -294,6 +294,11 @@ impl VertexCodec {
             }
         }
         meanings
+    }
+
+    /// Whether there are texture coordinates, so that there may be attribute seams.
+    pub fn has_texture(&self, schema: &VertexSchema) -> bool {
+        self.meanings(schema).contains(&Meaning::Texture)
     }
 
     /// How many channels `decode_channels` fills and `encode` takes.

@@ -17,6 +17,10 @@ use std::time::Instant;
 const PILOT_SHARE: usize = 32;
 const PILOT_CELLS: std::ops::RangeInclusive<usize> = 4..=48;
 
+/// What channels count for is found from every 16th cell, at least 16 and at most 48: cells differ more in
+/// the size of their triangles than in how they fall.
+const LENGTH_CELLS: std::ops::RangeInclusive<usize> = 16..=48;
+
 /// The pilot's first threshold, in mean squared triangle areas, and the step to the next.
 const PILOT_START: f64 = 1e-4;
 const PILOT_STEP: f64 = 4.0;
@@ -42,9 +46,16 @@ pub struct Levels(pub Vec<f64>);
 /// Memory in bytes that a cell takes while it is loaded, simplified and encoded.
 pub fn cell_bytes(store: &CellStore, cell: usize) -> u64 {
     let tally = store.info().cells[cell];
-    load_bytes(tally, store.layout())
-        + kernel::peak_bytes(tally.vertices, tally.triangles, store.layout().codec.n_channels())
-        + kernel::attribute_bytes(tally.vertices, store.layout().n_weighted())
+    let layout = store.layout();
+    let n_channels = layout.codec.n_channels();
+    let wedges = match layout.codec.has_texture(&layout.schema) {
+        true => kernel::wedge_bytes(tally.vertices, tally.triangles, n_channels),
+        false => 0,
+    };
+    load_bytes(tally, layout)
+        + kernel::peak_bytes(tally.vertices, tally.triangles, n_channels)
+        + kernel::attribute_bytes(tally.vertices, layout.n_weighted())
+        + wedges
 }
 
 /// For each channel the length that a difference of 1 is worth, from a sample of cells; empty if no channel
@@ -56,7 +67,7 @@ pub fn channel_lengths(store: &CellStore, target: u64, run: &Run) -> Result<Vec<
     }
     let meanings = layout.codec.meanings(&layout.schema);
     let mut sample = attributes::Sample::default();
-    for cell in pilot_cells(store.n_cells()) {
+    for cell in spread_cells(store.n_cells(), LENGTH_CELLS) {
         run.progress.check()?;
         sample.add(&store.load(cell)?.mesh, &meanings);
     }
@@ -209,9 +220,14 @@ fn count_at(curve: &[u64], level: usize) -> u64 {
     curve.get(level).or(curve.last()).copied().unwrap_or(0)
 }
 
-/// Sample cells: evenly spaced, starting within the first stretch.
+/// Cells to run the pilot on.
 fn pilot_cells(n_cells: usize) -> Vec<usize> {
-    let n = (n_cells / PILOT_SHARE).clamp(*PILOT_CELLS.start(), *PILOT_CELLS.end()).min(n_cells);
+    spread_cells(n_cells, PILOT_CELLS)
+}
+
+/// Every 16th cell within bounds: evenly spaced, starting within the first stretch.
+fn spread_cells(n_cells: usize, bounds: std::ops::RangeInclusive<usize>) -> Vec<usize> {
+    let n = (n_cells / PILOT_SHARE).clamp(*bounds.start(), *bounds.end()).min(n_cells);
     (0..n).map(|i| (2 * i + 1) * n_cells / (2 * n)).collect()
 }
 

@@ -34,6 +34,12 @@ pub struct SurvivorInfo {
     /// What was left out of the cells before they were simplified.
     #[serde(default)]
     pub dropped: Dropped,
+    /// Charts of a texture that vanished in this round.
+    #[serde(default)]
+    pub charts_vanished: u64,
+    /// Vertices on attribute seams; one that several cells hold counts in each.
+    #[serde(default)]
+    pub seam_vertices: u64,
 }
 
 /// One simplified cell.
@@ -63,6 +69,12 @@ pub struct CellStatistics {
     /// What was left out of the cell before.
     #[serde(default)]
     pub dropped: Dropped,
+    /// Charts of a texture that vanished.
+    #[serde(default)]
+    pub charts_vanished: u64,
+    /// Vertices on attribute seams that are left.
+    #[serde(default)]
+    pub seam_vertices: u64,
 }
 
 impl From<&Statistics> for CellStatistics {
@@ -73,6 +85,8 @@ impl From<&Statistics> for CellStatistics {
             rejects: rejects.collect(),
             reached: statistics.reached,
             dropped: Dropped::default(),
+            charts_vanished: statistics.charts_vanished,
+            seam_vertices: statistics.seam_vertices,
         }
     }
 }
@@ -230,6 +244,8 @@ impl SurvivorWriter {
             info.collapses += survivors.statistics.collapses;
             info.reached &= survivors.statistics.reached;
             info.dropped += survivors.statistics.dropped;
+            info.charts_vanished += survivors.statistics.charts_vanished;
+            info.seam_vertices += survivors.statistics.seam_vertices;
             for (reason, n) in survivors.statistics.rejects {
                 match info.rejects.iter_mut().find(|(known, _)| *known == reason) {
                     Some((_, sum)) => *sum += n,

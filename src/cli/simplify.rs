@@ -3,7 +3,7 @@
 use super::display::watch;
 use super::{EXIT_SHORT, Log, Talk, memory_budget, parse_memory};
 use crate::attributes::Weights;
-use crate::config::{Attributes, Config, DEFAULT_CELL_TRIANGLES, Target, Until};
+use crate::config::{Attributes, Config, DEFAULT_CELL_TRIANGLES, Normals, Target, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::formats::OutputFormat;
@@ -69,6 +69,10 @@ pub struct Args {
     /// A property whose values are chosen, never averaged; integers other than colours always are.
     #[arg(long, value_name = "NAME")]
     label: Vec<String>,
+    /// What becomes of normals: keep (those of the input, averaged), recompute (from the result's triangles) or
+    /// drop.
+    #[arg(long, value_enum, value_name = "WHAT", default_value = "keep")]
+    normals: Normals,
     /// Whether specks, three-edge holes and thin tubes smaller than the error may go (error) or must stay (keep).
     #[arg(long, value_enum, value_name = "POLICY", default_value = "error")]
     topology: TypedTopology,
@@ -166,7 +170,11 @@ impl Args {
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
             checkpoint_every: crate::run::CHECKPOINT_EVERY,
-            attributes: Attributes { weights: self.weight.clone(), labels: self.label.clone() },
+            attributes: Attributes {
+                weights: self.weight.clone(),
+                labels: self.label.clone(),
+                normals: self.normals,
+            },
             kernel: kernel::Options {
                 topology: match self.topology {
                     TypedTopology::Keep => kernel::Topology::Keep,

@@ -70,6 +70,6 @@ pub(crate) fn parse_number(token: &[u8]) -> Option<f64> {
 }
 
 /// The words of a line.
-pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
     line.split(|b| b.is_ascii_whitespace()).filter(|w| !w.is_empty())
 }

@@ -1,16 +1,17 @@
 //! OBJ: two passes over the text, one to learn what there is, one to write it as a PLY.
 //!
-//! Takes vertices, their colours and polygons; corner normals, materials, groups, lines and points have
-//! no place in a simplified mesh. Texture coordinates at corners are reported, so that nobody loses a
-//! texture unasked.
+//! Takes vertices, their colours, polygons, texture coordinates at corners and which material a face has
+//! (`obj_texture`); corner normals, groups, lines and points have no place in a simplified mesh.
 
 use super::lines::{Lines, parse_number, words};
+use super::obj_texture::{Materials, TexturedFaces};
 use super::stage::StageOptions;
 use crate::error::Result;
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::rows::MAX_CORNERS;
 use crate::ply::source::{Staged, TextureInfo};
 use crate::schema::Scalar;
+use std::path::Path;
 
 /// Whether text begins like an OBJ file: its first word outside of comments is one of OBJ's.
 pub(crate) fn looks_like(first: &[u8]) -> bool {
@@ -34,7 +35,7 @@ struct Summary {
     least: [f64; 3],
     most: [f64; 3],
     textured: bool,
-    materials: Vec<String>,
+    materials: Materials,
     comments: Vec<String>,
 }
 
@@ -63,10 +64,7 @@ impl Summary {
                     summary.n_faces += 1;
                     summary.textured |= words.next().is_some_and(has_texture);
                 }
-                Some(b"mtllib") if summary.materials.len() < 1000 => {
-                    let name = line.trim_ascii().get(7..).unwrap_or_default().trim_ascii();
-                    summary.materials.push(String::from_utf8_lossy(name).into_owned());
-                }
+                Some(word @ (b"mtllib" | b"usemtl")) => summary.materials.learn(word, &line),
                 Some(b"#") if summary.n_vertices == 0 && summary.comments.len() < 1000 => {
                     let text = line.trim_ascii().get(1..).unwrap_or_default().trim_ascii();
                     summary.comments.push(String::from_utf8_lossy(text).into_owned());
@@ -128,10 +126,11 @@ fn corner(word: &[u8], n_so_far: u64, n_vertices: u64) -> Option<u64> {
 pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
     let summary = Summary::read(file)?;
     let mut staged = Staged::default();
-    if summary.textured && !summary.materials.is_empty() {
-        let property = "vt".to_owned();
-        staged.texture = Some(TextureInfo { files: summary.materials.clone(), property });
+    if summary.textured {
+        let (files, property) = (summary.materials.images(file.path()), "texcoord".to_owned());
+        staged.texture = Some(TextureInfo { files, property });
     }
+    let mut texture = summary.textured.then(|| TexturedFaces::new(options));
     let coordinate = summary.coordinate();
     let coloured = summary.n_vertices > 0 && summary.n_coloured == summary.n_vertices;
     // Colours go from 0 to 1, but some programs write 0 to 255.
@@ -166,9 +165,22 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
                 vertices.write(&row)?;
                 n_vertices += 1;
             }
-            Some(b"f") => match face(words, n_vertices, summary.n_vertices, &mut row) {
+            Some(b"vt") => {
+                if let Some(texture) = &mut texture {
+                    texture.add_coordinates(words).map_err(|what| lines.bad(what))??;
+                }
+            }
+            Some(b"usemtl") => {
+                if let Some(texture) = &mut texture {
+                    texture.image = summary.materials.number(&line);
+                }
+            }
+            Some(b"f") => match face(words.clone(), n_vertices, summary.n_vertices, &mut row) {
                 Ok(()) => {
                     faces.write(&row)?;
+                    if let Some(texture) = &mut texture {
+                        texture.add_face(words)?;
+                    }
                     n_faces += 1;
                 }
                 Err(_) if options.read.skip_bad => staged.bad_faces += 1,
@@ -181,9 +193,13 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
             _ => {}
         }
     }
-    let header = header(&summary, coordinate, coloured, n_faces);
+    let header = header(&summary, file.path(), coordinate, coloured, n_faces);
     let vertices = vertices.finish(file.path())?;
-    let faces = faces.finish(file.path())?;
+    let mut faces = faces.finish(file.path())?;
+    if let Some(texture) = texture {
+        let index_bytes = if wide(summary.n_vertices) { 8 } else { 4 };
+        faces = texture.join(&faces, index_bytes, n_faces)?;
+    }
     let mut out = Spool::new(&options.temp_dir);
     out.write(header.as_bytes())?;
     copy(&vertices, &mut out)?;
@@ -232,9 +248,16 @@ fn wide(n_vertices: u64) -> bool {
     n_vertices > 1 << 32
 }
 
-fn header(summary: &Summary, coordinate: Scalar, coloured: bool, n_faces: u64) -> String {
+fn header(
+    summary: &Summary,
+    path: &Path,
+    coordinate: Scalar,
+    coloured: bool,
+    n_faces: u64,
+) -> String {
     let mut text = "ply\nformat binary_little_endian 1.0\n".to_owned();
-    for comment in &summary.comments {
+    let materials = if summary.textured { summary.materials.comments(path) } else { Vec::new() };
+    for comment in summary.comments.iter().chain(&materials) {
         text.push_str(&format!("comment {}\n", comment.replace(['\n', '\r'], " ")));
     }
     text.push_str(&format!("element vertex {}\n", summary.n_vertices));
@@ -246,9 +269,11 @@ fn header(summary: &Summary, coordinate: Scalar, coloured: bool, n_faces: u64) -
         text.push_str("property uchar red\nproperty uchar green\nproperty uchar blue\n");
     }
     let index = if wide(summary.n_vertices) { "uint64" } else { "uint" };
-    text.push_str(&format!(
-        "element face {n_faces}\nproperty list uint {index} vertex_indices\nend_header\n"
-    ));
+    text.push_str(&format!("element face {n_faces}\nproperty list uint {index} vertex_indices\n"));
+    if summary.textured {
+        text.push_str("property list uint float texcoord\nproperty int texnumber\n");
+    }
+    text.push_str("end_header\n");
     text
 }
 

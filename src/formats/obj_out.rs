@@ -1,10 +1,16 @@
-//! OBJ out: text with positions, colours as MeshLab and Blender read them, and normals.
+//! OBJ out: text with positions, colours as MeshLab and Blender read them, normals and texture coordinates.
+//!
+//! Materials are named as the comments of an OBJ input name them (`obj_texture`); libraries are not written.
 
 use crate::error::Result;
-use crate::ply::OutputHeader;
 use crate::ply::writer::{PendingFile, Place, Shortest};
-use crate::schema::{Scalar, VertexSchema, read_scalar};
+use crate::ply::{OutputHeader, TexturedTriangle};
+use crate::schema::{Scalar, TEXTURE_NAMES, VertexSchema, read_scalar};
+use std::collections::HashMap;
 use std::io::Write;
+
+/// Triangles whose texture coordinates are written once together.
+const CHUNK: usize = 65_536;
 
 /// Writes OBJ.
 pub struct ObjWriter {
@@ -12,6 +18,12 @@ pub struct ObjWriter {
     schema: VertexSchema,
     colour: Option<[(Scalar, usize); 3]>,
     normal: Option<[(Scalar, usize); 3]>,
+    /// Texture coordinates at vertices.
+    texture: Option<[(Scalar, usize); 2]>,
+    /// Names of materials by number; faces have one if there are any.
+    materials: Vec<String>,
+    image: Option<i32>,
+    n_coordinates: u64,
     vertices_left: u64,
     faces_left: u64,
 }
@@ -30,6 +42,16 @@ pub(crate) fn find3(schema: &VertexSchema, names: [&str; 3]) -> Option<[(Scalar,
         [Some(a), Some(b), Some(c)] => Some([a, b, c]),
         _ => None,
     }
+}
+
+/// Types and places of texture coordinates at vertices.
+fn find_texture(schema: &VertexSchema) -> Option<[(Scalar, usize); 2]> {
+    let place = |name: &str| {
+        let i = schema.properties.iter().position(|p| p.name == name)?;
+        let before: usize = schema.properties[..i].iter().map(|p| p.scalar.bytes()).sum();
+        Some((schema.properties[i].scalar, schema.position_bytes() + before))
+    };
+    TEXTURE_NAMES.iter().find_map(|[s, t]| Some([place(s)?, place(t)?]))
 }
 
 /// Properties that hold a colour, and what makes it go from 0 to 1.
@@ -53,15 +75,38 @@ impl ObjWriter {
     /// Creates the output and writes the comments.
     pub fn create(place: impl Into<Place>, header: OutputHeader) -> Result<Self> {
         let mut out = PendingFile::create(place)?;
+        let mut materials = Vec::new();
         for line in header.comments.iter().chain(&header.obj_infos) {
-            out.write(format!("# {}\n", line.replace(['\n', '\r'], " ")).as_bytes())?;
+            let line = line.replace(['\n', '\r'], " ");
+            if let Some(name) = line.strip_prefix("usemtl ") {
+                materials.push(name.to_owned());
+            } else if line.starts_with("mtllib ") {
+                out.write(format!("{line}\n").as_bytes())?;
+            } else {
+                out.write(format!("# {line}\n").as_bytes())?;
+            }
         }
         let own = format!("# stonecut {} {}", env!("CARGO_PKG_VERSION"), header.settings);
         out.write(format!("{}\n", own.trim_end().replace(['\n', '\r'], " ")).as_bytes())?;
         let schema = header.schema;
         let (colour, normal) = (find_colour(&schema), find3(&schema, ["nx", "ny", "nz"]));
-        let (vertices_left, faces_left) = (header.n_vertices, header.n_faces);
-        Ok(ObjWriter { out, schema, colour, normal, vertices_left, faces_left })
+        if header.corner_texture == Some(true) && materials.is_empty() {
+            let files = header.comments.iter().filter_map(|c| c.strip_prefix("TextureFile "));
+            materials.extend(files.map(|name| name.trim().to_owned()));
+        }
+        let texture = find_texture(&schema).filter(|_| header.corner_texture.is_none());
+        Ok(ObjWriter {
+            out,
+            schema,
+            colour,
+            normal,
+            texture,
+            materials,
+            image: None,
+            n_coordinates: 0,
+            vertices_left: header.n_vertices,
+            faces_left: header.n_faces,
+        })
     }
 
     /// Appends packed records of the header's schema.
@@ -83,6 +128,14 @@ impl ObjWriter {
                 let _ = write!(rows, " {}", Shortest(value as f32));
             }
             rows.push(b'\n');
+            if let Some(texture) = self.texture {
+                rows.extend_from_slice(b"vt");
+                for (scalar, at) in texture {
+                    let value = read_scalar(scalar, record, at) as f32;
+                    let _ = write!(rows, " {}", Shortest(value));
+                }
+                rows.push(b'\n');
+            }
             if let Some(normal) = self.normal {
                 rows.extend_from_slice(b"vn");
                 for (scalar, at) in normal {
@@ -108,9 +161,11 @@ impl ObjWriter {
             .expect("no more faces than promised");
         for triangle in triangles {
             let [a, b, c] = triangle.map(|v| v + 1);
-            let _ = match self.normal {
-                Some(_) => writeln!(rows, "f {a}//{a} {b}//{b} {c}//{c}"),
-                None => writeln!(rows, "f {a} {b} {c}"),
+            let _ = match (self.texture, self.normal) {
+                (Some(_), Some(_)) => writeln!(rows, "f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}"),
+                (Some(_), None) => writeln!(rows, "f {a}/{a} {b}/{b} {c}/{c}"),
+                (None, Some(_)) => writeln!(rows, "f {a}//{a} {b}//{b} {c}//{c}"),
+                (None, None) => writeln!(rows, "f {a} {b} {c}"),
             };
             if rows.len() > 1 << 18 {
                 self.out.write(&rows)?;
@@ -118,6 +173,47 @@ impl ObjWriter {
             }
         }
         self.out.write(&rows)
+    }
+
+    /// Appends triangles with texture coordinates at their corners, which stand before them; all vertices
+    /// must have been written. Those that are the same within 65,536 triangles are written once.
+    pub fn write_textured_faces(&mut self, triangles: &[TexturedTriangle]) -> Result<()> {
+        self.faces_left = self
+            .faces_left
+            .checked_sub(triangles.len() as u64)
+            .expect("no more faces than promised");
+        for chunk in triangles.chunks(CHUNK) {
+            let (mut coordinates, mut faces) = (Vec::new(), Vec::new());
+            let mut known = HashMap::new();
+            for triangle in chunk {
+                if self.image != Some(triangle.image) {
+                    self.image = Some(triangle.image);
+                    let name = usize::try_from(triangle.image).ok();
+                    if let Some(name) = name.and_then(|number| self.materials.get(number)) {
+                        let _ = writeln!(faces, "usemtl {name}");
+                    }
+                }
+                faces.push(b'f');
+                for (corner, uv) in triangle.corners.iter().zip(triangle.texture) {
+                    let next = self.n_coordinates + 1;
+                    let number = *known.entry(uv.map(f32::to_bits)).or_insert(next);
+                    if number == next {
+                        self.n_coordinates = next;
+                        let [u, v] = uv.map(Shortest);
+                        let _ = writeln!(coordinates, "vt {u} {v}");
+                    }
+                    let v = corner + 1;
+                    let _ = match self.normal {
+                        Some(_) => write!(faces, " {v}/{number}/{v}"),
+                        None => write!(faces, " {v}/{number}"),
+                    };
+                }
+                faces.push(b'\n');
+            }
+            self.out.write(&coordinates)?;
+            self.out.write(&faces)?;
+        }
+        Ok(())
     }
 
     /// Syncs and renames; returns the file's length in bytes.

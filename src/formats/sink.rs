@@ -31,7 +31,7 @@ pub enum OutputKind {
     Ply,
     /// Loose triangles of floats.
     Stl,
-    /// Text: positions, colours, normals.
+    /// Text: positions, colours, normals, texture coordinates.
     Obj,
     /// For browsers: positions of 16 bits an axis, colours, normals.
     Glb,
@@ -164,10 +164,11 @@ impl MeshSink {
         }
     }
 
-    /// Appends triangles with texture at their corners, which only PLY takes.
+    /// Appends triangles with texture at their corners, which PLY and OBJ take.
     pub fn write_textured_faces(&mut self, triangles: &[TexturedTriangle]) -> Result<()> {
         match self {
             MeshSink::Ply(sink) => sink.write_textured_faces(triangles),
+            MeshSink::Obj(sink) => sink.write_textured_faces(triangles),
             _ => self.write_faces(&triangles.iter().map(|t| t.corners).collect::<Vec<_>>()),
         }
     }

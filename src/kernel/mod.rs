@@ -111,6 +111,10 @@ pub struct Statistics {
     pub rejects: Vec<(&'static str, u64)>,
     /// Changes of topology that were made under `Topology::Error`, by kind, in a fixed order.
     pub changes: Vec<(&'static str, u64)>,
+    /// Charts of a texture whose last triangle has gone.
+    pub charts_vanished: u64,
+    /// Vertices on attribute seams at the end.
+    pub seam_vertices: u64,
     /// Triangles left after each cost level of `Stop::Costs`.
     pub level_counts: Vec<u64>,
     /// Whether the stop was reached (false: nothing legal is left to collapse).
@@ -169,6 +173,10 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
     statistics.collapses = driver.total_collapses();
     statistics.rejects = driver.rejects.named();
     statistics.changes = driver.changes.named();
+    if let Some(wedges) = &driver.surface.wedges {
+        statistics.charts_vanished = wedges.n_charts_vanished(&driver.surface.triangles);
+        statistics.seam_vertices = wedges.n_seam_vertices(&driver.surface);
+    }
     let (mesh, source) = driver.surface.into_mesh();
     Simplified { mesh, source, statistics }
 }
@@ -190,6 +198,11 @@ pub fn attribute_bytes(n_vertices: u64, n_weighted: usize) -> u64 {
                 * attribute_lanes::numbers(n.min(MAX_WEIGHTED)).div_ceil(8).max(2) as u64
         }
     }
+}
+
+/// What attribute seams add to `peak_bytes`: a wedge for each corner, values for each vertex.
+pub fn wedge_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
+    12 * n_triangles + n_vertices * (9 + 4 * n_channels as u64)
 }
 
 /// Drops vertices that no triangle uses; the second value tells where each kept vertex was.

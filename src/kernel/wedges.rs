@@ -22,7 +22,7 @@ const LENGTH_COST: f64 = 1e-6;
 /// As in `attribute_lanes`: where gradients are damped.
 const LEAST_SHAPE_SQ: f64 = 2.5e-4;
 
-/// The wedges of a surface: 12 bytes a triangle, 4 a channel and input vertex, 5 an input vertex.
+/// The wedges of a surface: 12 bytes a triangle, 4 a channel and input vertex, 9 an input vertex.
 pub(crate) struct Wedges {
     /// For each triangle the wedges of its corners.
     pub(crate) corner: Vec<[u32; 3]>,
@@ -33,6 +33,9 @@ pub(crate) struct Wedges {
     /// Whether a vertex has several wedges.
     is_seam: Vec<bool>,
     n_channels: usize,
+    /// For each wedge one of its chart, the same for all of them.
+    chart: Vec<u32>,
+    n_charts: u64,
 }
 
 /// Which wedges of `v0` become which of `v1`: those of the triangles over the edge.
@@ -100,7 +103,57 @@ impl Wedges {
             source: surface.source.clone(),
             is_seam: Vec::new(),
             n_channels: surface.n_channels,
+            chart: Vec::new(),
+            n_charts: 0,
         }
+    }
+
+    /// Finds the charts: wedges that triangles connect.
+    pub(crate) fn find_charts(&mut self, triangles: &[[u32; 3]]) {
+        fn first(chart: &mut [u32], mut wedge: u32) -> u32 {
+            while chart[wedge as usize] != wedge {
+                let next = chart[chart[wedge as usize] as usize];
+                chart[wedge as usize] = next;
+                wedge = next;
+            }
+            wedge
+        }
+        let mut chart: Vec<u32> = (0..self.source.len() as u32).collect();
+        let alive = self.corner.iter().zip(triangles).filter(|(_, t)| t[0] != GONE);
+        for (&[a, b, c], _) in alive {
+            for (a, b) in [(a, b), (b, c)] {
+                let (a, b) = (first(&mut chart, a), first(&mut chart, b));
+                chart[a.max(b) as usize] = a.min(b);
+            }
+        }
+        for wedge in 0..chart.len() as u32 {
+            chart[wedge as usize] = first(&mut chart, wedge);
+        }
+        self.chart = chart;
+        self.n_charts = self.count_charts(triangles);
+    }
+
+    /// Charts that still have a triangle.
+    fn count_charts(&self, triangles: &[[u32; 3]]) -> u64 {
+        let mut is_there = vec![false; self.source.len()];
+        for (corner, t) in self.corner.iter().zip(triangles) {
+            if t[0] != GONE {
+                is_there[self.chart[corner[0] as usize] as usize] = true;
+            }
+        }
+        is_there.iter().filter(|there| **there).count() as u64
+    }
+
+    /// Charts whose last triangle has gone.
+    pub(crate) fn n_charts_vanished(&self, triangles: &[[u32; 3]]) -> u64 {
+        self.n_charts.saturating_sub(self.count_charts(triangles))
+    }
+
+    /// How many vertices are on seams.
+    pub(crate) fn n_seam_vertices(&self, surface: &Surface) -> u64 {
+        let vertices = self.is_seam.iter().zip(&surface.rings);
+        vertices.filter(|(is_seam, ring)| **is_seam && ring.class.is_some() && ring.len > 0).count()
+            as u64
     }
 
     /// Makes one of wedges that are to be joined and have the same confined values; lowest first.
@@ -440,6 +493,8 @@ impl Wedges {
     pub(crate) fn add(&mut self, surface: &Surface, like: u32, source: u32) -> u32 {
         self.values.extend_from_slice(surface.channels_of(like));
         self.source.push(source);
+        let chart = self.single(surface, like).map(|wedge| self.chart[wedge as usize]);
+        self.chart.push(chart.unwrap_or(self.source.len() as u32 - 1));
         self.is_seam.push(false);
         (self.source.len() - 1) as u32
     }
@@ -537,6 +592,11 @@ mod tests {
         {
             for topology in [Topology::Error, Topology::Keep] {
                 let result = simplify(&mesh, target, weights, topology);
+                let left: BTreeSet<i32> = (result.mesh.triangles.iter())
+                    .map(|t| (result.mesh.channels_of(t[0])[0] - 0.01).round() as i32)
+                    .collect();
+                assert_eq!(result.statistics.charts_vanished, 64 - left.len() as u64);
+                assert!(result.statistics.seam_vertices > 0);
                 assert!(result.statistics.reached);
                 assert_no_bleeding(&result.mesh);
                 // Only the border of the sheet is open: an even ring, far shorter than all charts' borders.

@@ -46,6 +46,7 @@ pub(crate) fn coincident(
         if topology == Topology::Error {
             wedges.join_equal(&join, confined);
         }
+        wedges.find_charts(&surface.triangles);
         surface.wedges = Some(wedges);
     }
     for t in &mut surface.triangles {

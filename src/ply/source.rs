@@ -193,7 +193,7 @@ impl MeshSource {
 
     /// Refuses a file whose texture would be lost, naming the images.
     pub fn require_no_texture(&self) -> Result<()> {
-        match self.texture() {
+        match self.texture().filter(|texture| !texture.files.is_empty()) {
             None => Ok(()),
             Some(texture) => Err(self.file.bad(format!(
                 "its faces have texture coordinates (property '{}') for {}, which simplifying would \

@@ -5,6 +5,7 @@
 mod bench;
 mod billion;
 mod child;
+mod colours;
 mod compare;
 mod forecast;
 mod inside;
@@ -132,6 +133,17 @@ enum Command {
     /// Runs one library on a raw mesh, in this process
     #[command(hide = true)]
     Peer { name: String, input: PathBuf, output: PathBuf, target: u64 },
+    /// Simplifies a coloured PLY by meshopt or meshopt-update, colours in the error
+    Colours {
+        name: String,
+        input: PathBuf,
+        output: PathBuf,
+        #[arg(value_parser = parse_count)]
+        target: u64,
+        /// What a colour difference of 1 counts, in sides of the bounding box
+        #[arg(long, default_value = "0")]
+        weight: f32,
+    },
     /// Any mesh to a raw mesh
     #[command(hide = true)]
     ToRaw { input: PathBuf, output: PathBuf },
@@ -341,6 +353,9 @@ fn run(command: Command) -> Outcome<()> {
             let inner = inside::run(&name, &input, &output, target)?;
             println!("{}", serde_json::to_string(&inner)?);
             Ok(())
+        }
+        Command::Colours { name, input, output, target, weight } => {
+            colours::run(&name, &input, &output, target, weight)
         }
         Command::ToRaw { input, output } => meshes::write_raw(&output, &meshes::read_any(&input)?),
         Command::ToPly { input, output } => meshes::write_ply(&output, &meshes::read_raw(&input)?),
