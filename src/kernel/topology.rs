@@ -8,7 +8,7 @@ use super::collapse::Collapser;
 use super::evaluate::{Rows, Triangles};
 use super::lanes::Simd;
 use super::legal::Class;
-use super::surface::{GONE, Ring, Surface, others};
+use super::surface::{Fan, GONE, HUB, Ring, Surface, others};
 use super::vector::length_sq;
 
 /// How much dearer than its own extent a speck is: what is far from it gets its error.
@@ -210,7 +210,8 @@ pub(crate) fn cut(
     Some(new)
 }
 
-fn set_ring(surface: &mut Surface, v: u32, list: &[u32]) {
+/// Gives a vertex the triangles of `list` as its ring.
+pub(super) fn set_ring(surface: &mut Surface, v: u32, list: &[u32]) {
     let n = list.len() as u32;
     let ring = &mut surface.rings[v as usize];
     if n > ring.room {
@@ -223,7 +224,30 @@ fn set_ring(surface: &mut Surface, v: u32, list: &[u32]) {
     surface.arena[start..start + list.len()].copy_from_slice(list);
 }
 
-/// The quadric of an interior vertex from its triangles.
+/// Quadrics and classes of vertices whose triangles changed; empties the list. Rings must be right.
+pub(super) fn settle(surface: &mut Surface, touched: &mut Vec<u32>, simd: Simd) {
+    touched.sort_unstable();
+    touched.dedup();
+    touched.retain(|&v| surface.rings[v as usize].len > 0);
+    let mut fan = Fan::new();
+    for &v in touched.iter() {
+        if surface.ring(v).len() > HUB as usize {
+            // It may still list triangles that are gone.
+            let is_there = |&t: &u32| surface.triangles[t as usize][0] != GONE;
+            let list: Vec<u32> = surface.ring(v).iter().copied().filter(is_there).collect();
+            set_ring(surface, v, &list);
+        }
+        refresh(surface, v, simd);
+        surface.classify(v, &mut fan);
+    }
+    if let Some(mut attributes) = surface.attributes.take() {
+        touched.iter().for_each(|&v| attributes.refresh(surface, v));
+        surface.attributes = Some(attributes);
+    }
+    touched.clear();
+}
+
+/// The quadric of a vertex from its triangles, without its open edges.
 fn refresh(surface: &mut Surface, v: u32, simd: Simd) {
     let mut quadric = [0.0; 9];
     let mut rows = Rows::ZERO;
