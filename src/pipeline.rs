@@ -142,7 +142,7 @@ fn run_stages(
     }
     let written = stages.write(&source, &result)?;
 
-    let mut report = stages.report(&source, config, &partition, &result, written, started);
+    let mut report = stages.report(&source, config, &partition, written, started);
     report.input.faults = faults(&source, &partition, dropped.unwrap_or(result.dropped));
     if config.verify {
         verify::verify(config, &stages.run, &mut report)?;
@@ -163,6 +163,9 @@ struct Stages<'a> {
     target: u64,
     rounds_done: u32,
     shared_by_round: Vec<u64>,
+    /// Refused collapses, and changes of the topology, by kind, over all rounds and the finish.
+    rejects: BTreeMap<String, u64>,
+    changes: BTreeMap<String, u64>,
     reports: Vec<StageReport>,
     n_stages: u32,
     input_bytes: u64,
@@ -198,6 +201,8 @@ impl<'a> Stages<'a> {
             target: plan.target,
             rounds_done: 0,
             shared_by_round: Vec::new(),
+            rejects: BTreeMap::new(),
+            changes: BTreeMap::new(),
             reports: Vec::new(),
             n_stages,
             input_bytes: source.file_bytes(),
@@ -308,6 +313,7 @@ impl<'a> Stages<'a> {
         )?;
         self.run.disk().remove(&pack)?;
         self.rounds_done += 1;
+        self.count(&left);
         Ok(left)
     }
 
@@ -370,7 +376,18 @@ impl<'a> Stages<'a> {
             },
         )?;
         self.run.disk().remove(&pack)?;
+        self.count(&result);
         Ok(result)
+    }
+
+    fn count(&mut self, done: &SurvivorInfo) {
+        for (sums, counts) in
+            [(&mut self.rejects, &done.rejects), (&mut self.changes, &done.changes)]
+        {
+            for (name, n) in counts {
+                *sums.entry(name.clone()).or_default() += n;
+            }
+        }
     }
 
     fn write(&mut self, source: &MeshSource, result: &SurvivorInfo) -> Result<Written> {
@@ -426,7 +443,6 @@ impl<'a> Stages<'a> {
         source: &MeshSource,
         config: &Config,
         partition: &Partition,
-        result: &SurvivorInfo,
         written: Written,
         started: Instant,
     ) -> RunReport {
@@ -454,7 +470,8 @@ impl<'a> Stages<'a> {
                 vertices: written.vertices,
                 triangles: written.triangles,
             },
-            rejects: result.rejects.iter().cloned().collect(),
+            rejects: self.rejects.clone(),
+            changes: self.changes.clone(),
             seams: SeamReport {
                 shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
                 shared_vertices_by_round: self.shared_by_round.clone(),
@@ -513,6 +530,7 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("cell-triangles".to_owned(), config.cell_triangles.to_string()),
         ("skip-bad".to_owned(), config.skip_bad.to_string()),
         ("placement".to_owned(), format!("{:?}", config.kernel.placement).to_lowercase()),
+        ("merge-distance".to_owned(), config.kernel.merge_distance.to_string()),
         ("weight".to_owned(), config.attributes.weights.to_string()),
         ("label".to_owned(), config.attributes.labels.join(",")),
         ("topology".to_owned(), format!("{:?}", config.kernel.topology).to_lowercase()),

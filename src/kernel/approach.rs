@@ -2,8 +2,8 @@
 //! edge joins, restricted to open boundaries.
 //!
 //! Only if a distance is given, and before boundaries are joined: two free boundary vertices that are each
-//! other's nearest meet in their middle; `mend` or `weld` then join the edges whose ends coincide, and what is
-//! left between boundaries of different spacing is a hole of three edges, which a collapse closes. Vertices of
+//! other's nearest meet in their middle, and vertices that have no partner between two that have are cut off by
+//! triangles, so that the same edges run on both sides; `mend` or `weld` then join them. Vertices of
 //! different components may meet across the whole distance, those of one component across no more than their
 //! shortest open edge, lest a boundary be pinched. Locked vertices never move and are nobody's nearest.
 //!
@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use super::Placement;
 use super::lanes::Simd;
 use super::legal::Class;
-use super::surface::{Fan, Surface};
+use super::surface::{Fan, Surface, others};
 use super::vector::{Vec3, add, length_sq, scale, sub};
 
 /// No gap is bridged that is wider than so many mean open edges: boundaries are lines, so this bounds how
@@ -59,23 +59,60 @@ pub(crate) fn approach(surface: &mut Surface, distance: f64, simd: Simd) -> u64 
             nearest.insert(v, best);
         }
     }
-    let mut n_pairs = 0;
+    let mut partner = BTreeMap::new();
     for (&v, &(apart, w)) in &nearest {
         if v < w && apart > 0.0 && nearest.get(&w).is_some_and(|&(_, back)| back == v) {
-            let (p, q) = (surface.vertices[v as usize].position, surface.vertices[w as usize].position);
+            let (p, q) =
+                (surface.vertices[v as usize].position, surface.vertices[w as usize].position);
             let middle = match surface.placement {
                 Placement::Subset => p,
                 _ => add(p, scale(sub(q, p), 0.5)),
             };
             surface.vertices[v as usize].position = middle;
             surface.vertices[w as usize].position = middle;
-            n_pairs += 1;
+            partner.extend([(v, w), (w, v)]);
         }
     }
-    if n_pairs > 0 {
-        surface.compact(simd);
+    if partner.is_empty() {
+        return 0;
     }
-    n_pairs
+    fill(surface, &partner);
+    surface.compact(simd);
+    partner.len() as u64 / 2
+}
+
+/// Fills with triangles what lies between the boundary and the straight edge from one vertex with a partner to
+/// the next, where the partners follow each other, too.
+fn fill(surface: &mut Surface, partner: &BTreeMap<u32, u32>) {
+    let mut filled = Vec::new();
+    for (&v, &w) in partner {
+        let Some(path) = to_next(surface, partner, v) else { continue };
+        let last = path[path.len() - 1];
+        let Some(&opposite) = partner.get(&last) else { continue };
+        let back = to_next(surface, partner, opposite);
+        let faces = back.is_some_and(|back| back.last() == Some(&w));
+        let is_edge =
+            surface.ring(v).iter().any(|&t| surface.triangles[t as usize].contains(&last));
+        if faces && last != v && !is_edge {
+            filled.extend(path[1..].windows(2).map(|pair| [v, pair[1], pair[0]]));
+        }
+    }
+    surface.n_alive += filled.len() as u64;
+    surface.triangles.extend(filled);
+}
+
+/// The boundary from a vertex up to the next one that has a partner, both included; `None` if that is far.
+fn to_next(surface: &Surface, partner: &BTreeMap<u32, u32>, v: u32) -> Option<Vec<u32>> {
+    let mut path = vec![v];
+    while path.len() <= MOST_EDGES as usize {
+        let at = path[path.len() - 1];
+        if path.len() > 1 && partner.contains_key(&at) {
+            return Some(path);
+        }
+        let around = || surface.ring(at).iter().map(|&t| others(surface.triangles[t as usize], at));
+        path.push(around().map(|(b, _)| b).find(|&b| around().all(|(_, c)| c != b))?);
+    }
+    None
 }
 
 /// Free boundary vertices with the length of their shortest open edge.

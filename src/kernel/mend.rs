@@ -208,7 +208,8 @@ impl Patch {
                 if is_concerned(t[i]) || is_concerned(t[j]) {
                     let (a, b) = (places.place[t[i] as usize], places.place[t[j] as usize]);
                     let from = (3 * first + i) as u32 | if a > b { BACKWARD } else { 0 };
-                    sides.push(Side { ends: u64::from(a.min(b)) << 32 | u64::from(a.max(b)), from });
+                    sides
+                        .push(Side { ends: u64::from(a.min(b)) << 32 | u64::from(a.max(b)), from });
                 }
             }
         }
@@ -233,13 +234,7 @@ impl Patch {
 
     /// Pairs sides of opposite direction and unites their corners; what is frozen is united whole.
     /// At the crossed edges those that bend most are paired first.
-    fn pair_up(
-        &self,
-        surface: &Surface,
-        corners: &mut Corners,
-        known: &Known,
-        first: &mut [u32],
-    ) {
+    fn pair_up(&self, surface: &Surface, corners: &mut Corners, known: &Known, first: &mut [u32]) {
         corners.parent.clear();
         corners.parent.extend(0..self.vertex.len() as u32);
         let mut choices = Vec::new();
@@ -283,8 +278,9 @@ impl Patch {
             }
         }
         // What is frozen stays one vertex; what is not concerned is not asked.
-        let is_whole =
-            |v: u32| self.is_concerned(v) && known.is_frozen[self.places.place[v as usize] as usize];
+        let is_whole = |v: u32| {
+            self.is_concerned(v) && known.is_frozen[self.places.place[v as usize] as usize]
+        };
         for (corner, &v) in self.vertex.iter().enumerate().filter(|&(_, &v)| is_whole(v)) {
             let first = &mut first[v as usize];
             if *first == NONE {
@@ -466,12 +462,8 @@ impl Plan {
         // Larger sets first: the main fan keeps its vertex.
         sets.sort_by_key(|set| (std::cmp::Reverse(set.len()), set[0].0));
         let first_new = surface.vertices.len() as u32;
-        let mut plan = Plan {
-            vertex: patch.vertex.clone(),
-            copies: Vec::new(),
-            gone: Vec::new(),
-            missing: 0,
-        };
+        let mut plan =
+            Plan { vertex: patch.vertex.clone(), copies: Vec::new(), gone: Vec::new(), missing: 0 };
         let is_taken = &mut *root_of;
         let mut waiting = Vec::new();
         for set in sets {

@@ -64,10 +64,12 @@ pub(crate) fn remedy(
 
 /// All triangles that hang together with a vertex, if they are few and none is locked.
 fn speck(surface: &Surface, start: u32) -> Option<Vec<u32>> {
-    let mut triangles: Vec<u32> = Vec::new();
-    let mut vertices = vec![start];
+    // Each further triangle brings at most two further vertices.
+    const ROOM: usize = 2 * MAX_SPECK + 1;
+    let (mut triangles, mut n_triangles) = ([0u32; MAX_SPECK], 0);
+    let (mut vertices, mut n_vertices) = ([start; ROOM], 1);
     let mut next = 0;
-    while next < vertices.len() {
+    while next < n_vertices {
         let v = vertices[next];
         next += 1;
         let ring = surface.rings[v as usize];
@@ -75,21 +77,26 @@ fn speck(surface: &Surface, start: u32) -> Option<Vec<u32>> {
             return None;
         }
         for &t in surface.ring(v) {
-            if triangles.contains(&t) {
+            if triangles[..n_triangles].contains(&t) {
                 continue;
             }
-            if triangles.len() == MAX_SPECK {
+            if n_triangles == MAX_SPECK {
                 return None;
             }
-            triangles.push(t);
+            triangles[n_triangles] = t;
+            n_triangles += 1;
             for w in surface.triangles[t as usize] {
-                if !vertices.contains(&w) {
-                    vertices.push(w);
+                if !vertices[..n_vertices].contains(&w) {
+                    if n_vertices == ROOM {
+                        return None;
+                    }
+                    vertices[n_vertices] = w;
+                    n_vertices += 1;
                 }
             }
         }
     }
-    (!triangles.is_empty()).then_some(triangles)
+    (n_triangles > 0).then(|| triangles[..n_triangles].to_vec())
 }
 
 /// Area times the squared diagonal of the box around it.
