@@ -143,7 +143,7 @@ fn run_stages(
     }
     let written = stages.write(&source, &result)?;
 
-    let mut report = stages.report(&source, config, &partition, &result, written, started);
+    let mut report = stages.report(&source, config, &partition, written, started);
     report.input.faults = faults(&source, &partition, dropped.unwrap_or(result.dropped));
     if config.verify {
         verify::verify(config, &stages.run, &mut report)?;
@@ -165,6 +165,9 @@ struct Stages<'a> {
     rounds_done: u32,
     shared_by_round: Vec<u64>,
     charts_vanished: u64,
+    /// Refused collapses, and changes of the topology, by kind, over all rounds and the finish.
+    rejects: BTreeMap<String, u64>,
+    changes: BTreeMap<String, u64>,
     reports: Vec<StageReport>,
     n_stages: u32,
     input_bytes: u64,
@@ -201,6 +204,8 @@ impl<'a> Stages<'a> {
             rounds_done: 0,
             shared_by_round: Vec::new(),
             charts_vanished: 0,
+            rejects: BTreeMap::new(),
+            changes: BTreeMap::new(),
             reports: Vec::new(),
             n_stages,
             input_bytes: source.file_bytes(),
@@ -310,8 +315,8 @@ impl<'a> Stages<'a> {
             },
         )?;
         self.run.disk().remove(&pack)?;
-        self.charts_vanished += left.charts_vanished;
         self.rounds_done += 1;
+        self.count(&left);
         Ok(left)
     }
 
@@ -374,8 +379,19 @@ impl<'a> Stages<'a> {
             },
         )?;
         self.run.disk().remove(&pack)?;
-        self.charts_vanished += result.charts_vanished;
+        self.count(&result);
         Ok(result)
+    }
+
+    fn count(&mut self, done: &SurvivorInfo) {
+        self.charts_vanished += done.charts_vanished;
+        for (sums, counts) in
+            [(&mut self.rejects, &done.rejects), (&mut self.changes, &done.changes)]
+        {
+            for (name, n) in counts {
+                *sums.entry(name.clone()).or_default() += n;
+            }
+        }
     }
 
     fn write(&mut self, source: &MeshSource, result: &SurvivorInfo) -> Result<Written> {
@@ -432,7 +448,6 @@ impl<'a> Stages<'a> {
         source: &MeshSource,
         config: &Config,
         partition: &Partition,
-        result: &SurvivorInfo,
         written: Written,
         started: Instant,
     ) -> RunReport {
@@ -461,7 +476,8 @@ impl<'a> Stages<'a> {
                 vertices: written.vertices,
                 triangles: written.triangles,
             },
-            rejects: result.rejects.iter().cloned().collect(),
+            rejects: self.rejects.clone(),
+            changes: self.changes.clone(),
             seams: SeamReport {
                 shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
                 shared_vertices_by_round: self.shared_by_round.clone(),
@@ -522,6 +538,7 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("cell-triangles".to_owned(), config.cell_triangles.to_string()),
         ("skip-bad".to_owned(), config.skip_bad.to_string()),
         ("placement".to_owned(), format!("{:?}", config.kernel.placement).to_lowercase()),
+        ("merge-distance".to_owned(), config.kernel.merge_distance.to_string()),
         ("weight".to_owned(), config.attributes.weights.to_string()),
         ("label".to_owned(), config.attributes.labels.join(",")),
         ("normals".to_owned(), format!("{:?}", config.attributes.normals).to_lowercase()),

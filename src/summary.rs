@@ -93,7 +93,11 @@ pub struct RunReport {
     pub peak_memory_bytes: u64,
     pub peak_temp_bytes: u64,
     pub output: OutputReport,
+    /// Refused collapses by reason, over all rounds and the finish.
     pub rejects: BTreeMap<String, u64>,
+    /// What was cleaned and changed of the topology, by kind, over all rounds and the finish.
+    #[serde(default)]
+    pub changes: BTreeMap<String, u64>,
     pub seams: SeamReport,
     pub target: u64,
     pub target_met: bool,

@@ -221,3 +221,180 @@ fn subset_placement_keeps_input_vertices_bit_for_bit() {
         assert_eq!(moved.count() == 0, placement == Placement::Subset);
     }
 }
+
+fn count(result: &Simplified, name: &str) -> u64 {
+    let found = result.statistics.changes.iter().find(|(known, _)| *known == name);
+    found.unwrap_or_else(|| panic!("{name} is not counted")).1
+}
+
+/// Directed edges that more than one triangle has.
+fn repeated_sides(mesh: &Mesh) -> usize {
+    let mut seen = BTreeSet::new();
+    let sides = mesh.triangles.iter().flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]);
+    sides.filter(|&side| !seen.insert(side)).count()
+}
+
+#[test]
+fn doubled_triangles_in_a_sheet_are_dropped_and_its_boundary_kept() {
+    // Inside of a sheet, in one of two that are taken apart, turned over, and twice under other names.
+    let sheet = sheet(12, |_, _| false);
+    let mut touching = touching(6);
+    let n = touching.triangles.len();
+    let doubles = [touching.triangles[n / 4 - 3], touching.triangles[3 * n / 4 + 7]];
+    let [a, b, c] = touching.triangles[20];
+    touching.triangles.extend([doubles[0], doubles[1], doubles[1], [b, a, c]]);
+    let mut inside = sheet.clone();
+    let t = sheet.triangles[100];
+    inside.triangles.extend([t, [t[1], t[2], t[0]], [t[1], t[0], t[2]]]);
+    let first = inside.positions.len() as u32;
+    // All of this one's corners are on the boundary: what is inside of a sheet is nobody's double.
+    inside.positions.extend(sheet.triangles[2 * 11].map(|v| sheet.positions[v as usize]));
+    inside.triangles.push([first, first + 1, first + 2]);
+    for (mesh, doubled, clean) in [(touching, 4, n), (inside, 4, sheet.triangles.len())] {
+        let cleaned = run(&mesh, u64::MAX, Topology::Error);
+        assert_eq!(count(&cleaned, "duplicate triangles dropped"), doubled);
+        assert_eq!(cleaned.mesh.triangles.len(), clean);
+        for triangles in [mesh.triangles.len() / 2, mesh.triangles.len() / 8] {
+            let result = run(&mesh, triangles as u64, Topology::Error);
+            assert!(result.statistics.reached);
+            assert_eq!(n_edges(&result.mesh, |n| n > 2), 0);
+            assert_eq!(repeated_sides(&result.mesh), 0);
+        }
+    }
+    // Doubles of the index kind go under the strict policy, too.
+    let mut mesh = sheet.clone();
+    mesh.triangles.push([t[2], t[1], t[0]]);
+    let kept = run(&mesh, u64::MAX, Topology::Keep);
+    assert_eq!(count(&kept, "duplicate triangles dropped"), 1);
+    assert_eq!(kept.mesh.triangles.len(), sheet.triangles.len());
+}
+
+#[test]
+fn a_fan_that_lost_a_double_is_no_longer_taken_for_closed() {
+    // Around vertex 0 twice: the second turn has its first triangle in the place of that of the first turn.
+    let at = |x: f64, y: f64, z: f64| [x, y, z];
+    let mut mesh = Mesh::default();
+    mesh.positions = vec![
+        at(0.0, 0.0, 0.0),
+        at(1.0, 0.0, 0.0),
+        at(0.0, 1.0, 0.0),
+        at(-1.0, -1.0, 0.0),
+        at(1.0, 0.0, 0.0),
+        at(0.0, 1.0, 0.0),
+        at(-1.0, -1.0, 0.5),
+    ];
+    mesh.triangles = (1..=6).map(|i| [0, i, i % 6 + 1]).collect::<Vec<[u32; 3]>>();
+    for triangles in [u64::MAX, 4, 2] {
+        let result = run(&mesh, triangles, Topology::Error);
+        assert_eq!(repeated_sides(&result.mesh), 0);
+        assert_eq!(n_edges(&result.mesh, |n| n > 2), 0);
+    }
+}
+
+fn double_areas(mesh: &Mesh) -> Vec<f64> {
+    let of = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
+        let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
+        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        n.iter().map(|x| x * x).sum::<f64>().sqrt()
+    };
+    mesh.triangles.iter().map(of).collect()
+}
+
+#[test]
+fn triangles_without_area_are_cleaned_before_any_collapse() {
+    // A vertex in the middle of an inner edge on one side of it only: the triangle between has no area. And one
+    // on the outer boundary, whose longest edge is open.
+    let mut mesh = sheet(20, |_, _| false);
+    let clean = mesh.triangles.len();
+    let n_flat = 5;
+    for i in 0..n_flat {
+        let edge = 2 * (20 * (3 * i + 2) + 7);
+        // The diagonal of the quad: from corner 0 to corner 2 of its first triangle.
+        let [a, b, c] = mesh.triangles[edge];
+        let middle = mesh.positions.len() as u32;
+        let (p, q) = (mesh.positions[a as usize], mesh.positions[c as usize]);
+        mesh.positions.push([0, 1, 2].map(|k| 0.5 * (p[k] + q[k])));
+        mesh.triangles[edge] = [a, b, middle];
+        mesh.triangles.extend([[middle, b, c], [a, middle, c]]);
+    }
+    let [a, b, c] = mesh.triangles[0];
+    let middle = mesh.positions.len() as u32;
+    let (p, q) = (mesh.positions[a as usize], mesh.positions[b as usize]);
+    mesh.positions.push([0, 1, 2].map(|k| 0.5 * (p[k] + q[k])));
+    mesh.triangles[0] = [a, middle, c];
+    mesh.triangles.extend([[middle, b, c], [a, b, middle]]);
+    for topology in [Topology::Keep, Topology::Error] {
+        let result = run(&mesh, u64::MAX, topology);
+        assert_eq!(result.statistics.collapses, 0);
+        assert_eq!(count(&result, "triangles without area removed"), n_flat as u64 + 1);
+        assert_eq!(result.mesh.triangles.len(), clean + 2 * n_flat + 1);
+        assert!(double_areas(&result.mesh).into_iter().all(|area| area > 1e-9));
+        assert_eq!(n_edges(&result.mesh, |n| n == 1), 4 * 20 + 1);
+        assert_eq!(n_edges(&result.mesh, |n| n > 2), 0);
+    }
+}
+
+#[test]
+fn sheets_with_a_gap_merge_if_it_is_within_the_distance() {
+    // The right one has its boundary a gap of 0.004 away, and half as many vertices along it.
+    let left = sheet(20, |_, _| false);
+    let mut mesh = left.clone();
+    let (first, n) = (left.positions.len() as u32, 10);
+    for y in 0..=n {
+        for x in 0..=n {
+            let (u, v) = (x as f64 / n as f64, y as f64 / n as f64);
+            let z = left.positions[2 * y * 21 + 20][2];
+            mesh.positions.push([1.004 + u, v, z * (1.0 - u)]);
+        }
+    }
+    let at = |x: usize, y: usize| first + (y * (n + 1) + x) as u32;
+    for y in 0..n {
+        for x in 0..n {
+            mesh.triangles.push([at(x, y), at(x + 1, y), at(x + 1, y + 1)]);
+            mesh.triangles.push([at(x, y), at(x + 1, y + 1), at(x, y + 1)]);
+        }
+    }
+    let merged = |merge_distance: f64, triangles: u64, locked: bool| {
+        let stop = Stop::Triangles(triangles);
+        let options = Options { stop, merge_distance, ..Options::default() };
+        let locked = vec![locked; mesh.positions.len()];
+        let result = simplify_mesh(mesh.clone(), &locked, &options);
+        let n_components = {
+            let mut parent: Vec<usize> = (0..result.mesh.positions.len()).collect();
+            let root = |parent: &[usize], mut v: usize| {
+                while parent[v] != v {
+                    v = parent[v];
+                }
+                v
+            };
+            for t in &result.mesh.triangles {
+                for k in 0..2 {
+                    let a = root(&parent, t[k] as usize);
+                    let b = root(&parent, t[k + 1] as usize);
+                    parent[a] = b;
+                }
+            }
+            (0..parent.len()).filter(|&v| parent[v] == v).count()
+        };
+        assert_eq!(n_edges(&result.mesh, |n| n > 2), 0);
+        (count(&result, "boundary vertices approached"), n_components, result)
+    };
+    assert_eq!(merged(0.0, 200, false).1, 2);
+    assert_eq!(merged(0.003, 200, false).1, 2, "the gap is wider");
+    assert_eq!(merged(0.005, 200, true).0, 0, "what is locked stays");
+    let (n_pairs, n_components, result) = merged(0.005, 200, false);
+    assert_eq!((n_pairs, n_components), (11, 1));
+    assert!(result.statistics.reached);
+    assert_eq!(merged(0.005, 200, false).2, result);
+    // Not along the seam: only the outline of both together is open, once three-edge holes have closed.
+    let open = edges(&result.mesh).into_iter().filter(|&(_, n)| n == 1);
+    let inner = open.filter(|([a, b], _)| {
+        let near = |v: u32| {
+            let p = result.mesh.positions[v as usize];
+            (0.9..1.1).contains(&p[0]) && (0.05..0.95).contains(&p[1])
+        };
+        near(*a) && near(*b)
+    });
+    assert_eq!(inner.count(), 0);
+}

@@ -27,6 +27,9 @@ pub struct SurvivorInfo {
     pub triangles: u64,
     /// Refused collapses by reason, over all cells.
     pub rejects: Vec<(String, u64)>,
+    /// What was cleaned and changed of the topology, by kind, over all cells.
+    #[serde(default)]
+    pub changes: Vec<(String, u64)>,
     /// Collapses carried out in all cells.
     pub collapses: u64,
     /// Whether every cell reached its stop.
@@ -64,6 +67,9 @@ pub struct CellStatistics {
     pub collapses: u64,
     /// Refused collapses by reason.
     pub rejects: Vec<(String, u64)>,
+    /// What was cleaned and changed of the topology, by kind.
+    #[serde(default)]
+    pub changes: Vec<(String, u64)>,
     /// Whether the stop was reached.
     pub reached: bool,
     /// What was left out of the cell before.
@@ -79,10 +85,13 @@ pub struct CellStatistics {
 
 impl From<&Statistics> for CellStatistics {
     fn from(statistics: &Statistics) -> Self {
-        let rejects = statistics.rejects.iter().map(|(name, n)| ((*name).to_owned(), *n));
+        let named = |counts: &[(&str, u64)]| {
+            counts.iter().map(|(name, n)| ((*name).to_owned(), *n)).collect()
+        };
         CellStatistics {
             collapses: statistics.collapses,
-            rejects: rejects.collect(),
+            rejects: named(&statistics.rejects),
+            changes: named(&statistics.changes),
             reached: statistics.reached,
             dropped: Dropped::default(),
             charts_vanished: statistics.charts_vanished,
@@ -246,14 +255,20 @@ impl SurvivorWriter {
             info.dropped += survivors.statistics.dropped;
             info.charts_vanished += survivors.statistics.charts_vanished;
             info.seam_vertices += survivors.statistics.seam_vertices;
-            for (reason, n) in survivors.statistics.rejects {
-                match info.rejects.iter_mut().find(|(known, _)| *known == reason) {
-                    Some((_, sum)) => *sum += n,
-                    None => info.rejects.push((reason, n)),
-                }
-            }
+            add_named(&mut info.rejects, survivors.statistics.rejects);
+            add_named(&mut info.changes, survivors.statistics.changes);
         }
         Ok(info)
+    }
+}
+
+/// Adds counts to those of the same names.
+fn add_named(sums: &mut Vec<(String, u64)>, counts: Vec<(String, u64)>) {
+    for (name, n) in counts {
+        match sums.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, sum)) => *sum += n,
+            None => sums.push((name, n)),
+        }
     }
 }
 

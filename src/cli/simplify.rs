@@ -79,6 +79,9 @@ pub struct Args {
     /// Where the vertex goes that survives a collapse: optimal, subset (only vertices of the input) or midpoint.
     #[arg(long, value_enum, value_name = "PLACE", default_value = "optimal")]
     placement: TypedPlacement,
+    /// Let free boundaries at most this far apart, in input units, meet and join; 0: none.
+    #[arg(long, value_name = "T", value_parser = parse_length, default_value_t = 0.0)]
+    merge_distance: f64,
     /// Print the plan and stop.
     #[arg(long)]
     dry_run: bool,
@@ -145,6 +148,10 @@ impl Args {
             let what = "--cell-triangles below 1000 leaves cells that are nothing but seam";
             return Err(Error::Usage(what.to_owned()));
         }
+        if self.merge_distance > 0.0 && self.topology == TypedTopology::Keep {
+            let what = "--merge-distance changes the topology: not with --topology keep";
+            return Err(Error::Usage(what.to_owned()));
+        }
         let name = self.output.file_name().ok_or_else(|| {
             Error::Usage(format!("{} names no file to write", self.output.display()))
         })?;
@@ -185,6 +192,7 @@ impl Args {
                     TypedPlacement::Subset => kernel::Placement::Subset,
                     TypedPlacement::Midpoint => kernel::Placement::Midpoint,
                 },
+                merge_distance: self.merge_distance,
                 ..kernel::Options::default()
             },
         })

@@ -5,6 +5,7 @@
 //! across, so there are no borders between blocks. The inner loop is in `drain`.
 
 use super::Topology;
+use super::clean::Cleaned;
 use super::collapse::Collapser;
 use super::drain::{Drain, Limits, Seeds};
 use super::lanes::Simd;
@@ -49,6 +50,10 @@ pub(crate) struct TopologyChanges {
     pub(crate) joined: u64,
     pub(crate) split: u64,
     pub(crate) duplicates: u64,
+    /// Triangles without area that were dropped or flipped away.
+    flat: u64,
+    /// Pairs of boundary vertices that met.
+    approached: u64,
     /// Vertices that wait for a source to be taken apart.
     missing: u64,
     may_mend: bool,
@@ -63,7 +68,15 @@ impl TopologyChanges {
             ("vertices joined", self.joined),
             ("vertices split", self.split),
             ("duplicate triangles dropped", self.duplicates),
+            ("triangles without area removed", self.flat),
+            ("boundary vertices approached", self.approached),
         ]
+    }
+
+    pub(crate) fn add_cleaned(&mut self, cleaned: Cleaned, approached: u64) {
+        self.duplicates += cleaned.duplicates;
+        self.flat += cleaned.flat;
+        self.approached += approached;
     }
 
     fn add(&mut self, done: Mended) {
@@ -158,8 +171,7 @@ impl Driver {
         let is_plain = self.surface.wedges.is_none();
         if self.topology == Topology::Error && self.changes.may_mend && is_plain {
             let done = mend::mend(&mut self.surface, &mut self.spare_sources, self.simd);
-            if done.joined + done.split + done.duplicates > 0 {
-                // It was built anew, with stamps from zero.
+            if done.is_rebuilt {
                 self.collapses_before += std::mem::take(&mut self.collapses);
             }
             self.changes.add(done);

@@ -8,6 +8,7 @@
 //! Source: memoryless quadrics after Hoppe 1999, volume constraint after Lindstrom & Turk 1998
 //! (docs/references.md).
 
+use super::clean::MAY_BE_FLAT;
 use super::lanes::{Job, Lanes};
 use super::surface::Vertex;
 
@@ -226,15 +227,19 @@ fn positions(v: [&Vertex; 8]) -> [&[f64; 3]; 8] {
 }
 
 impl Job for Triangles<'_> {
-    type Output = ();
+    /// Bit `i`: triangle `i` may be without area.
+    type Output = u32;
 
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: Lanes>(self) -> u32 {
         let base = positions(self.a);
         let b = L::relative(self.b, base, self.scale);
         let c = L::relative(self.c, base, self.scale);
-        let (quadric, _) = contribution(cross3(b, c));
+        let (quadric, double_area) = contribution(cross3(b, c));
         self.out.set(quadric);
+        // Written so that what underflows counts.
+        let edges_sq = dot3(b, b).plus(dot3(c, c)).times(L::splat(MAY_BE_FLAT));
+        !edges_sq.below(double_area) & 0xFF
     }
 }
 

@@ -3,8 +3,10 @@
 //! It knows no files, threads, clock or logging, and its result depends on nothing but its arguments.
 //! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
 
+mod approach;
 mod attribute_lanes;
 mod attributes;
+mod clean;
 mod collapse;
 mod drain;
 mod drive;
@@ -57,6 +59,9 @@ pub struct Options {
     pub topology: Topology,
     /// Where the vertex goes that survives a collapse.
     pub placement: Placement,
+    /// Boundary vertices of different components that are at most this far apart, in input units, may
+    /// become one; 0: none. Under `Topology::Error` only, and only where neither is locked.
+    pub merge_distance: f64,
     /// For each channel, how many input units of distance a difference of 1 weighs as much as; 0, or none
     /// given: it rides along. At most `MAX_WEIGHTED` count.
     pub weights: Vec<f32>,
@@ -96,6 +101,7 @@ impl Default for Options {
             stop: Stop::Triangles(u64::MAX),
             topology: Topology::default(),
             placement: Placement::default(),
+            merge_distance: 0.0,
             weights: Vec::new(),
             confined: Vec::new(),
         }
@@ -109,7 +115,7 @@ pub struct Statistics {
     pub collapses: u64,
     /// Refused collapses by reason, in a fixed order of reasons.
     pub rejects: Vec<(&'static str, u64)>,
-    /// Changes of topology that were made under `Topology::Error`, by kind, in a fixed order.
+    /// What was cleaned, and changes of topology made under `Topology::Error`, by kind, in a fixed order.
     pub changes: Vec<(&'static str, u64)>,
     /// Charts of a texture whose last triangle has gone.
     pub charts_vanished: u64,
@@ -145,12 +151,20 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
     let mut surface =
         surface::Surface::new(mesh, locked, (&options.weights, &options.confined), simd);
     surface.placement = options.placement;
+    let flat = std::mem::take(&mut surface.flat);
+    let cleaned = clean::clean(&mut surface, &flat, simd);
+    drop(flat);
+    let mut approached = 0;
+    if options.merge_distance > 0.0 && options.topology == Topology::Error {
+        approached = approach::approach(&mut surface, options.merge_distance, simd);
+    }
     if options.topology == Topology::Error && !options.confined.contains(&true) {
         weld::lock_coincident(&mut surface);
     } else {
         weld::coincident(&mut surface, options.topology, &options.confined, simd);
     }
     let mut driver = drive::Driver::new(surface, simd, options.topology);
+    driver.changes.add_cleaned(cleaned, approached);
     driver.mend();
     match &options.stop {
         Stop::Triangles(target) => statistics.reached = driver.reach(*target),

@@ -59,6 +59,8 @@ pub(crate) struct Surface {
     pub(crate) source: Vec<u32>,
     pub(crate) channels: Vec<f32>,
     pub(crate) n_channels: usize,
+    /// Triangles of the input that may be without area.
+    pub(crate) flat: Vec<u32>,
     /// Where survivors go; set by the owner.
     pub(crate) placement: Placement,
     /// Power of two that brings edges near to length 1, so that f32 neither over- nor underflows.
@@ -143,6 +145,7 @@ impl Surface {
             source,
             channels,
             n_channels,
+            flat: Vec::new(),
             placement: Placement::default(),
             scale,
             unscale: 1.0 / scale,
@@ -207,7 +210,10 @@ impl Surface {
         }
         self.arena.clear();
         self.arena.resize(start as usize, 0);
-        self.sum_quadrics(simd);
+        let flat = self.sum_quadrics(simd);
+        if !again {
+            self.flat = flat;
+        }
         for (id, t) in self.triangles.iter().enumerate() {
             for &v in t {
                 let ring = at_mut(&mut self.rings, v);
@@ -226,27 +232,35 @@ impl Surface {
         }
     }
 
-    fn sum_quadrics(&mut self, simd: Simd) {
+    /// Adds up the quadrics of all triangles; gives back those that may be without area.
+    fn sum_quadrics(&mut self, simd: Simd) -> Vec<u32> {
         let mut rows = Rows::ZERO;
+        let mut flat = Vec::new();
         for first in (0..self.triangles.len()).step_by(8) {
             let eight = &self.triangles[first..(first + 8).min(self.triangles.len())];
             let corner = |i: usize, k: usize| {
                 let t = eight[i.min(eight.len() - 1)];
                 &self.vertices[t[k] as usize]
             };
-            simd.run(Triangles {
+            let mut may_be_flat = simd.run(Triangles {
                 a: std::array::from_fn(|i| corner(i, 0)),
                 b: std::array::from_fn(|i| corner(i, 1)),
                 c: std::array::from_fn(|i| corner(i, 2)),
                 scale: self.scale,
                 out: &mut rows,
             });
+            may_be_flat &= 0xFF >> (8 - eight.len());
+            while may_be_flat != 0 {
+                flat.push(first as u32 + may_be_flat.trailing_zeros());
+                may_be_flat &= may_be_flat - 1;
+            }
             for (i, t) in eight.iter().enumerate() {
                 for &v in t {
                     rows.add_to(i, &mut at_mut(&mut self.vertices, v).quadric);
                 }
             }
         }
+        flat
     }
 
     /// The channels of a vertex off the seams.
@@ -290,7 +304,7 @@ impl Surface {
     }
 
     /// Finds the class of a vertex that is not locked and adds the quadrics of its boundary edges.
-    fn classify(&mut self, v: u32, fan: &mut Fan) {
+    pub(super) fn classify(&mut self, v: u32, fan: &mut Fan) {
         if self.rings[v as usize].class == Some(Class::Locked) {
             return;
         }

@@ -8,7 +8,7 @@ use super::collapse::Collapser;
 use super::evaluate::{Rows, Triangles};
 use super::lanes::Simd;
 use super::legal::Class;
-use super::surface::{GONE, Ring, Surface, others};
+use super::surface::{Fan, GONE, HUB, Ring, Surface, others};
 use super::vector::length_sq;
 
 /// How much dearer than its own extent a speck is: what is far from it gets its error.
@@ -64,10 +64,12 @@ pub(crate) fn remedy(
 
 /// All triangles that hang together with a vertex, if they are few and none is locked.
 fn speck(surface: &Surface, start: u32) -> Option<Vec<u32>> {
-    let mut triangles: Vec<u32> = Vec::new();
-    let mut vertices = vec![start];
+    // Each further triangle brings at most two further vertices.
+    const ROOM: usize = 2 * MAX_SPECK + 1;
+    let (mut triangles, mut n_triangles) = ([0u32; MAX_SPECK], 0);
+    let (mut vertices, mut n_vertices) = ([start; ROOM], 1);
     let mut next = 0;
-    while next < vertices.len() {
+    while next < n_vertices {
         let v = vertices[next];
         next += 1;
         let ring = surface.rings[v as usize];
@@ -75,21 +77,26 @@ fn speck(surface: &Surface, start: u32) -> Option<Vec<u32>> {
             return None;
         }
         for &t in surface.ring(v) {
-            if triangles.contains(&t) {
+            if triangles[..n_triangles].contains(&t) {
                 continue;
             }
-            if triangles.len() == MAX_SPECK {
+            if n_triangles == MAX_SPECK {
                 return None;
             }
-            triangles.push(t);
+            triangles[n_triangles] = t;
+            n_triangles += 1;
             for w in surface.triangles[t as usize] {
-                if !vertices.contains(&w) {
-                    vertices.push(w);
+                if !vertices[..n_vertices].contains(&w) {
+                    if n_vertices == ROOM {
+                        return None;
+                    }
+                    vertices[n_vertices] = w;
+                    n_vertices += 1;
                 }
             }
         }
     }
-    (!triangles.is_empty()).then_some(triangles)
+    (n_triangles > 0).then(|| triangles[..n_triangles].to_vec())
 }
 
 /// Area times the squared diagonal of the box around it.
@@ -210,7 +217,8 @@ pub(crate) fn cut(
     Some(new)
 }
 
-fn set_ring(surface: &mut Surface, v: u32, list: &[u32]) {
+/// Gives a vertex the triangles of `list` as its ring.
+pub(super) fn set_ring(surface: &mut Surface, v: u32, list: &[u32]) {
     let n = list.len() as u32;
     let ring = &mut surface.rings[v as usize];
     if n > ring.room {
@@ -223,7 +231,30 @@ fn set_ring(surface: &mut Surface, v: u32, list: &[u32]) {
     surface.arena[start..start + list.len()].copy_from_slice(list);
 }
 
-/// The quadric of an interior vertex from its triangles.
+/// Quadrics and classes of vertices whose triangles changed; empties the list. Rings must be right.
+pub(super) fn settle(surface: &mut Surface, touched: &mut Vec<u32>, simd: Simd) {
+    touched.sort_unstable();
+    touched.dedup();
+    touched.retain(|&v| surface.rings[v as usize].len > 0);
+    let mut fan = Fan::new();
+    for &v in touched.iter() {
+        if surface.ring(v).len() > HUB as usize {
+            // It may still list triangles that are gone.
+            let is_there = |&t: &u32| surface.triangles[t as usize][0] != GONE;
+            let list: Vec<u32> = surface.ring(v).iter().copied().filter(is_there).collect();
+            set_ring(surface, v, &list);
+        }
+        refresh(surface, v, simd);
+        surface.classify(v, &mut fan);
+    }
+    if let Some(mut attributes) = surface.attributes.take() {
+        touched.iter().for_each(|&v| attributes.refresh(surface, v));
+        surface.attributes = Some(attributes);
+    }
+    touched.clear();
+}
+
+/// The quadric of a vertex from its triangles, without its open edges.
 fn refresh(surface: &mut Surface, v: u32, simd: Simd) {
     let mut quadric = [0.0; 9];
     let mut rows = Rows::ZERO;

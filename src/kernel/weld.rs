@@ -63,7 +63,9 @@ pub(crate) fn coincident(
 
 /// Locks what coincides with a locked vertex, and joins nothing.
 pub(crate) fn lock_coincident(surface: &mut Surface) {
-    candidates(surface);
+    if surface.rings.iter().any(|ring| ring.class == Some(Class::Locked)) {
+        candidates(surface);
+    }
 }
 
 /// Vertices with open edges, each with the one of lowest source in the same place. Where one of them is
