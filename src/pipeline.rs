@@ -165,6 +165,8 @@ struct Stages<'a> {
     rounds_done: u32,
     shared_by_round: Vec<u64>,
     charts_vanished: u64,
+    /// Vertices on texture seams after the last round or the finish.
+    seam_vertices: u64,
     /// Refused collapses, and changes of the topology, by kind, over all rounds and the finish.
     rejects: BTreeMap<String, u64>,
     changes: BTreeMap<String, u64>,
@@ -204,6 +206,7 @@ impl<'a> Stages<'a> {
             rounds_done: 0,
             shared_by_round: Vec::new(),
             charts_vanished: 0,
+            seam_vertices: 0,
             rejects: BTreeMap::new(),
             changes: BTreeMap::new(),
             reports: Vec::new(),
@@ -385,6 +388,7 @@ impl<'a> Stages<'a> {
 
     fn count(&mut self, done: &SurvivorInfo) {
         self.charts_vanished += done.charts_vanished;
+        self.seam_vertices = done.seam_vertices;
         for (sums, counts) in
             [(&mut self.rejects, &done.rejects), (&mut self.changes, &done.changes)]
         {
@@ -481,7 +485,7 @@ impl<'a> Stages<'a> {
             seams: SeamReport {
                 shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
                 shared_vertices_by_round: self.shared_by_round.clone(),
-                texture_seam_vertices: has_texture.then_some(result.seam_vertices),
+                texture_seam_vertices: has_texture.then_some(self.seam_vertices),
                 charts_vanished: has_texture.then_some(self.charts_vanished),
                 place: partition.seam_place,
             },
