@@ -7,14 +7,14 @@ use crate::attributes;
 use crate::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors, load_bytes};
 use crate::error::{Error, Result};
 use crate::kernel::{self, Options, Simplified, Stop};
-use crate::parallel::{Weighted, largest_first};
+use crate::parallel::{Weighted, largest_first, largest_first_announced};
 use crate::run::Run;
 use serde::{Deserialize, Serialize};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// The pilot takes every 16th cell, at least 4 and at most 48.
-const PILOT_SHARE: usize = 16;
+/// The pilot takes every 32nd cell, at least 4 and at most 48.
+const PILOT_SHARE: usize = 32;
 const PILOT_CELLS: std::ops::RangeInclusive<usize> = 4..=48;
 
 /// The pilot's first threshold, in mean squared triangle areas, and the step to the next.
@@ -264,11 +264,19 @@ fn run_all<T: Send + Clone + Default>(
 ) -> Result<Vec<T>> {
     let outcomes = Mutex::new(vec![T::default(); store.n_cells()]);
     let jobs = (0..store.n_cells()).map(|item| Weighted { item, bytes: cell_bytes(store, item) });
-    largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
-        let outcome = work(store.load_tidy(item)?);
-        outcomes.lock().unwrap_or_else(PoisonError::into_inner)[item] = outcome;
-        Ok(())
-    })?;
+    let soon = |item| store.expect(item);
+    largest_first_announced(
+        jobs.collect(),
+        run.threads,
+        run.memory_bytes,
+        run.progress,
+        soon,
+        |item| {
+            let outcome = work(store.load_tidy(item)?);
+            outcomes.lock().unwrap_or_else(PoisonError::into_inner)[item] = outcome;
+            Ok(())
+        },
+    )?;
     Ok(outcomes.into_inner().unwrap_or_else(PoisonError::into_inner))
 }
 
@@ -308,8 +316,14 @@ fn run_cells_numbered(
         .filter(|&cell| !is_done[cell])
         .map(|item| Weighted { item, bytes: cell_bytes(store, item) });
     let output = Mutex::new(Output { writer, unsynced: Vec::new(), synced_at: Instant::now() });
-    let outcome =
-        largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
+    let soon = |item| store.expect(item);
+    let outcome = largest_first_announced(
+        jobs.collect(),
+        run.threads,
+        run.memory_bytes,
+        run.progress,
+        soon,
+        |item| {
             let survivors = work(item, store.load_tidy(item)?);
             let mut output = output.lock().map_err(half_written)?;
             output.writer.append(item, &survivors)?;
@@ -319,7 +333,8 @@ fn run_cells_numbered(
                 output.sync(store)?;
             }
             Ok(())
-        });
+        },
+    );
     let mut output = match output.into_inner() {
         Ok(output) => output,
         // The panic that poisoned it is the outcome.
