@@ -134,7 +134,8 @@ fn longest_edge(surface: &Surface, t: u32) -> Option<[u32; 3]> {
     let longest = (0..3).max_by(|&i, &j| length_of(i).total_cmp(&length_of(j))).unwrap_or(0);
     let longest_sq = length_of(longest);
     let n = normal(places);
-    if !(dot(n, n).sqrt() <= FLAT * longest_sq) || (0..3).any(|i| length_of(i) == 0.0) {
+    let is_flat = dot(n, n).sqrt() <= FLAT * longest_sq;
+    if !is_flat || (0..3).any(|i| length_of(i) == 0.0) {
         return None;
     }
     let at = |i: usize| corners[(longest + i) % 3];
