@@ -13,7 +13,7 @@
 use super::lanes::Simd;
 use super::legal::Class;
 use super::repeats::{flaps, from_least};
-use super::surface::{GONE, Surface, others};
+use super::surface::{GONE, MAX_VALENCE, Surface, others};
 use super::topology::{set_ring, settle};
 use super::vector::{dot, length_sq, normal, sub};
 
@@ -146,6 +146,9 @@ fn longest_edge(surface: &Surface, t: u32) -> Option<[u32; 3]> {
 fn remove(surface: &mut Surface, t: u32, touched: &mut Vec<u32>) -> Outcome {
     let Some([a, b, middle]) = longest_edge(surface, t) else { return Outcome::Never };
     let class = |v: u32| surface.rings[v as usize].class;
+    if [a, b, middle].into_iter().any(|v| surface.rings[v as usize].len > MAX_VALENCE) {
+        return Outcome::Never;
+    }
     let across: Vec<u32> = (surface.ring(a).iter().copied())
         .filter(|&u| u != t && surface.triangles[u as usize].contains(&b))
         .collect();
@@ -176,6 +179,7 @@ fn remove(surface: &mut Surface, t: u32, touched: &mut Vec<u32>) -> Outcome {
         || would_thin(a)
         || would_thin(b)
         || both_locked
+        || surface.rings[opposite as usize].len >= MAX_VALENCE
         || is_joined(middle, opposite)
     {
         return Outcome::Never;
