@@ -6,6 +6,7 @@
 
 use crate::error::{Error, Result};
 use std::fs::{File, OpenOptions};
+use std::num::NonZeroU64;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed};
@@ -165,7 +166,7 @@ impl Disk {
             .open(path)
             .map_err(|e| Error::io(path, "cannot create", e))?;
         self.follow(|losses| losses.created(path, &file));
-        Ok(DiskFile { disk: self.clone(), file, path: path.into(), length: 0 })
+        Ok(DiskFile { disk: self.clone(), file, path: path.into(), length: 0, handed_over: 0 })
     }
 
     /// Opens a file to append at `length`; whatever lies behind it is cut off.
@@ -177,7 +178,7 @@ impl Disk {
             .open(path)
             .map_err(|e| Error::io(path, "cannot open", e))?;
         file.set_len(length).map_err(|e| Error::io(path, "cannot truncate", e))?;
-        Ok(DiskFile { disk: self.clone(), file, path: path.into(), length })
+        Ok(DiskFile { disk: self.clone(), file, path: path.into(), length, handed_over: length })
     }
 
     /// Opens a file for reading.
@@ -196,7 +197,7 @@ impl Disk {
                 _ => Error::io(path, "cannot open", e),
             })?;
         let length = file.metadata().map_err(|e| Error::io(path, "cannot stat", e))?.len();
-        Ok(DiskFile { disk: self.clone(), file, path: path.into(), length })
+        Ok(DiskFile { disk: self.clone(), file, path: path.into(), length, handed_over: length })
     }
 
     /// Renames a file within one folder and makes the new name durable.
@@ -268,7 +269,12 @@ pub struct DiskFile {
     file: File,
     path: PathBuf,
     length: u64,
+    /// Up to here the device was asked to begin writing.
+    handed_over: u64,
 }
+
+/// Appended bytes after which the device is asked to begin writing.
+const WRITEBACK_BYTES: u64 = 16 << 20;
 
 impl DiskFile {
     /// Bytes in the file.
@@ -291,9 +297,26 @@ impl DiskFile {
                 .map_err(|e| Error::io(&self.path, "cannot write", e))?;
         }
         self.length += bytes.len() as u64;
+        self.begin_writeback();
         self.disk.shared.bytes_written.fetch_add(bytes.len() as u64, Relaxed);
         self.disk.hold(bytes.len() as i64);
         Ok(())
+    }
+
+    /// Lets the device begin to write what was appended, so that a sync at the end has little to wait for:
+    /// left alone, the system keeps gigabytes back. A hint; whether it is taken changes no result.
+    fn begin_writeback(&mut self) {
+        let behind = self.length - self.handed_over;
+        if behind >= WRITEBACK_BYTES {
+            // Pages that are not yet on the device stay in memory: this drops none that a reader will want soon.
+            let _ = rustix::fs::fadvise(
+                &self.file,
+                self.handed_over,
+                NonZeroU64::new(behind),
+                rustix::fs::Advice::DontNeed,
+            );
+            self.handed_over = self.length;
+        }
     }
 
     /// Makes everything appended so far durable.
@@ -324,6 +347,12 @@ impl DiskFile {
         })?;
         self.disk.shared.bytes_read.fetch_add(out.len() as u64, Relaxed);
         Ok(())
+    }
+
+    /// Lets the system read a byte range in the background, because `read_at` will soon ask for it. A hint.
+    pub fn expect(&self, offset: u64, length: u64) {
+        let advice = rustix::fs::Advice::WillNeed;
+        let _ = rustix::fs::fadvise(&self.file, offset, NonZeroU64::new(length), advice);
     }
 
     /// Gives the blocks of a byte range back to the file system where it can do that.

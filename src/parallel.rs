@@ -124,12 +124,26 @@ struct Queue {
 /// A job that exceeds the budget alone still runs, alone: whether it may is decided by the plan. The first
 /// failure lets running jobs end and begins no further ones.
 pub fn largest_first(
-    mut jobs: Vec<Weighted>,
+    jobs: Vec<Weighted>,
     threads: usize,
     budget_bytes: u64,
     progress: &Progress,
     work: impl Fn(usize) -> Result<()> + Sync,
 ) -> Result<()> {
+    largest_first_announced(jobs, threads, budget_bytes, progress, |_| (), work)
+}
+
+/// The same; every job is announced when about one more round of jobs is to come before it, so that its bytes
+/// can be on their way while others compute.
+pub fn largest_first_announced(
+    mut jobs: Vec<Weighted>,
+    threads: usize,
+    budget_bytes: u64,
+    progress: &Progress,
+    announce: impl Fn(usize) + Sync,
+    work: impl Fn(usize) -> Result<()> + Sync,
+) -> Result<()> {
+    let threads = threads.max(1);
     // Ascending, so that the largest is popped from the end; ties in descending item order.
     jobs.sort_by_key(|job| (job.bytes, std::cmp::Reverse(job.item)));
     let queue =
@@ -138,9 +152,9 @@ pub fn largest_first(
     let lock = || queue.lock().unwrap_or_else(PoisonError::into_inner);
     let worker = || {
         loop {
-            let job = {
+            let (job, soon) = {
                 let mut queue = lock();
-                loop {
+                let job = loop {
                     if queue.failed.is_some() || queue.waiting.is_empty() {
                         return;
                     }
@@ -154,8 +168,13 @@ pub fn largest_first(
                         break job;
                     }
                     queue = changed.wait(queue).unwrap_or_else(PoisonError::into_inner);
-                }
+                };
+                let soon = queue.waiting.len().checked_sub(threads);
+                (job, soon.map(|at| queue.waiting[at].item))
             };
+            if let Some(item) = soon {
+                announce(item);
+            }
             let outcome = guarded(|| progress.check().and_then(|()| work(job.item)));
             let mut queue = lock();
             queue.running -= 1;
@@ -168,7 +187,7 @@ pub fn largest_first(
         }
     };
     rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.max(1))
+        .num_threads(threads)
         .build()
         .map_err(|e| Error::NoMemory(format!("cannot start {threads} threads: {e}")))?
         .broadcast(|_| worker());
@@ -219,7 +238,9 @@ mod tests {
     fn jobs_never_exceed_the_budget_and_all_run() {
         let (now, most, done) = (AtomicU64::new(0), AtomicU64::new(0), AtomicU64::new(0));
         let jobs = (0..50).map(|i| Weighted { item: i, bytes: 10 + i as u64 % 7 }).collect();
-        largest_first(jobs, 4, 33, &Progress::default(), |i| {
+        let announced = Mutex::new(Vec::new());
+        let announce = |i| announced.lock().unwrap().push(i);
+        largest_first_announced(jobs, 4, 33, &Progress::default(), announce, |i| {
             let bytes = 10 + i as u64 % 7;
             let held = now.fetch_add(bytes, Ordering::SeqCst) + bytes;
             most.fetch_max(held, Ordering::SeqCst);
@@ -230,6 +251,10 @@ mod tests {
         })
         .unwrap();
         assert_eq!(done.into_inner(), 50);
+        let mut announced = announced.into_inner().unwrap();
+        announced.sort_unstable();
+        announced.dedup();
+        assert!(announced.len() >= 40 && announced.iter().all(|&i| i < 50), "{announced:?}");
         assert!(most.into_inner() <= 33);
     }
 

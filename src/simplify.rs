@@ -7,17 +7,17 @@ use crate::attributes;
 use crate::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors, load_bytes};
 use crate::error::{Error, Result};
 use crate::kernel::{self, Options, Simplified, Stop};
-use crate::parallel::{Weighted, largest_first};
+use crate::parallel::{Weighted, largest_first, largest_first_announced};
 use crate::run::Run;
 use serde::{Deserialize, Serialize};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// The pilot takes every 16th cell, at least 4 and at most 48.
-const PILOT_SHARE: usize = 16;
+/// The pilot takes every 32nd cell, at least 4 and at most 48.
+const PILOT_SHARE: usize = 32;
 const PILOT_CELLS: std::ops::RangeInclusive<usize> = 4..=48;
 
-/// What channels count for is found from every 16th cell, at least 16 and at most 48: cells differ more in
+/// What channels count for is found from every 32nd cell, at least 16 and at most 48: cells differ more in
 /// the size of their triangles than in how they fall.
 const LENGTH_CELLS: std::ops::RangeInclusive<usize> = 16..=48;
 
@@ -225,7 +225,7 @@ fn pilot_cells(n_cells: usize) -> Vec<usize> {
     spread_cells(n_cells, PILOT_CELLS)
 }
 
-/// Every 16th cell within bounds: evenly spaced, starting within the first stretch.
+/// Every 32nd cell within bounds: evenly spaced, starting within the first stretch.
 fn spread_cells(n_cells: usize, bounds: std::ops::RangeInclusive<usize>) -> Vec<usize> {
     let n = (n_cells / PILOT_SHARE).clamp(*bounds.start(), *bounds.end()).min(n_cells);
     (0..n).map(|i| (2 * i + 1) * n_cells / (2 * n)).collect()
@@ -280,11 +280,19 @@ fn run_all<T: Send + Clone + Default>(
 ) -> Result<Vec<T>> {
     let outcomes = Mutex::new(vec![T::default(); store.n_cells()]);
     let jobs = (0..store.n_cells()).map(|item| Weighted { item, bytes: cell_bytes(store, item) });
-    largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
-        let outcome = work(store.load_tidy(item)?);
-        outcomes.lock().unwrap_or_else(PoisonError::into_inner)[item] = outcome;
-        Ok(())
-    })?;
+    let soon = |item| store.expect(item);
+    largest_first_announced(
+        jobs.collect(),
+        run.threads,
+        run.memory_bytes,
+        run.progress,
+        soon,
+        |item| {
+            let outcome = work(store.load_tidy(item)?);
+            outcomes.lock().unwrap_or_else(PoisonError::into_inner)[item] = outcome;
+            Ok(())
+        },
+    )?;
     Ok(outcomes.into_inner().unwrap_or_else(PoisonError::into_inner))
 }
 
@@ -324,8 +332,14 @@ fn run_cells_numbered(
         .filter(|&cell| !is_done[cell])
         .map(|item| Weighted { item, bytes: cell_bytes(store, item) });
     let output = Mutex::new(Output { writer, unsynced: Vec::new(), synced_at: Instant::now() });
-    let outcome =
-        largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
+    let soon = |item| store.expect(item);
+    let outcome = largest_first_announced(
+        jobs.collect(),
+        run.threads,
+        run.memory_bytes,
+        run.progress,
+        soon,
+        |item| {
             let survivors = work(item, store.load_tidy(item)?);
             let mut output = output.lock().map_err(half_written)?;
             output.writer.append(item, &survivors)?;
@@ -335,7 +349,8 @@ fn run_cells_numbered(
                 output.sync(store)?;
             }
             Ok(())
-        });
+        },
+    );
     let mut output = match output.into_inner() {
         Ok(output) => output,
         // The panic that poisoned it is the outcome.

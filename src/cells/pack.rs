@@ -203,6 +203,11 @@ impl Pack {
         Ok(())
     }
 
+    /// Lets the system begin to read a cell that will soon be wanted.
+    pub fn expect(&self, cell: u32) {
+        self.chunks_of(cell).iter().for_each(|chunk| self.file.expect(chunk.offset, chunk.bytes));
+    }
+
     /// Gives the payload bytes of a cell back to the file system; its chunk headers stay readable.
     pub fn free(&self, cell: u32) -> Result<()> {
         for chunk in self.chunks_of(cell) {

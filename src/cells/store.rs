@@ -117,10 +117,6 @@ pub struct CellStore {
     pack: Pack,
 }
 
-/// Look-ups remembered while a cell is loaded: neighbouring triangles name the same vertices, and this fits
-/// into the nearest cache while the map of ids does not.
-const RECENT: usize = 1 << 11;
-
 /// Peak bytes of loading a cell, beyond the mesh the kernel takes over (counted by the kernel).
 pub fn load_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
     let per_vertex = 8 + 1 + layout.schema.record_bytes() + 24 + 4 * layout.codec.n_channels();
@@ -156,6 +152,11 @@ impl CellStore {
         &self.layout
     }
 
+    /// Lets the system begin to read a cell that will soon be loaded.
+    pub fn expect(&self, cell: usize) {
+        self.pack.expect(cell as u32);
+    }
+
     /// Gives a cell's bytes back to the file system once its survivors are durable.
     pub fn free(&self, cell: usize) -> Result<()> {
         self.pack.free(cell as u32)
@@ -184,7 +185,6 @@ impl CellStore {
         out.shared = vec![false; out.ids.len()];
         out.mesh.triangles.reserve_exact(tally.triangles as usize);
         let id_bytes = self.layout.ids.bytes;
-        let mut recent = vec![(u64::MAX, 0); RECENT];
         for chunk in chunks {
             let missing = |id| {
                 let what = format!("byte {}: no vertex {id} in cell {cell}", chunk.offset);
@@ -192,11 +192,7 @@ impl CellStore {
             };
             let mut find = |row: &[u8]| {
                 let id = self.layout.ids.read(row);
-                let recent = &mut recent[id as usize % RECENT];
-                if recent.0 != id {
-                    *recent = (id, map.get(id, &out.ids).ok_or_else(|| missing(id))?);
-                }
-                Ok::<u32, Error>(recent.1)
+                map.get(id, &out.ids).ok_or_else(|| missing(id))
             };
             match chunk.kind {
                 ChunkKind::Triangles => {

@@ -4,7 +4,6 @@
 //! schema.
 
 use super::colour::ColourChannels;
-use super::triangle::Vector;
 use crate::mesh::Mesh;
 use crate::schema::{Meaning, VertexSchema};
 
@@ -19,14 +18,14 @@ pub struct Carried {
     pub normal: Option<[usize; 3]>,
 }
 
-/// What a surface carries at one point of it.
+/// What a surface carries at one point of it, as precise as channels are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
 pub(crate) struct Values {
     /// CIELAB.
-    pub lab: Option<[f64; 3]>,
-    pub texture: Option<[f64; 2]>,
+    pub lab: Option<[f32; 3]>,
+    pub texture: Option<[f32; 2]>,
     /// Of any length.
-    pub normal: Option<Vector>,
+    pub normal: Option<[f32; 3]>,
 }
 
 impl From<ColourChannels> for Carried {
@@ -57,12 +56,12 @@ impl Carried {
 
     /// The values at a point of a triangle.
     pub(crate) fn at(&self, mesh: &Mesh, corners: [u32; 3], weights: [f64; 3]) -> Values {
-        let mixed = |channel: usize| -> f64 {
+        let mixed = |channel: usize| -> f32 {
             let value = |i: usize| f64::from(mesh.channels_of(corners[i])[channel]);
-            (0..3).map(|i| weights[i] * value(i)).sum()
+            (0..3).map(|i| weights[i] * value(i)).sum::<f64>() as f32
         };
         Values {
-            lab: self.colour.map(|colour| colour.lab(mesh, corners, weights)),
+            lab: self.colour.map(|colour| colour.lab(mesh, corners, weights).map(|x| x as f32)),
             texture: self.texture.map(|texture| texture.map(mixed)),
             normal: self.normal.map(|normal| normal.map(mixed)),
         }

@@ -15,10 +15,10 @@ use crate::progress::Progress;
 use crate::topology::Topology;
 use std::sync::atomic::AtomicU64;
 
-/// Bytes a gathered sample takes besides its query: point, what is seen there, point and bound of the query.
-const SAMPLE_BYTES: u64 = (size_of::<Seen>() + size_of::<Vector>() + 8) as u64;
+/// Bytes a gathered sample takes besides its query: what was seen there; point, place and bound in order.
+const SAMPLE_BYTES: u64 = size_of::<Seen>() as u64 + 24 + 4 + 24 + 8;
 
-/// Share of the memory budget for queries under way.
+/// Queries under way may take at least one in so many bytes of the budget.
 const QUERY_SHARE: u64 = 3;
 
 /// What out-of-core measurement finds.
@@ -102,6 +102,13 @@ struct Seen {
 /// Triangles whose samples are followed by the vertices that they are the first to use.
 const GATHERED_TRIANGLES: usize = 4096;
 
+/// The triangles of a mesh in an order that keeps neighbours together.
+fn along_curve(mesh: &crate::Mesh) -> Vec<u32> {
+    let first_corner = |t: &[u32; 3]| mesh.positions[t[0] as usize];
+    let points: Vec<Vector> = mesh.triangles.iter().map(first_corner).collect();
+    sample::order_along_curve(&points)
+}
+
 impl Way<'_> {
     fn measure(&self, means: Means) -> Result<Side> {
         let mut sums = match self.target.0.place {
@@ -158,7 +165,9 @@ impl Way<'_> {
     /// Together, because every cell that they may be near to is loaded and gets its tree for each batch.
     fn against_cells(&self, means: Means) -> Result<SideSums> {
         let (source, density) = (self.source.0, self.density());
-        let share = means.memory_bytes / QUERY_SHARE;
+        let cells = (means.threads as u64 + 1).saturating_mul(self.largest_cell_bytes());
+        let share =
+            (means.memory_bytes / QUERY_SHARE).max(means.memory_bytes.saturating_sub(cells));
         let means = Means { memory_bytes: means.memory_bytes - share, ..means };
         let batch = (share / (QUERY_BYTES + SAMPLE_BYTES)).max(4096) as usize;
         let run = (batch / 2).min(BLOCK_SAMPLES as usize);
@@ -168,7 +177,12 @@ impl Way<'_> {
             means.progress.check()?;
             let mesh = source.load(part)?;
             let surface = Surface { mesh: &mesh, colour: source.colours };
-            let corners_of = |i| surface.canonical(i).0;
+            // A batch of neighbours has few cells to visit; cells are neighbours anyway.
+            let order = match source.place {
+                Place::Memory(mesh) => along_curve(mesh),
+                Place::Cells(_) => (0..mesh.triangles.len() as u32).collect(),
+            };
+            let corners_of = |i: usize| surface.canonical(order[i] as usize).0;
             let mut is_known = vec![false; mesh.positions.len()];
             let n = mesh.triangles.len();
             for first in (0..n).step_by(GATHERED_TRIANGLES) {
@@ -177,12 +191,15 @@ impl Way<'_> {
                     self.make_room(samples.len(), batch, &mut waiting, &mut sums, means)?;
                     waiting.extend(samples.iter().map(|sample| Seen {
                         point: sample.point,
-                        look: Some(surface.look(first + sample.triangle as usize, sample)),
+                        look: Some(
+                            surface.look(order[first + sample.triangle as usize] as usize, sample),
+                        ),
                     }));
                     Ok(())
                 })?;
                 self.make_room(3 * GATHERED_TRIANGLES, batch, &mut waiting, &mut sums, means)?;
-                for &v in mesh.triangles[triangles].as_flattened() {
+                let corners = order[triangles].iter().flat_map(|&t| mesh.triangles[t as usize]);
+                for v in corners {
                     if !std::mem::replace(&mut is_known[v as usize], true) {
                         waiting.push(Seen { point: mesh.positions[v as usize], look: None });
                     }
@@ -191,6 +208,13 @@ impl Way<'_> {
         }
         self.settle_waiting(&mut waiting, &mut sums, means)?;
         Ok(sums)
+    }
+
+    /// What the largest cell of the target takes with its tree.
+    fn largest_cell_bytes(&self) -> u64 {
+        let target = self.target.0;
+        let bytes = |part| target.bytes(part) + Tree::bytes(target.n_triangles(part));
+        (0..target.n_parts()).map(bytes).max().unwrap_or(0)
     }
 
     /// Settles what is waiting unless `more` fit into the batch besides.

@@ -103,6 +103,13 @@ impl<'a> Parts<'a> {
         }
     }
 
+    /// Lets a part be read in the background.
+    fn expect(&self, part: usize) {
+        if let Place::Cells(store) = self.place {
+            store.expect(part);
+        }
+    }
+
     /// Loads a part.
     pub fn load(&self, part: usize) -> Result<Cow<'_, Mesh>> {
         Ok(match self.place {
@@ -125,7 +132,9 @@ impl<'a> Parts<'a> {
             |item| Weighted { item, bytes: self.bytes(item) + more_bytes(self.n_triangles(item)) };
         let gather = Mutex::new(gather);
         let jobs = parts.map(weigh).collect();
-        parallel::largest_first(jobs, means.threads, means.memory_bytes, means.progress, |part| {
+        let soon = |part| self.expect(part);
+        let Means { threads, memory_bytes, progress } = means;
+        parallel::largest_first_announced(jobs, threads, memory_bytes, progress, soon, |part| {
             let mesh = self.load(part)?;
             let result = work(part, Surface { mesh: &mesh, colour: self.colours });
             means.progress.add(mesh.triangles.len() as u64);
@@ -154,7 +163,9 @@ impl<'a> Parts<'a> {
             counter.add(look.counts);
             sparse.push((part, look.points));
         });
-        parallel::largest_first(jobs, means.threads, means.memory_bytes, means.progress, |part| {
+        let soon = |part| self.expect(part);
+        let Means { threads, memory_bytes, progress } = means;
+        parallel::largest_first_announced(jobs, threads, memory_bytes, progress, soon, |part| {
             let look = self.look(part, diagonal, stride)?;
             means.progress.add(self.n_triangles(part));
             (*gathered.lock().unwrap_or_else(PoisonError::into_inner))(part, look);

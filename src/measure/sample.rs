@@ -82,6 +82,9 @@ impl Density {
         }
         let hash = self.hash(corners);
         let count = (expected + unit(hash)) as u64;
+        if count == 0 {
+            return Spread::default();
+        }
         let start = [mix(hash ^ 0x9e37_79b9), mix(hash ^ 0x7f4a_7c15)].map(unit);
         Spread { count, start }
     }

@@ -4,20 +4,24 @@
 //! points gives; each such cell is loaded once for all its queries. The nearest answer of all cells is the
 //! exact one: whatever lies in other cells is farther than the bound.
 
-use super::Bounds;
 use super::carried::Values;
 use super::parts::{Means, Parts, Survey};
 use super::side::Look;
 use super::tree::{Nearest, Tree};
 use super::triangle::{self, Vector};
+use super::{Bounds, Surface};
 use crate::error::Result;
 use crate::progress::Progress;
+use std::sync::{Mutex, PoisonError};
 
 /// Queries that are held against the boxes together.
 const RUN: usize = 256;
 
-/// Bytes a query takes while it is settled: bound, places in two lists, answer on the way and at its end.
-pub(super) const QUERY_BYTES: u64 = (8 + 2 * 4 + size_of::<(u32, Hit)>() + size_of::<Hit>()) as u64;
+/// Bytes a query takes while it is settled: bound, place in lists, answer on the way and at its end.
+pub(super) const QUERY_BYTES: u64 = 8 + 12 + size_of::<Hit>() as u64;
+
+/// Answers that a thread keeps before it hands them over.
+const FOUND: usize = 1024;
 
 /// The nearest point of a surface: squared distance, canonical corners of its triangle, what it carries.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
@@ -59,47 +63,46 @@ pub(super) fn settle(
         bounds.push(bound_sq);
     }
     let lists = lists(points, &bounds, &survey.boxes);
-    let mut hits = vec![Hit::NONE; points.len()];
+    let hits = Mutex::new(vec![Hit::NONE; points.len()]);
+    let hand_over = |found: &mut Vec<(u32, Hit)>| {
+        let mut hits = hits.lock().unwrap_or_else(PoisonError::into_inner);
+        for (query, hit) in found.drain(..) {
+            let best = &mut hits[query as usize];
+            // By distance, then by corners: the same choice as within one tree.
+            if hit < *best {
+                *best = hit;
+            }
+        }
+    };
     let busy = (0..target.n_parts()).filter(|&part| !lists[part].is_empty());
     // Loading counts into the progress only once, in the survey.
     let silent = Progress::default();
     let means = Means { progress: &silent, ..means };
-    let more = |n_triangles| Tree::bytes(n_triangles);
-    target.for_each(
-        busy,
-        means,
-        more,
-        |part, surface| {
-            let tree = Tree::build(surface.mesh.triangles.len(), |i| surface.mesh.corners(i));
-            let mut found = Vec::with_capacity(lists[part].len());
-            let mut slot = u32::MAX;
-            for &query in &lists[part] {
-                let (point, bound_sq) = (points[query as usize], bounds[query as usize]);
-                let mut guess = tree.guess(point, slot);
-                if bound_sq < guess.distance_sq {
-                    guess = Nearest { distance_sq: bound_sq, ..Nearest::NONE };
-                }
-                let nearest = tree.nearest_unless_within(point, guess, enough_sq[query as usize]);
-                if nearest.is_found() {
-                    slot = nearest.slot;
-                    let values = surface.values_next_to(&tree, slot, point);
-                    let distance_sq = nearest.distance_sq;
-                    found.push((query, Hit { distance_sq, corners: *tree.corners(slot), values }));
+    let answer = |part: usize, surface: Surface| {
+        let tree = Tree::build(surface.mesh.triangles.len(), |i| surface.mesh.corners(i));
+        let mut found = Vec::with_capacity(FOUND);
+        let mut slot = u32::MAX;
+        for &query in &lists[part] {
+            let (point, bound_sq) = (points[query as usize], bounds[query as usize]);
+            let mut guess = tree.guess(point, slot);
+            if bound_sq < guess.distance_sq {
+                guess = Nearest { distance_sq: bound_sq, ..Nearest::NONE };
+            }
+            let nearest = tree.nearest_unless_within(point, guess, enough_sq[query as usize]);
+            if nearest.is_found() {
+                slot = nearest.slot;
+                let values = surface.values_next_to(&tree, slot, point);
+                let distance_sq = nearest.distance_sq;
+                found.push((query, Hit { distance_sq, corners: *tree.corners(slot), values }));
+                if found.len() == FOUND {
+                    hand_over(&mut found);
                 }
             }
-            found
-        },
-        |found| {
-            for (query, hit) in found {
-                let best = &mut hits[query as usize];
-                // By distance, then by corners: the same choice as within one tree.
-                if hit < *best {
-                    *best = hit;
-                }
-            }
-        },
-    )?;
-    Ok(hits)
+        }
+        hand_over(&mut found);
+    };
+    target.for_each(busy, means, Tree::bytes, answer, |()| ())?;
+    Ok(hits.into_inner().unwrap_or_else(PoisonError::into_inner))
 }
 
 /// For each part, the queries that may find their nearest point there, in the order of the queries.

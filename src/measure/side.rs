@@ -127,19 +127,19 @@ impl SideSums {
             self.n_angles += 1;
         }
         if let (Some(here), Some(there)) = (here.1.lab, there.1.lab) {
-            let delta_e = colour::delta_e(here, there);
+            let delta_e = colour::delta_e(here.map(f64::from), there.map(f64::from));
             self.delta_e.add(delta_e);
             self.delta_e_sq.add(delta_e * delta_e);
             self.n_delta_e += 1;
         }
         if let (Some(here), Some(there)) = (here.1.normal, there.1.normal)
-            && let Some(radians) = triangle::angle(here, there)
+            && let Some(radians) = triangle::angle(here.map(f64::from), there.map(f64::from))
         {
             self.carried_angle.add(radians.to_degrees());
             self.n_carried_angles += 1;
         }
         if let (Some(here), Some(there)) = (here.1.texture, there.1.texture) {
-            let [u, v] = [here[0] - there[0], here[1] - there[1]];
+            let [u, v] = [0, 1].map(|k| f64::from(here[k]) - f64::from(there[k]));
             let distance = (u * u + v * v).sqrt().min(LARGEST_TEXTURE);
             self.texture.add(distance);
             self.texture_sq.add(distance * distance);
