@@ -17,7 +17,7 @@ use std::time::Instant;
 const PILOT_SHARE: usize = 32;
 const PILOT_CELLS: std::ops::RangeInclusive<usize> = 4..=48;
 
-/// What channels count for is found from every 16th cell, at least 16 and at most 48: cells differ more in
+/// What channels count for is found from every 32nd cell, at least 16 and at most 48: cells differ more in
 /// the size of their triangles than in how they fall.
 const LENGTH_CELLS: std::ops::RangeInclusive<usize> = 16..=48;
 
@@ -225,7 +225,7 @@ fn pilot_cells(n_cells: usize) -> Vec<usize> {
     spread_cells(n_cells, PILOT_CELLS)
 }
 
-/// Every 16th cell within bounds: evenly spaced, starting within the first stretch.
+/// Every 32nd cell within bounds: evenly spaced, starting within the first stretch.
 fn spread_cells(n_cells: usize, bounds: std::ops::RangeInclusive<usize>) -> Vec<usize> {
     let n = (n_cells / PILOT_SHARE).clamp(*bounds.start(), *bounds.end()).min(n_cells);
     (0..n).map(|i| (2 * i + 1) * n_cells / (2 * n)).collect()

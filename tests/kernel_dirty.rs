@@ -270,11 +270,27 @@ fn doubled_triangles_in_a_sheet_are_dropped_and_its_boundary_kept() {
 }
 
 #[test]
+fn bodies_that_touch_in_a_face_stay_closed() {
+    // Two tetrahedra over one triangle, each with its own side of it.
+    let up = |z: f64| [0.3, 0.3, z];
+    let positions = vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], up(1.0), up(-1.0)];
+    let mut mesh = Mesh::new(positions, vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]);
+    mesh.triangles.extend([[0, 1, 2], [1, 0, 4], [2, 1, 4], [0, 2, 4]]);
+    let result = run(&mesh, u64::MAX, Topology::Keep);
+    assert_eq!(count(&result, "duplicate triangles dropped"), 0);
+    assert_eq!(result.mesh.triangles.len(), 8);
+    // A flap on one of them is another thing.
+    mesh.triangles.push([1, 0, 3]);
+    let result = run(&mesh, u64::MAX, Topology::Keep);
+    assert_eq!(count(&result, "duplicate triangles dropped"), 1);
+    assert_eq!(result.mesh.triangles.len(), 8);
+}
+
+#[test]
 fn a_fan_that_lost_a_double_is_no_longer_taken_for_closed() {
     // Around vertex 0 twice: the second turn has its first triangle in the place of that of the first turn.
     let at = |x: f64, y: f64, z: f64| [x, y, z];
-    let mut mesh = Mesh::default();
-    mesh.positions = vec![
+    let positions = vec![
         at(0.0, 0.0, 0.0),
         at(1.0, 0.0, 0.0),
         at(0.0, 1.0, 0.0),
@@ -283,7 +299,7 @@ fn a_fan_that_lost_a_double_is_no_longer_taken_for_closed() {
         at(0.0, 1.0, 0.0),
         at(-1.0, -1.0, 0.5),
     ];
-    mesh.triangles = (1..=6).map(|i| [0, i, i % 6 + 1]).collect::<Vec<[u32; 3]>>();
+    let mesh = Mesh::new(positions, (1..=6).map(|i| [0, i, i % 6 + 1]).collect());
     for triangles in [u64::MAX, 4, 2] {
         let result = run(&mesh, triangles, Topology::Error);
         assert_eq!(repeated_sides(&result.mesh), 0);

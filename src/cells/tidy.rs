@@ -4,13 +4,15 @@
 //! corners always meet in one cell, and each cell can be tidied by itself. Later rounds have nothing to tidy.
 
 use super::store::CellMesh;
+use crate::kernel::repeats::{flaps, from_least};
 use serde::{Deserialize, Serialize};
 use std::ops::AddAssign;
 
 /// What was left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Dropped {
-    /// Triangles with the same three corners as an earlier one, in whatever order.
+    /// Triangles with the same three corners as an earlier one; if turned over, only those that belong to no
+    /// sheet of their own (`kernel::repeats`).
     pub duplicate_faces: u64,
     /// Vertices that no triangle of any cell uses.
     pub unreferenced_vertices: u64,
@@ -49,7 +51,7 @@ impl CellMesh {
             grouped[*place as usize] = i as u32;
             *place += 1;
         }
-        let mut repeats = Vec::new();
+        let (mut repeats, mut reversed) = (Vec::new(), Vec::new());
         let mut keys: Vec<([u32; 3], u32)> = Vec::new();
         let mut start = 0;
         for &end in &end[..self.mesh.positions.len()] {
@@ -62,9 +64,21 @@ impl CellMesh {
                 (corners, i)
             }));
             keys.sort_unstable();
-            repeats.extend(keys.windows(2).filter(|w| w[0].0 == w[1].0).map(|w| w[1].1));
+            for same in keys.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
+                let first = from_least(triangles[same[0].1 as usize]);
+                let mut is_met = false;
+                for &(_, i) in &same[1..] {
+                    let is_turned = from_least(triangles[i as usize]) != first;
+                    let list = if is_turned && !is_met { &mut reversed } else { &mut repeats };
+                    is_met |= is_turned;
+                    list.push(i);
+                }
+            }
         }
         repeats.sort_unstable();
+        if !reversed.is_empty() {
+            self.add_flaps(&reversed, &mut repeats);
+        }
         let (mut next, mut at) = (repeats.iter().peekable(), 0);
         self.mesh.triangles.retain(|_| {
             let is_repeat = next.next_if(|&&repeat| repeat == at).is_some();
@@ -72,6 +86,22 @@ impl CellMesh {
             !is_repeat
         });
         repeats.len() as u64
+    }
+
+    /// Adds those of the `reversed` triangles to the `repeats`, which are in order, that belong to no sheet.
+    fn add_flaps(&self, reversed: &[u32], repeats: &mut Vec<u32>) {
+        let triangles = &self.mesh.triangles;
+        let turned: Vec<[u32; 3]> = reversed.iter().map(|&i| triangles[i as usize]).collect();
+        let mut is_concerned = vec![false; self.mesh.positions.len()];
+        turned.iter().flatten().for_each(|&v| is_concerned[v as usize] = true);
+        let all = (triangles.iter().enumerate())
+            .filter(|(_, t)| t.iter().filter(|&&v| is_concerned[v as usize]).count() > 1)
+            .filter(|(i, _)| repeats.binary_search(&(*i as u32)).is_err())
+            .map(|(_, t)| *t);
+        let is_flap = flaps(&turned, all, |v| !self.shared[v as usize]);
+        let flaps = reversed.iter().zip(is_flap).filter(|(_, flap)| *flap).map(|(&i, _)| i);
+        repeats.extend(flaps);
+        repeats.sort_unstable();
     }
 
     fn drop_unreferenced(&mut self, record_bytes: usize) -> u64 {

@@ -1,7 +1,8 @@
 //! Cleans a surface before anything is collapsed: repeated triangles go, and triangles without area.
 //!
 //! Whatever the topology policy: nothing of the surface changes by it. Of triangles over the same three
-//! vertices, in whatever order, the first stays. A triangle without area whose longest edge is open is
+//! vertices the first stays; one that is turned over stays, too, where it belongs to another sheet (`repeats`).
+//! A triangle without area whose longest edge is open is
 //! dropped; otherwise that edge is flipped, so that its neighbour is split by the vertex that lay on the edge.
 //! Two corners in one place make an edge whose collapse costs nothing: that is left to the queue, which takes
 //! it first. What cannot be done (no manifold neighbour, a lock, an attribute seam) is left as found.
@@ -11,7 +12,8 @@
 
 use super::lanes::Simd;
 use super::legal::Class;
-use super::surface::{GONE, Surface, others};
+use super::repeats::{flaps, from_least};
+use super::surface::{GONE, MAX_VALENCE, Surface, others};
 use super::topology::{set_ring, settle};
 use super::vector::{dot, length_sq, normal, sub};
 
@@ -74,14 +76,31 @@ fn drop_repeats(surface: &mut Surface, touched: &mut Vec<u32>) -> u64 {
     }
     known.sort_unstable();
     known.dedup();
-    let mut dropped = 0;
+    let corners = |t: u32| from_least(surface.triangles[t as usize]);
+    let (mut repeats, mut reversed) = (Vec::new(), Vec::new());
     for same in known.chunk_by(|a, b| a.0 == b.0) {
+        let first = corners(same[0].1);
+        let mut is_met = false;
         for &(_, t) in &same[1..] {
-            drop_triangle(surface, t, touched);
-            dropped += 1;
+            let is_turned = corners(t) != first;
+            let list = if is_turned && !is_met { &mut reversed } else { &mut repeats };
+            is_met |= is_turned;
+            list.push(t);
         }
     }
-    dropped
+    if !reversed.is_empty() {
+        let is_known = |v: u32| surface.rings[v as usize].class == Some(Class::Complex);
+        let turned: Vec<[u32; 3]> = reversed.iter().map(|&t| corners(t)).collect();
+        let mut all: Vec<u32> = known.iter().map(|&(_, t)| t).collect();
+        all.sort_unstable();
+        let mut sorted = repeats.clone();
+        sorted.sort_unstable();
+        all.retain(|t| sorted.binary_search(t).is_err());
+        let is_flap = flaps(&turned, all.into_iter().map(corners), is_known);
+        repeats.extend(reversed.iter().zip(is_flap).filter(|(_, flap)| *flap).map(|(&t, _)| t));
+    }
+    repeats.iter().for_each(|&t| drop_triangle(surface, t, touched));
+    repeats.len() as u64
 }
 
 fn drop_triangle(surface: &mut Surface, t: u32, touched: &mut Vec<u32>) {
@@ -115,7 +134,8 @@ fn longest_edge(surface: &Surface, t: u32) -> Option<[u32; 3]> {
     let longest = (0..3).max_by(|&i, &j| length_of(i).total_cmp(&length_of(j))).unwrap_or(0);
     let longest_sq = length_of(longest);
     let n = normal(places);
-    if !(dot(n, n).sqrt() <= FLAT * longest_sq) || (0..3).any(|i| length_of(i) == 0.0) {
+    let is_flat = dot(n, n).sqrt() <= FLAT * longest_sq;
+    if !is_flat || (0..3).any(|i| length_of(i) == 0.0) {
         return None;
     }
     let at = |i: usize| corners[(longest + i) % 3];
@@ -126,6 +146,9 @@ fn longest_edge(surface: &Surface, t: u32) -> Option<[u32; 3]> {
 fn remove(surface: &mut Surface, t: u32, touched: &mut Vec<u32>) -> Outcome {
     let Some([a, b, middle]) = longest_edge(surface, t) else { return Outcome::Never };
     let class = |v: u32| surface.rings[v as usize].class;
+    if [a, b, middle].into_iter().any(|v| surface.rings[v as usize].len > MAX_VALENCE) {
+        return Outcome::Never;
+    }
     let across: Vec<u32> = (surface.ring(a).iter().copied())
         .filter(|&u| u != t && surface.triangles[u as usize].contains(&b))
         .collect();
@@ -156,6 +179,7 @@ fn remove(surface: &mut Surface, t: u32, touched: &mut Vec<u32>) -> Outcome {
         || would_thin(a)
         || would_thin(b)
         || both_locked
+        || surface.rings[opposite as usize].len >= MAX_VALENCE
         || is_joined(middle, opposite)
     {
         return Outcome::Never;

@@ -18,6 +18,7 @@ mod order;
 mod placement;
 mod queue;
 pub mod reference;
+pub(crate) mod repeats;
 mod surface;
 mod topology;
 mod unchecked;

@@ -293,9 +293,13 @@ impl Surface {
         part(&self.arena, ring.start, ring.len)
     }
 
-    /// Takes a triangle out of the ring of one of its corners.
+    /// Takes a triangle that goes out of the ring of one of its corners; the ring of a hub keeps it until the
+    /// vertex is settled or the surface compacted.
     pub(crate) fn remove_from_ring(&mut self, v: u32, triangle: u32) {
         let ring = &mut self.rings[v as usize];
+        if ring.len > HUB {
+            return;
+        }
         let list = &mut self.arena[ring.start as usize..(ring.start + ring.len) as usize];
         if let Some(at) = list.iter().position(|&t| t == triangle) {
             list[at] = list[list.len() - 1];

@@ -27,7 +27,7 @@ pub(crate) struct TexturedFace {
 impl MeshSource {
     /// Whether the faces have lists of texture coordinates, and whether they name an image.
     pub(crate) fn corner_texture(&self) -> Option<bool> {
-        let property = self.texture()?.property;
+        let property = self.texture_property()?;
         let properties = &self.face().properties;
         let is_list = |kind: &Kind| matches!(kind, Kind::List { .. });
         let there = properties.iter().any(|p| p.name == property && is_list(&p.kind));
@@ -47,7 +47,7 @@ impl MeshSource {
         };
         let element = self.face();
         let Some(list) = element.index_list() else { return Ok(0) };
-        let property = self.texture().map(|texture| texture.property);
+        let property = self.texture_property();
         let kinds: Vec<(Role, Kind)> = element
             .properties
             .iter()

@@ -159,8 +159,8 @@ impl MeshSource {
 
     /// Images that per-corner texture coordinates refer to; these coordinates are not carried.
     pub fn texture(&self) -> Option<TextureInfo> {
-        if self.staged.texture.is_some() {
-            return self.staged.texture.clone();
+        if let Some(texture) = &self.staged.texture {
+            return (!texture.files.is_empty()).then(|| texture.clone());
         }
         let files = self.header.texture_files();
         let element = &self.header.elements[self.layout.face_element?];
@@ -169,6 +169,12 @@ impl MeshSource {
             matches!(p.kind, Kind::List { .. }) && name.replace('_', "").starts_with("texcoord")
         })?;
         (!files.is_empty()).then(|| TextureInfo { files, property: property.name.clone() })
+    }
+
+    /// The face property that holds texture coordinates of corners, whether or not an image is known.
+    pub(super) fn texture_property(&self) -> Option<String> {
+        let staged = self.staged.texture.as_ref().map(|texture| texture.property.clone());
+        staged.or_else(|| self.texture().map(|texture| texture.property))
     }
 
     /// Whether texture coordinates were moved from corners to vertices: the last two properties, or three
@@ -193,7 +199,7 @@ impl MeshSource {
 
     /// Refuses a file whose texture would be lost, naming the images.
     pub fn require_no_texture(&self) -> Result<()> {
-        match self.texture().filter(|texture| !texture.files.is_empty()) {
+        match self.texture() {
             None => Ok(()),
             Some(texture) => Err(self.file.bad(format!(
                 "its faces have texture coordinates (property '{}') for {}, which simplifying would \

@@ -1,9 +1,8 @@
 //! Normals of the result from its own triangles, the same on both sides of every seam.
 //!
-//! A vertex's normal is the sum of its triangles' normals, weighted by area: slivers, which a cell's seams may
-//! leave and whose normals mean little, have no say. (Weights by Max 1999, exact on spheres, let them decide:
-//! 18 degrees off on a sphere of 10,000 triangles.) Vertices in one place share their normal, so that no
-//! texture seam shows in the shading. A place without any area gets zeros.
+//! A vertex's normal is the sum of its triangles' normals, weighted by area: slivers, whose normals mean
+//! little, have no say. Vertices in one place share their normal, so that no texture seam shows in the
+//! shading. A place without any area gets zeros.
 
 use crate::cells::{SurvivorPack, Survivors};
 use crate::error::Result;

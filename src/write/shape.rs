@@ -30,7 +30,7 @@ impl Shape {
             Normals::Recompute | Normals::Drop => !NORMAL.contains(&p.name.as_str()),
         };
         let mut at = schema.position_bytes();
-        let mut kept = vec![0..at];
+        let mut kept: Vec<_> = std::iter::once(0..at).collect();
         let mut out = VertexSchema { coordinate: schema.coordinate, properties: Vec::new() };
         for property in properties {
             let end = at + property.scalar.bytes();
