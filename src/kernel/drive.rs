@@ -11,6 +11,7 @@ use super::evaluate::{Edges, Evaluated};
 use super::lanes::Simd;
 use super::legal::{Class, Reject, RejectCounts};
 use super::queue::{BucketQueue, Entry};
+use super::samples::Samples;
 use super::surface::{GONE, Surface};
 use super::topology::{self, Remedy};
 
@@ -49,6 +50,8 @@ pub(crate) struct Driver {
     /// Input vertices that are gone, for the new vertices of a cut.
     spare_sources: Vec<u32>,
     pub(crate) changes: TopologyChanges,
+    /// What the result will be fitted to.
+    pub(crate) samples: Option<Samples>,
 }
 
 /// Changes of topology that were made.
@@ -94,6 +97,7 @@ impl Driver {
             topology,
             spare_sources: Vec::new(),
             changes: TopologyChanges::default(),
+            samples: None,
         }
     }
 
@@ -136,7 +140,13 @@ impl Driver {
 
     fn tidy(&mut self) {
         if (self.surface.n_alive as f64) < 0.75 * self.surface.triangles.len() as f64 {
-            self.surface.compact(self.simd);
+            if let Some(samples) = &mut self.samples {
+                samples.follow(&self.surface.rings);
+            }
+            let place = self.surface.compact(self.simd);
+            if let Some(samples) = &mut self.samples {
+                samples.renumber(&place, self.surface.n_alive, self.surface.vertices.len());
+            }
             self.collapses_before += std::mem::take(&mut self.collapses);
         }
     }

@@ -6,17 +6,23 @@
 mod collapse;
 mod drive;
 mod evaluate;
+mod fit;
 mod lanes;
 mod legal;
+mod nearest;
 mod order;
 mod queue;
 pub mod reference;
+mod samples;
 mod surface;
 mod topology;
 mod vector;
 mod weld;
 
+pub use fit::FitStatistics;
+
 use crate::mesh::Mesh;
+use samples::Samples;
 
 /// When the kernel stops collapsing.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,6 +49,39 @@ pub struct Options {
     pub stop: Stop,
     /// What may happen to the topology.
     pub topology: Topology,
+    /// Whether the vertices are moved at the end so that the error falls.
+    pub fit: Fit,
+}
+
+/// Whether the vertices of the result are fitted to the original; only where the stop is a count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Fit {
+    /// Always.
+    On,
+    /// Never.
+    Off,
+    /// Where it is cheap against the collapses: at most `AUTO_FIT_RATIO` of the triangles are left.
+    #[default]
+    Auto,
+}
+
+/// `Fit::Auto` fits where at most this share of the triangles is left.
+pub const AUTO_FIT_RATIO: f64 = 0.05;
+
+impl Fit {
+    /// Whether to fit a mesh that goes from `n_triangles` to `target`.
+    pub fn applies(self, n_triangles: u64, target: u64) -> bool {
+        match self {
+            Fit::On => target < n_triangles,
+            Fit::Off => false,
+            Fit::Auto => target as f64 <= n_triangles as f64 * AUTO_FIT_RATIO,
+        }
+    }
+
+    /// The same, decided: for a part of a job whose counts are not those of the whole.
+    pub fn decided(self, n_triangles: u64, target: u64) -> Fit {
+        if self.applies(n_triangles, target) { Fit::On } else { Fit::Off }
+    }
 }
 
 /// What may happen to components, holes and handles.
@@ -60,7 +99,11 @@ pub enum Topology {
 impl Default for Options {
     /// Collapses nothing; the stages set the stop.
     fn default() -> Self {
-        Options { stop: Stop::Triangles(u64::MAX), topology: Topology::default() }
+        Options {
+            stop: Stop::Triangles(u64::MAX),
+            topology: Topology::default(),
+            fit: Fit::default(),
+        }
     }
 }
 
@@ -75,6 +118,8 @@ pub struct Statistics {
     pub level_counts: Vec<u64>,
     /// Whether the stop was reached (false: nothing legal is left to collapse).
     pub reached: bool,
+    /// What the fit did, if there was one.
+    pub fit: Option<FitStatistics>,
 }
 
 /// The outcome of `simplify_mesh`.
@@ -96,6 +141,9 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
     run(mesh, locked, options, lanes::Simd::detect())
 }
 
+/// Sweeps of the fit.
+const FIT_SWEEPS: u64 = 2;
+
 fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
     let mut statistics = Statistics::default();
     let mut surface = surface::Surface::new(mesh, locked, simd);
@@ -104,7 +152,16 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
     }
     let mut driver = drive::Driver::new(surface, simd, options.topology);
     match &options.stop {
-        Stop::Triangles(target) => statistics.reached = driver.reach(*target),
+        Stop::Triangles(target) => {
+            if options.fit.applies(driver.surface.n_alive, *target) {
+                driver.samples = Some(Samples::take(&driver.surface, *target));
+            }
+            statistics.reached = driver.reach(*target);
+            if let Some(samples) = driver.samples.take() {
+                let sweeps = FIT_SWEEPS;
+                statistics.fit = Some(fit::fit(&mut driver.surface, samples, sweeps, simd));
+            }
+        }
         Stop::Costs { levels, floor_triangles } => {
             for &level in levels {
                 if !statistics.level_counts.is_empty() && driver.surface.n_alive <= *floor_triangles
