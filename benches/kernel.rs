@@ -1,4 +1,4 @@
-//! Speed of the kernel: nanoseconds an input triangle, by target and by cell size.
+//! Speed of the kernel: nanoseconds an input triangle, by target, by cell size and by part of the work.
 //!
 //! `cargo bench --bench kernel`. The whole call is timed, ordering included; the input is cloned outside.
 
@@ -41,9 +41,13 @@ fn terrain(n_triangles: usize) -> Mesh {
 
 fn simplify(bencher: Bencher, n_triangles: usize, share: f64) {
     let mesh = terrain(n_triangles);
-    let locked = vec![false; mesh.positions.len()];
     let target = (mesh.triangles.len() as f64 * share) as u64;
-    let options = Options { stop: Stop::Triangles(target), ..Options::default() };
+    until(bencher, mesh, Stop::Triangles(target));
+}
+
+fn until(bencher: Bencher, mesh: Mesh, stop: Stop) {
+    let locked = vec![false; mesh.positions.len()];
+    let options = Options { stop, ..Options::default() };
     bencher
         .counter(ItemsCount::new(mesh.triangles.len()))
         .with_inputs(|| mesh.clone())
@@ -58,4 +62,18 @@ fn to_ten_percent(bencher: Bencher, n_triangles: usize) {
 #[divan::bench(args = [65_536, 262_144, 1_048_576, 2_097_152], sample_count = 5, sample_size = 1)]
 fn to_one_percent(bencher: Bencher, n_triangles: usize) {
     simplify(bencher, n_triangles, 0.01);
+}
+
+/// Ordering, building and taking apart again, without a single collapse.
+#[divan::bench(args = [262_144, 1_048_576], sample_count = 5, sample_size = 1)]
+fn ordering_and_building(bencher: Bencher, n_triangles: usize) {
+    until(bencher, terrain(n_triangles), Stop::Costs { levels: Vec::new(), floor_triangles: 0 });
+}
+
+/// The same and every edge's cost once; next to nothing is cheap enough to collapse. What is left of
+/// `to_ten_percent` is collapsing.
+#[divan::bench(args = [262_144, 1_048_576], sample_count = 5, sample_size = 1)]
+fn and_evaluating_every_edge(bencher: Bencher, n_triangles: usize) {
+    let levels = vec![f64::MIN_POSITIVE];
+    until(bencher, terrain(n_triangles), Stop::Costs { levels, floor_triangles: 0 });
 }

@@ -6,15 +6,17 @@
 use crate::cells::plan_cells;
 use crate::config::DEFAULT_CELL_TRIANGLES;
 use crate::error::{Error, Result};
-use crate::measure::load::{self, Loaded};
+use crate::measure::heatmap;
+use crate::measure::load;
 use crate::measure::tree::Tree;
-use crate::measure::{self, ColourChannels, Measured, Options, Parts};
+use crate::measure::{self, Carried, Deviation, Measured, Options, Parts, TriangleSizes};
 use crate::partition;
 use crate::ply::MeshSource;
 use crate::progress::Progress;
 use crate::scratch::{Cutting, Scratch};
+use crate::topology::Topology;
 use crate::units::show_bytes;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Memory for code, stacks, allocator slack and small things, in bytes.
 const BASE_BYTES: u64 = 40 << 20;
@@ -34,17 +36,8 @@ pub struct Request<'a> {
     pub cell_triangles: u64,
     /// The folder in which cells are kept for the time being, if they are needed.
     pub temp_dir: PathBuf,
-    /// Also measure the distance of every vertex of this mesh to the other one.
-    pub heat_of: Option<Which>,
-}
-
-/// One of the two meshes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Which {
-    /// The original.
-    Original,
-    /// The simplified mesh.
-    Simplified,
+    /// Also measure the distance of every vertex of the simplified mesh to the original.
+    pub heat: bool,
 }
 
 /// The outcome.
@@ -56,8 +49,67 @@ pub struct Comparison {
     pub cells: u64,
     /// Peak bytes of temporary files.
     pub temp_bytes: u64,
-    /// Distance of every vertex of the mesh that was asked for to the other mesh, in input units.
+    /// Distance of every vertex of the simplified mesh to the original in input units, if asked for.
     pub heat: Vec<f64>,
+}
+
+/// What is known of one of the two files.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct FileReport {
+    /// As given.
+    pub path: PathBuf,
+    /// Length of the file.
+    pub bytes: u64,
+    /// All vertices, used or not.
+    pub vertices: u64,
+    /// All triangles, degenerate ones included.
+    pub triangles: u64,
+    /// How it is connected.
+    pub topology: Topology,
+}
+
+/// The JSON of `measure --report` and of `simplify --verify`; the keys are a contract.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[allow(missing_docs)] // The names are the contract.
+pub struct Report {
+    pub version: &'static str,
+    pub original: FileReport,
+    pub simplified: FileReport,
+    #[serde(flatten)]
+    pub deviation: Deviation,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub triangle_sizes: Option<TriangleSizes>,
+    pub seed: u64,
+    pub cells: u64,
+    pub seconds: f64,
+    pub peak_memory_bytes: u64,
+    pub peak_temp_bytes: u64,
+}
+
+impl Report {
+    /// The report of a comparison that took so many seconds.
+    pub fn new(request: &Request, comparison: &Comparison, seconds: f64) -> Report {
+        let file = |source: &MeshSource, topology: Topology| FileReport {
+            path: source.path().to_path_buf(),
+            bytes: source.file_bytes(),
+            vertices: topology.vertices,
+            triangles: topology.triangles,
+            topology,
+        };
+        let measured = &comparison.measured;
+        Report {
+            version: env!("CARGO_PKG_VERSION"),
+            original: file(request.original, measured.original),
+            simplified: file(request.simplified, measured.simplified),
+            deviation: measured.deviation.clone(),
+            triangle_sizes: None,
+            seed: request.options.seed,
+            cells: comparison.cells,
+            seconds,
+            peak_memory_bytes: crate::memory::peak_bytes(),
+            peak_temp_bytes: comparison.temp_bytes,
+        }
+    }
 }
 
 /// The default cell size.
@@ -80,8 +132,8 @@ pub fn compare(request: &Request, progress: &Progress) -> Result<Comparison> {
 
 /// The options with what the two files say about colours.
 fn options(request: &Request) -> Options {
-    let colours = ColourChannels::of(request.original.schema())
-        .zip(ColourChannels::of(request.simplified.schema()))
+    let colours = Carried::of(request.original.schema())
+        .zip(Carried::of(request.simplified.schema()))
         .map(|(a, b)| [a, b]);
     Options { colours, ..request.options.clone() }
 }
@@ -100,16 +152,11 @@ fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
     let original = load::load(request.original, threads, progress)?;
     let simplified = load::load(request.simplified, threads, progress)?;
     let deviation = measure::two_sided(&original.mesh, &simplified.mesh, &options, progress)?;
-    let heat = match request.heat_of {
-        None => Vec::new(),
-        Some(which) => {
-            let (hot, other) = match which {
-                Which::Original => (&original, &simplified),
-                Which::Simplified => (&simplified, &original),
-            };
-            let other = Parts::in_memory(&other.mesh, None);
-            measure::distances(&hot.mesh.positions, &other, threads, u64::MAX, progress)?
-        }
+    let heat = if request.heat {
+        let other = Parts::in_memory(&original.mesh, None);
+        measure::distances(&simplified.mesh.positions, &other, threads, u64::MAX, progress)?
+    } else {
+        Vec::new()
     };
     let measured = Measured {
         deviation,
@@ -137,11 +184,15 @@ fn with_original(
         let second = Parts::in_memory(&simplified.mesh, simplified.colours);
         let mut comparison = run(request, &first, &second, &options, usable - whole, progress)?;
         add_degenerate(&mut comparison, degenerate, simplified.n_degenerate);
-        comparison.heat = heat(request, &first, &simplified, &options, usable - whole, progress)?;
+        if request.heat {
+            let (points, memory) = (&simplified.mesh.positions, usable - whole);
+            comparison.heat =
+                measure::distances(points, &first, options.threads, memory, progress)?;
+        }
         comparison.temp_bytes = temp_bytes;
         return Ok(comparison);
     }
-    if request.heat_of.is_some() {
+    if request.heat {
         return Err(Error::NoMemory(format!(
             "the simplified mesh needs {} to be coloured; give more --memory, or measure without --heatmap",
             show_bytes(3 * whole)
@@ -180,25 +231,23 @@ fn run(
     Ok(Comparison { measured, cells: original.n_parts() as u64, ..Comparison::default() })
 }
 
-fn heat(
-    request: &Request,
-    original: &Parts,
-    simplified: &Loaded,
-    options: &Options,
-    memory_bytes: u64,
-    progress: &Progress,
-) -> Result<Vec<f64>> {
-    let points = &simplified.mesh.positions;
-    match request.heat_of {
-        None => Ok(Vec::new()),
-        Some(Which::Simplified) => {
-            measure::distances(points, original, options.threads, memory_bytes, progress)
-        }
-        Some(Which::Original) => Err(Error::Usage(
-            "the original does not fit into memory and cannot be coloured; colour the simplified mesh"
-                .to_owned(),
-        )),
+/// Writes the original, of any size, coloured by its distance to the simplified mesh, which must fit.
+pub fn heatmap_of_original(request: &Request, path: &Path, progress: &Progress) -> Result<()> {
+    let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
+    let needed =
+        load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_faces());
+    if needed > usable {
+        return Err(Error::NoMemory(format!(
+            "the simplified mesh needs {} to colour the original by; give more --memory",
+            show_bytes(needed + BASE_BYTES)
+        )));
     }
+    let threads = request.options.threads;
+    let mesh = load::load(request.simplified, threads, progress)?.mesh;
+    let tree = Tree::build(mesh.triangles.len(), |i| mesh.corners(i));
+    drop(mesh);
+    let places = (path, request.temp_dir.as_path());
+    heatmap::write_streamed(request.original, &tree, places, threads, progress)
 }
 
 /// Partitioning leaves out faces with repeated corners; they count as triangles all the same.

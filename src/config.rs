@@ -37,6 +37,15 @@ pub enum Until {
     Stitch,
 }
 
+/// What becomes of what vertices carry besides their place.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Attributes {
+    /// What counts in the error, and how much.
+    pub weights: crate::attributes::Weights,
+    /// Properties that are chosen, not averaged.
+    pub labels: Vec<String>,
+}
+
 /// A run of `simplify`.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -64,12 +73,16 @@ pub struct Config {
     pub restart: bool,
     /// Where to write the vertices on the first round's seams, as a point set.
     pub seams: Option<PathBuf>,
+    /// Measure the result at the end.
+    pub verify: bool,
     /// How the output is written.
     pub format: crate::formats::OutputFormat,
     /// Drop and count broken faces and vertices instead of failing.
     pub skip_bad: bool,
     /// Give up texture coordinates at corners.
     pub drop_texture: bool,
+    /// What becomes of colours, normals and other properties.
+    pub attributes: Attributes,
     /// How cells and finish are simplified; the stop is set by the stages.
     pub kernel: crate::kernel::Options,
 }

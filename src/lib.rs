@@ -5,9 +5,11 @@
 //! `ply` reads and writes meshes, `cells` keeps them on disk cell by cell, `kernel` collapses edges and
 //! knows no files, threads, clock or logging. docs/ARCHITECTURE.md has the map.
 
+pub mod attributes;
 pub mod cells;
 pub mod check;
 pub mod cli;
+mod colours;
 pub mod compare;
 pub mod config;
 pub mod disk;
@@ -19,6 +21,7 @@ pub mod kernel;
 pub mod measure;
 pub mod memory;
 pub mod mesh;
+pub mod oklab;
 pub mod parallel;
 pub mod partition;
 pub mod pipeline;
@@ -37,6 +40,7 @@ pub mod summary;
 pub mod synth;
 pub mod topology;
 pub mod units;
+pub mod verify;
 pub mod write;
 
 pub use error::{Error, Result};

@@ -4,20 +4,25 @@
 //! write. Every stage is sealed in the job folder before the next one begins, so the same command continues
 //! wherever an earlier run stopped. Only this file names two stages.
 
-use crate::cells::{CellStore, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout};
+use crate::cells::{
+    CellStore, Dropped, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout,
+};
 use crate::config::{Config, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
-use crate::formats::StageOptions;
+use crate::formats::{OutputKind, StageOptions, texture_at_vertices};
 use crate::job::{self, Identity, Job};
+use crate::kernel;
 use crate::partition::{self, Partition};
 use crate::plan::{Plan, folder_of};
 use crate::ply::{MeshSource, OutputHeader, Place, ReadOptions};
 use crate::progress::Progress;
 use crate::run::Run;
+use crate::schema::Meaning;
 use crate::simplify::{self, Goal};
 use crate::stitch::{self, Parts, Step};
 use crate::summary::{InputReport, OutputReport, RunReport, SeamReport, StageReport};
+use crate::verify;
 use crate::write::{self, Written};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -40,12 +45,22 @@ pub struct Prepared {
 /// Opens the input and plans the run. What is no plain PLY file is first unpacked beside the output.
 pub fn prepare(config: &Config) -> Result<Prepared> {
     refuse_to_overwrite(config)?;
+    if config.verify {
+        verify::refuse_unreadable(config)?;
+    }
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
     let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     let source = MeshSource::open_staged(&config.input, &stage)?;
-    if !config.drop_texture {
-        source.require_no_texture()?;
-    }
+    let source = match config.drop_texture {
+        true => source,
+        false => {
+            let source = texture_at_vertices(source, &stage)?;
+            source.require_no_texture()?;
+            source
+        }
+    };
+    let codec = source.schema().kernel_codec(&config.attributes.labels);
+    config.attributes.weights.check(&codec.meanings(source.schema()))?;
     let plan = Plan::new(&source, config)?;
     plan.check_disk(config)?;
     Ok(Prepared { source, plan })
@@ -82,7 +97,11 @@ pub fn simplify_on(
         crate::seams::write(&stages.store(store.clone())?, path, &stages.run)?;
     }
     let mut step = stages.next_step(partition.store.triangles);
+    if step != Step::Finish {
+        stages.weigh(&store)?;
+    }
     let mut survivors = None;
+    let mut dropped = None;
     while let Step::Round(_) | Step::ExactRound = step {
         if let Some(earlier) = survivors.take() {
             store = stages.recut(earlier)?;
@@ -92,6 +111,7 @@ pub fn simplify_on(
             return Ok(None);
         }
         step = stages.next_step(left.triangles);
+        dropped.get_or_insert(left.dropped);
         survivors = Some(left);
     }
     let result = match (step, survivors) {
@@ -104,7 +124,11 @@ pub fn simplify_on(
     }
     let written = stages.write(&source, &result)?;
 
-    let report = stages.report(&source, config, &partition, &result, written, started);
+    let mut report = stages.report(&source, config, &partition, &result, written, started);
+    report.input.faults = faults(&source, &partition, dropped.unwrap_or(result.dropped));
+    if config.verify {
+        verify::verify(config, &stages.run, &mut report)?;
+    }
     drop(stages);
     if !config.keep_temp {
         job.remove()?;
@@ -117,6 +141,7 @@ struct Stages<'a> {
     run: Run<'a>,
     config: &'a Config,
     layout: VertexLayout,
+    kernel: kernel::Options,
     target: u64,
     rounds_done: u32,
     shared_by_round: Vec<u64>,
@@ -144,7 +169,18 @@ impl<'a> Stages<'a> {
                 memory_bytes: plan.usable_memory_bytes,
             },
             config,
-            layout: VertexLayout::new(source.schema(), source.n_vertices()),
+            layout: VertexLayout::for_kernel(
+                source.schema(),
+                source.n_vertices(),
+                &config.attributes.labels,
+                &config.attributes.weights,
+            ),
+            kernel: kernel::Options {
+                confined: confined(source, config),
+                // Whether it is worth its time is a question of the whole job, not of what the finish sees.
+                fit: config.kernel.fit.decided(plan.triangles_in, plan.target),
+                ..config.kernel.clone()
+            },
             target: plan.target,
             rounds_done: 0,
             shared_by_round: Vec::new(),
@@ -178,6 +214,7 @@ impl<'a> Stages<'a> {
                 triangles_out: count(&outcome),
                 bytes_read: run.disk().bytes_read() - read,
                 bytes_written: run.disk().bytes_written() - written,
+                peak_memory_bytes: crate::memory::peak_bytes(),
             };
             Ok((outcome, report))
         })?;
@@ -213,6 +250,15 @@ impl<'a> Stages<'a> {
         Ok(partition)
     }
 
+    /// Finds what channels with a weight count for; once, and then the same for every round.
+    fn weigh(&mut self, info: &StoreInfo) -> Result<()> {
+        let (run, target) = (self.run, self.target);
+        self.kernel.weights = run.job.sealed("channel lengths", || {
+            simplify::channel_lengths(&self.store(info.clone())?, target, &run)
+        })?;
+        Ok(())
+    }
+
     fn next_step(&self, triangles_now: u64) -> Step {
         stitch::next_step(triangles_now, self.target, self.config.cell_triangles, self.rounds_done)
     }
@@ -234,8 +280,7 @@ impl<'a> Stages<'a> {
         };
         let goal = Goal { round, triangles: goal };
         let name = if round == 0 { "simplify" } else { "stitch" };
-        let (options, layout, n) =
-            (self.config.kernel.clone(), self.layout.clone(), info.triangles);
+        let (options, layout, n) = (self.kernel.clone(), self.layout.clone(), info.triangles);
         let pack = self.run.job.path(&info.pack);
         let left = self.stage(
             &format!("round {round}"),
@@ -281,7 +326,7 @@ impl<'a> Stages<'a> {
         store: &StoreInfo,
         survivors: Option<SurvivorInfo>,
     ) -> Result<SurvivorInfo> {
-        let (target, options) = (self.target, self.config.kernel.clone());
+        let (target, options) = (self.target, self.kernel.clone());
         let n = survivors.as_ref().map_or(store.triangles, |s| s.triangles);
         let source_pack = survivors.as_ref().map_or(&store.pack, |s| &s.pack);
         let pack = self.run.job.path(source_pack);
@@ -305,7 +350,7 @@ impl<'a> Stages<'a> {
                     }
                     None => {
                         let store = CellStore::open(disk, folder, info, layout.clone())?;
-                        let load = |cell| store.load(cell).map(Survivors::from);
+                        let load = |cell| store.load_tidy(cell).map(Survivors::from);
                         let parts =
                             Parts { cells: &store.info().cells, layout: &layout, load: &load };
                         stitch::finish(parts, target, &options, run)
@@ -345,7 +390,14 @@ impl<'a> Stages<'a> {
         let number = self.reports.len() as u32 + 1;
         run.progress.begin("write", number, self.n_stages.max(number), result.triangles);
         let (read, start) = (run.disk().bytes_read(), Instant::now());
-        let written = write::write(&pack, place, header, self.config.format, &run)?;
+        let format = self.config.format;
+        let kind = format.kind.map_or_else(|| OutputKind::of(&self.config.output), Ok)?;
+        let written = match source.wedges() {
+            Some(with_image) if kind == OutputKind::Ply && pack.info().cells.len() == 1 => {
+                write::write_corners(&pack, place, header, (format, with_image), &run)?
+            }
+            _ => write::write(&pack, place, header, format, &run)?,
+        };
         self.reports.push(StageReport {
             name: "write".to_owned(),
             seconds: start.elapsed().as_secs_f64(),
@@ -353,6 +405,7 @@ impl<'a> Stages<'a> {
             triangles_out: written.triangles,
             bytes_read: run.disk().bytes_read() - read,
             bytes_written: written.bytes,
+            peak_memory_bytes: crate::memory::peak_bytes(),
         });
         Ok(written)
     }
@@ -375,7 +428,8 @@ impl<'a> Stages<'a> {
                 bytes: source.file_bytes(),
                 vertices: source.n_vertices(),
                 triangles: source.n_faces(),
-                faults: faults(source, partition),
+                bounds: partition.bounds,
+                ..InputReport::default()
             },
             settings: settings(config),
             cells: partition.store.cells.len() as u32,
@@ -390,28 +444,39 @@ impl<'a> Stages<'a> {
                 triangles: written.triangles,
             },
             rejects: result.rejects.iter().cloned().collect(),
+            fit: result.fit,
             seams: SeamReport {
                 shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
                 shared_vertices_by_round: self.shared_by_round.clone(),
+                place: partition.seam_place,
             },
             target: self.target,
             target_met: met,
             stop_reason: if met { "target" } else { "nothing legal left to collapse" }.to_owned(),
+            measured: None,
             stages: self.reports.clone(),
         }
     }
 }
 
 /// Faults of the input that were dropped, by name.
-fn faults(source: &MeshSource, partition: &Partition) -> BTreeMap<String, u64> {
+fn faults(source: &MeshSource, partition: &Partition, dropped: Dropped) -> BTreeMap<String, u64> {
     let found = source.faults();
     BTreeMap::from([
         ("degenerate_faces".to_owned(), partition.degenerate_faces),
+        ("duplicate_faces".to_owned(), dropped.duplicate_faces),
+        ("unreferenced_vertices".to_owned(), dropped.unreferenced_vertices),
         ("bad_faces".to_owned(), partition.bad_faces + found.bad_faces),
         ("bad_vertices".to_owned(), found.bad_vertices),
         ("missing_faces".to_owned(), found.missing_faces),
         ("missing_vertices".to_owned(), found.missing_vertices),
     ])
+}
+
+/// Texture coordinates mean nothing outside of their chart.
+fn confined(source: &MeshSource, config: &Config) -> Vec<bool> {
+    let codec = source.schema().kernel_codec(&config.attributes.labels);
+    codec.meanings(source.schema()).iter().map(|m| *m == Meaning::Texture).collect()
 }
 
 /// Recorded before the output is written: an output that is found later may be this job's own.
@@ -434,7 +499,10 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("target".to_owned(), format!("{:?}", config.target)),
         ("cell-triangles".to_owned(), config.cell_triangles.to_string()),
         ("skip-bad".to_owned(), config.skip_bad.to_string()),
+        ("weight".to_owned(), config.attributes.weights.to_string()),
+        ("label".to_owned(), config.attributes.labels.join(",")),
         ("topology".to_owned(), format!("{:?}", config.kernel.topology).to_lowercase()),
+        ("fit".to_owned(), format!("{:?}", config.kernel.fit).to_lowercase()),
     ])
 }
 

@@ -59,7 +59,13 @@ impl Plan {
             return Err(Error::bad_input(source.path(), what));
         }
         let target = config.target.triangles(triangles_in);
-        let layout = VertexLayout::new(source.schema(), source.n_vertices());
+        let attributes = &config.attributes;
+        let layout = VertexLayout::for_kernel(
+            source.schema(),
+            source.n_vertices(),
+            &attributes.labels,
+            &attributes.weights,
+        );
         let cells = plan_cells(triangles_in, config.cell_triangles);
         let (rounds, finish_triangles) = rounds(triangles_in, target, config.cell_triangles);
         let vertices_per_triangle = source.n_vertices() as f64 / triangles_in.max(1) as f64;
@@ -68,12 +74,15 @@ impl Plan {
             let tally = CellTally { vertices, triangles };
             load_bytes(tally, &layout)
                 + kernel::peak_bytes(vertices, triangles, layout.codec.n_channels())
+                + kernel::attribute_bytes(vertices, layout.n_weighted())
         };
         let cell = (config.cell_triangles.min(triangles_in) as f64 * UNEVEN) as u64;
         let threads = config.threads.get();
         let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
         let tables = partition::memory_bytes(source.n_vertices(), cells, threads, usable / 2);
-        let works = stage_bytes(cell).max(stage_bytes(finish_triangles));
+        let fit = config.kernel.fit.decided(triangles_in, target);
+        let fit_bytes = kernel::fit_bytes(fit, finish_triangles, target);
+        let works = stage_bytes(cell).max(stage_bytes(finish_triangles) + fit_bytes);
         let needed = works.max(tables) + BASE_BYTES;
         if needed > config.memory_bytes {
             return Err(too_little(config, needed, works > tables, usable, works));
@@ -84,6 +93,8 @@ impl Plan {
             + triangles_in as f64 * 3.0 * ids)
             * PACK_OVERHEAD;
         let output_triangles = target.min(triangles_in) as f64;
+        let output_bytes =
+            (output_triangles * (13.0 + records * vertices_per_triangle)) as u64 + 4096;
         Ok(Plan {
             triangles_in,
             target,
@@ -91,9 +102,8 @@ impl Plan {
             finish: finish_triangles > 0,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
-            temp_bytes: store as u64 + (1 << 20),
-            output_bytes: (output_triangles * (13.0 + records * vertices_per_triangle)) as u64
-                + 4096,
+            temp_bytes: store as u64 + (1 << 20) + if config.verify { 3 * output_bytes } else { 0 },
+            output_bytes,
             seconds: triangles_in as f64 / (TRIANGLES_PER_SECOND_PER_CORE * threads as f64),
             rounds,
         })

@@ -4,6 +4,8 @@
 //! back. Kernel channels are `f32`; this is the one place that says how a property becomes channels and
 //! how channels become a property again.
 
+use crate::colours::Colour;
+
 /// A scalar type of a PLY property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[allow(missing_docs)]
@@ -97,8 +99,16 @@ impl VertexSchema {
     }
 
     /// The plan for turning records into channels and back; make it once, outside the loop.
+    ///
+    /// Its channels are the properties' own values; `kernel_codec` is what simplifying uses.
     pub fn codec(&self) -> VertexCodec {
-        VertexCodec::new(self)
+        VertexCodec::new(self, &[], false)
+    }
+
+    /// The plan for simplifying: colours become perceptual channels, the properties named in `labels` are
+    /// chosen and never averaged.
+    pub fn kernel_codec(&self, labels: &[String]) -> VertexCodec {
+        VertexCodec::new(self, labels, true)
     }
 
     /// The channels of one record; loops over many vertices take `codec()` once instead.
@@ -149,7 +159,8 @@ enum Rule {
     Single,
     /// A double: two channels, the nearest float and the float nearest to what is left.
     Double,
-    /// An integer colour component: one channel, rounded and clamped on the way back.
+    /// An integer colour component (or the number of an image): one channel, rounded and clamped on the way
+    /// back.
     Colour,
     /// An integer that means something by its value (a class, a flag, an id): never averaged.
     Label,
@@ -163,6 +174,8 @@ impl Rule {
             Scalar::U8 | Scalar::U16 if COLOUR_NAMES.contains(&property.name.as_str()) => {
                 Rule::Colour
             }
+            // Wedges of different images must not be taken for the same; equal ones mix to themselves.
+            Scalar::I32 if property.name == "texnumber" => Rule::Colour,
             _ => Rule::Label,
         }
     }
@@ -175,6 +188,25 @@ impl Rule {
         }
     }
 }
+
+/// What a channel is, for those who weigh it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Meaning {
+    /// One of three perceptual coordinates of a colour, or its alpha.
+    Colour,
+    /// One of three components of a normal.
+    Normal,
+    /// One of two texture coordinates.
+    Texture,
+    /// A number of its own: the property's name.
+    Scalar(String),
+    /// What a float cannot hold of the double in the channel before.
+    Rest,
+}
+
+/// Names of texture coordinates at vertices.
+const TEXTURE_NAMES: [[&str; 2]; 4] =
+    [["s", "t"], ["u", "v"], ["texture_u", "texture_v"], ["texture_s", "texture_t"]];
 
 /// One property of a record, with its places in the record and among the channels.
 #[derive(Clone, Copy, Debug)]
@@ -199,14 +231,27 @@ pub struct VertexCodec {
     fields: Vec<Field>,
     /// Indices into `fields` of nx, ny and nz, if all three are there as floats or doubles.
     normal: Option<[usize; 3]>,
+    /// Colours whose channels are perceptual; their rule is `Colour`.
+    colours: Vec<Colour>,
 }
 
 impl VertexCodec {
-    fn new(schema: &VertexSchema) -> Self {
+    fn new(schema: &VertexSchema, labels: &[String], perceptual: bool) -> Self {
         let mut fields = Vec::with_capacity(schema.properties.len());
         let (mut at, mut channel) = (schema.position_bytes(), 0);
-        for property in &schema.properties {
-            let rule = Rule::of(property);
+        let is_label = |name: &String| labels.contains(name);
+        let mut colours = if perceptual { Colour::find(&schema.properties) } else { Vec::new() };
+        colours.retain(|c| !c.fields.iter().any(|&i| is_label(&schema.properties[i].name)));
+        for colour in &mut colours {
+            colour.alpha = colour.alpha.filter(|&i| !is_label(&schema.properties[i].name));
+        }
+        for (i, property) in schema.properties.iter().enumerate() {
+            let in_colour = colours.iter().any(|c| c.fields.contains(&i) || c.alpha == Some(i));
+            let rule = match (is_label(&property.name), in_colour) {
+                (true, _) => Rule::Label,
+                (_, true) => Rule::Colour,
+                _ => Rule::of(property),
+            };
             fields.push(Field { rule, scalar: property.scalar, at, channel });
             at += property.scalar.bytes();
             channel += rule.n_channels();
@@ -218,8 +263,37 @@ impl VertexCodec {
             (Some(x), Some(y), Some(z)) => Some([x, y, z]),
             _ => None,
         };
+        let averaged = |i: &usize| fields[*i].rule != Rule::Label;
+        let normal = normal.filter(|fields| fields.iter().all(averaged));
         let coordinate = schema.coordinate;
-        VertexCodec { coordinate, record_bytes: at, n_channels: channel, fields, normal }
+        VertexCodec { coordinate, record_bytes: at, n_channels: channel, fields, normal, colours }
+    }
+
+    /// What each channel is. `schema` is the one that the plan was made from.
+    pub fn meanings(&self, schema: &VertexSchema) -> Vec<Meaning> {
+        let name = |i: usize| schema.properties[i].name.as_str();
+        let has = |wanted: &str| schema.properties.iter().any(|p| p.name == wanted);
+        let texture = |i: usize| {
+            let pair = TEXTURE_NAMES.iter().find(|pair| pair.contains(&name(i)));
+            pair.is_some_and(|pair| pair.iter().all(|name| has(name)))
+        };
+        let mut meanings = Vec::with_capacity(self.n_channels);
+        for (i, field) in self.fields.iter().enumerate() {
+            let colour = self.colours.iter().any(|c| c.fields.contains(&i) || c.alpha == Some(i));
+            let normal = self.normal.is_some_and(|normal| normal.contains(&i));
+            let own = match (colour, normal) {
+                (true, _) => Meaning::Colour,
+                (_, true) => Meaning::Normal,
+                _ if texture(i) => Meaning::Texture,
+                _ => Meaning::Scalar(name(i).to_owned()),
+            };
+            match field.rule.n_channels() {
+                0 => {}
+                1 => meanings.push(own),
+                _ => meanings.extend([own, Meaning::Rest]),
+            }
+        }
+        meanings
     }
 
     /// How many channels `decode_channels` fills and `encode` takes.
@@ -243,6 +317,22 @@ impl VertexCodec {
                 }
             }
         }
+        for colour in &self.colours {
+            let (perceptual, alpha) = self.perceptual(colour, record);
+            for (&i, x) in colour.fields.iter().zip(perceptual) {
+                channels[self.fields[i].channel] = x;
+            }
+            if let Some(i) = colour.alpha {
+                channels[self.fields[i].channel] = (alpha / colour.white()) as f32;
+            }
+        }
+    }
+
+    /// The channels of a colour in a record, and its alpha as it stands there.
+    fn perceptual(&self, colour: &Colour, record: &[u8]) -> ([f32; 3], f64) {
+        let read = |i: usize| read_scalar(self.fields[i].scalar, record, self.fields[i].at);
+        let alpha = colour.alpha.map_or(colour.white(), read);
+        (colour.channels(colour.fields.map(read), alpha), alpha)
     }
 
     /// Appends the record of a vertex: `position`, averaged properties from `channels`, labels from
@@ -266,13 +356,46 @@ impl VertexCodec {
         }
         out.extend_from_slice(&label_record[out.len() - start..self.record_bytes]);
         let record = &mut out[start..];
-        for field in &self.fields {
+        for (i, field) in self.fields.iter().enumerate() {
+            if self.colours.iter().any(|c| c.fields.contains(&i) || c.alpha == Some(i)) {
+                continue;
+            }
             if !self.unchanged(field, channels, label_record) {
                 write_scalar(field.scalar, record, field.at, self.value(field, channels));
             }
         }
+        for colour in &self.colours {
+            self.encode_colour(colour, channels, label_record, record);
+        }
         if let Some(normal) = self.normal {
             self.renormalise(normal.map(|i| &self.fields[i]), channels, label_record, record);
+        }
+    }
+
+    fn encode_colour(
+        &self,
+        colour: &Colour,
+        channels: &[f32],
+        label_record: &[u8],
+        record: &mut [u8],
+    ) {
+        let (before, alpha) = self.perceptual(colour, label_record);
+        let now = colour.fields.map(|i| channels[self.fields[i].channel]);
+        let opacity = colour.alpha.map(|i| channels[self.fields[i].channel]);
+        let same_alpha =
+            opacity.is_none_or(|x| x.to_bits() == ((alpha / colour.white()) as f32).to_bits());
+        if same_alpha && now.map(f32::to_bits) == before.map(f32::to_bits) {
+            return;
+        }
+        let white = colour.white();
+        let alpha = opacity.map_or(white, |x| f64::from(x).clamp(0.0, 1.0) * white);
+        if let Some(i) = colour.alpha {
+            write_scalar(self.fields[i].scalar, record, self.fields[i].at, alpha);
+        }
+        if let Some(rgb) = colour.values(now, alpha) {
+            for (&i, value) in colour.fields.iter().zip(rgb) {
+                write_scalar(self.fields[i].scalar, record, self.fields[i].at, value);
+            }
         }
     }
 
@@ -438,5 +561,89 @@ mod tests {
         assert_eq!(at(Scalar::U16, 25), 65535.0);
         assert_eq!(at(Scalar::U8, 27), 7.0);
         assert_eq!(at(Scalar::F64, 28), 1e9 + 0.25);
+    }
+
+    #[test]
+    fn every_byte_of_colour_comes_back_touched_or_not() {
+        let names = ["red", "green", "blue", "alpha"];
+        let properties: Vec<_> = names.iter().map(|&name| (name, Scalar::U8)).collect();
+        for n in [3, 4] {
+            let schema = schema(Scalar::F32, &properties[..n]);
+            let codec = schema.kernel_codec(&[]);
+            let mut channels = vec![0.0; codec.n_channels()];
+            for value in 0..=255u8 {
+                let v = f64::from(value);
+                for rgb in [[v, v, v], [v, 0.0, 255.0], [0.0, v, 13.0], [255.0 - v, 7.0, v]] {
+                    for alpha in [255.0, 40.0] {
+                        let values = [0.0, 0.0, 0.0, rgb[0], rgb[1], rgb[2], alpha];
+                        let original = record(&schema, &values[..3 + n]);
+                        codec.decode_channels(&original, &mut channels);
+                        let mut out = Vec::new();
+                        codec.encode([0.0; 3], &channels, &original, &mut out);
+                        assert_eq!(out, original);
+                        // The same colour by way of another vertex.
+                        let mut other = original.clone();
+                        other[12..].fill(99);
+                        out.clear();
+                        codec.encode([0.0; 3], &channels, &other, &mut out);
+                        assert_eq!(out, original, "{rgb:?} {alpha}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_transparent_has_no_say_in_a_mixture() {
+        let names = ["red", "green", "blue", "alpha"];
+        let schema = schema(Scalar::F32, &names.map(|name| (name, Scalar::U8)));
+        let codec = schema.kernel_codec(&[]);
+        let clear = record(&schema, &[0.0, 0.0, 0.0, 0.0, 255.0, 0.0, 0.0]);
+        let solid = record(&schema, &[0.0, 0.0, 0.0, 200.0, 30.0, 60.0, 255.0]);
+        let (mut a, mut b) = (vec![0.0; 4], vec![0.0; 4]);
+        codec.decode_channels(&clear, &mut a);
+        codec.decode_channels(&solid, &mut b);
+        let half: Vec<f32> = a.iter().zip(&b).map(|(a, b)| 0.5 * (a + b)).collect();
+        let mut out = Vec::new();
+        codec.encode([0.0; 3], &half, &clear, &mut out);
+        assert_eq!(&out[12..], &[200, 30, 60, 128]);
+    }
+
+    #[test]
+    fn channels_have_meanings_and_labels_are_no_channels() {
+        let schema = schema(
+            Scalar::F32,
+            &[
+                ("s", Scalar::F32),
+                ("red", Scalar::U16),
+                ("green", Scalar::U16),
+                ("blue", Scalar::U16),
+                ("t", Scalar::F32),
+                ("nx", Scalar::F32),
+                ("ny", Scalar::F32),
+                ("nz", Scalar::F32),
+                ("time", Scalar::F64),
+                ("scalar_class", Scalar::F32),
+                ("u", Scalar::F32),
+            ],
+        );
+        let codec = schema.kernel_codec(&["scalar_class".to_owned()]);
+        use Meaning::{Colour, Normal, Rest, Texture};
+        let scalar = |name: &str| Meaning::Scalar(name.to_owned());
+        let expected = [
+            Texture,
+            Colour,
+            Colour,
+            Colour,
+            Texture,
+            Normal,
+            Normal,
+            Normal,
+            scalar("time"),
+            Rest,
+            scalar("u"),
+        ];
+        assert_eq!(codec.meanings(&schema), expected);
+        assert_eq!(codec.n_channels(), expected.len());
     }
 }

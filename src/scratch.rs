@@ -6,7 +6,7 @@
 use crate::cells::{CellStore, VertexLayout};
 use crate::disk::Disk;
 use crate::error::Result;
-use crate::job::{Identity, Job};
+use crate::job::{Identity, Job, SCRATCH_EXTENSION};
 use crate::partition::{Partition, partition};
 use crate::ply::MeshSource;
 use crate::progress::Progress;
@@ -44,7 +44,8 @@ impl Scratch {
         static NUMBER: AtomicU64 = AtomicU64::new(0);
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let process = std::process::id();
-        let folder = cutting.temp_dir.join(format!("{name}.{process}-{number}.stonecut-scratch"));
+        let folder =
+            cutting.temp_dir.join(format!("{name}.{process}-{number}.{SCRATCH_EXTENSION}"));
         let cut = || {
             let disk = Disk::default();
             let identity = Identity {

@@ -3,6 +3,7 @@
 //! A threshold, not a quota per cell: flat cells must end emptier than detailed ones. It comes from a pilot
 //! over a sample of cells. Vertices shared between cells are locked; nothing else ties the cells together.
 
+use crate::attributes;
 use crate::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors, load_bytes};
 use crate::error::Result;
 use crate::kernel::{self, Options, Simplified, Stop};
@@ -46,6 +47,23 @@ pub fn cell_bytes(store: &CellStore, cell: usize) -> u64 {
     let tally = store.info().cells[cell];
     load_bytes(tally, store.layout())
         + kernel::peak_bytes(tally.vertices, tally.triangles, store.layout().codec.n_channels())
+        + kernel::attribute_bytes(tally.vertices, store.layout().n_weighted())
+}
+
+/// For each channel the length that a difference of 1 is worth, from a sample of cells; empty if no channel
+/// counts.
+pub fn channel_lengths(store: &CellStore, target: u64, run: &Run) -> Result<Vec<f32>> {
+    let layout = store.layout();
+    if layout.n_weighted() == 0 {
+        return Ok(Vec::new());
+    }
+    let meanings = layout.codec.meanings(&layout.schema);
+    let mut sample = attributes::Sample::default();
+    for cell in pilot_cells(store.n_cells()) {
+        run.progress.check()?;
+        sample.add(&store.load(cell)?.mesh, &meanings);
+    }
+    Ok(sample.lengths(&layout.weights, &meanings, store.info().triangles, target))
 }
 
 /// Simplifies every cell of `store` towards `goal` and seals what is left of them.
@@ -60,7 +78,8 @@ pub fn simplify_cells(
         if levels.0.is_empty() {
             return Survivors::from(cell);
         }
-        drain(cell, &levels.0, options, store)
+        let stop = Stop::Costs { levels: levels.0.clone(), floor_triangles: 0 };
+        drain(cell, stop, options, store)
     })
 }
 
@@ -84,7 +103,8 @@ pub fn simplify_cells_exactly(
     let plan: (usize, usize) =
         run.job.sealed(&format!("round {} exact levels", goal.round), || {
             let counts = run_all(store, run, |cell| {
-                kernel_run(cell, &fine, 0, options).1.statistics.level_counts
+                let stop = Stop::CloseCosts(fine.clone());
+                kernel_run(cell, stop, options).1.statistics.level_counts
             })?;
             Ok(choose_levels(&counts, store, goal.triangles))
         })?;
@@ -94,7 +114,8 @@ pub fn simplify_cells_exactly(
         if depth == 0 {
             return Survivors::from(cell);
         }
-        drain(cell, &fine[..depth.min(fine.len())], options, store)
+        let stop = Stop::CloseCosts(fine[..depth.min(fine.len())].to_vec());
+        drain(cell, stop, options, store)
     })
 }
 
@@ -128,22 +149,19 @@ fn choose_levels(counts: &[Vec<u64>], store: &CellStore, target: u64) -> (usize,
 }
 
 /// The kernel on one cell; gives back what identifies its vertices (the cell without its mesh), too.
-fn kernel_run(
-    mut cell: CellMesh,
-    levels: &[f64],
-    floor_triangles: u64,
-    options: &Options,
-) -> (CellMesh, Simplified) {
-    let stop = Stop::Costs { levels: levels.to_vec(), floor_triangles };
+fn kernel_run(mut cell: CellMesh, stop: Stop, options: &Options) -> (CellMesh, Simplified) {
     let options = Options { stop, ..options.clone() };
     let mesh = std::mem::take(&mut cell.mesh);
     let simplified = kernel::simplify_mesh(mesh, &cell.shared, &options);
     (cell, simplified)
 }
 
-fn drain(cell: CellMesh, levels: &[f64], options: &Options, store: &CellStore) -> Survivors {
-    let (cell, simplified) = kernel_run(cell, levels, 0, options);
-    Survivors::new(&cell.ids, &cell.shared, &cell.records, simplified, store.layout())
+fn drain(cell: CellMesh, stop: Stop, options: &Options, store: &CellStore) -> Survivors {
+    let (cell, simplified) = kernel_run(cell, stop, options);
+    let mut left =
+        Survivors::new(&cell.ids, &cell.shared, &cell.records, simplified, store.layout());
+    left.statistics.dropped = cell.dropped;
+    left
 }
 
 /// The levels of a round, found once and then the same for every run that continues it.
@@ -160,7 +178,7 @@ fn pilot(store: &CellStore, goal: Goal, options: &Options, run: &Run) -> Result<
     }
     let sample = pilot_cells(store.n_cells());
     let ratio = goal.triangles as f64 / n_triangles as f64;
-    let area = mean_area(&store.load(sample[0])?);
+    let area = mean_area(&store.load_tidy(sample[0])?);
     let ladder: Vec<f64> =
         (0..PILOT_LEVELS).map(|k| PILOT_START * area * area * PILOT_STEP.powi(k)).collect();
     let curves = Mutex::new(vec![Vec::new(); sample.len()]);
@@ -169,10 +187,11 @@ fn pilot(store: &CellStore, goal: Goal, options: &Options, run: &Run) -> Result<
         .enumerate()
         .map(|(item, &cell)| Weighted { item, bytes: cell_bytes(store, cell) });
     largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
-        let cell = store.load(sample[item])?;
+        let cell = store.load_tidy(sample[item])?;
         // Far enough below its share to see what the others may ask of a flat cell.
         let floor = (cell.mesh.triangles.len() as f64 * ratio / 4.0) as u64;
-        let counts = kernel_run(cell, &ladder, floor, options).1.statistics.level_counts;
+        let stop = Stop::Costs { levels: ladder.clone(), floor_triangles: floor };
+        let counts = kernel_run(cell, stop, options).1.statistics.level_counts;
         curves.lock().unwrap_or_else(PoisonError::into_inner)[item] = counts;
         Ok(())
     })?;
@@ -244,7 +263,7 @@ fn run_all<T: Send + Clone + Default>(
     let outcomes = Mutex::new(vec![T::default(); store.n_cells()]);
     let jobs = (0..store.n_cells()).map(|item| Weighted { item, bytes: cell_bytes(store, item) });
     largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
-        let outcome = work(store.load(item)?);
+        let outcome = work(store.load_tidy(item)?);
         outcomes.lock().unwrap_or_else(PoisonError::into_inner)[item] = outcome;
         Ok(())
     })?;
@@ -289,7 +308,7 @@ fn run_cells_numbered(
     let output = Mutex::new(Output { writer, unsynced: Vec::new(), synced_at: Instant::now() });
     let outcome =
         largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
-            let survivors = work(item, store.load(item)?);
+            let survivors = work(item, store.load_tidy(item)?);
             let mut output = output.lock().unwrap_or_else(PoisonError::into_inner);
             output.writer.append(item, &survivors)?;
             output.unsynced.push(item);

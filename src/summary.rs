@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 /// One stage of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageReport {
-    /// `partition`, `simplify`, `stitch` or `write`.
+    /// `partition`, `simplify`, `stitch`, `write` or `verify`.
     pub name: String,
     /// Wall time.
     pub seconds: f64,
@@ -18,6 +18,9 @@ pub struct StageReport {
     pub bytes_read: u64,
     /// Bytes written, the output included.
     pub bytes_written: u64,
+    /// Peak memory of the process up to the end of the stage.
+    #[serde(default)]
+    pub peak_memory_bytes: u64,
 }
 
 /// The input of a run.
@@ -31,8 +34,19 @@ pub struct InputReport {
     pub vertices: u64,
     /// Faces in the file.
     pub triangles: u64,
-    /// Faults found, by name.
+    /// Lower and upper corner of the bounding box of all vertices.
+    #[serde(default)]
+    pub bounds: [[f64; 3]; 2],
+    /// Faults found, by name; what is concerned was dropped.
     pub faults: BTreeMap<String, u64>,
+}
+
+impl InputReport {
+    /// Rows that were broken or missing, and dropped on request: the result is of a part of the input only.
+    pub fn lost_rows(&self) -> u64 {
+        let lost = ["bad_faces", "bad_vertices", "missing_faces", "missing_vertices"];
+        lost.iter().filter_map(|name| self.faults.get(*name)).sum()
+    }
 }
 
 /// The output of a run.
@@ -53,6 +67,9 @@ pub struct SeamReport {
     pub shared_vertices: u64,
     /// The same for every round.
     pub shared_vertices_by_round: Vec<u64>,
+    /// One of those of the first round, near the middle of the mesh, to look at.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub place: Option<[f64; 3]>,
 }
 
 /// The report of `simplify`.
@@ -71,8 +88,14 @@ pub struct RunReport {
     pub peak_temp_bytes: u64,
     pub output: OutputReport,
     pub rejects: BTreeMap<String, u64>,
+    /// What moving the vertices to fit the original did; absent where it was not done.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fit: Option<crate::kernel::FitStatistics>,
     pub seams: SeamReport,
     pub target: u64,
     pub target_met: bool,
     pub stop_reason: String,
+    /// What `measure` says of input and output; only with `--verify`.
+    #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
+    pub measured: Option<Box<crate::compare::Report>>,
 }

@@ -3,7 +3,7 @@
 use crate::cells::{SurvivorPack, Survivors};
 use crate::error::Result;
 use crate::formats::{MeshSink, OutputFormat};
-use crate::ply::{OutputHeader, Place};
+use crate::ply::{OutputHeader, Place, TexturedTriangle};
 use crate::run::Run;
 use std::collections::HashMap;
 
@@ -63,6 +63,70 @@ pub fn write(
     }
     let bytes = writer.finish()?;
     Ok(Written { vertices: n_vertices, triangles: info.triangles, bytes })
+}
+
+/// Writes a result of one cell whose texture coordinates were moved from corners to vertices, as it was:
+/// vertices in one place are one again, with what the first of them carries, and corners have coordinates.
+///
+/// Memory: the result, and 32 bytes a vertex.
+pub fn write_corners(
+    result: &SurvivorPack,
+    place: Place,
+    header: OutputHeader,
+    (format, with_image): (OutputFormat, bool),
+    run: &Run,
+) -> Result<Written> {
+    let layout = result.layout();
+    let (record_bytes, position_bytes) =
+        (layout.schema.record_bytes(), layout.schema.position_bytes());
+    let part = result.load(0)?;
+    let n_dropped = if with_image { 3 } else { 2 };
+    let at = record_bytes - 4 * n_dropped;
+    let (mut records, mut kept) = (Vec::new(), Vec::new());
+    let (mut number, mut numbers) = (HashMap::new(), Vec::with_capacity(part.ids.len()));
+    for vertex in 0..part.ids.len() {
+        let record = &part.records[vertex * record_bytes..(vertex + 1) * record_bytes];
+        let channels = part.mesh.channels_of(vertex as u32);
+        let start = records.len();
+        layout.codec.encode(part.mesh.positions[vertex], channels, record, &mut records);
+        let n = number.len() as u64;
+        let own = *number.entry(records[start..start + position_bytes].to_vec()).or_insert(n);
+        if own == n {
+            kept.extend_from_slice(&records[start..start + at]);
+        }
+        numbers.push(own);
+    }
+    let mut schema = layout.schema.clone();
+    schema.properties.truncate(schema.properties.len() - n_dropped);
+    let (vertices, triangles) = (number.len() as u64, part.mesh.triangles.len() as u64);
+    drop(number);
+    let mut writer = MeshSink::create(
+        place,
+        OutputHeader {
+            schema,
+            n_vertices: vertices,
+            n_faces: triangles,
+            corner_texture: Some(with_image),
+            ..header
+        },
+        format,
+    )?;
+    writer.write_vertices(&kept)?;
+    let word = |v: u32, i: usize| {
+        let at = v as usize * record_bytes + at + 4 * i;
+        [records[at], records[at + 1], records[at + 2], records[at + 3]]
+    };
+    for chunk in part.mesh.triangles.chunks(65_536) {
+        run.progress.check()?;
+        let textured = chunk.iter().map(|t| TexturedTriangle {
+            corners: t.map(|v| numbers[v as usize]),
+            texture: t.map(|v| [word(v, 0), word(v, 1)].map(f32::from_le_bytes)),
+            image: if with_image { i32::from_le_bytes(word(t[0], 2)) } else { 0 },
+        });
+        writer.write_textured_faces(&textured.collect::<Vec<_>>())?;
+        run.progress.add(chunk.len() as u64);
+    }
+    Ok(Written { vertices, triangles, bytes: writer.finish()? })
 }
 
 /// For every shared vertex, the first cell that holds it and its number in the output.

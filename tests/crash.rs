@@ -6,7 +6,7 @@
 
 use std::path::Path;
 use stonecut::Result;
-use stonecut::config::{Config, Target};
+use stonecut::config::{Attributes, Config, Target};
 use stonecut::disk::{Disk, Loss};
 use stonecut::pipeline;
 use stonecut::progress::Progress;
@@ -25,9 +25,11 @@ fn config(folder: &Path, target: u64) -> Config {
         force: false,
         restart: false,
         seams: None,
+        verify: false,
         format: Default::default(),
         skip_bad: false,
         drop_texture: false,
+        attributes: Attributes::default(),
         kernel: Default::default(),
     }
 }

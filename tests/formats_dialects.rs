@@ -605,6 +605,56 @@ fn a_layout_that_only_looks_fixed_is_still_read() -> AnyResult {
     Ok(())
 }
 
+/// A quad ends the first block and a line begins the second, in the bytes of two triangles. Read as rows of
+/// one size, the second block holds nothing but triangles: the quad's last corner, 3, looks like its count.
+#[test]
+fn a_block_that_begins_between_two_rows_is_not_taken_for_triangles() -> AnyResult {
+    let last = BLOCK_ROWS as usize - 1;
+    let n_rows = 3 * BLOCK_ROWS as usize;
+    let polygon = |i: usize| -> Vec<f64> {
+        match i {
+            _ if i == last => vec![0.0, 2.0, 1.0, 3.0],
+            _ if i == last + 1 => vec![0.0, 1.0],
+            _ => vec![(i % 4) as f64, ((i + 1) % 4) as f64, ((i + 2) % 4) as f64],
+        }
+    };
+    let dialect = Dialect {
+        name: "looks fixed",
+        remarks: &[],
+        elements: vec![
+            ("vertex", XYZ.to_vec(), rows(4, &[])),
+            (
+                "face",
+                vec!["list uchar uchar vertex_indices"],
+                (0..n_rows).map(|i| vec![polygon(i)]).collect(),
+            ),
+        ],
+    };
+    let bytes = dialect.write("binary_little_endian", "\n");
+    let start = bytes.len() - 4 * n_rows;
+    let second = &bytes[start + 4 * (last + 1)..];
+    assert!(second.chunks_exact(4).all(|row| row[0] == 3), "the trap is set");
+    let straight = MeshSource::from_bytes("x.ply", bytes.clone(), ReadOptions::default())?;
+    let whole = read_all(&straight)?.1;
+    // Two for the quad, none for the line, whatever block is read first and by whom.
+    assert_eq!(whole.len(), n_rows);
+    let mut expected = Vec::new();
+    let mut block = FaceBlock::default();
+    for index in 0..3 {
+        straight.read_faces(index, &mut block)?;
+        expected.push((block.triangles.clone(), block.n_degenerate));
+    }
+    for first in [1, 2] {
+        let source = MeshSource::from_bytes("x.ply", bytes.clone(), ReadOptions::default())?;
+        for index in [first, 0, 1, 2] {
+            source.read_faces(index, &mut block)?;
+            let found = (block.triangles.clone(), block.n_degenerate);
+            assert_eq!(found, expected[index as usize], "block {index} after {first}");
+        }
+    }
+    Ok(())
+}
+
 fn message(text: &str) -> String {
     let read = MeshSource::from_bytes("bad.ply", text.as_bytes().to_vec(), ReadOptions::default())
         .and_then(|source| read_all(&source));

@@ -160,7 +160,7 @@ fn colours_are_compared_where_the_surfaces_are() {
         mesh
     };
     let channels = ColourChannels { channels: [1, 2, 3], white: 255.0 };
-    let options = Options { colours: Some([channels; 2]), ..options(1000, 1) };
+    let options = Options { colours: Some([channels.into(); 2]), ..options(1000, 1) };
     let white = coloured(4, [255.0; 3]);
     let same = measure(&white, &coloured(7, [255.0; 3]), &options);
     assert!(same.forward.colour_delta_e.unwrap() < 1e-9);

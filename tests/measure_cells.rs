@@ -75,7 +75,7 @@ fn request<'a>(sources: &'a [MeshSource; 2], folder: &Path) -> Request<'a> {
         memory_bytes: 4 << 30,
         cell_triangles: 2000,
         temp_dir: folder.to_path_buf(),
-        heat_of: None,
+        heat: false,
     }
 }
 

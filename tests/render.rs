@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
 use stonecut::Mesh;
+use stonecut::formats::OutputFormat;
 use stonecut::ply::MeshSource;
 use stonecut::progress::Progress;
 use stonecut::render::{
@@ -91,7 +92,7 @@ fn a_stream_gives_the_picture_of_the_mesh_in_any_memory_and_threads() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("statue.ply");
     let settings = settings(Kind::Statue, 300_000);
-    let writing = Writing { threads: 2, force: false };
+    let writing = Writing { threads: 2, force: false, format: OutputFormat::default() };
     write_ply(&path, &settings, writing, &Progress::default()).unwrap();
     let source = MeshSource::open(&path).unwrap();
     let view = small(View { edges: true, smooth: false, ..View::default() });
@@ -116,7 +117,7 @@ fn vertices_that_do_not_fit_are_read_again_and_a_shuffled_mesh_is_refused() {
         let path = folder.path().join("terrain.ply");
         // 600,000 vertices are ten blocks; eight are held.
         let settings = Settings { shuffle, ..settings(Kind::Terrain, 1_200_000) };
-        let writing = Writing { threads: 2, force: true };
+        let writing = Writing { threads: 2, force: true, format: OutputFormat::default() };
         write_ply(&path, &settings, writing, &Progress::default()).unwrap();
         let source = MeshSource::open(&path).unwrap();
         let outcome = render_source(&source, &view, nothing, &Progress::default());

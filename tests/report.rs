@@ -9,25 +9,69 @@ fn stonecut(arguments: &[&str]) {
     assert_cmd::Command::cargo_bin("stonecut").unwrap().args(arguments).assert().success();
 }
 
-/// Makes a mesh, its simplification, both reports and the page; returns the page's path.
-fn page(folder: &Path) -> String {
+/// How the error comes into the report.
+enum Measured {
+    ByTheRun,
+    Apart,
+}
+
+/// Makes a mesh, its simplification, reports and the page; returns the page's path.
+fn page(folder: &Path, how: Measured) -> String {
     let path = |name: &str| folder.join(name).to_str().unwrap().to_owned();
     let (input, output) = (path("in.ply"), path("out.ply"));
     let (run, measured, page) = (path("run.json"), path("measured.json"), path("page.html"));
-    stonecut(&["synth", "statue", &input, "--triangles", "20k"]);
-    stonecut(&["simplify", &input, &output, "--ratio", "10%", "--report", &run, "-q"]);
-    stonecut(&["measure", &input, &output, "--samples", "20k", "--report", &measured, "-q"]);
-    stonecut(&["report", &run, "--measured", &measured, "-o", &page, "-q"]);
+    stonecut(&["synth", "statue", &input, "--triangles", "40k"]);
+    let simplify = ["simplify", &input, &output, "--ratio", "10%", "--cell-triangles", "8k", "-q"];
+    let simplify = [&simplify[..], &["--report", &run]].concat();
+    match how {
+        Measured::ByTheRun => {
+            stonecut(&[&simplify[..], &["--verify"]].concat());
+            stonecut(&["report", &run, "-o", &page, "-q"]);
+        }
+        Measured::Apart => {
+            stonecut(&simplify);
+            stonecut(&[
+                "measure",
+                &input,
+                &output,
+                "--samples",
+                "20k",
+                "--report",
+                &measured,
+                "-q",
+            ]);
+            stonecut(&["report", &run, "--measured", &measured, "-o", &page, "-q"]);
+        }
+    }
     page
 }
 
 #[test]
 fn the_page_is_whole_by_itself() {
     let folder = tempfile::tempdir().unwrap();
-    let text = std::fs::read_to_string(page(folder.path())).unwrap();
-    for part in ["Measured error", "Seconds by stage", "data:image/png;base64,", "id=\"viewer\""] {
+    let text = std::fs::read_to_string(page(folder.path(), Measured::ByTheRun)).unwrap();
+    for part in [
+        "Asked and done",
+        "faults in the input",
+        "topology, original",
+        "Measured error",
+        "Original to simplified, distance in input units</title>",
+        "Simplified to original, distance in input units</title>",
+        "Seconds by stage",
+        "Peak memory up to the end of each stage</title>",
+        ">verify</text>",
+        "Refused collapses",
+        "<h3>Seams</h3>",
+        "The whole",
+        "With edges",
+        "Close up, at the worst place",
+        "Close up, at a seam of the first round",
+        "id=\"viewer\"",
+    ] {
         assert!(text.contains(part), "no {part}");
     }
+    // Four views of both meshes.
+    assert_eq!(text.matches("data:image/png;base64,").count(), 8);
     // Nothing is fetched: no script, style, picture or frame from elsewhere.
     for call in ["src=\"http", "href=\"http", "<link rel=\"stylesheet", "@import"] {
         assert!(!text.contains(call), "the page loads {call}");
@@ -46,7 +90,7 @@ fn the_page_opens_in_a_browser_without_complaint() {
         return;
     };
     let folder = tempfile::tempdir().unwrap();
-    let page = page(folder.path());
+    let page = page(folder.path(), Measured::Apart);
     let profile = format!("--user-data-dir={}", folder.path().join("profile").display());
     let out = Command::new(browser)
         .args(["--headless=new", "--no-sandbox", "--disable-dev-shm-usage", &profile])

@@ -5,12 +5,17 @@
 
 use std::collections::HashMap;
 use stonecut::Mesh;
+use stonecut::formats::OutputFormat;
+use stonecut::measure::load::load;
+use stonecut::ply::MeshSource;
 use stonecut::progress::Progress;
 use stonecut::synth::{Kind, Settings, Writing, mesh, write_ply};
 
 const ALL: [Kind; 4] = [Kind::Terrain, Kind::Statue, Kind::Gyroid, Kind::Scans];
 
-const KEEP: Writing = Writing { threads: 2, force: false };
+const KEEP: Writing = Writing { threads: 2, force: false, format: FORMAT };
+const FORMAT: OutputFormat =
+    OutputFormat { kind: None, encoding: None, coordinate: None, index: None };
 
 fn settings(kind: Kind, n_triangles: u64) -> Settings {
     Settings { kind, n_triangles, seed: 7, shuffle: false, color: false, uv: false }
@@ -167,7 +172,7 @@ fn the_bytes_do_not_depend_on_threads() {
             let settings = Settings { shuffle, color: true, uv: true, ..settings(kind, 300_000) };
             let bytes = [1, 2, 3].map(|threads| {
                 let path = folder.path().join(format!("{threads}.ply"));
-                let writing = Writing { threads, force: true };
+                let writing = Writing { threads, force: true, ..KEEP };
                 write_ply(&path, &settings, writing, &Progress::default()).unwrap();
                 std::fs::read(path).unwrap()
             });
@@ -211,6 +216,39 @@ fn another_seed_is_another_mesh_and_the_same_seed_the_same() {
         assert_eq!(one, mesh(&settings(kind, 2000)).unwrap());
         let other = mesh(&Settings { seed: 8, ..settings(kind, 2000) }).unwrap();
         assert_ne!(one.positions, other.positions);
+    }
+}
+
+#[test]
+fn every_format_holds_the_same_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    for shuffle in [false, true] {
+        let settings = Settings { shuffle, color: true, ..settings(Kind::Statue, 5000) };
+        let wanted = mesh(&settings).unwrap();
+        for (format, header) in [
+            ("ascii", "format ascii"),
+            ("binary_big_endian", "format binary_big_endian"),
+            ("double,uint", "property double x"),
+        ] {
+            let path = folder.path().join("out.ply");
+            let writing = Writing { force: true, format: format.parse().unwrap(), ..KEEP };
+            write_ply(&path, &settings, writing, &Progress::default()).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            assert!(String::from_utf8_lossy(&bytes[..400]).contains(header), "{format}");
+            let source = MeshSource::open(&path).unwrap();
+            let read = load(&source, 1, &Progress::default()).unwrap().mesh;
+            assert!(as_set(&read) == as_set(&wanted), "{format}");
+            assert_eq!(read.channels, wanted.channels, "{format}");
+        }
+        for name in ["out.stl", "out.obj", "out.glb"] {
+            write_ply(
+                &folder.path().join(name),
+                &settings,
+                Writing { force: true, ..KEEP },
+                &Progress::default(),
+            )
+            .unwrap();
+        }
     }
 }
 

@@ -2,6 +2,9 @@
 
 const EMPTY: u32 = u32::MAX;
 
+/// Consecutive ids that lie side by side in the table; a power of two.
+const GROUP: u64 = 8;
+
 /// Open-addressing table from global ids to their position in a list of distinct ids.
 ///
 /// Memory: 4 bytes x the next power of two above 1.5 times the capacity; the ids themselves stay with
@@ -46,9 +49,11 @@ impl IdMap {
     /// The slot that holds `id`, or the empty one where it belongs.
     #[inline]
     fn probe(&self, id: u64, ids: &[u64]) -> usize {
-        // Fibonacci hashing: consecutive ids, the common case, spread over the whole table.
-        let mut at = (id.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> self.shift) as usize;
+        // Fibonacci hashing spreads runs of ids, the common case, over the whole table; eight neighbours stay
+        // together, in one cache line, since whoever asks for one asks for the next.
+        let spread = (id / GROUP).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> self.shift & !(GROUP - 1);
         let mask = self.slots.len() - 1;
+        let mut at = (spread | id % GROUP) as usize & mask;
         while self.slots[at] != EMPTY && ids[self.slots[at] as usize] != id {
             at = (at + 1) & mask;
         }

@@ -7,6 +7,7 @@ mod pack;
 mod scatter;
 mod store;
 mod survivors;
+mod tidy;
 mod tree;
 
 pub use id_map::IdMap;
@@ -14,4 +15,5 @@ pub use pack::{Pack, PackWriter};
 pub use scatter::Scatter;
 pub use store::{CellMesh, CellStore, CellTally, StoreInfo, VertexLayout, load_bytes};
 pub use survivors::{SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors};
+pub use tidy::Dropped;
 pub use tree::{CellTree, Frame, n_samples, plan_cells};

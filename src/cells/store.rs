@@ -5,6 +5,8 @@
 
 use super::id_map::IdMap;
 use super::pack::Pack;
+use super::tidy::Dropped;
+use crate::attributes::Weights;
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::format::{Chunk, ChunkKind, IdWidth};
@@ -48,6 +50,8 @@ pub struct VertexLayout {
     pub codec: VertexCodec,
     /// Width of ids.
     pub ids: IdWidth,
+    /// Weight of each channel in the error; empty where nothing is simplified.
+    pub weights: Vec<f64>,
 }
 
 impl VertexLayout {
@@ -57,7 +61,25 @@ impl VertexLayout {
             codec: schema.codec(),
             schema: schema.clone(),
             ids: IdWidth::for_vertices(n_vertices),
+            weights: Vec::new(),
         }
+    }
+
+    /// The layout for simplifying: perceptual colours, chosen `labels`, channels with weights.
+    pub fn for_kernel(
+        schema: &VertexSchema,
+        n_vertices: u64,
+        labels: &[String],
+        weights: &Weights,
+    ) -> VertexLayout {
+        let codec = schema.kernel_codec(labels);
+        let weights = weights.of_channels(&codec.meanings(schema));
+        VertexLayout { codec, weights, ..VertexLayout::new(schema, n_vertices) }
+    }
+
+    /// How many channels count in the error.
+    pub fn n_weighted(&self) -> usize {
+        self.weights.iter().filter(|weight| **weight > 0.0).count()
     }
 
     /// Bytes of one vertex row without its id.
@@ -77,6 +99,8 @@ pub struct CellMesh {
     pub shared: Vec<bool>,
     /// Geometry and channels.
     pub mesh: Mesh,
+    /// What tidying left out.
+    pub dropped: Dropped,
 }
 
 /// A store opened for reading; cells load from any thread.
@@ -86,6 +110,10 @@ pub struct CellStore {
     layout: VertexLayout,
     pack: Pack,
 }
+
+/// Look-ups remembered while a cell is loaded: neighbouring triangles name the same vertices, and this fits
+/// into the nearest cache while the map of ids does not.
+const RECENT: usize = 1 << 11;
 
 /// Peak bytes of loading a cell, beyond the mesh the kernel takes over (counted by the kernel).
 pub fn load_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
@@ -126,6 +154,15 @@ impl CellStore {
         self.pack.free(cell as u32)
     }
 
+    /// Loads one cell for simplification: the first round's without repeated faces and idle vertices.
+    pub fn load_tidy(&self, cell: usize) -> Result<CellMesh> {
+        let mut mesh = self.load(cell)?;
+        if !self.info.has_channels {
+            mesh.dropped = mesh.tidy(self.layout.schema.record_bytes());
+        }
+        Ok(mesh)
+    }
+
     /// Loads one cell. Vertices are in the order of their first row, triangles in the order of their rows.
     ///
     /// Errors: `Corrupt` when a chunk is damaged or a triangle names a vertex the cell does not have.
@@ -140,14 +177,19 @@ impl CellStore {
         out.shared = vec![false; out.ids.len()];
         out.mesh.triangles.reserve_exact(tally.triangles as usize);
         let id_bytes = self.layout.ids.bytes;
+        let mut recent = vec![(u64::MAX, 0); RECENT];
         for chunk in chunks {
             let missing = |id| {
                 let what = format!("byte {}: no vertex {id} in cell {cell}", chunk.offset);
                 Error::corrupt(Path::new(&self.info.pack), what)
             };
-            let find = |row: &[u8]| {
+            let mut find = |row: &[u8]| {
                 let id = self.layout.ids.read(row);
-                map.get(id, &out.ids).ok_or_else(|| missing(id))
+                let recent = &mut recent[id as usize % RECENT];
+                if recent.0 != id {
+                    *recent = (id, map.get(id, &out.ids).ok_or_else(|| missing(id))?);
+                }
+                Ok::<u32, Error>(recent.1)
             };
             match chunk.kind {
                 ChunkKind::Triangles => {

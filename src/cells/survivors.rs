@@ -5,10 +5,11 @@
 
 use super::pack::{Pack, PackWriter};
 use super::store::{CellMesh, VertexLayout};
+use super::tidy::Dropped;
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::format::ChunkKind;
-use crate::kernel::{Simplified, Statistics};
+use crate::kernel::{FitStatistics, Simplified, Statistics};
 use crate::mesh::Mesh;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -30,6 +31,12 @@ pub struct SurvivorInfo {
     pub collapses: u64,
     /// Whether every cell reached its stop.
     pub reached: bool,
+    /// What the fit did; only a finish has one.
+    #[serde(default)]
+    pub fit: Option<FitStatistics>,
+    /// What was left out of the cells before they were simplified.
+    #[serde(default)]
+    pub dropped: Dropped,
 }
 
 /// One simplified cell.
@@ -56,6 +63,12 @@ pub struct CellStatistics {
     pub rejects: Vec<(String, u64)>,
     /// Whether the stop was reached.
     pub reached: bool,
+    /// What the fit did, if there was one.
+    #[serde(default)]
+    pub fit: Option<FitStatistics>,
+    /// What was left out of the cell before.
+    #[serde(default)]
+    pub dropped: Dropped,
 }
 
 impl From<&Statistics> for CellStatistics {
@@ -65,6 +78,8 @@ impl From<&Statistics> for CellStatistics {
             collapses: statistics.collapses,
             rejects: rejects.collect(),
             reached: statistics.reached,
+            fit: statistics.fit,
+            dropped: Dropped::default(),
         }
     }
 }
@@ -72,8 +87,8 @@ impl From<&Statistics> for CellStatistics {
 impl From<CellMesh> for Survivors {
     /// A cell as it was loaded.
     fn from(cell: CellMesh) -> Self {
-        let CellMesh { ids, records, shared, mesh } = cell;
-        let statistics = CellStatistics { reached: true, ..CellStatistics::default() };
+        let CellMesh { ids, records, shared, mesh, dropped } = cell;
+        let statistics = CellStatistics { reached: true, dropped, ..CellStatistics::default() };
         Survivors { ids, shared, records, mesh, statistics }
     }
 }
@@ -220,6 +235,8 @@ impl SurvivorWriter {
             info.triangles += triangles;
             info.collapses += survivors.statistics.collapses;
             info.reached &= survivors.statistics.reached;
+            info.fit = info.fit.or(survivors.statistics.fit);
+            info.dropped += survivors.statistics.dropped;
             for (reason, n) in survivors.statistics.rejects {
                 match info.rejects.iter_mut().find(|(known, _)| *known == reason) {
                     Some((_, sum)) => *sum += n,

@@ -2,11 +2,10 @@
 
 use super::display::watch;
 use super::{Log, Talk, memory_budget, parse_memory};
-use crate::compare::{self, CELL_TRIANGLES, Comparison, Request, Which};
+use crate::compare::{self, CELL_TRIANGLES, Report, Request};
 use crate::error::{Error, Result};
-use crate::measure::{self, Deviation, Options, Region, Side, TriangleSizes, heatmap, load};
+use crate::measure::{self, Options, Region, Side, TriangleSizes, heatmap, load};
 use crate::plan::folder_of;
-use crate::ply::MeshSource;
 use crate::progress::Progress;
 use crate::topology::Topology;
 use crate::units;
@@ -35,9 +34,12 @@ pub struct Args {
     /// Writes all numbers as JSON
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
-    /// Writes the simplified mesh coloured by its distance to the original
+    /// Writes a mesh coloured by its distance to the other one
     #[arg(long, value_name = "OUT.ply")]
     heatmap: Option<PathBuf>,
+    /// Which mesh the heatmap shows
+    #[arg(long, value_enum, value_name = "WHICH", default_value = "simplified")]
+    heatmap_of: Which,
     /// Replaces the heatmap if it exists
     #[arg(long)]
     force: bool,
@@ -58,31 +60,13 @@ pub struct Args {
     within: Option<f64>,
 }
 
-/// What is known of one of the two files.
-#[derive(serde::Serialize)]
-struct FileReport {
-    path: PathBuf,
-    bytes: u64,
-    vertices: u64,
-    triangles: u64,
-    topology: Topology,
-}
-
-/// The JSON report.
-#[derive(serde::Serialize)]
-struct Report {
-    version: &'static str,
-    original: FileReport,
-    simplified: FileReport,
-    #[serde(flatten)]
-    deviation: Deviation,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    triangle_sizes: Option<TriangleSizes>,
-    seed: u64,
-    cells: u64,
-    seconds: f64,
-    peak_memory_bytes: u64,
-    peak_temp_bytes: u64,
+/// The choices of `--heatmap-of`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Which {
+    /// The original, coloured by its distance to the simplified mesh.
+    Original,
+    /// The simplified mesh, coloured by its distance to the original.
+    Simplified,
 }
 
 /// Runs the command; the table or the JSON goes to standard output.
@@ -111,24 +95,20 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
         memory_bytes: memory_budget(args.memory),
         cell_triangles: args.cell_triangles.max(1000),
         temp_dir: temp_dir(args),
-        heat_of: args.heatmap.as_ref().map(|_| Which::Simplified),
+        heat: args.heatmap.is_some() && args.heatmap_of == Which::Simplified,
     };
     let comparison = watch(talk, progress, log, || compare::compare(&request, progress))?;
-    let Comparison { measured, cells, temp_bytes, heat } = comparison;
     if let Some(path) = &args.heatmap {
-        heatmap::write(&simplified, &heat, path, threads, progress)?;
+        match args.heatmap_of {
+            Which::Original => compare::heatmap_of_original(&request, path, progress)?,
+            Which::Simplified => {
+                heatmap::write(&simplified, &comparison.heat, path, threads, progress)?;
+            }
+        }
     }
     let report = Report {
-        version: env!("CARGO_PKG_VERSION"),
-        original: file_report(&original, measured.original),
-        simplified: file_report(&simplified, measured.simplified),
-        deviation: measured.deviation,
         triangle_sizes,
-        seed: args.seed,
-        cells,
-        seconds: begin.elapsed().as_secs_f64(),
-        peak_memory_bytes: crate::memory::peak_bytes(),
-        peak_temp_bytes: temp_bytes,
+        ..Report::new(&request, &comparison, begin.elapsed().as_secs_f64())
     };
     let json = serde_json::to_string_pretty(&report)
         .map_err(|e| Error::Usage(format!("the report cannot be written as JSON: {e}")))?;
@@ -154,17 +134,8 @@ fn region(path: &Path, within: f64, threads: usize, progress: &Progress) -> Resu
     Ok(Region::around_points(&places.mesh.positions, within))
 }
 
-fn file_report(source: &MeshSource, topology: Topology) -> FileReport {
-    FileReport {
-        path: source.path().to_path_buf(),
-        bytes: source.file_bytes(),
-        vertices: topology.vertices,
-        triangles: topology.triangles,
-        topology,
-    }
-}
-
-fn table(report: &Report) -> String {
+/// The table for people.
+pub(super) fn table(report: &Report) -> String {
     let mut text = String::new();
     let mut line = |cells: [&str; 3]| {
         text.push_str(format!("{:<22}{:>16}{:>16}", cells[0], cells[1], cells[2]).trim_end());
@@ -202,6 +173,10 @@ fn table(report: &Report) -> String {
     row("max", &|s| Some(s.distance.max));
     row("normals, mean degrees", &|s| s.normal_degrees);
     row("colour, mean delta E", &|s| s.colour_delta_e);
+    row("colour, rms delta E", &|s| s.colour_rms_delta_e);
+    row("carried normals, deg.", &|s| s.carried_normal_degrees);
+    row("texture, mean", &|s| s.texture_mean);
+    row("texture, rms", &|s| s.texture_rms);
     for (name, pick) in [("near", near as fn(&Side) -> Option<&measure::Spread>), ("far", far)] {
         row(&format!("{name}: mean"), &|s| pick(s).map(|d| d.mean));
         row(&format!("{name}: rms"), &|s| pick(s).map(|d| d.rms));

@@ -99,12 +99,12 @@ fn dispatch(
 ) -> crate::Result<u8> {
     match command {
         Command::Simplify(args) => simplify::run(args, talk, progress, log),
-        Command::Convert(args) => convert::run(args, log),
+        Command::Convert(args) => convert::run(args, &mut Said(log)),
         Command::Info(args) => info::run(args, &mut std::io::stdout(), progress).map(|()| 0),
         Command::Measure(args) => measure::run(args, talk, progress, log).map(|()| 0),
         Command::Report(args) => report::run(args, progress, log).map(|()| 0),
-        Command::Render(args) => render::run(args, progress, log).map(|()| 0),
-        Command::Synth(args) => synth::run(args, progress, log).map(|()| 0),
+        Command::Render(args) => render::run(args, progress, &mut Said(log)).map(|()| 0),
+        Command::Synth(args) => synth::run(args, progress, &mut Said(log)).map(|()| 0),
         Command::Status(args) => status::run(args).map(|()| 0),
         Command::Demo(args) => demo::run(args, talk, progress, log),
     }
@@ -171,6 +171,24 @@ impl Log {
         if let Some(file) = &mut self.file {
             let _ = writeln!(file, "{line}");
         }
+    }
+}
+
+/// A log to write to that `--quiet` silences.
+struct Said<'a>(&'a mut Log);
+
+impl Write for Said<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        match (self.0.quiet, &mut self.0.file) {
+            (false, _) => self.0.write_all(bytes)?,
+            (true, Some(file)) => file.write_all(bytes)?,
+            (true, None) => {}
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.0.flush()
     }
 }
 

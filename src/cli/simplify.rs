@@ -2,7 +2,8 @@
 
 use super::display::watch;
 use super::{EXIT_SHORT, Log, Talk, memory_budget, parse_memory};
-use crate::config::{Config, DEFAULT_CELL_TRIANGLES, Target, Until};
+use crate::attributes::Weights;
+use crate::config::{Attributes, Config, DEFAULT_CELL_TRIANGLES, Target, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::formats::OutputFormat;
@@ -61,15 +62,29 @@ pub struct Args {
     /// Give up texture coordinates at corners, which cannot be kept.
     #[arg(long)]
     drop_texture: bool,
+    /// How much attributes count against the shape: color=W,normal=W,uv=W,NAME=W; 0 rides along, 1 is
+    /// sensible [default: color=1,normal=0,uv=1].
+    #[arg(long, value_name = "NAME=W,...", default_value = "", hide_default_value = true)]
+    weight: Weights,
+    /// A property whose values are chosen, never averaged; integers other than colours always are.
+    #[arg(long, value_name = "NAME")]
+    label: Vec<String>,
     /// Whether specks, three-edge holes and thin tubes smaller than the error may go (error) or must stay (keep).
     #[arg(long, value_enum, value_name = "POLICY", default_value = "error")]
     topology: TypedTopology,
+    /// Whether the vertices of the result are moved to fit the original: less error for more time; auto does so
+    /// where at most 5 % of the triangles are left.
+    #[arg(long, value_enum, value_name = "WHEN", default_value = "auto")]
+    fit: TypedFit,
     /// Print the plan and stop.
     #[arg(long)]
     dry_run: bool,
     /// Write a report in JSON.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+    /// Measure how far the result deviates from the input, and report it.
+    #[arg(long)]
+    verify: bool,
     /// Write the vertices on the seams of the first round, as a point set.
     #[arg(long, value_name = "FILE")]
     seams: Option<PathBuf>,
@@ -82,6 +97,17 @@ enum TypedTopology {
     Keep,
     /// What is smaller than the error may go.
     Error,
+}
+
+/// The choices of `--fit`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum TypedFit {
+    /// Always, where the result fits into one finish.
+    On,
+    /// Never.
+    Off,
+    /// Where it is cheap.
+    Auto,
 }
 
 #[derive(Clone, Debug, clap::Args)]
@@ -127,13 +153,20 @@ impl Args {
             force: self.force,
             restart: self.restart,
             seams: self.seams.clone(),
+            verify: self.verify,
             format: self.format,
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
+            attributes: Attributes { weights: self.weight.clone(), labels: self.label.clone() },
             kernel: kernel::Options {
                 topology: match self.topology {
                     TypedTopology::Keep => kernel::Topology::Keep,
                     TypedTopology::Error => kernel::Topology::Error,
+                },
+                fit: match self.fit {
+                    TypedFit::On => kernel::Fit::On,
+                    TypedFit::Off => kernel::Fit::Off,
+                    TypedFit::Auto => kernel::Fit::Auto,
                 },
                 ..kernel::Options::default()
             },
@@ -144,7 +177,7 @@ impl Args {
 /// Runs the command and gives its exit code.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
     match simplify(args, talk, progress, log)? {
-        Some(report) if !report.target_met => Ok(EXIT_SHORT),
+        Some(report) if !report.target_met || report.input.lost_rows() > 0 => Ok(EXIT_SHORT),
         _ => Ok(0),
     }
 }
@@ -205,6 +238,21 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
         show_bytes(report.peak_memory_bytes),
         show_bytes(report.peak_temp_bytes)
     ));
+    if let (true, Some(fit)) = (talk.verbose, &report.fit) {
+        log.say(format!(
+            "fit: {} samples, {} vertices moved, RMS {:.3e} -> {:.3e}",
+            show_count(fit.samples),
+            show_count(fit.moved),
+            fit.rms_before,
+            fit.rms_after
+        ));
+    }
+    for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
+        log.say(format!("  {n} {} dropped", name.replace('_', " ")));
+    }
+    if let Some(measured) = &report.measured {
+        super::measure::table(measured).lines().for_each(|line| log.say(line));
+    }
     if !report.target_met {
         log.say(format!(
             "short of the target of {} triangles: {}",

@@ -1,6 +1,7 @@
 //! `stonecut synth`: makes a synthetic scan.
 
 use crate::error::Result;
+use crate::formats::OutputFormat;
 use crate::memory::cores;
 use crate::progress::Progress;
 use crate::synth::{self, Kind, Settings, Writing};
@@ -13,7 +14,7 @@ use std::path::PathBuf;
 pub struct Args {
     /// Which mesh: terrain, statue, gyroid or scans.
     pub kind: Kind,
-    /// The PLY file to write.
+    /// The file to write.
     pub output: PathBuf,
     /// At least so many triangles: 20000, 500k, 4M, 1.5G.
     #[arg(long, value_name = "N", value_parser = parse_count)]
@@ -30,6 +31,10 @@ pub struct Args {
     /// With texture coordinates s, t.
     #[arg(long)]
     pub uv: bool,
+    /// Words joined by commas: ascii, binary_little_endian or binary_big_endian; float or double; int or
+    /// uint; ply, stl, obj or glb [default: by OUTPUT's name, binary].
+    #[arg(long, value_name = "FORMAT", default_value = "")]
+    pub format: OutputFormat,
     /// Overwrite an existing file.
     #[arg(long)]
     pub force: bool,
@@ -49,7 +54,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         uv: args.uv,
     };
     let threads = args.threads.map_or_else(cores, NonZeroUsize::get);
-    let writing = Writing { threads, force: args.force };
+    let writing = Writing { threads, force: args.force, format: args.format };
     let counts = synth::write_ply(&args.output, &settings, writing, progress)?;
     let bytes = std::fs::metadata(&args.output).map_or(0, |file| file.len());
     // A closed standard error is no reason to fail: the mesh is there.

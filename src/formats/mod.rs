@@ -13,6 +13,7 @@ mod sort;
 mod stage;
 mod stl;
 mod stl_out;
+mod wedges;
 mod weld;
 
 pub use duplicates::{DuplicateFinder, Duplicates};
@@ -21,3 +22,4 @@ pub use obj_out::ObjWriter;
 pub use sink::{MeshSink, OutputFormat, OutputKind};
 pub use stage::StageOptions;
 pub use stl_out::StlWriter;
+pub use wedges::at_vertices as texture_at_vertices;

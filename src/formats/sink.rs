@@ -4,7 +4,7 @@ use super::glb_out::GlbWriter;
 use super::obj_out::ObjWriter;
 use super::stl_out::StlWriter;
 use crate::error::{Error, Result};
-use crate::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter};
+use crate::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
 use crate::schema::Scalar;
 use std::path::Path;
 
@@ -161,6 +161,25 @@ impl MeshSink {
             MeshSink::Stl(sink) => sink.write_faces(triangles),
             MeshSink::Obj(sink) => sink.write_faces(triangles),
             MeshSink::Glb(sink) => sink.write_faces(triangles),
+        }
+    }
+
+    /// Appends triangles with texture at their corners, which only PLY takes.
+    pub fn write_textured_faces(&mut self, triangles: &[TexturedTriangle]) -> Result<()> {
+        match self {
+            MeshSink::Ply(sink) => sink.write_textured_faces(triangles),
+            _ => self.write_faces(&triangles.iter().map(|t| t.corners).collect::<Vec<_>>()),
+        }
+    }
+
+    /// The same for indices of 32 bits, which PLY takes as they are.
+    pub fn write_faces_u32(&mut self, triangles: &[[u32; 3]]) -> Result<()> {
+        match self {
+            MeshSink::Ply(sink) => sink.write_faces_u32(triangles),
+            other => {
+                let wide: Vec<[u64; 3]> = triangles.iter().map(|t| t.map(u64::from)).collect();
+                other.write_faces(&wide)
+            }
         }
     }
 

@@ -91,6 +91,11 @@ impl Job {
         self.manifest.lock().unwrap_or_else(PoisonError::into_inner).record(name, outcome)
     }
 
+    /// Removes scratch folders inside the job folder that a killed run has left.
+    pub fn clear_scratch(&self) -> Result<()> {
+        clear_scratch(&self.folder)
+    }
+
     /// Removes the whole folder: the run is over and its output stands.
     pub fn remove(self) -> Result<()> {
         clear(&self.folder, &self.disk)?;
@@ -109,7 +114,19 @@ fn clear(folder: &Path, disk: &Disk) -> Result<()> {
     clear_data(folder, disk)
 }
 
+fn clear_scratch(folder: &Path) -> Result<()> {
+    let entries = std::fs::read_dir(folder).map_err(|e| Error::io(folder, "cannot list", e))?;
+    for entry in entries {
+        let path = entry.map_err(|e| Error::io(folder, "cannot list", e))?.path();
+        if path.extension().is_some_and(|ext| ext == SCRATCH_EXTENSION) {
+            std::fs::remove_dir_all(&path).map_err(|e| Error::io(&path, "cannot remove", e))?;
+        }
+    }
+    Ok(())
+}
+
 fn clear_data(folder: &Path, disk: &Disk) -> Result<()> {
+    clear_scratch(folder)?;
     let entries = std::fs::read_dir(folder).map_err(|e| Error::io(folder, "cannot list", e))?;
     for entry in entries {
         let name = entry.map_err(|e| Error::io(folder, "cannot list", e))?.file_name();
@@ -122,6 +139,9 @@ fn clear_data(folder: &Path, disk: &Disk) -> Result<()> {
     }
     Ok(())
 }
+
+/// Extension of the folders of `Scratch`, which nobody continues.
+pub const SCRATCH_EXTENSION: &str = "stonecut-scratch";
 
 /// Extensions of the files that stages write into a job folder; nothing else there is ever removed.
 const DATA_EXTENSIONS: [&str; 4] = ["cells", "survivors", "index", "part"];

@@ -3,11 +3,16 @@
 //! `v0` goes and `v1` stays. Looks at the two rings once, so that the tests, the new quadrics and the new
 //! ring come from the same pass. It does not choose edges; `drive` does.
 
-use super::evaluate::{RingGeometry, RingPart};
-use super::lanes::Simd;
+use std::hint::select_unpredictable;
+
+use super::attributes::RingLists;
+use super::evaluate::{Around, Found, Rows};
+use super::lanes::Lanes;
 use super::legal::{Class, MAY_COLLAPSE, Reject};
-use super::surface::{Fan, GONE, MAX_VALENCE, Surface, boundary_quadric, others};
+use super::surface::{Fan, GONE, MAX_VALENCE, Surface, Vertex, boundary_quadric, others};
+use super::unchecked::{at, at_mut, part_mut};
 use super::vector::Vec3;
+use super::wedges::{Wedges, place_on_edge};
 
 /// A normal that turns further than this cosine is put off.
 const FLIP_COSINE: f32 = 0.5;
@@ -26,29 +31,46 @@ pub(crate) struct Plan {
     pub(crate) may_turn: bool,
 }
 
-/// Which end goes and which stays: the lower class goes, between equals the shorter ring.
+/// Which end goes and which stays: the lower class goes, between equals the smaller room.
 #[inline(always)]
 pub(crate) fn roles(surface: &Surface, a: u32, b: u32) -> (u32, u32) {
+    if let Some(wedges) = &surface.wedges {
+        return roles_at_seams(surface, wedges, a, b);
+    }
     let key = |v: u32| {
-        let ring = &surface.rings[v as usize];
-        let class = ring.class.map_or(0, |class| class as u64);
-        class << 40 | u64::from(ring.room.min(255)) << 32 | u64::from(v)
+        let ring = at(&surface.rings, v);
+        (ring.class.map_or(0, |class| class as u64) << 32) | u64::from(ring.room)
     };
-    let (a, b) = (key(a), key(b));
-    (a.min(b) as u32, a.max(b) as u32)
+    let (of_a, of_b) = (key(a), key(b));
+    let swap = (of_b < of_a) | ((of_b == of_a) & (b < a));
+    (select_unpredictable(swap, b, a), select_unpredictable(swap, a, b))
+}
+
+/// The same where there are seams: between equals what is off the seams goes.
+#[inline(never)]
+fn roles_at_seams(surface: &Surface, wedges: &Wedges, a: u32, b: u32) -> (u32, u32) {
+    let key = |v: u32| {
+        let ring = at(&surface.rings, v);
+        (ring.class, wedges.is_seam(v), ring.room, v)
+    };
+    if key(b) < key(a) { (b, a) } else { (a, b) }
 }
 
 /// Whether the classes of the ends allow it.
 #[inline(always)]
 pub(crate) fn classes_allow(surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
-    match (surface.rings[v0 as usize].class, surface.rings[v1 as usize].class) {
+    match (at(&surface.rings, v0).class, at(&surface.rings, v1).class) {
         (Some(class0), Some(class1)) => MAY_COLLAPSE[class0 as usize][class1 as usize],
         _ => Err(Reject::LinkCondition),
     }
 }
 
-/// Room for the triangles of both ends, in whole parts of eight.
-const ROOM: usize = MAX_VALENCE as usize + 8;
+/// Room for the triangles of both ends, in whole parts of eight; a power of two, so that a place in it needs
+/// no check.
+const ROOM: usize = 256;
+/// Where the vanishing triangles are put until it is known how many stay.
+const GONE_AT: usize = ROOM - 8;
+const _: () = assert!(GONE_AT >= MAX_VALENCE as usize + 16);
 
 /// Scratch space of one collapse, re-used.
 pub(crate) struct Collapser {
@@ -57,8 +79,6 @@ pub(crate) struct Collapser {
     ids: [u32; ROOM],
     b: [u32; ROOM],
     c: [u32; ROOM],
-    /// -1 for a triangle of `v0`, 1 for one of `v1`.
-    side: [f32; ROOM],
     n0: usize,
     n_kept: usize,
     n: usize,
@@ -70,7 +90,15 @@ pub(crate) struct Collapser {
     closes: Option<u32>,
     may_close: bool,
     fan: Fan,
-    parts: Vec<RingGeometry>,
+    /// Quadrics of the triangles after minus before.
+    changes: Vec<Rows>,
+}
+
+/// The vertices of some ids.
+#[inline(always)]
+pub(crate) fn eight<'a>(vertices: &'a [Vertex], ids: &[u32; 8]) -> [&'a Vertex; 8] {
+    let of = |i: usize| at(vertices, ids[i]);
+    [of(0), of(1), of(2), of(3), of(4), of(5), of(6), of(7)]
 }
 
 impl Collapser {
@@ -80,7 +108,6 @@ impl Collapser {
             ids: [0; ROOM],
             b: [0; ROOM],
             c: [0; ROOM],
-            side: [0.0; ROOM],
             n0: 0,
             n_kept: 0,
             n: 0,
@@ -89,29 +116,125 @@ impl Collapser {
             closes: None,
             may_close,
             fan: Fan::new(),
-            parts: vec![RingGeometry::ZERO; ROOM / 8],
+            changes: vec![Rows::ZERO; ROOM / 8],
         }
     }
 
     /// Checks topology, then geometry; carries the collapse out if both agree. `number` becomes the
     /// stamp of every vertex whose quadric changes.
-    pub(crate) fn attempt(
+    #[inline(always)]
+    pub(crate) fn attempt<L: Lanes>(
         &mut self,
         surface: &mut Surface,
         plan: Plan,
         number: u32,
-        simd: Simd,
     ) -> Result<(), Reject> {
         let (v0, v1) = (plan.v0, plan.v1);
         self.gather(surface, v0, v1)?;
-        self.link(surface, v0, v1)?;
-        let (p0, p1) =
-            (surface.vertices[v0 as usize].position, surface.vertices[v1 as usize].position);
-        let centre: Vec3 = std::array::from_fn(|i| p0[i] + (p1[i] - p0[i]) * 0.5);
-        self.measure(surface, plan, &centre, simd);
-        self.shapes(plan.may_turn)?;
-        self.carry_out(surface, plan, &centre, number);
+        self.link::<L>(surface, v0, v1)?;
+        let (p0, p1) = (at(&surface.vertices, v0).position, at(&surface.vertices, v1).position);
+        let middle = |i: usize| p0[i] + (p1[i] - p0[i]) * 0.5;
+        let around = Around {
+            centre: [middle(0), middle(1), middle(2)],
+            scale: surface.scale,
+            half: surface.edge(v0, v1).map(|x| x * 0.5),
+            after: plan.place,
+        };
+        let mut found = Found::<L>::new();
+        let (bs, cs) = (self.b.as_chunks::<8>().0, self.c.as_chunks::<8>().0);
+        let (mut n0, mut n_kept) = (self.n0 as f32, self.n_kept as f32);
+        let parts = bs.iter().zip(cs).zip(&mut self.changes);
+        for ((b, c), change) in parts.take(self.n.div_ceil(8)) {
+            let corners = (eight(&surface.vertices, b), eight(&surface.vertices, c));
+            found.look(&around, corners, (n0, n_kept), change);
+            (n0, n_kept) = (n0 - 8.0, n_kept - 8.0);
+        }
+        if !plan.may_turn {
+            if found.cosine() < FLIP_COSINE {
+                return Err(Reject::Flip);
+            }
+            let (before, after) = found.shapes();
+            if after < MIN_SHAPE && after < before {
+                return Err(Reject::Sliver);
+            }
+        }
+        if surface.attributes.is_some() | surface.wedges.is_some() {
+            self.with_wedges(surface, plan, &around, found.quadric(), number);
+        } else {
+            self.carry_out(surface, plan, &around, found.quadric(), number);
+        }
         Ok(())
+    }
+
+    /// Carries the collapse out where channels count or seams are.
+    #[inline(never)]
+    fn with_wedges(
+        &mut self,
+        surface: &mut Surface,
+        plan: Plan,
+        around: &Around,
+        quadric: [f32; 9],
+        number: u32,
+    ) {
+        let (v0, v1) = (plan.v0, plan.v1);
+        let Some(mut wedges) = surface.wedges.take() else {
+            self.with_attributes(surface, plan, around, quadric, number);
+            return;
+        };
+        if !wedges.concern(v0, v1) {
+            let wedge = wedges.single(surface, v1);
+            surface.wedges = Some(wedges);
+            self.with_attributes(surface, plan, around, quadric, number);
+            if let (Some(wedge), Some(mut wedges)) = (wedge, surface.wedges.take()) {
+                wedges.rename(surface, &self.ids[..self.n0], v1, wedge);
+                surface.wedges = Some(wedges);
+            }
+            return;
+        }
+        let seam = wedges.plan(surface, (v0, v1), place_on_edge(around.half, plan.place));
+        self.carry_out(surface, plan, around, quadric, number);
+        wedges.carry_out(surface, &self.ids[..self.n0], v1, seam);
+        surface.wedges = Some(wedges);
+        if let Some(mut attributes) = surface.attributes.take() {
+            attributes.refresh(surface, v1);
+            for &w in self.b[..self.n].iter().chain(&self.c[..self.n]) {
+                attributes.refresh(surface, w);
+            }
+            surface.attributes = Some(attributes);
+        }
+    }
+
+    /// Carries the collapse out off the seams.
+    fn with_attributes(
+        &mut self,
+        surface: &mut Surface,
+        plan: Plan,
+        around: &Around,
+        quadric: [f32; 9],
+        number: u32,
+    ) {
+        let Some(mut attributes) = surface.attributes.take() else {
+            self.carry_out(surface, plan, around, quadric, number);
+            return;
+        };
+        let fixed = at(&surface.rings, plan.v1).class.is_some_and(Class::is_fixed);
+        attributes.before(surface, self.lists(plan), (&around.centre, plan.place), fixed);
+        self.carry_out(surface, plan, around, quadric, number);
+        attributes.after(surface, self.lists(plan), fixed);
+        surface.attributes = Some(attributes);
+    }
+
+    fn lists(&self, plan: Plan) -> RingLists<'_> {
+        RingLists {
+            v0: plan.v0,
+            v1: plan.v1,
+            b: &self.b,
+            c: &self.c,
+            ids: &self.ids,
+            n0: self.n0,
+            n_kept: self.n_kept,
+            n: self.n,
+        }
     }
 
     /// Sorts the triangles of both ends into those that stay and those that vanish.
@@ -123,47 +246,98 @@ impl Collapser {
         }
         // Everything is written where the next kept one goes and overwritten if it was not one: which
         // triangles vanish cannot be predicted.
-        let mut gone = [[0u32; 3]; 4];
-        let mut n_gone = 0;
         let mut n = 0;
         for &t in ring0 {
-            let (b, c) = others(surface.triangles[t as usize], v0);
-            let vanishes = b == v1 || c == v1;
-            gone[n_gone] = [t, b, c];
-            (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, -1.0);
-            n_gone = (n_gone + usize::from(vanishes)).min(3);
+            let (b, c) = others(*at(&surface.triangles, t), v0);
+            let place = n & (ROOM - 1);
+            (self.ids[place], self.b[place], self.c[place]) = (t, b, c);
+            n += usize::from((b != v1) & (c != v1));
+        }
+        self.n0 = n;
+        let mut n_gone = 0;
+        for &t in ring1 {
+            let (b, c) = others(*at(&surface.triangles, t), v1);
+            let vanishes = (b == v0) | (c == v0);
+            let place = select_unpredictable(vanishes, GONE_AT | (n_gone & 3), n & (ROOM - 1));
+            (self.ids[place], self.b[place], self.c[place]) = (t, b, c);
             n += usize::from(!vanishes);
+            n_gone += usize::from(vanishes);
+        }
+        self.n_kept = n;
+        // Nothing is left of the edge, or it has more than two triangles.
+        if n_gone == 0 {
+            return Err(Reject::LinkCondition);
         }
         if n_gone > 2 {
             return Err(Reject::NonManifold);
         }
-        self.n0 = n;
-        for &t in ring1 {
-            let (b, c) = others(surface.triangles[t as usize], v1);
-            (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, 1.0);
-            n += usize::from(b != v0 && c != v0);
-        }
-        self.n_kept = n;
-        for (i, &[t, b, c]) in gone[..n_gone].iter().enumerate() {
-            (self.ids[n], self.b[n], self.c[n], self.side[n]) = (t, b, c, -1.0);
+        for from in [GONE_AT, GONE_AT + n_gone - 1] {
+            (self.ids[n], self.b[n], self.c[n]) = (self.ids[from], self.b[from], self.c[from]);
             n += 1;
-            self.opposite[i] = if b == v1 { c } else { b };
         }
+        n = self.n_kept + n_gone;
         self.n = n;
-        match n_gone {
-            // Nothing is left of the edge.
-            0 => return Err(Reject::LinkCondition),
-            1 => self.opposite[1] = self.opposite[0],
-            _ => {}
-        }
-        let filled = n.next_multiple_of(8);
-        self.b[n..filled].fill(v1);
-        self.c[n..filled].fill(v1);
+        let opposite = |i: usize| select_unpredictable(self.b[i] == v0, self.c[i], self.b[i]);
+        self.opposite = [opposite(self.n_kept), opposite(n - 1)];
+        // An empty lane has both corners in one place.
+        self.b[n..][..8].fill(v1);
+        self.c[n..][..8].fill(v1);
         Ok(())
     }
 
     /// The link condition, boundaries and locks.
-    fn link(&mut self, surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
+    #[inline(always)]
+    fn link<L: Lanes>(&mut self, surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
+        let inner = |v: u32| at(&surface.rings, v).class == Some(Class::Interior);
+        let usual = self.n - self.n_kept == 2 && (1..64).contains(&self.n_kept);
+        if inner(v0) && inner(v1) && usual {
+            self.open.clear();
+            self.closes = None;
+            self.link_inside::<L>(surface)
+        } else {
+            self.link_anywhere(surface, v0, v1)
+        }
+    }
+
+    /// The link condition of an edge between interior vertices.
+    #[inline(always)]
+    fn link_inside<L: Lanes>(&self, surface: &Surface) -> Result<(), Reject> {
+        let [first, second] = self.opposite;
+        let len = |v: u32| at(&surface.rings, v).len;
+        if (first == second) | (len(first) == 1) | (len(second) == 1) {
+            return Err(Reject::LinkCondition);
+        }
+        let (n0, n_kept) = (self.n0, self.n_kept);
+        // Each neighbour comes up as `b` exactly once. One of both ends must be opposite to the edge.
+        let mut common = 0;
+        for from in (n0..n_kept).step_by(8) {
+            let Some(list) = self.b[from..].first_chunk::<8>() else { break };
+            let mut both = 0;
+            for &w in &self.b[..n0] {
+                both |= L::matches(list, w);
+            }
+            let known = L::matches(list, first) | L::matches(list, second);
+            common |= both & !known & (0xFF >> (8 - (n_kept - from).min(8)));
+        }
+        // A triangle over both opposite corners at either end: the two would fall together.
+        let mut over = 0u64;
+        let lists = self.b.as_chunks::<8>().0.iter().zip(self.c.as_chunks::<8>().0);
+        for (part, (b, c)) in lists.enumerate().take(n_kept.div_ceil(8)) {
+            let b = L::matches(b, first) | L::matches(b, second);
+            let c = L::matches(c, first) | L::matches(c, second);
+            over |= u64::from(b & c) << (8 * part);
+        }
+        let of_v0 = (1u64 << n0) - 1;
+        let of_v1 = ((1u64 << n_kept) - 1) & !of_v0;
+        if (common != 0) | ((over & of_v0 != 0) & (over & of_v1 != 0)) {
+            return Err(Reject::LinkCondition);
+        }
+        Ok(())
+    }
+
+    /// The same wherever a boundary, a lock or a crowd is near.
+    #[inline(never)]
+    fn link_anywhere(&mut self, surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
         let class = |v: u32| surface.rings[v as usize].class.unwrap_or(Class::Complex);
         let (class0, class1) = (class(v0), class(v1));
         let (n0, n_kept) = (self.n0, self.n_kept);
@@ -179,10 +353,10 @@ impl Collapser {
         }
         self.open.clear();
         if class0 == Class::Boundary {
-            self.open_edges(v0, v1, true);
+            self.open_edges(v0, true);
         }
         if class1 == Class::Boundary {
-            self.open_edges(v1, v0, false);
+            self.open_edges(v1, false);
         }
         self.closes = None;
         // Every neighbour of v0 that also is one of v1 must be opposite to the edge.
@@ -225,69 +399,43 @@ impl Collapser {
     }
 
     /// Collects the neighbours of an end over its open edges, the other end left out.
-    fn open_edges(&mut self, v: u32, other: u32, is_v0: bool) {
+    fn open_edges(&mut self, v: u32, is_v0: bool) {
         let own = if is_v0 { 0..self.n0 } else { self.n0..self.n_kept };
-        // The vanishing triangles are noted as seen from v0: from v1 the third corner changes sides.
-        let vanishing = (self.n_kept..self.n).map(|i| {
-            let w = self.opposite[i - self.n_kept];
-            let other_first = (self.b[i] == w) != is_v0;
-            if other_first { (other, w) } else { (w, other) }
-        });
-        let pairs: Vec<(u32, u32)> = own.map(|i| (self.b[i], self.c[i])).chain(vanishing).collect();
-        for &(b, c) in &pairs {
-            if b != other && !pairs.iter().any(|&(_, x)| x == b) {
-                self.open.push((b, v));
+        let (b, c) = (&self.b[own.clone()], &self.c[own]);
+        let n_gone = self.n - self.n_kept;
+        // The vanishing triangles are noted as seen from v1: from v0 the third corner changes sides.
+        let is_first = |i: usize| (self.b[self.n_kept + i] == self.opposite[i]) != is_v0;
+        let vanishing = |w: u32, first: bool| {
+            (0..n_gone).any(|i| self.opposite[i] == w && is_first(i) == first)
+        };
+        for (&b_i, &c_i) in b.iter().zip(c) {
+            if !c.contains(&b_i) && !vanishing(b_i, false) {
+                self.open.push((b_i, v));
             }
-            if c != other && !pairs.iter().any(|&(x, _)| x == c) {
-                self.open.push((c, v));
+            if !b.contains(&c_i) && !vanishing(c_i, true) {
+                self.open.push((c_i, v));
+            }
+        }
+        for i in 0..n_gone {
+            let w = self.opposite[i];
+            let (facing, first) = if is_first(i) { (c, true) } else { (b, false) };
+            if !facing.contains(&w) && !vanishing(w, !first) {
+                self.open.push((w, v));
             }
         }
     }
 
-    /// Normals, quadrics and shapes of all triangles of both rings, before and after.
     #[inline(always)]
-    fn measure(&mut self, surface: &Surface, plan: Plan, centre: &Vec3, simd: Simd) {
-        let half = surface.edge(plan.v0, plan.v1).map(|x| x * 0.5);
-        let parts = self.n.div_ceil(8);
-        let (bs, cs) = (self.b.as_chunks::<8>().0, self.c.as_chunks::<8>().0);
-        let sides = self.side.as_chunks::<8>().0;
-        for (part, out) in self.parts.iter_mut().enumerate().take(parts) {
-            let vertex = |v: u32| &surface.vertices[v as usize];
-            simd.run(RingPart {
-                b: bs[part].map(vertex),
-                c: cs[part].map(vertex),
-                side: &sides[part],
-                half,
-                after: plan.place,
-                centre,
-                scale: surface.scale,
-                n_kept: self.n_kept as f32 - (part * 8) as f32,
-                n_used: self.n as f32 - (part * 8) as f32,
-                out,
-            });
-        }
-    }
-
-    /// Refuses what would turn too far, or become a needle.
-    fn shapes(&self, may_turn: bool) -> Result<(), Reject> {
-        let (mut cosine, mut before, mut after) = (1.0f32, 1.0f32, 1.0f32);
-        for part in &self.parts[..self.n.div_ceil(8)] {
-            cosine = cosine.min(part.cosine);
-            before = before.min(part.shape_before);
-            after = after.min(part.shape_after);
-        }
-        if cosine < FLIP_COSINE && !may_turn {
-            return Err(Reject::Flip);
-        }
-        if after < MIN_SHAPE && after < before && !may_turn {
-            return Err(Reject::Sliver);
-        }
-        Ok(())
-    }
-
-    fn carry_out(&mut self, surface: &mut Surface, plan: Plan, centre: &Vec3, number: u32) {
+    fn carry_out(
+        &mut self,
+        surface: &mut Surface,
+        plan: Plan,
+        around: &Around,
+        mut quadric: [f32; 9],
+        number: u32,
+    ) {
         let (v0, v1) = (plan.v0, plan.v1);
-        let fixed = surface.rings[v1 as usize].class.is_some_and(Class::is_fixed);
+        let fixed = at(&surface.rings, v1).class.is_some_and(Class::is_fixed);
         // The open edges change before the corner moves: their old lengths are still to be had.
         for &(w, from) in &self.open {
             let old = boundary_quadric(surface.edge(w, from));
@@ -297,25 +445,28 @@ impl Collapser {
             }
         }
         if !fixed {
-            let place = plan.place.map(|x| f64::from(x) / surface.scale);
-            self.move_survivor(surface, plan, std::array::from_fn(|i| centre[i] + place[i]));
-        }
-        let mut quadric = [0.0f32; 9];
-        for part in &self.parts[..self.n.div_ceil(8)] {
-            for (sum, x) in quadric.iter_mut().zip(part.total) {
-                *sum += x;
+            let (centre, unscale) = (&around.centre, surface.unscale);
+            let place = |i: usize| centre[i] + f64::from(plan.place[i]) * unscale;
+            let place = [place(0), place(1), place(2)];
+            if surface.n_channels > 0 {
+                self.blend_channels(surface, plan, place);
             }
+            at_mut(&mut surface.vertices, v1).position = place;
         }
-        // The rows of vanishing triangles also touch v1, whose quadric is replaced below.
-        for i in 0..self.n {
-            let change = &self.parts[i / 8].change;
-            for w in [self.b[i], self.c[i]] {
-                let vertex = &mut surface.vertices[w as usize];
-                change.add_to(i % 8, &mut vertex.quadric);
-                vertex.stamp = number;
+        // The rows of vanishing triangles also touch v0, which is no more.
+        let (bs, cs) = (self.b.as_chunks::<8>().0, self.c.as_chunks::<8>().0);
+        let mut left = self.n;
+        for ((b, c), change) in bs.iter().zip(cs).zip(&self.changes).take(self.n.div_ceil(8)) {
+            for row in 0..left.min(8) {
+                for w in [b[row], c[row]] {
+                    let vertex = at_mut(&mut surface.vertices, w);
+                    change.add_to(row, &mut vertex.quadric);
+                    vertex.stamp = number;
+                }
             }
+            left = left.saturating_sub(8);
         }
-        let class0 = surface.rings[v0 as usize].class;
+        let class0 = at(&surface.rings, v0).class;
         for &(w, _) in &self.open {
             if self.closes == Some(w) {
                 continue;
@@ -328,11 +479,13 @@ impl Collapser {
             }
             surface.vertices[w as usize].stamp = number;
         }
-        surface.vertices[v1 as usize].quadric = quadric;
-        surface.vertices[v1 as usize].stamp = number;
+        let survivor = at_mut(&mut surface.vertices, v1);
+        (survivor.quadric, survivor.stamp) = (quadric, number);
         self.rewire(surface, v0, v1);
-        let ring = &mut surface.rings[v1 as usize];
-        ring.class = ring.class.max(class0);
+        if class0 != Some(Class::Interior) {
+            let ring = at_mut(&mut surface.rings, v1);
+            ring.class = ring.class.max(class0);
+        }
         if let Some(w) = self.closes {
             for v in [v1, w] {
                 surface.rings[v as usize].class = Some(self.fan.look(surface, v));
@@ -351,41 +504,42 @@ impl Collapser {
         b0.iter().copied().find(|&w| inner(w) && !known(w) && b1.contains(&w))
     }
 
-    /// Puts the survivor in its place, its channels interpolated along the edge.
-    fn move_survivor(&self, surface: &mut Surface, plan: Plan, place: Vec3) {
+    /// Interpolates the channels of the survivor along the edge.
+    fn blend_channels(&self, surface: &mut Surface, plan: Plan, place: Vec3) {
         let (i0, i1) = (plan.v0 as usize, plan.v1 as usize);
         let n = surface.n_channels;
-        if n > 0 {
-            let (p0, p1) = (surface.vertices[i0].position, surface.vertices[i1].position);
-            let t = super::vector::along(place, p0, p1) as f32;
-            for channel in 0..n {
-                let c0 = surface.channels[i0 * n + channel];
-                let c1 = &mut surface.channels[i1 * n + channel];
-                *c1 = c0 + t * (*c1 - c0);
-            }
+        let (p0, p1) = (surface.vertices[i0].position, surface.vertices[i1].position);
+        let t = super::vector::along(place, p0, p1) as f32;
+        for channel in 0..n {
+            let c0 = surface.channels[i0 * n + channel];
+            let c1 = &mut surface.channels[i1 * n + channel];
+            *c1 = c0 + t * (*c1 - c0);
         }
-        surface.vertices[i1].position = place;
     }
 
     /// Triangles and rings after the collapse.
+    #[inline(always)]
     fn rewire(&mut self, surface: &mut Surface, v0: u32, v1: u32) {
         for &t in &self.ids[..self.n0] {
-            let triangle = &mut surface.triangles[t as usize];
-            *triangle = triangle.map(|v| if v == v0 { v1 } else { v });
+            let triangle = at_mut(&mut surface.triangles, t);
+            let [x, y, z] = *triangle;
+            let moved = |v: u32| select_unpredictable(v == v0, v1, v);
+            *triangle = [moved(x), moved(y), moved(z)];
         }
         for (&t, &w) in self.ids[self.n_kept..self.n].iter().zip(&self.opposite) {
-            surface.triangles[t as usize][0] = GONE;
+            at_mut(&mut surface.triangles, t)[0] = GONE;
             surface.n_alive -= 1;
-            let ring = &mut surface.rings[w as usize];
-            let (start, end) = (ring.start as usize, (ring.start + ring.len) as usize);
-            let list = &mut surface.arena[start..end];
-            if let Some(at) = list.iter().position(|&x| x == t) {
-                list[at] = list[list.len() - 1];
+            let ring = at_mut(&mut surface.rings, w);
+            let list = part_mut(&mut surface.arena, ring.start, ring.len);
+            // Most rings are shorter than eight, and what comes after them in the arena is anyone's.
+            let place = list.iter().position(|&x| x == t);
+            if let Some(place) = place {
+                list[place] = list[list.len() - 1];
                 ring.len -= 1;
             }
         }
         let kept = &self.ids[..self.n_kept];
-        let (ring0, ring1) = (surface.rings[v0 as usize], surface.rings[v1 as usize]);
+        let (ring0, ring1) = (*at(&surface.rings, v0), *at(&surface.rings, v1));
         let n = kept.len() as u32;
         let (start, room) = if n <= ring1.room {
             (ring1.start, ring1.room)
@@ -396,10 +550,13 @@ impl Collapser {
             surface.arena.resize(surface.arena.len() + n as usize, 0);
             (start, n)
         };
-        surface.arena[start as usize..(start + n) as usize].copy_from_slice(kept);
-        let ring = &mut surface.rings[v1 as usize];
+        // Too few to be worth a call.
+        for (to, &id) in part_mut(&mut surface.arena, start, n).iter_mut().zip(kept) {
+            *to = id;
+        }
+        let ring = at_mut(&mut surface.rings, v1);
         (ring.start, ring.len, ring.room) = (start, n, room);
-        let ring = &mut surface.rings[v0 as usize];
+        let ring = at_mut(&mut surface.rings, v0);
         (ring.start, ring.len, ring.class) = (v1, 0, None);
     }
 }

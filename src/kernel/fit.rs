@@ -12,6 +12,8 @@ use super::nearest::{Foot, feet};
 use super::samples::{Sample, Samples};
 use super::surface::{GONE, Surface};
 
+/// Times that the nearest triangles are found and the vertices moved.
+const SWEEPS: u64 = 2;
 /// Steps of conjugate gradients a sweep.
 const STEPS: usize = 4;
 /// Share of a vertex' trace that is added to its diagonal.
@@ -26,7 +28,10 @@ const MIN_SHAPE: f32 = 0.02;
 const HALVINGS: usize = 3;
 /// A vertex goes back to where it was if the worst sample next to it is now farther off than the worst there was,
 /// and than this many times the RMS of all.
-const TAIL: f64 = 2.5;
+const TAIL: f64 = 4.0;
+
+/// Where nothing moves nothing is unsound, so holding back ends long before that.
+const MAX_ROUNDS: usize = 64;
 
 type V = [f32; 3];
 
@@ -52,6 +57,37 @@ fn cross(a: V, b: V) -> V {
 
 fn double_area(corners: [V; 3]) -> V {
     cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]))
+}
+
+/// Whether the vertices of the result are fitted to the original; only where the stop is a count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Fit {
+    /// Always.
+    On,
+    /// Never.
+    Off,
+    /// Where it is cheap against the collapses: at most `AUTO_FIT_RATIO` of the triangles are left.
+    #[default]
+    Auto,
+}
+
+/// `Fit::Auto` fits where at most this share of the triangles is left.
+pub const AUTO_FIT_RATIO: f64 = 0.05;
+
+impl Fit {
+    /// Whether to fit a mesh that goes from `n_triangles` to `target`.
+    pub fn applies(self, n_triangles: u64, target: u64) -> bool {
+        match self {
+            Fit::On => target < n_triangles,
+            Fit::Off => false,
+            Fit::Auto => target as f64 <= n_triangles as f64 * AUTO_FIT_RATIO,
+        }
+    }
+
+    /// The same, decided: for a part of a job whose counts are not those of the whole.
+    pub fn decided(self, n_triangles: u64, target: u64) -> Fit {
+        if self.applies(n_triangles, target) { Fit::On } else { Fit::Off }
+    }
 }
 
 /// What the fit did.
@@ -124,20 +160,19 @@ impl Energy {
     }
 }
 
-/// Fits the surface to the samples in `sweeps` sweeps; vertices that are not interior keep their bits.
+/// Fits the surface to the samples; vertices that are not interior keep their bits.
 ///
-/// Memory: about 140 bytes a triangle of the surface and 40 a sample.
-pub(crate) fn fit(
-    surface: &mut Surface,
-    mut samples: Samples,
-    sweeps: u64,
-    simd: Simd,
-) -> FitStatistics {
+/// Memory: about 140 bytes a triangle of the surface and 40 a sample, those that are given included.
+pub(crate) fn fit(surface: &mut Surface, mut samples: Samples, simd: Simd) -> FitStatistics {
     samples.follow(&surface.rings);
+    surface.vertices.shrink_to_fit();
+    surface.rings.shrink_to_fit();
+    surface.arena.shrink_to_fit();
+    surface.triangles.shrink_to_fit();
     let mut work = Work::new(surface, &samples);
-    let mut statistics = FitStatistics { sweeps, ..FitStatistics::default() };
+    let mut statistics = FitStatistics { sweeps: SWEEPS, ..FitStatistics::default() };
     let mut worst_before = Vec::new();
-    for sweep in 0..sweeps {
+    for sweep in 0..SWEEPS {
         let (plates, energy, worst) = work.plates(&mut samples.list, simd);
         if sweep == 0 {
             statistics.rms_before = energy.rms(work.surface.scale);
@@ -261,9 +296,8 @@ impl<'a> Work<'a> {
             }
             moved[v] = add(self.place[v], *step);
         }
-        for round in 0.. {
+        for round in 0..MAX_ROUNDS {
             let touched = unsound(plates, &self.place, &moved);
-            // Where nothing moved nothing is unsound, so this ends.
             if touched.is_empty() {
                 break;
             }
@@ -282,7 +316,7 @@ impl<'a> Work<'a> {
                 self.place[v] = self.before[v];
             }
         }
-        loop {
+        for _ in 0..MAX_ROUNDS {
             let touched = unsound(plates, &self.before, &self.place);
             if touched.is_empty() {
                 break;
@@ -368,9 +402,8 @@ fn conjugate_gradients(
     let mut x = vec![[0.0f32; 3]; n];
     let mut image = vec![[0.0f32; 3]; n];
     let mut way: Vec<V> = rest.iter().zip(blocks).map(|(&r, &b)| product(b, r)).collect();
-    let total = |a: &[V], b: &[V]| -> f64 {
-        a.iter().zip(b).map(|(a, b)| f64::from(dot(*a, *b))).sum()
-    };
+    let total =
+        |a: &[V], b: &[V]| -> f64 { a.iter().zip(b).map(|(a, b)| f64::from(dot(*a, *b))).sum() };
     let mut left = total(&rest, &way);
     for step in 0..n_steps {
         for v in 0..n {

@@ -1,7 +1,7 @@
 //! Eight f32 lanes: with AVX2 where the processor has it, portably elsewhere, with the same bytes.
 //!
 //! Every operation is one correctly rounded IEEE operation a lane, none is fused, so both kinds agree to
-//! the last bit. All `unsafe` of the kernel is in this file. It knows the layout of a vertex, no mesh.
+//! the last bit. The kernel's `unsafe` is here and in `unchecked`. It knows the layout of a vertex, no mesh.
 
 use super::surface::Vertex;
 
@@ -62,13 +62,25 @@ pub(crate) trait Lanes: Copy {
     fn root(self) -> Self;
     /// The greater of both; `other` if either is NaN.
     fn greater(self, other: Self) -> Self;
+    /// The lesser of both; `other` if either is NaN.
+    fn lesser(self, other: Self) -> Self;
+    /// All eight added up, always in the same order.
+    fn sum(self) -> f32;
+    /// The least of all eight by `lesser`, always in the same order.
+    fn least(self) -> f32;
     fn lt_select(a: Self, b: Self, x: Self, y: Self) -> Self;
     /// x, y, z of each vertex minus `base`, times `scale`, subtracted in f64.
     fn relative(vertices: [&Vertex; 8], base: [&[f64; 3]; 8], scale: f64) -> [Self; 3];
     /// The nine numbers of each vertex's quadric, one array a number.
     fn quadrics(vertices: [&Vertex; 8]) -> [Self; 9];
+    /// Eight rows of eight numbers, one array a number.
+    fn columns(rows: [&[f32; 8]; 8]) -> [Self; 8];
     /// Eight numbers of each lane, one array a lane.
     fn store_rows(columns: [Self; 8], rows: &mut [[f32; 8]; 8]);
+    /// Bit `i` tells whether lane `i` is less than that of `other`; not so if either is NaN.
+    fn below(self, other: Self) -> u32;
+    /// Bit `i` tells whether `ids[i]` is `id`.
+    fn matches(ids: &[u32; 8], id: u32) -> u32;
 }
 
 /// Eight numbers in an array.
@@ -120,6 +132,21 @@ impl Lanes for Portable {
         self.zip(other, |a, b| if a > b { a } else { b })
     }
     #[inline(always)]
+    fn lesser(self, other: Self) -> Self {
+        self.zip(other, |a, b| if a < b { a } else { b })
+    }
+    #[inline(always)]
+    fn sum(self) -> f32 {
+        let x = self.0;
+        ((x[0] + x[4]) + (x[1] + x[5])) + ((x[2] + x[6]) + (x[3] + x[7]))
+    }
+    #[inline(always)]
+    fn least(self) -> f32 {
+        let x = self.0;
+        let min = |a: f32, b: f32| if a < b { a } else { b };
+        min(min(min(x[0], x[4]), min(x[1], x[5])), min(min(x[2], x[6]), min(x[3], x[7])))
+    }
+    #[inline(always)]
     fn lt_select(a: Self, b: Self, x: Self, y: Self) -> Self {
         Portable(std::array::from_fn(|i| if a.0[i] < b.0[i] { x.0[i] } else { y.0[i] }))
     }
@@ -135,12 +162,24 @@ impl Lanes for Portable {
         std::array::from_fn(|row| Portable(std::array::from_fn(|i| vertices[i].quadric[row])))
     }
     #[inline(always)]
+    fn columns(rows: [&[f32; 8]; 8]) -> [Self; 8] {
+        std::array::from_fn(|k| Portable(std::array::from_fn(|i| rows[i][k])))
+    }
+    #[inline(always)]
     fn store_rows(columns: [Self; 8], rows: &mut [[f32; 8]; 8]) {
         for (lane, row) in rows.iter_mut().enumerate() {
             for (x, column) in row.iter_mut().zip(&columns) {
                 *x = column.0[lane];
             }
         }
+    }
+    #[inline(always)]
+    fn below(self, other: Self) -> u32 {
+        (0..8).fold(0, |bits, i| bits | u32::from(self.0[i] < other.0[i]) << i)
+    }
+    #[inline(always)]
+    fn matches(ids: &[u32; 8], id: u32) -> u32 {
+        (0..8).fold(0, |bits, i| bits | u32::from(ids[i] == id) << i)
     }
 }
 
@@ -258,6 +297,30 @@ mod avx2 {
             Avx2(unsafe { _mm256_max_ps(self.0, other.0) })
         }
         #[inline(always)]
+        fn lesser(self, other: Self) -> Self {
+            Avx2(unsafe { _mm256_min_ps(self.0, other.0) })
+        }
+        #[inline(always)]
+        fn sum(self) -> f32 {
+            unsafe {
+                let (low, high) =
+                    (_mm256_castps256_ps128(self.0), _mm256_extractf128_ps::<1>(self.0));
+                let four = _mm_add_ps(low, high);
+                let two = _mm_add_ps(four, _mm_movehdup_ps(four));
+                _mm_cvtss_f32(_mm_add_ss(two, _mm_movehl_ps(two, two)))
+            }
+        }
+        #[inline(always)]
+        fn least(self) -> f32 {
+            unsafe {
+                let (low, high) =
+                    (_mm256_castps256_ps128(self.0), _mm256_extractf128_ps::<1>(self.0));
+                let four = _mm_min_ps(low, high);
+                let two = _mm_min_ps(four, _mm_movehdup_ps(four));
+                _mm_cvtss_f32(_mm_min_ss(two, _mm_movehl_ps(two, two)))
+            }
+        }
+        #[inline(always)]
         fn lt_select(a: Self, b: Self, x: Self, y: Self) -> Self {
             Avx2(unsafe { _mm256_blendv_ps(y.0, x.0, _mm256_cmp_ps::<_CMP_LT_OQ>(a.0, b.0)) })
         }
@@ -295,6 +358,30 @@ mod avx2 {
                 _mm256_storeu_ps(rows[5].as_mut_ptr(), r[5]);
                 _mm256_storeu_ps(rows[6].as_mut_ptr(), r[6]);
                 _mm256_storeu_ps(rows[7].as_mut_ptr(), r[7]);
+            }
+        }
+        #[inline(always)]
+        fn below(self, other: Self) -> u32 {
+            unsafe {
+                let less = _mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0);
+                _mm256_movemask_ps(less).cast_unsigned()
+            }
+        }
+        #[inline(always)]
+        fn matches(ids: &[u32; 8], id: u32) -> u32 {
+            unsafe {
+                let ids = _mm256_loadu_si256(ids.as_ptr().cast());
+                let same = _mm256_cmpeq_epi32(ids, _mm256_set1_epi32(id.cast_signed()));
+                _mm256_movemask_ps(_mm256_castsi256_ps(same)).cast_unsigned()
+            }
+        }
+        #[inline(always)]
+        fn columns(rows: [&[f32; 8]; 8]) -> [Self; 8] {
+            unsafe {
+                let r = |i: usize| _mm256_loadu_ps(rows[i].as_ptr());
+                let [x0, x1, x2, x3, x4, x5, x6, x7] =
+                    transposed([r(0), r(1), r(2), r(3), r(4), r(5), r(6), r(7)]);
+                [Avx2(x0), Avx2(x1), Avx2(x2), Avx2(x3), Avx2(x4), Avx2(x5), Avx2(x6), Avx2(x7)]
             }
         }
         #[inline(always)]

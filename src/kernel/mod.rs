@@ -3,7 +3,10 @@
 //! It knows no files, threads, clock or logging, and its result depends on nothing but its arguments.
 //! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
 
+mod attribute_lanes;
+mod attributes;
 mod collapse;
+mod drain;
 mod drive;
 mod evaluate;
 mod fit;
@@ -16,10 +19,13 @@ pub mod reference;
 mod samples;
 mod surface;
 mod topology;
+mod unchecked;
 mod vector;
+mod wedges;
 mod weld;
 
-pub use fit::FitStatistics;
+pub use attributes::MAX_WEIGHTED;
+pub use fit::{AUTO_FIT_RATIO, Fit, FitStatistics};
 
 use crate::mesh::Mesh;
 use samples::Samples;
@@ -40,6 +46,9 @@ pub enum Stop {
         /// No further level is begun once the mesh is this small.
         floor_triangles: u64,
     },
+    /// As `Costs`, for thresholds so close together that seeding a queue for each would cost more than the
+    /// collapses: one queue over the whole mesh serves them all.
+    CloseCosts(Vec<f64>),
 }
 
 /// How `simplify_mesh` works; every value is final.
@@ -51,37 +60,12 @@ pub struct Options {
     pub topology: Topology,
     /// Whether the vertices are moved at the end so that the error falls.
     pub fit: Fit,
-}
-
-/// Whether the vertices of the result are fitted to the original; only where the stop is a count.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Fit {
-    /// Always.
-    On,
-    /// Never.
-    Off,
-    /// Where it is cheap against the collapses: at most `AUTO_FIT_RATIO` of the triangles are left.
-    #[default]
-    Auto,
-}
-
-/// `Fit::Auto` fits where at most this share of the triangles is left.
-pub const AUTO_FIT_RATIO: f64 = 0.05;
-
-impl Fit {
-    /// Whether to fit a mesh that goes from `n_triangles` to `target`.
-    pub fn applies(self, n_triangles: u64, target: u64) -> bool {
-        match self {
-            Fit::On => target < n_triangles,
-            Fit::Off => false,
-            Fit::Auto => target as f64 <= n_triangles as f64 * AUTO_FIT_RATIO,
-        }
-    }
-
-    /// The same, decided: for a part of a job whose counts are not those of the whole.
-    pub fn decided(self, n_triangles: u64, target: u64) -> Fit {
-        if self.applies(n_triangles, target) { Fit::On } else { Fit::Off }
-    }
+    /// For each channel, how many input units of distance a difference of 1 weighs as much as; 0, or none
+    /// given: it rides along. At most `MAX_WEIGHTED` count.
+    pub weights: Vec<f32>,
+    /// For each channel, whether its values are only ever interpolated along edges: texture coordinates, which
+    /// mean nothing outside of their chart. Others may be extrapolated to where the survivor is.
+    pub confined: Vec<bool>,
 }
 
 /// What may happen to components, holes and handles.
@@ -103,6 +87,8 @@ impl Default for Options {
             stop: Stop::Triangles(u64::MAX),
             topology: Topology::default(),
             fit: Fit::default(),
+            weights: Vec::new(),
+            confined: Vec::new(),
         }
     }
 }
@@ -141,15 +127,11 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
     run(mesh, locked, options, lanes::Simd::detect())
 }
 
-/// Sweeps of the fit.
-const FIT_SWEEPS: u64 = 2;
-
 fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
     let mut statistics = Statistics::default();
-    let mut surface = surface::Surface::new(mesh, locked, simd);
-    if options.topology == Topology::Error {
-        weld::coincident(&mut surface, simd);
-    }
+    let mut surface =
+        surface::Surface::new(mesh, locked, (&options.weights, &options.confined), simd);
+    weld::coincident(&mut surface, options.topology, simd);
     let mut driver = drive::Driver::new(surface, simd, options.topology);
     match &options.stop {
         Stop::Triangles(target) => {
@@ -158,8 +140,7 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
             }
             statistics.reached = driver.reach(*target);
             if let Some(samples) = driver.samples.take() {
-                let sweeps = FIT_SWEEPS;
-                statistics.fit = Some(fit::fit(&mut driver.surface, samples, sweeps, simd));
+                statistics.fit = Some(fit::fit(&mut driver.surface, samples, simd));
             }
         }
         Stop::Costs { levels, floor_triangles } => {
@@ -171,6 +152,10 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
                 driver.level(level);
                 statistics.level_counts.push(driver.surface.n_alive);
             }
+            statistics.reached = true;
+        }
+        Stop::CloseCosts(levels) => {
+            statistics.level_counts = driver.close_levels(levels);
             statistics.reached = true;
         }
     }
@@ -185,6 +170,24 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
 /// Measured: 60 bytes a triangle beyond the input on clean scans, 87 on a noisy CT (docs/results/kernel.md).
 pub fn peak_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
     102 * n_triangles + n_vertices * (24 + 8 * n_channels as u64)
+}
+
+/// What the fit adds to `peak_bytes`: its samples. The rest of its memory takes the place of what the collapses
+/// have freed by then.
+pub fn fit_bytes(fit: Fit, n_triangles: u64, target: u64) -> u64 {
+    if fit.applies(n_triangles, target) { samples::bytes(n_triangles, target) } else { 0 }
+}
+
+/// What weighted channels add to `peak_bytes`.
+pub fn attribute_bytes(n_vertices: u64, n_weighted: usize) -> u64 {
+    match n_weighted {
+        0 => 0,
+        n => {
+            n_vertices
+                * 32
+                * attribute_lanes::numbers(n.min(MAX_WEIGHTED)).div_ceil(8).max(2) as u64
+        }
+    }
 }
 
 /// Drops vertices that no triangle uses; the second value tells where each kept vertex was.
@@ -215,7 +218,7 @@ mod tests {
     use super::*;
 
     /// A bumpy sheet of 2 n^2 triangles.
-    fn sheet(n: usize) -> Mesh {
+    pub(super) fn sheet(n: usize) -> Mesh {
         let mut mesh = Mesh::default();
         for i in 0..=n {
             for j in 0..=n {
@@ -249,6 +252,24 @@ mod tests {
     }
 
     #[test]
+    fn a_prefix_of_close_levels_gives_the_same_counts() {
+        let mesh = sheet(90);
+        let locked = vec![false; mesh.positions.len()];
+        let levels: Vec<f64> = (0..20).map(|k| 1e-12 * 1.5f64.powi(k)).collect();
+        let counts = |n: usize| {
+            let options =
+                Options { stop: Stop::CloseCosts(levels[..n].to_vec()), ..Options::default() };
+            let result = simplify_mesh(mesh.clone(), &locked, &options);
+            let counts = result.statistics.level_counts;
+            assert_eq!(counts.last(), Some(&(result.mesh.triangles.len() as u64)));
+            counts
+        };
+        let all = counts(levels.len());
+        assert!(all[0] > 3 * all[19] / 2, "the levels do something: {all:?}");
+        assert_eq!(counts(7), all[..7]);
+    }
+
+    #[test]
     fn specks_vanish_only_if_asked() {
         let mut mesh = sheet(40);
         let first = mesh.positions.len() as u32;
@@ -260,11 +281,11 @@ mod tests {
         let mut locked = vec![false; mesh.positions.len()];
         let specks = |result: &Simplified| result.source.iter().filter(|&&v| v >= first).count();
         for (topology, left) in [(Topology::Keep, 4), (Topology::Error, 0)] {
-            let options = Options { stop: Stop::Triangles(300), topology };
+            let options = Options { stop: Stop::Triangles(300), topology, ..Options::default() };
             assert_eq!(specks(&simplify_mesh(mesh.clone(), &locked, &options)), left);
         }
         locked[first as usize] = true;
-        let options = Options { stop: Stop::Triangles(300), topology: Topology::Error };
+        let options = Options { stop: Stop::Triangles(300), ..Options::default() };
         assert_eq!(specks(&simplify_mesh(mesh, &locked, &options)), 4, "a locked vertex holds it");
     }
 

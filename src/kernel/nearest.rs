@@ -153,12 +153,17 @@ pub(crate) fn feet(
     mut take: impl FnMut(&Sample, Foot),
 ) {
     let mut faces = Vec::new();
-    let mut done = Vec::with_capacity(samples.len());
+    let mut done = Vec::new();
     let mut starts = vec![0u32; place.len() + 1];
     let mut list = std::mem::take(samples);
     let mut sorted = Vec::new();
     for round in 1..=MAX_RINGS {
         sort_by_hint(&list, &mut starts, &mut sorted);
+        if round == 1 {
+            // The samples end up in the memory they came in.
+            done = std::mem::take(&mut list);
+            done.clear();
+        }
         list.clear();
         for v in 0..place.len() {
             let own = &sorted[starts[v] as usize..starts[v + 1] as usize];

@@ -1,14 +1,17 @@
 //! A bucket queue over costs: what is cheapest, to within a fraction of an octave.
 //!
 //! Buckets are the leading bits of the cost as f32, so there is nothing to configure. Within a bucket the
-//! last entry comes out first. The queue knows nothing of meshes; stale entries are its owner's business.
+//! last entry comes out first. The queue never goes back: what is pushed below the bucket that is being
+//! emptied goes into that one. It knows nothing of meshes; stale entries are its owner's business.
+
+use super::unchecked::{at, at_mut};
 
 /// An edge waiting to be collapsed, and how often it has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Entry {
     pub(crate) v0: u32,
     pub(crate) v1: u32,
-    /// Failed attempts that were put off, not refused.
+    /// Failed attempts that were put off, not refused; at most 3.
     pub(crate) failures: u8,
 }
 
@@ -28,12 +31,14 @@ const FAILURE_SHIFT: u32 = 30;
 pub(crate) struct BucketQueue {
     shift: u32,
     heads: Vec<u32>,
-    /// One bit a bucket, then one bit for each 64 of those.
+    /// One bit a bucket: something may be in it.
     filled: Vec<u64>,
-    summary: Vec<u64>,
+    /// The bucket that is being emptied.
+    current: u32,
+    /// Nothing comes out of buckets dearer than this one.
+    ceiling: u32,
     pool: Vec<Slot>,
     free: u32,
-    len: usize,
     /// Edges that were put back, to know their doubles by.
     seen: Vec<Seen>,
     epoch: u32,
@@ -48,11 +53,12 @@ struct Seen {
     epoch: u32,
 }
 
-/// Slots that remember edges put back; 64 KiB.
-const N_SEEN: usize = 4096;
+/// Bits of the number of edges put back that are remembered; 16 bytes each.
+const SEEN_BITS: u32 = 12;
 
-fn seen_slot(v0: u32, v1: u32) -> usize {
-    (v0.wrapping_mul(0x9E37_79B1) ^ v1.wrapping_mul(0x85EB_CA77)) as usize >> 20
+#[inline(always)]
+fn seen_slot(v0: u32, v1: u32) -> u32 {
+    (v0.wrapping_mul(0x9E37_79B1) ^ v1.wrapping_mul(0x85EB_CA77)) >> (32 - SEEN_BITS)
 }
 
 impl BucketQueue {
@@ -64,95 +70,114 @@ impl BucketQueue {
             shift,
             heads: vec![NONE; n_buckets],
             filled: vec![0; n_buckets.div_ceil(64)],
-            summary: vec![0; n_buckets.div_ceil(64 * 64)],
+            current: 0,
+            ceiling: u32::MAX,
             pool: Vec::new(),
             free: NONE,
-            len: 0,
-            seen: vec![Seen::default(); N_SEEN],
+            seen: vec![Seen::default(); 1 << SEEN_BITS],
             epoch: 1,
         }
     }
 
     /// The bucket of a cost, which is not negative and not NaN.
+    #[inline(always)]
     pub(crate) fn bucket(&self, cost: f32) -> u32 {
         cost.max(0.0).to_bits() >> self.shift
     }
 
     /// The least cost of a bucket.
+    #[inline(always)]
     pub(crate) fn lowest_cost(&self, bucket: u32) -> f32 {
         f32::from_bits(bucket << self.shift)
     }
 
-    #[cfg(test)]
-    pub(crate) fn is_empty(&self) -> bool {
-        self.len == 0
+    /// Lets out nothing that is dearer than the bucket of `cost`; what waits there stays.
+    pub(crate) fn close_above(&mut self, cost: f32) {
+        self.ceiling = self.bucket(cost);
     }
 
     /// Forgets everything, keeping the memory.
     pub(crate) fn clear(&mut self) {
-        if self.len > 0 {
-            self.heads.fill(NONE);
-            self.filled.fill(0);
-            self.summary.fill(0);
+        for (word, heads) in self.filled.iter_mut().zip(self.heads.chunks_mut(64)) {
+            if *word != 0 {
+                heads.fill(NONE);
+                *word = 0;
+            }
         }
+        self.current = 0;
+        self.ceiling = u32::MAX;
         self.pool.clear();
         self.free = NONE;
-        self.len = 0;
         self.epoch += 1;
     }
 
     /// Puts an entry back that became dearer than its bucket.
+    #[inline(always)]
     pub(crate) fn put_back(&mut self, bucket: u32, entry: Entry) {
         let seen = Seen { v0: entry.v0, v1: entry.v1, bucket, epoch: self.epoch };
-        self.seen[seen_slot(entry.v0, entry.v1)] = seen;
+        *at_mut(&mut self.seen, seen_slot(entry.v0, entry.v1)) = seen;
         self.push(bucket, entry);
     }
 
     /// Whether the same edge waits in a dearer bucket: two edges become one when a triangle vanishes,
     /// and one entry is enough. May miss some.
+    #[inline(always)]
     pub(crate) fn is_double(&self, bucket: u32, v0: u32, v1: u32) -> bool {
-        let seen = &self.seen[seen_slot(v0, v1)];
-        seen.v0 == v0 && seen.v1 == v1 && seen.epoch == self.epoch && seen.bucket > bucket
+        let seen = at(&self.seen, seen_slot(v0, v1));
+        (seen.v0 == v0) & (seen.v1 == v1) & (seen.epoch == self.epoch) & (seen.bucket > bucket)
     }
 
+    #[inline(always)]
     pub(crate) fn push(&mut self, bucket: u32, entry: Entry) {
+        let bucket = bucket.max(self.current);
         let v1 = entry.v1 | u32::from(entry.failures) << FAILURE_SHIFT;
-        let next = self.heads[bucket as usize];
-        let slot = Slot { v0: entry.v0, v1, next };
-        let at = self.free;
-        if at == NONE {
-            self.heads[bucket as usize] = self.pool.len() as u32;
-            self.pool.push(slot);
+        let slot = Slot { v0: entry.v0, v1, next: *at(&self.heads, bucket) };
+        let free = self.free;
+        *at_mut(&mut self.heads, bucket) = if let Some(place) = self.pool.get_mut(free as usize) {
+            self.free = place.next;
+            *place = slot;
+            free
         } else {
-            self.free = self.pool[at as usize].next;
-            self.pool[at as usize] = slot;
-            self.heads[bucket as usize] = at;
-        }
-        self.filled[bucket as usize / 64] |= 1 << (bucket % 64);
-        self.summary[bucket as usize / 4096] |= 1 << (bucket / 64 % 64);
-        self.len += 1;
+            self.pool.push(slot);
+            self.pool.len() as u32 - 1
+        };
+        *at_mut(&mut self.filled, bucket / 64) |= 1 << (bucket % 64);
     }
 
     /// The cheapest entry with its bucket.
+    #[inline(always)]
     pub(crate) fn pop(&mut self) -> Option<(u32, Entry)> {
-        let high = self.summary.iter().position(|&word| word != 0)?;
-        let middle = high * 64 + self.summary[high].trailing_zeros() as usize;
-        let bucket = middle * 64 + self.filled[middle].trailing_zeros() as usize;
-        let at = self.heads[bucket];
-        let slot = self.pool[at as usize];
-        self.heads[bucket] = slot.next;
-        if slot.next == NONE {
-            self.filled[middle] &= !(1 << (bucket % 64));
-            if self.filled[middle] == 0 {
-                self.summary[high] &= !(1 << (middle % 64));
-            }
+        let mut first = *at(&self.heads, self.current);
+        if first == NONE {
+            first = self.advance()?;
         }
-        self.pool[at as usize].next = self.free;
-        self.free = at;
-        self.len -= 1;
+        let place = at_mut(&mut self.pool, first);
+        let slot = *place;
+        place.next = self.free;
+        self.free = first;
+        *at_mut(&mut self.heads, self.current) = slot.next;
         let v1 = slot.v1 & !(3 << FAILURE_SHIFT);
         let failures = (slot.v1 >> FAILURE_SHIFT) as u8;
-        Some((bucket as u32, Entry { v0: slot.v0, v1, failures }))
+        Some((self.current, Entry { v0: slot.v0, v1, failures }))
+    }
+
+    /// Goes on to the next bucket that holds something.
+    #[inline(never)]
+    fn advance(&mut self) -> Option<u32> {
+        let mut word = self.current as usize / 64;
+        self.filled[word] &= !(1 << (self.current % 64));
+        while self.filled[word] == 0 {
+            word += 1;
+            if word == self.filled.len() {
+                return None;
+            }
+        }
+        let next = word as u32 * 64 + self.filled[word].trailing_zeros();
+        if next > self.ceiling {
+            return None;
+        }
+        self.current = next;
+        Some(self.heads[self.current as usize])
     }
 }
 
@@ -163,12 +188,38 @@ mod tests {
     #[test]
     fn entries_come_out_by_bucket_and_last_in_first_out() {
         let mut queue = BucketQueue::new(3);
-        let costs = [3.0f32, 0.0, 1e30, 3.1, 1e-30, 7.0];
-        for (i, &cost) in costs.iter().enumerate() {
-            queue.push(queue.bucket(cost), Entry { v0: i as u32, v1: 9, failures: i as u8 & 3 });
+        for _ in 0..2 {
+            let costs = [3.0f32, 0.0, 1e30, 3.1, 1e-30, 7.0];
+            for (i, &cost) in costs.iter().enumerate() {
+                let entry = Entry { v0: i as u32, v1: 9, failures: i as u8 & 3 };
+                queue.push(queue.bucket(cost), entry);
+            }
+            let order: Vec<u32> = std::iter::from_fn(|| queue.pop().map(|(_, e)| e.v0)).collect();
+            assert_eq!(order, [1, 4, 3, 0, 5, 2]);
+            assert_eq!(queue.pop(), None);
+            queue.clear();
         }
-        let order: Vec<u32> = std::iter::from_fn(|| queue.pop().map(|(_, e)| e.v0)).collect();
-        assert_eq!(order, [1, 4, 3, 0, 5, 2]);
-        assert!(queue.is_empty());
+    }
+
+    #[test]
+    fn what_is_dearer_than_the_ceiling_waits() {
+        let mut queue = BucketQueue::new(3);
+        for cost in [1.0f32, 4.0] {
+            queue.push(queue.bucket(cost), Entry { v0: cost as u32, v1: 9, failures: 0 });
+        }
+        for (ceiling, expected) in [(2.0, Some(1)), (3.0, None), (5.0, Some(4)), (9.0, None)] {
+            queue.close_above(ceiling);
+            assert_eq!(queue.pop().map(|(_, entry)| entry.v0), expected);
+        }
+    }
+
+    #[test]
+    fn clearing_forgets_what_was_not_taken_out() {
+        let mut queue = BucketQueue::new(3);
+        queue.push(queue.bucket(2.0), Entry { v0: 1, v1: 2, failures: 0 });
+        queue.clear();
+        queue.push(queue.bucket(1.0), Entry { v0: 3, v1: 4, failures: 2 });
+        assert_eq!(queue.pop(), Some((queue.bucket(1.0), Entry { v0: 3, v1: 4, failures: 2 })));
+        assert_eq!(queue.pop(), None);
     }
 }

@@ -138,6 +138,13 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
             }
             statistics.reached = true;
         }
+        Stop::CloseCosts(levels) => {
+            for &level in levels {
+                work.drain(level, 0);
+                statistics.level_counts.push(work.n_alive);
+            }
+            statistics.reached = true;
+        }
     }
     statistics.collapses = work.collapses;
     statistics.rejects = work.rejects.named();

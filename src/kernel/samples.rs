@@ -40,6 +40,12 @@ pub(crate) struct Samples {
     target: u64,
 }
 
+/// Bytes of the samples of `n_triangles`.
+pub(crate) fn bytes(n_triangles: u64, target: u64) -> u64 {
+    let by_edge = (n_triangles as f64 * 0.5) < VERTICES_PER_TRIANGLE * target as f64;
+    n_triangles * if by_edge { 30 } else { 10 }
+}
+
 /// Sums of one sample: weighted place and weight.
 type Moment = [f64; 4];
 
@@ -77,8 +83,10 @@ impl Samples {
         // Sums are relative to the vertex itself, so that f32 is enough.
         for t in surface.triangles.iter().filter(|t| t[0] != GONE) {
             let (corners, area) = self.corners(surface, t);
-            let middle =
-                vector::scale(vector::add(vector::add(corners[0], corners[1]), corners[2]), 1.0 / 3.0);
+            let middle = vector::scale(
+                vector::add(vector::add(corners[0], corners[1]), corners[2]),
+                1.0 / 3.0,
+            );
             for (&v, corner) in t.iter().zip(corners) {
                 let off = vector::scale(vector::sub(middle, corner), 1.0 - SHIFT);
                 let sum = &mut sums[v as usize];
@@ -102,6 +110,7 @@ impl Samples {
     /// taken from one of them, whose area stands for that of the other.
     fn take_edges(&mut self, surface: &Surface) {
         let inner = |v: u32| surface.rings[v as usize].class == Some(Class::Interior);
+        self.list.reserve_exact(surface.n_alive as usize * 3 / 2);
         for t in surface.triangles.iter().filter(|t| t[0] != GONE) {
             let (corners, area) = self.corners(surface, t);
             for k in 0..3 {

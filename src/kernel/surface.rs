@@ -3,11 +3,16 @@
 //! A ring lists the triangles of a vertex in a common arena; a merged ring takes over a slot that is
 //! large enough or is appended. Building and compacting live here, collapses do not.
 
+use std::hint::select_unpredictable;
+
+use super::attributes::Attributes;
 use super::evaluate::{Rows, Triangles};
-use super::lanes::Simd;
+use super::lanes::{Job, Lanes, Simd};
 use super::legal::Class;
 use super::order;
+use super::unchecked::{at, at_mut, part};
 use super::vector::Vec3;
+use super::wedges::Wedges;
 use crate::mesh::Mesh;
 
 /// First corner of a triangle that is gone.
@@ -53,6 +58,12 @@ pub(crate) struct Surface {
     pub(crate) n_channels: usize,
     /// Power of two that brings edges near to length 1, so that f32 neither over- nor underflows.
     pub(crate) scale: f64,
+    /// 1 / scale, which is exact.
+    pub(crate) unscale: f64,
+    /// Only if a channel has a weight.
+    pub(crate) attributes: Option<Box<Attributes>>,
+    /// Only if there are attribute seams.
+    pub(crate) wedges: Option<Box<Wedges>>,
 }
 
 /// Quadric of a boundary edge: squared length times squared distance to its line.
@@ -67,11 +78,12 @@ pub(crate) fn boundary_quadric(edge: [f32; 3]) -> [f32; 6] {
 /// A triangle as seen from one of its corners: the other two, in its sense of rotation.
 #[inline(always)]
 pub(crate) fn others(triangle: [u32; 3], v: u32) -> (u32, u32) {
-    // Which corner it is cannot be predicted, so there is no branch on it.
-    const NEXT: [usize; 4] = [1, 2, 0, 0];
-    let at = usize::from(triangle[1] == v) + 2 * usize::from(triangle[2] == v);
-    let next = NEXT[at];
-    (triangle[next], triangle[NEXT[next]])
+    // Which corner it is cannot be predicted.
+    let [x, y, z] = triangle;
+    let (first, second) = (x == v, y == v);
+    let next = select_unpredictable(first, y, select_unpredictable(second, z, x));
+    let last = select_unpredictable(first, z, select_unpredictable(second, x, y));
+    (next, last)
 }
 
 fn is_proper(t: &[u32; 3]) -> bool {
@@ -80,7 +92,12 @@ fn is_proper(t: &[u32; 3]) -> bool {
 
 impl Surface {
     /// Takes a mesh apart. Triangles that repeat a corner are dropped.
-    pub(crate) fn new(mut mesh: Mesh, locked: &[bool], simd: Simd) -> Self {
+    pub(crate) fn new(
+        mut mesh: Mesh,
+        locked: &[bool],
+        (weights, confined): (&[f32], &[bool]),
+        simd: Simd,
+    ) -> Self {
         mesh.triangles.retain(is_proper);
         let order = order::morton(&mesh.positions, &mesh.triangles);
         let (_, side) = order::bounds(&mesh.positions);
@@ -122,6 +139,9 @@ impl Surface {
             channels,
             n_channels,
             scale,
+            unscale: 1.0 / scale,
+            attributes: Attributes::new(weights, confined, scale, simd).map(Box::new),
+            wedges: None,
         };
         surface.build(simd, false);
         surface
@@ -151,6 +171,9 @@ impl Surface {
         self.rings.truncate(n);
         self.source.truncate(n);
         self.channels.truncate(n * self.n_channels);
+        if let Some(wedges) = &mut self.wedges {
+            wedges.retain(&self.triangles);
+        }
         self.triangles.retain(|t| t[0] != GONE);
         for t in &mut self.triangles {
             *t = t.map(|v| place[v as usize]);
@@ -168,7 +191,7 @@ impl Surface {
         }
         for t in &self.triangles {
             for &v in t {
-                self.rings[v as usize].len += 1;
+                at_mut(&mut self.rings, v).len += 1;
             }
         }
         let mut start = 0;
@@ -183,17 +206,19 @@ impl Surface {
         self.sum_quadrics(simd);
         for (id, t) in self.triangles.iter().enumerate() {
             for &v in t {
-                let ring = &mut self.rings[v as usize];
-                self.arena[(ring.start + ring.len) as usize] = id as u32;
+                let ring = at_mut(&mut self.rings, v);
+                *at_mut(&mut self.arena, ring.start + ring.len) = id as u32;
                 ring.len += 1;
             }
         }
-        let mut scratch = Fan::new();
-        for v in 0..self.vertices.len() as u32 {
-            // A vertex that is interior stays so.
-            if !again || self.rings[v as usize].class != Some(Class::Interior) {
-                self.classify(v, &mut scratch);
-            }
+        simd.run(Classify { surface: self, again });
+        if let Some(mut wedges) = self.wedges.take() {
+            wedges.find_seams(self);
+            self.wedges = Some(wedges);
+        }
+        if let Some(mut attributes) = self.attributes.take() {
+            attributes.build(self);
+            self.attributes = Some(attributes);
         }
     }
 
@@ -214,24 +239,40 @@ impl Surface {
             });
             for (i, t) in eight.iter().enumerate() {
                 for &v in t {
-                    rows.add_to(i, &mut self.vertices[v as usize].quadric);
+                    rows.add_to(i, &mut at_mut(&mut self.vertices, v).quadric);
                 }
             }
+        }
+    }
+
+    /// The channels of a vertex off the seams.
+    #[inline(always)]
+    pub(crate) fn channels_of(&self, v: u32) -> &[f32] {
+        &self.channels[v as usize * self.n_channels..][..self.n_channels]
+    }
+
+    /// The channels at corner `v` of triangle `t`.
+    #[inline(always)]
+    pub(crate) fn values_at(&self, t: u32, v: u32) -> &[f32] {
+        match &self.wedges {
+            None => self.channels_of(v),
+            Some(wedges) => wedges.values_at(self, t, v),
         }
     }
 
     /// Scaled vector from one vertex to another.
     #[inline(always)]
     pub(crate) fn edge(&self, from: u32, to: u32) -> [f32; 3] {
-        let (p, q) = (self.vertices[from as usize].position, self.vertices[to as usize].position);
-        std::array::from_fn(|i| ((q[i] - p[i]) * self.scale) as f32)
+        let (p, q) = (at(&self.vertices, from).position, at(&self.vertices, to).position);
+        let along = |i: usize| ((q[i] - p[i]) * self.scale) as f32;
+        [along(0), along(1), along(2)]
     }
 
     /// The triangles of a vertex.
     #[inline(always)]
     pub(crate) fn ring(&self, v: u32) -> &[u32] {
-        let ring = self.rings[v as usize];
-        &self.arena[ring.start as usize..(ring.start + ring.len) as usize]
+        let ring = at(&self.rings, v);
+        part(&self.arena, ring.start, ring.len)
     }
 
     /// Finds the class of a vertex that is not locked and adds the quadrics of its boundary edges.
@@ -253,8 +294,13 @@ impl Surface {
         }
     }
 
-    /// The mesh that is left, vertices in the order of their sources.
+    /// The mesh that is left, vertices in the order of their sources; seams are split again.
     pub(crate) fn into_mesh(mut self) -> (Mesh, Vec<u32>) {
+        if let Some(mut wedges) = self.wedges.take() {
+            wedges.retain(&self.triangles);
+            self.triangles.retain(|t| t[0] != GONE);
+            return self.split(&wedges);
+        }
         self.triangles.retain(|t| t[0] != GONE);
         let mut used: Vec<(u32, u32)> = Vec::new();
         let mut place = vec![GONE; self.vertices.len()];
@@ -283,6 +329,70 @@ impl Surface {
         mesh.triangles = self.triangles;
         (mesh, used.into_iter().map(|(source, _)| source).collect())
     }
+}
+
+impl Surface {
+    /// The mesh with a vertex for every wedge that is in use.
+    fn split(self, wedges: &Wedges) -> (Mesh, Vec<u32>) {
+        let corners = wedges.corner.iter().flatten().zip(self.triangles.iter().flatten());
+        let mut used: Vec<(u32, u32, u32)> =
+            corners.map(|(&w, &v)| (wedges.of(w).0, w, v)).collect();
+        used.sort_unstable();
+        used.dedup();
+        let mut mesh = Mesh { n_channels: self.n_channels, ..Mesh::default() };
+        let n_wedges = used.iter().map(|&(_, w, _)| w as usize + 1).max().unwrap_or(0);
+        let mut place = vec![GONE; n_wedges];
+        for (new, &(_, w, v)) in used.iter().enumerate() {
+            place[w as usize] = new as u32;
+            mesh.positions.push(self.vertices[v as usize].position);
+            mesh.channels.extend_from_slice(wedges.of(w).1);
+        }
+        mesh.triangles = wedges.corner.iter().map(|t| t.map(|w| place[w as usize])).collect();
+        (mesh, used.into_iter().map(|(source, ..)| source).collect())
+    }
+}
+
+/// Finds the classes of all vertices; after a compaction, an interior vertex stays one.
+struct Classify<'a> {
+    surface: &'a mut Surface,
+    again: bool,
+}
+
+impl Job for Classify<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let mut fan = Fan::new();
+        for v in 0..self.surface.vertices.len() as u32 {
+            let ring = at(&self.surface.rings, v);
+            let interior = ring.class == Some(Class::Interior);
+            if !(interior && (self.again || is_one_fan::<L>(self.surface, v))) {
+                self.surface.classify(v, &mut fan);
+            }
+        }
+    }
+}
+
+/// Whether the triangles of a vertex form one closed fan; false if they are more than eight or too few to
+/// tell quickly.
+#[inline(always)]
+fn is_one_fan<L: Lanes>(surface: &Surface, v: u32) -> bool {
+    let ring = surface.ring(v);
+    if ring.is_empty() || ring.len() > 8 {
+        return false;
+    }
+    let (mut b, mut c) = ([GONE; 8], [GONE; 8]);
+    for ((b, c), &t) in b.iter_mut().zip(&mut c).zip(ring) {
+        (*b, *c) = others(*at(&surface.triangles, t), v);
+    }
+    // From triangle to triangle; a walk that is back after all of them, not earlier, has met each once.
+    let (mut at, mut early) = (0, false);
+    for _ in 1..ring.len() {
+        at = L::matches(&b, c[at & 7]).trailing_zeros() as usize;
+        early |= (at == 0) | (at > 7);
+    }
+    !early && L::matches(&b, c[at & 7]) & 1 == 1
 }
 
 /// The triangles of one vertex as pairs of corners; re-used from vertex to vertex.

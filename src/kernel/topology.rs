@@ -148,6 +148,10 @@ pub(crate) fn cut(
     number: u32,
     simd: Simd,
 ) -> Option<[u32; 3]> {
+    let at_seam = |v: u32| surface.wedges.as_ref().is_some_and(|wedges| wedges.is_seam(v));
+    if cycle.into_iter().any(at_seam) {
+        return None;
+    }
     let mut right: [Vec<u32>; 3] = Default::default();
     for i in 0..3 {
         let (next, prev) = (cycle[(i + 1) % 3], cycle[(i + 2) % 3]);
@@ -185,9 +189,23 @@ pub(crate) fn cut(
             *triangle = triangle.map(|v| if v == cycle[i] { new[i] } else { v });
         }
     }
+    if let Some(mut wedges) = surface.wedges.take() {
+        let old = cycle.map(|v| wedges.single(surface, v).unwrap_or(0));
+        let added: [u32; 3] = std::array::from_fn(|i| wedges.add(surface, cycle[i], sources[i]));
+        wedges.corner.push([old[1], old[0], old[2]]);
+        wedges.corner.push(added);
+        for i in 0..3 {
+            wedges.rename(surface, &right[i], new[i], added[i]);
+        }
+        surface.wedges = Some(wedges);
+    }
     for v in cycle.into_iter().chain(new) {
         refresh(surface, v, simd);
         surface.vertices[v as usize].stamp = number;
+    }
+    if let Some(mut attributes) = surface.attributes.take() {
+        cycle.into_iter().chain(new).for_each(|v| attributes.refresh(surface, v));
+        surface.attributes = Some(attributes);
     }
     Some(new)
 }

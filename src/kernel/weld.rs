@@ -1,18 +1,23 @@
 //! Joins open boundaries that touch: vertices in exactly the same place become one.
 //!
-//! Under `Topology::Error` only, before anything is collapsed. A scan that was split along texture seams
-//! is otherwise a heap of charts, each with a boundary to be kept. Where joining would put two triangles
-//! on the same side of an edge, it is not done. Locked vertices are never joined: another cell knows them.
-//! The channels of the vertex with the lowest id are kept.
+//! Before anything is collapsed. A scan that was split along texture seams is otherwise a heap of charts,
+//! each with a boundary of its own, and cracks would open between them. Where joining would put two
+//! triangles on the same side of an edge, it is not done. Locked vertices are never joined: another cell
+//! knows them; what coincides with one is locked too, so that both sides stay together.
+//!
+//! Vertices whose channels are the same become one for good under `Topology::Error`; all others stay apart
+//! as wedges (`wedges`).
 
 use std::collections::BTreeMap;
 
+use super::Topology;
 use super::lanes::Simd;
 use super::legal::Class;
 use super::surface::{GONE, Surface};
+use super::wedges::Wedges;
 
 /// Joins what coincides; returns how many vertices went. Sorts boundary vertices only.
-pub(crate) fn coincident(surface: &mut Surface, simd: Simd) -> u64 {
+pub(crate) fn coincident(surface: &mut Surface, topology: Topology, simd: Simd) -> u64 {
     let mut join = candidates(surface);
     while !join.is_empty() {
         let bad = conflicts(surface, &join);
@@ -23,6 +28,16 @@ pub(crate) fn coincident(surface: &mut Surface, simd: Simd) -> u64 {
     }
     if join.is_empty() {
         return 0;
+    }
+    let kept_apart = |surface: &Surface, (v, into): (&u32, &u32)| {
+        topology == Topology::Keep || surface.channels_of(*v) != surface.channels_of(*into)
+    };
+    if join.iter().any(|pair| kept_apart(surface, pair)) {
+        let mut wedges = Box::new(Wedges::new(surface));
+        if topology == Topology::Error {
+            wedges.join_equal(&join);
+        }
+        surface.wedges = Some(wedges);
     }
     for t in &mut surface.triangles {
         if t[0] != GONE {
@@ -36,18 +51,28 @@ pub(crate) fn coincident(surface: &mut Surface, simd: Simd) -> u64 {
     join.len() as u64
 }
 
-/// Boundary vertices, each with the one of lowest source in the same place.
-fn candidates(surface: &Surface) -> BTreeMap<u32, u32> {
-    let open = |v: &u32| surface.rings[*v as usize].class == Some(Class::Boundary);
+/// Vertices with open edges, each with the one of lowest source in the same place. Where one of them is
+/// locked, they all become so instead.
+fn candidates(surface: &mut Surface) -> BTreeMap<u32, u32> {
+    // Where several fans of one chart meet in a vertex, the gaps may be what other charts fill.
+    let concerned =
+        |v: &u32| surface.rings[*v as usize].class.is_some_and(|class| class != Class::Interior);
     // Adding 0 makes -0 and 0 the same place.
     let place = |v: u32| surface.vertices[v as usize].position.map(|x| (x + 0.0).to_bits());
-    let mut open: Vec<([u64; 3], u32, u32)> = (0..surface.vertices.len() as u32)
-        .filter(open)
+    let mut found: Vec<([u64; 3], u32, u32)> = (0..surface.vertices.len() as u32)
+        .filter(concerned)
         .map(|v| (place(v), surface.source[v as usize], v))
         .collect();
-    open.sort_unstable();
+    found.sort_unstable();
     let mut join = BTreeMap::new();
-    for group in open.chunk_by(|a, b| a.0 == b.0) {
+    for group in found.chunk_by(|a, b| a.0 == b.0).filter(|group| group.len() > 1) {
+        let class = |v: u32| surface.rings[v as usize].class;
+        if group.iter().any(|&(_, _, v)| class(v) == Some(Class::Locked)) {
+            for &(_, _, v) in group {
+                surface.rings[v as usize].class = Some(Class::Locked);
+            }
+            continue;
+        }
         for &(_, _, v) in &group[1..] {
             join.insert(v, group[0].2);
         }

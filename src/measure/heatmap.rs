@@ -4,9 +4,12 @@
 //! Measures nothing itself.
 
 use super::load;
+use super::tree::Tree;
 use crate::error::Result;
 use crate::mesh::Mesh;
-use crate::ply::{MeshSource, OutputHeader, PlyWriter};
+use crate::parallel::in_order;
+use crate::ply::raw::{RawFile, Spool};
+use crate::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
 use crate::progress::Progress;
 use crate::schema::{Property, Scalar, VertexSchema};
 use std::path::Path;
@@ -49,20 +52,9 @@ pub fn write(
 ) -> Result<()> {
     let top = scale(distances);
     let geometry = load::load(mesh, threads, progress)?.mesh;
-    let property = |name: &str| Property { name: name.to_owned(), scalar: Scalar::U8 };
-    let coordinate = mesh.schema().coordinate;
-    let properties = vec![property("red"), property("green"), property("blue")];
-    let schema = VertexSchema { coordinate, properties };
-    let (n_vertices, n_faces) = (geometry.positions.len() as u64, geometry.triangles.len() as u64);
-    let mut header = OutputHeader::new(schema.clone(), n_vertices, n_faces);
-    header.settings = "measure --heatmap".to_owned();
-    header.comments = vec![
-        "colours: distance to the other surface, in input units, viridis".to_owned(),
-        format!(
-            "scale: 0 = dark violet 68 1 84, {} = green 33 145 140, {top} = yellow 253 231 37",
-            top / 2.0
-        ),
-    ];
+    let n_faces = geometry.triangles.len() as u64;
+    let header = header(mesh, n_faces, top);
+    let schema = header.schema.clone();
     let mut writer = PlyWriter::create(path, header)?;
     let mut records = Vec::new();
     for (positions, distances) in geometry.positions.chunks(65_536).zip(distances.chunks(65_536)) {
@@ -78,6 +70,133 @@ pub fn write(
     Ok(())
 }
 
+/// Writes `mesh`, of any size, coloured by the distance of its vertices to the surface in `target`.
+///
+/// Memory: a few blocks a thread. Distances wait in a nameless file of `temp_dir`, 8 bytes a vertex, until
+/// the scale is known. Vertices and faces are read twice.
+pub fn write_streamed(
+    mesh: &MeshSource,
+    target: &Tree,
+    (path, temp_dir): (&Path, &Path),
+    threads: usize,
+    progress: &Progress,
+) -> Result<()> {
+    #[derive(Default)]
+    struct Measured {
+        block: VertexBlock,
+        distances: Vec<u8>,
+    }
+    progress.begin("heatmap", 1, 1, 2 * mesh.n_faces());
+    let (schema, n_blocks) = (mesh.schema(), mesh.n_vertex_blocks());
+    let record_bytes = schema.record_bytes();
+    let mut spool = Spool::new(temp_dir);
+    let measure = |index, out: &mut Measured| {
+        mesh.read_vertices(index, &mut out.block)?;
+        out.distances.clear();
+        let mut slot = u32::MAX;
+        for record in out.block.records.chunks_exact(record_bytes) {
+            let point = schema.position(record);
+            let found = target.nearest(point, target.guess(point, slot));
+            slot = if found.is_found() { found.slot } else { slot };
+            out.distances.extend(found.distance_sq.sqrt().to_le_bytes());
+        }
+        Ok(())
+    };
+    in_order(n_blocks, threads, progress, measure, |_, found| spool.write(&found.distances))?;
+    let spool = spool.finish(mesh.path())?;
+    let top = scale_of_spool(&spool)?;
+
+    let mut n_faces = 0;
+    let read = |index, out: &mut FaceBlock| mesh.read_faces(index, out);
+    in_order(mesh.n_face_blocks(), threads, progress, read, |_, block| {
+        n_faces += block.triangles.len() as u64;
+        progress.add(block.triangles.len() as u64);
+        Ok(())
+    })?;
+    let header = header(mesh, n_faces, top);
+    let painted = header.schema.clone();
+    let mut writer = PlyWriter::create(path, header)?;
+    let paint = |index, out: &mut Measured| {
+        mesh.read_vertices(index, &mut out.block)?;
+        let records = out.block.records.chunks_exact(record_bytes);
+        out.distances.resize(8 * records.len(), 0);
+        spool.read_exact_at(&mut out.distances, 8 * out.block.first)?;
+        let mut coloured = Vec::with_capacity(records.len() * painted.record_bytes());
+        for (record, distance) in records.zip(out.distances.chunks_exact(8)) {
+            painted.encode_position(schema.position(record), &mut coloured);
+            coloured.extend(colour(to_f64(distance), top));
+        }
+        out.block.records = coloured;
+        Ok(())
+    };
+    in_order(n_blocks, threads, progress, paint, |_, out| {
+        writer.write_vertices(&out.block.records)
+    })?;
+    in_order(mesh.n_face_blocks(), threads, progress, read, |_, block| {
+        progress.add(block.triangles.len() as u64);
+        writer.write_faces(&block.triangles)
+    })?;
+    writer.finish()?;
+    Ok(())
+}
+
+fn to_f64(bytes: &[u8]) -> f64 {
+    f64::from_le_bytes(bytes.try_into().expect("8 bytes"))
+}
+
+/// What `scale` gives for the distances in a spool, which are not negative: 16 bits of the answer a pass.
+fn scale_of_spool(spool: &RawFile) -> Result<f64> {
+    let (mut known, mut rank) = (0u64, 0);
+    for pass in 0..4 {
+        let shift = 48 - 16 * pass;
+        let mut counts = vec![0u64; 1 << 16];
+        let mut bytes = vec![0; 1 << 20];
+        let mut at = 0;
+        while at < spool.len() {
+            let n = spool.read_at_most(&mut bytes, at)?;
+            at += n as u64;
+            for value in bytes[..n].chunks_exact(8).map(to_f64).filter(|value| value.is_finite()) {
+                let bits = value.to_bits();
+                // In the first pass nothing is known, and all 64 bits are shifted out.
+                if bits.checked_shr(shift + 16).unwrap_or(0) == known {
+                    counts[(bits >> shift) as usize & 0xffff] += 1;
+                }
+            }
+        }
+        if pass == 0 {
+            let n: u64 = counts.iter().sum();
+            if n == 0 {
+                return Ok(0.0);
+            }
+            rank = ((n as f64 * COVERED) as u64).min(n - 1);
+        }
+        let bucket = counts.iter().position(|&n| {
+            let is_here = rank < n;
+            rank -= if is_here { 0 } else { n };
+            is_here
+        });
+        known = known << 16 | bucket.expect("the rank is below the number of values") as u64;
+    }
+    Ok(f64::from_bits(known))
+}
+
+fn header(mesh: &MeshSource, n_faces: u64, top: f64) -> OutputHeader {
+    let property = |name: &str| Property { name: name.to_owned(), scalar: Scalar::U8 };
+    let coordinate = mesh.schema().coordinate;
+    let properties = vec![property("red"), property("green"), property("blue")];
+    let schema = VertexSchema { coordinate, properties };
+    let mut header = OutputHeader::new(schema, mesh.n_vertices(), n_faces);
+    header.settings = "measure --heatmap".to_owned();
+    header.comments = vec![
+        "colours: distance to the other surface, in input units, viridis".to_owned(),
+        format!(
+            "scale: 0 = dark violet 68 1 84, {} = green 33 145 140, {top} = yellow 253 231 37",
+            top / 2.0
+        ),
+    ];
+    header
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -91,5 +210,19 @@ mod tests {
         distances[77] = 1e6;
         assert_eq!(scale(&distances), 1.0);
         assert_eq!(scale(&[]), 0.0);
+    }
+    #[test]
+    fn a_spool_has_the_scale_of_its_values() {
+        let folder = std::env::temp_dir();
+        for n in [0usize, 1, 2, 1000, 5000] {
+            let mut values: Vec<f64> = (0..n).map(|i| (i * 7919 % n) as f64 * 1.37e-3).collect();
+            if n > 10 {
+                values[3] = f64::INFINITY;
+            }
+            let mut spool = Spool::new(&folder);
+            values.iter().for_each(|value| spool.write(&value.to_le_bytes()).unwrap());
+            let spool = spool.finish(Path::new("spool")).unwrap();
+            assert_eq!(scale_of_spool(&spool).unwrap(), scale(&values), "{n} values");
+        }
     }
 }

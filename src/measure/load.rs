@@ -2,7 +2,7 @@
 //!
 //! Memory: that of `Mesh`; nothing else that grows with the file.
 
-use super::ColourChannels;
+use super::Carried;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::parallel;
@@ -16,7 +16,7 @@ pub struct Loaded {
     /// The mesh, in input units, with its carried properties as channels.
     pub mesh: Mesh,
     /// Where its colours are among the channels.
-    pub colours: Option<ColourChannels>,
+    pub colours: Option<Carried>,
     /// Faces left out because a corner repeats or there are fewer than three.
     pub n_degenerate: u64,
 }
@@ -71,7 +71,7 @@ pub fn load(source: &MeshSource, threads: usize, progress: &Progress) -> Result<
             Ok(())
         },
     )?;
-    Ok(Loaded { mesh, colours: ColourChannels::of(schema), n_degenerate })
+    Ok(Loaded { mesh, colours: Carried::of(schema), n_degenerate })
 }
 
 /// The topology of a loaded mesh, with the faces that were left out.

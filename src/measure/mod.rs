@@ -8,6 +8,7 @@
 // Three axes (and eight lanes) run through several arrays side by side; an index shows that best.
 #![allow(clippy::needless_range_loop)]
 
+pub mod carried;
 pub mod colour;
 pub mod heatmap;
 pub mod load;
@@ -21,6 +22,7 @@ mod sums;
 pub mod tree;
 pub mod triangle;
 
+pub use carried::Carried;
 pub use colour::ColourChannels;
 pub use out_of_core::{Measured, distances, two_sided_parts};
 pub use parts::{Parts, Place};
@@ -31,6 +33,7 @@ use crate::error::Result;
 use crate::mesh::Mesh;
 use crate::parallel;
 use crate::progress::Progress;
+use carried::Values;
 use sample::{Density, Sample};
 use side::SideSums;
 use std::ops::Range;
@@ -42,7 +45,8 @@ use triangle::Vector;
 /// Samples a side if nobody says otherwise.
 pub const DEFAULT_SAMPLES: u64 = 1_000_000;
 
-/// Samples worked on at a time by one thread: a few hundred KiB, and enough to sort them usefully.
+/// Samples worked on at a time by one thread: 3 MiB with all that is known of them, and enough to sort them
+/// usefully.
 const BLOCK_SAMPLES: u64 = 16_384;
 
 /// Most triangles or vertices worked on at a time by one thread.
@@ -57,8 +61,8 @@ pub struct Options {
     pub seed: u64,
     /// Threads to work on; they do not show in the result.
     pub threads: usize,
-    /// Where the colours are, if both meshes have some: of the original, of the simplified.
-    pub colours: Option<[ColourChannels; 2]>,
+    /// Where colours and the like are, if both meshes have some: of the original, of the simplified.
+    pub colours: Option<[Carried; 2]>,
     /// Counts the samples within it apart.
     pub region: Option<Region>,
 }
@@ -183,11 +187,11 @@ impl Bounds {
     }
 }
 
-/// A mesh and what is known of its colours.
+/// A mesh and what is known of its colours and the like.
 #[derive(Clone, Copy)]
 struct Surface<'a> {
     mesh: &'a Mesh,
-    colour: Option<ColourChannels>,
+    colour: Option<Carried>,
 }
 
 impl Surface<'_> {
@@ -201,24 +205,26 @@ impl Surface<'_> {
         area
     }
 
-    /// CIELAB at a point of a triangle given in canonical order, if there are colours.
-    fn lab(&self, vertices: [u32; 3], weights: [f64; 3]) -> Option<[f64; 3]> {
-        self.colour.map(|colour| colour.lab(self.mesh, vertices, weights))
+    /// What a point of a triangle given in canonical order carries.
+    fn values(&self, vertices: [u32; 3], weights: [f64; 3]) -> Values {
+        self.colour.map_or(Values::default(), |c| c.at(self.mesh, vertices, weights))
     }
 
-    /// CIELAB at the point of `nearest` (the triangle at `slot` of `tree`, over this mesh) next to `point`.
-    fn lab_next_to(&self, tree: &Tree, slot: u32, point: Vector) -> Option<[f64; 3]> {
-        self.colour?;
+    /// What is carried at the point of `nearest` (the triangle at `slot` of `tree`, over this mesh) next to `point`.
+    fn values_next_to(&self, tree: &Tree, slot: u32, point: Vector) -> Values {
+        if self.colour.is_none() {
+            return Values::default();
+        }
         let (_, weights) = triangle::closest(point, tree.corners(slot));
         let (_, vertices) = self.canonical(tree.id(slot) as usize);
-        self.lab(vertices, weights)
+        self.values(vertices, weights)
     }
 
-    /// The normal and the colour of the surface at one of its samples.
-    fn look(&self, triangle: usize, sample: &Sample) -> (Vector, Option<[f64; 3]>) {
+    /// The normal of the surface at one of its samples, and what it carries there.
+    fn look(&self, triangle: usize, sample: &Sample) -> (Vector, Values) {
         let (corners, vertices) = self.canonical(triangle);
         let [u, v] = sample.weights.map(f64::from);
-        (triangle::area_normal(&corners), self.lab(vertices, [1.0 - u - v, u, v]))
+        (triangle::area_normal(&corners), self.values(vertices, [1.0 - u - v, u, v]))
     }
 
     /// Corner positions and corner vertices in canonical order.
@@ -273,8 +279,7 @@ fn one_sided(
         progress,
         |block, out: &mut Option<SideSums>| {
             let own = out.insert(new_sums());
-            direction.measure_samples(rows(block, per_block, n_triangles), own);
-            Ok(())
+            direction.measure_samples(rows(block, per_block, n_triangles), own)
         },
         |_, block| {
             block.iter().for_each(|block| sums.merge(block));
@@ -312,34 +317,33 @@ fn used_vertices(mesh: &Mesh) -> Vec<bool> {
 }
 
 impl Direction<'_> {
-    fn measure_samples(&self, triangles: Range<usize>, sums: &mut SideSums) {
+    fn measure_samples(&self, triangles: Range<usize>, sums: &mut SideSums) -> Result<()> {
         let first = triangles.start;
-        let mut samples = Vec::new();
-        for i in triangles {
-            let (corners, _) = self.source.canonical(i);
-            self.density.sample(&corners, (i - first) as u32, &mut samples);
-        }
-        sample::sort_along_curve(&mut samples);
-        let mut slot = u32::MAX;
-        for sample in &samples {
-            let found = self.tree.nearest(sample.point, self.tree.guess(sample.point, slot));
-            let near = self.region.map(|region| region.contains(sample.point));
-            if !found.is_found() {
-                sums.add_sample(sample.point, 0.0, near);
-                continue;
+        let corners_of = |i| self.source.canonical(i).0;
+        self.density.in_runs(triangles, corners_of, BLOCK_SAMPLES as usize, |samples| {
+            sample::sort_along_curve(samples);
+            let mut slot = u32::MAX;
+            for sample in samples.iter() {
+                let found = self.tree.nearest(sample.point, self.tree.guess(sample.point, slot));
+                let near = self.region.map(|region| region.contains(sample.point));
+                if !found.is_found() {
+                    sums.add_sample(sample.point, 0.0, near);
+                    continue;
+                }
+                slot = found.slot;
+                sums.add_sample(sample.point, found.distance_sq, near);
+                self.compare(first + sample.triangle as usize, sample, slot, sums);
             }
-            slot = found.slot;
-            sums.add_sample(sample.point, found.distance_sq, near);
-            self.compare(first + sample.triangle as usize, sample, slot, sums);
-        }
-        self.worst_sq.fetch_max(sums.worst_sq().to_bits(), Ordering::Relaxed);
+            self.worst_sq.fetch_max(sums.worst_sq().to_bits(), Ordering::Relaxed);
+            Ok(())
+        })
     }
 
     /// Compares normals and colours at a sample and at its nearest point.
     fn compare(&self, from: usize, sample: &Sample, slot: u32, sums: &mut SideSums) {
         let here = self.source.look(from, sample);
         let there = triangle::area_normal(self.tree.corners(slot));
-        sums.add_looks(here, (there, self.target.lab_next_to(self.tree, slot, sample.point)));
+        sums.add_looks(here, (there, self.target.values_next_to(self.tree, slot, sample.point)));
     }
 
     /// Holds vertices against the maximum. One that is seen to lie closer than the worst point so far is

@@ -4,12 +4,12 @@
 //! show. A surface in memory answers through one tree; one in cells through `settle`.
 
 use super::parts::{Means, Parts, Place, Survey};
-use super::sample::{self, Density, Sample};
+use super::sample::{self, Density};
 use super::settle::{QUERY_BYTES, settle};
 use super::side::{Look, Side, SideSums};
 use super::tree::Tree;
 use super::triangle::Vector;
-use super::{Deviation, Direction, Options, Surface, used_vertices};
+use super::{BLOCK_SAMPLES, Deviation, Direction, Options, Surface, used_vertices};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::topology::Topology;
@@ -51,7 +51,12 @@ pub fn two_sided_parts(
         ))
     })?;
     let means = Means { threads: options.threads, memory_bytes: free_bytes, progress };
-    let surveys = [original.survey(means)?, simplified.survey(means)?];
+    let first = original.survey(means)?;
+    let means = Means { memory_bytes: free_bytes - first.bytes().min(free_bytes), ..means };
+    let second = simplified.survey(means)?;
+    let left_bytes = means.memory_bytes - second.bytes().min(means.memory_bytes);
+    let means = Means { memory_bytes: left_bytes, ..means };
+    let surveys = [first, second];
     let reach = surveys[0].bounds.joined(&surveys[1].bounds).diagonal() * (1.0 + 1e-12);
     let [first, second] = &surveys;
     let forward = Way { source: (original, first), target: (simplified, second), reach, options };
@@ -76,7 +81,7 @@ pub fn distances(
 ) -> Result<Vec<f64>> {
     let means = Means { threads, memory_bytes, progress };
     let survey = target.survey(means)?;
-    let hits = settle(points, target, &survey, -1.0, means)?;
+    let hits = settle(points, target, &survey, &vec![-1.0; points.len()], means)?;
     Ok(hits.iter().map(|hit| hit.distance_sq.sqrt()).collect())
 }
 
@@ -88,11 +93,14 @@ struct Way<'a> {
     options: &'a Options,
 }
 
-/// A sample and the looks of its own surface there.
+/// A sample and the looks of its own surface there, or a vertex, which has none.
 struct Seen {
     point: Vector,
-    look: Look,
+    look: Option<Look>,
 }
+
+/// Triangles whose samples are followed by the vertices that they are the first to use.
+const GATHERED_TRIANGLES: usize = 4096;
 
 impl Way<'_> {
     fn measure(&self, means: Means) -> Result<Side> {
@@ -118,9 +126,8 @@ impl Way<'_> {
         let tree = Tree::build(mesh.triangles.len(), |i| mesh.corners(i));
         let target = Surface { mesh, colour: self.target.0.colours };
         let worst_sq = AtomicU64::new(0);
-        let mut sums = self.new_sums();
-        let per_triangle = self.options.samples as f64 / self.n_source_triangles().max(1) as f64;
-        let more = |n: u64| (n as f64 * per_triangle * 150.0) as u64 + 2 * n;
+        let (mut sums, mut failed) = (self.new_sums(), None);
+        let more = |n: u64| SAMPLE_BYTES * BLOCK_SAMPLES + 2 * n;
         self.source.0.for_each(
             0..self.source.0.n_parts(),
             means,
@@ -136,77 +143,72 @@ impl Way<'_> {
                     worst_sq: &worst_sq,
                 };
                 let mut sums = self.new_sums();
-                direction.measure_samples(0..source.mesh.triangles.len(), &mut sums);
+                direction.measure_samples(0..source.mesh.triangles.len(), &mut sums)?;
                 let used = used_vertices(source.mesh);
                 direction.measure_vertices(&used, 0..used.len(), &mut sums);
-                sums
+                Ok(sums)
             },
-            |part| sums.merge(&part),
+            |part| failed = part.map(|part| sums.merge(&part)).err().or(failed.take()),
         )?;
-        Ok(sums)
-    }
-
-    fn n_source_triangles(&self) -> u64 {
-        (0..self.source.0.n_parts()).map(|part| self.source.0.n_triangles(part)).sum()
+        failed.map_or(Ok(sums), Err)
     }
 
     /// The target is in cells: samples and vertices of the source are gathered, then settled together.
+    ///
+    /// Together, because every cell that they may be near to is loaded and gets its tree for each batch.
     fn against_cells(&self, means: Means) -> Result<SideSums> {
-        let (source, n_parts) = (self.source.0, self.source.0.n_parts());
+        let (source, density) = (self.source.0, self.density());
         let share = means.memory_bytes / QUERY_SHARE;
-        let cell_means = Means { memory_bytes: means.memory_bytes - share, ..means };
+        let means = Means { memory_bytes: means.memory_bytes - share, ..means };
         let batch = (share / (QUERY_BYTES + SAMPLE_BYTES)).max(4096) as usize;
+        let run = (batch / 2).min(BLOCK_SAMPLES as usize);
         let mut sums = self.new_sums();
         let mut waiting: Vec<Seen> = Vec::new();
-        for part in 0..n_parts {
+        for part in 0..source.n_parts() {
             means.progress.check()?;
             let mesh = source.load(part)?;
             let surface = Surface { mesh: &mesh, colour: source.colours };
+            let corners_of = |i| surface.canonical(i).0;
+            let mut is_known = vec![false; mesh.positions.len()];
             let n = mesh.triangles.len();
-            let step = 65_536.min(n.max(1));
-            for start in (0..n).step_by(step) {
-                self.gather(surface, start..(start + step).min(n), &mut waiting);
-                if waiting.len() >= batch {
-                    self.settle_samples(&mut waiting, &mut sums, cell_means)?;
+            for first in (0..n).step_by(GATHERED_TRIANGLES) {
+                let triangles = first..(first + GATHERED_TRIANGLES).min(n);
+                density.in_runs(triangles.clone(), corners_of, run, |samples| {
+                    self.make_room(samples.len(), batch, &mut waiting, &mut sums, means)?;
+                    waiting.extend(samples.iter().map(|sample| Seen {
+                        point: sample.point,
+                        look: Some(surface.look(first + sample.triangle as usize, sample)),
+                    }));
+                    Ok(())
+                })?;
+                self.make_room(3 * GATHERED_TRIANGLES, batch, &mut waiting, &mut sums, means)?;
+                for &v in mesh.triangles[triangles].as_flattened() {
+                    if !std::mem::replace(&mut is_known[v as usize], true) {
+                        waiting.push(Seen { point: mesh.positions[v as usize], look: None });
+                    }
                 }
             }
         }
-        self.settle_samples(&mut waiting, &mut sums, cell_means)?;
-        for part in 0..n_parts {
-            means.progress.check()?;
-            let mesh = source.load(part)?;
-            let used = used_vertices(&mesh);
-            let points = mesh.positions.iter().zip(&used).filter(|(_, used)| **used);
-            let mut points: Vec<Vector> = points.map(|(&point, _)| point).collect();
-            drop(mesh);
-            sample::sort_points_along_curve(&mut points);
-            for some in points.chunks(batch) {
-                // One that is seen to be nearer than the worst so far is not looked at further.
-                let enough_sq = sums.worst_sq().next_down();
-                let hits = settle(some, self.target.0, self.target.1, enough_sq, cell_means)?;
-                for (&point, hit) in
-                    some.iter().zip(&hits).filter(|(_, h)| h.distance_sq.is_finite())
-                {
-                    sums.offer_worst(point, hit.distance_sq);
-                }
-            }
-        }
+        self.settle_waiting(&mut waiting, &mut sums, means)?;
         Ok(sums)
     }
 
-    fn gather(&self, surface: Surface, triangles: std::ops::Range<usize>, waiting: &mut Vec<Seen>) {
-        let (first, density) = (triangles.start, self.density());
-        let mut samples: Vec<Sample> = Vec::new();
-        for i in triangles {
-            density.sample(&surface.canonical(i).0, (i - first) as u32, &mut samples);
+    /// Settles what is waiting unless `more` fit into the batch besides.
+    fn make_room(
+        &self,
+        more: usize,
+        batch: usize,
+        waiting: &mut Vec<Seen>,
+        sums: &mut SideSums,
+        means: Means,
+    ) -> Result<()> {
+        if waiting.len() + more <= batch {
+            return Ok(());
         }
-        waiting.extend(samples.iter().map(|sample| Seen {
-            point: sample.point,
-            look: surface.look(first + sample.triangle as usize, sample),
-        }));
+        self.settle_waiting(waiting, sums, means)
     }
 
-    fn settle_samples(
+    fn settle_waiting(
         &self,
         waiting: &mut Vec<Seen>,
         sums: &mut SideSums,
@@ -216,12 +218,24 @@ impl Way<'_> {
         let order = sample::order_along_curve(&points);
         let sorted: Vec<Vector> = order.iter().map(|&i| points[i as usize]).collect();
         drop(points);
-        let hits = settle(&sorted, self.target.0, self.target.1, -1.0, means)?;
+        // A vertex that is seen to be nearer than the worst so far is not looked at further.
+        let enough_sq = sums.worst_sq().next_down();
+        let is_sample = |i: u32| waiting[i as usize].look.is_some();
+        let enough_sq: Vec<f64> =
+            order.iter().map(|&i| if is_sample(i) { -1.0 } else { enough_sq }).collect();
+        let hits = settle(&sorted, self.target.0, self.target.1, &enough_sq, means)?;
         for ((&i, &point), hit) in order.iter().zip(&sorted).zip(&hits) {
+            let is_hit = hit.distance_sq.is_finite();
+            let Some(look) = waiting[i as usize].look else {
+                if is_hit {
+                    sums.offer_worst(point, hit.distance_sq);
+                }
+                continue;
+            };
             let near = self.options.region.as_ref().map(|region| region.contains(point));
-            if hit.distance_sq.is_finite() {
+            if is_hit {
                 sums.add_sample(point, hit.distance_sq, near);
-                sums.add_looks(waiting[i as usize].look, hit.look());
+                sums.add_looks(look, hit.look());
             } else {
                 sums.add_sample(point, 0.0, near);
             }

@@ -6,7 +6,7 @@
 use super::sums::Sum;
 use super::tree::{Nearest, Tree};
 use super::triangle::Vector;
-use super::{Bounds, ColourChannels, Surface};
+use super::{Bounds, Carried, Surface};
 use crate::cells::{CellStore, load_bytes};
 use crate::error::Result;
 use crate::mesh::Mesh;
@@ -18,6 +18,9 @@ use std::sync::{Mutex, PoisonError};
 
 /// Most of the sparse points that bound searches; 22 MiB of tree.
 const SPARSE_POINTS: u64 = 200_000;
+
+/// Share of the memory that their tree may take; fewer points bound a search less tightly, no less truly.
+const SPARSE_SHARE: u64 = 8;
 
 /// Where a surface is.
 #[derive(Clone, Copy)]
@@ -34,7 +37,7 @@ pub struct Parts<'a> {
     /// Where it is.
     pub place: Place<'a>,
     /// Where its colours are among the channels.
-    pub colours: Option<ColourChannels>,
+    pub colours: Option<Carried>,
     /// All vertices, unused ones included.
     pub n_vertices: u64,
     /// Lower and upper corner of a box around all vertices.
@@ -63,7 +66,7 @@ pub(super) struct Means<'a> {
 
 impl<'a> Parts<'a> {
     /// A mesh in memory.
-    pub fn in_memory(mesh: &'a Mesh, colours: Option<ColourChannels>) -> Self {
+    pub fn in_memory(mesh: &'a Mesh, colours: Option<Carried>) -> Self {
         let mut bounds = Bounds::EMPTY;
         mesh.positions.iter().for_each(|&point| bounds.add(point));
         let (place, n_vertices) = (Place::Memory(mesh), mesh.positions.len() as u64);
@@ -72,7 +75,7 @@ impl<'a> Parts<'a> {
 
     /// The cells of a store, which hold a mesh of `n_vertices` vertices within `bounds`.
     pub fn in_cells(store: &'a CellStore, n_vertices: u64, bounds: [Vector; 2]) -> Self {
-        let colours = ColourChannels::of(&store.layout().schema);
+        let colours = Carried::of(&store.layout().schema);
         Parts { place: Place::Cells(store), colours, n_vertices, bounds }
     }
 
@@ -136,7 +139,9 @@ impl<'a> Parts<'a> {
         let n_parts = self.n_parts();
         let diagonal = self.diagonal();
         let n_triangles: u64 = (0..n_parts).map(|part| self.n_triangles(part)).sum();
-        let stride = (n_triangles / SPARSE_POINTS + 1) as usize;
+        let most =
+            (means.memory_bytes / SPARSE_SHARE * 1000 / Tree::bytes(1000)).min(SPARSE_POINTS);
+        let stride = (n_triangles / most.max(1) + 1) as usize;
         let mut boxes = vec![Bounds::EMPTY; n_parts];
         let mut area = Sum::new(diagonal * diagonal);
         let mut counter = TopologyCounter::default();
@@ -209,6 +214,11 @@ impl Survey {
     /// Whether there is no surface at all.
     pub fn is_empty(&self) -> bool {
         self.sparse.is_empty()
+    }
+
+    /// Memory that it holds, in bytes.
+    pub fn bytes(&self) -> u64 {
+        Tree::bytes(self.sparse.len() as u64)
     }
 
     /// Used vertices.

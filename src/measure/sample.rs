@@ -8,6 +8,8 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::triangle::{self, Vector};
+use crate::error::Result;
+use std::ops::Range;
 
 /// A point on a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,38 +39,84 @@ impl Density {
         Density { per_area: if usable { samples as f64 / total_area } else { 0.0 }, seed }
     }
 
-    /// Appends the samples of one triangle, given by canonical corners.
+    /// Hands the samples of `triangles` to `work` in runs of at most `most` (at least 1), which it may keep
+    /// or reorder; `corners_of` gives canonical corners. A run does not end with its triangle: one large
+    /// triangle may have more samples than memory holds. Samples number their triangles from the first.
+    pub fn in_runs(
+        &self,
+        triangles: Range<usize>,
+        corners_of: impl Fn(usize) -> [Vector; 3],
+        most: usize,
+        mut work: impl FnMut(&mut Vec<Sample>) -> Result<()>,
+    ) -> Result<()> {
+        let mut run = Vec::new();
+        let first = triangles.start;
+        for i in triangles {
+            let corners = corners_of(i);
+            let spread = self.spread(&corners);
+            let mut done = 0;
+            while done < spread.count {
+                let end = spread.count.min(done + most.saturating_sub(run.len()).max(1) as u64);
+                spread.sample(&corners, (i - first) as u32, done..end, &mut run);
+                done = end;
+                if run.len() >= most {
+                    work(&mut run)?;
+                    run.clear();
+                }
+            }
+        }
+        if run.is_empty() { Ok(()) } else { work(&mut run) }
+    }
+
+    /// How many samples a triangle gets and where they begin.
     ///
     /// Several samples of one triangle are spread by the R2 sequence, which covers it more evenly than
     /// independent points would, from a start that differs from triangle to triangle.
     ///
     /// Source: Roberts 2018 for the sequence (docs/references.md).
-    pub fn sample(&self, corners: &[Vector; 3], triangle: u32, out: &mut Vec<Sample>) {
+    fn spread(&self, corners: &[Vector; 3]) -> Spread {
         let expected = triangle::area(corners) * self.per_area;
         // A sliver of the float kind, never a sample: also keeps NaN out.
         if !(expected > 0.0 && expected < 1e15) {
-            return;
+            return Spread::default();
         }
         let hash = self.hash(corners);
         let count = (expected + unit(hash)) as u64;
-        if count == 0 {
-            return;
-        }
-        let (first, second) = (unit(mix(hash ^ 0x9e37_79b9)), unit(mix(hash ^ 0x7f4a_7c15)));
-        for i in 0..count {
-            // 1/g and 1/g^2, g the root of g^3 = g + 1.
-            let u = (first + i as f64 * 0.754_877_666_246_692_7).fract();
-            let v = (second + i as f64 * 0.569_840_290_998_053_2).fract();
-            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
-            let point = triangle::point_at(corners, [1.0 - u - v, u, v]);
-            out.push(Sample { point, weights: [u as f32, v as f32], triangle });
-        }
+        let start = [mix(hash ^ 0x9e37_79b9), mix(hash ^ 0x7f4a_7c15)].map(unit);
+        Spread { count, start }
     }
 
     fn hash(&self, corners: &[Vector; 3]) -> u64 {
         // Adding 0 makes both zeros one.
         let bits = corners.map(|c| c.map(|x| (x + 0.0).to_bits()));
         xxhash_rust::xxh3::xxh3_64_with_seed(bytemuck::bytes_of(&bits), self.seed)
+    }
+}
+
+/// The samples of one triangle.
+#[derive(Clone, Copy, Debug, Default)]
+struct Spread {
+    count: u64,
+    start: [f64; 2],
+}
+
+impl Spread {
+    /// Appends some of the samples.
+    fn sample(
+        &self,
+        corners: &[Vector; 3],
+        triangle: u32,
+        some: Range<u64>,
+        out: &mut Vec<Sample>,
+    ) {
+        for i in some {
+            // 1/g and 1/g^2, g the root of g^3 = g + 1.
+            let u = (self.start[0] + i as f64 * 0.754_877_666_246_692_7).fract();
+            let v = (self.start[1] + i as f64 * 0.569_840_290_998_053_2).fract();
+            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+            let point = triangle::point_at(corners, [1.0 - u - v, u, v]);
+            out.push(Sample { point, weights: [u as f32, v as f32], triangle });
+        }
     }
 }
 
@@ -91,11 +139,6 @@ fn mix(value: u64) -> u64 {
 pub fn sort_along_curve(samples: &mut Vec<Sample>) {
     let points: Vec<Vector> = samples.iter().map(|sample| sample.point).collect();
     *samples = order_along_curve(&points).iter().map(|&i| samples[i as usize]).collect();
-}
-
-/// Sorts points along a space-filling curve through their box.
-pub fn sort_points_along_curve(points: &mut Vec<Vector>) {
-    *points = order_along_curve(points).iter().map(|&i| points[i as usize]).collect();
 }
 
 /// The order of points along a space-filling curve through their box.
@@ -132,6 +175,34 @@ fn spread(value: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    impl Density {
+        /// All samples of one triangle.
+        fn sample(&self, corners: &[Vector; 3], triangle: u32, out: &mut Vec<Sample>) {
+            let spread = self.spread(corners);
+            spread.sample(corners, triangle, 0..spread.count, out);
+        }
+    }
+
+    #[test]
+    fn runs_are_bounded_and_miss_nothing() {
+        let large = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let corners = |i: usize| if i == 5 { large } else { large.map(|c| c.map(|x| x * 0.1)) };
+        let density = Density::new(5000, 0.6, 3);
+        let mut wanted = Vec::new();
+        (3..9).for_each(|i| density.sample(&corners(i), i as u32 - 3, &mut wanted));
+        for most in [1, 7, 1000, 100_000] {
+            let (mut all, mut longest) = (Vec::new(), 0);
+            let gather = |run: &mut Vec<Sample>| {
+                longest = longest.max(run.len());
+                all.append(run);
+                Ok(())
+            };
+            density.in_runs(3..9, corners, most, gather).unwrap();
+            assert_eq!(all, wanted);
+            assert!(longest <= most);
+        }
+    }
 
     #[test]
     fn samples_are_uniform_in_area() {

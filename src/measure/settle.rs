@@ -5,6 +5,7 @@
 //! exact one: whatever lies in other cells is farther than the bound.
 
 use super::Bounds;
+use super::carried::Values;
 use super::parts::{Means, Parts, Survey};
 use super::side::Look;
 use super::tree::{Nearest, Tree};
@@ -18,32 +19,36 @@ const RUN: usize = 256;
 /// Bytes a query takes while it is settled: bound, place in lists, answer on the way and at its end.
 pub(super) const QUERY_BYTES: u64 = 300;
 
-/// The nearest point of a surface: squared distance, canonical corners of its triangle, colour.
+/// The nearest point of a surface: squared distance, canonical corners of its triangle, what it carries.
 #[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
 pub(super) struct Hit {
     pub distance_sq: f64,
     pub corners: [Vector; 3],
-    pub lab: Option<[f64; 3]>,
+    pub values: Values,
 }
 
 impl Hit {
-    const NONE: Hit = Hit { distance_sq: f64::INFINITY, corners: [[0.0; 3]; 3], lab: None };
+    const NONE: Hit = Hit {
+        distance_sq: f64::INFINITY,
+        corners: [[0.0; 3]; 3],
+        values: Values { lab: None, texture: None, normal: None },
+    };
 
-    /// Normal and colour at the hit.
+    /// Normal at the hit and what it carries.
     pub fn look(&self) -> Look {
-        (triangle::area_normal(&self.corners), self.lab)
+        (triangle::area_normal(&self.corners), self.values)
     }
 }
 
 /// Finds the nearest point of `target` for every point; best given in an order that keeps neighbours together.
 ///
-/// Where a distance of at most `enough_sq` (squared; below 0 for never) was met, the answer may be any such
-/// hit instead of the nearest. An empty target leaves all distances infinite.
+/// Where a distance of at most the point's entry in `enough_sq` (squared; below 0 for never) was met, the
+/// answer may be any such hit instead of the nearest. An empty target leaves all distances infinite.
 pub(super) fn settle(
     points: &[Vector],
     target: &Parts,
     survey: &Survey,
-    enough_sq: f64,
+    enough_sq: &[f64],
     means: Means,
 ) -> Result<Vec<Hit>> {
     let mut bounds = Vec::with_capacity(points.len());
@@ -74,12 +79,12 @@ pub(super) fn settle(
                 if bound_sq < guess.distance_sq {
                     guess = Nearest { distance_sq: bound_sq, ..Nearest::NONE };
                 }
-                let nearest = tree.nearest_unless_within(point, guess, enough_sq);
+                let nearest = tree.nearest_unless_within(point, guess, enough_sq[query as usize]);
                 if nearest.is_found() {
                     slot = nearest.slot;
-                    let lab = surface.lab_next_to(&tree, slot, point);
+                    let values = surface.values_next_to(&tree, slot, point);
                     let distance_sq = nearest.distance_sq;
-                    found.push((query, Hit { distance_sq, corners: *tree.corners(slot), lab }));
+                    found.push((query, Hit { distance_sq, corners: *tree.corners(slot), values }));
                 }
             }
             found

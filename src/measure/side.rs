@@ -3,12 +3,16 @@
 //! Sums are added to sample by sample, in any order, by any number of threads; `finish` turns them into
 //! the numbers of the report. Does not search anything itself.
 
+use super::carried::Values;
 use super::colour::{self, LARGEST_DELTA_E};
 use super::sums::{Distances, Sum};
 use super::triangle::{self, Vector};
 
-/// A normal of any length, and CIELAB where there are colours.
-pub(crate) type Look = (Vector, Option<[f64; 3]>);
+/// The surface's own normal, of any length, and what it carries.
+pub(crate) type Look = (Vector, Values);
+
+/// Differences of texture coordinates and the scale of their sums; larger ones count as this.
+const LARGEST_TEXTURE: f64 = 1e6;
 
 /// Bins of the distribution in the report, from 0 to the maximum.
 const HISTOGRAM_BINS: usize = 64;
@@ -42,6 +46,17 @@ pub struct Side {
     pub normal_degrees: Option<f64>,
     /// Mean colour difference between a sample and its nearest point: CIELAB, Delta E 1976.
     pub colour_delta_e: Option<f64>,
+    /// Its root mean square.
+    pub colour_rms_delta_e: Option<f64>,
+    /// Mean angle between the normals that the vertices carry, in degrees.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub carried_normal_degrees: Option<f64>,
+    /// Mean distance of texture coordinates.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub texture_mean: Option<f64>,
+    /// Its root mean square.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub texture_rms: Option<f64>,
     /// The samples within the region asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub near: Option<Spread>,
@@ -61,7 +76,13 @@ pub(crate) struct SideSums {
     angle: Sum,
     n_angles: u64,
     delta_e: Sum,
+    delta_e_sq: Sum,
     n_delta_e: u64,
+    carried_angle: Sum,
+    n_carried_angles: u64,
+    texture: Sum,
+    texture_sq: Sum,
+    n_texture: u64,
     near: Option<[Distances; 2]>,
     pub n_vertices: u64,
     /// The largest distance so far and where: samples and vertices.
@@ -77,7 +98,13 @@ impl SideSums {
             angle: Sum::new(180.0),
             n_angles: 0,
             delta_e: Sum::new(LARGEST_DELTA_E),
+            delta_e_sq: Sum::new(LARGEST_DELTA_E * LARGEST_DELTA_E),
             n_delta_e: 0,
+            carried_angle: Sum::new(180.0),
+            n_carried_angles: 0,
+            texture: Sum::new(LARGEST_TEXTURE),
+            texture_sq: Sum::new(LARGEST_TEXTURE * LARGEST_TEXTURE),
+            n_texture: 0,
             near: with_region.then(|| [distances(), distances()]),
             n_vertices: 0,
             worst: None,
@@ -99,9 +126,24 @@ impl SideSums {
             self.angle.add(radians.to_degrees());
             self.n_angles += 1;
         }
-        if let (Some(here), Some(there)) = (here.1, there.1) {
-            self.delta_e.add(colour::delta_e(here, there));
+        if let (Some(here), Some(there)) = (here.1.lab, there.1.lab) {
+            let delta_e = colour::delta_e(here, there);
+            self.delta_e.add(delta_e);
+            self.delta_e_sq.add(delta_e * delta_e);
             self.n_delta_e += 1;
+        }
+        if let (Some(here), Some(there)) = (here.1.normal, there.1.normal)
+            && let Some(radians) = triangle::angle(here, there)
+        {
+            self.carried_angle.add(radians.to_degrees());
+            self.n_carried_angles += 1;
+        }
+        if let (Some(here), Some(there)) = (here.1.texture, there.1.texture) {
+            let [u, v] = [here[0] - there[0], here[1] - there[1]];
+            let distance = (u * u + v * v).sqrt().min(LARGEST_TEXTURE);
+            self.texture.add(distance);
+            self.texture_sq.add(distance * distance);
+            self.n_texture += 1;
         }
     }
 
@@ -129,7 +171,13 @@ impl SideSums {
         self.angle.merge(&other.angle);
         self.n_angles += other.n_angles;
         self.delta_e.merge(&other.delta_e);
+        self.delta_e_sq.merge(&other.delta_e_sq);
         self.n_delta_e += other.n_delta_e;
+        self.carried_angle.merge(&other.carried_angle);
+        self.n_carried_angles += other.n_carried_angles;
+        self.texture.merge(&other.texture);
+        self.texture_sq.merge(&other.texture_sq);
+        self.n_texture += other.n_texture;
         if let (Some(own), Some(others)) = (&mut self.near, &other.near) {
             own.iter_mut().zip(others).for_each(|(a, b)| a.merge(b));
         }
@@ -166,6 +214,10 @@ impl SideSums {
             vertices: self.n_vertices,
             normal_degrees: mean(&self.angle, self.n_angles),
             colour_delta_e: mean(&self.delta_e, self.n_delta_e),
+            colour_rms_delta_e: mean(&self.delta_e_sq, self.n_delta_e).map(f64::sqrt),
+            carried_normal_degrees: mean(&self.carried_angle, self.n_carried_angles),
+            texture_mean: mean(&self.texture, self.n_texture),
+            texture_rms: mean(&self.texture_sq, self.n_texture).map(f64::sqrt),
             near,
             far,
             worst: self.worst.map(|(_, point)| point).filter(|_| finite),

@@ -247,17 +247,17 @@ impl Tree {
         }
         let n_parts = items.len().div_ceil(capacity);
         let mut lane = 0;
-        self.add_parts(items, capacity, n_parts, at, &mut lane, corners_of);
+        let around = Centres::of(items);
+        self.add_parts(items, around, (capacity, n_parts), (at, &mut lane), corners_of);
         at as u32
     }
 
     fn add_parts(
         &mut self,
         items: &mut [Item],
-        capacity: usize,
-        n_parts: usize,
-        parent: usize,
-        lane: &mut usize,
+        around: Centres,
+        (capacity, n_parts): (usize, usize),
+        (parent, lane): (usize, &mut usize),
         corners_of: &impl Fn(usize) -> [Vector; 3],
     ) {
         if n_parts == 1 {
@@ -268,32 +268,50 @@ impl Tree {
             return;
         }
         let n_left = n_parts / 2 * capacity;
-        split(items, n_left);
+        let halves = around.split(items, n_left);
         let (left, right) = items.split_at_mut(n_left);
-        self.add_parts(left, capacity, n_parts / 2, parent, lane, corners_of);
-        self.add_parts(right, capacity, n_parts - n_parts / 2, parent, lane, corners_of);
+        let (few, rest) = (n_parts / 2, n_parts - n_parts / 2);
+        self.add_parts(left, halves[0], (capacity, few), (parent, lane), corners_of);
+        self.add_parts(right, halves[1], (capacity, rest), (parent, lane), corners_of);
     }
 }
 
-/// Moves the `n_left` items that come first along the longest axis of the centres to the front.
-fn split(items: &mut [Item], n_left: usize) {
-    let mut low = [f32::INFINITY; 3];
-    let mut high = [f32::NEG_INFINITY; 3];
-    for item in &*items {
-        for k in 0..3 {
-            low[k] = low[k].min(item.centre[k]);
-            high[k] = high[k].max(item.centre[k]);
+/// A box around the centres of items, to choose the axis to split along: tight at each node, and within a
+/// node as its splits leave it, which spares two of three looks at all items.
+#[derive(Clone, Copy)]
+struct Centres {
+    low: [f32; 3],
+    high: [f32; 3],
+}
+
+impl Centres {
+    fn of(items: &[Item]) -> Centres {
+        let mut around = Centres { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
+        for item in items {
+            for k in 0..3 {
+                around.low[k] = around.low[k].min(item.centre[k]);
+                around.high[k] = around.high[k].max(item.centre[k]);
+            }
         }
+        around
     }
-    let extent = [0, 1, 2].map(|k| high[k] - low[k]);
-    let axis = if extent[0] >= extent[1] && extent[0] >= extent[2] {
-        0
-    } else if extent[1] >= extent[2] {
-        1
-    } else {
-        2
-    };
-    items.select_nth_unstable_by(n_left, |a, b| a.centre[axis].total_cmp(&b.centre[axis]));
+
+    /// Moves the `n_left` items that come first along the longest axis to the front; the boxes of both sides.
+    fn split(self, items: &mut [Item], n_left: usize) -> [Centres; 2] {
+        let extent = [0, 1, 2].map(|k| self.high[k] - self.low[k]);
+        let axis = if extent[0] >= extent[1] && extent[0] >= extent[2] {
+            0
+        } else if extent[1] >= extent[2] {
+            1
+        } else {
+            2
+        };
+        let (_, cut, _) =
+            items.select_nth_unstable_by(n_left, |a, b| a.centre[axis].total_cmp(&b.centre[axis]));
+        let (mut left, mut right) = (self, self);
+        (left.high[axis], right.low[axis]) = (cut.centre[axis], cut.centre[axis]);
+        [left, right]
+    }
 }
 
 impl Frame {

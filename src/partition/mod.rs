@@ -1,7 +1,7 @@
 //! Stage 1: from a mesh file to a store of cells.
 //!
 //! Three passes after the scan, all I/O sequential: vertices go to the cell of their position, triangles to
-//! the cell of their first corner, and the vertices that triangles of another cell use are copied there.
+//! the cell of their corner of lowest index, and the vertices that triangles of another cell use are copied there.
 //! It does not look at connectivity and moves nothing.
 
 mod scan;
@@ -40,6 +40,9 @@ pub struct Partition {
     pub degenerate_faces: u64,
     /// Broken faces dropped on request.
     pub bad_faces: u64,
+    /// The vertex on a seam that is nearest to the middle of the box.
+    #[serde(default)]
+    pub seam_place: Option<[f64; 3]>,
 }
 
 /// Peak memory of this stage in bytes: the cell-of-vertex table, buffers, blocks and samples.
@@ -69,7 +72,8 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
     };
     let first_window = passes.vertices(&mut pack)?;
     let (foreign, dropped) = passes.triangles(first_window, &mut pack)?;
-    let shared_vertices = passes.shared(foreign, &mut pack)?;
+    let middle = [0, 1, 2].map(|k| (bounds[0][k] + bounds[1][k]) / 2.0);
+    let seams = passes.shared(foreign, middle, &mut pack)?;
     pack.sync()?;
     run.disk().sync_folder_of(&run.job.path(PACK_NAME))?;
     let store = StoreInfo {
@@ -77,14 +81,27 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
         pack_bytes: pack.length(),
         triangles: passes.tally.iter().map(|cell| cell.triangles).sum(),
         cells: passes.tally,
-        shared_vertices,
+        shared_vertices: seams.n_shared,
         has_channels: false,
     };
-    Ok(Partition { store, bounds, degenerate_faces: dropped.degenerate, bad_faces: dropped.bad })
+    Ok(Partition {
+        store,
+        bounds,
+        degenerate_faces: dropped.degenerate,
+        bad_faces: dropped.bad,
+        seam_place: seams.place,
+    })
 }
 
 /// A vertex, and a cell that uses it without owning it.
 type Foreign = (u64, u32);
+
+/// The vertices that several cells use.
+#[derive(Default)]
+struct Seams {
+    n_shared: u64,
+    place: Option<[f64; 3]>,
+}
 
 /// Faces that a pass has left out.
 #[derive(Clone, Copy, Default)]
@@ -177,11 +194,11 @@ impl Passes<'_> {
         Ok(table)
     }
 
-    /// Sends every triangle to the cell of its first corner; finds the corners that lie elsewhere, and how
+    /// Sends every triangle to the cell of its corner of lowest index; finds the corners that lie elsewhere, and how
     /// many faces were degenerate.
     ///
     /// While the table holds all vertices that takes one pass over the faces. Otherwise each window takes a
-    /// pass for the triangles whose first corner it knows, and the cells tell afterwards what they miss.
+    /// pass for the triangles whose lowest corner it knows, and the cells tell afterwards what they miss.
     fn triangles(
         &mut self,
         first_window: CellTable,
@@ -210,7 +227,9 @@ impl Passes<'_> {
         Ok((self.missing(pack.length())?, dropped))
     }
 
-    /// Sends the triangles whose first corner lies in `table` to their cells.
+    /// Sends the triangles whose lowest corner lies in `table` to their cells.
+    ///
+    /// The lowest, not the first: repeats of a triangle begin anywhere, and must meet in one cell.
     fn triangles_of(
         &mut self,
         table: &CellTable,
@@ -234,12 +253,11 @@ impl Passes<'_> {
                 out.cells.clear();
                 out.foreign.clear();
                 faces.triangles.retain(|corners| {
-                    let [Some(owner), second, third] = corners.map(|v| table.get(v)) else {
-                        return false;
-                    };
+                    let lowest = corners[0].min(corners[1]).min(corners[2]);
+                    let Some(owner) = table.get(lowest) else { return false };
                     out.cells.push(owner);
-                    for (corner, cell) in [(corners[1], second), (corners[2], third)] {
-                        if cell.is_some_and(|cell| cell != owner) {
+                    for &corner in corners.iter() {
+                        if table.get(corner).is_some_and(|cell| cell != owner) {
                             out.foreign.push((corner, owner));
                         }
                     }
@@ -325,8 +343,13 @@ impl Passes<'_> {
 
     /// Copies every vertex to the foreign cells that use it, and marks it in all cells that hold it.
     ///
-    /// Returns how many vertices are shared.
-    fn shared(&mut self, foreign: Vec<Foreign>, pack: &mut PackWriter) -> Result<u64> {
+    /// Returns how many vertices are shared, and the one nearest to `middle`.
+    fn shared(
+        &mut self,
+        foreign: Vec<Foreign>,
+        middle: [f64; 3],
+        pack: &mut PackWriter,
+    ) -> Result<Seams> {
         let (source, run, ids) = (self.source, self.run, self.layout.ids);
         let record_bytes = self.layout.schema.record_bytes();
         let mut rows = self.buffers(ChunkKind::Vertices);
@@ -334,7 +357,8 @@ impl Passes<'_> {
         let mut blocks: Vec<u64> = foreign.iter().map(|&(id, _)| id / BLOCK_ROWS).collect();
         blocks.dedup();
         let mut at = 0;
-        let mut n_shared = 0;
+        let mut seams = Seams::default();
+        let mut nearest_sq = f64::INFINITY;
         let mut row = Vec::new();
         in_order(
             blocks.len() as u64,
@@ -352,13 +376,14 @@ impl Passes<'_> {
                                 format!("block {index} changed while it was read"),
                             )
                         })?;
+                    let place = self.layout.schema.position(record);
+                    let off_sq: f64 = (0..3).map(|k| (place[k] - middle[k]).powi(2)).sum();
+                    if off_sq < nearest_sq {
+                        (nearest_sq, seams.place) = (off_sq, Some(place));
+                    }
                     row.clear();
                     ids.push(id, &mut row);
-                    marks.push(
-                        pack,
-                        self.tree.cell_of(self.layout.schema.position(record)),
-                        &row,
-                    )?;
+                    marks.push(pack, self.tree.cell_of(place), &row)?;
                     row.extend_from_slice(record);
                     while let Some(&(_, cell)) = foreign.get(at).filter(|(other, _)| *other == id) {
                         rows.push(pack, cell, &row)?;
@@ -366,7 +391,7 @@ impl Passes<'_> {
                         self.tally[cell as usize].vertices += 1;
                         at += 1;
                     }
-                    n_shared += 1;
+                    seams.n_shared += 1;
                 }
                 Ok(())
             },
@@ -374,7 +399,7 @@ impl Passes<'_> {
         rows.finish(pack)?;
         marks.finish(pack)?;
         run.progress.add(source.n_faces() / 8);
-        Ok(n_shared)
+        Ok(seams)
     }
 }
 

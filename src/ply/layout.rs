@@ -5,6 +5,7 @@
 //! indices grow with what is really there.
 
 use super::binary::BinaryScan;
+use super::checked::Checked;
 use super::fixed_faces::FixedFaces;
 use super::header::{Element, Encoding, Header};
 use super::raw::RawFile;
@@ -44,7 +45,12 @@ pub(crate) enum FaceLayout {
     /// The file holds points only.
     None,
     /// Rows of one size from `offset`, until one is found that has another; then `fallback` is built.
-    Fixed { offset: u64, rows: FixedFaces, fallback: Mutex<Option<Arc<RowIndex>>> },
+    Fixed {
+        offset: u64,
+        rows: FixedFaces,
+        checked: Checked,
+        fallback: Mutex<Option<Arc<RowIndex>>>,
+    },
     /// Blocks of rows.
     Indexed(Arc<RowIndex>),
     /// Blocks of strip triangles.
@@ -201,7 +207,8 @@ impl Walk<'_> {
         if let Some(rows) = self.fixed_faces(element)? {
             self.out.n_faces = element.count;
             let offset = self.at.offset;
-            self.out.faces = FaceLayout::Fixed { offset, rows, fallback: Mutex::new(None) };
+            let (checked, fallback) = (Checked::default(), Mutex::new(None));
+            self.out.faces = FaceLayout::Fixed { offset, rows, checked, fallback };
             return Ok(());
         }
         let index = self.index(element, Blocks::ByTriangles)?;

@@ -6,6 +6,8 @@
 
 mod ascii;
 mod binary;
+mod checked;
+mod corners;
 mod fields;
 mod fixed_faces;
 pub(crate) mod header;
@@ -21,7 +23,7 @@ pub(crate) mod writer;
 
 pub use header::Encoding;
 pub use source::{Faults, MeshSource, ReadOptions, TextureInfo};
-pub use writer::{OutputHeader, Place, PlyFormat, PlyWriter};
+pub use writer::{OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
 
 /// Vertices or faces in one block.
 pub const BLOCK_ROWS: u64 = 65_536;

@@ -51,12 +51,12 @@ pub struct TextureInfo {
 
 /// A mesh file whose header has been read and held against the file's length.
 pub struct MeshSource {
-    file: RawFile,
-    header: Header,
-    options: ReadOptions,
+    pub(super) file: RawFile,
+    pub(super) header: Header,
+    pub(super) options: ReadOptions,
     plan: FieldPlan,
-    layout: Layout,
-    bad_vertices: BadVertices,
+    pub(super) layout: Layout,
+    pub(super) bad_vertices: BadVertices,
     positions: OnceLock<RawFile>,
     positions_lock: Mutex<()>,
     staged: Staged,
@@ -69,6 +69,8 @@ pub(crate) struct Staged {
     pub bad_faces: u64,
     /// A texture that the PLY no longer mentions.
     pub texture: Option<TextureInfo>,
+    /// Texture coordinates were at corners and are now at vertices; whether with the number of an image.
+    pub wedges: Option<bool>,
 }
 
 impl MeshSource {
@@ -167,6 +169,12 @@ impl MeshSource {
             matches!(p.kind, Kind::List { .. }) && name.replace('_', "").starts_with("texcoord")
         })?;
         (!files.is_empty()).then(|| TextureInfo { files, property: property.name.clone() })
+    }
+
+    /// Whether texture coordinates were moved from corners to vertices: the last two properties, or three
+    /// if the value is true (`formats::texture_at_vertices`).
+    pub fn wedges(&self) -> Option<bool> {
+        self.staged.wedges
     }
 
     /// Refuses a file that has no faces, saying what it has.
@@ -354,13 +362,13 @@ impl MeshSource {
         Ok(())
     }
 
-    fn face(&self) -> &Element {
+    pub(super) fn face(&self) -> &Element {
         let i = self.layout.face_element.unwrap_or(self.layout.vertex_element);
         &self.header.elements[i]
     }
 
     fn read_fixed_faces(&self, index: u64, block: &mut FaceBlock, out: &mut Decoded) -> Result<()> {
-        let FaceLayout::Fixed { offset, rows, fallback } = &self.layout.faces else {
+        let FaceLayout::Fixed { offset, rows, checked, fallback } = &self.layout.faces else {
             return Ok(());
         };
         block.first_row = index * BLOCK_ROWS;
@@ -368,20 +376,31 @@ impl MeshSource {
         if let Some(rows) = built {
             return self.read_face_rows(index, &rows, out);
         }
-        let n = BLOCK_ROWS.min(self.n_faces() - block.first_row) as usize;
-        let start = offset + block.first_row * rows.stride as u64;
-        block.scratch.resize(n * rows.stride, 0);
-        self.file.read_exact_at(&mut block.scratch, start)?;
+        let n = self.read_fixed_rows(index, &mut block.scratch)?;
         out.triangles.reserve(n);
-        match rows.decode(&block.scratch, self.n_vertices(), out) {
+        let mut found = rows.decode(&block.scratch, self.n_vertices(), out);
+        // These rows are where they seem to be only if all before them are triangles.
+        while found != Err(Stop::OtherLayout)
+            && let Some(earlier) = checked.gap_before(index)
+        {
+            self.read_fixed_rows(earlier, &mut block.scratch)?;
+            if block.scratch.chunks_exact(rows.stride).all(|row| rows.matches(row)) {
+                checked.add(earlier);
+            } else {
+                found = Err(Stop::OtherLayout);
+            }
+        }
+        if found == Ok(()) {
+            checked.add(index);
+        }
+        match found {
             Ok(()) => Ok(()),
-            Err(Stop::OutOfRange(i)) => Err(explain(
-                &self.file,
-                self.face(),
-                block.first_row + i as u64,
-                Mark { offset: start + (i * rows.stride) as u64, ..Mark::default() },
-                super::scan::Fault::Text(out_of_range(self.n_vertices())),
-            )),
+            Err(Stop::OutOfRange(i)) => {
+                let row = block.first_row + i as u64;
+                let at = Mark { offset: offset + row * rows.stride as u64, ..Mark::default() };
+                let what = super::scan::Fault::Text(out_of_range(self.n_vertices()));
+                Err(explain(&self.file, self.face(), row, at, what))
+            }
             Err(Stop::OtherLayout) => {
                 *out = Decoded {
                     triangles: std::mem::take(&mut out.triangles),
@@ -407,6 +426,16 @@ impl MeshSource {
                 self.read_face_rows(index, &rows, out)
             }
         }
+    }
+
+    /// Reads the bytes of a block of rows of one size; returns the number of rows.
+    fn read_fixed_rows(&self, index: u64, bytes: &mut Vec<u8>) -> Result<usize> {
+        let FaceLayout::Fixed { offset, rows, .. } = &self.layout.faces else { return Ok(0) };
+        let first = index * BLOCK_ROWS;
+        let n = BLOCK_ROWS.min(self.n_faces() - first) as usize;
+        bytes.resize(n * rows.stride, 0);
+        self.file.read_exact_at(bytes, offset + first * rows.stride as u64)?;
+        Ok(n)
     }
 
     fn read_face_rows(&self, index: u64, rows: &RowIndex, out: &mut Decoded) -> Result<()> {

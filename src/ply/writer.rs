@@ -33,6 +33,8 @@ pub struct OutputHeader {
     pub comments: Vec<String>,
     /// `obj_info` lines of the input, kept.
     pub obj_infos: Vec<String>,
+    /// Faces have texture coordinates at their corners, and (if true) the number of an image.
+    pub corner_texture: Option<bool>,
     /// The settings of this run, for the line `comment stonecut <version> <settings>`.
     pub settings: String,
 }
@@ -41,7 +43,8 @@ impl OutputHeader {
     /// A header without comments of an input.
     pub fn new(schema: VertexSchema, n_vertices: u64, n_faces: u64) -> Self {
         let (comments, obj_infos, settings) = (Vec::new(), Vec::new(), String::new());
-        OutputHeader { schema, n_vertices, n_faces, comments, obj_infos, settings }
+        let corner_texture = None;
+        OutputHeader { schema, n_vertices, n_faces, comments, obj_infos, corner_texture, settings }
     }
 
     /// The type of corner indices: `int`, above 2^31 vertices `uint`; above 2^32 there is none.
@@ -87,10 +90,15 @@ impl OutputHeader {
             text.push_str(&format!("property {} {}\n", type_name(property.scalar), property.name));
         }
         text.push_str(&format!(
-            "element face {}\nproperty list uchar {} vertex_indices\nend_header\n",
+            "element face {}\nproperty list uchar {} vertex_indices\n",
             self.n_faces,
             type_name(index)
         ));
+        if let Some(with_image) = self.corner_texture {
+            text.push_str("property list uchar float texcoord\n");
+            text.push_str(if with_image { "property int texnumber\n" } else { "" });
+        }
+        text.push_str("end_header\n");
         text
     }
 }
@@ -293,7 +301,19 @@ pub struct PlyWriter {
     n_vertices: u64,
     vertices_left: u64,
     faces_left: u64,
+    corner_texture: Option<bool>,
     rows: Vec<u8>,
+}
+
+/// A triangle with texture coordinates at its corners.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TexturedTriangle {
+    /// Corner ids.
+    pub corners: [u64; 3],
+    /// Two coordinates for each corner.
+    pub texture: [[f32; 2]; 3],
+    /// Which image; only written if the header says so.
+    pub image: i32,
 }
 
 impl PlyWriter {
@@ -330,6 +350,7 @@ impl PlyWriter {
             n_vertices: header.n_vertices,
             vertices_left: header.n_vertices,
             faces_left: header.n_faces,
+            corner_texture: header.corner_texture,
             rows: Vec::new(),
         })
     }
@@ -368,6 +389,43 @@ impl PlyWriter {
     /// Appends triangles; all vertices must have been written.
     pub fn write_faces_u32(&mut self, triangles: &[[u32; 3]]) -> Result<()> {
         self.write_rows(triangles, |t| *t)
+    }
+
+    /// Appends triangles with what the header says of their corners.
+    pub fn write_textured_faces(&mut self, triangles: &[TexturedTriangle]) -> Result<()> {
+        assert!(self.vertices_left == 0, "all vertices come before the first face");
+        assert!(triangles.len() as u64 <= self.faces_left, "no more faces than the header says");
+        self.faces_left -= triangles.len() as u64;
+        let with_image = self.corner_texture == Some(true);
+        for chunk in triangles.chunks(16_384) {
+            self.rows.clear();
+            let (rows, encoding) = (&mut self.rows, self.encoding);
+            let mut put = |scalar: Scalar, bytes: &[u8], end: u8| match encoding {
+                Encoding::Ascii => {
+                    put_text(scalar, bytes, rows);
+                    rows.push(end);
+                }
+                Encoding::BinaryLittleEndian => rows.extend_from_slice(bytes),
+                Encoding::BinaryBigEndian => rows.extend(bytes.iter().rev()),
+            };
+            for triangle in chunk {
+                put(Scalar::U8, &[3], b' ');
+                // Checked when the output was created: there are no more than 2^32 vertices.
+                for corner in triangle.corners {
+                    put(Scalar::U32, &(corner as u32).to_le_bytes(), b' ');
+                }
+                put(Scalar::U8, &[6], b' ');
+                for (i, x) in triangle.texture.iter().flatten().enumerate() {
+                    let end = if i == 5 && !with_image { b'\n' } else { b' ' };
+                    put(Scalar::F32, &x.to_le_bytes(), end);
+                }
+                if with_image {
+                    put(Scalar::I32, &triangle.image.to_le_bytes(), b'\n');
+                }
+            }
+            self.out.write(&self.rows)?;
+        }
+        Ok(())
     }
 
     fn write_rows<T>(&mut self, triangles: &[T], narrow: impl Fn(&T) -> [u32; 3]) -> Result<()> {

@@ -6,7 +6,7 @@
 mod page;
 
 use crate::error::{Error, Result};
-use crate::formats::GlbWriter;
+use crate::formats::{GlbWriter, StageOptions};
 use crate::measure::load;
 use crate::ply::{MeshSource, OutputHeader};
 use crate::progress::Progress;
@@ -43,7 +43,9 @@ pub struct Material {
 /// The whole page as text. A mesh that is no longer there costs its pictures, not the page.
 pub fn html(material: &Material, progress: &Progress) -> Result<String> {
     let report = &material.report;
-    let deviation = material.measured.as_ref().unwrap_or(report);
+    // Measured apart, by `simplify --verify`, or the report is one of `measure`.
+    let verified = Some(&report["measured"]).filter(|measured| measured.is_object());
+    let deviation = material.measured.as_ref().or(verified).unwrap_or(report);
     let names = [("input", "original"), ("output", "simplified")]
         .map(|(run, measure)| text_at(report, run).or_else(|| text_at(report, measure)));
     let mut out = String::from("<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">");
@@ -56,12 +58,15 @@ pub fn html(material: &Material, progress: &Progress) -> Result<String> {
         escape(&title),
         page::STYLE
     );
-    summary(report, &mut out);
+    summary(report, deviation, &mut out);
     error(deviation, &mut out);
     run(report, &mut out);
-    let sources = names.map(|name| name.and_then(|name| MeshSource::open(Path::new(&name)).ok()));
+    let stage = StageOptions::new(material.temp_dir.clone());
+    let open = |name: String| MeshSource::open_staged(Path::new(&name), &stage).ok();
+    let sources = names.map(|name| name.and_then(open));
     if let [Some(original), Some(simplified)] = &sources {
-        pictures([original, simplified], deviation, material.resources, &mut out, progress)?;
+        let views = views(report, deviation);
+        pictures([original, simplified], views, material.resources, &mut out, progress)?;
     }
     if let [_, Some(simplified)] = &sources {
         viewer(simplified, material, &mut out, progress)?;
@@ -74,7 +79,7 @@ fn text_at(report: &Value, part: &str) -> Option<String> {
     report[part]["path"].as_str().map(str::to_owned)
 }
 
-fn summary(report: &Value, out: &mut String) {
+fn summary(report: &Value, deviation: &Value, out: &mut String) {
     out.push_str("<h2>Asked and done</h2><div class=\"columns\">");
     for part in ["input", "output", "original", "simplified", "settings"] {
         let rows = table(&report[part]);
@@ -87,7 +92,7 @@ fn summary(report: &Value, out: &mut String) {
         let _ = write!(out, "<section><h3>faults in the input</h3>{faults}</section>");
     }
     for part in ["original", "simplified"] {
-        let rows = table(&report[part]["topology"]);
+        let rows = table(&deviation[part]["topology"]);
         if !rows.is_empty() {
             let _ = write!(out, "<section><h3>topology, {part}</h3>{rows}</section>");
         }
@@ -126,13 +131,11 @@ fn error(deviation: &Value, out: &mut String) {
 }
 
 fn run(report: &Value, out: &mut String) {
-    let stages: Vec<(String, f64)> = report["stages"]
-        .as_array()
-        .map(|stages| {
-            let row = |s: &Value| Some((s["name"].as_str()?.to_owned(), s["seconds"].as_f64()?));
-            stages.iter().filter_map(row).collect()
-        })
-        .unwrap_or_default();
+    let stages = |key: &str, unit: f64| -> Vec<(String, f64)> {
+        let stages = report["stages"].as_array().map(Vec::as_slice).unwrap_or_default();
+        let row = |s: &Value| Some((s["name"].as_str()?.to_owned(), s[key].as_f64()? / unit));
+        stages.iter().filter_map(row).collect()
+    };
     out.push_str("<h2>The run</h2>");
     let picked: serde_json::Map<String, Value> = [
         "version",
@@ -151,7 +154,12 @@ fn run(report: &Value, out: &mut String) {
     .map(|key| ((*key).to_owned(), report[*key].clone()))
     .collect();
     out.push_str(&table(&Value::Object(picked)));
-    out.push_str(&bars("Seconds by stage", &stages, "s"));
+    out.push_str("<h3>Time by stage</h3>");
+    out.push_str(&bars("Seconds by stage", &stages("seconds", 1.0), "s"));
+    let memory = stages("peak_memory_bytes", f64::from(1 << 20));
+    let memory: Vec<(String, f64)> = memory.into_iter().map(|(n, mib)| (n, mib.round())).collect();
+    out.push_str("<h3>Peak memory up to the end of each stage</h3>");
+    out.push_str(&bars("Peak memory up to the end of each stage", &memory, "MiB"));
     let rejects: Vec<(String, f64)> = report["rejects"]
         .as_object()
         .map(|all| {
@@ -168,31 +176,41 @@ fn run(report: &Value, out: &mut String) {
     }
 }
 
+/// What is shown of both meshes: the whole, and close-ups at the worst place and at a seam.
+fn views(report: &Value, deviation: &Value) -> Vec<(&'static str, View)> {
+    let whole = View { width: 800, height: 600, ..View::default() };
+    let edges = View { edges: true, smooth: false, ..whole.clone() };
+    let mut views = vec![("The whole", whole), ("With edges", edges.clone())];
+    let bound = |corner: usize, k: usize| report["input"]["bounds"][corner][k].as_f64();
+    let side_sq = |k: usize| Some((bound(1, k)? - bound(0, k)?).powi(2));
+    let of_box = (0..3).map(side_sq).sum::<Option<f64>>().map(f64::sqrt);
+    let diagonal = deviation["diagonal"].as_f64().or(of_box).unwrap_or(0.0);
+    let places = [
+        ("Close up, at the worst place", &deviation["forward"]["worst"]),
+        ("Close up, at a seam of the first round", &report["seams"]["place"]),
+    ];
+    for (name, place) in places {
+        let place: Vec<f64> = place
+            .as_array()
+            .map(|p| p.iter().filter_map(Value::as_f64).collect())
+            .unwrap_or_default();
+        if let [x, y, z] = place[..]
+            && diagonal > 0.0
+        {
+            let zoom = Some(Sphere { centre: [x, y, z], radius: CLOSE_UP * diagonal });
+            views.push((name, View { zoom, ..edges.clone() }));
+        }
+    }
+    views
+}
+
 fn pictures(
     sources: [&MeshSource; 2],
-    deviation: &Value,
+    views: Vec<(&'static str, View)>,
     resources: Resources,
     out: &mut String,
     progress: &Progress,
 ) -> Result<()> {
-    let whole = View { width: 800, height: 600, ..View::default() };
-    let mut views = vec![
-        ("The whole", whole.clone()),
-        ("With edges", View { edges: true, smooth: false, ..whole.clone() }),
-    ];
-    let worst: Option<Vec<f64>> = deviation["forward"]["worst"]
-        .as_array()
-        .map(|point| point.iter().filter_map(Value::as_f64).collect());
-    let diagonal = deviation["diagonal"].as_f64().unwrap_or(0.0);
-    if let Some(&[x, y, z]) = worst.as_deref()
-        && diagonal > 0.0
-    {
-        let zoom = Some(Sphere { centre: [x, y, z], radius: CLOSE_UP * diagonal });
-        views.push((
-            "Close up, at the worst place",
-            View { zoom, edges: true, smooth: false, ..whole },
-        ));
-    }
     out.push_str("<h2>Pictures</h2>");
     for (name, view) in views {
         // One camera for both, or they could not be compared.

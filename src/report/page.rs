@@ -24,8 +24,12 @@ pub fn show(value: &Value) -> String {
         Value::Null => "-".to_owned(),
         Value::Bool(flag) => (if *flag { "yes" } else { "no" }).to_owned(),
         Value::String(text) => text.clone(),
+        Value::Array(items) if items.iter().all(Value::is_number) => {
+            items.iter().map(show).collect::<Vec<_>>().join(", ")
+        }
         Value::Number(number) => match (number.as_u64(), number.as_f64()) {
             (Some(count), _) => grouped(count),
+            (None, Some(x)) if x < 0.0 && number.is_i64() => format!("-{}", grouped(-x as u64)),
             (None, Some(x)) if x == 0.0 || (1e-3..1e6).contains(&x.abs()) => format!("{x:.4}"),
             (None, Some(x)) => format!("{x:.4e}"),
             (None, None) => number.to_string(),
@@ -54,7 +58,8 @@ pub fn table(object: &Value) -> String {
     };
     let mut out = String::from("<table>");
     for (name, value) in entries {
-        if value.is_object() || value.as_array().is_some_and(|list| list.len() > 8) {
+        let is_row = |list: &Vec<Value>| list.len() <= 8 && list.iter().all(Value::is_number);
+        if value.is_object() || value.as_array().is_some_and(|list| !is_row(list)) {
             continue;
         }
         let name = escape(&name.replace('_', " "));
@@ -77,7 +82,11 @@ pub fn bars(title: &str, rows: &[(String, f64)], unit: &str) -> String {
     );
     for (i, (name, value)) in rows.iter().enumerate() {
         let (y, width) = (26 * i + 4, value / top * 400.0);
-        let (name, value) = (escape(name), escape(&show(&serde_json::json!(value))));
+        let name = escape(name);
+        let value = match value.fract() == 0.0 && *value < 1e15 {
+            true => grouped(*value as u64),
+            false => show(&serde_json::json!(value)),
+        };
         let _ = write!(
             out,
             "<text x=\"190\" y=\"{}\" text-anchor=\"end\">{name}</text>\

@@ -1,5 +1,6 @@
 //! Joins all cells in memory, by id, and simplifies the whole to the exact target.
 
+use crate::attributes::Sample;
 use crate::cells::{CellTally, IdMap, SurvivorInfo, SurvivorWriter, Survivors, VertexLayout};
 use crate::error::Result;
 use crate::kernel::{self, Options, Stop};
@@ -19,16 +20,24 @@ pub struct Parts<'a> {
     pub load: &'a dyn Fn(usize) -> Result<Survivors>,
 }
 
-/// Joins the survivors and collapses until exactly the target is met; seals the result.
+/// Joins the survivors and collapses (with `options.weights`, or those that the joined mesh asks for) until exactly the target is met; seals the result.
 pub fn finish(parts: Parts, target: u64, options: &Options, run: &Run) -> Result<SurvivorInfo> {
     let layout = parts.layout;
     let joined = join(&parts, run)?;
     let n_triangles = joined.mesh.triangles.len() as u64;
     run.progress.check()?;
-    let options = Options { stop: Stop::Triangles(target), ..options.clone() };
+    let mut options = Options { stop: Stop::Triangles(target), ..options.clone() };
+    if options.weights.is_empty() && layout.n_weighted() > 0 {
+        // No round was before that.
+        let meanings = layout.codec.meanings(&layout.schema);
+        let mut sample = Sample::default();
+        sample.add(&joined.mesh, &meanings);
+        options.weights = sample.lengths(&layout.weights, &meanings, n_triangles, target);
+    }
     let locked = vec![false; joined.ids.len()];
     let simplified = kernel::simplify_mesh(joined.mesh, &locked, &options);
-    let result = Survivors::new(&joined.ids, &locked, &joined.records, simplified, layout);
+    let mut result = Survivors::new(&joined.ids, &locked, &joined.records, simplified, layout);
+    result.statistics.dropped = joined.statistics.dropped;
     run.progress.add(n_triangles);
     let path = run.job.path(PACK_NAME);
     run.disk().remove(&path)?;
@@ -62,6 +71,7 @@ fn join(parts: &Parts, run: &Run) -> Result<Survivors> {
     for cell in 0..parts.cells.len() {
         run.progress.check()?;
         let part = (parts.load)(cell)?;
+        out.statistics.dropped += part.statistics.dropped;
         local.clear();
         for (vertex, &id) in part.ids.iter().enumerate() {
             let (index, is_new) = map.insert(id, &mut out.ids);

@@ -17,8 +17,9 @@ mod terrain;
 mod write;
 
 use crate::error::{Error, Result};
+use crate::formats::{MeshSink, OutputFormat};
 use crate::mesh::Mesh;
-use crate::ply::{OutputHeader, PlyWriter};
+use crate::ply::OutputHeader;
 use crate::progress::Progress;
 use shuffle::Shuffler;
 use sliced::Counted;
@@ -72,13 +73,15 @@ pub struct Settings {
     pub uv: bool,
 }
 
-/// How a mesh is written; none of it changes a byte.
+/// How a mesh is written.
 #[derive(Clone, Copy, Debug)]
 pub struct Writing {
-    /// Threads to compute with.
+    /// Threads to compute with; they change no byte.
     pub threads: usize,
     /// Whether an existing file may be replaced.
     pub force: bool,
+    /// As which kind of file; binary little-endian PLY by default.
+    pub format: OutputFormat,
 }
 
 /// How large the finished mesh is.
@@ -90,9 +93,9 @@ pub struct Counts {
     pub n_triangles: u64,
 }
 
-/// Writes a synthetic mesh as binary little-endian PLY.
+/// Writes a synthetic mesh.
 ///
-/// The bytes depend on `settings` alone; memory is a few megabytes a thread, and some 100 MB when `gyroid`
+/// The bytes depend on `settings` and the format alone; memory is a few megabytes a thread, and some 100 MB when `gyroid`
 /// or `scans` are shuffled. The file appears by rename.
 /// Errors: an existing `path` without `force`, more than 2^32 vertices, whatever the system refuses.
 pub fn write_ply(
@@ -118,7 +121,7 @@ pub fn write_ply(
         settings.seed,
         if settings.shuffle { " --shuffle" } else { "" },
     );
-    let mut file = PlyWriter::create(path, header)?;
+    let mut file = MeshSink::create(path, header, writing.format)?;
     let stream = Stream { surface: &*surface, layout, threads: writing.threads, progress };
     if settings.shuffle && !surface.is_shuffled() {
         write_shuffled(&mut file, path, &stream, settings.seed)?;
@@ -131,7 +134,7 @@ pub fn write_ply(
 }
 
 /// Writes all vertices and then all faces in random order, by way of a temporary file beside the output.
-fn write_shuffled(file: &mut PlyWriter, path: &Path, stream: &Stream, seed: u64) -> Result<()> {
+fn write_shuffled(file: &mut MeshSink, path: &Path, stream: &Stream, seed: u64) -> Result<()> {
     let (n_vertices, n_faces) = (stream.surface.n_vertices(), stream.surface.n_faces());
     let order = Order::new(n_vertices, n_faces, seed);
     let mut hidden = std::ffi::OsString::from(".");

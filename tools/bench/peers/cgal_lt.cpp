@@ -1,7 +1,8 @@
 // Lindstrom-Turk simplification by CGAL, as a peer to compare with.
 //
 // Reads and writes a raw mesh: two u64 (vertices, triangles), f64 x 3 a vertex, u32 x 3 a triangle,
-// little-endian. Usage: cgal_lt IN OUT TRIANGLES. Prints the seconds spent on simplifying alone.
+// little-endian. Usage: cgal_lt IN OUT TRIANGLES, or cgal_lt --version. Prints one JSON object: seconds, CPU
+// seconds and further memory of the simplification alone.
 // Build: g++ -O3 -DNDEBUG -march=native cgal_lt.cpp -o cgal_lt -lgmp -lmpfr
 // Non-manifold input is refused by CGAL's mesh; such triangles are left out and counted.
 
@@ -9,6 +10,8 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <cstring>
+#include <ctime>
 #include <vector>
 
 #include <CGAL/Simple_cartesian.h>
@@ -17,12 +20,29 @@
 #include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/LindstromTurk_cost.h>
 #include <CGAL/Surface_mesh_simplification/Policies/Edge_collapse/LindstromTurk_placement.h>
 #include <CGAL/Surface_mesh_simplification/edge_collapse.h>
+#include <CGAL/version.h>
 
 namespace sms = CGAL::Surface_mesh_simplification;
 using Kernel = CGAL::Simple_cartesian<double>;
 using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
 
+// A field of /proc/self/status in bytes.
+static long status(const char* field) {
+    long kib = 0;
+    char line[256];
+    std::FILE* file = std::fopen("/proc/self/status", "r");
+    while (file && std::fgets(line, sizeof line, file)) {
+        if (!std::strncmp(line, field, std::strlen(field))) kib = std::atol(line + std::strlen(field));
+    }
+    if (file) std::fclose(file);
+    return kib * 1024;
+}
+
 int main(int argc, char** argv) {
+    if (argc == 2 && !std::strcmp(argv[1], "--version")) {
+        std::puts(CGAL_VERSION_STR);
+        return 0;
+    }
     if (argc != 4) return 2;
     std::FILE* in = std::fopen(argv[1], "rb");
     if (!in) return 1;
@@ -34,6 +54,12 @@ int main(int argc, char** argv) {
     if (std::fread(corners.data(), 4, corners.size(), in) != corners.size()) return 1;
     std::fclose(in);
 
+    // Memory counts from here: the input lies in arrays, CGAL's own structure is yet to be built.
+    if (std::FILE* peak = std::fopen("/proc/self/clear_refs", "w")) {
+        std::fputs("5", peak);
+        std::fclose(peak);
+    }
+    const long before = status("VmRSS:");
     Mesh mesh;
     std::vector<Mesh::Vertex_index> id(counts[0]);
     for (std::size_t v = 0; v < counts[0]; ++v) {
@@ -48,6 +74,7 @@ int main(int argc, char** argv) {
 
     // The stop predicate counts edges; a triangle more or less is made up for by trying again.
     const std::size_t target = std::strtoull(argv[3], nullptr, 10);
+    const std::clock_t cpu = std::clock();
     const auto begin = std::chrono::steady_clock::now();
     std::size_t edges = target * 3 / 2;
     std::size_t faces = mesh.number_of_faces();
@@ -57,11 +84,14 @@ int main(int argc, char** argv) {
                                          CGAL::parameters::get_cost(sms::LindstromTurk_cost<Mesh>())
                                              .get_placement(sms::LindstromTurk_placement<Mesh>()));
         faces = mesh.number_of_faces();
-        if (n == 0 || edges < 8) break;
+        // With edges left above the stop, everything else was refused: trying again would refuse it again.
+        if (n == 0 || edges < 8 || mesh.number_of_edges() > edges) break;
         const std::size_t excess = faces > target ? faces - target : 0;
         edges -= excess + (excess > 0 ? 1 : 0);
     }
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - begin;
+    const double cpu_seconds = double(std::clock() - cpu) / CLOCKS_PER_SEC;
+    const long extra = status("VmHWM:") - before;
     mesh.collect_garbage();
 
     std::FILE* out = std::fopen(argv[2], "wb");
@@ -80,6 +110,7 @@ int main(int argc, char** argv) {
         std::fwrite(c, 4, 3, out);
     }
     std::fclose(out);
-    std::printf("%zu triangles, %.3f s, %zu refused\n", std::size_t(left[1]), seconds.count(), refused);
+    std::printf("{\"seconds\": %.6f, \"cpu_seconds\": %.6f, \"extra_bytes\": %ld, \"refused\": %zu}\n",
+                seconds.count(), cpu_seconds, extra, refused);
     return 0;
 }

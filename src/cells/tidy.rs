@@ -1,0 +1,139 @@
+//! Takes out of a freshly partitioned cell what no simplification should see: repeated faces, idle vertices.
+//!
+//! Partitioning sends a triangle to the cell of its corner of lowest index, so triangles with the same three
+//! corners always meet in one cell, and each cell can be tidied by itself. Later rounds have nothing to tidy.
+
+use super::store::CellMesh;
+use serde::{Deserialize, Serialize};
+use std::ops::AddAssign;
+
+/// What was left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Dropped {
+    /// Triangles with the same three corners as an earlier one, in whatever order.
+    pub duplicate_faces: u64,
+    /// Vertices that no triangle of any cell uses.
+    pub unreferenced_vertices: u64,
+}
+
+impl AddAssign for Dropped {
+    fn add_assign(&mut self, other: Dropped) {
+        self.duplicate_faces += other.duplicate_faces;
+        self.unreferenced_vertices += other.unreferenced_vertices;
+    }
+}
+
+impl CellMesh {
+    /// Drops repeated triangles (the first stays) and vertices that nothing uses; all others keep their order.
+    ///
+    /// `record_bytes` is the length of one of `records`. A shared vertex is used by definition, if not here.
+    /// Memory while it runs: 4 bytes a vertex and 4 a triangle.
+    pub fn tidy(&mut self, record_bytes: usize) -> Dropped {
+        let duplicate_faces = self.drop_duplicates();
+        let unreferenced_vertices = self.drop_unreferenced(record_bytes);
+        Dropped { duplicate_faces, unreferenced_vertices }
+    }
+
+    fn drop_duplicates(&mut self) -> u64 {
+        let triangles = &self.mesh.triangles;
+        // Triangles in groups of one least corner, in order; repeats are in the same group.
+        let least = |t: &[u32; 3]| t[0].min(t[1]).min(t[2]) as usize;
+        let mut end = vec![0u32; self.mesh.positions.len() + 1];
+        triangles.iter().for_each(|t| end[least(t) + 1] += 1);
+        for v in 1..end.len() {
+            end[v] += end[v - 1];
+        }
+        let mut grouped = vec![0u32; triangles.len()];
+        for (i, t) in triangles.iter().enumerate() {
+            let place = &mut end[least(t)];
+            grouped[*place as usize] = i as u32;
+            *place += 1;
+        }
+        let mut repeats = Vec::new();
+        let mut keys: Vec<([u32; 3], u32)> = Vec::new();
+        let mut start = 0;
+        for &end in &end[..self.mesh.positions.len()] {
+            let group = &grouped[start..end as usize];
+            start = end as usize;
+            keys.clear();
+            keys.extend(group.iter().map(|&i| {
+                let mut corners = triangles[i as usize];
+                corners.sort_unstable();
+                (corners, i)
+            }));
+            keys.sort_unstable();
+            repeats.extend(keys.windows(2).filter(|w| w[0].0 == w[1].0).map(|w| w[1].1));
+        }
+        repeats.sort_unstable();
+        let (mut next, mut at) = (repeats.iter().peekable(), 0);
+        self.mesh.triangles.retain(|_| {
+            let is_repeat = next.next_if(|&&repeat| repeat == at).is_some();
+            at += 1;
+            !is_repeat
+        });
+        repeats.len() as u64
+    }
+
+    fn drop_unreferenced(&mut self, record_bytes: usize) -> u64 {
+        let mut stays = self.shared.clone();
+        self.mesh.triangles.iter().flatten().for_each(|&v| stays[v as usize] = true);
+        let n_idle = stays.iter().filter(|stays| !**stays).count() as u64;
+        if n_idle == 0 {
+            return 0;
+        }
+        let n_channels = self.mesh.n_channels;
+        let (mut place, mut n) = (vec![0u32; stays.len()], 0);
+        for v in (0..stays.len()).filter(|&v| stays[v]) {
+            place[v] = n as u32;
+            self.ids[n] = self.ids[v];
+            self.shared[n] = self.shared[v];
+            self.records.copy_within(v * record_bytes..(v + 1) * record_bytes, n * record_bytes);
+            self.mesh.positions[n] = self.mesh.positions[v];
+            let channels = v * n_channels..(v + 1) * n_channels;
+            self.mesh.channels.copy_within(channels, n * n_channels);
+            n += 1;
+        }
+        self.ids.truncate(n);
+        self.shared.truncate(n);
+        self.records.truncate(n * record_bytes);
+        self.mesh.positions.truncate(n);
+        self.mesh.channels.truncate(n * n_channels);
+        self.mesh.triangles.iter_mut().flatten().for_each(|v| *v = place[*v as usize]);
+        n_idle
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::Mesh;
+
+    #[test]
+    fn repeats_and_idle_vertices_go_and_the_rest_keeps_its_order() {
+        // 0 -- 1    4 idle, 5 used by another cell only
+        // | \  |
+        // 2 -- 3
+        let triangles = vec![[0, 2, 3], [0, 3, 1], [3, 0, 2], [1, 0, 3], [0, 2, 3], [1, 3, 2]];
+        let mut cell = CellMesh {
+            ids: vec![10, 11, 12, 13, 14, 15],
+            records: (0..12).collect(),
+            shared: vec![true, false, false, false, false, true],
+            mesh: Mesh {
+                positions: (0..6).map(|i| [f64::from(i), 0.0, 0.0]).collect(),
+                channels: (0..6).map(|i| i as f32).collect(),
+                n_channels: 1,
+                triangles,
+            },
+            ..CellMesh::default()
+        };
+        let dropped = cell.tidy(2);
+        assert_eq!(dropped, Dropped { duplicate_faces: 3, unreferenced_vertices: 1 });
+        assert_eq!(cell.mesh.triangles, [[0, 2, 3], [0, 3, 1], [1, 3, 2]]);
+        assert_eq!(cell.ids, [10, 11, 12, 13, 15]);
+        assert_eq!(cell.records, [0, 1, 2, 3, 4, 5, 6, 7, 10, 11]);
+        assert_eq!(cell.shared, [true, false, false, false, true]);
+        assert_eq!(cell.mesh.channels, [0.0, 1.0, 2.0, 3.0, 5.0]);
+        assert_eq!(cell.mesh.positions[4], [5.0, 0.0, 0.0]);
+        assert_eq!(cell.tidy(2), Dropped::default());
+    }
+}

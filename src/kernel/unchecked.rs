@@ -1,0 +1,43 @@
+//! Places of lists by ids that the kernel itself keeps valid.
+//!
+//! The innermost loop looks up some hundred places a collapse; checking each again costs a tenth of the
+//! time. Builds with debug assertions check all of them. Used by `collapse`, `drain` and `surface` only.
+//!
+//! Contract of every function here: an id of a vertex, triangle or place in the arena comes from the
+//! surface. `Surface::new` checks each corner of the input against the number of vertices, everything
+//! else is made by the kernel, lists never become shorter while ids of them are kept, and compacting
+//! gives every id that stays a new, valid one.
+
+/// `list[id]`.
+#[inline(always)]
+pub(crate) fn at<T>(list: &[T], id: u32) -> &T {
+    debug_assert!((id as usize) < list.len());
+    // SAFETY: the id is one of the list's, see above.
+    unsafe { list.get_unchecked(id as usize) }
+}
+
+/// `&mut list[id]`.
+#[inline(always)]
+pub(crate) fn at_mut<T>(list: &mut [T], id: u32) -> &mut T {
+    debug_assert!((id as usize) < list.len());
+    // SAFETY: the id is one of the list's, see above.
+    unsafe { list.get_unchecked_mut(id as usize) }
+}
+
+/// `&list[first..first + n]`.
+#[inline(always)]
+pub(crate) fn part<T>(list: &[T], first: u32, n: u32) -> &[T] {
+    let (first, n) = (first as usize, n as usize);
+    debug_assert!(first + n <= list.len());
+    // SAFETY: a ring's part lies within the arena, see above.
+    unsafe { list.get_unchecked(first..first + n) }
+}
+
+/// `&mut list[first..first + n]`.
+#[inline(always)]
+pub(crate) fn part_mut<T>(list: &mut [T], first: u32, n: u32) -> &mut [T] {
+    let (first, n) = (first as usize, n as usize);
+    debug_assert!(first + n <= list.len());
+    // SAFETY: a ring's part lies within the arena, see above.
+    unsafe { list.get_unchecked_mut(first..first + n) }
+}

@@ -1,0 +1,73 @@
+//! `simplify --verify`: measures the finished output against the input, for the run's report.
+//!
+//! From the input file: the job's own cells are freed one by one as they are simplified, so at the end
+//! there is nothing left to measure against. Runs before the job folder goes, so that an interrupted
+//! verification is taken up again by the same command. Changes neither input nor output.
+
+use crate::compare::{self, Report, Request};
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::formats::{OutputKind, StageOptions};
+use crate::measure::Options;
+use crate::plan::folder_of;
+use crate::ply::{MeshSource, ReadOptions};
+use crate::run::Run;
+use crate::summary::{RunReport, StageReport};
+use std::path::Path;
+use std::time::Instant;
+
+/// Refuses what cannot be read again after the run.
+pub fn refuse_unreadable(config: &Config) -> Result<()> {
+    let standard = Path::new("-");
+    let what = if config.input == standard {
+        "standard input cannot be read again"
+    } else if config.output == standard {
+        "standard output cannot be read"
+    } else if config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?
+        == OutputKind::Glb
+    {
+        "GLB is not read by stonecut, and rounds positions; write a PLY and convert it"
+    } else {
+        return Ok(());
+    };
+    Err(Error::Usage(format!("--verify: {what}")))
+}
+
+/// Measures, and adds what was found to the report as one more stage; its seconds then include it.
+pub fn verify(config: &Config, run: &Run, report: &mut RunReport) -> Result<()> {
+    let start = Instant::now();
+    // What a verification that was killed has left.
+    run.job.clear_scratch()?;
+    let open = |path: &Path, skip_bad: bool| {
+        let read = ReadOptions { skip_bad, ..ReadOptions::default() };
+        let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+        MeshSource::open_staged(path, &stage)
+    };
+    let (original, simplified) =
+        (open(&config.input, config.skip_bad)?, open(&config.output, false)?);
+    let request = Request {
+        original: &original,
+        simplified: &simplified,
+        options: Options { threads: run.threads, ..Options::default() },
+        memory_bytes: config.memory_bytes,
+        cell_triangles: config.cell_triangles,
+        temp_dir: run.job.folder().to_path_buf(),
+        heat: false,
+    };
+    let comparison = compare::compare(&request, run.progress)?;
+    let seconds = start.elapsed().as_secs_f64();
+    report.stages.push(StageReport {
+        name: "verify".to_owned(),
+        seconds,
+        triangles_in: report.input.triangles,
+        triangles_out: report.output.triangles,
+        bytes_read: original.file_bytes() + simplified.file_bytes() + comparison.temp_bytes,
+        bytes_written: comparison.temp_bytes,
+        peak_memory_bytes: crate::memory::peak_bytes(),
+    });
+    report.seconds += seconds;
+    report.peak_memory_bytes = crate::memory::peak_bytes();
+    report.peak_temp_bytes = report.peak_temp_bytes.max(comparison.temp_bytes);
+    report.measured = Some(Box::new(Report::new(&request, &comparison, seconds)));
+    Ok(())
+}
