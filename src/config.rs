@@ -14,14 +14,17 @@ pub enum Target {
     Triangles(u64),
     /// This share of the input's triangles, in (0, 1].
     Ratio(f64),
+    /// As few as keep the measured two-sided deviation within this, in input units.
+    MaxError(f64),
 }
 
 impl Target {
-    /// The target as a count, for an input of `n_triangles`.
+    /// The target as a count, for an input of `n_triangles`; of a bound on the error, that of the first trial.
     pub fn triangles(self, n_triangles: u64) -> u64 {
         match self {
             Target::Triangles(count) => count,
             Target::Ratio(ratio) => (n_triangles as f64 * ratio).round() as u64,
+            Target::MaxError(_) => n_triangles / 10,
         }
     }
 }
@@ -81,6 +84,8 @@ pub struct Config {
     pub skip_bad: bool,
     /// Give up texture coordinates at corners.
     pub drop_texture: bool,
+    /// Progress within a stage is made durable so often; does not change the result.
+    pub checkpoint_every: std::time::Duration,
     /// What becomes of colours, normals and other properties.
     pub attributes: Attributes,
     /// How cells and finish are simplified; the stop is set by the stages.

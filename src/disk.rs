@@ -9,7 +9,7 @@ use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 mod losses;
 
@@ -37,6 +37,16 @@ struct Shared {
     freeze_at: AtomicU64,
     is_frozen: AtomicBool,
     losses: Option<Mutex<Losses>>,
+    watch: OnceLock<Watch>,
+}
+
+/// Called with the number of every operation before it is carried out.
+struct Watch(Box<dyn Fn(u64) + Send + Sync>);
+
+impl std::fmt::Debug for Watch {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Watch")
+    }
 }
 
 /// Whether an operation changes what is on the disk.
@@ -84,6 +94,12 @@ impl Disk {
         self.shared.freeze_at.store(k, Relaxed);
     }
 
+    /// For tests: calls `watch` with the number (from 1) of every operation before it is carried out, on the
+    /// thread that carries it out. It may panic, or change files behind the run's back. Only the first counts.
+    pub fn watch(&self, watch: impl Fn(u64) + Send + Sync + 'static) {
+        let _ = self.shared.watch.set(Watch(Box::new(watch)));
+    }
+
     /// For tests: puts the files into the state that a machine may come back with after a power loss.
     pub fn lose(&self, loss: Loss) -> std::io::Result<()> {
         match &self.shared.losses {
@@ -116,6 +132,9 @@ impl Disk {
     fn operation(&self, path: &Path, action: &'static str, effect: Effect) -> Result<()> {
         let shared = &self.shared;
         let number = shared.operations.fetch_add(1, Relaxed) + 1;
+        if let Some(Watch(watch)) = shared.watch.get() {
+            watch(number);
+        }
         if effect == Change {
             let change = shared.changes.fetch_add(1, Relaxed) + 1;
             if change == shared.freeze_at.load(Relaxed) {

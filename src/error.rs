@@ -1,7 +1,8 @@
 //! What can go wrong, in classes that scripts can tell apart by exit code.
 //!
 //! A message is one line: what, where (file, element, row, byte offset), and what to do next. Faults of
-//! our own making are `assert!`s, never an `Error`.
+//! our own making are `assert!`s; only where a run would lose its end through one is it caught and becomes
+//! `Internal`.
 
 use std::path::{Path, PathBuf};
 
@@ -40,6 +41,14 @@ pub enum Error {
         /// Needed and available bytes, and the remedy.
         what: String,
     },
+    /// The file system does not take files, or its device fails.
+    #[error("{}: {what}", path.display())]
+    Device {
+        /// The file or folder.
+        path: PathBuf,
+        /// What was being done, the system's own words, and the remedy.
+        what: String,
+    },
     /// The memory budget cannot hold one cell and the finish.
     #[error("{0}")]
     NoMemory(String),
@@ -67,6 +76,11 @@ pub enum Error {
         /// Where, and the remedy.
         what: String,
     },
+    /// A fault of our own (a panic) that was caught; what was sealed before it is kept.
+    #[error(
+        "internal fault: {0}; please report it. The state is kept: the same command continues from it"
+    )]
+    Internal(String),
     /// The user, or the system, asked to stop; everything sealed so far is kept.
     #[error("stopped by signal {signal}; run the same command to continue")]
     Interrupted {
@@ -78,9 +92,12 @@ pub enum Error {
 impl Error {
     /// Wraps an operating-system error with the path and the action it belongs to.
     ///
-    /// Running out of space or quota becomes `NoSpace`, whose exit code scripts wait for.
+    /// Running out of space or quota becomes `NoSpace`, whose exit code scripts wait for; a folder that takes
+    /// no files, or a failing device, `Device`.
     pub fn io(path: impl AsRef<Path>, action: &'static str, source: std::io::Error) -> Self {
-        use std::io::ErrorKind::{QuotaExceeded, StorageFull};
+        use std::io::ErrorKind::{
+            PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull,
+        };
         let path = path.as_ref().to_path_buf();
         if matches!(source.kind(), StorageFull | QuotaExceeded) {
             let what = format!(
@@ -88,6 +105,18 @@ impl Error {
                  temporary data with --temp-dir"
             );
             return Error::NoSpace { path, what };
+        }
+        // What fails while reading is the input's or the user's affair; the words say it all.
+        let is_writing = !matches!(action, "cannot open" | "cannot read" | "cannot stat");
+        let is_refused = matches!(source.kind(), ReadOnlyFilesystem | PermissionDenied);
+        if source.raw_os_error() == Some(rustix::io::Errno::IO.raw_os_error())
+            || is_refused && is_writing
+        {
+            let what = format!(
+                "{action}: {source}; what was done is kept: run the same command once the disk takes files \
+                 again, or move the output, or the temporary data with --temp-dir"
+            );
+            return Error::Device { path, what };
         }
         Error::Io { path, action, source }
     }
@@ -112,6 +141,8 @@ impl Error {
             Error::NoMemory(_) => 6,
             Error::Locked { .. } => 7,
             Error::StateMismatch { .. } => 8,
+            Error::Internal(_) => 9,
+            Error::Device { .. } => 10,
             Error::Interrupted { signal } => 128u8.saturating_add(*signal as u8),
         }
     }
@@ -125,7 +156,20 @@ mod tests {
     fn a_full_disk_has_its_own_exit_code() {
         let full = std::io::Error::from(std::io::ErrorKind::StorageFull);
         assert_eq!(Error::io("/x", "cannot write", full).exit_code(), 5);
-        let denied = std::io::Error::from(std::io::ErrorKind::PermissionDenied);
-        assert_eq!(Error::io("/x", "cannot write", denied).exit_code(), 1);
+        let quota = std::io::Error::from(std::io::ErrorKind::QuotaExceeded);
+        assert_eq!(Error::io("/x", "cannot sync", quota).exit_code(), 5);
+    }
+
+    #[test]
+    fn a_disk_that_takes_no_files_has_its_own_exit_code() {
+        let denied = || std::io::Error::from(std::io::ErrorKind::PermissionDenied);
+        assert_eq!(Error::io("/x", "cannot write", denied()).exit_code(), 10);
+        assert_eq!(Error::io("/x", "cannot open", denied()).exit_code(), 1);
+        let read_only = std::io::Error::from_raw_os_error(30);
+        assert_eq!(Error::io("/x", "cannot create", read_only).exit_code(), 10);
+        let failing = std::io::Error::from_raw_os_error(5);
+        let error = Error::io("/x", "cannot read", failing);
+        assert_eq!(error.exit_code(), 10);
+        assert!(error.to_string().contains("--temp-dir"), "{error}");
     }
 }

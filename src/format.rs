@@ -27,11 +27,15 @@ pub enum ChunkKind {
     SharedIds = 3,
     /// One simplified cell, see `cells::survivors`.
     Survivors = 4,
+    /// Rows of a vertex id (8 bytes) and a cell (4 bytes) that uses it without owning it; a note of the
+    /// partition to itself, under cell 0.
+    Foreign = 5,
 }
 
 impl ChunkKind {
     fn from_code(code: u32) -> Option<ChunkKind> {
-        [ChunkKind::Vertices, ChunkKind::Triangles, ChunkKind::SharedIds, ChunkKind::Survivors]
+        use ChunkKind::{Foreign, SharedIds, Survivors, Triangles, Vertices};
+        [Vertices, Triangles, SharedIds, Survivors, Foreign]
             .into_iter()
             .find(|kind| *kind as u32 == code)
     }

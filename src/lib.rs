@@ -16,6 +16,7 @@ pub mod disk;
 pub mod error;
 pub mod format;
 pub mod formats;
+pub mod identity;
 pub mod job;
 pub mod kernel;
 pub mod measure;
@@ -41,6 +42,7 @@ pub mod synth;
 pub mod topology;
 pub mod units;
 pub mod verify;
+pub mod within;
 pub mod write;
 
 pub use error::{Error, Result};

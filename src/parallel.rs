@@ -1,14 +1,25 @@
 //! The two shapes of parallel work in this crate; the only place that knows threads.
 //!
 //! `in_order` maps numbered blocks and hands the results on in block order; `largest_first` runs
-//! independent jobs under a memory budget. Neither lets the number of threads reach a result.
+//! independent jobs under a memory budget. Neither lets the number of threads reach a result. A panic in
+//! the work becomes an error here (`guarded`), so that a fault of ours ends a run like any other failure.
 
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crossbeam::channel::bounded;
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, PoisonError};
+
+/// Runs `work`; a panic in it becomes `Error::Internal` with the panic's own words.
+///
+/// Whatever `work` was changing may be half changed: the caller must drop it, or know that it is append-only.
+pub fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+        let words = panic.downcast_ref::<&str>().map(|words| (*words).to_owned());
+        let words = words.or_else(|| panic.downcast_ref::<String>().cloned());
+        Err(Error::Internal(words.unwrap_or_else(|| "no message".to_owned())))
+    })
+}
 
 /// Blocks under way per thread in `in_order`; two keep a thread busy while the consumer works.
 const BLOCKS_PER_THREAD: usize = 2;
@@ -48,7 +59,8 @@ pub fn in_order<T: Default + Send>(
                         *next += 1;
                         (*next - 1, result)
                     };
-                    let outcome = progress.check().and_then(|()| produce(index, &mut result));
+                    let outcome =
+                        guarded(|| progress.check().and_then(|()| produce(index, &mut result)));
                     let failed = outcome.is_err();
                     if send.send((index, result, outcome)).is_err() || failed {
                         return;
@@ -88,7 +100,7 @@ pub fn in_order<T: Default + Send>(
 }
 
 fn worker_died() -> Error {
-    Error::NoMemory("a worker thread died; run the same command to continue".to_owned())
+    Error::Internal("a worker thread ended without a word".to_owned())
 }
 
 /// One job of `largest_first`.
@@ -124,7 +136,6 @@ pub fn largest_first(
         Mutex::new(Queue { waiting: jobs, free_bytes: budget_bytes, running: 0, failed: None });
     let changed = Condvar::new();
     let lock = || queue.lock().unwrap_or_else(PoisonError::into_inner);
-    let panics = AtomicU64::new(0);
     let worker = || {
         loop {
             let job = {
@@ -145,21 +156,12 @@ pub fn largest_first(
                     queue = changed.wait(queue).unwrap_or_else(PoisonError::into_inner);
                 }
             };
-            let run = || progress.check().and_then(|()| work(job.item));
-            // A panic is our own fault, but it must not leave the other workers waiting for ever.
-            let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(run));
+            let outcome = guarded(|| progress.check().and_then(|()| work(job.item)));
             let mut queue = lock();
             queue.running -= 1;
             queue.free_bytes = (queue.free_bytes + job.bytes).min(budget_bytes);
-            match outcome {
-                Ok(Ok(())) => {}
-                Ok(Err(error)) => {
-                    queue.failed.get_or_insert(error);
-                }
-                Err(_) => {
-                    panics.fetch_add(1, Ordering::Relaxed);
-                    queue.failed.get_or_insert_with(worker_died);
-                }
+            if let Err(error) = outcome {
+                queue.failed.get_or_insert(error);
             }
             drop(queue);
             changed.notify_all();
@@ -179,6 +181,7 @@ pub fn largest_first(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::{AtomicU64, Ordering};
 
     #[test]
     fn blocks_arrive_in_order_whatever_the_threads() {
@@ -228,5 +231,35 @@ mod tests {
         .unwrap();
         assert_eq!(done.into_inner(), 50);
         assert!(most.into_inner() <= 33);
+    }
+
+    /// Panics at 13, for every number of threads and in either half of the work.
+    #[test]
+    fn a_panic_is_an_error_with_its_words() {
+        let fall = |i: u64| assert!(i != 13, "number {i} falls");
+        let told = |outcome: Result<()>| {
+            let error = outcome.unwrap_err();
+            assert_eq!(error.exit_code(), 9);
+            assert!(error.to_string().contains("number 13 falls"), "{error}");
+        };
+        let progress = Progress::default();
+        for threads in [1, 2, 5] {
+            let ok = |_: u64, _: &mut ()| Ok(());
+            let produce = |i: u64, _: &mut ()| {
+                fall(i);
+                Ok(())
+            };
+            told(in_order(1000, threads, &progress, produce, ok));
+            let consume = |i: u64, _: &mut ()| {
+                fall(i);
+                Ok(())
+            };
+            told(guarded(|| in_order(1000, threads, &progress, ok, consume)));
+            let jobs = (0..50).map(|item| Weighted { item, bytes: 1 }).collect();
+            told(largest_first(jobs, threads, 3, &progress, |item| {
+                fall(item as u64);
+                Ok(())
+            }));
+        }
     }
 }

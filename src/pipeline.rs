@@ -7,12 +7,14 @@
 use crate::cells::{
     CellStore, Dropped, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout,
 };
-use crate::config::{Config, Until};
+use crate::config::{Config, Target, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::formats::{OutputKind, StageOptions, texture_at_vertices};
+use crate::identity::{input_marks, unchanged};
 use crate::job::{self, Identity, Job};
 use crate::kernel;
+use crate::parallel::guarded;
 use crate::partition::{self, Partition};
 use crate::plan::{Plan, folder_of};
 use crate::ply::{MeshSource, OutputHeader, Place, ReadOptions};
@@ -23,14 +25,12 @@ use crate::simplify::{self, Goal};
 use crate::stitch::{self, Parts, Step};
 use crate::summary::{InputReport, OutputReport, RunReport, SeamReport, StageReport};
 use crate::verify;
+use crate::within;
 use crate::write::{self, Written};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::os::unix::fs::FileExt;
-use std::path::Path;
-use std::time::{Instant, UNIX_EPOCH};
+use std::time::Instant;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// An input that has been opened and planned for; nothing has been written yet.
@@ -40,6 +40,8 @@ pub struct Prepared {
     pub source: MeshSource,
     /// What the run will do and need.
     pub plan: Plan,
+    /// By what the input is known again; taken before it was opened.
+    pub marks: BTreeMap<String, String>,
 }
 
 /// Opens the input and plans the run. What is no plain PLY file is first unpacked beside the output.
@@ -48,22 +50,23 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     if config.verify {
         verify::refuse_unreadable(config)?;
     }
+    let marks = input_marks(&config.input)?;
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
     let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
-    let source = MeshSource::open_staged(&config.input, &stage)?;
-    let source = match config.drop_texture {
-        true => source,
-        false => {
-            let source = texture_at_vertices(source, &stage)?;
-            source.require_no_texture()?;
-            source
+    let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
+        if config.drop_texture {
+            return Ok(source);
         }
-    };
+        let source = texture_at_vertices(source, &stage)?;
+        source.require_no_texture()?;
+        Ok(source)
+    });
+    let source = unchanged(&config.input, &marks, source)?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     config.attributes.weights.check(&codec.meanings(source.schema()))?;
     let plan = Plan::new(&source, config)?;
     plan.check_disk(config)?;
-    Ok(Prepared { source, plan })
+    Ok(Prepared { source, plan, marks })
 }
 
 /// Simplifies `config.input` into `config.output`; `None` when `--until` ended the run early.
@@ -72,23 +75,38 @@ pub fn simplify(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
+    if let Target::MaxError(bound) = config.target {
+        return within::simplify(bound, prepared, config, progress);
+    }
     simplify_on(&Disk::default(), prepared, config, progress)
 }
 
-/// The same through a given disk, so that a test can make it fail.
+/// The same through a given disk, so that a test can make it fail. A panic on the way becomes an error.
 pub fn simplify_on(
     disk: &Disk,
     prepared: Prepared,
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
+    progress.set_resumable(true);
+    let outcome = guarded(|| run_stages(disk, prepared, config, progress));
+    progress.set_resumable(false);
+    outcome
+}
+
+fn run_stages(
+    disk: &Disk,
+    prepared: Prepared,
+    config: &Config,
+    progress: &Progress,
+) -> Result<Option<RunReport>> {
     let started = Instant::now();
-    let Prepared { source, plan } = prepared;
-    let identity = identity(&source, config)?;
+    let Prepared { source, plan, marks } = prepared;
+    let identity = identity(&source, &marks, config);
     let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
     let mut stages = Stages::new(config, &plan, &job, progress, &source);
 
-    let partition = stages.partition(&source, &identity.input_marks)?;
+    let partition = stages.partition(&source, &marks)?;
     if config.until == Some(Until::Partition) {
         return Ok(None);
     }
@@ -167,6 +185,7 @@ impl<'a> Stages<'a> {
                 progress,
                 threads: config.threads.get(),
                 memory_bytes: plan.usable_memory_bytes,
+                checkpoint_every: config.checkpoint_every,
             },
             config,
             layout: VertexLayout::for_kernel(
@@ -235,12 +254,9 @@ impl<'a> Stages<'a> {
             n,
             |p: &Partition| p.store.triangles,
             |run| {
-                let partition = partition::partition(source, size, run)?;
                 // Nothing reads the input after this.
-                match identity(source, config)?.input_marks == *marks {
-                    true => Ok(partition),
-                    false => Err(Error::bad_input(&config.input, CHANGED)),
-                }
+                let outcome = guarded(|| partition::partition(source, size, run));
+                unchanged(&config.input, marks, outcome)
             },
         )?;
         if let Some(report) = self.reports.last_mut() {
@@ -455,6 +471,7 @@ impl<'a> Stages<'a> {
             stop_reason: if met { "target" } else { "nothing legal left to collapse" }.to_owned(),
             measured: None,
             stages: self.reports.clone(),
+            max_error: None,
         }
     }
 }
@@ -480,7 +497,7 @@ fn confined(source: &MeshSource, config: &Config) -> Vec<bool> {
 }
 
 /// Recorded before the output is written: an output that is found later may be this job's own.
-const WRITING: &str = "writing";
+pub(crate) const WRITING: &str = "writing";
 
 /// The writer itself compares: a run that died between its rename and its end has left the same bytes.
 fn refuse_to_overwrite(config: &Config) -> Result<()> {
@@ -499,6 +516,7 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("target".to_owned(), format!("{:?}", config.target)),
         ("cell-triangles".to_owned(), config.cell_triangles.to_string()),
         ("skip-bad".to_owned(), config.skip_bad.to_string()),
+        ("placement".to_owned(), format!("{:?}", config.kernel.placement).to_lowercase()),
         ("weight".to_owned(), config.attributes.weights.to_string()),
         ("label".to_owned(), config.attributes.labels.join(",")),
         ("topology".to_owned(), format!("{:?}", config.kernel.topology).to_lowercase()),
@@ -506,41 +524,16 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
     ])
 }
 
-/// An input that is not the same file after its last reading as before the first.
-const CHANGED: &str = "was changed during the run; run again with --restart once it stays as it is";
-
 /// What the job's files are only valid for.
-fn identity(source: &MeshSource, config: &Config) -> Result<Identity> {
-    let mut marks = BTreeMap::from([
-        ("vertices".to_owned(), source.n_vertices().to_string()),
-        ("faces".to_owned(), source.n_faces().to_string()),
-    ]);
-    let path = &config.input;
-    // Standard input has no marks of its own; its counts have to do.
-    if path != Path::new("-") {
-        let file = File::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
-        let meta = file.metadata().map_err(|e| Error::io(path, "cannot stat", e))?;
-        let mtime = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
-        let mtime = mtime.map_or_else(|| "unknown".to_owned(), |t| t.as_nanos().to_string());
-        let samples =
-            sample_checksum(&file, meta.len()).map_err(|e| Error::io(path, "cannot read", e))?;
-        marks.insert("bytes".to_owned(), meta.len().to_string());
-        marks.insert("mtime".to_owned(), mtime);
-        marks.insert("checksum of samples".to_owned(), format!("{samples:016x}"));
-    }
-    let input = std::path::absolute(path).unwrap_or_else(|_| path.clone());
+pub(crate) fn identity(
+    source: &MeshSource,
+    marks: &BTreeMap<String, String>,
+    config: &Config,
+) -> Identity {
+    let mut marks = marks.clone();
+    marks.insert("vertices".to_owned(), source.n_vertices().to_string());
+    marks.insert("faces".to_owned(), source.n_faces().to_string());
+    let input = std::path::absolute(&config.input).unwrap_or_else(|_| config.input.clone());
     let input = input.display().to_string();
-    Ok(Identity { input, input_marks: marks, settings: settings(config) })
-}
-
-/// xxh3 over the first 64 KiB and 64 pages evenly spread over the file.
-fn sample_checksum(file: &File, bytes: u64) -> std::io::Result<u64> {
-    let mut hasher = xxhash_rust::xxh3::Xxh3::new();
-    let mut page = vec![0; 65_536];
-    for i in 0..=64u64 {
-        let wanted = if i == 0 { 65_536 } else { 4096 };
-        let n = file.read_at(&mut page[..wanted], bytes.saturating_sub(4096) / 64 * i)?;
-        hasher.update(&page[..n]);
-    }
-    Ok(hasher.digest())
+    Identity { input, input_marks: marks, settings: settings(config) }
 }

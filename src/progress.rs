@@ -4,7 +4,7 @@
 //! draws a bar, writes lines or JSON, or does nothing.
 
 use crate::error::{Error, Result};
-use std::sync::atomic::{AtomicI32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 /// Counters of the running stage and the request to stop; shared by all threads of a run.
@@ -13,6 +13,8 @@ pub struct Progress {
     stage: Mutex<Stage>,
     done: AtomicU64,
     stop_signal: AtomicI32,
+    /// Whether what runs may end at any moment without loss or litter.
+    is_resumable: AtomicBool,
 }
 
 /// The stage at work.
@@ -50,6 +52,17 @@ impl Progress {
     /// Asks every worker to stop at its next safe point.
     pub fn request_stop(&self, signal: i32) {
         self.stop_signal.store(signal, Ordering::Relaxed);
+    }
+
+    /// Says whether the process may be ended in the middle of what it does now: a resumable run loses nothing
+    /// by it, a scratch folder would be left behind.
+    pub fn set_resumable(&self, is_resumable: bool) {
+        self.is_resumable.store(is_resumable, Ordering::Relaxed);
+    }
+
+    /// Whether what runs may be ended at any moment.
+    pub fn is_resumable(&self) -> bool {
+        self.is_resumable.load(Ordering::Relaxed)
     }
 
     /// Fails once a stop was requested; workers call it between blocks and cells.

@@ -3,6 +3,10 @@
 use crate::disk::Disk;
 use crate::job::Job;
 use crate::progress::Progress;
+use std::time::Duration;
+
+/// How often, unless a test asks for more: what a death may cost stays well below a minute.
+pub const CHECKPOINT_EVERY: Duration = Duration::from_secs(30);
 
 /// The surroundings of a stage. None of it may reach a result.
 #[derive(Clone, Copy, Debug)]
@@ -15,6 +19,8 @@ pub struct Run<'a> {
     pub threads: usize,
     /// Memory that the stage may take, in bytes.
     pub memory_bytes: u64,
+    /// Progress within a stage is made durable so often.
+    pub checkpoint_every: Duration,
 }
 
 impl Run<'_> {

@@ -6,6 +6,7 @@
 use crate::cells::{CellStore, VertexLayout};
 use crate::disk::Disk;
 use crate::error::Result;
+use crate::identity::{input_marks, unchanged};
 use crate::job::{Identity, Job, SCRATCH_EXTENSION};
 use crate::partition::{Partition, partition};
 use crate::ply::MeshSource;
@@ -55,8 +56,16 @@ impl Scratch {
             };
             let job = Job::open(&folder, &disk, &identity, true)?;
             let Cutting { threads, memory_bytes, .. } = cutting;
-            let run = Run { job: &job, progress, threads, memory_bytes };
-            let partition = partition(source, cutting.cell_triangles, &run)?;
+            // Nothing here is resumed, so nothing need be durable on the way.
+            let checkpoint_every = std::time::Duration::MAX;
+            let run = Run { job: &job, progress, threads, memory_bytes, checkpoint_every };
+            // Standard input, and bytes in memory, have no marks.
+            let marks = input_marks(source.path());
+            let partition = partition(source, cutting.cell_triangles, &run);
+            let partition = match marks {
+                Ok(marks) => unchanged(source.path(), &marks, partition)?,
+                Err(_) => partition?,
+            };
             let layout = VertexLayout::new(source.schema(), source.n_vertices());
             let store = CellStore::open(&disk, &folder, partition.store.clone(), layout)?;
             Ok((store, partition))

@@ -5,13 +5,13 @@
 
 use crate::attributes;
 use crate::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors, load_bytes};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::kernel::{self, Options, Simplified, Stop};
 use crate::parallel::{Weighted, largest_first};
 use crate::run::Run;
 use serde::{Deserialize, Serialize};
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// The pilot takes every 16th cell, at least 4 and at most 48.
 const PILOT_SHARE: usize = 16;
@@ -25,9 +25,6 @@ const PILOT_LEVELS: i32 = 40;
 /// A cell on its way down takes one level for each fall of the count by this factor (KERNEL experiments:
 /// levels a factor of about 4 apart cost nothing in error).
 const LEVEL_FACTOR: f64 = 4.0;
-
-/// Finished cells become durable, and their sources free, at least so often.
-const SYNC_EVERY: Duration = Duration::from_secs(20);
 
 /// What one round of simplification should reach.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -176,7 +173,12 @@ fn pilot(store: &CellStore, goal: Goal, options: &Options, run: &Run) -> Result<
     if goal.triangles >= n_triangles {
         return Ok(Levels::default());
     }
-    let sample = pilot_cells(store.n_cells());
+    // Nearly empty cells, around a hub whose triangles lie in another, tell nothing.
+    let counts = || store.info().cells.iter().map(|cell| cell.triangles);
+    let enough = n_triangles / store.n_cells() as u64 / 8;
+    let telling: Vec<usize> =
+        counts().enumerate().filter(|&(_, n)| n > enough).map(|(cell, _)| cell).collect();
+    let sample: Vec<usize> = pilot_cells(telling.len()).into_iter().map(|i| telling[i]).collect();
     let ratio = goal.triangles as f64 / n_triangles as f64;
     let area = mean_area(&store.load_tidy(sample[0])?);
     let ladder: Vec<f64> =
@@ -309,20 +311,29 @@ fn run_cells_numbered(
     let outcome =
         largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
             let survivors = work(item, store.load_tidy(item)?);
-            let mut output = output.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut output = output.lock().map_err(half_written)?;
             output.writer.append(item, &survivors)?;
             output.unsynced.push(item);
             run.progress.add(store.info().cells[item].triangles);
-            if output.synced_at.elapsed() > SYNC_EVERY {
+            if output.synced_at.elapsed() >= run.checkpoint_every {
                 output.sync(store)?;
             }
             Ok(())
         });
-    let mut output = output.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let mut output = match output.into_inner() {
+        Ok(output) => output,
+        // The panic that poisoned it is the outcome.
+        Err(poisoned) => return Err(outcome.err().unwrap_or_else(|| half_written(poisoned))),
+    };
     // Also after a failure or a signal: what is done stays done.
     let synced = output.sync(store);
     outcome.and(synced)?;
     output.writer.finish(run.disk(), run.job.folder(), store.n_cells())
+}
+
+/// A panic within `append` may have left half a chunk: nothing may follow it, and no source be freed for it.
+fn half_written<T>(_: PoisonError<T>) -> Error {
+    Error::Internal("another worker fell while it wrote".to_owned())
 }
 
 impl Output {

@@ -98,4 +98,30 @@ pub struct RunReport {
     /// What `measure` says of input and output; only with `--verify`.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub measured: Option<Box<crate::compare::Report>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_error: Option<BoundReport>,
+}
+
+/// How a bound on the error was met.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct BoundReport {
+    /// As given, in input units.
+    pub bound: f64,
+    /// Largest two-sided distance between input and output, as `stonecut measure` finds it.
+    pub measured_max: Option<f64>,
+    /// The same for the root mean square.
+    pub measured_rms: Option<f64>,
+    /// Every run that was tried.
+    pub trials: Vec<TrialReport>,
+}
+
+/// One run on the way to a bound.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TrialReport {
+    /// Triangles it left.
+    pub triangles: u64,
+    /// Its measured maximum.
+    pub max: f64,
+    /// Wall time, without the measurement.
+    pub seconds: f64,
 }

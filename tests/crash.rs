@@ -5,8 +5,9 @@
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
 use std::path::Path;
+use std::time::Duration;
 use stonecut::Result;
-use stonecut::config::{Attributes, Config, Target};
+use stonecut::config::{Attributes, Config, Target, Until};
 use stonecut::disk::{Disk, Loss};
 use stonecut::pipeline;
 use stonecut::progress::Progress;
@@ -29,6 +30,7 @@ fn config(folder: &Path, target: u64) -> Config {
         format: Default::default(),
         skip_bad: false,
         drop_texture: false,
+        checkpoint_every: stonecut::run::CHECKPOINT_EVERY,
         attributes: Attributes::default(),
         kernel: Default::default(),
     }
@@ -82,6 +84,38 @@ fn input(folder: &Path, triangles: u32) {
 /// Triangles in and out: one round and the finish; two rounds, the second exact; the finish alone.
 const JOBS: [(u32, u64); 3] = [(6000, 400), (8500, 4400), (3000, 300)];
 
+/// Three blocks of vertices and three of faces, most of them unused or degenerate; a checkpoint after each.
+const LONG_JOB: (u32, u64) = (0, 3000);
+
+/// A sheet of 60 x 60 squares with its vertices and faces spread over `LONG_JOB`'s blocks.
+fn long_input(folder: &Path) {
+    let (n, n_vertices, n_faces) = (60u32, 140_000u32, 144_000u32);
+    let mut bytes = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {n_vertices}\nproperty float x\nproperty float y\n\
+         property float z\nelement face {n_faces}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    .into_bytes();
+    let id = |x: u32, y: u32| (y * (n + 1) + x) * 37;
+    for v in 0..n_vertices {
+        let (x, y) = ((v / 37) % (n + 1), v / 37 / (n + 1));
+        let z = (x as f32 * 0.7).sin() + (x * y % 7) as f32 * 0.01;
+        [x as f32, y as f32, z].iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+    }
+    for face in 0..n_faces {
+        let (square, is_upper) = (face / 40, face % 40 == 20);
+        let (x, y) = (square % n, square / n);
+        let (a, b, c, d) = (id(x, y), id(x + 1, y), id(x, y + 1), id(x + 1, y + 1));
+        let corners = match face % 20 {
+            0 if is_upper => [b, d, c],
+            0 => [a, b, c],
+            _ => [a, a, b],
+        };
+        bytes.push(3);
+        corners.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+    }
+    std::fs::write(folder.join("in.ply"), bytes).unwrap();
+}
+
 struct Bench {
     folder: tempfile::TempDir,
     config: Config,
@@ -90,10 +124,20 @@ struct Bench {
     changes: u64,
 }
 
-fn bench((triangles, target): (u32, u64)) -> Bench {
+fn bench(job: (u32, u64)) -> Bench {
+    bench_with(job, stonecut::run::CHECKPOINT_EVERY)
+}
+
+fn bench_with((triangles, target): (u32, u64), checkpoint_every: Duration) -> Bench {
     let folder = folder();
-    input(folder.path(), triangles);
-    let config = config(folder.path(), target);
+    let mut config = Config { checkpoint_every, ..config(folder.path(), target) };
+    match triangles {
+        0 => {
+            long_input(folder.path());
+            config.cell_triangles = 20_000;
+        }
+        _ => input(folder.path(), triangles),
+    }
     let disk = Disk::for_crash_tests();
     simplify(&disk, &config).unwrap();
     let reference = std::fs::read(&config.output).unwrap();
@@ -170,6 +214,58 @@ fn a_death_between_any_two_changes_costs_nothing() {
     }
 }
 
+/// Deaths within the passes of the partition, with a checkpoint after every block; runs with and without
+/// checkpoints give the same bytes.
+#[test]
+fn a_death_between_checkpoints_costs_nothing() {
+    for (job, step) in [(JOBS[1], 3), (LONG_JOB, 5)] {
+        let without = bench(job);
+        let bench = bench_with(job, Duration::ZERO);
+        assert!(bench.reference == without.reference, "checkpoints change the result");
+        assert!(bench.changes > without.changes + 5, "{} {}", bench.changes, without.changes);
+        let mut taken_up = 0;
+        for k in (1..=bench.changes + 1).step_by(step) {
+            for loss in [Loss::Nothing, Loss::Unsynced, Loss::UnsyncedData] {
+                let what = format!("{job:?}, death at change {k} of {}, {loss:?}", bench.changes);
+                let disk = Disk::for_crash_tests();
+                disk.freeze_at(k);
+                let _ = simplify(&disk, &bench.config);
+                disk.lose(loss).unwrap();
+                bench.output_is_absent_or_whole(&what);
+                let manifest = bench.config.job_folder.join("manifest.jsonl");
+                let manifest = std::fs::read_to_string(manifest).unwrap_or_default();
+                taken_up += usize::from(manifest.contains("partition so far"));
+                bench.rerun(&what);
+            }
+        }
+        assert!(taken_up > 20, "{taken_up}");
+    }
+}
+
+/// What a run reads again after a death within the partition: not what lies before the checkpoint.
+#[test]
+fn a_checkpoint_is_taken_up() {
+    let bench = bench_with(LONG_JOB, Duration::ZERO);
+    let written = |freeze_at: u64| {
+        let disk = Disk::for_crash_tests();
+        disk.freeze_at(freeze_at);
+        let _ = simplify(&disk, &Config { until: Some(Until::Partition), ..bench.config.clone() });
+        disk.bytes_written()
+    };
+    let whole = written(0);
+    let _ = std::fs::remove_dir_all(&bench.config.job_folder);
+    let mut most = 0;
+    for k in (10..bench.changes).step_by(4) {
+        let first = written(k);
+        let second = written(0);
+        if second > 0 {
+            most = most.max((first + second) * 100 / whole);
+        }
+        let _ = std::fs::remove_dir_all(&bench.config.job_folder);
+    }
+    assert!(most < 150, "a death and a rerun write {most} % of an undisturbed run");
+}
+
 #[test]
 fn deaths_one_after_the_other_cost_nothing() {
     let bench = bench(JOBS[1]);
@@ -190,4 +286,95 @@ fn deaths_one_after_the_other_cost_nothing() {
         bench.rerun(&what);
     }
     assert!(k > 0);
+}
+
+/// A panic in whatever thread is an error of its own class; what was sealed before it is used again.
+#[test]
+fn a_panic_at_any_operation_costs_nothing() {
+    // Injected panics are told once, not some thousand times.
+    let tell = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        if !panic.to_string().contains("injected fault") {
+            tell(panic);
+        }
+    }));
+    for (job, threads) in [(JOBS[0], 1), (JOBS[1], 1), (JOBS[1], 2), (JOBS[2], 1)] {
+        let mut bench = bench(job);
+        bench.config.threads = std::num::NonZeroUsize::new(threads).unwrap();
+        for k in 1..=bench.operations + 2 {
+            let what = format!("{job:?}, a panic at operation {k} of {}", bench.operations);
+            let disk = Disk::for_crash_tests();
+            disk.watch(move |operation| assert!(operation != k, "injected fault at {k}"));
+            let outcome = simplify(&disk, &bench.config);
+            let is_there = bench.output_is_absent_or_whole(&what);
+            if let Err(error) = outcome {
+                assert_eq!(error.exit_code(), 9, "{what}: {error}");
+                assert!(error.to_string().contains("injected fault"), "{what}: {error}");
+            } else {
+                assert!(is_there, "{what}: success without output");
+            }
+            disk.lose(Loss::Unsynced).unwrap();
+            bench.rerun(&what);
+        }
+    }
+}
+
+/// What another program may do to the input while it is read.
+const CHANGES: [fn(&Path); 4] = [
+    |input| std::fs::File::options().write(true).open(input).unwrap().set_len(90_000).unwrap(),
+    |input| overwrite(input, b"ply\nformat ascii 1.0\n", 0),
+    |input| overwrite(input, &[0x7f; 64], 100_000),
+    |input| {
+        let other = input.with_file_name("other.ply");
+        std::fs::copy(input, &other).unwrap();
+        overwrite(&other, &[0; 16], 50_000);
+        std::fs::rename(other, input).unwrap();
+    },
+];
+
+fn overwrite(path: &Path, bytes: &[u8], at: u64) {
+    use std::os::unix::fs::FileExt;
+    std::fs::File::options().write(true).open(path).unwrap().write_all_at(bytes, at).unwrap();
+}
+
+/// The partition is the only stage that reads the input; after it a change no longer matters to the run.
+#[test]
+fn an_input_that_changes_while_it_is_read_is_named() {
+    let bench = bench(JOBS[1]);
+    let input = bench.config.input.clone();
+    let sound = std::fs::read(&input).unwrap();
+    for change in CHANGES {
+        let mut refused = 0;
+        for k in (1..=bench.operations).step_by(3) {
+            // So that a change is later than the file's making by the clock's granularity, too.
+            std::fs::write(&input, &sound).unwrap();
+            let prepared = pipeline::prepare(&bench.config).unwrap();
+            let disk = Disk::for_crash_tests();
+            let path = input.clone();
+            disk.watch(move |operation| {
+                if operation == k {
+                    change(&path);
+                }
+            });
+            let outcome =
+                pipeline::simplify_on(&disk, prepared, &bench.config, &Progress::default());
+            match outcome {
+                Ok(_) => {
+                    assert!(bench.output_is_absent_or_whole("a later change"));
+                    std::fs::remove_file(&bench.config.output).unwrap();
+                }
+                Err(error) => {
+                    refused += 1;
+                    assert_eq!(error.exit_code(), 4, "{error}");
+                    let said = error.to_string();
+                    assert!(said.contains("in.ply") && said.contains("changed during"), "{said}");
+                    assert!(!bench.config.output.exists());
+                    let error = simplify(&Disk::for_crash_tests(), &bench.config).unwrap_err();
+                    assert!([4, 8].contains(&error.exit_code()), "{error}");
+                    std::fs::remove_dir_all(&bench.config.job_folder).unwrap();
+                }
+            }
+        }
+        assert!(refused > 2, "{refused}");
+    }
 }

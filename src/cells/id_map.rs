@@ -51,9 +51,10 @@ impl IdMap {
     fn probe(&self, id: u64, ids: &[u64]) -> usize {
         // Fibonacci hashing spreads runs of ids, the common case, over the whole table; eight neighbours stay
         // together, in one cache line, since whoever asks for one asks for the next.
-        let spread = (id / GROUP).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> self.shift & !(GROUP - 1);
+        let spread = (id / GROUP).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> self.shift;
+        let spread = spread & !(GROUP - 1);
         let mask = self.slots.len() - 1;
-        let mut at = (spread | id % GROUP) as usize & mask;
+        let mut at = (spread | (id % GROUP)) as usize & mask;
         while self.slots[at] != EMPTY && ids[self.slots[at] as usize] != id {
             at = (at + 1) & mask;
         }

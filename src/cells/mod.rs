@@ -5,6 +5,7 @@
 mod id_map;
 mod pack;
 mod scatter;
+mod split;
 mod store;
 mod survivors;
 mod tidy;
@@ -13,6 +14,7 @@ mod tree;
 pub use id_map::IdMap;
 pub use pack::{Pack, PackWriter};
 pub use scatter::Scatter;
+pub use split::split_overfull;
 pub use store::{CellMesh, CellStore, CellTally, StoreInfo, VertexLayout, load_bytes};
 pub use survivors::{SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors};
 pub use tidy::Dropped;

@@ -54,6 +54,22 @@ impl PackWriter {
         Ok(PackWriter::at_end_of(file, chunks))
     }
 
+    /// Continues a pack of which `bytes` were synced by a checkpoint; what lies behind them is cut off.
+    ///
+    /// Payloads are not read again here: whoever reads a chunk checks it. Errors: `Corrupt` if the chunks do
+    /// not end at `bytes`.
+    pub fn continue_at(disk: &Disk, path: &Path, bytes: u64) -> Result<PackWriter> {
+        let (mut chunks, _) = scan(&disk.open(path)?)?;
+        chunks.retain(|chunk| chunk.offset + chunk.bytes <= bytes);
+        let end = chunks.last().map_or(PACK_HEADER_BYTES, |chunk| chunk.offset + chunk.bytes);
+        if end != bytes {
+            return Err(Error::corrupt(path, format!("has no chunk that ends at byte {bytes}")));
+        }
+        let file = disk.open_append(path, bytes)?;
+        disk.adopt(bytes);
+        Ok(PackWriter::at_end_of(file, chunks))
+    }
+
     fn at_end_of(file: DiskFile, chunks: Vec<Chunk>) -> PackWriter {
         PackWriter { file, pending: Vec::with_capacity(WRITE_BYTES * 2), chunks, is_broken: false }
     }
@@ -74,7 +90,9 @@ impl PackWriter {
         if self.pending.len() >= WRITE_BYTES { self.flush() } else { Ok(()) }
     }
 
-    fn flush(&mut self) -> Result<()> {
+    /// Hands everything pending to the system: a death of the process no longer loses it, one of the machine
+    /// may.
+    pub fn flush(&mut self) -> Result<()> {
         if self.is_broken {
             let what = "an earlier write failed; run the same command to continue";
             let cause = std::io::Error::other(what);
@@ -142,14 +160,30 @@ impl Pack {
             return Err(Error::corrupt(file.path(), what));
         }
         chunks.sort_by_key(|chunk| (chunk.cell, chunk.offset));
+        let first = Self::index(&chunks, n_cells);
+        Ok(Pack { file, chunks, first })
+    }
+
+    /// Leaves out the chunks of some cells (ascending) that lie before a place in the pack.
+    pub fn forget(mut self, cells: &[u32], before: u64) -> Pack {
+        if !cells.is_empty() {
+            self.chunks.retain(|chunk| {
+                chunk.offset >= before || cells.binary_search(&chunk.cell).is_err()
+            });
+            self.first = Self::index(&self.chunks, self.first.len() as u32 - 1);
+        }
+        self
+    }
+
+    fn index(chunks: &[Chunk], n_cells: u32) -> Vec<u32> {
         let mut first = vec![0u32; n_cells as usize + 1];
-        for chunk in &chunks {
+        for chunk in chunks {
             first[chunk.cell as usize + 1] += 1;
         }
         for cell in 0..n_cells as usize {
             first[cell + 1] += first[cell];
         }
-        Ok(Pack { file, chunks, first })
+        first
     }
 
     /// The chunks of one cell, in the order they were written.

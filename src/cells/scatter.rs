@@ -49,14 +49,20 @@ impl Scatter {
         Ok(())
     }
 
-    /// Writes out what is left, cell by cell.
-    pub fn finish(self, pack: &mut PackWriter) -> Result<()> {
-        for (cell, buffer) in self.buffers.iter().enumerate() {
+    /// Writes out what is left, cell by cell; the buffers can be filled again.
+    pub fn flush(&mut self, pack: &mut PackWriter) -> Result<()> {
+        for (cell, buffer) in self.buffers.iter_mut().enumerate() {
             if !buffer.is_empty() {
                 pack.append(cell as u32, self.kind, buffer)?;
+                buffer.clear();
             }
         }
         Ok(())
+    }
+
+    /// Writes out what is left, cell by cell.
+    pub fn finish(mut self, pack: &mut PackWriter) -> Result<()> {
+        self.flush(pack)
     }
 }
 

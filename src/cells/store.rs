@@ -39,6 +39,12 @@ pub struct StoreInfo {
     pub triangles: u64,
     /// Whether vertex rows carry kernel channels behind the record (all rounds but the first).
     pub has_channels: bool,
+    /// Cells that were split: their chunks before `split_at` count no more.
+    #[serde(default)]
+    pub split: Vec<u32>,
+    /// Where in the pack the chunks of split cells begin.
+    #[serde(default)]
+    pub split_at: u64,
 }
 
 /// How vertex rows of a store are laid out: id, record as read, and in later rounds the kernel channels.
@@ -130,7 +136,8 @@ impl CellStore {
         layout: VertexLayout,
     ) -> Result<CellStore> {
         let pack =
-            Pack::open(disk, &folder.join(&info.pack), info.cells.len() as u32, info.pack_bytes)?;
+            Pack::open(disk, &folder.join(&info.pack), info.cells.len() as u32, info.pack_bytes)?
+                .forget(&info.split, info.split_at);
         Ok(CellStore { info, layout, pack })
     }
 
@@ -206,7 +213,7 @@ impl CellStore {
                         out.shared[find(row)? as usize] = true;
                     }
                 }
-                ChunkKind::Vertices | ChunkKind::Survivors => {}
+                ChunkKind::Vertices | ChunkKind::Survivors | ChunkKind::Foreign => {}
             }
         }
         Ok(out)

@@ -207,7 +207,8 @@ impl SurvivorWriter {
 
     /// Appends one cell.
     pub fn append(&mut self, cell: usize, survivors: &Survivors) -> Result<()> {
-        self.pack.append(cell as u32, ChunkKind::Survivors, &survivors.encode(&self.layout))
+        self.pack.append(cell as u32, ChunkKind::Survivors, &survivors.encode(&self.layout))?;
+        self.pack.flush()
     }
 
     /// Makes the cells appended so far durable.

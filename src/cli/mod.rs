@@ -13,6 +13,7 @@ pub mod synth;
 
 use crate::error::Error;
 use crate::formats::StageOptions;
+use crate::parallel::guarded;
 use crate::ply::MeshSource;
 use crate::progress::Progress;
 use clap::Parser;
@@ -28,7 +29,7 @@ pub const EXIT_SHORT: u8 = 3;
 ///
 /// Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but short of the target; 4 bad input; 5 no disk
 /// space; 6 not enough memory; 7 another run holds the job; 8 the job belongs to other settings;
-/// 130, 143 stopped by SIGINT, SIGTERM.
+/// 9 internal fault, state kept; 10 the disk takes no files or fails; 130, 143 stopped by SIGINT, SIGTERM.
 #[derive(Debug, Parser)]
 #[command(name = "stonecut", version)]
 struct Typed {
@@ -87,7 +88,7 @@ pub fn main() -> u8 {
     if let Err(error) = listen_to_signals(&progress) {
         return complain(&mut log, &error);
     }
-    dispatch(&typed.command, &typed.talk, &progress, &mut log)
+    guarded(|| dispatch(&typed.command, &typed.talk, &progress, &mut log))
         .unwrap_or_else(|error| complain(&mut log, &error))
 }
 
@@ -116,8 +117,12 @@ fn complain(log: &mut dyn Write, error: &Error) -> u8 {
     error.exit_code()
 }
 
+/// How long the workers of a resumable run have to reach the end of a block or cell after a signal.
+const GRACE: std::time::Duration = std::time::Duration::from_millis(500);
+
 /// The first SIGINT or SIGTERM asks the workers to stop; the second ends the process at once, which loses
-/// nothing either: whatever is sealed stays sealed.
+/// nothing either: whatever is sealed stays sealed. So does `GRACE` after the first, where a run can be
+/// resumed: a large cell, a finish or a slow disk would hold it up for longer than anybody waits.
 fn listen_to_signals(progress: &Arc<Progress>) -> crate::Result<()> {
     let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM])
         .map_err(|e| Error::io(".", "cannot listen to signals", e))?;
@@ -130,6 +135,14 @@ fn listen_to_signals(progress: &Arc<Progress>) -> crate::Result<()> {
             }
             is_first = false;
             progress.request_stop(signal);
+            let progress = Arc::clone(&progress);
+            std::thread::spawn(move || {
+                std::thread::sleep(GRACE);
+                if progress.is_resumable() {
+                    complain(&mut std::io::stderr(), &Error::Interrupted { signal });
+                    signal_hook::low_level::exit(128 + signal);
+                }
+            });
         }
     });
     Ok(())

@@ -12,7 +12,7 @@ use crate::memory::cores;
 use crate::pipeline;
 use crate::plan::folder_of;
 use crate::progress::Progress;
-use crate::summary::RunReport;
+use crate::summary::{BoundReport, RunReport};
 use crate::units::{parse_count, parse_ratio, show_bytes, show_count};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -76,6 +76,9 @@ pub struct Args {
     /// where at most 5 % of the triangles are left.
     #[arg(long, value_enum, value_name = "WHEN", default_value = "auto")]
     fit: TypedFit,
+    /// Where the vertex goes that survives a collapse: optimal, subset (only vertices of the input) or midpoint.
+    #[arg(long, value_enum, value_name = "PLACE", default_value = "optimal")]
+    placement: TypedPlacement,
     /// Print the plan and stop.
     #[arg(long)]
     dry_run: bool,
@@ -110,6 +113,17 @@ enum TypedFit {
     Auto,
 }
 
+/// The choices of `--placement`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum TypedPlacement {
+    /// Where the error is least, the volume preserved.
+    Optimal,
+    /// At an end of the edge.
+    Subset,
+    /// In the middle of the edge.
+    Midpoint,
+}
+
 #[derive(Clone, Debug, clap::Args)]
 #[group(required = true, multiple = false)]
 struct TypedTarget {
@@ -119,16 +133,25 @@ struct TypedTarget {
     /// Share of the input's triangles: 1% or 0.01.
     #[arg(long, value_name = "R", value_parser = parse_ratio)]
     ratio: Option<f64>,
+    /// Largest deviation either way, in input units, as `stonecut measure` finds it; as few triangles as
+    /// that allows. Takes several runs.
+    #[arg(long, value_name = "E", value_parser = parse_length)]
+    max_error: Option<f64>,
+}
+
+fn parse_length(text: &str) -> std::result::Result<f64, String> {
+    let length = text.parse().ok().filter(|x: &f64| x.is_finite() && *x >= 0.0);
+    length.ok_or_else(|| "a length in input units, not negative: 0.2".to_owned())
 }
 
 impl Args {
     /// What was typed becomes what was decided.
     pub fn config(&self) -> Result<Config> {
-        let target = match (self.target.triangles, self.target.ratio) {
-            (Some(count), _) => Target::Triangles(count),
-            (None, Some(ratio)) => Target::Ratio(ratio),
-            (None, None) => return Err(Error::Usage("give --triangles or --ratio".to_owned())),
-        };
+        let TypedTarget { triangles, ratio, max_error } = self.target;
+        let target = (triangles.map(Target::Triangles))
+            .or(ratio.map(Target::Ratio))
+            .or(max_error.map(Target::MaxError))
+            .ok_or_else(|| Error::Usage("give --triangles, --ratio or --max-error".to_owned()))?;
         if self.cell_triangles < 1000 {
             let what = "--cell-triangles below 1000 leaves cells that are nothing but seam";
             return Err(Error::Usage(what.to_owned()));
@@ -157,6 +180,7 @@ impl Args {
             format: self.format,
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
+            checkpoint_every: crate::run::CHECKPOINT_EVERY,
             attributes: Attributes { weights: self.weight.clone(), labels: self.label.clone() },
             kernel: kernel::Options {
                 topology: match self.topology {
@@ -167,6 +191,11 @@ impl Args {
                     TypedFit::On => kernel::Fit::On,
                     TypedFit::Off => kernel::Fit::Off,
                     TypedFit::Auto => kernel::Fit::Auto,
+                },
+                placement: match self.placement {
+                    TypedPlacement::Optimal => kernel::Placement::Optimal,
+                    TypedPlacement::Subset => kernel::Placement::Subset,
+                    TypedPlacement::Midpoint => kernel::Placement::Midpoint,
                 },
                 ..kernel::Options::default()
             },
@@ -253,7 +282,13 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     if let Some(measured) = &report.measured {
         super::measure::table(measured).lines().for_each(|line| log.say(line));
     }
-    if !report.target_met {
+    if let Some(BoundReport { bound, measured_max: Some(max), trials, .. }) = &report.max_error {
+        let n = trials.len();
+        log.say(format!("deviates by at most {max:.4e}, measured; the bound is {bound}; {n} runs"));
+    }
+    if report.max_error.is_some() && !report.target_met {
+        log.say(report.stop_reason.clone());
+    } else if !report.target_met {
         log.say(format!(
             "short of the target of {} triangles: {}",
             report.target, report.stop_reason

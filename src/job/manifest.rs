@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -16,7 +17,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub const FILE_NAME: &str = "manifest.jsonl";
 
 /// Version of everything in a job folder; another version is refused.
-const FORMAT_VERSION: u32 = 1;
+const FORMAT_VERSION: u32 = 2;
 
 /// What a job's files are only valid for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -137,10 +138,32 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(BTreeMap<String, serde_json::Valu
                 format!("the line at byte {valid} is damaged; run again with --restart"),
             ));
         };
+        if let Some(name) = foreign_name(&record.outcome) {
+            return Err(Error::corrupt(
+                path,
+                format!(
+                    "the record of '{}' names the file {name:?}, which is no file of a job folder",
+                    record.name
+                ),
+            ));
+        }
         outcomes.insert(record.name, record.outcome);
         valid += length + 1;
     }
     Ok((outcomes, valid as u64))
+}
+
+/// A pack's name that is not just a name: joined to the job folder it would lead out of it.
+fn foreign_name(value: &serde_json::Value) -> Option<&str> {
+    match value {
+        serde_json::Value::Object(fields) => fields.iter().find_map(|(key, value)| {
+            let name = value.as_str().filter(|_| key == "pack");
+            name.filter(|name| Path::new(name).file_name() != Some(OsStr::new(name)))
+                .or_else(|| foreign_name(value))
+        }),
+        serde_json::Value::Array(values) => values.iter().find_map(foreign_name),
+        _ => None,
+    }
 }
 
 fn parse_line(line: &[u8]) -> Option<Line> {
@@ -229,5 +252,21 @@ mod tests {
         Manifest::open(folder.path(), &disk, &identity("5")).unwrap();
         let error = Manifest::open(folder.path(), &disk, &identity("6")).unwrap_err();
         assert!(error.to_string().contains("cell-triangles 5 instead of 6"), "{error}");
+    }
+
+    #[test]
+    fn no_record_leads_out_of_the_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let disk = Disk::default();
+        let mut manifest = Manifest::open(folder.path(), &disk, &identity("5")).unwrap();
+        manifest.record("round 0", &[serde_json::json!({"pack": "round-0.cells"})]).unwrap();
+        let again = || Manifest::open(folder.path(), &disk, &identity("5"));
+        assert!(again().is_ok());
+        for name in ["../in.ply", "/etc/passwd", "a/b", "..", ".", ""] {
+            let mut manifest = Manifest::open(folder.path(), &disk, &identity("5")).unwrap();
+            manifest.record("round 0", &[serde_json::json!({"pack": name})]).unwrap();
+            assert!(matches!(again(), Err(Error::Corrupt { .. })), "{name}");
+            std::fs::remove_file(folder.path().join(FILE_NAME)).unwrap();
+        }
     }
 }

@@ -5,11 +5,13 @@
 
 use std::hint::select_unpredictable;
 
+use super::Placement;
 use super::attributes::RingLists;
 use super::evaluate::{Around, Found, Rows};
 use super::lanes::Lanes;
 use super::legal::{Class, MAY_COLLAPSE, Reject};
-use super::surface::{Fan, GONE, MAX_VALENCE, Surface, Vertex, boundary_quadric, others};
+use super::placement;
+use super::surface::{Fan, GONE, HUB, MAX_VALENCE, Surface, Vertex, boundary_quadric, others};
 use super::unchecked::{at, at_mut, part_mut};
 use super::vector::Vec3;
 use super::wedges::{Wedges, place_on_edge};
@@ -444,7 +446,9 @@ impl Collapser {
                 *sum -= x;
             }
         }
-        if !fixed {
+        if !fixed && surface.placement == Placement::Subset {
+            placement::keep_an_end(surface, (v0, v1), &plan.place);
+        } else if !fixed {
             let (centre, unscale) = (&around.centre, surface.unscale);
             let place = |i: usize| centre[i] + f64::from(plan.place[i]) * unscale;
             let place = [place(0), place(1), place(2)];
@@ -530,6 +534,10 @@ impl Collapser {
             at_mut(&mut surface.triangles, t)[0] = GONE;
             surface.n_alive -= 1;
             let ring = at_mut(&mut surface.rings, w);
+            // Never gathered, and built anew by the next compaction: a search would cost its length each time.
+            if ring.len > HUB {
+                continue;
+            }
             let list = part_mut(&mut surface.arena, ring.start, ring.len);
             // Most rings are shorter than eight, and what comes after them in the arena is anyone's.
             let place = list.iter().position(|&x| x == t);

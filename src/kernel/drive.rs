@@ -9,6 +9,7 @@ use super::collapse::Collapser;
 use super::drain::{Drain, Limits, Seeds};
 use super::lanes::Simd;
 use super::legal::RejectCounts;
+use super::mend::{self, Mended};
 use super::queue::{BucketQueue, Entry};
 use super::samples::Samples;
 use super::surface::{GONE, Surface};
@@ -32,6 +33,8 @@ pub(crate) struct Driver {
     /// Since the last time the stamps were set to zero; and before.
     pub(super) collapses: u64,
     collapses_before: u64,
+    /// Highest cost to which the whole mesh has been drained.
+    pub(super) drained: f32,
     pub(super) topology: Topology,
     /// Input vertices that are gone, for the new vertices of a cut.
     pub(super) spare_sources: Vec<u32>,
@@ -45,6 +48,34 @@ pub(crate) struct Driver {
 pub(crate) struct TopologyChanges {
     pub(crate) specks: u64,
     pub(crate) cuts: u64,
+    /// Vertices joined with others in the same place, and taken apart; duplicate triangles dropped.
+    pub(crate) joined: u64,
+    pub(crate) split: u64,
+    pub(crate) duplicates: u64,
+    /// Vertices that wait for a source to be taken apart.
+    missing: u64,
+    may_mend: bool,
+}
+
+impl TopologyChanges {
+    /// Names and counts, always all of them.
+    pub(crate) fn named(&self) -> Vec<(&'static str, u64)> {
+        vec![
+            ("specks vanished", self.specks),
+            ("tubes cut", self.cuts),
+            ("vertices joined", self.joined),
+            ("vertices split", self.split),
+            ("duplicate triangles dropped", self.duplicates),
+        ]
+    }
+
+    fn add(&mut self, done: Mended) {
+        self.joined += done.joined;
+        self.split += done.split;
+        self.duplicates += done.duplicates;
+        self.missing = done.missing;
+        self.may_mend = done.missing > 0;
+    }
 }
 
 impl Driver {
@@ -56,9 +87,10 @@ impl Driver {
             rejects: RejectCounts::default(),
             collapses: 0,
             collapses_before: 0,
+            drained: 0.0,
             topology,
             spare_sources: Vec::new(),
-            changes: TopologyChanges::default(),
+            changes: TopologyChanges { may_mend: true, ..TopologyChanges::default() },
             samples: None,
         }
     }
@@ -76,6 +108,7 @@ impl Driver {
     pub(crate) fn level(&mut self, level: f64) {
         let limits = Limits { cost: self.scaled(level), triangles: 0, may_stall: false };
         let mut queue = BucketQueue::new(3);
+        self.mend();
         for block in 0..self.n_blocks() {
             self.drain_block(&mut queue, block, limits);
         }
@@ -111,6 +144,7 @@ impl Driver {
             let before = self.surface.n_alive;
             self.free_level(enough, target);
             self.tidy();
+            self.mend();
             if self.surface.n_alive as f64 > before as f64 * 0.97 {
                 break;
             }
@@ -122,15 +156,51 @@ impl Driver {
         self.surface.triangles.len().div_ceil(BLOCK)
     }
 
+    /// Makes the surface manifold as far as sources for new vertices are at hand; see `mend`.
+    pub(crate) fn mend(&mut self) {
+        // The wedges of a seam belong to one vertex each, which must not be taken apart.
+        let is_plain = self.surface.wedges.is_none();
+        if self.topology == Topology::Error && self.changes.may_mend && is_plain {
+            if let Some(samples) = &mut self.samples {
+                samples.follow(&self.surface.rings);
+            }
+            let (done, place) = mend::mend(&mut self.surface, &mut self.spare_sources, self.simd);
+            if !place.is_empty() {
+                self.renumber_samples(&place);
+            }
+            if done.joined + done.split + done.duplicates > 0 {
+                // It was built anew, with stamps from zero.
+                self.collapses_before += std::mem::take(&mut self.collapses);
+            }
+            self.changes.add(done);
+        }
+    }
+
+    /// The same, with sources from a few collapses if there are too few.
+    fn mend_at_last(&mut self, target: u64) {
+        let missing = self.changes.missing;
+        if self.topology == Topology::Error && missing > 0 {
+            if missing > self.spare_sources.len() as u64 {
+                let few = self.surface.n_alive.saturating_sub(2 * missing + 2);
+                self.drain_to(few.max(target));
+            }
+            self.mend();
+        }
+    }
+
+    fn renumber_samples(&mut self, place: &[u32]) {
+        if let Some(samples) = &mut self.samples {
+            samples.renumber(place, self.surface.n_alive, self.surface.vertices.len());
+        }
+    }
+
     fn tidy(&mut self) {
         if (self.surface.n_alive as f64) < 0.75 * self.surface.triangles.len() as f64 {
             if let Some(samples) = &mut self.samples {
                 samples.follow(&self.surface.rings);
             }
             let place = self.surface.compact(self.simd);
-            if let Some(samples) = &mut self.samples {
-                samples.renumber(&place, self.surface.n_alive, self.surface.vertices.len());
-            }
+            self.renumber_samples(&place);
             self.collapses_before += std::mem::take(&mut self.collapses);
         }
     }
@@ -164,6 +234,7 @@ impl Driver {
                 Limits { cost, triangles: target, may_stall: false },
             );
         }
+        self.drained = cost;
     }
 
     fn block(&self, block: usize) -> impl Iterator<Item = &[u32; 3]> {
@@ -212,6 +283,16 @@ impl Driver {
 
     /// One fine queue over everything, to the exact count.
     fn exact(&mut self, target: u64) -> bool {
+        self.mend_at_last(target);
+        self.drain_to(target)
+    }
+
+    fn drain_to(&mut self, target: u64) -> bool {
+        if self.drained == 0.0 {
+            // Costs that half of the edges do not reach rise fast in any mesh.
+            let blocks: Vec<usize> = (0..self.n_blocks()).step_by(4).collect();
+            self.drained = self.low_cost(&blocks, 0.5);
+        }
         let mut queue = BucketQueue::new(5);
         while self.surface.n_alive > target {
             let before = self.surface.n_alive;

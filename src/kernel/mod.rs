@@ -12,8 +12,10 @@ mod evaluate;
 mod fit;
 mod lanes;
 mod legal;
+mod mend;
 mod nearest;
 mod order;
+mod placement;
 mod queue;
 pub mod reference;
 mod samples;
@@ -58,8 +60,10 @@ pub struct Options {
     pub stop: Stop,
     /// What may happen to the topology.
     pub topology: Topology,
-    /// Whether the vertices are moved at the end so that the error falls.
+    /// Whether the vertices are moved at the end so that the error falls; only with `Placement::Optimal`.
     pub fit: Fit,
+    /// Where the vertex goes that survives a collapse.
+    pub placement: Placement,
     /// For each channel, how many input units of distance a difference of 1 weighs as much as; 0, or none
     /// given: it rides along. At most `MAX_WEIGHTED` count.
     pub weights: Vec<f32>,
@@ -68,14 +72,26 @@ pub struct Options {
     pub confined: Vec<bool>,
 }
 
+/// Where the vertex goes that survives a collapse.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Placement {
+    /// Where the error is least, the enclosed volume preserved.
+    #[default]
+    Optimal,
+    /// To the better one of both ends: every vertex of the result is one of the input, bit for bit.
+    Subset,
+    /// To the middle of the edge.
+    Midpoint,
+}
+
 /// What may happen to components, holes and handles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Topology {
     /// Nothing: a target that cannot be met without is not met.
     Keep,
     /// What is smaller than the current error: components vanish (never with a locked vertex), holes of
-    /// three edges close, thin tubes and handles are cut and capped. Open boundaries whose vertices
-    /// coincide exactly are joined first.
+    /// three edges close, thin tubes and handles are cut and capped. First, boundaries whose edges
+    /// coincide are joined, sheets that only touch are taken apart, and doubled triangles dropped.
     #[default]
     Error,
 }
@@ -87,6 +103,7 @@ impl Default for Options {
             stop: Stop::Triangles(u64::MAX),
             topology: Topology::default(),
             fit: Fit::default(),
+            placement: Placement::default(),
             weights: Vec::new(),
             confined: Vec::new(),
         }
@@ -100,6 +117,8 @@ pub struct Statistics {
     pub collapses: u64,
     /// Refused collapses by reason, in a fixed order of reasons.
     pub rejects: Vec<(&'static str, u64)>,
+    /// Changes of topology that were made under `Topology::Error`, by kind, in a fixed order.
+    pub changes: Vec<(&'static str, u64)>,
     /// Triangles left after each cost level of `Stop::Costs`.
     pub level_counts: Vec<u64>,
     /// Whether the stop was reached (false: nothing legal is left to collapse).
@@ -131,11 +150,18 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
     let mut statistics = Statistics::default();
     let mut surface =
         surface::Surface::new(mesh, locked, (&options.weights, &options.confined), simd);
-    weld::coincident(&mut surface, options.topology, simd);
+    surface.placement = options.placement;
+    if options.topology == Topology::Error && surface.n_channels == 0 {
+        weld::lock_coincident(&mut surface);
+    } else {
+        weld::coincident(&mut surface, options.topology, simd);
+    }
     let mut driver = drive::Driver::new(surface, simd, options.topology);
+    driver.mend();
     match &options.stop {
         Stop::Triangles(target) => {
-            if options.fit.applies(driver.surface.n_alive, *target) {
+            let is_free = options.placement == Placement::Optimal;
+            if is_free && options.fit.applies(driver.surface.n_alive, *target) {
                 driver.samples = Some(Samples::take(&driver.surface, *target));
             }
             statistics.reached = driver.reach(*target);
@@ -161,6 +187,7 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
     }
     statistics.collapses = driver.total_collapses();
     statistics.rejects = driver.rejects.named();
+    statistics.changes = driver.changes.named();
     let (mesh, source) = driver.surface.into_mesh();
     Simplified { mesh, source, statistics }
 }

@@ -244,6 +244,10 @@ fn ring_faces(surface: &Surface, place: &[[f32; 3]], v: u32, faces: &mut Vec<Fac
     let centre = place[v as usize];
     for &triangle in surface.ring(v) {
         let t = surface.triangles[triangle as usize];
+        // Long rings keep what is gone.
+        if t[0] == GONE {
+            continue;
+        }
         let (b, c) = others(t, v);
         let (to_b, to_c) = (sub(place[b as usize], centre), sub(place[c as usize], centre));
         let n = cross(to_b, to_c);

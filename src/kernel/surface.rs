@@ -5,6 +5,7 @@
 
 use std::hint::select_unpredictable;
 
+use super::Placement;
 use super::attributes::Attributes;
 use super::evaluate::{Rows, Triangles};
 use super::lanes::{Job, Lanes, Simd};
@@ -21,6 +22,8 @@ pub(crate) const GONE: u32 = u32::MAX;
 const BOUNDARY_WEIGHT: f32 = 1.0;
 /// Vertices of more triangles than this are left alone, so that no ring costs more than that.
 pub(crate) const MAX_VALENCE: u32 = 200;
+/// Rings longer than this keep triangles that are gone until the next compaction.
+pub(crate) const HUB: u32 = 4096;
 
 /// All that an edge's evaluation needs to know of its ends: one cache line.
 #[derive(Clone, Copy, Debug)]
@@ -56,6 +59,8 @@ pub(crate) struct Surface {
     pub(crate) source: Vec<u32>,
     pub(crate) channels: Vec<f32>,
     pub(crate) n_channels: usize,
+    /// Where survivors go; set by the owner.
+    pub(crate) placement: Placement,
     /// Power of two that brings edges near to length 1, so that f32 neither over- nor underflows.
     pub(crate) scale: f64,
     /// 1 / scale, which is exact.
@@ -138,6 +143,7 @@ impl Surface {
             source,
             channels,
             n_channels,
+            placement: Placement::default(),
             scale,
             unscale: 1.0 / scale,
             attributes: Attributes::new(weights, confined, scale, simd).map(Box::new),
@@ -273,6 +279,16 @@ impl Surface {
     pub(crate) fn ring(&self, v: u32) -> &[u32] {
         let ring = at(&self.rings, v);
         part(&self.arena, ring.start, ring.len)
+    }
+
+    /// Takes a triangle out of the ring of one of its corners.
+    pub(crate) fn remove_from_ring(&mut self, v: u32, triangle: u32) {
+        let ring = &mut self.rings[v as usize];
+        let list = &mut self.arena[ring.start as usize..(ring.start + ring.len) as usize];
+        if let Some(at) = list.iter().position(|&t| t == triangle) {
+            list[at] = list[list.len() - 1];
+            ring.len -= 1;
+        }
     }
 
     /// Finds the class of a vertex that is not locked and adds the quadrics of its boundary edges.

@@ -458,8 +458,8 @@ mod tests {
         let locked = vec![false; mesh.positions.len()];
         let weights = weights.to_vec();
         let stop = Stop::Triangles(target);
-        let fit = crate::kernel::Fit::Off;
-        let options = Options { stop, topology, fit, weights, confined: vec![true; 2] };
+        let confined = vec![true; 2];
+        let options = Options { stop, topology, weights, confined, ..Options::default() };
         simplify_mesh(mesh.clone(), &locked, &options)
     }
 

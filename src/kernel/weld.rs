@@ -6,7 +6,7 @@
 //! knows them; what coincides with one is locked too, so that both sides stay together.
 //!
 //! Vertices whose channels are the same become one for good under `Topology::Error`; all others stay apart
-//! as wedges (`wedges`).
+//! as wedges (`wedges`). Without channels and under `Topology::Error`, `mend` does more instead.
 
 use std::collections::BTreeMap;
 
@@ -49,6 +49,11 @@ pub(crate) fn coincident(surface: &mut Surface, topology: Topology, simd: Simd) 
     }
     surface.compact(simd);
     join.len() as u64
+}
+
+/// Locks what coincides with a locked vertex, and joins nothing.
+pub(crate) fn lock_coincident(surface: &mut Surface) {
+    candidates(surface);
 }
 
 /// Vertices with open edges, each with the one of lowest source in the same place. Where one of them is

@@ -4,6 +4,7 @@
 //! the cell of their corner of lowest index, and the vertices that triangles of another cell use are copied there.
 //! It does not look at connectivity and moves nothing.
 
+mod checkpoint;
 mod scan;
 mod sorted;
 mod table;
@@ -12,13 +13,14 @@ pub use scan::{Scan, scan};
 
 use crate::cells::{
     CellTally, CellTree, Frame, IdMap, Pack, PackWriter, Scatter, StoreInfo, VertexLayout,
-    n_samples, plan_cells,
+    n_samples, plan_cells, split_overfull,
 };
 use crate::error::{Error, Result};
 use crate::format::ChunkKind;
 use crate::parallel::in_order;
 use crate::ply::{BLOCK_ROWS, MeshSource, VertexBlock};
 use crate::run::Run;
+use checkpoint::{Checkpoints, Pass, Place, Seams, take_up, tally};
 use serde::{Deserialize, Serialize};
 use sorted::Sorted;
 use table::{CellTable, window_rows};
@@ -57,33 +59,41 @@ pub fn memory_bytes(n_vertices: u64, n_cells: u32, threads: usize, budget_bytes:
 /// Cuts `source` into cells of about `cell_triangles` triangles.
 pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<Partition> {
     let n_cells = plan_cells(source.n_faces(), cell_triangles);
-    let Scan { bounds, samples } = scan(source, n_cells, run.threads, run.progress)?;
+    // Sealed by itself: the passes below can only be taken up with the very same cells.
+    let (bounds, tree) = run.job.sealed("partition tree", || {
+        let Scan { bounds, samples } = scan(source, n_cells, run.threads, run.progress)?;
+        Ok((bounds, CellTree::build(Frame::new(0, bounds), &samples, n_cells)))
+    })?;
     run.progress.add(source.n_faces() / 8);
-    let tree = CellTree::build(Frame::new(0, bounds), &samples, n_cells);
-    drop(samples);
-    let mut pack = PackWriter::create(run.disk(), &run.job.path(PACK_NAME))?;
+    let window_rows = window_rows(tree.n_cells(), run.memory_bytes).min(source.n_vertices());
+    let (mut pack, place) = take_up(run, PACK_NAME, window_rows)?;
     let layout = VertexLayout::new(source.schema(), source.n_vertices());
-    let mut passes = Passes {
-        source,
-        run,
-        layout,
-        tally: vec![CellTally::default(); tree.n_cells() as usize],
-        tree,
+    let tally = tally(&pack, &layout, tree.n_cells())?;
+    let checkpoints = Checkpoints::new(run);
+    let mut passes = Passes { source, run, layout, tally, tree, window_rows, place, checkpoints };
+    let table = match place.pass {
+        Pass::Vertices => Some(passes.vertices(&mut pack)?),
+        Pass::Triangles => Some(passes.window(place.window[0], place.window[1])?),
+        Pass::Shared => None,
     };
-    let first_window = passes.vertices(&mut pack)?;
-    let (foreign, dropped) = passes.triangles(first_window, &mut pack)?;
+    let foreign = match table {
+        Some(table) => passes.triangles(table, &mut pack)?,
+        None => passes.noted(Vec::new(), &mut pack)?,
+    };
     let middle = [0, 1, 2].map(|k| (bounds[0][k] + bounds[1][k]) / 2.0);
     let seams = passes.shared(foreign, middle, &mut pack)?;
-    pack.sync()?;
-    run.disk().sync_folder_of(&run.job.path(PACK_NAME))?;
+    let dropped = passes.place.dropped;
     let store = StoreInfo {
         pack: PACK_NAME.to_owned(),
-        pack_bytes: pack.length(),
         triangles: passes.tally.iter().map(|cell| cell.triangles).sum(),
         cells: passes.tally,
         shared_vertices: seams.n_shared,
-        has_channels: false,
+        ..StoreInfo::default()
     };
+    let store = split_overfull(store, &mut pack, &passes.layout, cell_triangles, 0, run)?;
+    pack.sync()?;
+    run.disk().sync_folder_of(&run.job.path(PACK_NAME))?;
+    let store = StoreInfo { pack_bytes: pack.length(), ..store };
     Ok(Partition {
         store,
         bounds,
@@ -96,19 +106,9 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
 /// A vertex, and a cell that uses it without owning it.
 type Foreign = (u64, u32);
 
-/// The vertices that several cells use.
-#[derive(Default)]
-struct Seams {
-    n_shared: u64,
-    place: Option<[f64; 3]>,
-}
-
-/// Faces that a pass has left out.
-#[derive(Clone, Copy, Default)]
-struct Dropped {
-    degenerate: u64,
-    bad: u64,
-}
+/// Bytes of such a pair in the pack, and how many make a chunk.
+const FOREIGN_BYTES: usize = 12;
+const FOREIGN_ROWS: usize = 65_536;
 
 struct Passes<'a> {
     source: &'a MeshSource,
@@ -116,6 +116,11 @@ struct Passes<'a> {
     layout: VertexLayout,
     tree: CellTree,
     tally: Vec<CellTally>,
+    /// Vertices whose cells a table may hold.
+    window_rows: u64,
+    /// Where the passes are, or are to be taken up.
+    place: Place,
+    checkpoints: Checkpoints<'a>,
 }
 
 impl Passes<'_> {
@@ -125,21 +130,25 @@ impl Passes<'_> {
 
     /// Sends every vertex to the cell of its position.
     fn vertices(&mut self, pack: &mut PackWriter) -> Result<CellTable> {
+        let first_block = self.place.block;
+        let window = self.window_rows;
+        let known = (first_block * BLOCK_ROWS).min(window);
+        let mut table = self.window(0, known)?;
+        table.reserve(window - known);
         let (source, run, tree, ids) = (self.source, self.run, &self.tree, self.layout.ids);
         let n_cells = tree.n_cells();
         let record_bytes = self.layout.schema.record_bytes();
         let row_bytes = ids.bytes + record_bytes;
         let mut scatter = self.buffers(ChunkKind::Vertices);
-        let window = window_rows(n_cells, run.memory_bytes).min(source.n_vertices());
-        let mut table = CellTable::new(0, window, n_cells);
-        let (schema, tally) = (&self.layout.schema, &mut self.tally);
+        let (schema, tally, checkpoints) =
+            (&self.layout.schema, &mut self.tally, &mut self.checkpoints);
         in_order(
-            source.n_vertex_blocks(),
+            source.n_vertex_blocks() - first_block,
             run.threads,
             run.progress,
             |index, out: &mut Sorted| {
                 let mut block = std::mem::take(&mut out.vertices);
-                source.read_vertices(index, &mut block)?;
+                source.read_vertices(first_block + index, &mut block)?;
                 out.cells.clear();
                 let records = block.records.chunks_exact(record_bytes);
                 out.cells.extend(records.map(|record| tree.cell_of(schema.position(record))));
@@ -152,7 +161,7 @@ impl Passes<'_> {
                 out.vertices = block;
                 Ok(())
             },
-            |_, sorted| {
+            |index, sorted| {
                 // Windows are whole blocks.
                 if table.len() < window {
                     table.extend(&sorted.cells);
@@ -160,19 +169,25 @@ impl Passes<'_> {
                 for &(cell, n_rows) in &sorted.runs {
                     tally[cell as usize].vertices += u64::from(n_rows);
                 }
-                sorted.push_runs(row_bytes, &mut scatter, pack)
+                sorted.push_runs(row_bytes, &mut scatter, pack)?;
+                if checkpoints.is_due() {
+                    scatter.flush(pack)?;
+                    let block = first_block + index + 1;
+                    checkpoints.seal(Place { block, ..Place::default() }, pack)?;
+                }
+                Ok(())
             },
         )?;
         scatter.finish(pack)?;
         run.progress.add(source.n_faces() / 4);
+        self.place = Place { pass: Pass::Triangles, window: [0, window], ..Place::default() };
         Ok(table)
     }
 
-    /// Cells of the vertices from `first` on, as many as the window holds.
-    fn window(&self, first: u64) -> Result<CellTable> {
+    /// Cells of `rows` vertices from `first` on, the beginning of a block.
+    fn window(&self, first: u64, rows: u64) -> Result<CellTable> {
         let (source, run, tree) = (self.source, self.run, &self.tree);
         let record_bytes = self.layout.schema.record_bytes();
-        let rows = window_rows(tree.n_cells(), run.memory_bytes).min(source.n_vertices() - first);
         let mut table = CellTable::new(first, rows, tree.n_cells());
         in_order(
             rows.div_ceil(BLOCK_ROWS),
@@ -194,62 +209,90 @@ impl Passes<'_> {
         Ok(table)
     }
 
-    /// Sends every triangle to the cell of its corner of lowest index; finds the corners that lie elsewhere, and how
-    /// many faces were degenerate.
+    /// Sends every triangle to the cell of its corner of lowest index; finds the corners that lie elsewhere.
     ///
     /// While the table holds all vertices that takes one pass over the faces. Otherwise each window takes a
     /// pass for the triangles whose lowest corner it knows, and the cells tell afterwards what they miss.
-    fn triangles(
-        &mut self,
-        first_window: CellTable,
-        pack: &mut PackWriter,
-    ) -> Result<(Vec<Foreign>, Dropped)> {
+    fn triangles(&mut self, table: CellTable, pack: &mut PackWriter) -> Result<Vec<Foreign>> {
         let mut scatter = self.buffers(ChunkKind::Triangles);
         let n_vertices = self.source.n_vertices();
-        if first_window.len() >= n_vertices {
-            let (foreign, dropped) = self.triangles_of(&first_window, &mut scatter, pack)?;
-            scatter.finish(pack)?;
-            return Ok((foreign, dropped));
-        }
-        let mut table = first_window;
-        let dropped = loop {
-            let (_, dropped) = self.triangles_of(&table, &mut scatter, pack)?;
+        let is_whole = table.first == 0 && table.len() >= n_vertices;
+        let mut table = table;
+        let foreign = loop {
+            let foreign = self.triangles_of(&table, is_whole, &mut scatter, pack)?;
             let next = table.first + table.len();
             if next >= n_vertices {
-                break dropped;
+                break foreign;
             }
             drop(table);
-            table = self.window(next)?;
+            let rows = self.window_rows.min(n_vertices - next);
+            table = self.window(next, rows)?;
+            self.place = Place { pass: Pass::Triangles, window: [next, rows], ..Place::default() };
         };
         drop(table);
         scatter.finish(pack)?;
-        pack.sync()?;
-        Ok((self.missing(pack.length())?, dropped))
+        let foreign = match is_whole {
+            true => self.noted(foreign, pack)?,
+            false => {
+                pack.sync()?;
+                self.missing(pack.length())?
+            }
+        };
+        self.place = Place { pass: Pass::Shared, dropped: self.place.dropped, ..Place::default() };
+        if self.checkpoints.is_due() {
+            note(&foreign, pack)?;
+            self.checkpoints.seal(self.place, pack)?;
+        }
+        Ok(foreign)
     }
 
-    /// Sends the triangles whose lowest corner lies in `table` to their cells.
+    /// `foreign` and what checkpoints have noted in the pack, sorted.
+    fn noted(&self, mut foreign: Vec<Foreign>, pack: &mut PackWriter) -> Result<Vec<Foreign>> {
+        if pack.chunks().iter().any(|chunk| chunk.kind == ChunkKind::Foreign) {
+            pack.flush()?;
+            let path = self.run.job.path(PACK_NAME);
+            let reader = Pack::open(self.run.disk(), &path, self.tree.n_cells(), pack.length())?;
+            let mut payload = Vec::new();
+            for chunk in reader.chunks_of(0).iter().filter(|c| c.kind == ChunkKind::Foreign) {
+                reader.read(chunk, &mut payload)?;
+                foreign.extend(payload.chunks_exact(FOREIGN_BYTES).map(|row| {
+                    let (id, cell) = row.split_at(8);
+                    let id = u64::from_le_bytes(id.try_into().expect("8 bytes"));
+                    (id, u32::from_le_bytes(cell.try_into().expect("4 bytes")))
+                }));
+            }
+        }
+        foreign.sort_unstable();
+        foreign.dedup();
+        Ok(foreign)
+    }
+
+    /// Sends the triangles whose lowest corner lies in `table` to their cells. If the table is the whole one,
+    /// gives back the foreign corners that no checkpoint has noted.
     ///
     /// The lowest, not the first: repeats of a triangle begin anywhere, and must meet in one cell.
     fn triangles_of(
         &mut self,
         table: &CellTable,
+        is_whole: bool,
         scatter: &mut Scatter,
         pack: &mut PackWriter,
-    ) -> Result<(Vec<Foreign>, Dropped)> {
+    ) -> Result<Vec<Foreign>> {
         let (source, run, ids) = (self.source, self.run, self.layout.ids);
         let n_cells = self.tree.n_cells();
         let row_bytes = 3 * ids.bytes;
         let mut foreign: Vec<Foreign> = Vec::new();
         let mut sorted_up_to = 0;
-        let mut dropped = Dropped::default();
-        let tally = &mut self.tally;
+        let start = self.place;
+        let mut dropped = start.dropped;
+        let (tally, checkpoints) = (&mut self.tally, &mut self.checkpoints);
         in_order(
-            source.n_face_blocks(),
+            source.n_face_blocks() - start.block,
             run.threads,
             run.progress,
             |index, out: &mut Sorted| {
                 let mut faces = std::mem::take(&mut out.faces);
-                source.read_faces(index, &mut faces)?;
+                source.read_faces(start.block + index, &mut faces)?;
                 out.cells.clear();
                 out.foreign.clear();
                 faces.triangles.retain(|corners| {
@@ -274,13 +317,15 @@ impl Passes<'_> {
                 out.faces = faces;
                 Ok(())
             },
-            |_, sorted| {
+            |index, sorted| {
                 dropped.degenerate += sorted.faces.n_degenerate;
                 dropped.bad += sorted.faces.n_bad;
                 for &(cell, n_rows) in &sorted.runs {
                     tally[cell as usize].triangles += u64::from(n_rows);
                 }
-                foreign.append(&mut sorted.foreign);
+                if is_whole {
+                    foreign.append(&mut sorted.foreign);
+                }
                 // In shuffled input the same pair comes again and again; keep the list near its final size.
                 if foreign.len() > 2 * sorted_up_to + 1_000_000 {
                     foreign.sort_unstable();
@@ -288,12 +333,21 @@ impl Passes<'_> {
                     sorted_up_to = foreign.len();
                 }
                 run.progress.add(sorted.cells.len() as u64 / 2);
-                sorted.push_runs(row_bytes, scatter, pack)
+                sorted.push_runs(row_bytes, scatter, pack)?;
+                if checkpoints.is_due() {
+                    scatter.flush(pack)?;
+                    foreign.sort_unstable();
+                    foreign.dedup();
+                    note(&foreign, pack)?;
+                    (sorted_up_to, foreign) = (0, Vec::new());
+                    let block = start.block + index + 1;
+                    checkpoints.seal(Place { block, dropped, ..start }, pack)?;
+                }
+                Ok(())
             },
         )?;
-        foreign.sort_unstable();
-        foreign.dedup();
-        Ok((foreign, dropped))
+        self.place.dropped = dropped;
+        Ok(foreign)
     }
 
     /// The vertices that triangles of each cell use and the cell does not hold.
@@ -320,12 +374,15 @@ impl Passes<'_> {
                         ChunkKind::Vertices => payload.chunks_exact(row_bytes).for_each(|row| {
                             map.insert(self.layout.ids.read(row), &mut own);
                         }),
-                        _ => payload.chunks_exact(self.layout.ids.bytes).for_each(|corner| {
-                            let id = self.layout.ids.read(corner);
-                            if map.get(id, &own).is_none() {
-                                out.push((id, cell as u32));
-                            }
-                        }),
+                        ChunkKind::Triangles => {
+                            payload.chunks_exact(self.layout.ids.bytes).for_each(|corner| {
+                                let id = self.layout.ids.read(corner);
+                                if map.get(id, &own).is_none() {
+                                    out.push((id, cell as u32));
+                                }
+                            });
+                        }
+                        _ => {}
                     }
                 }
                 out.sort_unstable();
@@ -356,9 +413,16 @@ impl Passes<'_> {
         let mut marks = self.buffers(ChunkKind::SharedIds);
         let mut blocks: Vec<u64> = foreign.iter().map(|&(id, _)| id / BLOCK_ROWS).collect();
         blocks.dedup();
-        let mut at = 0;
-        let mut seams = Seams::default();
-        let mut nearest_sq = f64::INFINITY;
+        let start = self.place;
+        let first_block = (start.block as usize).min(blocks.len());
+        let blocks = &blocks[first_block..];
+        let first_id = blocks.first().map_or(u64::MAX, |block| block * BLOCK_ROWS);
+        let mut at = foreign.partition_point(|&(id, _)| id < first_id);
+        let mut seams = start.seams;
+        let off_sq = |place: [f64; 3]| (0..3).map(|k| (place[k] - middle[k]).powi(2)).sum::<f64>();
+        let mut nearest_sq = seams.place.map_or(f64::INFINITY, off_sq);
+        // A place in this pass can only be taken up with the whole list.
+        let mut is_noted = start.pack_bytes > 0;
         let mut row = Vec::new();
         in_order(
             blocks.len() as u64,
@@ -377,9 +441,8 @@ impl Passes<'_> {
                             )
                         })?;
                     let place = self.layout.schema.position(record);
-                    let off_sq: f64 = (0..3).map(|k| (place[k] - middle[k]).powi(2)).sum();
-                    if off_sq < nearest_sq {
-                        (nearest_sq, seams.place) = (off_sq, Some(place));
+                    if off_sq(place) < nearest_sq {
+                        (nearest_sq, seams.place) = (off_sq(place), Some(place));
                     }
                     row.clear();
                     ids.push(id, &mut row);
@@ -393,6 +456,16 @@ impl Passes<'_> {
                     }
                     seams.n_shared += 1;
                 }
+                if self.checkpoints.is_due() {
+                    if !is_noted {
+                        note(&foreign, pack)?;
+                        is_noted = true;
+                    }
+                    rows.flush(pack)?;
+                    marks.flush(pack)?;
+                    let block = first_block as u64 + index + 1;
+                    self.checkpoints.seal(Place { block, seams, ..start }, pack)?;
+                }
                 Ok(())
             },
         )?;
@@ -401,6 +474,20 @@ impl Passes<'_> {
         run.progress.add(source.n_faces() / 8);
         Ok(seams)
     }
+}
+
+/// Appends foreign corners to the pack, as a note for the run that takes the partition up.
+fn note(foreign: &[Foreign], pack: &mut PackWriter) -> Result<()> {
+    let mut payload = Vec::new();
+    for rows in foreign.chunks(FOREIGN_ROWS) {
+        payload.clear();
+        for &(id, cell) in rows {
+            payload.extend_from_slice(&id.to_le_bytes());
+            payload.extend_from_slice(&cell.to_le_bytes());
+        }
+        pack.append(0, ChunkKind::Foreign, &payload)?;
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -413,6 +500,7 @@ mod tests {
     use crate::progress::Progress;
     use crate::schema::{Scalar, VertexSchema};
     use std::collections::BTreeMap;
+    use std::time::Duration;
 
     /// A grid of `n` x `n` vertices as a PLY file.
     fn write_grid(path: &std::path::Path, n: u32) {
@@ -438,7 +526,11 @@ mod tests {
         writer.finish().unwrap();
     }
 
-    fn cut(folder: &std::path::Path, memory_bytes: u64) -> (Partition, Vec<CellMesh>) {
+    fn cut(
+        folder: &std::path::Path,
+        memory_bytes: u64,
+        checkpoint_every: Duration,
+    ) -> (Partition, Vec<CellMesh>) {
         let source = MeshSource::open(&folder.join("grid.ply")).unwrap();
         let identity = Identity {
             input: "grid".into(),
@@ -447,7 +539,13 @@ mod tests {
         };
         let disk = Disk::default();
         let job = Job::open(&folder.join("job"), &disk, &identity, true).unwrap();
-        let run = Run { job: &job, progress: &Progress::default(), threads: 2, memory_bytes };
+        let run = Run {
+            job: &job,
+            progress: &Progress::default(),
+            threads: 2,
+            memory_bytes,
+            checkpoint_every,
+        };
         let partition = partition(&source, 20_000, &run).unwrap();
         let layout = VertexLayout::new(source.schema(), source.n_vertices());
         let store = CellStore::open(&disk, job.folder(), partition.store.clone(), layout).unwrap();
@@ -460,8 +558,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         // 160,000 vertices: three blocks, so that the smallest window holds less than half of them.
         write_grid(&folder.path().join("grid.ply"), 400);
-        let (whole, cells) = cut(folder.path(), 1 << 30);
-        let (windowed, cells_windowed) = cut(folder.path(), 1 << 10);
+        let (whole, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
+        let (windowed, cells_windowed) = cut(folder.path(), 1 << 10, Duration::ZERO);
         assert!(cells.len() >= 15, "{}", cells.len());
         assert_eq!(whole.store.shared_vertices, windowed.store.shared_vertices);
         assert_eq!(whole.store.triangles, 399 * 399 * 2);
@@ -476,6 +574,49 @@ mod tests {
                 (triangles, shared)
             };
             assert_eq!(geometry(a), geometry(b));
+        }
+    }
+
+    /// A fan around its first corner, which would be one cell, comes out as cells of the planned size that
+    /// hold all their vertices and share those at their edges.
+    #[test]
+    fn a_cell_denser_than_planned_is_split() {
+        let folder = tempfile::tempdir().unwrap();
+        let (n, limit) = (100_000u32, 20_000);
+        let schema = VertexSchema { coordinate: Scalar::F32, properties: Vec::new() };
+        let mut records = Vec::new();
+        for i in 0..=n {
+            let angle = f64::from(i) * 1e-4;
+            schema.encode_position([angle.cos(), angle.sin(), 0.0], &mut records);
+        }
+        let faces: Vec<[u32; 3]> = (0..n).map(|i| [n, i, (i + 1) % n]).collect();
+        let header = OutputHeader::new(schema, u64::from(n) + 1, u64::from(n));
+        let mut writer = PlyWriter::create(&folder.path().join("grid.ply"), header).unwrap();
+        writer.write_vertices(&records).unwrap();
+        writer.write_faces_u32(&faces).unwrap();
+        writer.finish().unwrap();
+        let (partition, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
+        assert_eq!(partition.store.split.len(), 1);
+        let mut triangles: Vec<[u64; 3]> = Vec::new();
+        let mut users = BTreeMap::<u64, u32>::new();
+        for (cell, tally) in cells.iter().zip(&partition.store.cells) {
+            assert!(tally.triangles <= limit * 11 / 10, "{tally:?}");
+            assert_eq!(tally.triangles as usize, cell.mesh.triangles.len());
+            assert!(tally.vertices as usize >= cell.ids.len());
+            triangles.extend(cell.mesh.triangles.iter().map(|t| t.map(|v| cell.ids[v as usize])));
+            let mut used: Vec<u32> = cell.mesh.triangles.iter().flatten().copied().collect();
+            used.sort_unstable();
+            used.dedup();
+            used.iter().for_each(|&v| *users.entry(cell.ids[v as usize]).or_default() += 1);
+        }
+        triangles.sort_unstable();
+        let mut expected: Vec<[u64; 3]> = faces.iter().map(|t| t.map(u64::from)).collect();
+        expected.sort_unstable();
+        assert!(triangles == expected);
+        for cell in &cells {
+            for (id, shared) in cell.ids.iter().zip(&cell.shared) {
+                assert!(*shared || users.get(id).is_none_or(|&n| n == 1), "vertex {id}");
+            }
         }
     }
 }

@@ -39,6 +39,14 @@ impl CellTable {
         CellTable { first, cells }
     }
 
+    /// Makes room for `n_rows` further vertices, and no more.
+    pub fn reserve(&mut self, n_rows: u64) {
+        match &mut self.cells {
+            Cells::Narrow(table) => table.reserve_exact(n_rows as usize),
+            Cells::Wide(table) => table.reserve_exact(n_rows as usize),
+        }
+    }
+
     /// Vertices in the window so far.
     pub fn len(&self) -> u64 {
         match &self.cells {

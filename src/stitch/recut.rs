@@ -6,7 +6,7 @@
 
 use crate::cells::{
     CellTally, CellTree, Frame, PackWriter, Scatter, StoreInfo, SurvivorPack, Survivors, n_samples,
-    plan_cells,
+    plan_cells, split_overfull,
 };
 use crate::error::Result;
 use crate::format::ChunkKind;
@@ -33,16 +33,19 @@ pub fn recut(
     let mut pack = PackWriter::create(run.disk(), &path)?;
     let mut tally = vec![CellTally::default(); tree.n_cells() as usize];
     let shared_vertices = scatter(survivors, &tree, &mut tally, &mut pack, run)?;
-    pack.sync()?;
-    run.disk().sync_folder_of(&path)?;
-    Ok(StoreInfo {
+    let store = StoreInfo {
         pack: name,
-        pack_bytes: pack.length(),
         triangles: tally.iter().map(|cell| cell.triangles).sum(),
         cells: tally,
         shared_vertices,
         has_channels: true,
-    })
+        ..StoreInfo::default()
+    };
+    let layout = survivors.layout();
+    let store = split_overfull(store, &mut pack, layout, cell_triangles, round, run)?;
+    pack.sync()?;
+    run.disk().sync_folder_of(&path)?;
+    Ok(StoreInfo { pack_bytes: pack.length(), ..store })
 }
 
 /// Lower and upper corner.

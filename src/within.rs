@@ -1,0 +1,322 @@
+//! `--max-error`: as few triangles as a bound on the measured deviation allows.
+//!
+//! Costs of collapses are no bound, so whole runs are tried: simplify to a count, measure the written file
+//! against the input as `stonecut measure` does, choose the next count. Every trial is recorded in the job
+//! folder, so the same command continues. Only a result that was measured to keep the bound ever gets the
+//! output's name. Memory and disk: those of one run, and one more output.
+
+use crate::compare::{self, Request};
+use crate::config::{Config, Target};
+use crate::disk::Disk;
+use crate::error::{Error, Result};
+use crate::formats::StageOptions;
+use crate::job::Job;
+use crate::measure;
+use crate::pipeline::{self, Prepared, WRITING};
+use crate::plan::folder_of;
+use crate::ply::{MeshSource, ReadOptions};
+use crate::progress::Progress;
+use crate::summary::{BoundReport, RunReport, TrialReport};
+use crate::verify;
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use std::time::Instant;
+
+/// Trials never go beyond this; most searches end after three to six.
+const MOST_TRIALS: usize = 16;
+/// From this trial on the bracket is halved, in case the deviation follows no law.
+const HALVE_FROM: usize = 7;
+/// What is aimed at, as a share of the bound: between 1/2 and 1 is good enough.
+const AIM: f64 = 0.75;
+/// The largest deviation falls about with the count to the power of -0.8 (measured: -0.6 to -1).
+const COUNT_EXPONENT: f64 = 1.0 / 0.8;
+/// A bracket as narrow as this holds nothing better.
+const NARROW: f64 = 1.03;
+
+/// A trial as the job records it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct Trial {
+    asked: u64,
+    report: RunReport,
+    max: f64,
+    rms: f64,
+}
+
+/// Simplifies as far as the two-sided deviation, measured, stays within `bound` (input units).
+///
+/// The report's `target_met` is false, and there is no output, if not even the input as it would be written
+/// keeps the bound. Takes the time of three to six runs and measurements.
+pub fn simplify(
+    bound: f64,
+    prepared: Prepared,
+    config: &Config,
+    progress: &Progress,
+) -> Result<Option<RunReport>> {
+    if config.until.is_some() || config.seams.is_some() {
+        let what = "--max-error does not go with --until and --seams";
+        return Err(Error::Usage(what.to_owned()));
+    }
+    verify::refuse_unreadable(config)?;
+    let started = Instant::now();
+    let disk = Disk::default();
+    let n_input = prepared.source.n_faces();
+    let marks = crate::identity::input_marks(&config.input)?;
+    let identity = pipeline::identity(&prepared.source, &marks, config);
+    // Every trial opens the input anew.
+    drop(prepared);
+    let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
+    let mut search = Search { bound, n_input, tried: Vec::new() };
+    let mut trials: Vec<Trial> = Vec::new();
+    let mut restart = config.restart;
+    while let Some(asked) = search.next() {
+        let name = format!("trial {}", trials.len() + 1);
+        let found = job.sealed(&name, || {
+            let trial = run_trial(asked, restart, config, progress)?;
+            restart = false;
+            Ok(trial)
+        })?;
+        search.add(&found);
+        trials.push(found);
+        for loser in search.losers() {
+            disk.remove(&trial_path(config, loser))?;
+        }
+    }
+    let best = search.best().and_then(|asked| trials.iter().find(|trial| trial.asked == asked));
+    let mut report = match best {
+        Some(best) => {
+            keep(&job, &disk, config, best)?;
+            RunReport {
+                target: best.report.output.triangles,
+                target_met: true,
+                stop_reason: "within the bound".to_owned(),
+                ..best.report.clone()
+            }
+        }
+        None => {
+            let last = trials.last().map_or(f64::INFINITY, |trial| trial.max);
+            let report = trials.last().map(|trial| trial.report.clone()).unwrap_or_default();
+            let output = crate::summary::OutputReport {
+                path: config.output.display().to_string(),
+                ..Default::default()
+            };
+            let stop_reason = format!(
+                "no result keeps the bound of {bound}: with {n_input} triangles, the input as it would be written, the deviation is {last}; nothing was written"
+            );
+            RunReport { target: n_input, target_met: false, stop_reason, output, ..report }
+        }
+    };
+    report.output.path = config.output.display().to_string();
+    report.settings = identity.settings;
+    report.seconds = started.elapsed().as_secs_f64();
+    report.triangles_per_second = n_input as f64 / report.seconds.max(1e-9);
+    report.peak_memory_bytes = crate::memory::peak_bytes();
+    report.max_error = Some(BoundReport {
+        bound,
+        measured_max: best.map(|trial| trial.max),
+        measured_rms: best.map(|trial| trial.rms),
+        trials: trials
+            .iter()
+            .map(|trial| TrialReport {
+                triangles: trial.report.output.triangles,
+                max: trial.max,
+                seconds: trial.report.seconds,
+            })
+            .collect(),
+    });
+    if !config.keep_temp {
+        job.remove()?;
+    }
+    Ok(Some(report))
+}
+
+/// The winner gets the output's name; a run that was stopped in between finds that it has it already.
+fn keep(job: &Job, disk: &Disk, config: &Config, best: &Trial) -> Result<()> {
+    let path = trial_path(config, best.asked);
+    let was_writing = job.outcome::<()>(WRITING)?.is_some();
+    if !was_writing {
+        job.record(WRITING, &())?;
+    }
+    if was_writing && !path.exists() && config.output.exists() {
+        return Ok(());
+    }
+    disk.rename(&path, &config.output)?;
+    disk.sync_folder_of(&config.output)
+}
+
+/// Where a trial writes: beside the output and with its extension, which decides the format.
+fn trial_path(config: &Config, asked: u64) -> PathBuf {
+    let output = &config.output;
+    let part = |part: Option<&std::ffi::OsStr>| {
+        part.map(|part| part.to_string_lossy().into_owned()).unwrap_or_default()
+    };
+    let (stem, extension) = (part(output.file_stem()), part(output.extension()));
+    let dot = if extension.is_empty() { "" } else { "." };
+    output.with_file_name(format!("{stem}.trial-{asked}{dot}{extension}"))
+}
+
+fn run_trial(asked: u64, restart: bool, config: &Config, progress: &Progress) -> Result<Trial> {
+    let inner = Config {
+        target: Target::Triangles(asked),
+        output: trial_path(config, asked),
+        job_folder: config.job_folder.join("trial"),
+        keep_temp: false,
+        force: true,
+        restart,
+        ..config.clone()
+    };
+    let prepared = pipeline::prepare(&inner)?;
+    let report = pipeline::simplify(prepared, &inner, progress)?.unwrap_or_default();
+    let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
+    let temp_dir = folder_of(&config.job_folder).to_path_buf();
+    let stage = StageOptions { read, ..StageOptions::new(&temp_dir) };
+    let original = MeshSource::open_staged(&config.input, &stage)?;
+    let stage = StageOptions { read: ReadOptions::default(), ..stage };
+    let simplified = MeshSource::open_staged(&inner.output, &stage)?;
+    let request = Request {
+        original: &original,
+        simplified: &simplified,
+        options: measure::Options { threads: config.threads.get(), ..Default::default() },
+        memory_bytes: config.memory_bytes,
+        cell_triangles: config.cell_triangles,
+        temp_dir,
+        heat: false,
+    };
+    let deviation = compare::compare(&request, progress)?.measured.deviation;
+    let max = deviation.forward.distance.max.max(deviation.backward.distance.max);
+    Ok(Trial { asked, report, max, rms: deviation.rms })
+}
+
+/// Which count to try next; knows nothing of meshes.
+struct Search {
+    bound: f64,
+    n_input: u64,
+    tried: Vec<Tried>,
+}
+
+#[derive(Clone, Copy)]
+struct Tried {
+    asked: u64,
+    got: u64,
+    max: f64,
+    /// Whether the kernel came down to what was asked.
+    is_met: bool,
+}
+
+impl Search {
+    fn add(&mut self, trial: &Trial) {
+        let (got, is_met) = (trial.report.output.triangles, trial.report.target_met);
+        self.tried.push(Tried { asked: trial.asked, got, max: trial.max, is_met });
+    }
+
+    /// Written so that NaN does not keep it.
+    fn keeps(&self, tried: &Tried) -> bool {
+        tried.max <= self.bound && tried.got > 0
+    }
+
+    fn best_tried(&self) -> Option<Tried> {
+        let kept = self.tried.iter().filter(|tried| self.keeps(tried));
+        kept.min_by_key(|tried| (tried.got, tried.asked)).copied()
+    }
+
+    /// The trial with the fewest triangles of those that keep the bound.
+    fn best(&self) -> Option<u64> {
+        self.best_tried().map(|tried| tried.asked)
+    }
+
+    /// Trials whose files are of no use any more.
+    fn losers(&self) -> Vec<u64> {
+        let best = self.best();
+        self.tried.iter().map(|tried| tried.asked).filter(|&asked| Some(asked) != best).collect()
+    }
+
+    fn next(&self) -> Option<u64> {
+        let n = self.tried.len();
+        let high = self.best_tried();
+        let below = |tried: &&Tried| high.is_none_or(|high| tried.asked < high.asked);
+        let low = self.tried.iter().filter(|tried| !self.keeps(tried)).filter(below);
+        let low = low.max_by_key(|tried| tried.asked).copied();
+        let aim = AIM * self.bound;
+        let guess = |from: Tried, least: f64, most: f64| {
+            let factor = (from.max / aim).powf(COUNT_EXPONENT);
+            let factor = if from.max > 0.0 { factor.clamp(least, most) } else { least };
+            from.asked as f64 * factor
+        };
+        let wanted = match (low, high) {
+            (None, None) => self.n_input as f64 / 10.0,
+            (Some(low), None) if low.asked >= self.n_input => return None,
+            (Some(low), None) => {
+                // Out of trials is no reason to give nothing at all: the input itself comes last.
+                if n + 1 >= MOST_TRIALS { f64::INFINITY } else { guess(low, 1.2, 16.0) }
+            }
+            (low, Some(high)) => {
+                let enough = high.max >= 0.5 * self.bound && high.max > 0.0 || !high.is_met;
+                if enough || n >= MOST_TRIALS || high.asked <= 2 {
+                    return None;
+                }
+                match low {
+                    None => guess(high, 1.0 / 16.0, 1.0 / 1.2),
+                    Some(low) => {
+                        let (a, b) = (low.asked.max(1) as f64, high.asked as f64);
+                        if b / a <= NARROW || high.asked - low.asked <= 2 {
+                            return None;
+                        }
+                        let share = (low.max / aim).ln() / (low.max / high.max).ln();
+                        let share = if n >= HALVE_FROM || share.is_nan() { 0.5 } else { share };
+                        a * (b / a).powf(share.clamp(0.15, 0.85))
+                    }
+                }
+            }
+        };
+        let next = (wanted.min(self.n_input as f64) as u64).max(2);
+        self.tried.iter().all(|tried| tried.asked != next).then_some(next)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Follows a law of the deviation to the end; what it settled on, and the number of trials.
+    fn settle(bound: f64, law: impl Fn(u64) -> f64) -> (Option<Tried>, usize) {
+        let mut search = Search { bound, n_input: 1_000_000, tried: Vec::new() };
+        while let Some(asked) = search.next() {
+            let max = law(asked);
+            search.tried.push(Tried { asked, got: asked, max, is_met: true });
+            assert!(search.tried.len() <= MOST_TRIALS);
+        }
+        (search.best_tried(), search.tried.len())
+    }
+
+    #[test]
+    fn the_search_ends_between_half_the_bound_and_the_bound() {
+        for exponent in [-0.5, -0.8, -1.3] {
+            for bound in [1e-5, 1e-3, 0.3] {
+                // The input itself does not deviate.
+                let law = |count| match count {
+                    1_000_000 => 0.0,
+                    _ => (count as f64 / 1000.0_f64).powf(exponent) * 0.01,
+                };
+                let (best, n) = settle(bound, law);
+                let best = best.unwrap();
+                assert!(best.max <= bound, "{exponent} {bound}");
+                let dense = best.max < 0.5 * bound;
+                let is_least = best.asked <= 2 || best.asked as f64 > 1e6 / NARROW;
+                assert!(
+                    !dense || is_least || law(best.asked - best.asked / 20) > bound,
+                    "{exponent} {bound}: {} {n}",
+                    best.max
+                );
+                assert!(n <= 9 || is_least, "{exponent} {bound}: {n} trials");
+            }
+        }
+    }
+
+    #[test]
+    fn a_leap_is_narrowed_down_and_the_impossible_given_up() {
+        let (best, _) = settle(1.0, |count| if count < 123_456 { 9.0 } else { 0.1 });
+        let asked = best.unwrap().asked;
+        assert!((123_456..127_500).contains(&asked), "{asked}");
+        assert!(settle(0.0, |_| 1e-9).0.is_none());
+        assert_eq!(settle(0.0, |_| 0.0).0.unwrap().asked, 2);
+    }
+}
