@@ -490,10 +490,12 @@ fn faults(source: &MeshSource, partition: &Partition, dropped: Dropped) -> BTree
     ])
 }
 
-/// Texture coordinates mean nothing outside of their chart.
+/// Texture coordinates, and the number of their image, mean nothing outside of their chart.
 fn confined(source: &MeshSource, config: &Config) -> Vec<bool> {
     let codec = source.schema().kernel_codec(&config.attributes.labels);
-    codec.meanings(source.schema()).iter().map(|m| *m == Meaning::Texture).collect()
+    let image = Meaning::Scalar("texnumber".to_owned());
+    let meanings = codec.meanings(source.schema());
+    meanings.iter().map(|m| *m == Meaning::Texture || *m == image).collect()
 }
 
 /// Recorded before the output is written: an output that is found later may be this job's own.

@@ -309,7 +309,11 @@ fn a_panic_at_any_operation_costs_nothing() {
             let is_there = bench.output_is_absent_or_whole(&what);
             if let Err(error) = outcome {
                 assert_eq!(error.exit_code(), 9, "{what}: {error}");
-                assert!(error.to_string().contains("injected fault"), "{what}: {error}");
+                // Of two workers the one that finds the writer broken may be heard first.
+                let said = error.to_string();
+                let is_told =
+                    said.contains("injected fault") || said.contains("another worker fell");
+                assert!(is_told, "{what}: {said}");
             } else {
                 assert!(is_there, "{what}: success without output");
             }

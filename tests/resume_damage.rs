@@ -141,7 +141,7 @@ fn a_second_run_says_who_works_and_a_dead_holder_is_followed() {
 enum Shape {
     /// A vertex with all triangles around it, their last corner.
     Fan,
-    /// The same vertex as their first corner: all triangles belong to its cell.
+    /// The same with that vertex the first of all: all triangles belong to its cell.
     Hub,
     /// All vertices in one point.
     Point,
@@ -154,17 +154,18 @@ fn write_shape(path: &Path, shape: Shape, n: u32) {
         n + 1
     )
     .into_bytes();
+    // The hub is vertex 0 or vertex n, the rim the n others.
+    let (hub, rim) = if shape == Shape::Hub { (0, 1) } else { (n, 0) };
     for i in 0..=n {
         let angle = f64::from(i) / f64::from(n) * std::f64::consts::TAU;
-        let radius = if shape == Shape::Point || i == n { 0.0 } else { 1.0 };
+        let radius = if shape == Shape::Point || i == hub { 0.0 } else { 1.0 };
         for value in [radius * angle.cos(), radius * angle.sin(), 0.0] {
             bytes.extend_from_slice(&(value as f32).to_le_bytes());
         }
     }
     for i in 0..n {
         bytes.push(3);
-        let next = (i + 1) % n;
-        let corners = if shape == Shape::Hub { [n, i, next] } else { [i, next, n] };
+        let corners = [rim + i, rim + (i + 1) % n, hub];
         corners.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
     }
     std::fs::write(path, bytes).unwrap();

@@ -80,7 +80,7 @@ impl Attributes {
         let none = active.is_empty();
         let confined = active.iter().map(|&(c, _)| confined.get(c) == Some(&true)).collect();
         let (sums, patch) = (Vec::new(), Patch::default());
-        (!none).then(|| Attributes { active, confined, eights, simd, sums, patch })
+        (!none).then_some(Attributes { active, confined, eights, simd, sums, patch })
     }
 
     /// The channels that count, with their factors.

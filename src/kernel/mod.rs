@@ -151,10 +151,10 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
     let mut surface =
         surface::Surface::new(mesh, locked, (&options.weights, &options.confined), simd);
     surface.placement = options.placement;
-    if options.topology == Topology::Error && surface.n_channels == 0 {
+    if options.topology == Topology::Error && !options.confined.contains(&true) {
         weld::lock_coincident(&mut surface);
     } else {
-        weld::coincident(&mut surface, options.topology, simd);
+        weld::coincident(&mut surface, options.topology, &options.confined, simd);
     }
     let mut driver = drive::Driver::new(surface, simd, options.topology);
     driver.mend();

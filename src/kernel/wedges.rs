@@ -81,6 +81,9 @@ impl Pairs {
     }
 }
 
+/// Values of a channel at both ends of an edge, if all wedges of either agree.
+type CommonEnds = Option<[f32; 2]>;
+
 /// A collapse at a seam under way.
 pub(crate) struct SeamPlan {
     pairs: Pairs,
@@ -100,8 +103,12 @@ impl Wedges {
         }
     }
 
-    /// Makes one of wedges that are to be joined and have the same values; lowest first.
-    pub(crate) fn join_equal(&mut self, join: &BTreeMap<u32, u32>) {
+    /// Makes one of wedges that are to be joined and have the same confined values; lowest first.
+    pub(crate) fn join_equal(&mut self, join: &BTreeMap<u32, u32>, confined: &[bool]) {
+        let alike = |a: &[f32], b: &[f32]| {
+            let mut pairs = a.iter().zip(b).zip(confined);
+            pairs.all(|((a, b), confined)| !confined || a.to_bits() == b.to_bits())
+        };
         // Groups by the vertex they are joined into, in ascending order of it.
         let mut groups: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
         for (&v, &into) in join {
@@ -110,7 +117,7 @@ impl Wedges {
         let mut same: BTreeMap<u32, u32> = BTreeMap::new();
         for group in groups.values() {
             for (i, &v) in group.iter().enumerate() {
-                let equal = |&&w: &&u32| self.values_of(w) == self.values_of(v);
+                let equal = |&&w: &&u32| alike(self.values_of(w), self.values_of(v));
                 if let Some(&first) = group[..i].iter().find(equal) {
                     same.insert(v, first);
                 }
@@ -190,9 +197,9 @@ impl Wedges {
         self.values[at..at + self.n_channels].copy_from_slice(surface.channels_of(v1));
         for &t in triangles {
             let corners = surface.triangles[t as usize];
-            for k in 0..3 {
-                if corners[k] == v1 {
-                    self.corner[t as usize][k] = wedge;
+            for (corner, &v) in self.corner[t as usize].iter_mut().zip(&corners) {
+                if v == v1 {
+                    *corner = wedge;
                 }
             }
         }
@@ -230,7 +237,8 @@ impl Wedges {
         let pairs = Pairs::of(self, surface, v0, v1);
         let half = surface.edge(v0, v1).map(|x| 0.5 * f64::from(x));
         let half_f32 = half.map(|x| x as f32);
-        if pairs.splits || pairs.n == 0 {
+        // A seam that ends at v0 may only become shorter by going to v0.
+        if (pairs.splits && fixed) || pairs.n == 0 {
             return (f32::INFINITY, half_f32);
         }
         let edge = half.map(|x| 2.0 * x);
@@ -257,12 +265,20 @@ impl Wedges {
             }
         }
         let free = if c[2] > 0.0 { (-c[1] / c[2]).clamp(0.0, 1.0) } else { 0.5 };
-        let s = if fixed || pairs.joins { 1.0 } else { free };
+        let s = match (fixed || pairs.joins, pairs.splits) {
+            (true, _) => 1.0,
+            (_, true) => 0.0,
+            _ => free,
+        };
         let floor = (area0 + area1) * length_sq(half) * LENGTH_COST;
         let cost = (c[0] + s * (2.0 * c[1] + s * c[2])).max(0.0) + floor;
         // NaN is no cost.
         let cost = if cost < f64::from(f32::MAX) { cost as f32 } else { f32::INFINITY };
-        let place = if s == 1.0 { half_f32 } else { half.map(|x| ((2.0 * s - 1.0) * x) as f32) };
+        let place = match s {
+            1.0 => half_f32,
+            0.0 => half_f32.map(|x| -x),
+            _ => half.map(|x| ((2.0 * s - 1.0) * x) as f32),
+        };
         (cost, place)
     }
 
@@ -273,7 +289,7 @@ impl Wedges {
         surface: &Surface,
         (t, v, end): (u32, u32, usize),
         (pairs, edge): (&Pairs, [f64; 3]),
-        (active, common): (&[(usize, f32)], &[Option<[f32; 2]>]),
+        (active, common): (&[(usize, f32)], &[CommonEnds]),
         c: &mut [f64; 3],
     ) {
         let (b, d) = others(surface.triangles[t as usize], v);
@@ -282,7 +298,8 @@ impl Wedges {
         let double_area = length_sq(n).sqrt();
         let edges_sq = length_sq(to_b) + length_sq(to_d) + length_sq(sub(to_d, to_b));
         let below = length_sq(n).max(edges_sq * edges_sq * LEAST_SHAPE_SQ);
-        if !(below > 0.0) {
+        // NaN is no triangle either.
+        if below <= 0.0 || below.is_nan() {
             return;
         }
         // What one unit of step at b, and at d, is worth along the whole edge.
@@ -319,7 +336,11 @@ impl Wedges {
     /// What a collapse at a seam will do, before it is carried out; `s` is its place on the edge, 0 at `v0`.
     pub(crate) fn plan(&self, surface: &Surface, (v0, v1): (u32, u32), s: f32) -> SeamPlan {
         let pairs = Pairs::of(self, surface, v0, v1);
-        let mix = |a: f32, b: f32| if s == 1.0 { b } else { a + s * (b - a) };
+        let mix = |a: f32, b: f32| match s {
+            1.0 => b,
+            0.0 => a,
+            _ => a + s * (b - a),
+        };
         let common: Vec<Option<f32>> = (0..self.n_channels)
             .map(|channel| {
                 let ends = [v0, v1].map(|v| self.common(surface, v, channel));
@@ -371,10 +392,9 @@ impl Wedges {
         }
         for &t in triangles {
             let corners = surface.triangles[t as usize];
-            for k in 0..3 {
-                let wedge = self.corner[t as usize][k];
-                if let (true, Some((_, new))) = (corners[k] == v1, plan.pairs.of_v0(wedge)) {
-                    self.corner[t as usize][k] = new;
+            for (corner, &v) in self.corner[t as usize].iter_mut().zip(&corners) {
+                if let (true, Some((_, new))) = (v == v1, plan.pairs.of_v0(*corner)) {
+                    *corner = new;
                 }
             }
         }
@@ -395,6 +415,20 @@ impl Wedges {
     fn look_again(&mut self, surface: &mut Surface, v: u32) {
         let Some(first) = self.single(surface, v) else { return };
         let ring = surface.ring(v);
+        // Wedges that have come to the same values are one: the seam is closed there.
+        let mut kept: Vec<u32> = Vec::new();
+        for &t in ring {
+            let wedge = self.at(surface, t, v);
+            let own = self.values_of(wedge);
+            match kept.iter().find(|&&w| w == wedge || self.values_of(w) == own).copied() {
+                None => kept.push(wedge),
+                Some(same) if same != wedge => {
+                    let k = surface.triangles[t as usize].iter().position(|&x| x == v);
+                    self.corner[t as usize][k.unwrap_or(0)] = same;
+                }
+                Some(_) => {}
+            }
+        }
         self.is_seam[v as usize] = ring.iter().any(|&t| self.at(surface, t, v) != first);
         if !self.is_seam[v as usize] {
             let at = v as usize * surface.n_channels;
@@ -420,6 +454,9 @@ impl Wedges {
 pub(crate) fn place_on_edge(half: [f32; 3], place: [f32; 3]) -> f32 {
     if place == half {
         return 1.0;
+    }
+    if place == half.map(|x| -x) {
+        return 0.0;
     }
     let (half, place) = (half.map(f64::from), place.map(f64::from));
     along(place, half.map(|x| -x), half) as f32

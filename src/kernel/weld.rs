@@ -5,8 +5,9 @@
 //! triangles on the same side of an edge, it is not done. Locked vertices are never joined: another cell
 //! knows them; what coincides with one is locked too, so that both sides stay together.
 //!
-//! Vertices whose channels are the same become one for good under `Topology::Error`; all others stay apart
-//! as wedges (`wedges`). Without channels and under `Topology::Error`, `mend` does more instead.
+//! Vertices whose confined channels (texture coordinates) are the same become one for good under
+//! `Topology::Error`, with the channels of the lowest id; if others are to stay apart, they do as wedges
+//! (`wedges`). Without confined channels and under `Topology::Error`, `mend` does more instead.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +18,12 @@ use super::surface::{GONE, Surface};
 use super::wedges::Wedges;
 
 /// Joins what coincides; returns how many vertices went. Sorts boundary vertices only.
-pub(crate) fn coincident(surface: &mut Surface, topology: Topology, simd: Simd) -> u64 {
+pub(crate) fn coincident(
+    surface: &mut Surface,
+    topology: Topology,
+    confined: &[bool],
+    simd: Simd,
+) -> u64 {
     let mut join = candidates(surface);
     while !join.is_empty() {
         let bad = conflicts(surface, &join);
@@ -30,12 +36,15 @@ pub(crate) fn coincident(surface: &mut Surface, topology: Topology, simd: Simd) 
         return 0;
     }
     let kept_apart = |surface: &Surface, (v, into): (&u32, &u32)| {
-        topology == Topology::Keep || surface.channels_of(*v) != surface.channels_of(*into)
+        let (a, b) = (surface.channels_of(*v), surface.channels_of(*into));
+        let differ = |channel: usize| a[channel].to_bits() != b[channel].to_bits();
+        topology == Topology::Keep
+            || (0..a.len()).any(|c| confined.get(c) == Some(&true) && differ(c))
     };
     if join.iter().any(|pair| kept_apart(surface, pair)) {
         let mut wedges = Box::new(Wedges::new(surface));
         if topology == Topology::Error {
-            wedges.join_equal(&join);
+            wedges.join_equal(&join, confined);
         }
         surface.wedges = Some(wedges);
     }

@@ -577,7 +577,7 @@ mod tests {
         }
     }
 
-    /// A fan around its first corner, which would be one cell, comes out as cells of the planned size that
+    /// A fan around the vertex of lowest index, which would be one cell, comes out as cells of the planned size that
     /// hold all their vertices and share those at their edges.
     #[test]
     fn a_cell_denser_than_planned_is_split() {
@@ -589,7 +589,7 @@ mod tests {
             let angle = f64::from(i) * 1e-4;
             schema.encode_position([angle.cos(), angle.sin(), 0.0], &mut records);
         }
-        let faces: Vec<[u32; 3]> = (0..n).map(|i| [n, i, (i + 1) % n]).collect();
+        let faces: Vec<[u32; 3]> = (0..n).map(|i| [1 + i, 1 + (i + 1) % n, 0]).collect();
         let header = OutputHeader::new(schema, u64::from(n) + 1, u64::from(n));
         let mut writer = PlyWriter::create(&folder.path().join("grid.ply"), header).unwrap();
         writer.write_vertices(&records).unwrap();
