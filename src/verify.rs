@@ -30,7 +30,7 @@ pub fn refuse_unreadable(config: &Config) -> Result<()> {
     } else {
         return Ok(());
     };
-    Err(Error::Usage(format!("the result cannot be measured: {what}")))
+    Err(Error::Usage(format!("the result cannot be measured (--verify, --max-error): {what}")))
 }
 
 /// Measures, and adds what was found to the report as one more stage; its seconds then include it.
