@@ -165,6 +165,8 @@ struct Stages<'a> {
     rounds_done: u32,
     shared_by_round: Vec<u64>,
     charts_vanished: u64,
+    /// What the finish's fit did.
+    fit: Option<kernel::FitStatistics>,
     /// Vertices on texture seams after the last round or the finish.
     seam_vertices: u64,
     /// Refused collapses, and changes of the topology, by kind, over all rounds and the finish.
@@ -201,12 +203,18 @@ impl<'a> Stages<'a> {
                 &config.attributes.labels,
                 &config.attributes.weights,
             ),
-            kernel: kernel::Options { confined: confined(source, config), ..config.kernel.clone() },
+            kernel: kernel::Options {
+                confined: confined(source, config),
+                // Whether it is worth its time is a question of the whole job, not of what the finish sees.
+                fit: config.kernel.fit.decided(plan.triangles_in, plan.target),
+                ..config.kernel.clone()
+            },
             target: plan.target,
             rounds_done: 0,
             shared_by_round: Vec::new(),
             charts_vanished: 0,
             seam_vertices: 0,
+            fit: None,
             rejects: BTreeMap::new(),
             changes: BTreeMap::new(),
             reports: Vec::new(),
@@ -389,6 +397,7 @@ impl<'a> Stages<'a> {
     fn count(&mut self, done: &SurvivorInfo) {
         self.charts_vanished += done.charts_vanished;
         self.seam_vertices = done.seam_vertices;
+        self.fit = done.fit;
         for (sums, counts) in
             [(&mut self.rejects, &done.rejects), (&mut self.changes, &done.changes)]
         {
@@ -482,6 +491,7 @@ impl<'a> Stages<'a> {
             },
             rejects: self.rejects.clone(),
             changes: self.changes.clone(),
+            fit: self.fit,
             seams: SeamReport {
                 shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
                 shared_vertices_by_round: self.shared_by_round.clone(),
@@ -547,6 +557,7 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("label".to_owned(), config.attributes.labels.join(",")),
         ("normals".to_owned(), format!("{:?}", config.attributes.normals).to_lowercase()),
         ("topology".to_owned(), format!("{:?}", config.kernel.topology).to_lowercase()),
+        ("fit".to_owned(), format!("{:?}", config.kernel.fit).to_lowercase()),
     ])
 }
 

@@ -92,7 +92,9 @@ impl Plan {
         let threads = config.threads.get();
         let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
         let tables = partition::memory_bytes(source.n_vertices(), cells, threads, usable / 2);
-        let works = stage_bytes(cell).max(stage_bytes(finish_triangles));
+        let fit = config.kernel.fit.decided(triangles_in, target);
+        let fit_bytes = kernel::fit_bytes(fit, finish_triangles, target);
+        let works = stage_bytes(cell).max(stage_bytes(finish_triangles) + fit_bytes);
         let needed = works.max(tables) + BASE_BYTES;
         if needed > config.memory_bytes {
             return Err(too_little(config, needed, works > tables, usable, works));

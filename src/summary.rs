@@ -98,6 +98,9 @@ pub struct RunReport {
     /// What was cleaned and changed of the topology, by kind, over all rounds and the finish.
     #[serde(default)]
     pub changes: BTreeMap<String, u64>,
+    /// What moving the vertices to fit the original did; absent where it was not done.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fit: Option<crate::kernel::FitStatistics>,
     pub seams: SeamReport,
     pub target: u64,
     pub target_met: bool,

@@ -9,7 +9,7 @@ use super::tidy::Dropped;
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::format::ChunkKind;
-use crate::kernel::{Simplified, Statistics};
+use crate::kernel::{FitStatistics, Simplified, Statistics};
 use crate::mesh::Mesh;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -34,6 +34,9 @@ pub struct SurvivorInfo {
     pub collapses: u64,
     /// Whether every cell reached its stop.
     pub reached: bool,
+    /// What the fit did; only a finish has one.
+    #[serde(default)]
+    pub fit: Option<FitStatistics>,
     /// What was left out of the cells before they were simplified.
     #[serde(default)]
     pub dropped: Dropped,
@@ -72,6 +75,9 @@ pub struct CellStatistics {
     pub changes: Vec<(String, u64)>,
     /// Whether the stop was reached.
     pub reached: bool,
+    /// What the fit did, if there was one.
+    #[serde(default)]
+    pub fit: Option<FitStatistics>,
     /// What was left out of the cell before.
     #[serde(default)]
     pub dropped: Dropped,
@@ -93,6 +99,7 @@ impl From<&Statistics> for CellStatistics {
             rejects: named(&statistics.rejects),
             changes: named(&statistics.changes),
             reached: statistics.reached,
+            fit: statistics.fit,
             dropped: Dropped::default(),
             charts_vanished: statistics.charts_vanished,
             seam_vertices: statistics.seam_vertices,
@@ -252,6 +259,7 @@ impl SurvivorWriter {
             info.triangles += triangles;
             info.collapses += survivors.statistics.collapses;
             info.reached &= survivors.statistics.reached;
+            info.fit = info.fit.or(survivors.statistics.fit);
             info.dropped += survivors.statistics.dropped;
             info.charts_vanished += survivors.statistics.charts_vanished;
             info.seam_vertices += survivors.statistics.seam_vertices;

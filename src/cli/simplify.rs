@@ -76,6 +76,10 @@ pub struct Args {
     /// Whether specks, three-edge holes and thin tubes smaller than the error may go (error) or must stay (keep).
     #[arg(long, value_enum, value_name = "POLICY", default_value = "error")]
     topology: TypedTopology,
+    /// Whether the vertices of the result are moved to fit the original: less error for more time; auto does so
+    /// where at most 5 % of the triangles are left.
+    #[arg(long, value_enum, value_name = "WHEN", default_value = "auto")]
+    fit: TypedFit,
     /// Where the vertex goes that survives a collapse: optimal, subset (only vertices of the input) or midpoint.
     #[arg(long, value_enum, value_name = "PLACE", default_value = "optimal")]
     placement: TypedPlacement,
@@ -103,6 +107,17 @@ enum TypedTopology {
     Keep,
     /// What is smaller than the error may go.
     Error,
+}
+
+/// The choices of `--fit`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum TypedFit {
+    /// Always, where the result fits into one finish.
+    On,
+    /// Never.
+    Off,
+    /// Where it is cheap.
+    Auto,
 }
 
 /// The choices of `--placement`.
@@ -187,6 +202,11 @@ impl Args {
                     TypedTopology::Keep => kernel::Topology::Keep,
                     TypedTopology::Error => kernel::Topology::Error,
                 },
+                fit: match self.fit {
+                    TypedFit::On => kernel::Fit::On,
+                    TypedFit::Off => kernel::Fit::Off,
+                    TypedFit::Auto => kernel::Fit::Auto,
+                },
                 placement: match self.placement {
                     TypedPlacement::Optimal => kernel::Placement::Optimal,
                     TypedPlacement::Subset => kernel::Placement::Subset,
@@ -263,6 +283,15 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
         show_bytes(report.peak_memory_bytes),
         show_bytes(report.peak_temp_bytes)
     ));
+    if let (true, Some(fit)) = (talk.verbose, &report.fit) {
+        log.say(format!(
+            "fit: {} samples, {} vertices moved, RMS {:.3e} -> {:.3e}",
+            show_count(fit.samples),
+            show_count(fit.moved),
+            fit.rms_before,
+            fit.rms_after
+        ));
+    }
     for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
         log.say(format!("  {n} {} dropped", name.replace('_', " ")));
     }

@@ -12,6 +12,7 @@ use super::lanes::Simd;
 use super::legal::RejectCounts;
 use super::mend::{self, Mended};
 use super::queue::{BucketQueue, Entry};
+use super::samples::Samples;
 use super::surface::{GONE, Surface};
 
 /// Triangles whose edges seed one queue.
@@ -39,6 +40,8 @@ pub(crate) struct Driver {
     /// Input vertices that are gone, for the new vertices of a cut.
     pub(super) spare_sources: Vec<u32>,
     pub(crate) changes: TopologyChanges,
+    /// What the result will be fitted to.
+    pub(crate) samples: Option<Samples>,
 }
 
 /// Changes of topology that were made.
@@ -101,6 +104,7 @@ impl Driver {
             topology,
             spare_sources: Vec::new(),
             changes: TopologyChanges { may_mend: true, ..TopologyChanges::default() },
+            samples: None,
         }
     }
 
@@ -170,8 +174,12 @@ impl Driver {
         // The wedges of a seam belong to one vertex each, which must not be taken apart.
         let is_plain = self.surface.wedges.is_none();
         if self.topology == Topology::Error && self.changes.may_mend && is_plain {
+            if let Some(samples) = &mut self.samples {
+                samples.follow(&self.surface.rings);
+            }
             let done = mend::mend(&mut self.surface, &mut self.spare_sources, self.simd);
-            if done.is_rebuilt {
+            if let Some(place) = &done.rebuilt {
+                self.renumber_samples(place);
                 self.collapses_before += std::mem::take(&mut self.collapses);
             }
             self.changes.add(done);
@@ -190,9 +198,19 @@ impl Driver {
         }
     }
 
+    fn renumber_samples(&mut self, place: &[u32]) {
+        if let Some(samples) = &mut self.samples {
+            samples.renumber(place, self.surface.n_alive, self.surface.vertices.len());
+        }
+    }
+
     fn tidy(&mut self) {
         if (self.surface.n_alive as f64) < 0.75 * self.surface.triangles.len() as f64 {
-            self.surface.compact(self.simd);
+            if let Some(samples) = &mut self.samples {
+                samples.follow(&self.surface.rings);
+            }
+            let place = self.surface.compact(self.simd);
+            self.renumber_samples(&place);
             self.collapses_before += std::mem::take(&mut self.collapses);
         }
     }

@@ -22,7 +22,7 @@ const MOST_PAIRS: usize = 1 << 12;
 const REBUILD_SHARE: usize = 4;
 
 /// What was mended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Mended {
     /// Vertices that became one with another in the same place.
     pub(crate) joined: u64,
@@ -32,8 +32,8 @@ pub(crate) struct Mended {
     pub(crate) duplicates: u64,
     /// Vertices that would have to be made, but there was no source for them yet.
     pub(crate) missing: u64,
-    /// Whether the whole surface was built anew, with stamps from zero.
-    pub(crate) is_rebuilt: bool,
+    /// If the whole surface was built anew, with stamps from zero: the new number of each vertex, or `GONE`.
+    pub(crate) rebuilt: Option<Vec<u32>>,
 }
 
 /// Mends a surface. New vertices take over `spare` sources; sources of vertices that go are added to it.
@@ -60,10 +60,9 @@ pub(crate) fn mend(surface: &mut Surface, spare: &mut Vec<u32>, simd: Simd) -> M
         return mended;
     }
     plan.carry_out(surface, &patch, spare, &mut mended);
-    mended.is_rebuilt = patch.triangles.len() > surface.triangles.len() / REBUILD_SHARE;
-    if mended.is_rebuilt {
+    if patch.triangles.len() > surface.triangles.len() / REBUILD_SHARE {
         drop((patch, corners, known, scratch));
-        surface.compact(simd);
+        mended.rebuilt = Some(surface.compact(simd));
     } else {
         plan.rewire(surface, &patch, touched, simd);
     }

@@ -11,14 +11,17 @@ mod collapse;
 mod drain;
 mod drive;
 mod evaluate;
+mod fit;
 mod lanes;
 mod legal;
 mod mend;
+mod nearest;
 mod order;
 mod placement;
 mod queue;
 pub mod reference;
 pub(crate) mod repeats;
+mod samples;
 mod surface;
 mod topology;
 mod unchecked;
@@ -27,8 +30,10 @@ mod wedges;
 mod weld;
 
 pub use attributes::MAX_WEIGHTED;
+pub use fit::{AUTO_FIT_RATIO, Fit, FitStatistics};
 
 use crate::mesh::Mesh;
+use samples::Samples;
 
 /// When the kernel stops collapsing.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,6 +63,8 @@ pub struct Options {
     pub stop: Stop,
     /// What may happen to the topology.
     pub topology: Topology,
+    /// Whether the vertices are moved at the end so that the error falls; only with `Placement::Optimal`.
+    pub fit: Fit,
     /// Where the vertex goes that survives a collapse.
     pub placement: Placement,
     /// Boundary vertices of different components that are at most this far apart, in input units, may
@@ -101,6 +108,7 @@ impl Default for Options {
         Options {
             stop: Stop::Triangles(u64::MAX),
             topology: Topology::default(),
+            fit: Fit::default(),
             placement: Placement::default(),
             merge_distance: 0.0,
             weights: Vec::new(),
@@ -126,6 +134,8 @@ pub struct Statistics {
     pub level_counts: Vec<u64>,
     /// Whether the stop was reached (false: nothing legal is left to collapse).
     pub reached: bool,
+    /// What the fit did, if there was one.
+    pub fit: Option<FitStatistics>,
 }
 
 /// The outcome of `simplify_mesh`.
@@ -168,7 +178,16 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
     driver.changes.add_cleaned(cleaned, approached);
     driver.mend();
     match &options.stop {
-        Stop::Triangles(target) => statistics.reached = driver.reach(*target),
+        Stop::Triangles(target) => {
+            let is_free = options.placement == Placement::Optimal;
+            if is_free && options.fit.applies(driver.surface.n_alive, *target) {
+                driver.samples = Some(Samples::take(&driver.surface, *target));
+            }
+            statistics.reached = driver.reach(*target);
+            if let Some(samples) = driver.samples.take() {
+                statistics.fit = Some(fit::fit(&mut driver.surface, samples, simd));
+            }
+        }
         Stop::Costs { levels, floor_triangles } => {
             for &level in levels {
                 if !statistics.level_counts.is_empty() && driver.surface.n_alive <= *floor_triangles
@@ -201,6 +220,12 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
 /// Measured: 60 bytes a triangle beyond the input on clean scans, 87 on a noisy CT (docs/results/kernel.md).
 pub fn peak_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
     102 * n_triangles + n_vertices * (24 + 8 * n_channels as u64)
+}
+
+/// What the fit adds to `peak_bytes`: its samples. The rest of its memory takes the place of what the collapses
+/// have freed by then.
+pub fn fit_bytes(fit: Fit, n_triangles: u64, target: u64) -> u64 {
+    if fit.applies(n_triangles, target) { samples::bytes(n_triangles, target) } else { 0 }
 }
 
 /// What weighted channels add to `peak_bytes`.

@@ -156,8 +156,9 @@ impl Surface {
         surface
     }
 
-    /// Drops what is gone, keeps the order of the rest, and builds rings and quadrics anew.
-    pub(crate) fn compact(&mut self, simd: Simd) {
+    /// Drops what is gone, keeps the order of the rest, and builds rings and quadrics anew. For each vertex its
+    /// new number, `GONE` if it is gone.
+    pub(crate) fn compact(&mut self, simd: Simd) -> Vec<u32> {
         let mut place = vec![GONE; self.vertices.len()];
         let mut n = 0;
         for (old, place) in place.iter_mut().enumerate() {
@@ -187,6 +188,7 @@ impl Surface {
             *t = t.map(|v| place[v as usize]);
         }
         self.build(simd, true);
+        place
     }
 
     /// Rings, quadrics and classes from vertices and triangles; `again` after a compaction.

@@ -1,0 +1,132 @@
+//! The fit: it lowers the error, both ways, and touches nothing that it must not.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use stonecut::Mesh;
+use stonecut::kernel::{Fit, Options, Simplified, Stop, simplify_mesh};
+use stonecut::measure::{self, Deviation};
+use stonecut::progress::Progress;
+
+/// A height field of `n` x `n` quads far from the origin.
+fn sheet(n: usize, height: impl Fn(f64, f64) -> f64) -> Mesh {
+    let mut positions = Vec::new();
+    for y in 0..=n {
+        for x in 0..=n {
+            let (u, v) = (x as f64 / n as f64, y as f64 / n as f64);
+            positions.push([u + 1000.0, v - 2000.0, height(u, v)]);
+        }
+    }
+    let at = |x: usize, y: usize| (y * (n + 1) + x) as u32;
+    let mut triangles = Vec::new();
+    for y in 0..n {
+        for x in 0..n {
+            triangles.push([at(x, y), at(x + 1, y), at(x + 1, y + 1)]);
+            triangles.push([at(x, y), at(x + 1, y + 1), at(x, y + 1)]);
+        }
+    }
+    Mesh::new(positions, triangles)
+}
+
+fn bumps(u: f64, v: f64) -> f64 {
+    0.05 * (11.0 * u).sin() * (7.0 * v).cos() + 0.01 * (53.0 * u * v).sin()
+}
+
+fn simplified(mesh: &Mesh, locked: &[bool], target: u64, fit: Fit) -> Simplified {
+    let options = Options { stop: Stop::Triangles(target), fit, ..Options::default() };
+    simplify_mesh(mesh.clone(), locked, &options)
+}
+
+fn deviation(original: &Mesh, result: &Mesh) -> Deviation {
+    let options = measure::Options { samples: 100_000, threads: 2, ..Default::default() };
+    measure::two_sided(original, result, &options, &Progress::default()).unwrap()
+}
+
+#[test]
+fn the_error_falls_both_ways() {
+    let mesh = sheet(240, bumps);
+    let locked = vec![false; mesh.positions.len()];
+    // Vertices merged, vertices alone, edges.
+    for (target, at_most) in [(800, 0.93), (4_000, 0.93), (12_000, 0.95)] {
+        let without = simplified(&mesh, &locked, target, Fit::Off);
+        let with = simplified(&mesh, &locked, target, Fit::On);
+        assert_eq!(without.mesh.triangles, with.mesh.triangles, "triangles stay what they are");
+        assert_eq!(without.source, with.source);
+        let (before, after) = (deviation(&mesh, &without.mesh), deviation(&mesh, &with.mesh));
+        let ratio = |a: f64, b: f64| a / b;
+        let forward = ratio(after.forward.distance.rms, before.forward.distance.rms);
+        let backward = ratio(after.backward.distance.rms, before.backward.distance.rms);
+        assert!(forward < at_most && backward < at_most, "{target}: {forward:.3} {backward:.3}");
+        let fit = with.statistics.fit.unwrap();
+        assert!(fit.samples > target && fit.moved > target / 4, "{fit:?}");
+        assert!(fit.rms_after < fit.rms_before, "{fit:?}");
+        assert_eq!(without.statistics.fit, None);
+    }
+}
+
+#[test]
+fn boundary_and_locked_vertices_keep_their_bits() {
+    let mesh = sheet(120, bumps);
+    let mut locked = vec![false; mesh.positions.len()];
+    for (v, locked) in locked.iter_mut().enumerate() {
+        *locked = v % 97 == 0;
+    }
+    let without = simplified(&mesh, &locked, 2_500, Fit::Off);
+    let with = simplified(&mesh, &locked, 2_500, Fit::On);
+    let rim = |p: &[f64; 3]| {
+        [0, 1].iter().any(|&k| p[k] == [1000.0, -2000.0][k] || p[k] == [1001.0, -1999.0][k])
+    };
+    let mut held = 0;
+    for (v, (a, b)) in without.mesh.positions.iter().zip(&with.mesh.positions).enumerate() {
+        if rim(a) || locked[without.source[v] as usize] {
+            assert_eq!(a.map(f64::to_bits), b.map(f64::to_bits));
+            held += 1;
+        }
+    }
+    assert!(held > 100);
+    assert_ne!(without.mesh.positions, with.mesh.positions);
+}
+
+#[test]
+fn the_same_call_gives_the_same_bytes() {
+    let mesh = sheet(150, bumps);
+    let locked = vec![false; mesh.positions.len()];
+    let first = simplified(&mesh, &locked, 900, Fit::On);
+    assert_eq!(first, simplified(&mesh, &locked, 900, Fit::On));
+}
+
+#[test]
+fn a_plane_stays_a_plane() {
+    let mesh = sheet(64, |_, _| 0.25);
+    let locked = vec![false; mesh.positions.len()];
+    let result = simplified(&mesh, &locked, 300, Fit::On);
+    assert!(result.mesh.positions.iter().all(|p| p[2] == 0.25));
+    let without = simplified(&mesh, &locked, 300, Fit::Off);
+    assert_eq!(without.mesh, result.mesh);
+}
+
+#[test]
+fn auto_fits_only_strong_reductions() {
+    let mesh = sheet(100, bumps);
+    let locked = vec![false; mesh.positions.len()];
+    let fitted = |target| simplified(&mesh, &locked, target, Fit::Auto).statistics.fit.is_some();
+    assert!(fitted(1_000) && !fitted(2_000));
+    assert_eq!(Fit::Auto.decided(100, 5), Fit::On);
+    assert_eq!(Fit::Auto.decided(100, 6), Fit::Off);
+    assert_eq!(Fit::On.decided(100, 100), Fit::Off);
+}
+
+#[test]
+fn nothing_to_fit_to_is_no_harm() {
+    // No triangles; one; all vertices in one point.
+    let meshes = [
+        Mesh::default(),
+        Mesh::new(vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], vec![[0, 1, 2]]),
+        Mesh::new(vec![[7.0; 3]; 6], vec![[0, 1, 2], [1, 2, 3], [2, 3, 4], [3, 4, 5]]),
+    ];
+    for mesh in meshes {
+        let locked = vec![false; mesh.positions.len()];
+        let options = Options { stop: Stop::Triangles(0), fit: Fit::On, ..Options::default() };
+        let result = simplify_mesh(mesh, &locked, &options);
+        assert!(result.mesh.positions.iter().flatten().all(|x| x.is_finite()));
+    }
+}
