@@ -20,8 +20,10 @@ const VERTICES_PER_TRIANGLE: f64 = 8.0;
 const TRIANGLES_PER_TRIANGLE: f64 = 8.0;
 /// Six points that integrate to fourth order: share of the area, and weight of two of the three corners.
 /// Source: Dunavant 1985.
-const SIX_POINTS: [(f64, f64); 2] =
-    [(0.109_951_743_655_322, 0.091_576_213_509_771), (0.223_381_589_678_011, 0.445_948_490_915_965)];
+const SIX_POINTS: [(f64, f64); 2] = [
+    (0.109_951_743_655_322, 0.091_576_213_509_771),
+    (0.223_381_589_678_011, 0.445_948_490_915_965),
+];
 /// How far from the middle of a triangle towards the corner its quadrature point lies: a half is exact to
 /// second order. Between 0.35 and 0.65 it makes no difference at 1 %.
 const SHIFT: f64 = 0.5;
