@@ -109,9 +109,9 @@ fn auto_fits_only_strong_reductions() {
     let mesh = sheet(100, bumps);
     let locked = vec![false; mesh.positions.len()];
     let fitted = |target| simplified(&mesh, &locked, target, Fit::Auto).statistics.fit.is_some();
-    assert!(fitted(1_000) && !fitted(2_000));
-    assert_eq!(Fit::Auto.decided(100, 5), Fit::On);
-    assert_eq!(Fit::Auto.decided(100, 6), Fit::Off);
+    assert!(fitted(200) && !fitted(400));
+    assert_eq!(Fit::Auto.decided(1_000, 11), Fit::On);
+    assert_eq!(Fit::Auto.decided(1_000, 12), Fit::Off);
     assert_eq!(Fit::On.decided(100, 100), Fit::Off);
 }
 

@@ -77,7 +77,7 @@ pub struct Args {
     #[arg(long, value_enum, value_name = "POLICY", default_value = "error")]
     topology: TypedTopology,
     /// Whether the vertices of the result are moved to fit the original: less error for more time; auto does so
-    /// where at most 5 % of the triangles are left.
+    /// where at most 1 % of the triangles are left.
     #[arg(long, value_enum, value_name = "WHEN", default_value = "auto")]
     fit: TypedFit,
     /// Where the vertex goes that survives a collapse: optimal, subset (only vertices of the input) or midpoint.

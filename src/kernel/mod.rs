@@ -298,7 +298,8 @@ mod tests {
         let mesh = sheet(260);
         let locked = vec![false; mesh.positions.len()];
         for target in [60_000, 3_000] {
-            let options = Options { stop: Stop::Triangles(target), ..Options::default() };
+            let (stop, fit) = (Stop::Triangles(target), Fit::On);
+            let options = Options { stop, fit, ..Options::default() };
             let portable = run(mesh.clone(), &locked, &options, lanes::Simd::Portable);
             let fastest = run(mesh.clone(), &locked, &options, lanes::Simd::detect());
             assert_eq!(portable, fastest);
