@@ -11,6 +11,7 @@ use super::legal::Class;
 use super::nearest::{Foot, feet};
 use super::samples::{Sample, Samples};
 use super::surface::{GONE, Surface};
+use super::vector::{add, cross, dot, normal, scale, sub};
 
 /// Times that the nearest triangles are found and the vertices moved.
 const SWEEPS: u64 = 2;
@@ -34,30 +35,6 @@ const TAIL: f64 = 4.0;
 const MAX_ROUNDS: usize = 64;
 
 type V = [f32; 3];
-
-fn sub(a: V, b: V) -> V {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn add(a: V, b: V) -> V {
-    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
-}
-
-fn mul(a: V, s: f32) -> V {
-    [a[0] * s, a[1] * s, a[2] * s]
-}
-
-fn dot(a: V, b: V) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: V, b: V) -> V {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn double_area(corners: [V; 3]) -> V {
-    cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]))
-}
 
 /// Whether the vertices of the result are fitted to the original; only where the stop is a count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -236,13 +213,13 @@ impl<'a> Work<'a> {
             if corners[0] == GONE {
                 continue;
             }
-            let n = double_area(corners.map(|v| self.place[v as usize]));
+            let n = normal(corners.map(|v| self.place[v as usize]));
             let length = dot(n, n).sqrt();
             for v in corners.map(|v| v as usize) {
                 self.around[v] += length;
                 worst[v] = worst[v].max(worst_here[id]);
             }
-            let normal = if length > 0.0 { mul(n, 1.0 / length) } else { [0.0; 3] };
+            let normal = if length > 0.0 { scale(n, 1.0 / length) } else { [0.0; 3] };
             plates.push(Plate { corners, normal, element });
         }
         (plates, energy, worst)
@@ -263,7 +240,7 @@ impl<'a> Work<'a> {
                 for (sum, x) in blocks[v].iter_mut().zip(outer) {
                     *sum += mass * x;
                 }
-                rest[v] = add(rest[v], mul(m, plate.element.pull[k]));
+                rest[v] = add(rest[v], scale(m, plate.element.pull[k]));
             }
         }
         let mut damping = vec![0.0f32; n];
@@ -293,7 +270,7 @@ impl<'a> Work<'a> {
             if !is_sound {
                 *step = [0.0; 3];
             } else if sq > most {
-                *step = mul(*step, (most / sq).sqrt());
+                *step = scale(*step, (most / sq).sqrt());
             }
             moved[v] = add(self.place[v], *step);
         }
@@ -303,7 +280,7 @@ impl<'a> Work<'a> {
                 break;
             }
             for v in touched.into_iter().map(|v| v as usize) {
-                steps[v] = if round < HALVINGS { mul(steps[v], 0.5) } else { [0.0; 3] };
+                steps[v] = if round < HALVINGS { scale(steps[v], 0.5) } else { [0.0; 3] };
                 moved[v] = add(self.place[v], steps[v]);
             }
         }
@@ -408,7 +385,7 @@ fn conjugate_gradients(
     let mut left = total(&rest, &way);
     for step in 0..n_steps {
         for v in 0..n {
-            image[v] = mul(way[v], damping[v]);
+            image[v] = scale(way[v], damping[v]);
         }
         for plate in plates {
             let h = plate.corners.map(|v| dot(plate.normal, way[v as usize]));
@@ -420,7 +397,7 @@ fn conjugate_gradients(
             ];
             for (&v, g) in plate.corners.iter().zip(g) {
                 let image = &mut image[v as usize];
-                *image = add(*image, mul(plate.normal, g));
+                *image = add(*image, scale(plate.normal, g));
             }
         }
         let along = total(&way, &image);
@@ -432,9 +409,9 @@ fn conjugate_gradients(
         let is_last = step + 1 == n_steps;
         let mut next = 0.0f64;
         for v in 0..n {
-            x[v] = add(x[v], mul(way[v], length));
+            x[v] = add(x[v], scale(way[v], length));
             if !is_last {
-                rest[v] = sub(rest[v], mul(image[v], length));
+                rest[v] = sub(rest[v], scale(image[v], length));
                 image[v] = product(blocks[v], rest[v]);
                 next += f64::from(dot(rest[v], image[v]));
             }
@@ -445,7 +422,7 @@ fn conjugate_gradients(
         let share = (next / left) as f32;
         left = next;
         for v in 0..n {
-            way[v] = add(image[v], mul(way[v], share));
+            way[v] = add(image[v], scale(way[v], share));
         }
     }
     x

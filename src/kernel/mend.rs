@@ -12,6 +12,7 @@
 
 use super::lanes::Simd;
 use super::legal::Class;
+use super::repeats::{Repeats, from_least};
 use super::surface::{GONE, Ring, Surface};
 use super::topology;
 use super::vector::{Vec3, dot, length_sq, normal};
@@ -120,38 +121,35 @@ impl Places {
 /// Of triangles over the same three places in the same sense of rotation, only the first stays. Their corners
 /// are added to `touched`.
 fn drop_duplicates(surface: &mut Surface, places: &mut Places, touched: &mut Vec<u32>) -> u64 {
+    // The sense is part of the key, so that none comes out as turned over.
+    let oriented = |surface: &Surface, places: &Places, t: u32| {
+        from_least(surface.triangles[t as usize].map(|v| places.place[v as usize]))
+    };
     // Two of them that have two corners in common make an edge, and both its ends, non-manifold; where they
     // have fewer, the others share their places.
     let mut known: Vec<([u32; 3], u32)> = places
         .triangles(surface, 2)
         .into_iter()
-        .map(|t| {
-            let mut at = surface.triangles[t as usize].map(|v| places.place[v as usize]);
-            let least = (0..3).min_by_key(|&i| at[i]).unwrap_or(0);
-            at.rotate_left(least);
-            (at, t)
-        })
+        .map(|t| (oriented(surface, places, t), t))
         .collect();
     known.sort_unstable();
-    let mut dropped = 0;
-    for same in known.chunk_by(|a, b| a.0 == b.0) {
-        for &(_, t) in &same[1..] {
-            for v in surface.triangles[t as usize] {
-                surface.remove_from_ring(v, t);
-                // Its fan is open now, or falls into several.
-                let class = &mut surface.rings[v as usize].class;
-                if *class != Some(Class::Locked) {
-                    *class = Some(Class::Complex);
-                    places.is_concerned[v as usize] = true;
-                }
+    let mut found = Repeats::default();
+    found.add(&known, |t| oriented(surface, places, t));
+    for &t in &found.same {
+        for v in surface.triangles[t as usize] {
+            surface.remove_from_ring(v, t);
+            // Its fan is open now, or falls into several.
+            let class = &mut surface.rings[v as usize].class;
+            if *class != Some(Class::Locked) {
+                *class = Some(Class::Complex);
+                places.is_concerned[v as usize] = true;
             }
-            touched.extend(surface.triangles[t as usize]);
-            surface.triangles[t as usize][0] = GONE;
-            surface.n_alive -= 1;
-            dropped += 1;
         }
+        touched.extend(surface.triangles[t as usize]);
+        surface.triangles[t as usize][0] = GONE;
+        surface.n_alive -= 1;
     }
-    dropped
+    found.same.len() as u64
 }
 
 /// A side of a triangle, from one corner of the patch to the next of the same triangle. Ordered by where it

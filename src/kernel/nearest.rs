@@ -7,6 +7,7 @@
 use super::lanes::{Job, Lanes, Simd};
 use super::samples::Sample;
 use super::surface::{GONE, Surface, others};
+use super::vector::{cross, dot, sub};
 
 /// Rings that a sample may be tried against.
 const MAX_RINGS: usize = 5;
@@ -118,18 +119,6 @@ impl Job for Search<'_> {
             height: best_h.store(),
         }
     }
-}
-
-fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// Where a sample meets the surface.
