@@ -182,6 +182,13 @@ impl Wedges {
         surface.ring(v1).first().map(|&t| self.at(surface, t, v1))
     }
 
+    /// Takes over the surface's values for a vertex off the seams.
+    pub(crate) fn set_single(&mut self, surface: &Surface, v: u32) {
+        if let (false, Some(wedge)) = (self.is_seam(v), self.single(surface, v)) {
+            self.rename(surface, &[], v, wedge);
+        }
+    }
+
     /// After a collapse off the seams: the triangles that came from `v0` use the wedge of `v1`, which has
     /// the surface's new values.
     pub(crate) fn rename(&mut self, surface: &Surface, triangles: &[u32], v1: u32, wedge: u32) {
