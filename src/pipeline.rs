@@ -130,7 +130,7 @@ fn run_stages(
             return Ok(None);
         }
         step = stages.next_step(left.triangles);
-        dropped.get_or_insert(left.dropped);
+        dropped.get_or_insert(left.statistics.dropped);
         survivors = Some(left);
     }
     let result = match (step, survivors) {
@@ -144,7 +144,7 @@ fn run_stages(
     let written = stages.write(&source, &result)?;
 
     let mut report = stages.report(&source, config, &partition, written, started);
-    report.input.faults = faults(&source, &partition, dropped.unwrap_or(result.dropped));
+    report.input.faults = faults(&source, &partition, dropped.unwrap_or(result.statistics.dropped));
     if config.verify {
         verify::verify(config, &stages.run, &mut report)?;
     }
@@ -282,6 +282,9 @@ impl<'a> Stages<'a> {
 
     /// Finds what channels with a weight count for; once, and then the same for every round.
     fn weigh(&mut self, info: &StoreInfo) -> Result<()> {
+        if self.layout.n_weighted() == 0 {
+            return Ok(());
+        }
         let (run, target) = (self.run, self.target);
         self.kernel.weights = run.job.sealed("channel lengths", || {
             simplify::channel_lengths(&self.store(info.clone())?, target, &run)
@@ -395,6 +398,7 @@ impl<'a> Stages<'a> {
     }
 
     fn count(&mut self, done: &SurvivorInfo) {
+        let done = &done.statistics;
         self.charts_vanished += done.charts_vanished;
         self.seam_vertices = done.seam_vertices;
         self.fit = done.fit;

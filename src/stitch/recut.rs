@@ -43,7 +43,7 @@ pub fn recut(
     };
     let layout = survivors.layout();
     let store = split_overfull(store, &mut pack, layout, cell_triangles, round, run)?;
-    pack.sync()?;
+    pack.seal()?;
     run.disk().sync_folder_of(&path)?;
     Ok(StoreInfo { pack_bytes: pack.length(), ..store })
 }
