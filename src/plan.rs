@@ -32,7 +32,7 @@ const SPLIT_FILE_COPIES: u64 = 2;
 const INODES: u64 = 32;
 
 /// End-to-end speed on one core of the reference machine in triangles/s, for the expected time only.
-const TRIANGLES_PER_SECOND_PER_CORE: f64 = 1.2e6;
+const TRIANGLES_PER_SECOND_PER_CORE: f64 = 1.7e6;
 
 /// What a run will do and need.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
