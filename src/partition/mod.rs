@@ -151,7 +151,8 @@ impl Passes<'_> {
                 source.read_vertices(first_block + index, &mut block)?;
                 out.cells.clear();
                 let records = block.records.chunks_exact(record_bytes);
-                out.cells.extend(records.map(|record| tree.cell_of(schema.position(record))));
+                let mut finder = tree.finder();
+                out.cells.extend(records.map(|record| finder.cell_of(schema.position(record))));
                 out.sort(n_cells, row_bytes, |i, row| {
                     let id = block.first + i as u64;
                     row[..ids.bytes].copy_from_slice(&id.to_le_bytes()[..ids.bytes]);
@@ -197,7 +198,8 @@ impl Passes<'_> {
                 source.read_vertices(first / BLOCK_ROWS + index, &mut out.vertices)?;
                 out.cells.clear();
                 let records = out.vertices.records.chunks_exact(record_bytes);
-                let cells = records.map(|r| tree.cell_of(self.layout.schema.position(r)));
+                let mut finder = tree.finder();
+                let cells = records.map(|r| finder.cell_of(self.layout.schema.position(r)));
                 out.cells.extend(cells);
                 Ok(())
             },

@@ -166,7 +166,8 @@ fn take_apart(part: &Survivors, tree: &CellTree, survivors: &SurvivorPack) -> Ap
     let layout = survivors.layout();
     let record_bytes = layout.schema.record_bytes();
     let mut out = Apart::default();
-    let cells: Vec<u32> = part.mesh.positions.iter().map(|&p| tree.cell_of(p)).collect();
+    let mut finder = tree.finder();
+    let cells: Vec<u32> = part.mesh.positions.iter().map(|&p| finder.cell_of(p)).collect();
     let mut order: Vec<(u32, u32)> = part
         .mesh
         .triangles
