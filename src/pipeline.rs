@@ -10,7 +10,9 @@ use crate::cells::{
 use crate::config::{Config, Target, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
-use crate::formats::{OutputFormat, OutputKind, StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
+use crate::formats::{
+    OutputFormat, OutputKind, StageOptions, SurveyOptions, faces_to_vertices, survey_faces,
+};
 use crate::identity::{input_marks, unchanged};
 use crate::job::{self, Identity, Job};
 use crate::kernel;

@@ -110,7 +110,9 @@ impl Plan {
             (output_triangles * (13.0 + records * vertices_per_triangle)) as u64 + 4096;
         // The result's pack, and what putting texture coordinates back to corners sorts.
         let joining = match source.carried() {
-            Some(carry) if carry.is_moved() => (output_triangles * vertices_per_triangle * JOIN_BYTES) as u64,
+            Some(carry) if carry.is_moved() => {
+                (output_triangles * vertices_per_triangle * JOIN_BYTES) as u64
+            }
             _ => 0,
         };
         Ok(Plan {

@@ -7,9 +7,7 @@
 
 use crate::error::{Error, Result};
 use crate::formats::{DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions};
-use crate::ply::{
-    FaceBlock, MeshSource, OutputHeader, ReadOptions, TexturedTriangle, VertexBlock,
-};
+use crate::ply::{FaceBlock, MeshSource, OutputHeader, ReadOptions, TexturedTriangle, VertexBlock};
 use std::path::PathBuf;
 
 /// Converts a mesh between formats: PLY, STL, OBJ and GLB.
@@ -282,7 +280,9 @@ impl Used {
             values: Vec::new(),
         };
         source.each_full_face(|row, face| {
-            while blocks.index + 1 < source.n_face_blocks() && row >= source.first_row(blocks.index + 1) {
+            while blocks.index + 1 < source.n_face_blocks()
+                && row >= source.first_row(blocks.index + 1)
+            {
                 blocks.write(&mut sink)?;
             }
             let place = (row - source.first_row(blocks.index)) as usize * value_bytes;

@@ -58,14 +58,21 @@ pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<Face
         // The components of a colour are one value.
         let group = groups.iter().find(|group| group.contains(&i)).cloned();
         let together = group.clone().unwrap_or_else(|| vec![i]);
-        let is_few = source.n_faces() < FEW_FACES || found.vertices_each(&together) <= MAX_VERTICES_EACH;
+        let is_few =
+            source.n_faces() < FEW_FACES || found.vertices_each(&together) <= MAX_VERTICES_EACH;
         let named = together.iter().any(|&i| is_label(&properties[i]));
         let is_float = matches!(property.scalar, Scalar::F32 | Scalar::F64);
         let mut how = match () {
             () if is_dropped(property) => How::Dropped,
             () if together.iter().all(|&i| found.is_constant(i)) => How::Constant,
             () if is_image(property) => How::Region,
-            () if group.is_some() && !named => if is_few { How::Region } else { How::Averaged },
+            () if group.is_some() && !named => {
+                if is_few {
+                    How::Region
+                } else {
+                    How::Averaged
+                }
+            }
             () if is_float && !named => How::Averaged,
             () if is_few => How::Region,
             () => How::Chosen,

@@ -198,7 +198,11 @@ impl ObjWriter {
     /// Appends triangles with texture coordinates at their corners, which stand before them, and the names of
     /// their materials; all vertices must have been written. Coordinates that are the same within 65,536
     /// triangles are written once.
-    pub fn write_full_faces(&mut self, triangles: &[TexturedTriangle], values: &[u8]) -> Result<()> {
+    pub fn write_full_faces(
+        &mut self,
+        triangles: &[TexturedTriangle],
+        values: &[u8],
+    ) -> Result<()> {
         self.promise(triangles.len());
         for (start, chunk) in triangles.chunks(CHUNK).enumerate() {
             let (mut coordinates, mut faces) = (Vec::new(), Vec::new());

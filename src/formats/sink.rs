@@ -166,7 +166,11 @@ impl MeshSink {
 
     /// Appends triangles with what the header says of faces, `values` being their packed properties. PLY takes
     /// it all, OBJ texture and `texnumber`, the others nothing.
-    pub fn write_full_faces(&mut self, triangles: &[TexturedTriangle], values: &[u8]) -> Result<()> {
+    pub fn write_full_faces(
+        &mut self,
+        triangles: &[TexturedTriangle],
+        values: &[u8],
+    ) -> Result<()> {
         match self {
             MeshSink::Ply(sink) => sink.write_full_faces(triangles, values),
             MeshSink::Obj(sink) => sink.write_full_faces(triangles, values),

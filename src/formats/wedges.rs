@@ -35,8 +35,12 @@ pub fn faces_to_vertices(
         new.iter().find(|p| source.schema().properties.iter().any(|own| own.name == p.name))
     {
         let what = match carry.texture {
-            true => "it has texture coordinates at vertices and at corners; drop the latter with --drop-texture",
-            false => "a property of vertices has a name that is needed for faces; drop those with --drop-faces",
+            true => {
+                "it has texture coordinates at vertices and at corners; drop the latter with --drop-texture"
+            }
+            false => {
+                "a property of vertices has a name that is needed for faces; drop those with --drop-faces"
+            }
         };
         return Err(Error::bad_input(source.path(), format!("{what} (property '{}')", name.name)));
     }
@@ -68,7 +72,10 @@ fn split<const N: usize>(
             return Ok(());
         }
         let Ok(count) = u8::try_from(face.corners.len()) else {
-            let what = format!("a face that carries values has {} corners, 255 at most", face.corners.len());
+            let what = format!(
+                "a face that carries values has {} corners, 255 at most",
+                face.corners.len()
+            );
             return Err(Error::bad_input(&path, what));
         };
         counts.write(&[count])?;

@@ -96,8 +96,7 @@ impl MeshSource {
                         return Err(explain(&self.file, element, row, scan.last(), fault));
                     }
                 };
-                face.is_bad =
-                    !whole || face.corners.iter().any(|&v| self.bad_vertices.contains(v));
+                face.is_bad = !whole || face.corners.iter().any(|&v| self.bad_vertices.contains(v));
                 n_bad += u64::from(face.is_bad);
                 if !face.is_bad || self.options.skip_bad {
                     each(row, &face)?;

@@ -411,7 +411,11 @@ impl PlyWriter {
     }
 
     /// Appends triangles with what the header says of faces: `values` holds the packed properties of all.
-    pub fn write_full_faces(&mut self, triangles: &[TexturedTriangle], values: &[u8]) -> Result<()> {
+    pub fn write_full_faces(
+        &mut self,
+        triangles: &[TexturedTriangle],
+        values: &[u8],
+    ) -> Result<()> {
         assert!(self.vertices_left == 0, "all vertices come before the first face");
         assert!(triangles.len() as u64 <= self.faces_left, "no more faces than the header says");
         let value_bytes = self.faces.value_bytes();

@@ -31,7 +31,11 @@ pub(super) struct Faces {
 impl BackToFaces<'_> {
     /// `joins` is false where texture stays at vertices; then everything that went there does, for writers that
     /// take none of it.
-    pub(super) fn new<'a>(schema: &VertexSchema, carry: &'a FaceCarry, joins: bool) -> BackToFaces<'a> {
+    pub(super) fn new<'a>(
+        schema: &VertexSchema,
+        carry: &'a FaceCarry,
+        joins: bool,
+    ) -> BackToFaces<'a> {
         let stays = carry.is_moved() && !joins;
         let n_properties = if stays { 0 } else { carry.vertex_properties().len() };
         let tail = &schema.properties[schema.properties.len() - n_properties..];

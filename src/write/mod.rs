@@ -139,9 +139,10 @@ pub fn write(
                 writer.write_faces(&triangles)?;
             } else {
                 let faces = of_cell.faces(chunk);
-                let textured = chunk.iter().zip(&faces.texture).map(|(t, &texture)| {
-                    TexturedTriangle { corners: corners(t), texture }
-                });
+                let textured = chunk
+                    .iter()
+                    .zip(&faces.texture)
+                    .map(|(t, &texture)| TexturedTriangle { corners: corners(t), texture });
                 writer.write_full_faces(&textured.collect::<Vec<_>>(), &faces.values)?;
             }
         }
