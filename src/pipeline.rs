@@ -54,7 +54,8 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     }
     let marks = input_marks(&config.input)?;
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
-    let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+    let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+    stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
         let survey = SurveyOptions {
             drop_texture: config.drop_texture,

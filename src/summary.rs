@@ -70,10 +70,12 @@ pub struct SeamReport {
     pub shared_vertices: u64,
     /// The same for every round.
     pub shared_vertices_by_round: Vec<u64>,
-    /// Vertices of the result where charts of a texture meet; only of an input with a texture.
+    /// Vertices of the result where charts of a texture, or regions of faces, meet; only of an input with
+    /// either.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub texture_seam_vertices: Option<u64>,
-    /// Charts of a texture that were smaller than the error and have gone.
+    /// Charts of a texture and regions of faces that were smaller than the error and have gone: pieces that
+    /// triangles connect, each counted once, whatever the cells.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub charts_vanished: Option<u64>,
     /// One of those of the first round, near the middle of the mesh, to look at.

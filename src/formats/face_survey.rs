@@ -12,8 +12,9 @@ use std::collections::HashMap;
 /// Vertices around which faces are compared.
 const SAMPLED_VERTICES: u64 = 20_000;
 
-/// Different faces that are remembered around one vertex.
+/// Different faces that are remembered around one vertex, and bytes for all of them together.
 const MAX_AROUND: usize = 64;
+const MAX_BYTES: usize = 32 << 20;
 
 /// More bytes of properties than these do not go to vertices.
 const MAX_VALUE_BYTES: usize = 128;
@@ -31,7 +32,7 @@ pub struct SurveyOptions<'a> {
 
 /// What the faces of `source` carry and what becomes of it.
 ///
-/// Memory: some megabytes. Time: a pass over the faces if they have scalar properties.
+/// Memory: some megabytes, 64 at most. Time: a pass over the faces if they have scalar properties.
 pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<FaceCarry> {
     let properties = source.face_properties();
     let texture = source.has_corner_texture() && !options.drop_texture;
@@ -112,6 +113,7 @@ impl Found {
             constant: vec![true; properties.len()],
             around: HashMap::new(),
         };
+        let mut room = MAX_BYTES;
         let every = source.n_vertices().div_ceil(SAMPLED_VERTICES).max(1);
         // Multiplying by the golden ratio scatters what is regular in a file.
         let sampled = |v: u64| (v.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32).is_multiple_of(every);
@@ -129,7 +131,11 @@ impl Found {
             }
             for &v in face.corners.iter().filter(|v| sampled(**v)) {
                 let around = found.around.entry(v).or_default();
-                if around.len() < MAX_AROUND && !around.contains(&face.values) {
+                if around.len() < MAX_AROUND
+                    && face.values.len() < room
+                    && !around.contains(&face.values)
+                {
+                    room -= face.values.len();
                     around.push(face.values.clone());
                 }
             }
