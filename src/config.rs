@@ -98,6 +98,8 @@ pub struct Config {
     pub skip_bad: bool,
     /// Give up texture coordinates at corners.
     pub drop_texture: bool,
+    /// Give up scalar properties of faces.
+    pub drop_faces: bool,
     /// Progress within a stage is made durable so often; does not change the result.
     pub checkpoint_every: std::time::Duration,
     /// What becomes of colours, normals and other properties.

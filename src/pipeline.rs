@@ -10,7 +10,9 @@ use crate::cells::{
 use crate::config::{Config, Target, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
-use crate::formats::{OutputKind, StageOptions, texture_at_vertices};
+use crate::formats::{
+    OutputFormat, OutputKind, StageOptions, SurveyOptions, faces_to_vertices, survey_faces,
+};
 use crate::identity::{input_marks, unchanged};
 use crate::job::{self, Identity, Job};
 use crate::kernel;
@@ -23,7 +25,7 @@ use crate::run::Run;
 use crate::schema::Meaning;
 use crate::simplify::{self, Goal};
 use crate::stitch::{self, Parts, Step};
-use crate::summary::{InputReport, OutputReport, RunReport, SeamReport, StageReport};
+use crate::summary::{FaceReport, InputReport, OutputReport, RunReport, SeamReport, StageReport};
 use crate::verify;
 use crate::within;
 use crate::write::{self, Form, Written};
@@ -52,15 +54,20 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     }
     let marks = input_marks(&config.input)?;
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
-    let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+    let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+    stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
-        if config.drop_texture {
-            return Ok(source);
+        let survey = SurveyOptions {
+            drop_texture: config.drop_texture,
+            drop_properties: config.drop_faces,
+            labels: &config.attributes.labels,
+        };
+        let carry = survey_faces(&source, &survey)?;
+        if !config.drop_texture && !carry.texture {
+            source.require_no_texture()?;
         }
-        check_split(&source, config)?;
-        let source = texture_at_vertices(source, &stage)?;
-        source.require_no_texture()?;
-        Ok(source)
+        check_split(&source, &carry, config)?;
+        faces_to_vertices(source, carry, &stage)
     });
     let source = unchanged(&config.input, &marks, source)?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
@@ -205,6 +212,7 @@ impl<'a> Stages<'a> {
             ),
             kernel: kernel::Options {
                 confined: confined(source, config),
+                region: region(source, config),
                 // Whether it is worth its time is a question of the whole job, not of what the finish sees.
                 fit: config.kernel.fit.decided(plan.triangles_in, plan.target),
                 ..config.kernel.clone()
@@ -439,12 +447,10 @@ impl<'a> Stages<'a> {
         let number = self.reports.len() as u32 + 1;
         run.progress.begin("write", number, self.n_stages.max(number), result.triangles);
         let (read, start) = (run.disk().bytes_read(), Instant::now());
-        let format = self.config.format;
-        let kind = format.kind.map_or_else(|| OutputKind::of(&self.config.output), Ok)?;
-        let takes_corners = matches!(kind, OutputKind::Ply | OutputKind::Obj);
+        let kind = Some(self.kind()?);
         let form = Form {
-            format,
-            corners: source.wedges().filter(|_| takes_corners),
+            format: OutputFormat { kind, ..self.config.format },
+            faces: source.carried().cloned().unwrap_or_default(),
             normals: self.config.attributes.normals,
         };
         let written = write::write(&pack, place, header, form, &run)?;
@@ -460,6 +466,10 @@ impl<'a> Stages<'a> {
         Ok(written)
     }
 
+    fn kind(&self) -> Result<OutputKind> {
+        self.config.format.kind.map_or_else(|| OutputKind::of(&self.config.output), Ok)
+    }
+
     fn report(
         &self,
         source: &MeshSource,
@@ -470,7 +480,7 @@ impl<'a> Stages<'a> {
     ) -> RunReport {
         let seconds = started.elapsed().as_secs_f64();
         let met = written.triangles <= self.target;
-        let has_texture = self.layout.codec.has_texture(source.schema());
+        let has_seams = self.layout.codec.has_seams(source.schema());
         RunReport {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             input: InputReport {
@@ -499,9 +509,13 @@ impl<'a> Stages<'a> {
             seams: SeamReport {
                 shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
                 shared_vertices_by_round: self.shared_by_round.clone(),
-                texture_seam_vertices: has_texture.then_some(self.seam_vertices),
-                charts_vanished: has_texture.then_some(self.charts_vanished),
+                texture_seam_vertices: has_seams.then_some(self.seam_vertices),
+                charts_vanished: has_seams.then_some(self.charts_vanished),
                 place: partition.seam_place,
+            },
+            face_properties: match (source.carried(), self.kind()) {
+                (Some(carry), Ok(kind)) => FaceReport::list(carry, kind),
+                _ => Vec::new(),
             },
             target: self.target,
             target_met: met,
@@ -527,16 +541,23 @@ fn faults(source: &MeshSource, partition: &Partition, dropped: Dropped) -> BTree
     ])
 }
 
-/// Texture coordinates, and the number of their image, mean nothing outside of their chart.
+/// Texture coordinates, and the number of their image or region, mean nothing outside of their chart.
 fn confined(source: &MeshSource, config: &Config) -> Vec<bool> {
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     let image = Meaning::Scalar("texnumber".to_owned());
     let meanings = codec.meanings(source.schema());
-    meanings.iter().map(|m| *m == Meaning::Texture || *m == image).collect()
+    let confined = |m: &Meaning| [Meaning::Texture, Meaning::Region, image.clone()].contains(m);
+    meanings.iter().map(confined).collect()
 }
 
 /// Recorded before the output is written: an output that is found later may be this job's own.
 pub(crate) const WRITING: &str = "writing";
+
+/// The channel with the number of the region that a face belongs to.
+fn region(source: &MeshSource, config: &Config) -> Option<usize> {
+    let codec = source.schema().kernel_codec(&config.attributes.labels);
+    codec.meanings(source.schema()).iter().position(|m| *m == Meaning::Region)
+}
 
 /// The writer itself compares: a run that died between its rename and its end has left the same bytes.
 fn refuse_to_overwrite(config: &Config) -> Result<()> {
@@ -558,6 +579,7 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
         ("placement".to_owned(), format!("{:?}", config.kernel.placement).to_lowercase()),
         ("merge-distance".to_owned(), config.kernel.merge_distance.to_string()),
         ("weight".to_owned(), config.attributes.weights.to_string()),
+        ("faces".to_owned(), if config.drop_faces { "drop" } else { "carry" }.to_owned()),
         ("label".to_owned(), config.attributes.labels.join(",")),
         ("normals".to_owned(), format!("{:?}", config.attributes.normals).to_lowercase()),
         ("topology".to_owned(), format!("{:?}", config.kernel.topology).to_lowercase()),

@@ -58,7 +58,7 @@ pub fn cell_bytes(store: &CellStore, cell: usize) -> u64 {
     let tally = store.info().cells[cell];
     let layout = store.layout();
     let n_channels = layout.codec.n_channels();
-    let wedges = match layout.codec.has_texture(&layout.schema) {
+    let wedges = match layout.codec.has_seams(&layout.schema) {
         true => kernel::wedge_bytes(tally.vertices, tally.triangles, n_channels),
         false => 0,
     };
