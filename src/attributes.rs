@@ -86,7 +86,7 @@ impl Weights {
             Meaning::Normal => self.normal,
             Meaning::Texture => self.texture,
             Meaning::Scalar(name) => named(name).unwrap_or(0.0),
-            Meaning::Rest => 0.0,
+            Meaning::Region | Meaning::Rest => 0.0,
         };
         meanings.iter().map(weight).collect()
     }
@@ -165,7 +165,7 @@ impl Sample {
                 }
                 _ => 0.0,
             },
-            Meaning::Rest => 0.0,
+            Meaning::Region | Meaning::Rest => 0.0,
         };
         weights.iter().enumerate().map(|(i, weight)| (weight * unit(i)) as f32).collect()
     }

@@ -5,7 +5,7 @@
 //! colour times its alpha, so that averages are those of what is seen.
 
 use crate::oklab::{linear_of_oklab, linear_of_srgb, oklab_of_linear, srgb_of_linear};
-use crate::schema::{Property, Scalar};
+use crate::schema::{FACE_MEAN, Property, Scalar};
 
 /// Names of red, green, blue and alpha, with what stands before them.
 const NAMES: [[&str; 4]; 5] = [
@@ -32,13 +32,17 @@ pub(crate) struct Colour {
 }
 
 impl Colour {
-    /// All colours among the properties.
+    /// All colours among the properties, those of faces last.
     pub(crate) fn find(properties: &[Property]) -> Vec<Colour> {
-        NAMES.iter().filter_map(|names| Colour::named(names, properties)).collect()
+        let named = |prefix: &'static str| {
+            NAMES.iter().filter_map(move |names| Colour::named(prefix, names, properties))
+        };
+        named("").chain(named(FACE_MEAN)).collect()
     }
 
-    fn named(names: &[&str; 4], properties: &[Property]) -> Option<Colour> {
-        let find = |name: &str| properties.iter().position(|p| p.name == name);
+    fn named(prefix: &str, names: &[&str; 4], properties: &[Property]) -> Option<Colour> {
+        let is = |p: &Property, name: &str| p.name.strip_prefix(prefix) == Some(name);
+        let find = |name: &str| properties.iter().position(|p| is(p, name));
         let fields = [find(names[0])?, find(names[1])?, find(names[2])?];
         let scalar = properties[fields[0]].scalar;
         let one_type = fields.iter().all(|&i| properties[i].scalar == scalar);

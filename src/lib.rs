@@ -14,6 +14,7 @@ pub mod compare;
 pub mod config;
 pub mod disk;
 pub mod error;
+pub mod faces;
 pub mod format;
 pub mod formats;
 pub mod identity;

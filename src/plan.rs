@@ -3,9 +3,11 @@
 use crate::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
 use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::faces::FaceCarry;
 use crate::kernel;
 use crate::partition;
 use crate::ply::MeshSource;
+use crate::simplify::frees_sources;
 use crate::stitch::{self, Step};
 use crate::units::{show_bytes, show_count};
 use std::path::Path;
@@ -22,8 +24,8 @@ const PACK_OVERHEAD: f64 = 1.06;
 /// Temporary bytes for each vertex of an output whose corners get texture coordinates.
 const JOIN_BYTES: f64 = 72.0;
 
-/// Temporary bytes for each corner, and for each byte of the input, where texture coordinates at corners
-/// become vertices: two sorts, and the staged mesh beside its parts.
+/// Temporary bytes for each corner, and for each byte of the input, where what faces carry
+/// goes to vertices: two sorts, and the staged mesh beside its parts.
 const SPLIT_CORNER_BYTES: u64 = 44;
 const SPLIT_FILE_COPIES: u64 = 2;
 
@@ -31,7 +33,7 @@ const SPLIT_FILE_COPIES: u64 = 2;
 const INODES: u64 = 32;
 
 /// End-to-end speed on one core of the reference machine in triangles/s, for the expected time only.
-const TRIANGLES_PER_SECOND_PER_CORE: f64 = 1.2e6;
+const TRIANGLES_PER_SECOND_PER_CORE: f64 = 1.7e6;
 
 /// What a run will do and need.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -77,7 +79,7 @@ impl Plan {
         let cells = plan_cells(triangles_in, config.cell_triangles);
         let (rounds, finish_triangles) = rounds(triangles_in, target, config.cell_triangles);
         let vertices_per_triangle = source.n_vertices() as f64 / triangles_in.max(1) as f64;
-        let has_texture = layout.codec.has_texture(&layout.schema);
+        let has_seams = layout.codec.has_seams(&layout.schema);
         let n_channels = layout.codec.n_channels();
         let stage_bytes = |triangles: u64| {
             let vertices = (triangles as f64 * vertices_per_triangle.clamp(0.5, 3.0)) as u64;
@@ -86,7 +88,7 @@ impl Plan {
             load_bytes(tally, &layout)
                 + kernel::peak_bytes(vertices, triangles, n_channels)
                 + kernel::attribute_bytes(vertices, layout.n_weighted())
-                + if has_texture { wedges } else { 0 }
+                + if has_seams { wedges } else { 0 }
         };
         let cell = (config.cell_triangles.min(triangles_in) as f64 * UNEVEN) as u64;
         let threads = config.threads.get();
@@ -104,13 +106,23 @@ impl Plan {
         let store = (source.n_vertices() as f64 * (ids + records)
             + triangles_in as f64 * 3.0 * ids)
             * PACK_OVERHEAD;
+        // Where sources are kept, what the first round leaves lies beside them.
+        let beside = match rounds.first() {
+            Some(&goal) if !frees_sources(triangles_in, goal) => {
+                let per_vertex = 9 + layout.row_bytes(true);
+                goal as f64 * (12.0 + per_vertex as f64 * vertices_per_triangle)
+            }
+            _ => 0.0,
+        };
         let output_triangles = target.min(triangles_in) as f64;
         let output_bytes =
             (output_triangles * (13.0 + records * vertices_per_triangle)) as u64 + 4096;
         // The result's pack, and what putting texture coordinates back to corners sorts.
-        let joining = match source.wedges() {
-            Some(_) => (output_triangles * vertices_per_triangle * JOIN_BYTES) as u64,
-            None => 0,
+        let joining = match source.carried() {
+            Some(carry) if carry.is_moved() => {
+                (output_triangles * vertices_per_triangle * JOIN_BYTES) as u64
+            }
+            _ => 0,
         };
         Ok(Plan {
             triangles_in,
@@ -119,7 +131,7 @@ impl Plan {
             finish: finish_triangles > 0,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
-            temp_bytes: (store as u64).max(output_bytes + joining)
+            temp_bytes: ((store + beside) as u64).max(output_bytes + joining)
                 + (1 << 20)
                 + if config.verify { 3 * output_bytes } else { 0 },
             output_bytes,
@@ -207,15 +219,16 @@ impl Plan {
     }
 }
 
-/// Fails where the disk cannot hold what it takes to move texture coordinates from corners to vertices,
-/// which happens before everything else; sources without any need nothing.
-pub fn check_split(source: &MeshSource, config: &Config) -> Result<()> {
-    if source.corner_texture().is_none() {
+/// Fails where the disk cannot hold what it takes to move what faces carry to vertices, which happens before
+/// everything else; sources without any need nothing.
+pub fn check_split(source: &MeshSource, carry: &FaceCarry, config: &Config) -> Result<()> {
+    if !carry.is_moved() {
         return Ok(());
     }
     // Nameless files lie beside the job folder.
     let folder = existing_parent(&config.job_folder);
-    let bytes = 3 * SPLIT_CORNER_BYTES * source.n_faces() + SPLIT_FILE_COPIES * source.file_bytes();
+    let corner_bytes = SPLIT_CORNER_BYTES + 4 * carry.vertex_properties().len() as u64;
+    let bytes = 3 * corner_bytes * source.n_faces() + SPLIT_FILE_COPIES * source.file_bytes();
     let stat = rustix::fs::statvfs(folder)
         .map_err(|e| Error::io(folder, "cannot ask for free space", e.into()))?;
     let free = stat.f_bavail * stat.f_frsize;
@@ -225,8 +238,9 @@ pub fn check_split(source: &MeshSource, config: &Config) -> Result<()> {
     Err(Error::NoSpace {
         path: folder.into(),
         what: format!(
-            "splitting the mesh along its texture's seams needs {} here, {} are free; make space, move \
-             the temporary data with --temp-dir, or give the texture up with --drop-texture",
+            "splitting the mesh along the seams of what its faces carry needs {} here, {} are free; make \
+             space, move the temporary data with --temp-dir, or give it up with --drop-texture and \
+             --drop-faces",
             show_bytes(bytes),
             show_bytes(free)
         ),

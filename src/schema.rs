@@ -128,6 +128,18 @@ impl VertexSchema {
     }
 }
 
+/// Before the name of a property that was one of faces and is averaged (`faces`).
+pub(crate) const FACE_MEAN: &str = "face:";
+/// Before the name of one that was one of faces and is a label.
+pub(crate) const FACE_LABEL: &str = "region:";
+/// The property with the number of the region that a vertex belongs to.
+pub(crate) const REGION: &str = "region:";
+
+/// The name of a property without what says that it was one of faces.
+pub(crate) fn own_name(name: &str) -> &str {
+    name.strip_prefix(FACE_MEAN).unwrap_or(name)
+}
+
 /// Names of properties that hold colours when they are `uchar` or `ushort`.
 const COLOUR_NAMES: [&str; 20] = [
     "red",
@@ -152,6 +164,21 @@ const COLOUR_NAMES: [&str; 20] = [
     "specular_alpha",
 ];
 
+/// Which properties are components of one colour; a component without the others is one by itself.
+pub(crate) fn colour_groups(properties: &[Property]) -> Vec<Vec<usize>> {
+    let mut groups: Vec<Vec<usize>> = Colour::find(properties)
+        .iter()
+        .map(|colour| colour.fields.into_iter().chain(colour.alpha).collect())
+        .collect();
+    for (i, property) in properties.iter().enumerate() {
+        let is_colour = Rule::of(property) == Rule::Colour && property.scalar != Scalar::I32;
+        if is_colour && !groups.iter().any(|group| group.contains(&i)) {
+            groups.push(vec![i]);
+        }
+    }
+    groups
+}
+
 /// What a collapse may do with a property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Rule {
@@ -159,7 +186,7 @@ enum Rule {
     Single,
     /// A double: two channels, the nearest float and the float nearest to what is left.
     Double,
-    /// An integer colour component (or the number of an image): one channel, rounded and clamped on the way
+    /// An integer colour component (or the number of an image, or of a region): one channel, rounded and clamped on the way
     /// back.
     Colour,
     /// An integer that means something by its value (a class, a flag, an id): never averaged.
@@ -168,14 +195,14 @@ enum Rule {
 
 impl Rule {
     fn of(property: &Property) -> Rule {
+        let name = own_name(&property.name);
         match property.scalar {
+            // Wedges of different images must not be taken for the same; equal ones mix to themselves.
+            Scalar::I32 if name == "texnumber" || name == REGION => Rule::Colour,
+            _ if name.starts_with(FACE_LABEL) => Rule::Label,
             Scalar::F32 => Rule::Single,
             Scalar::F64 => Rule::Double,
-            Scalar::U8 | Scalar::U16 if COLOUR_NAMES.contains(&property.name.as_str()) => {
-                Rule::Colour
-            }
-            // Wedges of different images must not be taken for the same; equal ones mix to themselves.
-            Scalar::I32 if property.name == "texnumber" => Rule::Colour,
+            Scalar::U8 | Scalar::U16 if COLOUR_NAMES.contains(&name) => Rule::Colour,
             _ => Rule::Label,
         }
     }
@@ -198,6 +225,8 @@ pub enum Meaning {
     Normal,
     /// One of two texture coordinates.
     Texture,
+    /// The number of the region of faces; the same all over it.
+    Region,
     /// A number of its own: the property's name.
     Scalar(String),
     /// What a float cannot hold of the double in the channel before.
@@ -285,7 +314,8 @@ impl VertexCodec {
                 (true, _) => Meaning::Colour,
                 (_, true) => Meaning::Normal,
                 _ if texture(i) => Meaning::Texture,
-                _ => Meaning::Scalar(name(i).to_owned()),
+                _ if name(i) == REGION => Meaning::Region,
+                _ => Meaning::Scalar(own_name(name(i)).to_owned()),
             };
             match field.rule.n_channels() {
                 0 => {}
@@ -296,9 +326,10 @@ impl VertexCodec {
         meanings
     }
 
-    /// Whether there are texture coordinates, so that there may be attribute seams.
-    pub fn has_texture(&self, schema: &VertexSchema) -> bool {
-        self.meanings(schema).contains(&Meaning::Texture)
+    /// Whether there are texture coordinates or regions, so that there may be attribute seams.
+    pub fn has_seams(&self, schema: &VertexSchema) -> bool {
+        let meanings = self.meanings(schema);
+        meanings.contains(&Meaning::Texture) || meanings.contains(&Meaning::Region)
     }
 
     /// How many channels `decode_channels` fills and `encode` takes.

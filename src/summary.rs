@@ -1,5 +1,8 @@
 //! The report of a run, as `--report` writes it; the keys are a contract that scripts rely on.
 
+use crate::faces::{FaceCarry, How};
+use crate::formats::OutputKind;
+use crate::ply::type_name;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -67,15 +70,60 @@ pub struct SeamReport {
     pub shared_vertices: u64,
     /// The same for every round.
     pub shared_vertices_by_round: Vec<u64>,
-    /// Vertices of the result where charts of a texture meet; only of an input with a texture.
+    /// Vertices of the result where charts of a texture, or regions of faces, meet; only of an input with
+    /// either.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub texture_seam_vertices: Option<u64>,
-    /// Charts of a texture that were smaller than the error and have gone.
+    /// Charts of a texture and regions of faces that were smaller than the error and have gone: pieces that
+    /// triangles connect, each counted once, whatever the cells.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub charts_vanished: Option<u64>,
     /// One of those of the first round, near the middle of the mesh, to look at.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place: Option<[f64; 3]>,
+}
+
+/// What became of a property of faces.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FaceReport {
+    /// Its name in the input.
+    pub name: String,
+    /// Its type, or `list`.
+    #[serde(rename = "type")]
+    pub scalar: String,
+    /// What was done with it.
+    pub carried: How,
+    /// Why it was dropped.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reason: Option<String>,
+}
+
+impl FaceReport {
+    /// What became of everything that faces carried but texture, in an output of this kind.
+    pub fn list(carry: &FaceCarry, kind: OutputKind) -> Vec<FaceReport> {
+        let properties = carry.properties.iter().map(|p| {
+            let name = p.property.name.clone();
+            let reason = match kind {
+                _ if p.how == How::Dropped && p.property.name == "texnumber" => {
+                    Some("goes with the texture")
+                }
+                _ if p.how == How::Dropped => Some("not asked for, or too many properties"),
+                OutputKind::Ply => None,
+                OutputKind::Obj if name == "texnumber" => None,
+                _ => Some("the output's format has no place for it"),
+            };
+            let carried = if reason.is_some() { How::Dropped } else { p.how };
+            let reason = reason.map(str::to_owned);
+            FaceReport { name, scalar: type_name(p.property.scalar).to_owned(), carried, reason }
+        });
+        let lists = carry.lists.iter().map(|name| FaceReport {
+            name: name.clone(),
+            scalar: "list".to_owned(),
+            carried: How::Dropped,
+            reason: Some("neither corners nor texture coordinates with an image".to_owned()),
+        });
+        properties.chain(lists).collect()
+    }
 }
 
 /// The report of `simplify`.
@@ -102,6 +150,9 @@ pub struct RunReport {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fit: Option<crate::kernel::FitStatistics>,
     pub seams: SeamReport,
+    /// What became of the scalar properties and lists of faces.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub face_properties: Vec<FaceReport>,
     pub target: u64,
     pub target_met: bool,
     pub stop_reason: String,

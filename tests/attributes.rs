@@ -16,7 +16,7 @@ fn textured(n: usize) -> Vec<u8> {
          element vertex {}\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\n\
          property uchar green\nproperty uchar blue\nproperty int class\nelement face {}\n\
          property list uchar int vertex_indices\nproperty list uchar float texcoord\n\
-         property int texnumber\nend_header\n",
+         property int texnumber\nproperty short label\nend_header\n",
         (n + 1) * (n + 1),
         2 * n * n
     )
@@ -48,6 +48,8 @@ fn textured(n: usize) -> Vec<u8> {
                     bytes.extend(place(l, j / 10).to_le_bytes());
                 }
                 bytes.extend(i32::from(i >= n / 2).to_le_bytes());
+                // Labels whose border crosses charts and images.
+                bytes.extend(if 3 * i < 2 * j { 300i16 } else { -2 }.to_le_bytes());
             }
         }
     }
@@ -64,13 +66,18 @@ struct Read {
     positions: Vec<Place>,
     classes: Vec<i32>,
     faces: Vec<([usize; 3], [[f32; 2]; 3], i32)>,
+    labels: Vec<i16>,
 }
 
 fn read(path: &Path) -> Read {
     let bytes = std::fs::read(path).unwrap();
     let end = bytes.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
     let header = String::from_utf8_lossy(&bytes[..end]).into_owned();
-    assert!(header.contains("list uchar float texcoord\nproperty int texnumber\n"), "{header}");
+    assert!(
+        header
+            .contains("list uchar float texcoord\nproperty int texnumber\nproperty short label\n"),
+        "{header}"
+    );
     assert!(header.contains("comment TextureFile b.png"));
     let count = |what: &str| -> usize {
         let line = header.lines().find(|l| l.starts_with(&format!("element {what} "))).unwrap();
@@ -79,9 +86,12 @@ fn read(path: &Path) -> Read {
     let word = |at: usize| -> [u8; 4] { bytes[at..at + 4].try_into().unwrap() };
     let (n, m) = (count("vertex"), count("face"));
     let vertex = |v: usize| end + 19 * v;
-    let face = |f: usize| end + 19 * n + 42 * f;
+    let face = |f: usize| end + 19 * n + 44 * f;
     assert_eq!(face(m), bytes.len());
     Read {
+        labels: (0..m)
+            .map(|f| i16::from_le_bytes([bytes[face(f) + 42], bytes[face(f) + 43]]))
+            .collect(),
         positions: (0..n)
             .map(|v| [0, 4, 8].map(|k| u32::from_le_bytes(word(vertex(v) + k))))
             .collect(),
@@ -142,6 +152,19 @@ fn textures_at_corners_come_back_at_corners_in_cells_or_not() {
                 assert_eq!(i32::from(chart(texture[0][0]) >= 6.0), *image);
             }
         }
+        // The border of the labels is where it was, or nearly so.
+        let place = |v: usize| [0, 1].map(|k| f64::from(f32::from_bits(mesh.positions[v][k])));
+        let mut areas = [0.0; 2];
+        for ((t, ..), label) in mesh.faces.iter().zip(&mesh.labels) {
+            assert!([300, -2].contains(label));
+            let [a, b, c] = t.map(place);
+            let area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+            areas[usize::from(*label == 300)] += 0.5 * area.abs();
+            let off = |p: [f64; 2]| (3.0 * p[0] - 2.0 * p[1]) / 13f64.sqrt();
+            let wrong = [a, b, c].map(|p| if *label == 300 { off(p) } else { -off(p) });
+            assert!(wrong.iter().all(|off| *off < 0.04), "{wrong:?}");
+        }
+        assert!((areas[1] - 1.0 / 3.0).abs() < 0.01, "{areas:?}");
         counts.push(open_edges(&mesh));
     }
     // The border of the sheet and nothing else.

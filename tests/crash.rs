@@ -30,6 +30,7 @@ fn config(folder: &Path, target: u64) -> Config {
         format: Default::default(),
         skip_bad: false,
         drop_texture: false,
+        drop_faces: false,
         checkpoint_every: stonecut::run::CHECKPOINT_EVERY,
         attributes: Attributes::default(),
         kernel: Default::default(),

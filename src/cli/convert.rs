@@ -1,13 +1,13 @@
 //! `stonecut convert`: any mesh in, any mesh out, nothing changed but the format.
 //!
-//! Two passes over the faces: the first counts triangles and notes which vertices they use, the second
+//! Scalar properties of faces go with them. Two passes over the faces: the first counts triangles and notes which vertices they use, the second
 //! writes them. Degenerate faces and repeated ones are dropped, vertices that no face uses vanish; the order
 //! of all others stays. Memory: a bit and a half a vertex, 64 MiB to find repeated faces, a bit for each
 //! triangle if there are any, and a few blocks.
 
 use crate::error::{Error, Result};
 use crate::formats::{DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions};
-use crate::ply::{FaceBlock, MeshSource, OutputHeader, ReadOptions, VertexBlock};
+use crate::ply::{FaceBlock, MeshSource, OutputHeader, ReadOptions, TexturedTriangle, VertexBlock};
 use std::path::PathBuf;
 
 /// Converts a mesh between formats: PLY, STL, OBJ and GLB.
@@ -217,6 +217,7 @@ impl Used {
         header.comments = source.comments().to_vec();
         header.obj_infos = source.obj_infos().to_vec();
         header.settings = "convert".to_owned();
+        header.faces.properties = source.face_properties();
         let mut sink = MeshSink::create(args.output.as_path(), header, args.format)?;
         let all = done.n_unreferenced == 0;
         let mut block = VertexBlock::default();
@@ -235,6 +236,10 @@ impl Used {
                 }
             }
             sink.write_vertices(&kept)?;
+        }
+        if !source.face_properties().is_empty() {
+            done.n_bytes = self.write_full_faces(source, duplicates, sink)?;
+            return Ok(());
         }
         let mut block = FaceBlock::default();
         let mut place = 0;
@@ -255,5 +260,74 @@ impl Used {
         }
         done.n_bytes = sink.finish()?;
         Ok(())
+    }
+
+    /// The second pass over faces with properties: their rows beside their triangles, block by block.
+    fn write_full_faces(
+        &self,
+        source: &MeshSource,
+        duplicates: &Duplicates,
+        mut sink: MeshSink,
+    ) -> Result<u64> {
+        let value_bytes: usize = source.face_properties().iter().map(|p| p.scalar.bytes()).sum();
+        let mut blocks = FullBlocks {
+            used: self,
+            source,
+            duplicates,
+            value_bytes,
+            place: 0,
+            index: 0,
+            values: Vec::new(),
+        };
+        source.each_full_face(|row, face| {
+            while blocks.index + 1 < source.n_face_blocks()
+                && row >= source.first_row(blocks.index + 1)
+            {
+                blocks.write(&mut sink)?;
+            }
+            let place = (row - source.first_row(blocks.index)) as usize * value_bytes;
+            // Rows without a face keep their place.
+            blocks.values.resize(place, 0);
+            blocks.values.extend_from_slice(&face.values);
+            Ok(())
+        })?;
+        while blocks.index < source.n_face_blocks() {
+            blocks.write(&mut sink)?;
+        }
+        sink.finish()
+    }
+}
+
+/// Blocks of faces on their way to the output, with the values of their rows.
+struct FullBlocks<'a> {
+    used: &'a Used,
+    source: &'a MeshSource,
+    duplicates: &'a Duplicates,
+    value_bytes: usize,
+    /// Triangles so far, dropped ones included.
+    place: u64,
+    index: u64,
+    /// Of the rows of block `index`.
+    values: Vec<u8>,
+}
+
+impl FullBlocks<'_> {
+    fn write(&mut self, sink: &mut MeshSink) -> Result<()> {
+        let mut block = FaceBlock::default();
+        self.source.read_faces_with_rows(self.index, &mut block)?;
+        let (mut triangles, mut values) = (Vec::new(), Vec::new());
+        for (triangle, &row) in block.triangles.iter().zip(&block.rows) {
+            self.place += 1;
+            if self.duplicates.count() > 0 && self.duplicates.contains(self.place - 1) {
+                continue;
+            }
+            let corners = triangle.map(|v| self.used.new_id(v));
+            triangles.push(TexturedTriangle { corners, ..TexturedTriangle::default() });
+            let at = row as usize * self.value_bytes;
+            values.extend_from_slice(&self.values[at..at + self.value_bytes]);
+        }
+        self.values.clear();
+        self.index += 1;
+        sink.write_full_faces(&triangles, &values)
     }
 }

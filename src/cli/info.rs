@@ -40,6 +40,9 @@ struct Report {
     faces: u64,
     coordinate_bits: usize,
     properties: Vec<String>,
+    face_properties: Vec<String>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    dropped_face_properties: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     vertices: Option<u64>,
     #[serde(flatten)]
@@ -59,6 +62,8 @@ pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> 
         faces: source.n_faces(),
         coordinate_bits: 8 * schema.coordinate.bytes(),
         properties: schema.properties.iter().map(|p| p.name.clone()).collect(),
+        face_properties: source.face_properties().into_iter().map(|p| p.name).collect(),
+        dropped_face_properties: source.dropped_face_properties(),
         // With `--check` the count is among the others.
         vertices: check.is_none().then(|| source.n_vertices()),
         check,
@@ -100,6 +105,14 @@ fn table(source: &MeshSource, report: &Report) -> String {
         ("coordinates", format!("{} bits", report.coordinate_bits)),
         ("properties", report.properties.join(" ")),
     ];
+    for (name, list) in [
+        ("properties of faces", &report.face_properties),
+        ("not carried", &report.dropped_face_properties),
+    ] {
+        if !list.is_empty() {
+            rows.push((name, list.join(" ")));
+        }
+    }
     if let Some(t) = &report.check {
         rows.extend([
             ("triangles", t.triangles.to_string()),

@@ -6,13 +6,14 @@ use crate::attributes::Weights;
 use crate::config::{Attributes, Config, DEFAULT_CELL_TRIANGLES, Normals, Target, Until};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
+use crate::faces::How;
 use crate::formats::OutputFormat;
 use crate::kernel;
 use crate::memory::cores;
 use crate::pipeline;
 use crate::plan::folder_of;
 use crate::progress::Progress;
-use crate::summary::{BoundReport, RunReport};
+use crate::summary::{BoundReport, FaceReport, RunReport};
 use crate::units::{parse_count, parse_ratio, show_bytes, show_count};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -62,11 +63,15 @@ pub struct Args {
     /// Give up texture coordinates at corners, which cannot be kept.
     #[arg(long)]
     drop_texture: bool,
+    /// Give up properties of faces (colours, labels, flags), which saves moving them to vertices and back.
+    #[arg(long)]
+    drop_faces: bool,
     /// How much attributes count against the shape: color=W,normal=W,uv=W,NAME=W; 0 rides along, 1 is
     /// sensible [default: color=1,normal=0,uv=1].
     #[arg(long, value_name = "NAME=W,...", default_value = "", hide_default_value = true)]
     weight: Weights,
-    /// A property whose values are chosen, never averaged; integers other than colours always are.
+    /// A property, of vertices or faces, whose values are chosen, never averaged; integers other than colours
+    /// always are.
     #[arg(long, value_name = "NAME")]
     label: Vec<String>,
     /// What becomes of normals: keep (those of the input, averaged), recompute (from the result's triangles) or
@@ -191,6 +196,7 @@ impl Args {
             format: self.format,
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
+            drop_faces: self.drop_faces,
             checkpoint_every: crate::run::CHECKPOINT_EVERY,
             attributes: Attributes {
                 weights: self.weight.clone(),
@@ -292,6 +298,9 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
             fit.rms_after
         ));
     }
+    for property in &report.face_properties {
+        log.say(face_line(property));
+    }
     for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
         log.say(format!("  {n} {} dropped", name.replace('_', " ")));
     }
@@ -310,6 +319,18 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
             report.target, report.stop_reason
         ));
     }
+}
+
+fn face_line(property: &FaceReport) -> String {
+    let what = match property.carried {
+        How::Constant => "the same everywhere, kept",
+        How::Region => "kept as regions",
+        How::Chosen => "differs nearly everywhere, chosen from faces near by",
+        How::Averaged => "averaged",
+        How::Dropped => "dropped",
+    };
+    let reason = property.reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
+    format!("  faces' {} ({}): {what}{reason}", property.name, property.scalar)
 }
 
 fn write_report(path: &Path, report: &RunReport) -> Result<()> {

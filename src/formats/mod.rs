@@ -4,6 +4,7 @@
 //! The rest of the program sees a `MeshSource` and a `MeshSink`.
 
 mod duplicates;
+mod face_survey;
 mod glb_out;
 mod lines;
 mod obj;
@@ -18,10 +19,11 @@ mod wedges;
 mod weld;
 
 pub use duplicates::{DuplicateFinder, Duplicates};
+pub use face_survey::{SurveyOptions, survey_faces};
 pub use glb_out::GlbWriter;
 pub use obj_out::ObjWriter;
 pub use sink::{MeshSink, OutputFormat, OutputKind};
 pub(crate) use sort::{ExternalSort, halves, whole};
 pub use stage::StageOptions;
 pub use stl_out::StlWriter;
-pub use wedges::at_vertices as texture_at_vertices;
+pub use wedges::faces_to_vertices;

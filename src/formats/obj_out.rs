@@ -20,8 +20,13 @@ pub struct ObjWriter {
     normal: Option<[(Scalar, usize); 3]>,
     /// Texture coordinates at vertices.
     texture: Option<[(Scalar, usize); 2]>,
+    /// Whether the corners have coordinates of their own.
+    corner_texture: bool,
     /// Names of materials by number; faces have one if there are any.
     materials: Vec<String>,
+    /// Type and place of the number of an image among a face's values, and bytes of all of them.
+    image_at: Option<(Scalar, usize)>,
+    value_bytes: usize,
     image: Option<i32>,
     n_coordinates: u64,
     vertices_left: u64,
@@ -90,18 +95,28 @@ impl ObjWriter {
         out.write(format!("{}\n", own.trim_end().replace(['\n', '\r'], " ")).as_bytes())?;
         let schema = header.schema;
         let (colour, normal) = (find_colour(&schema), find3(&schema, ["nx", "ny", "nz"]));
-        if header.corner_texture == Some(true) && materials.is_empty() {
+        let faces = &header.faces;
+        let number = faces.properties.iter().position(|p| p.name == "texnumber");
+        let image_at = number.map(|i| {
+            let before = faces.properties[..i].iter().map(|p| p.scalar.bytes()).sum();
+            (faces.properties[i].scalar, before)
+        });
+        let (corner_texture, value_bytes) = (faces.texture, faces.value_bytes());
+        if image_at.is_some() && materials.is_empty() {
             let files = header.comments.iter().filter_map(|c| c.strip_prefix("TextureFile "));
             materials.extend(files.map(|name| name.trim().to_owned()));
         }
-        let texture = find_texture(&schema).filter(|_| header.corner_texture.is_none());
+        let texture = find_texture(&schema).filter(|_| !corner_texture);
         Ok(ObjWriter {
             out,
             schema,
             colour,
             normal,
             texture,
+            corner_texture,
             materials,
+            image_at,
+            value_bytes,
             image: None,
             n_coordinates: 0,
             vertices_left: header.n_vertices,
@@ -154,44 +169,61 @@ impl ObjWriter {
 
     /// Appends triangles; all vertices must have been written.
     pub fn write_faces(&mut self, triangles: &[[u64; 3]]) -> Result<()> {
-        let mut rows = Vec::new();
-        self.faces_left = self
-            .faces_left
-            .checked_sub(triangles.len() as u64)
-            .expect("no more faces than promised");
-        for triangle in triangles {
-            let [a, b, c] = triangle.map(|v| v + 1);
-            let _ = match (self.texture, self.normal) {
-                (Some(_), Some(_)) => writeln!(rows, "f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}"),
-                (Some(_), None) => writeln!(rows, "f {a}/{a} {b}/{b} {c}/{c}"),
-                (None, Some(_)) => writeln!(rows, "f {a}//{a} {b}//{b} {c}//{c}"),
-                (None, None) => writeln!(rows, "f {a} {b} {c}"),
-            };
-            if rows.len() > 1 << 18 {
-                self.out.write(&rows)?;
-                rows.clear();
-            }
+        for chunk in triangles.chunks(CHUNK) {
+            let mut rows = Vec::new();
+            self.promise(chunk.len());
+            chunk.iter().for_each(|&triangle| self.put_face(triangle, &mut rows));
+            self.out.write(&rows)?;
         }
-        self.out.write(&rows)
+        Ok(())
     }
 
-    /// Appends triangles with texture coordinates at their corners, which stand before them; all vertices
-    /// must have been written. Those that are the same within 65,536 triangles are written once.
-    pub fn write_textured_faces(&mut self, triangles: &[TexturedTriangle]) -> Result<()> {
-        self.faces_left = self
-            .faces_left
-            .checked_sub(triangles.len() as u64)
-            .expect("no more faces than promised");
-        for chunk in triangles.chunks(CHUNK) {
+    fn promise(&mut self, n: usize) {
+        self.faces_left =
+            self.faces_left.checked_sub(n as u64).expect("no more faces than promised");
+    }
+
+    /// A face whose corners have nothing of their own.
+    fn put_face(&self, triangle: [u64; 3], rows: &mut Vec<u8>) {
+        let [a, b, c] = triangle.map(|v| v + 1);
+        // Writing into memory cannot fail.
+        let _ = match (self.texture, self.normal) {
+            (Some(_), Some(_)) => writeln!(rows, "f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}"),
+            (Some(_), None) => writeln!(rows, "f {a}/{a} {b}/{b} {c}/{c}"),
+            (None, Some(_)) => writeln!(rows, "f {a}//{a} {b}//{b} {c}//{c}"),
+            (None, None) => writeln!(rows, "f {a} {b} {c}"),
+        };
+    }
+
+    /// Appends triangles with texture coordinates at their corners, which stand before them, and the names of
+    /// their materials; all vertices must have been written. Coordinates that are the same within 65,536
+    /// triangles are written once.
+    pub fn write_full_faces(
+        &mut self,
+        triangles: &[TexturedTriangle],
+        values: &[u8],
+    ) -> Result<()> {
+        self.promise(triangles.len());
+        for (start, chunk) in triangles.chunks(CHUNK).enumerate() {
             let (mut coordinates, mut faces) = (Vec::new(), Vec::new());
             let mut known = HashMap::new();
-            for triangle in chunk {
-                if self.image != Some(triangle.image) {
-                    self.image = Some(triangle.image);
-                    let name = usize::try_from(triangle.image).ok();
+            for (i, triangle) in chunk.iter().enumerate() {
+                let own = (start * CHUNK + i) * self.value_bytes;
+                let image = match self.image_at {
+                    // A number beyond the type's names no image, as one beyond the images does.
+                    Some((scalar, at)) => Some(read_scalar(scalar, &values[own..], at) as i32),
+                    None => self.corner_texture.then_some(0),
+                };
+                if self.image != image {
+                    self.image = image;
+                    let name = image.and_then(|image| usize::try_from(image).ok());
                     if let Some(name) = name.and_then(|number| self.materials.get(number)) {
                         let _ = writeln!(faces, "usemtl {name}");
                     }
+                }
+                if !self.corner_texture {
+                    self.put_face(triangle.corners, &mut faces);
+                    continue;
                 }
                 faces.push(b'f');
                 for (corner, uv) in triangle.corners.iter().zip(triangle.texture) {

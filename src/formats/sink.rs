@@ -164,11 +164,16 @@ impl MeshSink {
         }
     }
 
-    /// Appends triangles with texture at their corners, which PLY and OBJ take.
-    pub fn write_textured_faces(&mut self, triangles: &[TexturedTriangle]) -> Result<()> {
+    /// Appends triangles with what the header says of faces, `values` being their packed properties. PLY takes
+    /// it all, OBJ texture and `texnumber`, the others nothing.
+    pub fn write_full_faces(
+        &mut self,
+        triangles: &[TexturedTriangle],
+        values: &[u8],
+    ) -> Result<()> {
         match self {
-            MeshSink::Ply(sink) => sink.write_textured_faces(triangles),
-            MeshSink::Obj(sink) => sink.write_textured_faces(triangles),
+            MeshSink::Ply(sink) => sink.write_full_faces(triangles, values),
+            MeshSink::Obj(sink) => sink.write_full_faces(triangles, values),
             _ => self.write_faces(&triangles.iter().map(|t| t.corners).collect::<Vec<_>>()),
         }
     }

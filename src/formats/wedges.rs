@@ -1,85 +1,139 @@
-//! Texture coordinates at corners become vertices: one for every distinct pair of vertex and coordinates.
+//! What faces carry goes to vertices: one for every distinct vertex, coordinates in the texture and region.
 //!
-//! A vertex on a seam of the texture is then several vertices in exactly the same place, which is what the
-//! kernel knows how to keep together. Out of core: a sort by vertex, coordinates and image numbers the new
-//! vertices, a sort by corner puts them back into faces. The staged mesh has the properties `texture_u`,
-//! `texture_v` and, where the faces had one, `texnumber`.
+//! A vertex on a seam of the texture, or on the border of a region, is then several vertices in exactly the
+//! same place, which is what the kernel knows how to keep together. Out of core: a sort by vertex,
+//! coordinates and region numbers the new vertices and mixes the values of their faces, a sort by corner puts
+//! them back into faces. The staged mesh has the properties of `FaceCarry::vertex_properties` behind its own.
 
 use super::sort::{ExternalSort, halves, whole};
 use super::stage::StageOptions;
 use crate::error::{Error, Result};
+use crate::faces::{FaceCarry, FaceMixer, Regions};
 use crate::ply::header::Encoding;
 use crate::ply::raw::Spool;
 use crate::ply::source::Staged;
 use crate::ply::{BLOCK_ROWS, MeshSource, OutputHeader, VertexBlock};
-use crate::schema::{Property, Scalar};
 
-/// Names of the new properties.
-const NAMES: [&str; 3] = ["texture_u", "texture_v", "texnumber"];
+/// Words of a corner besides the values of its face: vertex, coordinates, region, number.
+const OWN_WORDS: usize = 7;
 
-/// The same mesh with its texture coordinates at vertices; a source without any at corners as it is.
+/// The same mesh with what `carry` says at vertices; where nothing is to move, as it is.
 ///
-/// Memory: a third of the stage's for each sort; disk at peak 44 bytes a corner and the staged mesh.
-pub fn at_vertices(source: MeshSource, options: &StageOptions) -> Result<MeshSource> {
-    let Some(with_image) = source.corner_texture() else { return Ok(source) };
-    if NAMES.iter().any(|name| source.schema().properties.iter().any(|p| p.name == *name)) {
-        return Err(Error::bad_input(
-            source.path(),
-            "it has texture coordinates at vertices and at corners; drop the latter with --drop-texture",
-        ));
+/// Memory: a third of the stage's for each sort; disk at peak 44 bytes a corner, what its face carries, and
+/// the staged mesh.
+pub fn faces_to_vertices(
+    mut source: MeshSource,
+    carry: FaceCarry,
+    options: &StageOptions,
+) -> Result<MeshSource> {
+    if !carry.is_moved() {
+        source.note_carried(carry);
+        return Ok(source);
     }
+    let new = carry.vertex_properties();
+    if let Some(name) =
+        new.iter().find(|p| source.schema().properties.iter().any(|own| own.name == p.name))
+    {
+        let what = match carry.texture {
+            true => {
+                "it has texture coordinates at vertices and at corners; drop the latter with --drop-texture"
+            }
+            false => {
+                "a property of vertices has a name that is needed for faces; drop those with --drop-faces"
+            }
+        };
+        return Err(Error::bad_input(source.path(), format!("{what} (property '{}')", name.name)));
+    }
+    // Records of a sort have a width that the compiler knows.
+    match FaceMixer::new(&carry).value_bytes().div_ceil(4) {
+        0 => split::<OWN_WORDS>(source, carry, options),
+        1 => split::<{ OWN_WORDS + 1 }>(source, carry, options),
+        2 => split::<{ OWN_WORDS + 2 }>(source, carry, options),
+        3..=4 => split::<{ OWN_WORDS + 4 }>(source, carry, options),
+        5..=8 => split::<{ OWN_WORDS + 8 }>(source, carry, options),
+        _ => split::<{ OWN_WORDS + 32 }>(source, carry, options),
+    }
+}
+
+fn split<const N: usize>(
+    source: MeshSource,
+    carry: FaceCarry,
+    options: &StageOptions,
+) -> Result<MeshSource> {
     let memory_bytes = (options.memory_bytes / 3) as usize;
-    let mut corners = ExternalSort::<7>::new(&options.temp_dir, memory_bytes);
+    let mut corners = ExternalSort::<N>::new(&options.temp_dir, memory_bytes);
     let mut counts = Spool::new(&options.temp_dir);
     let (mut n_corners, mut n_faces) = (0u64, 0u64);
     let path = source.path().to_path_buf();
-    let n_bad = source.each_textured_face(|face| {
+    let mut regions = Regions::default();
+    let (mut moved, mut region) = (Vec::new(), Vec::new());
+    let n_bad = source.each_full_face(|_, face| {
+        if face.is_bad {
+            return Ok(());
+        }
         let Ok(count) = u8::try_from(face.corners.len()) else {
-            let what = format!("a textured face has {} corners, 255 at most", face.corners.len());
+            let what = format!(
+                "a face that carries values has {} corners, 255 at most",
+                face.corners.len()
+            );
             return Err(Error::bad_input(&path, what));
         };
         counts.write(&[count])?;
         n_faces += 1;
+        region.clear();
+        carry.pack_region(&face.values, &mut region);
+        moved.clear();
+        carry.pack(&face.values, &mut moved);
+        let mut record = [0; N];
+        record[4] = if region.is_empty() { 0 } else { regions.number(&region) as u32 };
+        let place = bytemuck::cast_slice_mut::<u32, u8>(&mut record[OWN_WORDS..]);
+        place[..moved.len()].copy_from_slice(&moved);
         for (&v, uv) in face.corners.iter().zip(&face.texture) {
-            let ([v_high, v_low], [high, low]) = (halves(v), halves(n_corners));
-            // Adding 0 turns -0 into 0.
-            let [s, t] = uv.map(|x| (x + 0.0).to_bits());
-            corners.push([v_high, v_low, s, t, face.image as u32, high, low])?;
+            [record[0], record[1]] = halves(v);
+            if carry.texture {
+                // Adding 0 turns -0 into 0.
+                [record[2], record[3]] = uv.map(|x| (x + 0.0).to_bits());
+            }
+            [record[5], record[6]] = halves(n_corners);
+            corners.push(record)?;
             n_corners += 1;
         }
         Ok(())
     })?;
 
     let mut schema = source.schema().clone();
-    let types = [Scalar::F32, Scalar::F32, Scalar::I32];
-    let n_new = if with_image { 3 } else { 2 };
-    for (name, scalar) in NAMES.into_iter().zip(types).take(n_new) {
-        schema.properties.push(Property { name: name.to_owned(), scalar });
-    }
-    let mut vertices = Spool::new(&options.temp_dir);
+    schema.properties.extend(carry.vertex_properties());
+    let mut writer = Vertices {
+        source: &source,
+        carry: &carry,
+        mixer: FaceMixer::new(&carry),
+        out: Spool::new(&options.temp_dir),
+        block: VertexBlock::default(),
+        loaded: None,
+        row: Vec::new(),
+    };
     let mut by_corner = ExternalSort::<4>::new(&options.temp_dir, memory_bytes);
-    let record_bytes = source.schema().record_bytes();
-    let mut block = VertexBlock::default();
-    let (mut n_vertices, mut last, mut loaded) = (0u64, None, None);
-    corners.drain(|[v_high, v_low, s, t, image, high, low]| {
-        if last != Some([v_high, v_low, s, t, image]) {
-            last = Some([v_high, v_low, s, t, image]);
-            let v = whole(v_high, v_low);
-            let index = v / BLOCK_ROWS;
-            if loaded != Some(index) {
-                source.read_vertices(index, &mut block)?;
-                loaded = Some(index);
+    let (mut n_vertices, mut last) = (0u64, None);
+    corners.drain(|record| {
+        let own: [u32; 5] = std::array::from_fn(|i| record[i]);
+        let values = bytemuck::cast_slice(&record[OWN_WORDS..]);
+        if last == Some(own) {
+            writer.mixer.add(values);
+        } else {
+            if let Some(last) = last {
+                writer.put(last)?;
             }
-            let at = (v % BLOCK_ROWS) as usize * record_bytes;
-            vertices.write(&block.records[at..at + record_bytes])?;
-            for bits in &[s, t, image][..n_new] {
-                vertices.write(&bits.to_le_bytes())?;
-            }
+            writer.mixer.begin(values);
+            last = Some(own);
             n_vertices += 1;
         }
         let [id_high, id_low] = halves(n_vertices - 1);
-        by_corner.push([high, low, id_high, id_low])
+        by_corner.push([record[5], record[6], id_high, id_low])
     })?;
+    if let Some(last) = last {
+        writer.put(last)?;
+    }
+    let vertices = writer.out;
 
     let header = OutputHeader {
         comments: source.comments().to_vec(),
@@ -90,7 +144,7 @@ pub fn at_vertices(source: MeshSource, options: &StageOptions) -> Result<MeshSou
     let mut out = Spool::new(&options.temp_dir);
     out.write(header.text_signed(Encoding::BinaryLittleEndian, index, None).as_bytes())?;
     let vertices = vertices.finish(&path)?;
-    copy(&vertices, &mut out)?;
+    out.append_file(&vertices)?;
     drop(vertices);
     let counts = counts.finish(&path)?;
     let (mut sizes, mut next_face, mut left) = (Vec::new(), 0u64, 0u8);
@@ -122,7 +176,7 @@ pub fn at_vertices(source: MeshSource, options: &StageOptions) -> Result<MeshSou
     })?;
     out.write(&row)?;
     let bad_faces = source.faults().bad_faces + n_bad;
-    let staged = Staged { bad_faces, wedges: Some(with_image), ..Staged::default() };
+    let staged = Staged { bad_faces, faces: Some(carry), ..Staged::default() };
     let mut read = options.read.clone();
     read.temp_dir = Some(options.temp_dir.clone());
     MeshSource::from_staged(out.finish(&path)?, read, staged)
@@ -131,16 +185,35 @@ pub fn at_vertices(source: MeshSource, options: &StageOptions) -> Result<MeshSou
 /// Counts of corners that are read at once.
 const COUNTS: u64 = 1 << 16;
 
-fn copy(from: &crate::ply::raw::RawFile, to: &mut Spool) -> Result<()> {
-    let mut buffer = vec![0; 1 << 20];
-    let mut at = 0;
-    while at < from.len() {
-        let n = from.read_at_most(&mut buffer, at)?;
-        if n == 0 {
-            return Err(from.bad("temporary data was cut off during the run"));
+/// Writes the new vertices, in the order of the old ones.
+struct Vertices<'a> {
+    source: &'a MeshSource,
+    carry: &'a FaceCarry,
+    /// Holds the values of the faces of the vertex to come.
+    mixer: FaceMixer,
+    out: Spool,
+    block: VertexBlock,
+    loaded: Option<u64>,
+    row: Vec<u8>,
+}
+
+impl Vertices<'_> {
+    /// Takes the old vertex, and the coordinates and the region that part it from others.
+    fn put(&mut self, [high, low, s, t, region]: [u32; 5]) -> Result<()> {
+        let v = whole(high, low);
+        let index = v / BLOCK_ROWS;
+        if self.loaded != Some(index) {
+            self.source.read_vertices(index, &mut self.block)?;
+            self.loaded = Some(index);
         }
-        to.write(&buffer[..n])?;
-        at += n as u64;
+        let record_bytes = self.source.schema().record_bytes();
+        let at = (v % BLOCK_ROWS) as usize * record_bytes;
+        self.row.clear();
+        self.row.extend_from_slice(&self.block.records[at..at + record_bytes]);
+        self.mixer.end(&mut self.row);
+        let texture = [s, t].into_iter().filter(|_| self.carry.texture);
+        let region = Some(region).filter(|_| self.carry.has_regions());
+        texture.chain(region).for_each(|bits| self.row.extend_from_slice(&bits.to_le_bytes()));
+        self.out.write(&self.row)
     }
-    Ok(())
 }

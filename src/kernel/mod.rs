@@ -76,6 +76,9 @@ pub struct Options {
     /// For each channel, whether its values are only ever interpolated along edges: texture coordinates, which
     /// mean nothing outside of their chart. Others may be extrapolated to where the survivor is.
     pub confined: Vec<bool>,
+    /// The channel that is the same all over a region of the surface and changes at its border, if there is
+    /// one: moving a border costs what moving a boundary of the surface does.
+    pub region: Option<usize>,
 }
 
 /// Where the vertex goes that survives a collapse.
@@ -113,6 +116,7 @@ impl Default for Options {
             merge_distance: 0.0,
             weights: Vec::new(),
             confined: Vec::new(),
+            region: None,
         }
     }
 }
@@ -173,6 +177,9 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
         weld::lock_coincident(&mut surface);
     } else {
         weld::coincident(&mut surface, options.topology, &options.confined, simd);
+    }
+    if let Some(wedges) = &mut surface.wedges {
+        wedges.region = options.region.filter(|&channel| channel < surface.n_channels);
     }
     let mut driver = drive::Driver::new(surface, simd, options.topology);
     driver.changes.add_cleaned(cleaned, approached);

@@ -28,6 +28,8 @@ pub(crate) struct Wedges {
     /// Whether a vertex has several wedges.
     is_seam: Vec<bool>,
     n_channels: usize,
+    /// The channel that tells regions apart, whose borders are kept as boundaries are.
+    pub(crate) region: Option<usize>,
     /// For each wedge one of its chart, the same for all of them.
     chart: Vec<u32>,
     n_charts: u64,
@@ -42,6 +44,7 @@ impl Wedges {
             source: surface.source.clone(),
             is_seam: Vec::new(),
             n_channels: surface.n_channels,
+            region: None,
             chart: Vec::new(),
             n_charts: 0,
         }
@@ -309,6 +312,53 @@ mod tests {
                 assert_eq!(sources.len(), result.source.len());
             }
         }
+    }
+
+    /// A bumpy sheet in two regions whose border, at x = 1/2, is not seen in its shape.
+    fn two_regions(n: usize) -> Mesh {
+        let whole = sheet(n);
+        let mut split = Mesh { n_channels: 1, ..Mesh::default() };
+        let mut known = BTreeMap::new();
+        for (i, t) in whole.triangles.iter().enumerate() {
+            let right = i / 2 / n >= n / 2;
+            let t = t.map(|v| {
+                *known.entry((right, v)).or_insert_with(|| {
+                    split.positions.push(whole.positions[v as usize]);
+                    split.channels.push(if right { 300.0 } else { 7.0 });
+                    split.positions.len() as u32 - 1
+                })
+            });
+            split.triangles.push(t);
+        }
+        split
+    }
+
+    #[test]
+    fn the_border_of_a_region_stays_where_it_is() {
+        let mesh = two_regions(64);
+        let locked = vec![false; mesh.positions.len()];
+        // How far the ends of the border are from it, on average.
+        let off = |region: Option<usize>| {
+            let stop = Stop::Triangles(300);
+            let options = Options { stop, region, confined: vec![true], ..Options::default() };
+            let result = simplify_mesh(mesh.clone(), &locked, &options);
+            assert!(result.statistics.reached);
+            let mut sides: BTreeMap<_, BTreeSet<u32>> = BTreeMap::new();
+            for t in &result.mesh.triangles {
+                let value = |v: u32| result.mesh.channels_of(v)[0].to_bits();
+                assert!(t.iter().all(|&v| value(v) == value(t[0])));
+                for &v in t {
+                    let place = result.mesh.positions[v as usize].map(f64::to_bits);
+                    sides.entry(place).or_default().insert(value(v));
+                }
+            }
+            let border: Vec<f64> = (sides.iter().filter(|(_, values)| values.len() == 2))
+                .map(|(place, _)| (f64::from_bits(place[0]) - 1e5 - 0.5).abs())
+                .collect();
+            border.iter().sum::<f64>() / border.len() as f64
+        };
+        let (kept, free) = (off(Some(0)), off(None));
+        assert!(kept < 0.005 && free > 4.0 * kept, "{kept} {free}");
     }
 
     #[test]

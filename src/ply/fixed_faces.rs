@@ -113,6 +113,7 @@ impl FixedFaces {
             if !self.matches(row) {
                 return Err(Stop::OtherLayout);
             }
+            out.row = i as u32;
             let corners = load(&row[self.corners_at..]);
             if corners[0].max(corners[1]).max(corners[2]) >= n_vertices {
                 if !out.skip_bad {
@@ -134,6 +135,10 @@ pub(crate) struct Decoded {
     pub n_degenerate: u64,
     pub n_bad: u64,
     pub skip_bad: bool,
+    /// Row in the block that is being read, and that of each triangle if they are `tracked`.
+    pub row: u32,
+    pub rows: Vec<u32>,
+    pub tracked: bool,
 }
 
 impl Decoded {
@@ -144,7 +149,16 @@ impl Decoded {
             self.n_degenerate += 1;
         } else {
             self.triangles.push(corners);
+            if self.tracked {
+                self.rows.push(self.row);
+            }
         }
+    }
+
+    /// Takes back all triangles but the first `n`.
+    pub fn truncate(&mut self, n: usize) {
+        self.triangles.truncate(n);
+        self.rows.truncate(n);
     }
 }
 

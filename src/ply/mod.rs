@@ -7,9 +7,9 @@
 mod ascii;
 mod binary;
 mod checked;
-mod corners;
 mod fields;
 mod fixed_faces;
+mod full_faces;
 pub(crate) mod header;
 mod layout;
 pub(crate) mod lookup;
@@ -23,7 +23,8 @@ pub(crate) mod writer;
 
 pub use header::Encoding;
 pub use source::{Faults, MeshSource, ReadOptions, TextureInfo};
-pub use writer::{OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
+pub(crate) use writer::type_name;
+pub use writer::{FaceSchema, OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
 
 /// Vertices or faces in one block.
 pub const BLOCK_ROWS: u64 = 65_536;
@@ -46,6 +47,8 @@ pub struct FaceBlock {
     pub first_row: u64,
     /// Corner ids. Faces with repeated corners are left out.
     pub triangles: Vec<[u64; 3]>,
+    /// Row of each triangle, from `first_row`; only where it was asked for.
+    pub rows: Vec<u32>,
     /// Faces left out because a corner repeats or there are fewer than three.
     pub n_degenerate: u64,
     /// Faces left out because of a fault in the file; only with `ReadOptions::skip_bad`.

@@ -148,7 +148,7 @@ pub(crate) fn face_row<S: Scan>(
                 match n_read {
                     Ok(n_read) => scan.skip(item, n - n_read)?,
                     Err((n_read, Fault::Text(_))) if out.skip_bad => {
-                        out.triangles.truncate(already);
+                        out.truncate(already);
                         out.n_degenerate = degenerate;
                         out.n_bad += 1;
                         scan.skip(item, n - n_read)?;

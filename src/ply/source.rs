@@ -12,6 +12,7 @@ use super::skipped::BadVertices;
 use super::strips::read_strips;
 use super::{BLOCK_ROWS, FaceBlock, VertexBlock};
 use crate::error::Result;
+use crate::faces::FaceCarry;
 use crate::schema::VertexSchema;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -69,8 +70,8 @@ pub(crate) struct Staged {
     pub bad_faces: u64,
     /// A texture that the PLY no longer mentions.
     pub texture: Option<TextureInfo>,
-    /// Texture coordinates were at corners and are now at vertices; whether with the number of an image.
-    pub wedges: Option<bool>,
+    /// What faces carried, where it has been looked at (`formats::survey_faces`).
+    pub faces: Option<FaceCarry>,
 }
 
 impl MeshSource {
@@ -177,10 +178,14 @@ impl MeshSource {
         staged.or_else(|| self.texture().map(|texture| texture.property))
     }
 
-    /// Whether texture coordinates were moved from corners to vertices: the last two properties, or three
-    /// if the value is true (`formats::texture_at_vertices`).
-    pub fn wedges(&self) -> Option<bool> {
-        self.staged.wedges
+    /// What faces carried and where it is now, where that has been decided (`formats::survey_faces`).
+    pub fn carried(&self) -> Option<&FaceCarry> {
+        self.staged.faces.as_ref()
+    }
+
+    /// Notes what faces carry, where nothing of it had to be moved to vertices.
+    pub(crate) fn note_carried(&mut self, carry: FaceCarry) {
+        self.staged.faces = Some(carry);
     }
 
     /// Refuses a file that has no faces, saying what it has.
@@ -246,6 +251,14 @@ impl MeshSource {
             FaceLayout::Fixed { .. } => self.n_faces().div_ceil(BLOCK_ROWS),
             FaceLayout::Indexed(index) => index.blocks.len() as u64,
             FaceLayout::Strips(index) => index.blocks.len() as u64,
+        }
+    }
+
+    /// The row of the face record that a block of faces begins with.
+    pub(crate) fn first_row(&self, index: u64) -> u64 {
+        match &self.layout.faces {
+            FaceLayout::Indexed(rows) => rows.blocks[index as usize].1,
+            _ => index * BLOCK_ROWS,
         }
     }
 
@@ -331,13 +344,24 @@ impl MeshSource {
 
     /// Reads and checks one block of faces; callable from any thread. Reuses `block`'s memory.
     pub fn read_faces(&self, index: u64, block: &mut FaceBlock) -> Result<()> {
+        self.read_face_block(index, block, false)
+    }
+
+    /// The same, with the row of every triangle in `block.rows`.
+    pub fn read_faces_with_rows(&self, index: u64, block: &mut FaceBlock) -> Result<()> {
+        self.read_face_block(index, block, true)
+    }
+
+    fn read_face_block(&self, index: u64, block: &mut FaceBlock, tracked: bool) -> Result<()> {
         assert!(index < self.n_face_blocks(), "the block exists");
         let mut out = Decoded {
             triangles: std::mem::take(&mut block.triangles),
+            rows: std::mem::take(&mut block.rows),
             skip_bad: self.options.skip_bad,
+            tracked,
             ..Decoded::default()
         };
-        out.triangles.clear();
+        out.truncate(0);
         match &self.layout.faces {
             FaceLayout::None => {}
             FaceLayout::Fixed { .. } => self.read_fixed_faces(index, block, &mut out)?,
@@ -359,10 +383,16 @@ impl MeshSource {
         }
         if self.bad_vertices.len() > 0 {
             let before = out.triangles.len();
-            out.triangles.retain(|t| !t.iter().any(|&v| self.bad_vertices.contains(v)));
+            let is_bad = |t: &[u64; 3]| t.iter().any(|&v| self.bad_vertices.contains(v));
+            if tracked {
+                let mut bad = out.triangles.iter().map(is_bad);
+                out.rows.retain(|_| bad.next() == Some(false));
+            }
+            out.triangles.retain(|t| !is_bad(t));
             out.n_bad += (before - out.triangles.len()) as u64;
         }
         block.triangles = out.triangles;
+        block.rows = out.rows;
         block.n_degenerate = out.n_degenerate;
         block.n_bad = out.n_bad;
         Ok(())
@@ -410,10 +440,12 @@ impl MeshSource {
             Err(Stop::OtherLayout) => {
                 *out = Decoded {
                     triangles: std::mem::take(&mut out.triangles),
+                    rows: std::mem::take(&mut out.rows),
                     skip_bad: out.skip_bad,
+                    tracked: out.tracked,
                     ..Decoded::default()
                 };
-                out.triangles.clear();
+                out.truncate(0);
                 let rows = {
                     let mut built = fallback.lock().unwrap_or_else(PoisonError::into_inner);
                     match &*built {
@@ -454,6 +486,7 @@ impl MeshSource {
             FaceContext { element, n_vertices: self.n_vertices(), lookup: &mut open, opened: None };
         with_scan!(&self.file, self.header.encoding, mark, |scan| {
             for row in first..next {
+                out.row = (row - first) as u32;
                 if let Err(fault) = face_row(&mut scan, &mut context, corners, out) {
                     return Err(explain(&self.file, element, row, scan.last(), fault));
                 }

@@ -6,7 +6,7 @@
 use super::header::Encoding;
 use crate::disk::{Disk, DiskFile};
 use crate::error::{Error, Result};
-use crate::schema::{Scalar, VertexSchema};
+use crate::schema::{Property, Scalar, VertexSchema};
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -33,8 +33,8 @@ pub struct OutputHeader {
     pub comments: Vec<String>,
     /// `obj_info` lines of the input, kept.
     pub obj_infos: Vec<String>,
-    /// Faces have texture coordinates at their corners, and (if true) the number of an image.
-    pub corner_texture: Option<bool>,
+    /// What faces carry besides their corners.
+    pub faces: FaceSchema,
     /// The settings of this run, for the line `comment stonecut <version> <settings>`.
     pub settings: String,
 }
@@ -43,8 +43,8 @@ impl OutputHeader {
     /// A header without comments of an input.
     pub fn new(schema: VertexSchema, n_vertices: u64, n_faces: u64) -> Self {
         let (comments, obj_infos, settings) = (Vec::new(), Vec::new(), String::new());
-        let corner_texture = None;
-        OutputHeader { schema, n_vertices, n_faces, comments, obj_infos, corner_texture, settings }
+        let faces = FaceSchema::default();
+        OutputHeader { schema, n_vertices, n_faces, comments, obj_infos, faces, settings }
     }
 
     /// The type of corner indices: `int`, above 2^31 vertices `uint`; above 2^32 there is none.
@@ -94,9 +94,9 @@ impl OutputHeader {
             self.n_faces,
             type_name(index)
         ));
-        if let Some(with_image) = self.corner_texture {
-            text.push_str("property list uchar float texcoord\n");
-            text.push_str(if with_image { "property int texnumber\n" } else { "" });
+        text.push_str(if self.faces.texture { "property list uchar float texcoord\n" } else { "" });
+        for property in &self.faces.properties {
+            text.push_str(&format!("property {} {}\n", type_name(property.scalar), property.name));
         }
         text.push_str("end_header\n");
         text
@@ -301,19 +301,38 @@ pub struct PlyWriter {
     n_vertices: u64,
     vertices_left: u64,
     faces_left: u64,
-    corner_texture: Option<bool>,
+    faces: FaceSchema,
     rows: Vec<u8>,
 }
 
+/// What faces carry besides their corners.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FaceSchema {
+    /// Texture coordinates at the corners.
+    pub texture: bool,
+    /// Scalar properties, in order.
+    pub properties: Vec<Property>,
+}
+
+impl FaceSchema {
+    /// Whether there is nothing.
+    pub fn is_empty(&self) -> bool {
+        !self.texture && self.properties.is_empty()
+    }
+
+    /// Bytes of a face's packed properties.
+    pub fn value_bytes(&self) -> usize {
+        self.properties.iter().map(|p| p.scalar.bytes()).sum()
+    }
+}
+
 /// A triangle with texture coordinates at its corners.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TexturedTriangle {
     /// Corner ids.
     pub corners: [u64; 3],
-    /// Two coordinates for each corner.
+    /// Two coordinates for each corner; only written if the header says so.
     pub texture: [[f32; 2]; 3],
-    /// Which image; only written if the header says so.
-    pub image: i32,
 }
 
 impl PlyWriter {
@@ -350,7 +369,7 @@ impl PlyWriter {
             n_vertices: header.n_vertices,
             vertices_left: header.n_vertices,
             faces_left: header.n_faces,
-            corner_texture: header.corner_texture,
+            faces: header.faces,
             rows: Vec::new(),
         })
     }
@@ -391,13 +410,18 @@ impl PlyWriter {
         self.write_rows(triangles, |t| *t)
     }
 
-    /// Appends triangles with what the header says of their corners.
-    pub fn write_textured_faces(&mut self, triangles: &[TexturedTriangle]) -> Result<()> {
+    /// Appends triangles with what the header says of faces: `values` holds the packed properties of all.
+    pub fn write_full_faces(
+        &mut self,
+        triangles: &[TexturedTriangle],
+        values: &[u8],
+    ) -> Result<()> {
         assert!(self.vertices_left == 0, "all vertices come before the first face");
         assert!(triangles.len() as u64 <= self.faces_left, "no more faces than the header says");
+        let value_bytes = self.faces.value_bytes();
+        assert!(values.len() == value_bytes * triangles.len(), "values for every face");
         self.faces_left -= triangles.len() as u64;
-        let with_image = self.corner_texture == Some(true);
-        for chunk in triangles.chunks(16_384) {
+        for (chunk, triangles) in triangles.chunks(16_384).enumerate() {
             self.rows.clear();
             let (rows, encoding) = (&mut self.rows, self.encoding);
             let mut put = |scalar: Scalar, bytes: &[u8], end: u8| match encoding {
@@ -408,19 +432,26 @@ impl PlyWriter {
                 Encoding::BinaryLittleEndian => rows.extend_from_slice(bytes),
                 Encoding::BinaryBigEndian => rows.extend(bytes.iter().rev()),
             };
-            for triangle in chunk {
+            let end = |last: bool| if last { b'\n' } else { b' ' };
+            let (texture, properties) = (self.faces.texture, &self.faces.properties);
+            for (i, triangle) in triangles.iter().enumerate() {
                 put(Scalar::U8, &[3], b' ');
-                // Checked when the output was created: there are no more than 2^32 vertices.
-                for corner in triangle.corners {
-                    put(Scalar::U32, &(corner as u32).to_le_bytes(), b' ');
+                for (k, corner) in triangle.corners.into_iter().enumerate() {
+                    // Checked when the output was created: there are no more than 2^32 vertices.
+                    let last = k == 2 && self.faces.is_empty();
+                    put(Scalar::U32, &(corner as u32).to_le_bytes(), end(last));
                 }
-                put(Scalar::U8, &[6], b' ');
-                for (i, x) in triangle.texture.iter().flatten().enumerate() {
-                    let end = if i == 5 && !with_image { b'\n' } else { b' ' };
-                    put(Scalar::F32, &x.to_le_bytes(), end);
+                if texture {
+                    put(Scalar::U8, &[6], b' ');
+                    for (k, x) in triangle.texture.iter().flatten().enumerate() {
+                        put(Scalar::F32, &x.to_le_bytes(), end(k == 5 && properties.is_empty()));
+                    }
                 }
-                if with_image {
-                    put(Scalar::I32, &triangle.image.to_le_bytes(), b'\n');
+                let mut at = (chunk * 16_384 + i) * value_bytes;
+                for (k, property) in properties.iter().enumerate() {
+                    let bytes = &values[at..at + property.scalar.bytes()];
+                    put(property.scalar, bytes, end(k + 1 == properties.len()));
+                    at += bytes.len();
                 }
             }
             self.out.write(&self.rows)?;

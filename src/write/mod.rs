@@ -1,9 +1,11 @@
 //! Stage 4: the result becomes one file; vertices once, faces once, by rename.
 //!
 //! Vertices have numbers in the order of the first cell that holds them. Where texture coordinates came
-//! from corners, `join` makes one vertex of what lies in one place, and faces have coordinates again.
+//! from corners, or values from faces, `join` makes one vertex of what lies in one place, and faces have
+//! them again (`faces`).
 //! `shape` says what of a record is written, `normals` computes it anew if asked.
 
+mod faces;
 mod join;
 mod normals;
 mod shape;
@@ -11,9 +13,11 @@ mod shape;
 use crate::cells::{SurvivorPack, Survivors};
 use crate::config::Normals;
 use crate::error::Result;
-use crate::formats::{MeshSink, OutputFormat};
+use crate::faces::FaceCarry;
+use crate::formats::{MeshSink, OutputFormat, OutputKind};
 use crate::ply::{OutputHeader, Place, TexturedTriangle};
 use crate::run::Run;
+use faces::BackToFaces;
 use join::Joined;
 use normals::Recomputed;
 use shape::Shape;
@@ -34,22 +38,31 @@ pub struct Written {
 }
 
 /// In which form a result is written.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Form {
     /// Kind and encoding of the file.
     pub format: OutputFormat,
-    /// Texture coordinates go back to corners: the last two properties, or with an image's number (true)
-    /// three.
-    pub corners: Option<bool>,
+    /// What goes back from vertices to faces; `texture` if the kind of file takes it at corners.
+    pub faces: FaceCarry,
     /// What becomes of normals.
     pub normals: Normals,
 }
 
+impl Form {
+    /// Whether vertices in one place were one in the input. Where texture stays at vertices, they have to
+    /// stay apart.
+    fn joins(&self) -> bool {
+        let kind = self.format.kind;
+        let takes_corners = kind.is_none_or(|k| matches!(k, OutputKind::Ply | OutputKind::Obj));
+        self.faces.is_moved() && (takes_corners || !self.faces.texture)
+    }
+}
+
 /// Writes all cells of `result` as one mesh; a vertex that several cells hold is written once.
 ///
-/// Vertices come in the order of their first cell. With texture at corners, vertices in one place are one
-/// again, with what the first of them carries. Memory: one cell, 48 bytes per shared vertex (twice that with
-/// new normals), and with texture at corners a quarter of the run's for sorting; disk then 72 bytes a vertex.
+/// Vertices come in the order of their first cell. Where faces carried something, vertices in one place are
+/// one again, with what the first of them carries. Memory: one cell, 48 bytes per shared vertex (twice that
+/// with new normals), and to join a quarter of the run's for sorting; disk then 72 bytes a vertex.
 pub fn write(
     result: &SurvivorPack,
     place: Place,
@@ -60,13 +73,13 @@ pub fn write(
     let layout = result.layout();
     let info = result.info();
     let mut uses = index_vertices(result)?;
-    let joined = match form.corners {
-        Some(_) => Some(Joined::new(result, &uses, run)?),
-        None => None,
+    let back = BackToFaces::new(&layout.schema, &form.faces, form.joins());
+    let joined = match form.joins() {
+        true => Some(Joined::new(result, &uses, run)?),
+        false => None,
     };
     let n_vertices = joined.as_ref().map_or(uses.n_vertices, |joined| joined.n_vertices);
-    let n_texture = form.corners.map_or(0, |with_image| if with_image { 3 } else { 2 });
-    let shape = Shape::new(&layout.schema, n_texture, form.normals);
+    let shape = Shape::new(&layout.schema, back.n_properties, form.normals);
     let normals = match form.normals {
         Normals::Recompute => Some(Recomputed::new(result, run)?),
         Normals::Keep | Normals::Drop => None,
@@ -75,7 +88,7 @@ pub fn write(
         schema: shape.schema.clone(),
         n_vertices,
         n_faces: info.triangles,
-        corner_texture: form.corners,
+        faces: back.schema.clone(),
         ..header
     };
     let mut writer = MeshSink::create(place, header, form.format)?;
@@ -119,24 +132,18 @@ pub fn write(
             numbers[vertex] = number;
         }
         let corners = |t: &[u32; 3]| t.map(|v| numbers[v as usize]);
-        match form.corners {
-            None => {
-                let triangles: Vec<[u64; 3]> = part.mesh.triangles.iter().map(corners).collect();
+        let mut of_cell = back.of_cell(result, &part);
+        for chunk in part.mesh.triangles.chunks(CHUNK) {
+            if back.schema.is_empty() {
+                let triangles: Vec<[u64; 3]> = chunk.iter().map(corners).collect();
                 writer.write_faces(&triangles)?;
-            }
-            Some(with_image) => {
-                let texture = texture(result, &part, n_texture);
-                for chunk in part.mesh.triangles.chunks(CHUNK) {
-                    let textured = chunk.iter().map(|t| TexturedTriangle {
-                        corners: corners(t),
-                        texture: t.map(|v| {
-                            let [s, t, _] = texture[v as usize];
-                            [s, t].map(f32::from_bits)
-                        }),
-                        image: if with_image { texture[t[0] as usize][2] as i32 } else { 0 },
-                    });
-                    writer.write_textured_faces(&textured.collect::<Vec<_>>())?;
-                }
+            } else {
+                let faces = of_cell.faces(chunk);
+                let textured = chunk
+                    .iter()
+                    .zip(&faces.texture)
+                    .map(|(t, &texture)| TexturedTriangle { corners: corners(t), texture });
+                writer.write_full_faces(&textured.collect::<Vec<_>>(), &faces.values)?;
             }
         }
         run.progress.add(info.cells[cell].triangles.div_ceil(2));
@@ -151,22 +158,6 @@ fn encode(result: &SurvivorPack, part: &Survivors, vertex: usize, out: &mut Vec<
     let record = &part.records[vertex * record_bytes..(vertex + 1) * record_bytes];
     let channels = part.mesh.channels_of(vertex as u32);
     layout.codec.encode(part.mesh.positions[vertex], channels, record, out);
-}
-
-/// The last `n_words` of every vertex's properties: texture coordinates and perhaps an image's number.
-fn texture(result: &SurvivorPack, part: &Survivors, n_words: usize) -> Vec<[u32; 3]> {
-    let mut encoded = Vec::new();
-    let words = |vertex| {
-        encoded.clear();
-        encode(result, part, vertex, &mut encoded);
-        let mut words = [0; 3];
-        let bytes = &encoded[encoded.len() - 4 * n_words..];
-        for (word, bytes) in words.iter_mut().zip(bytes.as_chunks::<4>().0) {
-            *word = u32::from_le_bytes(*bytes);
-        }
-        words
-    };
-    (0..part.ids.len()).map(words).collect()
 }
 
 /// For every shared vertex, the first cell that holds it and its number.

@@ -1,12 +1,13 @@
 //! Collapses at attribute seams: what one costs, where its survivor goes, and which values its wedges get.
 //!
 //! The survivor stays on the edge, at the place where the attributes' and the geometric error are least
-//! together. What that costs is summed up over the rings directly; there is no sum to keep at a seam. Whether the collapse is legal is not asked here.
+//! together. What that costs is summed up over the rings directly; there is no sum to keep at a seam. Whether
+//! the collapse is legal is not asked here.
 
 use super::Wedges;
 use crate::kernel::attributes::MAX_WEIGHTED;
 use crate::kernel::evaluate::Evaluated;
-use crate::kernel::surface::{Surface, others};
+use crate::kernel::surface::{Surface, boundary_quadric, others};
 use crate::kernel::vector::{along, cross, dot, length_sq, sub};
 
 /// Cost of an edge in a plane, as in `evaluate`.
@@ -129,6 +130,13 @@ impl Wedges {
             for &t in surface.ring(v) {
                 self.add_triangle(surface, (t, v, end), (&pairs, edge), (active, &common), &mut c);
             }
+            if let Some(region) = self.region {
+                let away = self.border_cost(surface, v, region, edge);
+                match end {
+                    0 => c[2] += away,
+                    _ => c = [c[0] + away, c[1] - away, c[2] + away],
+                }
+            }
         }
         let free = if c[2] > 0.0 { (-c[1] / c[2]).clamp(0.0, 1.0) } else { 0.5 };
         let s = match (fixed || pairs.joins, pairs.splits) {
@@ -146,6 +154,31 @@ impl Wedges {
             _ => half.map(|x| ((2.0 * s - 1.0) * x) as f32),
         };
         (cost, place)
+    }
+
+    /// What it costs to take `v` from the borders of regions that end there by the vector `way`: squared
+    /// length times squared distance for each, as at a boundary of the surface.
+    fn border_cost(&self, surface: &Surface, v: u32, region: usize, way: [f64; 3]) -> f64 {
+        if !self.is_seam[v as usize] {
+            return 0.0;
+        }
+        let ring = surface.ring(v);
+        let value = |t: u32| self.values_of(self.at(surface, t, v))[region].to_bits();
+        let mut cost = 0.0;
+        for &t in ring {
+            let (b, _) = others(surface.triangles[t as usize], v);
+            let is_next = |n: &&u32| others(surface.triangles[**n as usize], v).1 == b;
+            if ring.iter().find(is_next).is_some_and(|&next| value(next) != value(t)) {
+                let q = boundary_quadric(surface.edge(v, b)).map(f64::from);
+                let product = [
+                    q[0] * way[0] + q[1] * way[1] + q[2] * way[2],
+                    q[1] * way[0] + q[3] * way[1] + q[4] * way[2],
+                    q[2] * way[0] + q[4] * way[1] + q[5] * way[2],
+                ];
+                cost += dot(way, product);
+            }
+        }
+        cost
     }
 
     /// Adds area times squared difference between what a triangle says of a place on the edge and what its

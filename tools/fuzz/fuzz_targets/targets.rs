@@ -5,7 +5,7 @@
 
 #![allow(dead_code)]
 
-use stonecut::formats::StageOptions;
+use stonecut::formats::{StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
 use stonecut::ply::{FaceBlock, MeshSource, ReadOptions, VertexBlock};
 
 /// Everything that the rest of the program relies on once a file was opened.
@@ -28,20 +28,40 @@ fn read_all(source: &MeshSource) -> stonecut::Result<()> {
         }
     }
     let _ = (source.texture(), source.faults(), source.require_faces());
+    let _ = (source.face_properties(), source.dropped_face_properties());
     Ok(())
 }
 
+/// What faces carry, moved to vertices.
+fn move_faces(source: MeshSource, options: &StageOptions) -> stonecut::Result<()> {
+    let (n_vertices, n_faces) = (source.n_vertices(), source.n_faces());
+    let labels = ["quality".to_owned()];
+    let survey = SurveyOptions { labels: &labels, ..SurveyOptions::default() };
+    let carry = survey_faces(&source, &survey)?;
+    let is_moved = carry.is_moved();
+    let source = faces_to_vertices(source, carry, options)?;
+    assert!(source.n_faces() <= n_faces && (is_moved || source.n_vertices() == n_vertices));
+    read_all(&source)
+}
+
 fn ply(bytes: Vec<u8>, skip_bad: bool) {
-    let options = ReadOptions { skip_bad, ..ReadOptions::default() };
-    let _ = MeshSource::from_bytes("fuzz.ply", bytes, options).and_then(|s| read_all(&s));
+    let read = ReadOptions { skip_bad, ..ReadOptions::default() };
+    let mut options = StageOptions::new(std::env::temp_dir());
+    (options.memory_bytes, options.read) = (3 << 20, read.clone());
+    let _ = MeshSource::from_bytes("fuzz.ply", bytes, read).and_then(|source| {
+        read_all(&source)?;
+        move_faces(source, &options)
+    });
 }
 
 fn staged(name: &str, bytes: &[u8], skip_bad: bool) {
     let mut options = StageOptions::new(std::env::temp_dir());
     options.memory_bytes = 3 << 20;
     options.read.skip_bad = skip_bad;
-    let _ =
-        MeshSource::staged_from_bytes(name, bytes.to_vec(), &options).and_then(|s| read_all(&s));
+    let _ = MeshSource::staged_from_bytes(name, bytes.to_vec(), &options).and_then(|source| {
+        read_all(&source)?;
+        move_faces(source, &options)
+    });
 }
 
 /// A header and whatever follows it.

@@ -1,7 +1,7 @@
-//! Faces with texture coordinates at their corners, one after another.
+//! Faces with all they carry, one after another: texture coordinates at corners, scalar properties.
 //!
-//! For `formats::wedges`, which turns them into vertices. Reads the rows in file order, whatever the
-//! encoding; checks indices as `rows` does.
+//! For `formats`, which moves these to vertices, and for converting, which copies them. Reads the rows in
+//! file order, whatever the encoding; checks indices as `rows` does.
 
 use super::header::{Kind, Wire};
 use super::layout::{FaceLayout, explain, with_scan};
@@ -9,36 +9,61 @@ use super::rows::{MAX_CORNERS, out_of_range};
 use super::scan::{Fault, Mark, Scan, Scanned};
 use super::source::MeshSource;
 use crate::error::Result;
-use crate::schema::Scalar;
-
-/// The property of a face that says which image it is on.
-const IMAGE: &str = "texnumber";
+use crate::schema::{Property, Scalar};
 
 /// One face.
 #[derive(Debug, Default)]
-pub(crate) struct TexturedFace {
+pub(crate) struct FullFace {
     pub corners: Vec<u64>,
     /// Texture coordinates of each corner; zeros where the face has none.
     pub texture: Vec<[f32; 2]>,
-    /// Which image; 0 if the file does not say.
-    pub image: i32,
+    /// The scalar properties in order, packed, little-endian.
+    pub values: Vec<u8>,
+    /// A corner names no vertex, or one without a place; only with `skip_bad`.
+    pub is_bad: bool,
 }
 
 impl MeshSource {
-    /// Whether the faces have lists of texture coordinates, and whether they name an image.
-    pub(crate) fn corner_texture(&self) -> Option<bool> {
-        let property = self.texture_property()?;
-        let properties = &self.face().properties;
+    /// Whether the faces have lists of texture coordinates.
+    pub(crate) fn has_corner_texture(&self) -> bool {
+        let Some(property) = self.texture_property() else { return false };
         let is_list = |kind: &Kind| matches!(kind, Kind::List { .. });
-        let there = properties.iter().any(|p| p.name == property && is_list(&p.kind));
-        let image = properties.iter().any(|p| p.name == IMAGE && !is_list(&p.kind));
-        there.then_some(image)
+        self.face().properties.iter().any(|p| p.name == property && is_list(&p.kind))
     }
 
-    /// Calls `each` with every face that is whole; returns how many were left out with `skip_bad`.
-    pub(crate) fn each_textured_face(
+    /// The scalar properties of faces, in order; triangle strips have none.
+    pub fn face_properties(&self) -> Vec<Property> {
+        let scalar = |p: &super::header::HeaderProperty| match p.kind {
+            Kind::Scalar(wire) => Some(Property { name: p.name.clone(), scalar: wire.scalar() }),
+            Kind::List { .. } => None,
+        };
+        match self.layout.faces {
+            FaceLayout::None | FaceLayout::Strips(_) => Vec::new(),
+            _ => self.face().properties.iter().filter_map(scalar).collect(),
+        }
+    }
+
+    /// Names of properties of faces that nothing carries: lists that are neither corners nor texture, and all
+    /// that triangle strips have.
+    pub fn dropped_face_properties(&self) -> Vec<String> {
+        if self.layout.face_element.is_none() {
+            return Vec::new();
+        }
+        let element = self.face();
+        let corners = element.index_list();
+        let texture = self.texture_property();
+        let is_strips = matches!(self.layout.faces, FaceLayout::Strips(_));
+        let dropped = element.properties.iter().enumerate().filter(|(i, p)| {
+            let is_list = matches!(p.kind, Kind::List { .. });
+            Some(*i) != corners && (is_strips || is_list && Some(&p.name) != texture.as_ref())
+        });
+        dropped.map(|(_, p)| p.name.clone()).collect()
+    }
+
+    /// Calls `each` with number and contents of every face; returns how many of them are bad.
+    pub(crate) fn each_full_face(
         &self,
-        mut each: impl FnMut(&TexturedFace) -> Result<()>,
+        mut each: impl FnMut(u64, &FullFace) -> Result<()>,
     ) -> Result<u64> {
         let start = match &self.layout.faces {
             FaceLayout::Fixed { offset, .. } => Mark { offset: *offset, ..Mark::default() },
@@ -56,14 +81,13 @@ impl MeshSource {
                 let role = match p.kind {
                     _ if i == list => Role::Corners,
                     Kind::List { .. } if Some(&p.name) == property.as_ref() => Role::Texture,
-                    Kind::Scalar(_) if p.name == IMAGE => Role::Image,
                     _ => Role::Other,
                 };
                 (role, p.kind)
             })
             .collect();
         let (n_vertices, n_faces) = (self.n_vertices(), self.n_faces());
-        let (mut face, mut n_bad) = (TexturedFace::default(), 0);
+        let (mut face, mut n_bad) = (FullFace::default(), 0);
         with_scan!(&self.file, self.header.encoding, start, |scan| {
             for row in 0..n_faces {
                 let whole = match read(&mut scan, &kinds, n_vertices, &mut face) {
@@ -72,10 +96,10 @@ impl MeshSource {
                         return Err(explain(&self.file, element, row, scan.last(), fault));
                     }
                 };
-                if whole && !face.corners.iter().any(|&v| self.bad_vertices.contains(v)) {
-                    each(&face)?;
-                } else if self.options.skip_bad {
-                    n_bad += 1;
+                face.is_bad = !whole || face.corners.iter().any(|&v| self.bad_vertices.contains(v));
+                n_bad += u64::from(face.is_bad);
+                if !face.is_bad || self.options.skip_bad {
+                    each(row, &face)?;
                 } else {
                     let fault = Fault::Text(out_of_range(n_vertices));
                     return Err(explain(&self.file, element, row, scan.last(), fault));
@@ -86,12 +110,11 @@ impl MeshSource {
     }
 }
 
-/// What a property of a face is.
+/// What a list of a face is.
 #[derive(Clone, Copy)]
 enum Role {
     Corners,
     Texture,
-    Image,
     Other,
 }
 
@@ -100,11 +123,11 @@ fn read<S: Scan>(
     scan: &mut S,
     kinds: &[(Role, Kind)],
     n_vertices: u64,
-    face: &mut TexturedFace,
+    face: &mut FullFace,
 ) -> Scanned<bool> {
     face.corners.clear();
     face.texture.clear();
-    face.image = 0;
+    face.values.clear();
     for &(role, kind) in kinds {
         match (role, kind) {
             (Role::Corners, Kind::List { count, item }) => {
@@ -127,12 +150,12 @@ fn read<S: Scan>(
                 }
                 scan.skip(item, n % 2)?;
             }
-            (Role::Image, Kind::Scalar(wire)) => {
-                let mut bytes = [0; 4];
-                scan.store(wire, Scalar::I32, &mut bytes)?;
-                face.image = i32::from_le_bytes(bytes);
+            (_, Kind::Scalar(wire)) => {
+                let mut bytes = [0; 8];
+                let scalar = wire.scalar();
+                scan.store(wire, scalar, &mut bytes[..scalar.bytes()])?;
+                face.values.extend_from_slice(&bytes[..scalar.bytes()]);
             }
-            (_, Kind::Scalar(wire)) => scan.skip(wire, 1)?,
             (_, Kind::List { count, item }) => {
                 let n = scan.count(count)?;
                 scan.skip(item, n)?;
