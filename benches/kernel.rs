@@ -1,13 +1,15 @@
 //! Speed of the kernel: nanoseconds an input triangle, by target, by cell size and by part of the work.
 //!
-//! `cargo bench --bench kernel`. The whole call is timed, ordering included; the input is cloned outside.
+//! `cargo bench --bench kernel`. The whole call is timed, ordering included; the input is cloned outside. The
+//! comparison with other simplifiers is `bench kernel-tables` (tools/bench): they need a C++ compiler, which
+//! whoever builds and tests stonecut should not.
 
 #![allow(clippy::unwrap_used)] // A bench has nobody to report to.
 
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use stonecut::Mesh;
-use stonecut::kernel::{Options, Stop, simplify_mesh};
+use stonecut::kernel::{Fit, Options, Stop, simplify_mesh};
 
 fn main() {
     divan::main();
@@ -39,15 +41,15 @@ fn terrain(n_triangles: usize) -> Mesh {
     mesh
 }
 
-fn simplify(bencher: Bencher, n_triangles: usize, share: f64) {
+fn simplify(bencher: Bencher, n_triangles: usize, share: f64, fit: Fit) {
     let mesh = terrain(n_triangles);
     let target = (mesh.triangles.len() as f64 * share) as u64;
-    until(bencher, mesh, Stop::Triangles(target));
+    until(bencher, mesh, Stop::Triangles(target), fit);
 }
 
-fn until(bencher: Bencher, mesh: Mesh, stop: Stop) {
+fn until(bencher: Bencher, mesh: Mesh, stop: Stop, fit: Fit) {
     let locked = vec![false; mesh.positions.len()];
-    let options = Options { stop, ..Options::default() };
+    let options = Options { stop, fit, ..Options::default() };
     bencher
         .counter(ItemsCount::new(mesh.triangles.len()))
         .with_inputs(|| mesh.clone())
@@ -56,18 +58,25 @@ fn until(bencher: Bencher, mesh: Mesh, stop: Stop) {
 
 #[divan::bench(args = [65_536, 262_144, 1_048_576, 2_097_152], sample_count = 5, sample_size = 1)]
 fn to_ten_percent(bencher: Bencher, n_triangles: usize) {
-    simplify(bencher, n_triangles, 0.1);
+    simplify(bencher, n_triangles, 0.1, Fit::Off);
 }
 
 #[divan::bench(args = [65_536, 262_144, 1_048_576, 2_097_152], sample_count = 5, sample_size = 1)]
 fn to_one_percent(bencher: Bencher, n_triangles: usize) {
-    simplify(bencher, n_triangles, 0.01);
+    simplify(bencher, n_triangles, 0.01, Fit::Off);
+}
+
+/// The fit's time is what this takes more than `to_one_percent`.
+#[divan::bench(args = [262_144, 1_048_576], sample_count = 5, sample_size = 1)]
+fn to_one_percent_and_fit(bencher: Bencher, n_triangles: usize) {
+    simplify(bencher, n_triangles, 0.01, Fit::On);
 }
 
 /// Ordering, building and taking apart again, without a single collapse.
 #[divan::bench(args = [262_144, 1_048_576], sample_count = 5, sample_size = 1)]
 fn ordering_and_building(bencher: Bencher, n_triangles: usize) {
-    until(bencher, terrain(n_triangles), Stop::Costs { levels: Vec::new(), floor_triangles: 0 });
+    let stop = Stop::Costs { levels: Vec::new(), floor_triangles: 0 };
+    until(bencher, terrain(n_triangles), stop, Fit::Off);
 }
 
 /// The same and every edge's cost once; next to nothing is cheap enough to collapse. What is left of
@@ -75,5 +84,5 @@ fn ordering_and_building(bencher: Bencher, n_triangles: usize) {
 #[divan::bench(args = [262_144, 1_048_576], sample_count = 5, sample_size = 1)]
 fn and_evaluating_every_edge(bencher: Bencher, n_triangles: usize) {
     let levels = vec![f64::MIN_POSITIVE];
-    until(bencher, terrain(n_triangles), Stop::Costs { levels, floor_triangles: 0 });
+    until(bencher, terrain(n_triangles), Stop::Costs { levels, floor_triangles: 0 }, Fit::Off);
 }

@@ -36,15 +36,25 @@ pub fn check(
         Weighted { item, bytes: load_bytes(tally, store.layout()) + COUNT_BYTES * tally.triangles }
     };
     let jobs = (0..store.n_cells()).map(weigh).collect();
-    largest_first(jobs, threads, memory_bytes, progress, |item| {
-        let cell = store.load(item)?;
-        let part =
-            CellPart { triangles: &cell.mesh.triangles, global: &cell.ids, shared: &cell.shared };
-        let counts = count_cell(&part);
-        counter.lock().unwrap_or_else(PoisonError::into_inner).add(counts);
-        progress.add(cell.mesh.triangles.len() as u64);
-        Ok(())
-    })?;
+    largest_first(
+        jobs,
+        threads,
+        memory_bytes,
+        progress,
+        |_| (),
+        |item| {
+            let cell = store.load(item)?;
+            let part = CellPart {
+                triangles: &cell.mesh.triangles,
+                global: &cell.ids,
+                shared: &cell.shared,
+            };
+            let counts = count_cell(&part);
+            counter.lock().unwrap_or_else(PoisonError::into_inner).add(counts);
+            progress.add(cell.mesh.triangles.len() as u64);
+            Ok(())
+        },
+    )?;
     let counter = counter.into_inner().unwrap_or_else(PoisonError::into_inner);
     let mut topology = counter.finish(source.n_vertices());
     // The reader has left degenerate faces out of the cells.

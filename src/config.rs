@@ -1,5 +1,6 @@
 //! What was decided for a run of `simplify`: every value final.
 
+use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
@@ -106,4 +107,23 @@ pub struct Config {
     pub attributes: Attributes,
     /// How cells and finish are simplified; the stop is set by the stages.
     pub kernel: crate::kernel::Options,
+}
+
+impl Config {
+    /// Every setting that changes the result.
+    pub fn settings(&self) -> BTreeMap<String, String> {
+        BTreeMap::from([
+            ("target".to_owned(), format!("{:?}", self.target)),
+            ("cell-triangles".to_owned(), self.cell_triangles.to_string()),
+            ("skip-bad".to_owned(), self.skip_bad.to_string()),
+            ("placement".to_owned(), format!("{:?}", self.kernel.placement).to_lowercase()),
+            ("merge-distance".to_owned(), self.kernel.merge_distance.to_string()),
+            ("weight".to_owned(), self.attributes.weights.to_string()),
+            ("faces".to_owned(), if self.drop_faces { "drop" } else { "carry" }.to_owned()),
+            ("label".to_owned(), self.attributes.labels.join(",")),
+            ("normals".to_owned(), format!("{:?}", self.attributes.normals).to_lowercase()),
+            ("topology".to_owned(), format!("{:?}", self.kernel.topology).to_lowercase()),
+            ("fit".to_owned(), format!("{:?}", self.kernel.fit).to_lowercase()),
+        ])
+    }
 }

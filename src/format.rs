@@ -1,14 +1,15 @@
 //! The disk formats of the job folder, defined here alone; docs/format.md draws them.
 //!
 //! All numbers are little-endian. A *pack* is a file header followed by chunks; each chunk belongs to one
-//! cell and carries its own checksums, so that a pack can be re-indexed from its chunks after a crash.
+//! cell and carries its own checksums, so that a pack can be re-indexed from its chunks after a crash. A
+//! sealed pack ends with an index of its chunks.
 
 use crate::error::{Error, Result};
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// First bytes of every pack: name, then version.
-const PACK_MAGIC: [u8; 16] = *b"stonecut pack 01";
+const PACK_MAGIC: [u8; 16] = *b"stonecut pack 02";
 
 /// Bytes of a pack's file header.
 pub const PACK_HEADER_BYTES: u64 = 16;
@@ -30,12 +31,14 @@ pub enum ChunkKind {
     /// Rows of a vertex id (8 bytes) and a cell (4 bytes) that uses it without owning it; a note of the
     /// partition to itself, under cell 0.
     Foreign = 5,
+    /// All chunks of a sealed pack, behind them; under cell 0.
+    Index = 6,
 }
 
 impl ChunkKind {
     fn from_code(code: u32) -> Option<ChunkKind> {
-        use ChunkKind::{Foreign, SharedIds, Survivors, Triangles, Vertices};
-        [Vertices, Triangles, SharedIds, Survivors, Foreign]
+        use ChunkKind::{Foreign, Index, SharedIds, Survivors, Triangles, Vertices};
+        [Vertices, Triangles, SharedIds, Survivors, Foreign, Index]
             .into_iter()
             .find(|kind| *kind as u32 == code)
     }
@@ -97,6 +100,44 @@ pub fn parse_chunk_header(header: &[u8; CHUNK_HEADER_BYTES as usize], at: u64) -
         bytes: u64_at(8),
         checksum: u64_at(16),
     })
+}
+
+/// Bytes of an index's row, and of what follows the rows: the offset of the index's chunk header.
+const INDEX_ROW_BYTES: usize = 32;
+const INDEX_END_BYTES: usize = 8;
+
+/// Bytes at the end of a sealed pack that tell where its index begins.
+pub const PACK_END_BYTES: u64 = INDEX_END_BYTES as u64;
+
+/// The payload of an index whose chunk header lies at `at`.
+pub fn encode_index(chunks: &[Chunk], at: u64) -> Vec<u8> {
+    let mut payload = Vec::with_capacity(chunks.len() * INDEX_ROW_BYTES + INDEX_END_BYTES);
+    for chunk in chunks {
+        payload.extend_from_slice(&chunk.cell.to_le_bytes());
+        payload.extend_from_slice(&(chunk.kind as u32).to_le_bytes());
+        for number in [chunk.offset, chunk.bytes, chunk.checksum] {
+            payload.extend_from_slice(&number.to_le_bytes());
+        }
+    }
+    payload.extend_from_slice(&at.to_le_bytes());
+    payload
+}
+
+/// The chunks of an index; `None` if one of them does not lie before `end`, where the index begins.
+pub fn decode_index(payload: &[u8], end: u64) -> Option<Vec<Chunk>> {
+    let rows = payload.get(..payload.len().checked_sub(INDEX_END_BYTES)?)?;
+    if rows.len() % INDEX_ROW_BYTES != 0 {
+        return None;
+    }
+    let chunk_at = |row: &[u8]| {
+        let u64_at = |i: usize| u64::from_le_bytes(row[i..i + 8].try_into().expect("8 bytes"));
+        let u32_at = |i: usize| u32::from_le_bytes(row[i..i + 4].try_into().expect("4 bytes"));
+        let (offset, bytes) = (u64_at(8), u64_at(16));
+        offset.checked_add(bytes).filter(|&chunk_end| chunk_end <= end)?;
+        let kind = ChunkKind::from_code(u32_at(4))?;
+        Some(Chunk { cell: u32_at(0), kind, offset, bytes, checksum: u64_at(24) })
+    };
+    rows.chunks_exact(INDEX_ROW_BYTES).map(chunk_at).collect()
 }
 
 /// Width of a vertex id on disk: 4 bytes while all ids fit, else 8.

@@ -3,7 +3,10 @@
 //! Marks bind a job to its input (the manifest holds them), and tell when a file was changed while it was
 //! read. They are no proof: somebody who sets the time back and keeps the sampled bytes is not found out.
 
+use crate::config::Config;
 use crate::error::{Error, Result};
+use crate::job::Identity;
+use crate::ply::MeshSource;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -85,6 +88,20 @@ fn changed(path: &Path, how: &str) -> Error {
         "was changed during the run ({how}); run again with --restart once it stays as it is"
     );
     Error::bad_input(path, what)
+}
+
+/// What a job's files are only valid for: this input and every setting that changes the result.
+pub fn job_identity(
+    source: &MeshSource,
+    marks: &BTreeMap<String, String>,
+    config: &Config,
+) -> Identity {
+    let mut marks = marks.clone();
+    marks.insert("vertices".to_owned(), source.n_vertices().to_string());
+    marks.insert("faces".to_owned(), source.n_faces().to_string());
+    let input = std::path::absolute(&config.input).unwrap_or_else(|_| config.input.clone());
+    let input = input.display().to_string();
+    Identity { input, input_marks: marks, settings: config.settings() }
 }
 
 #[cfg(test)]

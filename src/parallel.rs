@@ -121,21 +121,10 @@ struct Queue {
 
 /// Runs independent jobs on `threads` threads, largest first, never more at once than `budget_bytes` hold.
 ///
-/// A job that exceeds the budget alone still runs, alone: whether it may is decided by the plan. The first
-/// failure lets running jobs end and begins no further ones.
+/// A job that exceeds the budget alone still runs, alone: whether it may is decided by the plan. Every job is
+/// announced when about one more round of jobs is to come before it, so that its bytes can be on their way
+/// while others compute. The first failure lets running jobs end and begins no further ones.
 pub fn largest_first(
-    jobs: Vec<Weighted>,
-    threads: usize,
-    budget_bytes: u64,
-    progress: &Progress,
-    work: impl Fn(usize) -> Result<()> + Sync,
-) -> Result<()> {
-    largest_first_announced(jobs, threads, budget_bytes, progress, |_| (), work)
-}
-
-/// The same; every job is announced when about one more round of jobs is to come before it, so that its bytes
-/// can be on their way while others compute.
-pub fn largest_first_announced(
     mut jobs: Vec<Weighted>,
     threads: usize,
     budget_bytes: u64,
@@ -240,7 +229,7 @@ mod tests {
         let jobs = (0..50).map(|i| Weighted { item: i, bytes: 10 + i as u64 % 7 }).collect();
         let announced = Mutex::new(Vec::new());
         let announce = |i| announced.lock().unwrap().push(i);
-        largest_first_announced(jobs, 4, 33, &Progress::default(), announce, |i| {
+        largest_first(jobs, 4, 33, &Progress::default(), announce, |i| {
             let bytes = 10 + i as u64 % 7;
             let held = now.fetch_add(bytes, Ordering::SeqCst) + bytes;
             most.fetch_max(held, Ordering::SeqCst);
@@ -281,10 +270,17 @@ mod tests {
             };
             told(guarded(|| in_order(1000, threads, &progress, ok, consume)));
             let jobs = (0..50).map(|item| Weighted { item, bytes: 1 }).collect();
-            told(largest_first(jobs, threads, 3, &progress, |item| {
-                fall(item as u64);
-                Ok(())
-            }));
+            told(largest_first(
+                jobs,
+                threads,
+                3,
+                &progress,
+                |_| (),
+                |item| {
+                    fall(item as u64);
+                    Ok(())
+                },
+            ));
         }
     }
 }

@@ -7,6 +7,7 @@ use crate::faces::FaceCarry;
 use crate::kernel;
 use crate::partition;
 use crate::ply::MeshSource;
+use crate::simplify::frees_sources;
 use crate::stitch::{self, Step};
 use crate::units::{show_bytes, show_count};
 use std::path::Path;
@@ -32,7 +33,7 @@ const SPLIT_FILE_COPIES: u64 = 2;
 const INODES: u64 = 32;
 
 /// End-to-end speed on one core of the reference machine in triangles/s, for the expected time only.
-const TRIANGLES_PER_SECOND_PER_CORE: f64 = 1.2e6;
+const TRIANGLES_PER_SECOND_PER_CORE: f64 = 1.7e6;
 
 /// What a run will do and need.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -105,6 +106,14 @@ impl Plan {
         let store = (source.n_vertices() as f64 * (ids + records)
             + triangles_in as f64 * 3.0 * ids)
             * PACK_OVERHEAD;
+        // Where sources are kept, what the first round leaves lies beside them.
+        let beside = match rounds.first() {
+            Some(&goal) if !frees_sources(triangles_in, goal) => {
+                let per_vertex = 9 + layout.row_bytes(true);
+                goal as f64 * (12.0 + per_vertex as f64 * vertices_per_triangle)
+            }
+            _ => 0.0,
+        };
         let output_triangles = target.min(triangles_in) as f64;
         let output_bytes =
             (output_triangles * (13.0 + records * vertices_per_triangle)) as u64 + 4096;
@@ -122,7 +131,7 @@ impl Plan {
             finish: finish_triangles > 0,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
-            temp_bytes: (store as u64).max(output_bytes + joining)
+            temp_bytes: ((store + beside) as u64).max(output_bytes + joining)
                 + (1 << 20)
                 + if config.verify { 3 * output_bytes } else { 0 },
             output_bytes,

@@ -7,7 +7,7 @@ use crate::attributes;
 use crate::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors, load_bytes};
 use crate::error::{Error, Result};
 use crate::kernel::{self, Options, Simplified, Stop};
-use crate::parallel::{Weighted, largest_first, largest_first_announced};
+use crate::parallel::{Weighted, largest_first};
 use crate::run::Run;
 use serde::{Deserialize, Serialize};
 use std::sync::{Mutex, PoisonError};
@@ -30,6 +30,9 @@ const PILOT_LEVELS: i32 = 40;
 /// levels a factor of about 4 apart cost nothing in error).
 const LEVEL_FACTOR: f64 = 4.0;
 
+/// Sources are kept until the round is over if it leaves less than one triangle in so many.
+const KEEP_SOURCES: u64 = 16;
+
 /// What one round of simplification should reach.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Goal {
@@ -37,6 +40,13 @@ pub struct Goal {
     pub round: u32,
     /// Triangles wanted in all cells together; met within some percent.
     pub triangles: u64,
+}
+
+/// Whether a round gives the source of a cell back to the file system as soon as the cell is done: where the
+/// survivors take so much space that store and survivors would not fit side by side into what the job promises.
+/// Thousands of holes in a file cost time otherwise well spent.
+pub fn frees_sources(triangles_in: u64, goal_triangles: u64) -> bool {
+    goal_triangles > triangles_in / KEEP_SOURCES
 }
 
 /// Cost thresholds, ascending; every cell drains them one after the other.
@@ -82,7 +92,7 @@ pub fn simplify_cells(
     run: &Run,
 ) -> Result<SurvivorInfo> {
     let levels = sealed_levels(store, goal, options, run)?;
-    run_cells(store, goal.round, run, |cell| {
+    run_cells(store, goal, run, |_, cell| {
         if levels.0.is_empty() {
             return Survivors::from(cell);
         }
@@ -104,7 +114,7 @@ pub fn simplify_cells_exactly(
 ) -> Result<SurvivorInfo> {
     let levels = sealed_levels(store, goal, options, run)?;
     let Some(&last) = levels.0.last() else {
-        return run_cells(store, goal.round, run, Survivors::from);
+        return run_cells(store, goal, run, |_, cell| Survivors::from(cell));
     };
     let fine: Vec<f64> =
         (-FINE_LEVELS..=FINE_LEVELS).map(|j| last * (f64::from(j) / FINE_STEPS).exp2()).collect();
@@ -117,7 +127,7 @@ pub fn simplify_cells_exactly(
             Ok(choose_levels(&counts, store, goal.triangles))
         })?;
     let (n_levels, n_ahead) = plan;
-    run_cells_numbered(store, goal.round, run, |index, cell| {
+    run_cells(store, goal, run, |index, cell| {
         let depth = n_levels + usize::from(index < n_ahead);
         if depth == 0 {
             return Survivors::from(cell);
@@ -194,18 +204,15 @@ fn pilot(store: &CellStore, goal: Goal, options: &Options, run: &Run) -> Result<
     let area = mean_area(&store.load_tidy(sample[0])?);
     let ladder: Vec<f64> =
         (0..PILOT_LEVELS).map(|k| PILOT_START * area * area * PILOT_STEP.powi(k)).collect();
-    let curves = Mutex::new(vec![Vec::new(); sample.len()]);
-    let jobs = sample
-        .iter()
-        .enumerate()
-        .map(|(item, &cell)| Weighted { item, bytes: cell_bytes(store, cell) });
-    largest_first(jobs.collect(), run.threads, run.memory_bytes, run.progress, |item| {
-        let cell = store.load_tidy(sample[item])?;
+    let curves = Mutex::new(Vec::with_capacity(sample.len()));
+    for_cells(store, sample.iter().copied(), run, |cell| {
+        let cell = store.load_tidy(cell)?;
         // Far enough below its share to see what the others may ask of a flat cell.
         let floor = (cell.mesh.triangles.len() as f64 * ratio / 4.0) as u64;
         let stop = Stop::Costs { levels: ladder.clone(), floor_triangles: floor };
         let counts = kernel_run(cell, stop, options).1.statistics.level_counts;
-        curves.lock().unwrap_or_else(PoisonError::into_inner)[item] = counts;
+        // In any order: only sums are taken.
+        curves.lock().unwrap_or_else(PoisonError::into_inner).push(counts);
         Ok(())
     })?;
     let curves = curves.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -272,6 +279,18 @@ fn interpolate(ladder: &[f64], total: &[f64], start: f64, wanted: f64) -> f64 {
     ladder[level] * PILOT_STEP.powf(share.clamp(0.0, 1.0) - 1.0)
 }
 
+/// Runs `work` on some cells, largest first, as many at once as the memory holds.
+fn for_cells(
+    store: &CellStore,
+    cells: impl Iterator<Item = usize>,
+    run: &Run,
+    work: impl Fn(usize) -> Result<()> + Sync,
+) -> Result<()> {
+    let jobs = cells.map(|item| Weighted { item, bytes: cell_bytes(store, item) }).collect();
+    let announce = |cell| store.expect(cell);
+    largest_first(jobs, run.threads, run.memory_bytes, run.progress, announce, work)
+}
+
 /// Runs `work` on every cell without writing anything; outcomes in cell order.
 fn run_all<T: Send + Clone + Default>(
     store: &CellStore,
@@ -279,47 +298,31 @@ fn run_all<T: Send + Clone + Default>(
     work: impl Fn(CellMesh) -> T + Sync,
 ) -> Result<Vec<T>> {
     let outcomes = Mutex::new(vec![T::default(); store.n_cells()]);
-    let jobs = (0..store.n_cells()).map(|item| Weighted { item, bytes: cell_bytes(store, item) });
-    let soon = |item| store.expect(item);
-    largest_first_announced(
-        jobs.collect(),
-        run.threads,
-        run.memory_bytes,
-        run.progress,
-        soon,
-        |item| {
-            let outcome = work(store.load_tidy(item)?);
-            outcomes.lock().unwrap_or_else(PoisonError::into_inner)[item] = outcome;
-            Ok(())
-        },
-    )?;
+    for_cells(store, 0..store.n_cells(), run, |cell| {
+        let outcome = work(store.load_tidy(cell)?);
+        outcomes.lock().unwrap_or_else(PoisonError::into_inner)[cell] = outcome;
+        Ok(())
+    })?;
     Ok(outcomes.into_inner().unwrap_or_else(PoisonError::into_inner))
-}
-
-fn run_cells(
-    store: &CellStore,
-    round: u32,
-    run: &Run,
-    work: impl Fn(CellMesh) -> Survivors + Sync,
-) -> Result<SurvivorInfo> {
-    run_cells_numbered(store, round, run, |_, cell| work(cell))
 }
 
 struct Output {
     writer: SurvivorWriter,
+    /// Whether sources of cells are given back to the file system.
+    frees: bool,
     /// Cells appended since the last sync; their sources are still needed.
     unsynced: Vec<usize>,
     synced_at: Instant,
 }
 
 /// Runs `work` on the cells that are not yet in the round's pack of survivors, and seals the pack.
-fn run_cells_numbered(
+fn run_cells(
     store: &CellStore,
-    round: u32,
+    goal: Goal,
     run: &Run,
     work: impl Fn(usize, CellMesh) -> Survivors + Sync,
 ) -> Result<SurvivorInfo> {
-    let name = format!("round-{round}.survivors");
+    let name = format!("round-{}.survivors", goal.round);
     let writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
     let mut is_done = vec![false; store.n_cells()];
     for cell in writer.finished() {
@@ -328,29 +331,21 @@ fn run_cells_numbered(
             run.progress.add(store.info().cells[cell as usize].triangles);
         }
     }
-    let jobs = (0..store.n_cells())
-        .filter(|&cell| !is_done[cell])
-        .map(|item| Weighted { item, bytes: cell_bytes(store, item) });
-    let output = Mutex::new(Output { writer, unsynced: Vec::new(), synced_at: Instant::now() });
-    let soon = |item| store.expect(item);
-    let outcome = largest_first_announced(
-        jobs.collect(),
-        run.threads,
-        run.memory_bytes,
-        run.progress,
-        soon,
-        |item| {
-            let survivors = work(item, store.load_tidy(item)?);
-            let mut output = output.lock().map_err(half_written)?;
-            output.writer.append(item, &survivors)?;
-            output.unsynced.push(item);
-            run.progress.add(store.info().cells[item].triangles);
-            if output.synced_at.elapsed() >= run.checkpoint_every {
-                output.sync(store)?;
-            }
-            Ok(())
-        },
-    );
+    let frees = frees_sources(store.info().triangles, goal.triangles);
+    let synced_at = Instant::now();
+    let output = Mutex::new(Output { writer, frees, unsynced: Vec::new(), synced_at });
+    let left = (0..store.n_cells()).filter(|&cell| !is_done[cell]);
+    let outcome = for_cells(store, left, run, |cell| {
+        let survivors = work(cell, store.load_tidy(cell)?);
+        let mut output = output.lock().map_err(half_written)?;
+        output.writer.append(cell, &survivors)?;
+        output.unsynced.push(cell);
+        run.progress.add(store.info().cells[cell].triangles);
+        if output.synced_at.elapsed() >= run.checkpoint_every {
+            output.sync(store)?;
+        }
+        Ok(())
+    });
     let mut output = match output.into_inner() {
         Ok(output) => output,
         // The panic that poisoned it is the outcome.
@@ -368,11 +363,13 @@ fn half_written<T>(_: PoisonError<T>) -> Error {
 }
 
 impl Output {
-    /// Makes finished cells durable, then frees what they came from.
+    /// Makes finished cells durable, then frees what they came from if that is worth it.
     fn sync(&mut self, store: &CellStore) -> Result<()> {
         self.writer.sync()?;
         for cell in self.unsynced.drain(..) {
-            store.free(cell)?;
+            if self.frees {
+                store.free(cell)?;
+            }
         }
         self.synced_at = Instant::now();
         Ok(())

@@ -6,6 +6,7 @@
 
 /// Connectivity in numbers, as `info --check` and `measure` report it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
 pub struct Topology {
     /// All vertices, used or not.
     pub vertices: u64,

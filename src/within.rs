@@ -10,6 +10,7 @@ use crate::config::{Config, Target};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::formats::StageOptions;
+use crate::identity::job_identity;
 use crate::job::Job;
 use crate::measure;
 use crate::pipeline::{self, Prepared, WRITING};
@@ -61,7 +62,7 @@ pub fn simplify(
     let disk = Disk::default();
     let n_input = prepared.source.n_faces();
     let marks = crate::identity::input_marks(&config.input)?;
-    let identity = pipeline::identity(&prepared.source, &marks, config);
+    let identity = job_identity(&prepared.source, &marks, config);
     // Every trial opens the input anew.
     drop(prepared);
     let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;

@@ -42,8 +42,8 @@ const STAGES: [&str; 4] = ["partition", "simplify", "stitch", "write"];
 #[test]
 fn only_the_pipeline_and_its_plan_name_two_stages() {
     for (name, text) in sources() {
-        if ["pipeline.rs", "plan.rs", "lib.rs"].contains(&name.as_str()) || name.starts_with("cli/")
-        {
+        let may = ["pipeline.rs", "pipeline/stages.rs", "plan.rs", "lib.rs"];
+        if may.contains(&name.as_str()) || name.starts_with("cli/") {
             continue;
         }
         let own = name.split(['/', '.']).next().unwrap_or_default().to_owned();

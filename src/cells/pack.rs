@@ -1,8 +1,13 @@
 //! Packs: few large files of checksummed chunks, appended by one writer, read by many.
+//!
+//! A sealed pack ends with an index of its chunks, so that opening it is one read instead of one for every
+//! chunk. The headers serve where there is no index yet: after a crash.
 
 use crate::disk::{Disk, DiskFile};
 use crate::error::{Error, Result};
-use crate::format::{self, CHUNK_HEADER_BYTES, Chunk, ChunkKind, PACK_HEADER_BYTES};
+use crate::format::{
+    self, CHUNK_HEADER_BYTES, Chunk, ChunkKind, PACK_END_BYTES, PACK_HEADER_BYTES,
+};
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -118,6 +123,19 @@ impl PackWriter {
         outcome
     }
 
+    /// Ends the pack with an index of its chunks and makes it durable; nothing may be appended any more.
+    pub fn seal(&mut self) -> Result<()> {
+        let index = format::encode_index(&self.chunks, self.length());
+        self.append(0, ChunkKind::Index, &index)?;
+        self.sync()
+    }
+
+    /// Opens what was appended so far for reading.
+    pub fn reader(&mut self, disk: &Disk, n_cells: u32) -> Result<Pack> {
+        self.flush()?;
+        Pack::from_chunks(disk.open(self.file.path())?, self.chunks.clone(), n_cells)
+    }
+
     /// Bytes in the pack, once everything pending is written.
     pub fn length(&self) -> u64 {
         self.file.length() + self.pending.len() as u64
@@ -135,7 +153,8 @@ pub struct Pack {
 }
 
 impl Pack {
-    /// Opens a pack of `n_cells` cells and indexes its chunks; `bytes` is its sealed length.
+    /// Opens a pack of `n_cells` cells; `bytes` is its sealed length. Memory: 40 bytes a chunk, twice for a
+    /// moment.
     pub fn open(disk: &Disk, path: &Path, n_cells: u32, bytes: u64) -> Result<Pack> {
         let file = disk.open(path)?;
         if file.length() < bytes {
@@ -143,12 +162,13 @@ impl Pack {
                 format!("has {} of its {bytes} bytes; run again with --restart", file.length());
             return Err(Error::corrupt(path, what));
         }
-        let (chunks, end) = scan(&file)?;
-        if end < bytes {
-            let what = format!("the chunk at byte {end} is damaged; run again with --restart");
-            return Err(Error::corrupt(path, what));
+        match read_index(&file, bytes)? {
+            Some(chunks) => Self::from_chunks(file, chunks, n_cells),
+            None => {
+                let what = "the index of its chunks is damaged; run again with --restart";
+                Err(Error::corrupt(path, what))
+            }
         }
-        Self::from_chunks(file, chunks, n_cells)
     }
 
     fn from_chunks(file: DiskFile, mut chunks: Vec<Chunk>, n_cells: u32) -> Result<Pack> {
@@ -225,7 +245,30 @@ fn read_payload(file: &DiskFile, chunk: &Chunk, payload: &mut Vec<u8>) -> Result
     Ok(xxh3_64(payload) == chunk.checksum)
 }
 
-/// Walks over the chunk headers of a pack: its whole chunks and where the last of them ends.
+/// The chunks of a pack sealed at `bytes`; `None` if its index is damaged.
+fn read_index(file: &DiskFile, bytes: u64) -> Result<Option<Vec<Chunk>>> {
+    let mut magic = [0; PACK_HEADER_BYTES as usize];
+    file.read_at(&mut magic, 0)?;
+    format::check_pack_header(file.path(), &magic)?;
+    let Some(end_at) = bytes.checked_sub(PACK_END_BYTES) else { return Ok(None) };
+    let mut end = [0; PACK_END_BYTES as usize];
+    file.read_at(&mut end, end_at)?;
+    let at = u64::from_le_bytes(end);
+    if at.checked_add(CHUNK_HEADER_BYTES).is_none_or(|payload_at| payload_at > bytes) {
+        return Ok(None);
+    }
+    let mut header = [0; CHUNK_HEADER_BYTES as usize];
+    file.read_at(&mut header, at)?;
+    let index = format::parse_chunk_header(&header, at)
+        .filter(|chunk| chunk.kind == ChunkKind::Index)
+        .filter(|chunk| chunk.offset.checked_add(chunk.bytes) == Some(bytes));
+    let Some(index) = index else { return Ok(None) };
+    let mut payload = Vec::new();
+    let is_whole = read_payload(file, &index, &mut payload)?;
+    Ok(format::decode_index(&payload, at).filter(|_| is_whole))
+}
+
+/// Walks over the chunk headers of a pack: its whole chunks but an index, and where the last of them ends.
 fn scan(file: &DiskFile) -> Result<(Vec<Chunk>, u64)> {
     let mut magic = [0; PACK_HEADER_BYTES as usize];
     file.read_at(&mut magic, 0)?;
@@ -235,7 +278,8 @@ fn scan(file: &DiskFile) -> Result<(Vec<Chunk>, u64)> {
     let mut header = [0; CHUNK_HEADER_BYTES as usize];
     while at + CHUNK_HEADER_BYTES <= file.length() {
         file.read_at(&mut header, at)?;
-        let Some(chunk) = format::parse_chunk_header(&header, at) else { break };
+        let chunk = format::parse_chunk_header(&header, at);
+        let Some(chunk) = chunk.filter(|chunk| chunk.kind != ChunkKind::Index) else { break };
         match chunk.offset.checked_add(chunk.bytes) {
             Some(end) if end <= file.length() => at = end,
             _ => break,
@@ -258,7 +302,7 @@ mod tests {
         for i in 0..100u32 {
             writer.append(i % 7, ChunkKind::Vertices, &vec![i as u8; i as usize * 31]).unwrap();
         }
-        writer.sync().unwrap();
+        writer.seal().unwrap();
         let bytes = writer.length();
         drop(writer);
         let pack = Pack::open(&disk, &path, 7, bytes).unwrap();
@@ -274,9 +318,20 @@ mod tests {
         std::fs::write(&path, &raw).unwrap();
         let error = pack.read(&victim, &mut payload).unwrap_err();
         assert!(error.to_string().contains(&format!("byte {}", victim.offset)), "{error}");
-        // When the pack is continued, the torn chunk is cut off and the damaged one forgotten.
-        std::fs::write(&path, &raw[..raw.len() - 5]).unwrap();
+        // When the pack is continued, the index and a torn chunk are cut off and the damaged one is forgotten.
+        let index_at = bytes as usize - 100 * 32 - 8 - CHUNK_HEADER_BYTES as usize;
+        assert_eq!(PackWriter::reopen(&disk, &path).unwrap().chunks().len(), 99);
+        assert_eq!(std::fs::metadata(&path).unwrap().len(), index_at as u64);
+        std::fs::write(&path, &raw[..index_at - 5]).unwrap();
         assert_eq!(PackWriter::reopen(&disk, &path).unwrap().chunks().len(), 98);
         assert!(Pack::open(&disk, &path, 7, bytes).is_err());
+        // Any damage to the index is found when the pack is opened.
+        raw[victim.offset as usize] ^= 1;
+        for at in (index_at..raw.len()).step_by(13) {
+            raw[at] ^= 0x10;
+            std::fs::write(&path, &raw).unwrap();
+            assert!(Pack::open(&disk, &path, 7, bytes).is_err(), "byte {at}");
+            raw[at] ^= 0x10;
+        }
     }
 }

@@ -43,11 +43,8 @@ pub fn split_overfull(
     if overfull.is_empty() {
         return Ok(info);
     }
-    pack.flush()?;
     info.split_at = pack.length();
-    let n_cells = info.cells.len() as u32;
-    let path = run.job.path(&info.pack);
-    let source = Pack::open(run.disk(), &path, n_cells, pack.length())?;
+    let source = pack.reader(run.disk(), info.cells.len() as u32)?;
     for &cell in &overfull {
         let old = Old { source: &source, cell, layout, info: &info };
         let cuts = old.cuts(planned_triangles, round, run)?;

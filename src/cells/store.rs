@@ -209,7 +209,10 @@ impl CellStore {
                         out.shared[find(row)? as usize] = true;
                     }
                 }
-                ChunkKind::Vertices | ChunkKind::Survivors | ChunkKind::Foreign => {}
+                ChunkKind::Vertices
+                | ChunkKind::Survivors
+                | ChunkKind::Foreign
+                | ChunkKind::Index => {}
             }
         }
         Ok(out)

@@ -4,7 +4,7 @@
 //! triangles. Finished cells survive a crash; the writer continues behind the last whole chunk.
 
 use super::pack::{Pack, PackWriter};
-use super::store::{CellMesh, VertexLayout};
+use super::store::{CellMesh, CellTally, VertexLayout};
 use super::tidy::Dropped;
 use crate::disk::Disk;
 use crate::error::{Error, Result};
@@ -12,6 +12,7 @@ use crate::format::ChunkKind;
 use crate::kernel::{FitStatistics, Simplified, Statistics};
 use crate::mesh::Mesh;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The sealed description of a pack of survivors.
@@ -22,30 +23,11 @@ pub struct SurvivorInfo {
     /// Sealed length of the pack.
     pub pack_bytes: u64,
     /// Per cell: vertices and triangles left.
-    pub cells: Vec<super::CellTally>,
+    pub cells: Vec<CellTally>,
     /// Triangles left in all cells.
     pub triangles: u64,
-    /// Refused collapses by reason, over all cells.
-    pub rejects: Vec<(String, u64)>,
-    /// What was cleaned and changed of the topology, by kind, over all cells.
-    #[serde(default)]
-    pub changes: Vec<(String, u64)>,
-    /// Collapses carried out in all cells.
-    pub collapses: u64,
-    /// Whether every cell reached its stop.
-    pub reached: bool,
-    /// What the fit did; only a finish has one.
-    #[serde(default)]
-    pub fit: Option<FitStatistics>,
-    /// What was left out of the cells before they were simplified.
-    #[serde(default)]
-    pub dropped: Dropped,
-    /// Charts of a texture that vanished in this round.
-    #[serde(default)]
-    pub charts_vanished: u64,
-    /// Vertices on attribute seams; one that several cells hold counts in each.
-    #[serde(default)]
-    pub seam_vertices: u64,
+    /// What the kernel did in all cells together.
+    pub statistics: CellStatistics,
 }
 
 /// One simplified cell.
@@ -63,7 +45,7 @@ pub struct Survivors {
     pub statistics: CellStatistics,
 }
 
-/// The kernel's statistics as they are kept with a cell.
+/// The kernel's statistics as they are kept with a cell, or the sum of several.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CellStatistics {
     /// Collapses carried out.
@@ -84,7 +66,7 @@ pub struct CellStatistics {
     /// Charts of a texture that vanished.
     #[serde(default)]
     pub charts_vanished: u64,
-    /// Vertices on attribute seams that are left.
+    /// Vertices on attribute seams that are left; one that several cells hold counts in each.
     #[serde(default)]
     pub seam_vertices: u64,
 }
@@ -104,6 +86,20 @@ impl From<&Statistics> for CellStatistics {
             charts_vanished: statistics.charts_vanished,
             seam_vertices: statistics.seam_vertices,
         }
+    }
+}
+
+impl CellStatistics {
+    /// Adds those of another cell.
+    fn add(&mut self, other: CellStatistics) {
+        self.collapses += other.collapses;
+        self.reached &= other.reached;
+        self.fit = self.fit.or(other.fit);
+        self.dropped += other.dropped;
+        self.charts_vanished += other.charts_vanished;
+        self.seam_vertices += other.seam_vertices;
+        add_named(&mut self.rejects, other.rejects);
+        add_named(&mut self.changes, other.changes);
     }
 }
 
@@ -143,6 +139,10 @@ impl Survivors {
             out.records.extend_from_slice(&record[position_bytes..]);
         }
         out
+    }
+
+    fn tally(&self) -> CellTally {
+        CellTally { vertices: self.ids.len() as u64, triangles: self.mesh.triangles.len() as u64 }
     }
 
     /// Bytes on disk.
@@ -206,6 +206,8 @@ pub struct SurvivorWriter {
     name: String,
     pack: PackWriter,
     layout: VertexLayout,
+    /// What is known of the cells that were appended by this process.
+    appended: BTreeMap<u32, (CellTally, CellStatistics)>,
 }
 
 impl SurvivorWriter {
@@ -220,7 +222,8 @@ impl SurvivorWriter {
         };
         // Sources are freed as soon as the data is synced, so the name must be durable before that.
         disk.sync_folder_of(&path)?;
-        Ok(SurvivorWriter { name: name.to_owned(), pack, layout: layout.clone() })
+        let appended = BTreeMap::new();
+        Ok(SurvivorWriter { name: name.to_owned(), pack, layout: layout.clone(), appended })
     }
 
     /// The cells that are already in the pack.
@@ -231,6 +234,7 @@ impl SurvivorWriter {
     /// Appends one cell.
     pub fn append(&mut self, cell: usize, survivors: &Survivors) -> Result<()> {
         self.pack.append(cell as u32, ChunkKind::Survivors, &survivors.encode(&self.layout))?;
+        self.appended.insert(cell as u32, (survivors.tally(), survivors.statistics.clone()));
         self.pack.flush()
     }
 
@@ -241,30 +245,28 @@ impl SurvivorWriter {
 
     /// Seals the pack; every one of `n_cells` cells must be in it.
     pub fn finish(mut self, disk: &Disk, folder: &Path, n_cells: usize) -> Result<SurvivorInfo> {
-        self.pack.sync()?;
+        self.pack.seal()?;
         disk.sync_folder_of(&folder.join(&self.name))?;
         let mut info = SurvivorInfo {
-            pack: self.name.clone(),
+            pack: self.name,
             pack_bytes: self.pack.length(),
-            reached: true,
-            cells: vec![super::CellTally::default(); n_cells],
+            cells: vec![CellTally::default(); n_cells],
+            statistics: CellStatistics { reached: true, ..CellStatistics::default() },
             ..SurvivorInfo::default()
         };
         drop(self.pack);
         let pack = SurvivorPack::open(disk, folder, info.clone(), self.layout)?;
         for cell in 0..n_cells {
-            let survivors = pack.load(cell)?;
-            let triangles = survivors.mesh.triangles.len() as u64;
-            info.cells[cell] = super::CellTally { vertices: survivors.ids.len() as u64, triangles };
-            info.triangles += triangles;
-            info.collapses += survivors.statistics.collapses;
-            info.reached &= survivors.statistics.reached;
-            info.fit = info.fit.or(survivors.statistics.fit);
-            info.dropped += survivors.statistics.dropped;
-            info.charts_vanished += survivors.statistics.charts_vanished;
-            info.seam_vertices += survivors.statistics.seam_vertices;
-            add_named(&mut info.rejects, survivors.statistics.rejects);
-            add_named(&mut info.changes, survivors.statistics.changes);
+            let (tally, statistics) = match self.appended.remove(&(cell as u32)) {
+                Some(known) => known,
+                None => {
+                    let survivors = pack.load(cell)?;
+                    (survivors.tally(), survivors.statistics)
+                }
+            };
+            info.cells[cell] = tally;
+            info.triangles += tally.triangles;
+            info.statistics.add(statistics);
         }
         Ok(info)
     }
@@ -328,10 +330,5 @@ impl SurvivorPack {
             );
             Error::corrupt(Path::new(&self.info.pack), what)
         })
-    }
-
-    /// Gives a cell's bytes back to the file system.
-    pub fn free(&self, cell: usize) -> Result<()> {
-        self.pack.free(cell as u32)
     }
 }

@@ -33,10 +33,15 @@ impl Frame {
     #[inline]
     pub fn quantise(&self, point: [f64; 3]) -> [i32; 3] {
         let p = [0, 1, 2].map(|k| point[k] - self.origin[k]);
-        self.axes.map(|a| {
-            ((a[0] * p[0] + a[1] * p[1] + a[2] * p[2]) * self.steps_per_unit).floor() as i32
-        })
+        self.axes.map(|a| floor((a[0] * p[0] + a[1] * p[1] + a[2] * p[2]) * self.steps_per_unit))
     }
+}
+
+/// The integer below; saturates. Without the call that `f64::floor` is on older processors.
+#[inline]
+fn floor(x: f64) -> i32 {
+    let towards_zero = x as i32;
+    towards_zero.saturating_sub(i32::from(f64::from(towards_zero) > x))
 }
 
 /// A rotation of its own for each round; round 0 keeps the input's axes.
@@ -131,18 +136,51 @@ impl CellTree {
     }
 
     /// The cell of a point.
-    #[inline]
     pub fn cell_of(&self, point: [f64; 3]) -> u32 {
-        let key = self.frame.quantise(point);
-        let mut child = self.root;
-        loop {
-            match child {
-                Child::Cell(cell) => return cell,
-                Child::Node(at) => {
-                    let node = &self.nodes[at as usize];
-                    child = if key[node.axis as usize] < node.split { node.low } else { node.high };
-                }
+        self.finder().cell_of(point)
+    }
+
+    /// For many points one after the other.
+    pub fn finder(&self) -> CellFinder<'_> {
+        CellFinder { tree: self, cell: 0, low: [i32::MAX; 3], high: [i32::MIN; 3] }
+    }
+}
+
+/// Finds cells of points; fast where a point lies in the cell of the one before.
+#[derive(Clone, Debug)]
+pub struct CellFinder<'a> {
+    tree: &'a CellTree,
+    /// The cell of the last point, and its lowest and highest coordinates.
+    cell: u32,
+    low: [i32; 3],
+    high: [i32; 3],
+}
+
+impl CellFinder<'_> {
+    /// The cell of a point.
+    #[inline]
+    pub fn cell_of(&mut self, point: [f64; 3]) -> u32 {
+        let key = self.tree.frame.quantise(point);
+        if !(0..3).all(|k| (self.low[k] <= key[k]) & (key[k] <= self.high[k])) {
+            self.descend(key);
+        }
+        self.cell
+    }
+
+    fn descend(&mut self, key: [i32; 3]) {
+        (self.low, self.high) = ([i32::MIN; 3], [i32::MAX; 3]);
+        let mut child = self.tree.root;
+        while let Child::Node(at) = child {
+            let node = &self.tree.nodes[at as usize];
+            let axis = node.axis as usize;
+            if key[axis] < node.split {
+                (child, self.high[axis]) = (node.low, node.split - 1);
+            } else {
+                (child, self.low[axis]) = (node.high, node.split);
             }
+        }
+        if let Child::Cell(cell) = child {
+            self.cell = cell;
         }
     }
 }
@@ -201,6 +239,24 @@ mod tests {
             points.iter().for_each(|&p| counts[tree.cell_of(p) as usize] += 1);
             let even = 20_000 / 13;
             assert!(counts.iter().all(|&n| n > even * 8 / 10 && n < even * 12 / 10), "{counts:?}");
+        }
+    }
+
+    #[test]
+    fn the_order_of_points_does_not_matter() {
+        let points = scattered(5_000);
+        let tree = CellTree::build(Frame::new(1, [[0.0; 3], [9.0; 3]]), &points, 40);
+        let mut finder = tree.finder();
+        for p in &points {
+            // Twice: once by descent, once in the cell of the point before.
+            let near = p.map(|x| x + 1e-6);
+            assert_eq!(
+                [finder.cell_of(*p), finder.cell_of(near)],
+                [tree.cell_of(*p), tree.cell_of(near)]
+            );
+        }
+        for x in [-3.5, -3.0, -0.0, 2.0, 2.9, 1e300, -1e300, f64::from(i32::MIN) - 0.5] {
+            assert_eq!(floor(x), x.floor() as i32, "{x}");
         }
     }
 

@@ -26,10 +26,15 @@ pub enum Show {
 const BAR_INTERVAL: Duration = Duration::from_millis(100);
 const LINE_INTERVAL: Duration = Duration::from_secs(10);
 
+/// What the estimate starts from: so many weighted triangles, taken to have been done in so many seconds before
+/// the run began. Without it, the first second's estimate would be any number.
+const ASSUMED_WEIGHT: f64 = 4e6;
+const ASSUMED_SECONDS: f64 = 1.5;
+
 /// Relative cost of a triangle in each stage, for the overall estimate only.
 fn weight(stage: &str) -> f64 {
     match stage {
-        "partition" => 0.35,
+        "partition" => 0.25,
         "write" => 0.1,
         _ => 1.0,
     }
@@ -112,7 +117,9 @@ impl<'a> Display<'a> {
         let seconds = self.stage_started.elapsed().as_secs_f64();
         let done = done.min(stage.total);
         let per_second = done as f64 / seconds.max(1e-3);
-        let stage_eta = (stage.total - done) as f64 / per_second.max(1.0);
+        let stage_eta =
+            (stage.total - done) as f64 * weight(stage.name) * (seconds + ASSUMED_SECONDS)
+                / (done as f64 * weight(stage.name) + ASSUMED_WEIGHT);
         let memory = crate::memory::resident_bytes();
         if self.show == Show::Bar {
             self.bar.set_prefix(format!("{}/{} {:9}", stage.number, stage.n_stages, stage.name));
@@ -166,6 +173,7 @@ impl<'a> Display<'a> {
         };
         let so_far = self.weight_done + weight(stage.name) * done as f64;
         let left = own - weight(stage.name) * done as f64 + ahead;
-        self.started.elapsed().as_secs_f64() * left / so_far.max(1.0)
+        let seconds = self.started.elapsed().as_secs_f64() + ASSUMED_SECONDS;
+        seconds * left / (so_far + ASSUMED_WEIGHT)
     }
 }

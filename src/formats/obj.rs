@@ -202,9 +202,9 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
     }
     let mut out = Spool::new(&options.temp_dir);
     out.write(header.as_bytes())?;
-    copy(&vertices, &mut out)?;
+    out.append_file(&vertices)?;
     drop(vertices);
-    copy(&faces, &mut out)?;
+    out.append_file(&faces)?;
     Ok((out.finish(file.path())?, staged))
 }
 
@@ -275,18 +275,4 @@ fn header(
     }
     text.push_str("end_header\n");
     text
-}
-
-fn copy(from: &RawFile, to: &mut Spool) -> Result<()> {
-    let mut buffer = vec![0; 1 << 20];
-    let mut at = 0;
-    while at < from.len() {
-        let n = from.read_at_most(&mut buffer, at)?;
-        if n == 0 {
-            return Err(from.bad("temporary data was cut off during the run"));
-        }
-        to.write(&buffer[..n])?;
-        at += n as u64;
-    }
-    Ok(())
 }

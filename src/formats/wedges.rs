@@ -144,7 +144,7 @@ fn split<const N: usize>(
     let mut out = Spool::new(&options.temp_dir);
     out.write(header.text_signed(Encoding::BinaryLittleEndian, index, None).as_bytes())?;
     let vertices = vertices.finish(&path)?;
-    copy(&vertices, &mut out)?;
+    out.append_file(&vertices)?;
     drop(vertices);
     let counts = counts.finish(&path)?;
     let (mut sizes, mut next_face, mut left) = (Vec::new(), 0u64, 0u8);
@@ -216,18 +216,4 @@ impl Vertices<'_> {
         texture.chain(region).for_each(|bits| self.row.extend_from_slice(&bits.to_le_bytes()));
         self.out.write(&self.row)
     }
-}
-
-fn copy(from: &crate::ply::raw::RawFile, to: &mut Spool) -> Result<()> {
-    let mut buffer = vec![0; 1 << 20];
-    let mut at = 0;
-    while at < from.len() {
-        let n = from.read_at_most(&mut buffer, at)?;
-        if n == 0 {
-            return Err(from.bad("temporary data was cut off during the run"));
-        }
-        to.write(&buffer[..n])?;
-        at += n as u64;
-    }
-    Ok(())
 }

@@ -134,7 +134,7 @@ impl<'a> Parts<'a> {
         let jobs = parts.map(weigh).collect();
         let soon = |part| self.expect(part);
         let Means { threads, memory_bytes, progress } = means;
-        parallel::largest_first_announced(jobs, threads, memory_bytes, progress, soon, |part| {
+        parallel::largest_first(jobs, threads, memory_bytes, progress, soon, |part| {
             let mesh = self.load(part)?;
             let result = work(part, Surface { mesh: &mesh, colour: self.colours });
             means.progress.add(mesh.triangles.len() as u64);
@@ -165,7 +165,7 @@ impl<'a> Parts<'a> {
         });
         let soon = |part| self.expect(part);
         let Means { threads, memory_bytes, progress } = means;
-        parallel::largest_first_announced(jobs, threads, memory_bytes, progress, soon, |part| {
+        parallel::largest_first(jobs, threads, memory_bytes, progress, soon, |part| {
             let look = self.look(part, diagonal, stride)?;
             means.progress.add(self.n_triangles(part));
             (*gathered.lock().unwrap_or_else(PoisonError::into_inner))(part, look);

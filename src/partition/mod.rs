@@ -12,8 +12,8 @@ mod table;
 pub use scan::{Scan, scan};
 
 use crate::cells::{
-    CellTally, CellTree, Frame, IdMap, Pack, PackWriter, Scatter, StoreInfo, VertexLayout,
-    n_samples, plan_cells, split_overfull,
+    CellTally, CellTree, Frame, IdMap, PackWriter, Scatter, StoreInfo, VertexLayout, n_samples,
+    plan_cells, split_overfull,
 };
 use crate::error::{Error, Result};
 use crate::format::ChunkKind;
@@ -91,7 +91,7 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
         ..StoreInfo::default()
     };
     let store = split_overfull(store, &mut pack, &passes.layout, cell_triangles, 0, run)?;
-    pack.sync()?;
+    pack.seal()?;
     run.disk().sync_folder_of(&run.job.path(PACK_NAME))?;
     let store = StoreInfo { pack_bytes: pack.length(), ..store };
     Ok(Partition {
@@ -151,7 +151,8 @@ impl Passes<'_> {
                 source.read_vertices(first_block + index, &mut block)?;
                 out.cells.clear();
                 let records = block.records.chunks_exact(record_bytes);
-                out.cells.extend(records.map(|record| tree.cell_of(schema.position(record))));
+                let mut finder = tree.finder();
+                out.cells.extend(records.map(|record| finder.cell_of(schema.position(record))));
                 out.sort(n_cells, row_bytes, |i, row| {
                     let id = block.first + i as u64;
                     row[..ids.bytes].copy_from_slice(&id.to_le_bytes()[..ids.bytes]);
@@ -197,7 +198,8 @@ impl Passes<'_> {
                 source.read_vertices(first / BLOCK_ROWS + index, &mut out.vertices)?;
                 out.cells.clear();
                 let records = out.vertices.records.chunks_exact(record_bytes);
-                let cells = records.map(|r| tree.cell_of(self.layout.schema.position(r)));
+                let mut finder = tree.finder();
+                let cells = records.map(|r| finder.cell_of(self.layout.schema.position(r)));
                 out.cells.extend(cells);
                 Ok(())
             },
@@ -233,10 +235,7 @@ impl Passes<'_> {
         scatter.finish(pack)?;
         let foreign = match is_whole {
             true => self.noted(foreign, pack)?,
-            false => {
-                pack.sync()?;
-                self.missing(pack.length())?
-            }
+            false => self.missing(pack)?,
         };
         self.place = Place { pass: Pass::Shared, dropped: self.place.dropped, ..Place::default() };
         if self.checkpoints.is_due() {
@@ -249,9 +248,7 @@ impl Passes<'_> {
     /// `foreign` and what checkpoints have noted in the pack, sorted.
     fn noted(&self, mut foreign: Vec<Foreign>, pack: &mut PackWriter) -> Result<Vec<Foreign>> {
         if pack.chunks().iter().any(|chunk| chunk.kind == ChunkKind::Foreign) {
-            pack.flush()?;
-            let path = self.run.job.path(PACK_NAME);
-            let reader = Pack::open(self.run.disk(), &path, self.tree.n_cells(), pack.length())?;
+            let reader = pack.reader(self.run.disk(), self.tree.n_cells())?;
             let mut payload = Vec::new();
             for chunk in reader.chunks_of(0).iter().filter(|c| c.kind == ChunkKind::Foreign) {
                 reader.read(chunk, &mut payload)?;
@@ -351,10 +348,10 @@ impl Passes<'_> {
     }
 
     /// The vertices that triangles of each cell use and the cell does not hold.
-    fn missing(&self, pack_bytes: u64) -> Result<Vec<Foreign>> {
+    fn missing(&self, pack: &mut PackWriter) -> Result<Vec<Foreign>> {
         let run = self.run;
         let n_cells = self.tally.len() as u32;
-        let pack = Pack::open(run.disk(), &run.job.path(PACK_NAME), n_cells, pack_bytes)?;
+        let pack = pack.reader(run.disk(), n_cells)?;
         let row_bytes = self.layout.ids.bytes + self.layout.schema.record_bytes();
         let mut all = Vec::new();
         in_order(

@@ -132,6 +132,21 @@ impl Spool {
         Ok(())
     }
 
+    /// Appends a whole file of temporary data.
+    pub fn append_file(&mut self, from: &RawFile) -> Result<()> {
+        let mut buffer = vec![0; 1 << 20];
+        let mut at = 0;
+        while at < from.len() {
+            let n = from.read_at_most(&mut buffer, at)?;
+            if n == 0 {
+                return Err(from.bad("temporary data was cut off during the run"));
+            }
+            self.write(&buffer[..n])?;
+            at += n as u64;
+        }
+        Ok(())
+    }
+
     fn spill(&mut self) -> Result<()> {
         let memory = std::mem::take(&mut self.memory);
         self.put_in_file(&memory)?;

@@ -43,7 +43,7 @@ pub fn recut(
     };
     let layout = survivors.layout();
     let store = split_overfull(store, &mut pack, layout, cell_triangles, round, run)?;
-    pack.sync()?;
+    pack.seal()?;
     run.disk().sync_folder_of(&path)?;
     Ok(StoreInfo { pack_bytes: pack.length(), ..store })
 }
@@ -166,7 +166,8 @@ fn take_apart(part: &Survivors, tree: &CellTree, survivors: &SurvivorPack) -> Ap
     let layout = survivors.layout();
     let record_bytes = layout.schema.record_bytes();
     let mut out = Apart::default();
-    let cells: Vec<u32> = part.mesh.positions.iter().map(|&p| tree.cell_of(p)).collect();
+    let mut finder = tree.finder();
+    let cells: Vec<u32> = part.mesh.positions.iter().map(|&p| finder.cell_of(p)).collect();
     let mut order: Vec<(u32, u32)> = part
         .mesh
         .triangles

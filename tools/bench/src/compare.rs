@@ -160,25 +160,11 @@ pub fn write_kernel_page(record: &Record, own: &str, out: &Path) -> Outcome<()> 
             others.push(&row.peer);
         }
     }
-    let _ = write!(
-        page,
-        "\n## Error: `{own}` / peer, as RMS, p99.9, max\n\nBelow 1 the kernel is better. In brackets: the peer's \
-         triangles where they differ from ours by more than 1 %.\n\n"
-    );
-    page += &matrix(record, own, &others, |mine, peer| {
-        let (Some(a), Some(b)) = (&mine.quality, &peer.quality) else {
-            return peer.trouble.clone();
-        };
-        let ratio = |x: f64, y: f64| format!("{:.3}", x / y);
-        let (n, m) = (a.after.triangles as f64, b.after.triangles as f64);
-        let remark = if (m / n - 1.0).abs() > 0.01 {
-            format!(" ({})", count(b.after.triangles))
-        } else {
-            String::new()
-        };
-        let three = [ratio(a.rms, b.rms), ratio(a.p999, b.p999), ratio(a.max, b.max)];
-        format!("{}{remark}", three.join(", "))
-    });
+    for own in [own, "kernel-fit"] {
+        if own_rows(record, own).next().is_some() {
+            page += &error_ratios(record, own, &others);
+        }
+    }
     page += "\n## Speed: million input triangles per second and core, the simplification alone\n\n";
     page += &absolute(record, own, &others, |row| {
         number(row.core_seconds().map(|s| row.triangles_in as f64 / s.median / 1e6))
@@ -194,6 +180,29 @@ pub fn write_kernel_page(record: &Record, own: &str, out: &Path) -> Outcome<()> 
     page += &topology(record, own, &others);
     std::fs::write(out.join("kernel-tables.md"), page)?;
     Ok(())
+}
+
+fn error_ratios(record: &Record, own: &str, others: &[&str]) -> String {
+    let others: Vec<&str> = others.iter().copied().filter(|peer| *peer != own).collect();
+    let heading = format!(
+        "\n## Error: `{own}` / peer, as RMS, p99.9, max\n\nBelow 1 ours is better. In brackets: the peer's \
+         triangles where they differ from ours by more than 1 %.\n\n"
+    );
+    let ratios = matrix(record, own, &others, |mine, peer| {
+        let (Some(a), Some(b)) = (&mine.quality, &peer.quality) else {
+            return peer.trouble.clone();
+        };
+        let ratio = |x: f64, y: f64| format!("{:.3}", x / y);
+        let (n, m) = (a.after.triangles as f64, b.after.triangles as f64);
+        let remark = if (m / n - 1.0).abs() > 0.01 {
+            format!(" ({})", count(b.after.triangles))
+        } else {
+            String::new()
+        };
+        let three = [ratio(a.rms, b.rms), ratio(a.p999, b.p999), ratio(a.max, b.max)];
+        format!("{}{remark}", three.join(", "))
+    });
+    heading + &ratios
 }
 
 fn own_rows<'a>(record: &'a Record, own: &'a str) -> impl Iterator<Item = &'a Row> {
@@ -254,7 +263,7 @@ fn absolute(record: &Record, own: &str, others: &[&str], cell: impl Fn(&Row) -> 
 fn topology(record: &Record, own: &str, others: &[&str]) -> String {
     let headers: Vec<&str> =
         ["mesh", "target", "before", own].into_iter().chain(others.iter().copied()).collect();
-    let words = |t: &crate::record::Topology| {
+    let words = |t: &stonecut::topology::Topology| {
         let four = [t.non_manifold_edges, t.components].map(count).join(", ");
         format!("{four}, {}, {}", t.euler_characteristic, count(t.boundary_edges))
     };

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::time::Instant;
 use stonecut::Mesh;
-use stonecut::kernel::{self, Options, Stop, Topology};
+use stonecut::kernel::{self, Fit, Options, Stop, Topology};
 
 /// What a driver prints: the simplification alone, without reading and writing.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -26,7 +26,7 @@ pub struct Inner {
 pub fn run(name: &str, input: &Path, output: &Path, target: u64) -> Outcome<Inner> {
     let mesh = meshes::read_raw(input)?;
     let (result, inner) = match name {
-        "kernel" | "kernel-keep" | "reference" => own(name, mesh, target),
+        "kernel" | "kernel-fit" | "kernel-keep" | "reference" => own(name, mesh, target),
         "meshopt" | "meshopt-update" => meshopt(name == "meshopt-update", &mesh, target),
         _ => return Err(format!("no library is named {name}").into()),
     };
@@ -37,8 +37,9 @@ pub fn run(name: &str, input: &Path, output: &Path, target: u64) -> Outcome<Inne
 fn own(name: &str, mesh: Mesh, target: u64) -> (Mesh, Inner) {
     let locked = vec![false; mesh.positions.len()];
     let topology = if name == "kernel-keep" { Topology::Keep } else { Topology::Error };
-    #[allow(clippy::needless_update)] // Options may grow.
-    let options = Options { stop: Stop::Triangles(target), topology, ..Options::default() };
+    let fit = if name == "kernel-fit" { Fit::On } else { Fit::Off };
+    let stop = Stop::Triangles(target);
+    let options = Options { stop, topology, fit, ..Options::default() };
     let (result, inner) = timed(|| match name {
         "reference" => kernel::reference::simplify_mesh(mesh, &locked, &options),
         _ => kernel::simplify_mesh(mesh, &locked, &options),

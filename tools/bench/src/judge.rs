@@ -1,13 +1,14 @@
 //! How good a result is: `stonecut measure`, and the triangles that face against the original.
 
 use crate::peers::Places;
-use crate::record::{Quality, Topology};
+use crate::record::Quality;
 use crate::{Outcome, meshes};
 use serde::Deserialize;
 use std::path::Path;
 use std::process::Command;
 use stonecut::measure::tree::{Nearest, Tree};
 use stonecut::measure::triangle::{area_normal, dot};
+use stonecut::topology::Topology;
 
 /// Originals with more triangles are not asked for facing: the tree takes 150 bytes a triangle.
 const MAX_FACING_TRIANGLES: u64 = 20_000_000;

@@ -292,8 +292,15 @@ fn run(command: Command) -> Outcome<()> {
             compare::write_page(&record, &comparing.common.output)
         }
         Command::KernelTables(comparing) => {
-            let names =
-                ["kernel", "reference", "meshopt", "meshopt-update", "pymeshlab", "cgal-lt"];
+            let names = [
+                "kernel",
+                "kernel-fit",
+                "reference",
+                "meshopt",
+                "meshopt-update",
+                "pymeshlab",
+                "cgal-lt",
+            ];
             let record = compare(&comparing, &names.map(str::to_owned))?;
             compare::write_page(&record, &comparing.common.output)?;
             compare::write_kernel_page(&record, "kernel", &comparing.common.output)

@@ -33,9 +33,10 @@ const fn peer(name: &'static str, kind: Kind, slow: bool) -> Peer {
 }
 
 /// All tools, ours first.
-pub const PEERS: [Peer; 11] = [
+pub const PEERS: [Peer; 12] = [
     peer("stonecut", Kind::Stonecut, false),
     peer("kernel", Kind::Inside, false),
+    peer("kernel-fit", Kind::Inside, false),
     peer("kernel-keep", Kind::Inside, false),
     peer("reference", Kind::Inside, true),
     peer("meshopt", Kind::Inside, false),

@@ -3,6 +3,7 @@
 use crate::child::{Ending, Usage};
 use crate::inside::Inner;
 use serde::{Deserialize, Serialize};
+use stonecut::topology::Topology;
 
 /// One run of one tool.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -14,21 +15,6 @@ pub struct Run {
     /// The tool's own account by stage: name and seconds; only stonecut.
     #[serde(default)]
     pub stages: Vec<(String, f64)>,
-}
-
-/// Connectivity of a mesh, from `stonecut measure`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)] // The names are those of `stonecut info`.
-pub struct Topology {
-    pub vertices: u64,
-    pub triangles: u64,
-    pub boundary_edges: u64,
-    pub non_manifold_edges: u64,
-    pub components: u64,
-    pub euler_characteristic: i64,
-    pub degenerate_triangles: u64,
-    pub duplicate_triangles: u64,
-    pub inconsistent_edges: u64,
 }
 
 /// How good a result is.
