@@ -5,6 +5,7 @@
 //! so they are found once, before the first round, and hold for every cell. Does not touch vertices.
 
 use crate::error::{Error, Result};
+use crate::kernel::vector;
 use crate::mesh::Mesh;
 use crate::schema::Meaning;
 
@@ -178,10 +179,8 @@ impl Sample {
     }
 }
 
-fn area([a, b, c]: [[f64; 3]; 3]) -> f64 {
-    let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
-    let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-    0.5 * n.iter().map(|x| x * x).sum::<f64>().sqrt()
+fn area(corners: [[f64; 3]; 3]) -> f64 {
+    0.5 * vector::length_sq(vector::normal(corners)).sqrt()
 }
 
 #[cfg(test)]

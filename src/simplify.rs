@@ -6,6 +6,7 @@
 use crate::attributes;
 use crate::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors, load_bytes};
 use crate::error::{Error, Result};
+use crate::kernel::vector::{length_sq, normal};
 use crate::kernel::{self, Options, Simplified, Stop};
 use crate::parallel::{Weighted, largest_first};
 use crate::run::Run;
@@ -240,13 +241,7 @@ fn spread_cells(n_cells: usize, bounds: std::ops::RangeInclusive<usize>) -> Vec<
 
 fn mean_area(cell: &CellMesh) -> f64 {
     let n = cell.mesh.triangles.len();
-    let doubled = |t: usize| {
-        let [a, b, c] = cell.mesh.corners(t);
-        let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
-        let cross =
-            [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-        cross.iter().map(|x| x * x).sum::<f64>().sqrt()
-    };
+    let doubled = |t: usize| length_sq(normal(cell.mesh.corners(t))).sqrt();
     let area = 0.5 * (0..n).map(doubled).sum::<f64>() / n.max(1) as f64;
     // All triangles degenerate: any positive scale will do.
     if area > 0.0 && area.is_finite() { area } else { f64::MIN_POSITIVE.sqrt() }

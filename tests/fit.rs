@@ -87,6 +87,73 @@ fn boundary_and_locked_vertices_keep_their_bits() {
 }
 
 #[test]
+fn the_maximum_stays_where_the_surface_has_creases() {
+    // Valleys and ridges that the samples see only from both sides, with noise on them.
+    let noise = |u: f64, v: f64| ((u * 3911.0).sin() * (v * 5077.0).cos() * 917.0).fract();
+    let creased = |u: f64, v: f64| {
+        0.03 * (6.0 * u + 3.0 * v).sin().abs() + 0.02 * (9.0 * v).cos().abs() + 5e-4 * noise(u, v)
+    };
+    let mesh = sheet(300, creased);
+    let locked = vec![false; mesh.positions.len()];
+    for target in [18_000, 1_800] {
+        let most = |fit| {
+            let result = simplified(&mesh, &locked, target, fit);
+            let deviation = deviation(&mesh, &result.mesh);
+            deviation.forward.distance.max.max(deviation.backward.distance.max)
+        };
+        let (before, after) = (most(Fit::Off), most(Fit::On));
+        assert!(after <= 1.2 * before, "{target}: {before} {after}");
+    }
+}
+
+#[test]
+fn neither_size_nor_place_matters() {
+    let mesh = sheet(100, bumps);
+    let locked = vec![false; mesh.positions.len()];
+    let plain = simplified(&mesh, &locked, 1_000, Fit::On);
+    // Powers of two round nothing: about 1e-30 and 1e30.
+    for factor in [2f64.powi(-100), 2f64.powi(100)] {
+        let mut scaled = mesh.clone();
+        scaled.positions.iter_mut().flatten().for_each(|x| *x *= factor);
+        let result = simplified(&scaled, &locked, 1_000, Fit::On);
+        assert_eq!(plain.mesh.triangles, result.mesh.triangles);
+        for (a, b) in plain.mesh.positions.iter().zip(&result.mesh.positions) {
+            assert_eq!(a.map(|x| (x * factor).to_bits()), b.map(f64::to_bits));
+        }
+    }
+    // As far from the origin as UTM coordinates in metres, with details of millimetres.
+    let mut far = mesh.clone();
+    for p in &mut far.positions {
+        *p = [p[0] + 499_000.0, p[1] + 5_402_000.0, p[2]];
+    }
+    let without = simplified(&far, &locked, 1_000, Fit::Off);
+    let with = simplified(&far, &locked, 1_000, Fit::On);
+    let ratio = deviation(&far, &with.mesh).rms / deviation(&far, &without.mesh).rms;
+    assert!(ratio < 0.95, "{ratio}");
+}
+
+#[test]
+fn channels_follow_the_vertices() {
+    // Each vertex carries where it is.
+    let mut mesh = sheet(150, bumps);
+    mesh.n_channels = 2;
+    let local = |p: &[f64; 3]| [(p[0] - 1000.0) as f32, (p[1] + 2000.0) as f32];
+    mesh.channels = mesh.positions.iter().flat_map(local).collect();
+    let locked = vec![false; mesh.positions.len()];
+    let off = |result: &Simplified| {
+        let places = result.mesh.positions.iter().flat_map(local);
+        let sum: f64 =
+            places.zip(&result.mesh.channels).map(|(x, c)| f64::from(x - c).powi(2)).sum();
+        (sum / result.mesh.channels.len() as f64).sqrt()
+    };
+    let without = simplified(&mesh, &locked, 1_500, Fit::Off);
+    let with = simplified(&mesh, &locked, 1_500, Fit::On);
+    assert_ne!(without.mesh.positions, with.mesh.positions);
+    let (before, after) = (off(&without), off(&with));
+    assert!(after < 1.1 * before, "{before} {after}");
+}
+
+#[test]
 fn the_same_call_gives_the_same_bytes() {
     let mesh = sheet(150, bumps);
     let locked = vec![false; mesh.positions.len()];

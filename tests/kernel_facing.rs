@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
 use stonecut::Mesh;
-use stonecut::kernel::{Options, Placement, Stop, simplify_mesh};
+use stonecut::kernel::{Fit, Options, Placement, Stop, simplify_mesh};
 
 type Vec3 = [f64; 3];
 
@@ -104,18 +104,20 @@ fn smooth_closed_meshes_keep_their_facing() {
     for Smooth { name, mesh, outward } in [torus(160), ellipsoid(70)] {
         assert_eq!(facing_against(&mesh, outward), 0, "{name} itself");
         let n = mesh.triangles.len() as u64;
-        for (placement, share) in [
-            (Placement::Optimal, 10),
-            (Placement::Optimal, 100),
-            (Placement::Subset, 10),
-            (Placement::Midpoint, 10),
+        for (placement, fit, share) in [
+            (Placement::Optimal, Fit::Auto, 10),
+            (Placement::Optimal, Fit::Auto, 100),
+            (Placement::Optimal, Fit::On, 10),
+            (Placement::Optimal, Fit::On, 30),
+            (Placement::Subset, Fit::Auto, 10),
+            (Placement::Midpoint, Fit::Auto, 10),
         ] {
             let stop = Stop::Triangles(n / share);
-            let options = Options { stop, placement, ..Options::default() };
+            let options = Options { stop, placement, fit, ..Options::default() };
             let result = simplify_mesh(mesh.clone(), &vec![false; mesh.positions.len()], &options);
             assert!(result.statistics.reached);
             let n = facing_against(&result.mesh, outward);
-            assert_eq!(n, 0, "{name}, 1/{share}, {placement:?}");
+            assert_eq!(n, 0, "{name}, 1/{share}, {placement:?}, {fit:?}");
         }
     }
 }

@@ -90,6 +90,9 @@ fn threads_and_memory_do_not_show_in_the_result() {
     let one = simplify("a.ply", "--threads 1 --memory 4GiB");
     assert_eq!(one, simplify("b.ply", "--threads 2 --memory 4GiB"));
     assert_eq!(one, simplify("c.ply", "--threads 3 --memory 80MiB"));
+    let fitted = simplify("d.ply", "--fit on --threads 1 --memory 4GiB");
+    assert_ne!(one, fitted);
+    assert_eq!(fitted, simplify("e.ply", "--fit on --threads 2 --memory 80MiB"));
 }
 
 #[test]

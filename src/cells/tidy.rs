@@ -4,7 +4,7 @@
 //! corners always meet in one cell, and each cell can be tidied by itself. Later rounds have nothing to tidy.
 
 use super::store::CellMesh;
-use crate::kernel::repeats::{flaps, from_least};
+use crate::kernel::repeats::{Repeats, flaps, from_least};
 use serde::{Deserialize, Serialize};
 use std::ops::AddAssign;
 
@@ -51,7 +51,7 @@ impl CellMesh {
             grouped[*place as usize] = i as u32;
             *place += 1;
         }
-        let (mut repeats, mut reversed) = (Vec::new(), Vec::new());
+        let mut found = Repeats::default();
         let mut keys: Vec<([u32; 3], u32)> = Vec::new();
         let mut start = 0;
         for &end in &end[..self.mesh.positions.len()] {
@@ -64,17 +64,9 @@ impl CellMesh {
                 (corners, i)
             }));
             keys.sort_unstable();
-            for same in keys.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
-                let first = from_least(triangles[same[0].1 as usize]);
-                let mut is_met = false;
-                for &(_, i) in &same[1..] {
-                    let is_turned = from_least(triangles[i as usize]) != first;
-                    let list = if is_turned && !is_met { &mut reversed } else { &mut repeats };
-                    is_met |= is_turned;
-                    list.push(i);
-                }
-            }
+            found.add(&keys, |i| from_least(triangles[i as usize]));
         }
+        let Repeats { same: mut repeats, reversed } = found;
         repeats.sort_unstable();
         if !reversed.is_empty() {
             self.add_flaps(&reversed, &mut repeats);

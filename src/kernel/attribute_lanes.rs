@@ -9,8 +9,8 @@
 //! Source: the gradient form of Hoppe 1999, memoryless as the geometric part (docs/design/attributes.md).
 
 use super::evaluate::{
-    Evaluated, Factors, LENGTH_COST, MAX_REACH, REGULARISATION, VOLUME_SHARE, add3, add6, cross3,
-    dot3, first6, product, scale3, select3, store3, sub3, sub6,
+    Evaluated, Factors, REGULARISATION, Volume, add3, add6, cost, cross3, dot3, first6, last3,
+    positions, product, scale3, store3, sub3, sub6,
 };
 use super::lanes::{Job, Lanes};
 use super::surface::Vertex;
@@ -85,16 +85,7 @@ impl<const K: usize> Job for AttributeEdges<'_, K> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) -> Evaluated {
-        let base: [&[f64; 3]; 8] = [
-            &self.v0[0].position,
-            &self.v0[1].position,
-            &self.v0[2].position,
-            &self.v0[3].position,
-            &self.v0[4].position,
-            &self.v0[5].position,
-            &self.v0[6].position,
-            &self.v0[7].position,
-        ];
+        let base = positions(self.v0);
         let zero = L::splat(0.0);
         let edge = L::relative(self.v1, base, self.scale);
         let half = scale3(edge, L::splat(0.5));
@@ -122,21 +113,9 @@ impl<const K: usize> Job for AttributeEdges<'_, K> {
         let lift = trace.times(L::splat(REGULARISATION)).plus(L::splat(1e-30));
         let factors = Factors::new(sum, lift);
         let free = factors.solve(right);
-        let (g0, g1) = ([q0[6], q0[7], q0[8]], [q1[6], q1[7], q1[8]]);
-        let g = add3(g0, g1);
-        let wanted = dot3(sub3(g1, g0), half);
-        let way = factors.solve(g);
-        let per_step = dot3(g, way);
-        let step = wanted.minus(dot3(g, free)).over(per_step);
-        let kept = add3(free, scale3(way, step));
-        let flat = area.times(L::splat(VOLUME_SHARE));
-        let kept = select3(flat.times(flat), dot3(g, g), kept, free);
-        let half_sq = dot3(half, half);
-        let reach = half_sq.times(L::splat(MAX_REACH * MAX_REACH));
-        let place = select3(dot3(free, free), reach, free, [zero; 3]);
-        let place = select3(dot3(kept, kept), reach, kept, place);
         let fixed = L::load(&self.fixed);
-        let place = select3(zero, fixed, half, place);
+        let volume = Volume { g0: last3(q0), g1: last3(q1), trace: area };
+        let place = volume.place(&factors, free, half, fixed);
         let (from0, from1) = (add3(place, half), sub3(place, half));
         let mut error = dot3(from0, product(a0, from0)).plus(dot3(from1, product(a1, from1)));
         for (j, step) in self.half_step.iter().enumerate() {
@@ -151,9 +130,7 @@ impl<const K: usize> Job for AttributeEdges<'_, K> {
                 .plus(r0.times(area0.times(r0).minus(two.times(x0))))
                 .plus(r1.times(area1.times(r1).plus(two.times(x1))));
         }
-        let floor = area.times(half_sq).times(L::splat(LENGTH_COST));
-        let cost = error.greater(zero).plus(floor);
-        Evaluated { cost: cost.store(), place: store3(place) }
+        Evaluated { cost: cost(error, area, half).store(), place: store3(place) }
     }
 }
 
@@ -213,17 +190,7 @@ impl<const K: usize> Job for AttributeTriangles<'_, K> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let a = &self.a;
-        let base: [&[f64; 3]; 8] = [
-            &a[0].position,
-            &a[1].position,
-            &a[2].position,
-            &a[3].position,
-            &a[4].position,
-            &a[5].position,
-            &a[6].position,
-            &a[7].position,
-        ];
+        let base = positions(self.a);
         let b = L::relative(self.b, base, self.scale);
         let c = L::relative(self.c, base, self.scale);
         let steps = self.values.iter().map(|[a, b, c]| {

@@ -2,8 +2,8 @@
 //!
 //! Whatever the topology policy: nothing of the surface changes by it. Of triangles over the same three
 //! vertices the first stays; one that is turned over stays, too, where it belongs to another sheet (`repeats`).
-//! A triangle without area whose longest edge is open is
-//! dropped; otherwise that edge is flipped, so that its neighbour is split by the vertex that lay on the edge.
+//! A triangle without area whose longest edge is open is dropped; otherwise that edge is flipped, so that its
+//! neighbour is split by the vertex that lay on the edge.
 //! Two corners in one place make an edge whose collapse costs nothing: that is left to the queue, which takes
 //! it first. What cannot be done (no manifold neighbour, a lock, an attribute seam) is left as found.
 //!
@@ -12,7 +12,7 @@
 
 use super::lanes::Simd;
 use super::legal::Class;
-use super::repeats::{flaps, from_least};
+use super::repeats::{Repeats, flaps, from_least};
 use super::surface::{GONE, MAX_VALENCE, Surface, others};
 use super::topology::{set_ring, settle};
 use super::vector::{dot, length_sq, normal, sub};
@@ -77,17 +77,9 @@ fn drop_repeats(surface: &mut Surface, touched: &mut Vec<u32>) -> u64 {
     known.sort_unstable();
     known.dedup();
     let corners = |t: u32| from_least(surface.triangles[t as usize]);
-    let (mut repeats, mut reversed) = (Vec::new(), Vec::new());
-    for same in known.chunk_by(|a, b| a.0 == b.0) {
-        let first = corners(same[0].1);
-        let mut is_met = false;
-        for &(_, t) in &same[1..] {
-            let is_turned = corners(t) != first;
-            let list = if is_turned && !is_met { &mut reversed } else { &mut repeats };
-            is_met |= is_turned;
-            list.push(t);
-        }
-    }
+    let mut found = Repeats::default();
+    found.add(&known, corners);
+    let Repeats { same: mut repeats, reversed } = found;
     if !reversed.is_empty() {
         let is_known = |v: u32| surface.rings[v as usize].class == Some(Class::Complex);
         let turned: Vec<[u32; 3]> = reversed.iter().map(|&t| corners(t)).collect();

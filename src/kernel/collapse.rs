@@ -1,7 +1,9 @@
 //! One collapse: is it legal, and carrying it out.
 //!
 //! `v0` goes and `v1` stays. Looks at the two rings once, so that the tests, the new quadrics and the new
-//! ring come from the same pass. It does not choose edges; `drive` does.
+//! ring come from the same pass. The topological part is in `link`. It does not choose edges; `drive` does.
+
+mod link;
 
 use std::hint::select_unpredictable;
 
@@ -287,146 +289,6 @@ impl Collapser {
         Ok(())
     }
 
-    /// The link condition, boundaries and locks.
-    #[inline(always)]
-    fn link<L: Lanes>(&mut self, surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
-        let inner = |v: u32| at(&surface.rings, v).class == Some(Class::Interior);
-        let usual = self.n - self.n_kept == 2 && (1..64).contains(&self.n_kept);
-        if inner(v0) && inner(v1) && usual {
-            self.open.clear();
-            self.closes = None;
-            self.link_inside::<L>(surface)
-        } else {
-            self.link_anywhere(surface, v0, v1)
-        }
-    }
-
-    /// The link condition of an edge between interior vertices.
-    #[inline(always)]
-    fn link_inside<L: Lanes>(&self, surface: &Surface) -> Result<(), Reject> {
-        let [first, second] = self.opposite;
-        let len = |v: u32| at(&surface.rings, v).len;
-        if (first == second) | (len(first) == 1) | (len(second) == 1) {
-            return Err(Reject::LinkCondition);
-        }
-        let (n0, n_kept) = (self.n0, self.n_kept);
-        // Each neighbour comes up as `b` exactly once. One of both ends must be opposite to the edge.
-        let mut common = 0;
-        for from in (n0..n_kept).step_by(8) {
-            let Some(list) = self.b[from..].first_chunk::<8>() else { break };
-            let mut both = 0;
-            for &w in &self.b[..n0] {
-                both |= L::matches(list, w);
-            }
-            let known = L::matches(list, first) | L::matches(list, second);
-            common |= both & !known & (0xFF >> (8 - (n_kept - from).min(8)));
-        }
-        // A triangle over both opposite corners at either end: the two would fall together.
-        let mut over = 0u64;
-        let lists = self.b.as_chunks::<8>().0.iter().zip(self.c.as_chunks::<8>().0);
-        for (part, (b, c)) in lists.enumerate().take(n_kept.div_ceil(8)) {
-            let b = L::matches(b, first) | L::matches(b, second);
-            let c = L::matches(c, first) | L::matches(c, second);
-            over |= u64::from(b & c) << (8 * part);
-        }
-        let of_v0 = (1u64 << n0) - 1;
-        let of_v1 = ((1u64 << n_kept) - 1) & !of_v0;
-        if (common != 0) | ((over & of_v0 != 0) & (over & of_v1 != 0)) {
-            return Err(Reject::LinkCondition);
-        }
-        Ok(())
-    }
-
-    /// The same wherever a boundary, a lock or a crowd is near.
-    #[inline(never)]
-    fn link_anywhere(&mut self, surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
-        let class = |v: u32| surface.rings[v as usize].class.unwrap_or(Class::Complex);
-        let (class0, class1) = (class(v0), class(v1));
-        let (n0, n_kept) = (self.n0, self.n_kept);
-        let n_gone = self.n - n_kept;
-        if n_gone == 2 && (class0 == Class::Boundary || self.opposite[0] == self.opposite[1]) {
-            let bridge = class0 == Class::Boundary;
-            return Err(if bridge { Reject::Boundary } else { Reject::LinkCondition });
-        }
-        for &w in &self.opposite[..n_gone] {
-            if surface.rings[w as usize].len == 1 {
-                return Err(Reject::Boundary);
-            }
-        }
-        self.open.clear();
-        if class0 == Class::Boundary {
-            self.open_edges(v0, true);
-        }
-        if class1 == Class::Boundary {
-            self.open_edges(v1, false);
-        }
-        self.closes = None;
-        // Every neighbour of v0 that also is one of v1 must be opposite to the edge.
-        let (b0, c0) = (&self.b[..n0], &self.c[..n0]);
-        let (b1, c1) = (&self.b[n0..n_kept], &self.c[n0..n_kept]);
-        let opposite = self.opposite;
-        let stranger = |w: u32| w != opposite[0] && w != opposite[1];
-        if class0 == Class::Interior && class1 == Class::Interior {
-            // Each neighbour comes up as `b` exactly once.
-            if b0.iter().any(|&w| b1.contains(&w) && stranger(w)) {
-                return Err(Reject::LinkCondition);
-            }
-        } else {
-            let common = |w: u32| b1.contains(&w) || c1.contains(&w);
-            for &w in b0.iter().chain(c0).filter(|&&w| stranger(w) && common(w)) {
-                let hole = self.open.contains(&(w, v0)) && self.open.contains(&(w, v1));
-                if !(self.may_close && n_gone == 1 && hole && class(w) == Class::Boundary)
-                    || self.closes.is_some_and(|other| other != w)
-                {
-                    return Err(Reject::LinkCondition);
-                }
-                self.closes = Some(w);
-            }
-        }
-        if class1 == Class::Locked {
-            for &w in b0.iter().chain(c0) {
-                if class(w) == Class::Locked && stranger(w) {
-                    return Err(Reject::Locked);
-                }
-            }
-        }
-        if n_gone == 2 {
-            // A triangle over both opposite corners at either end: the two would fall together.
-            let over = |(&b, &c): (&u32, &u32)| !stranger(b) && !stranger(c);
-            if b0.iter().zip(c0).any(over) && b1.iter().zip(c1).any(over) {
-                return Err(Reject::LinkCondition);
-            }
-        }
-        Ok(())
-    }
-
-    /// Collects the neighbours of an end over its open edges, the other end left out.
-    fn open_edges(&mut self, v: u32, is_v0: bool) {
-        let own = if is_v0 { 0..self.n0 } else { self.n0..self.n_kept };
-        let (b, c) = (&self.b[own.clone()], &self.c[own]);
-        let n_gone = self.n - self.n_kept;
-        // The vanishing triangles are noted as seen from v1: from v0 the third corner changes sides.
-        let is_first = |i: usize| (self.b[self.n_kept + i] == self.opposite[i]) != is_v0;
-        let vanishing = |w: u32, first: bool| {
-            (0..n_gone).any(|i| self.opposite[i] == w && is_first(i) == first)
-        };
-        for (&b_i, &c_i) in b.iter().zip(c) {
-            if !c.contains(&b_i) && !vanishing(b_i, false) {
-                self.open.push((b_i, v));
-            }
-            if !b.contains(&c_i) && !vanishing(c_i, true) {
-                self.open.push((c_i, v));
-            }
-        }
-        for i in 0..n_gone {
-            let w = self.opposite[i];
-            let (facing, first) = if is_first(i) { (c, true) } else { (b, false) };
-            if !facing.contains(&w) && !vanishing(w, !first) {
-                self.open.push((w, v));
-            }
-        }
-    }
-
     #[inline(always)]
     fn carry_out(
         &mut self,
@@ -495,17 +357,6 @@ impl Collapser {
                 surface.rings[v as usize].class = Some(self.fan.look(surface, v));
             }
         }
-    }
-
-    /// After a refusal: a common neighbour of both ends that no vanishing triangle explains.
-    pub(crate) fn stranger(&self, surface: &Surface) -> Option<u32> {
-        if self.n - self.n_kept != 2 {
-            return None;
-        }
-        let (b0, b1) = (&self.b[..self.n0], &self.b[self.n0..self.n_kept]);
-        let inner = |w: u32| surface.rings[w as usize].class == Some(Class::Interior);
-        let known = |w: u32| self.opposite.contains(&w);
-        b0.iter().copied().find(|&w| inner(w) && !known(w) && b1.contains(&w))
     }
 
     /// Interpolates the channels of the survivor along the edge.

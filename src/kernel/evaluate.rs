@@ -19,9 +19,9 @@ pub(crate) const REGULARISATION: f32 = 3e-5;
 /// nothing else tells them apart. Rounding alone is worth 1e-7.
 pub(crate) const LENGTH_COST: f32 = 1e-6;
 /// The volume is kept where |G| is at least this share of the trace; at most it is 2.
-pub(crate) const VOLUME_SHARE: f32 = 0.2;
+const VOLUME_SHARE: f32 = 0.2;
 /// The survivor lies at most this many half lengths from the midpoint.
-pub(crate) const MAX_REACH: f32 = 4.0;
+const MAX_REACH: f32 = 4.0;
 
 /// What `Edges` finds: cost and place of the survivor, relative to the midpoint, for each edge.
 pub(crate) struct Evaluated {
@@ -64,7 +64,7 @@ pub(crate) fn first6<L: Lanes>(q: [L; 9]) -> [L; 6] {
 }
 
 #[inline(always)]
-fn last3<L: Lanes>(q: [L; 9]) -> [L; 3] {
+pub(crate) fn last3<L: Lanes>(q: [L; 9]) -> [L; 3] {
     [q[6], q[7], q[8]]
 }
 
@@ -148,28 +148,54 @@ pub(crate) fn edges<L: Lanes>(
     let lift = trace.times(L::splat(REGULARISATION)).plus(L::splat(1e-30));
     let factors = Factors::new(sum, lift);
     let free = factors.solve(product(difference, half));
-    // Volume: G . d = (G1 - G0) . h, reached along the metric of the quadric.
-    let (g0, g1) = ([q0[6], q0[7], q0[8]], [q1[6], q1[7], q1[8]]);
-    let g = add3(g0, g1);
-    let wanted = dot3(sub3(g1, g0), half);
-    let way = factors.solve(g);
-    let per_step = dot3(g, way);
-    let step = wanted.minus(dot3(g, free)).over(per_step);
-    let kept = add3(free, scale3(way, step));
-    let flat = trace.times(L::splat(VOLUME_SHARE));
-    let kept = select3(flat.times(flat), dot3(g, g), kept, free);
-    // What runs away is put on the midpoint; NaN does too.
-    let half_sq = dot3(half, half);
-    let zero = L::splat(0.0);
-    let reach = half_sq.times(L::splat(MAX_REACH * MAX_REACH));
-    let place = select3(dot3(free, free), reach, free, [zero; 3]);
-    let place = select3(dot3(kept, kept), reach, kept, place);
-    let place = select3(zero, L::load(fixed), half, place);
+    let volume = Volume { g0: last3(q0), g1: last3(q1), trace };
+    let place = volume.place(&factors, free, half, L::load(fixed));
     let (from0, from1) = (add3(place, half), sub3(place, half));
     let error = dot3(from0, product(a0, from0)).plus(dot3(from1, product(a1, from1)));
-    let floor = trace.times(half_sq).times(L::splat(LENGTH_COST));
-    let cost = error.greater(zero).plus(floor);
-    Evaluated { cost: cost.store(), place: store3(place) }
+    Evaluated { cost: cost(error, trace, half).store(), place: store3(place) }
+}
+
+/// What keeps the enclosed volume: the sums of normals at both ends, and the trace of their quadrics.
+pub(crate) struct Volume<L> {
+    pub(crate) g0: [L; 3],
+    pub(crate) g1: [L; 3],
+    pub(crate) trace: L,
+}
+
+impl<L: Lanes> Volume<L> {
+    /// Where the survivors go that would be best at `free`: so far along the metric of the quadric that the volume
+    /// stays. On the midpoint if that runs away, on `v1`, at `half`, where `fixed` is 1.
+    #[inline(always)]
+    pub(crate) fn place(
+        &self,
+        factors: &Factors<L>,
+        free: [L; 3],
+        half: [L; 3],
+        fixed: L,
+    ) -> [L; 3] {
+        // G . d = (G1 - G0) . h.
+        let g = add3(self.g0, self.g1);
+        let wanted = dot3(sub3(self.g1, self.g0), half);
+        let way = factors.solve(g);
+        let per_step = dot3(g, way);
+        let step = wanted.minus(dot3(g, free)).over(per_step);
+        let kept = add3(free, scale3(way, step));
+        let flat = self.trace.times(L::splat(VOLUME_SHARE));
+        let kept = select3(flat.times(flat), dot3(g, g), kept, free);
+        // NaN runs away, too.
+        let zero = L::splat(0.0);
+        let reach = dot3(half, half).times(L::splat(MAX_REACH * MAX_REACH));
+        let place = select3(dot3(free, free), reach, free, [zero; 3]);
+        let place = select3(dot3(kept, kept), reach, kept, place);
+        select3(zero, fixed, half, place)
+    }
+}
+
+/// Costs of collapses: the error, and a little for the length.
+#[inline(always)]
+pub(crate) fn cost<L: Lanes>(error: L, trace: L, half: [L; 3]) -> L {
+    let floor = trace.times(dot3(half, half)).times(L::splat(LENGTH_COST));
+    error.greater(L::splat(0.0)).plus(floor)
 }
 
 /// What a change of some triangles does to the quadrics of their corners, a row a triangle.
@@ -211,8 +237,9 @@ pub(crate) struct Triangles<'a> {
     pub(crate) out: &'a mut Rows,
 }
 
+/// Where eight vertices lie.
 #[inline(always)]
-fn positions(v: [&Vertex; 8]) -> [&[f64; 3]; 8] {
+pub(crate) fn positions(v: [&Vertex; 8]) -> [&[f64; 3]; 8] {
     let [a, b, c, d, e, f, g, h] = v;
     [
         &a.position,

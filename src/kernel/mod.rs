@@ -25,7 +25,7 @@ mod samples;
 mod surface;
 mod topology;
 mod unchecked;
-mod vector;
+pub(crate) mod vector;
 mod wedges;
 mod weld;
 

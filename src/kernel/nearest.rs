@@ -7,13 +7,14 @@
 use super::lanes::{Job, Lanes, Simd};
 use super::samples::Sample;
 use super::surface::{GONE, Surface, others};
+use super::vector::{cross, dot, sub};
 
 /// Rings that a sample may be tried against.
 const MAX_RINGS: usize = 5;
 
 /// A triangle of a ring as seen from the vertex in its centre, with all that does not depend on samples.
 #[derive(Clone, Copy)]
-struct Face {
+pub(crate) struct Face {
     triangle: u32,
     /// Which corner of the triangle the vertex is.
     own: u32,
@@ -120,18 +121,6 @@ impl Job for Search<'_> {
     }
 }
 
-fn sub(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
 /// Where a sample meets the surface.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Foot {
@@ -212,6 +201,41 @@ pub(crate) fn feet(
         }
     }
     *samples = done;
+}
+
+/// Of the triangles around a vertex the one that is nearest to a point relative to it, and the weights of its
+/// corners there; `None` if all are without area.
+pub(crate) fn nearest_around(
+    surface: &Surface,
+    place: &[[f32; 3]],
+    v: u32,
+    point: [f32; 3],
+    simd: Simd,
+    faces: &mut Vec<Face>,
+) -> Option<(u32, [f32; 3])> {
+    ring_faces(surface, place, v, faces);
+    let found = simd.run(Search { faces, points: &point.map(|x| [x; 8]) });
+    if !found.distance_sq[0].is_finite() {
+        return None;
+    }
+    let face = faces.get(found.face[0] as usize)?;
+    let (b, c) = (found.weights[0][0], found.weights[1][0]);
+    let mut weights = [1.0 - b - c, b, c];
+    weights.rotate_right(face.own as usize);
+    Some((face.triangle, weights))
+}
+
+/// Squared distances of eight points, relative to a vertex, from the triangles around it.
+pub(crate) fn off_ring(
+    surface: &Surface,
+    place: &[[f32; 3]],
+    v: u32,
+    points: &[[f32; 8]; 3],
+    simd: Simd,
+    faces: &mut Vec<Face>,
+) -> [f32; 8] {
+    ring_faces(surface, place, v, faces);
+    simd.run(Search { faces, points }).distance_sq
 }
 
 /// Sorts by hint; those of vertex v end up from `starts[v]` to `starts[v + 1]`, in their old order.

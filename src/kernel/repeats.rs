@@ -1,10 +1,37 @@
-//! Which of the triangles that lie back to back with another are too many.
+//! Which triangles repeat another, and which of those that lie back to back with another are too many.
 //!
 //! A triangle over the three vertices of another, turned over, may be a flap in a sheet, or belong to a second
 //! sheet that touches the first one there. The edges tell: a sheet brings neighbours that run against it, a flap
 //! has none left. It looks at indices only, and is used by the kernel and for cells that were just partitioned.
 
 use std::collections::BTreeMap;
+
+/// Triangles over the same three vertices as an earlier one.
+#[derive(Debug, Default)]
+pub(crate) struct Repeats {
+    /// In the same sense of rotation as an earlier one.
+    pub(crate) same: Vec<u32>,
+    /// The first that is turned over against those before it.
+    pub(crate) reversed: Vec<u32>,
+}
+
+impl Repeats {
+    /// Adds what repeats among `known`: triangles by number, each with a key that is the same for all that may
+    /// repeat each other, in order. `oriented`: a triangle's vertices in its sense of rotation, as `from_least`
+    /// has them.
+    pub(crate) fn add(&mut self, known: &[([u32; 3], u32)], oriented: impl Fn(u32) -> [u32; 3]) {
+        for alike in known.chunk_by(|a, b| a.0 == b.0).filter(|alike| alike.len() > 1) {
+            let first = oriented(alike[0].1);
+            let mut is_met = false;
+            for &(_, t) in &alike[1..] {
+                let is_turned = oriented(t) != first;
+                let list = if is_turned && !is_met { &mut self.reversed } else { &mut self.same };
+                is_met |= is_turned;
+                list.push(t);
+            }
+        }
+    }
+}
 
 /// For each of `reversed` whether it is a flap: at one of its edges more triangles run with it than against it.
 /// What neighbours a flap goes with it, so that whole patches do.

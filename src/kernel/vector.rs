@@ -1,36 +1,55 @@
-//! Three-component vectors as plain arrays.
+//! Three-component vectors as plain arrays, in f32 or f64.
 //!
-//! Used wherever the kernel works in f64. It holds no geometry of meshes.
+//! One order of operations for either, none fused, so that results do not depend on who asks. It holds no
+//! geometry of meshes; what works on eight vectors at once is in `lanes`.
+
+use std::ops::{Add, Mul, Sub};
 
 /// A point or a direction.
 pub(crate) type Vec3 = [f64; 3];
 
-pub(crate) fn add(a: Vec3, b: Vec3) -> Vec3 {
+/// f32 or f64.
+pub(crate) trait Real:
+    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
+{
+}
+
+impl Real for f32 {}
+impl Real for f64 {}
+
+#[inline(always)]
+pub(crate) fn add<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
-pub(crate) fn sub(a: Vec3, b: Vec3) -> Vec3 {
+#[inline(always)]
+pub(crate) fn sub<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-pub(crate) fn scale(a: Vec3, s: f64) -> Vec3 {
+#[inline(always)]
+pub(crate) fn scale<T: Real>(a: [T; 3], s: T) -> [T; 3] {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 
-pub(crate) fn dot(a: Vec3, b: Vec3) -> f64 {
+#[inline(always)]
+pub(crate) fn dot<T: Real>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-pub(crate) fn cross(a: Vec3, b: Vec3) -> Vec3 {
+#[inline(always)]
+pub(crate) fn cross<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-pub(crate) fn length_sq(a: Vec3) -> f64 {
+#[inline(always)]
+pub(crate) fn length_sq<T: Real>(a: [T; 3]) -> T {
     dot(a, a)
 }
 
 /// Twice the area times the unit normal of a triangle.
-pub(crate) fn normal(corners: [Vec3; 3]) -> Vec3 {
+#[inline(always)]
+pub(crate) fn normal<T: Real>(corners: [[T; 3]; 3]) -> [T; 3] {
     cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]))
 }
 

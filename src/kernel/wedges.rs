@@ -7,20 +7,15 @@
 //! wedge of the same chart, the two become one, interpolated along the edge; any other keeps its value.
 //! A channel in which all wedges of both ends agree (a colour beside the texture) knows no seam and is
 //! interpolated for all of them.
-//! What that costs is summed up over the rings directly; there is no sum to keep at a seam. The result is
-//! split again by `Surface::into_mesh`.
+//! Such a collapse is in `seam_collapse`; the result is split again by `Surface::into_mesh`.
+
+mod seam_collapse;
 
 use std::collections::BTreeMap;
 
-use super::attributes::MAX_WEIGHTED;
-use super::evaluate::Evaluated;
-use super::surface::{GONE, Surface, boundary_quadric, others};
-use super::vector::{along, cross, dot, length_sq, sub};
+use super::surface::{GONE, Surface};
 
-/// Cost of an edge in a plane, as in `evaluate`.
-const LENGTH_COST: f64 = 1e-6;
-/// As in `attribute_lanes`: where gradients are damped.
-const LEAST_SHAPE_SQ: f64 = 2.5e-4;
+pub(crate) use seam_collapse::place_on_edge;
 
 /// The wedges of a surface: 12 bytes a triangle, 4 a channel and input vertex, 9 an input vertex.
 pub(crate) struct Wedges {
@@ -40,62 +35,6 @@ pub(crate) struct Wedges {
     /// For each wedge one of its chart, the same for all of them.
     chart: Vec<u32>,
     n_charts: u64,
-}
-
-/// Which wedges of `v0` become which of `v1`: those of the triangles over the edge.
-#[derive(Clone, Copy, Debug, Default)]
-struct Pairs {
-    list: [(u32, u32); 2],
-    n: usize,
-    /// One wedge would have to become two, or two would become one.
-    splits: bool,
-    joins: bool,
-}
-
-impl Pairs {
-    fn of(wedges: &Wedges, surface: &Surface, v0: u32, v1: u32) -> Pairs {
-        let mut pairs = Pairs::default();
-        for &t in surface.ring(v0) {
-            let (b, c) = others(surface.triangles[t as usize], v0);
-            if b == v1 || c == v1 {
-                let pair = (wedges.at(surface, t, v0), wedges.at(surface, t, v1));
-                pairs.add(pair);
-            }
-        }
-        pairs
-    }
-
-    fn add(&mut self, pair: (u32, u32)) {
-        for known in &self.list[..self.n] {
-            self.splits |= known.0 == pair.0 && known.1 != pair.1;
-            self.joins |= known.0 != pair.0 && known.1 == pair.1;
-            if *known == pair {
-                return;
-            }
-        }
-        if self.n < 2 {
-            self.list[self.n] = pair;
-            self.n += 1;
-        }
-    }
-
-    fn of_v0(&self, wedge: u32) -> Option<(u32, u32)> {
-        self.list[..self.n].iter().copied().find(|pair| pair.0 == wedge)
-    }
-
-    fn of_v1(&self, wedge: u32) -> Option<(u32, u32)> {
-        self.list[..self.n].iter().copied().find(|pair| pair.1 == wedge)
-    }
-}
-
-/// Values of a channel at both ends of an edge, if all wedges of either agree.
-type CommonEnds = Option<[f32; 2]>;
-
-/// A collapse at a seam under way.
-pub(crate) struct SeamPlan {
-    pairs: Pairs,
-    /// New values of all wedges that the survivor will have.
-    values: Vec<(u32, Vec<f32>)>,
 }
 
 impl Wedges {
@@ -249,6 +188,13 @@ impl Wedges {
         surface.ring(v1).first().map(|&t| self.at(surface, t, v1))
     }
 
+    /// Takes over the surface's values for a vertex off the seams.
+    pub(crate) fn set_single(&mut self, surface: &Surface, v: u32) {
+        if let (false, Some(wedge)) = (self.is_seam(v), self.single(surface, v)) {
+            self.rename(surface, &[], v, wedge);
+        }
+    }
+
     /// After a collapse off the seams: the triangles that came from `v0` use the wedge of `v1`, which has
     /// the surface's new values.
     pub(crate) fn rename(&mut self, surface: &Surface, triangles: &[u32], v1: u32, wedge: u32) {
@@ -264,6 +210,7 @@ impl Wedges {
         }
     }
 
+<<<<<<< HEAD
     /// Puts in cost and place of those of eight edges that have to do with a seam.
     #[inline(never)]
     pub(crate) fn correct(
@@ -531,6 +478,8 @@ impl Wedges {
         }
     }
 
+=======
+>>>>>>> main
     /// New wedges for vertices that a cut adds to the surface, off the seams: with the values of `like`.
     pub(crate) fn add(&mut self, surface: &Surface, like: u32, source: u32) -> u32 {
         self.values.extend_from_slice(surface.channels_of(like));
@@ -545,18 +494,6 @@ impl Wedges {
     pub(crate) fn of(&self, wedge: u32) -> (u32, &[f32]) {
         (self.source[wedge as usize], self.values_of(wedge))
     }
-}
-
-/// Place on an edge (0 at `v0`) of a place relative to its midpoint, in f64 for either end exactly.
-pub(crate) fn place_on_edge(half: [f32; 3], place: [f32; 3]) -> f32 {
-    if place == half {
-        return 1.0;
-    }
-    if place == half.map(|x| -x) {
-        return 0.0;
-    }
-    let (half, place) = (half.map(f64::from), place.map(f64::from));
-    along(place, half.map(|x| -x), half) as f32
 }
 
 #[cfg(test)]

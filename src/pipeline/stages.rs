@@ -185,7 +185,9 @@ impl<'a> Stages<'a> {
     pub(super) fn simplify(&mut self, info: StoreInfo, step: Step) -> Result<SurvivorInfo> {
         let round = self.rounds_done;
         let (goal, is_exact) = match step {
-            Step::Round(goal) => (goal, false),
+            Step::Round(goal) => {
+                (stitch::within_reach(goal, info.triangles, info.shared_vertices), false)
+            }
             _ => (self.target, true),
         };
         let goal = Goal { round, triangles: goal };

@@ -20,7 +20,8 @@ pub struct Parts<'a> {
     pub load: &'a dyn Fn(usize) -> Result<Survivors>,
 }
 
-/// Joins the survivors and collapses (with `options.weights`, or those that the joined mesh asks for) until exactly the target is met; seals the result.
+/// Joins the survivors and collapses (with `options.weights`, or those that the joined mesh asks for) until
+/// exactly the target is met; seals the result.
 pub fn finish(parts: Parts, target: u64, options: &Options, run: &Run) -> Result<SurvivorInfo> {
     let layout = parts.layout;
     let joined = join(&parts, run)?;

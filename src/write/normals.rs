@@ -6,6 +6,7 @@
 
 use crate::cells::{SurvivorPack, Survivors};
 use crate::error::Result;
+use crate::kernel::vector;
 use crate::run::Run;
 use std::collections::HashMap;
 
@@ -34,7 +35,7 @@ impl Recomputed {
                 let part = result.load(cell)?;
                 each_corner(&part, |place, weighted| {
                     if let Some(sum) = shared.get_mut(&place) {
-                        add(sum, weighted);
+                        *sum = vector::add(*sum, weighted);
                     }
                 });
             }
@@ -45,7 +46,10 @@ impl Recomputed {
     /// A unit normal for each vertex of a cell.
     pub(super) fn of(&self, part: &Survivors) -> Vec<[f64; 3]> {
         let mut sums = Sums::with_capacity(part.mesh.positions.len());
-        each_corner(part, |place, weighted| add(sums.entry(place).or_default(), weighted));
+        each_corner(part, |place, weighted| {
+            let sum = sums.entry(place).or_default();
+            *sum = vector::add(*sum, weighted);
+        });
         let normal = |&position: &[f64; 3]| {
             let place = key(position);
             let sum = self.shared.get(&place).or_else(|| sums.get(&place));
@@ -60,15 +64,11 @@ fn key(position: [f64; 3]) -> Key {
     position.map(|x| (x + 0.0).to_bits())
 }
 
-fn add(sum: &mut [f64; 3], weighted: [f64; 3]) {
-    *sum = [0, 1, 2].map(|k| sum[k] + weighted[k]);
-}
-
 fn unit(v: [f64; 3]) -> Option<[f64; 3]> {
     // By the largest component first, so that no square is lost.
     let most = v.iter().fold(0.0, |a: f64, x| a.max(x.abs()));
     let v = v.map(|x| x / most);
-    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    let length = vector::length_sq(v).sqrt();
     (most > 0.0 && length.is_finite()).then(|| v.map(|x| x / length))
 }
 
@@ -76,12 +76,9 @@ fn unit(v: [f64; 3]) -> Option<[f64; 3]> {
 fn each_corner(part: &Survivors, mut each: impl FnMut(Key, [f64; 3])) {
     for t in 0..part.mesh.triangles.len() {
         let corners = part.mesh.corners(t);
-        let [a, b, c] = corners;
-        let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
-        let cross =
-            [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-        if cross.iter().all(|x| x.is_finite()) {
-            corners.iter().for_each(|&corner| each(key(corner), cross));
+        let weighted = vector::normal(corners);
+        if weighted.iter().all(|x| x.is_finite()) {
+            corners.iter().for_each(|&corner| each(key(corner), weighted));
         }
     }
 }

@@ -1,0 +1,270 @@
+//! Which corners of triangles belong to one vertex: half-edges of opposite direction are paired.
+//!
+//! Only those around the vertices concerned. It changes nothing; what becomes of the corners that hang
+//! together, `vertices` decides.
+
+use super::vertices::Plan;
+use super::{NONE, Places};
+use crate::kernel::surface::Surface;
+use crate::kernel::vector::{Vec3, dot, length_sq, normal, scale, sub};
+
+/// Edges at which more pairs than this could be made are left as found.
+const MOST_PAIRS: usize = 1 << 12;
+
+/// A side of a triangle, from one corner of the patch to the next of the same triangle. Ordered by where it
+/// lies, then by direction.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Side {
+    /// Places of both ends, the lesser in the higher half.
+    ends: u64,
+    /// The corner it runs from; in the highest bit, whether it runs from the greater place to the lesser.
+    from: u32,
+}
+
+const BACKWARD: u32 = 1 << 31;
+
+impl Side {
+    fn is_backward(self) -> bool {
+        self.from & BACKWARD != 0
+    }
+
+    fn from(self) -> u32 {
+        self.from & !BACKWARD
+    }
+
+    fn to(self) -> u32 {
+        let from = self.from();
+        if from % 3 == 2 { from - 2 } else { from + 1 }
+    }
+
+    fn ends(self) -> [u32; 2] {
+        [(self.ends >> 32) as u32, self.ends as u32]
+    }
+}
+
+/// The triangles concerned. A corner of the patch is three times a triangle's place in it, plus 0, 1 or 2.
+pub(super) struct Patch {
+    pub(super) triangles: Vec<u32>,
+    /// Vertex of each corner.
+    pub(super) vertex: Vec<u32>,
+    /// Sides with an end that is concerned, in order.
+    sides: Vec<Side>,
+    places: Places,
+}
+
+impl Patch {
+    pub(super) fn new(surface: &Surface, places: Places) -> Self {
+        let triangles = places.triangles(surface, 1);
+        let vertex: Vec<u32> =
+            triangles.iter().flat_map(|&t| surface.triangles[t as usize]).collect();
+        let mut sides = Vec::with_capacity(vertex.len());
+        let is_concerned = |v: u32| places.is_concerned[v as usize];
+        for (first, t) in vertex.as_chunks::<3>().0.iter().enumerate() {
+            for (i, j) in [(0, 1), (1, 2), (2, 0)] {
+                if is_concerned(t[i]) || is_concerned(t[j]) {
+                    let (a, b) = (places.place[t[i] as usize], places.place[t[j] as usize]);
+                    let from = (3 * first + i) as u32 | if a > b { BACKWARD } else { 0 };
+                    sides
+                        .push(Side { ends: u64::from(a.min(b)) << 32 | u64::from(a.max(b)), from });
+                }
+            }
+        }
+        sides.sort_unstable();
+        Patch { triangles, vertex, sides, places }
+    }
+
+    /// The sides edge by edge.
+    fn edges(&self) -> impl Iterator<Item = &[Side]> {
+        self.sides.chunk_by(|a, b| a.ends == b.ends)
+    }
+
+    pub(super) fn is_concerned(&self, v: u32) -> bool {
+        self.places.is_concerned[v as usize]
+    }
+
+    /// The vertices of a side, the lesser first.
+    fn vertices(&self, side: Side) -> [u32; 2] {
+        let (a, b) = (self.vertex[side.from() as usize], self.vertex[side.to() as usize]);
+        [a.min(b), a.max(b)]
+    }
+
+    /// Pairs sides of opposite direction and unites their corners; what is frozen is united whole.
+    /// At the crossed edges those that bend most are paired first.
+    pub(super) fn pair_up(
+        &self,
+        surface: &Surface,
+        corners: &mut Corners,
+        known: &Known,
+        first: &mut [u32],
+    ) {
+        corners.parent.clear();
+        corners.parent.extend(0..self.vertex.len() as u32);
+        let mut choices = Vec::new();
+        for (edge, sides) in self.edges().enumerate() {
+            let n_forward = sides.iter().take_while(|side| !side.is_backward()).count();
+            let (forward, backward) = sides.split_at(n_forward);
+            if forward.is_empty() || backward.is_empty() {
+                continue;
+            }
+            let may_join = !sides[0].ends().iter().any(|&end| known.is_frozen[end as usize]);
+            if let ([f], [b]) = (forward, backward) {
+                if may_join || self.vertices(*f) == self.vertices(*b) {
+                    corners.pair(*f, *b);
+                }
+                continue;
+            }
+            if forward.len() * backward.len() > MOST_PAIRS {
+                continue;
+            }
+            let sign = if known.is_crossed[edge] { -1.0 } else { 1.0 };
+            choices.clear();
+            for (i, &f) in forward.iter().enumerate() {
+                for (j, &b) in backward.iter().enumerate() {
+                    let is_joined = self.vertices(f) == self.vertices(b);
+                    if is_joined || may_join {
+                        choices.push((!is_joined, sign * self.bend(surface, f, b), i, j));
+                    }
+                }
+            }
+            choices.sort_unstable_by(|a, b| {
+                (a.0.cmp(&b.0)).then(a.1.total_cmp(&b.1)).then((a.2, a.3).cmp(&(b.2, b.3)))
+            });
+            let (mut used_f, mut used_b) = ([0u64; MOST_PAIRS / 64], [0u64; MOST_PAIRS / 64]);
+            for &(_, _, i, j) in &choices {
+                let (bit_f, bit_b) = (1 << (i % 64), 1 << (j % 64));
+                if used_f[i / 64] & bit_f == 0 && used_b[j / 64] & bit_b == 0 {
+                    used_f[i / 64] |= bit_f;
+                    used_b[j / 64] |= bit_b;
+                    corners.pair(forward[i], backward[j]);
+                }
+            }
+        }
+        // What is frozen stays one vertex; what is not concerned is not asked.
+        let is_whole = |v: u32| {
+            self.is_concerned(v) && known.is_frozen[self.places.place[v as usize] as usize]
+        };
+        for (corner, &v) in self.vertex.iter().enumerate().filter(|&(_, &v)| is_whole(v)) {
+            let first = &mut first[v as usize];
+            if *first == NONE {
+                *first = corner as u32;
+            } else {
+                corners.unite(*first, corner as u32);
+            }
+        }
+        self.vertex.iter().for_each(|&v| first[v as usize] = NONE);
+    }
+
+    /// How far two triangles bend at their common edge: 0 flat, 2 folded onto each other.
+    fn bend(&self, surface: &Surface, a: Side, b: Side) -> f64 {
+        let normal = |side: Side| {
+            let triangle = surface.triangles[self.triangles[side.from() as usize / 3] as usize];
+            let at = |v: u32| surface.vertices[v as usize].position;
+            let first = at(triangle[0]);
+            let relative = |v: u32| scale(sub(at(v), first), surface.scale);
+            normal([[0.0; 3], relative(triangle[1]), relative(triangle[2])])
+        };
+        let (a, b): (Vec3, Vec3) = (normal(a), normal(b));
+        let lengths = (length_sq(a) * length_sq(b)).sqrt();
+        if lengths > 0.0 { 1.0 - dot(a, b) / lengths } else { 1.0 }
+    }
+
+    /// Notes places where the plan would make what was not there (a directed edge twice, or a corner twice),
+    /// and edges at which sheets still touch: their ends hang together elsewhere, so another pairing may part
+    /// them. True if there is any that was not known.
+    pub(super) fn has_conflicts(&self, plan: &Plan, known: &mut Known) -> bool {
+        let mut is_new = false;
+        let mut freeze = |known: &mut Known, ends: [u32; 2]| {
+            for end in ends {
+                is_new |= !std::mem::replace(&mut known.is_frozen[end as usize], true);
+            }
+        };
+        let mut crossed = Vec::new();
+        let mut edges: Vec<([u32; 2], [u32; 2])> = Vec::new();
+        for (edge, sides) in self.edges().enumerate() {
+            let ends = sides[0].ends();
+            // Only corners in the same place become one, so one side each way cannot be in conflict.
+            let is_point = ends[0] == ends[1];
+            if !is_point
+                && (sides.len() == 1
+                    || sides.len() == 2 && sides[0].is_backward() != sides[1].is_backward())
+            {
+                continue;
+            }
+            edges.clear();
+            edges.extend(sides.iter().map(|side| {
+                let corners = [side.from(), side.to()];
+                (corners.map(|c| plan.vertex[c as usize]), corners.map(|c| self.vertex[c as usize]))
+            }));
+            edges.sort_unstable();
+            if edges.iter().any(|(after, _)| after[0] == after[1]) {
+                freeze(known, ends);
+            }
+            for same in edges.chunk_by(|a, b| a.0 == b.0) {
+                // As found is no conflict.
+                if same.iter().any(|(_, before)| *before != same[0].1) {
+                    freeze(known, ends);
+                } else if same.len() > 1 {
+                    crossed.push(edge);
+                }
+            }
+        }
+        for edge in crossed {
+            is_new |= !std::mem::replace(&mut known.is_crossed[edge], true);
+        }
+        is_new
+    }
+}
+
+/// What one attempt at pairing has taught the next.
+pub(super) struct Known {
+    /// Places that are left as found.
+    is_frozen: Vec<bool>,
+    /// Edges, in the order of the patch, at which sheets still touched.
+    is_crossed: Vec<bool>,
+}
+
+impl Known {
+    pub(super) fn new(patch: &Patch) -> Self {
+        let mut is_frozen = vec![false; patch.places.place.len()];
+        let mut n_edges = 0;
+        for sides in patch.edges() {
+            n_edges += 1;
+            let backward = sides.iter().filter(|side| side.is_backward()).count();
+            let forward = sides.len() - backward;
+            // Neighbours that disagree in orientation: nothing can be paired, cutting would tear them apart.
+            let disagree = sides.len() > 1 && (backward == 0 || forward == 0);
+            if disagree || forward * backward > MOST_PAIRS {
+                sides[0].ends().into_iter().for_each(|end| is_frozen[end as usize] = true);
+            }
+        }
+        Known { is_frozen, is_crossed: vec![false; n_edges] }
+    }
+}
+
+/// Corners that hang together: a forest over the corners of the patch. The root is the least.
+pub(super) struct Corners {
+    pub(super) parent: Vec<u32>,
+}
+
+impl Corners {
+    pub(super) fn root(&mut self, corner: u32) -> u32 {
+        let mut at = corner;
+        while self.parent[at as usize] != at {
+            let above = self.parent[self.parent[at as usize] as usize];
+            self.parent[at as usize] = above;
+            at = above;
+        }
+        at
+    }
+
+    fn unite(&mut self, a: u32, b: u32) {
+        let (a, b) = (self.root(a), self.root(b));
+        self.parent[a.max(b) as usize] = a.min(b);
+    }
+
+    /// Unites both ends of two sides of opposite direction.
+    fn pair(&mut self, a: Side, b: Side) {
+        self.unite(a.from(), b.to());
+        self.unite(a.to(), b.from());
+    }
+}
