@@ -81,6 +81,7 @@ impl<'a> Stages<'a> {
             kernel: kernel::Options {
                 confined: confined(source, config),
                 region: region(source, config),
+                seam_share: config.attributes.weights.seam_share(),
                 // Whether it is worth its time is a question of the whole job, not of what the finish sees.
                 fit: config.kernel.fit.decided(plan.triangles_in, plan.target),
                 ..config.kernel.clone()
