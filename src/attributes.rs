@@ -18,6 +18,9 @@ const SCALAR_EDGES: f64 = 0.1;
 /// A shift of the texture on the surface is worth so much of its length.
 const TEXTURE_LENGTHS: f64 = 0.02;
 
+/// Moving a seam of the texture costs this share of what moving a boundary of the surface does.
+const SEAM_SHARE: f64 = 0.01;
+
 /// Of a sampled piece of mesh every so many triangles and vertices are looked at.
 const STRIDE: usize = 8;
 
@@ -89,6 +92,11 @@ impl Weights {
             Meaning::Region | Meaning::Rest => 0.0,
         };
         meanings.iter().map(weight).collect()
+    }
+
+    /// What moving a seam of the texture costs, as a share of what moving a boundary of the surface does.
+    pub fn seam_share(&self) -> f32 {
+        (SEAM_SHARE * self.texture).min(1.0) as f32
     }
 
     /// Refuses the name of a property that is not there, or that is a label.

@@ -10,8 +10,10 @@
 use crate::schema::{FACE_LABEL, FACE_MEAN, Property, REGION, Scalar, VertexCodec, VertexSchema};
 use serde::{Deserialize, Serialize};
 
-/// A label that makes more than so many vertices of one is no region: docs/design/attributes.md.
-pub(crate) const MAX_VERTICES_EACH: f64 = 1.5;
+/// A colour, and a label, that would make more than so many vertices of one are no region:
+/// docs/design/attributes.md.
+pub(crate) const MAX_COLOUR_VERTICES: f64 = 1.5;
+pub(crate) const MAX_LABEL_VERTICES: f64 = 2.5;
 
 /// Below so many faces everything that may be a region is one: a cube has a colour a side.
 pub(crate) const FEW_FACES: u64 = 1000;
@@ -41,6 +43,8 @@ pub struct FaceProperty {
     pub how: How,
     /// Its bytes, if it is constant.
     pub constant: Vec<u8>,
+    /// Why it is dropped, if it is.
+    pub reason: &'static str,
 }
 
 impl FaceProperty {

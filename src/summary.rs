@@ -104,10 +104,7 @@ impl FaceReport {
         let properties = carry.properties.iter().map(|p| {
             let name = p.property.name.clone();
             let reason = match kind {
-                _ if p.how == How::Dropped && p.property.name == "texnumber" => {
-                    Some("goes with the texture")
-                }
-                _ if p.how == How::Dropped => Some("not asked for, or too many properties"),
+                _ if p.how == How::Dropped => Some(p.reason),
                 OutputKind::Ply => None,
                 OutputKind::Obj if name == "texnumber" => None,
                 _ => Some("the output's format has no place for it"),

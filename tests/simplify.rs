@@ -124,6 +124,19 @@ fn many_cells_are_as_good_as_one() {
     }
 }
 
+/// Four times the target would be less than the cells share: a round that went there had four times the error.
+#[test]
+fn cells_that_are_nearly_all_seam_are_as_good_as_one() {
+    for kind in ["gyroid", "terrain"] {
+        let folder = folder_with(kind, "200k");
+        let out = folder.path();
+        expect(out, "simplify in.ply one.ply --ratio 1% --fit off --cell-triangles 1G", 0);
+        expect(out, "simplify in.ply many.ply --ratio 1% --fit off --cell-triangles 3k", 0);
+        let ratio = rms(out, "in.ply", "many.ply") / rms(out, "in.ply", "one.ply");
+        assert!(ratio < 1.05, "{kind}: {ratio}");
+    }
+}
+
 #[test]
 fn stages_run_one_by_one_give_the_same_bytes() {
     let folder = folder_with("statue", "120k");

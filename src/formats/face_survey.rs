@@ -4,7 +4,9 @@
 //! vertices a label would make of one is counted on a sample of 20,000 vertices. Changes nothing.
 
 use crate::error::Result;
-use crate::faces::{FEW_FACES, FaceCarry, FaceProperty, How, MAX_VERTICES_EACH};
+use crate::faces::{
+    FEW_FACES, FaceCarry, FaceProperty, How, MAX_COLOUR_VERTICES, MAX_LABEL_VERTICES,
+};
 use crate::ply::MeshSource;
 use crate::schema::{Property, Scalar, colour_groups};
 use std::collections::HashMap;
@@ -38,16 +40,16 @@ pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<Face
     let texture = source.has_corner_texture() && !options.drop_texture;
     let lists = source.dropped_face_properties();
     let carry = |properties| FaceCarry { texture, properties, lists };
-    let with = |how: How, property: &Property, constant: &[u8]| FaceProperty {
-        property: property.clone(),
-        how,
-        constant: constant.to_vec(),
+    let with = |how: How, property: &Property, constant: &[u8], reason| {
+        let (property, constant) = (property.clone(), constant.to_vec());
+        FaceProperty { property, how, constant, reason }
     };
     // The number of an image goes with the texture, whatever becomes of the rest.
     let is_image = |p: &Property| p.name == "texnumber" && source.has_corner_texture();
     let is_dropped = |p: &Property| if is_image(p) { !texture } else { options.drop_properties };
+    let why = |p: &Property| if is_image(p) { "goes with the texture" } else { "as asked" };
     if properties.iter().all(is_dropped) {
-        let dropped = properties.iter().map(|p| with(How::Dropped, p, &[]));
+        let dropped = properties.iter().map(|p| with(How::Dropped, p, &[], why(p)));
         return Ok(carry(dropped.collect()));
     }
     let found = Found::look(source, &properties)?;
@@ -59,33 +61,36 @@ pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<Face
         // The components of a colour are one value.
         let group = groups.iter().find(|group| group.contains(&i)).cloned();
         let together = group.clone().unwrap_or_else(|| vec![i]);
-        let is_few =
-            source.n_faces() < FEW_FACES || found.vertices_each(&together) <= MAX_VERTICES_EACH;
+        let each = match source.n_faces() < FEW_FACES {
+            true => 1.0,
+            false => found.vertices_each(&together),
+        };
         let named = together.iter().any(|&i| is_label(&properties[i]));
         let is_float = matches!(property.scalar, Scalar::F32 | Scalar::F64);
+        let mut reason = if is_dropped(property) { why(property) } else { "" };
         let mut how = match () {
             () if is_dropped(property) => How::Dropped,
             () if together.iter().all(|&i| found.is_constant(i)) => How::Constant,
             () if is_image(property) => How::Region,
             () if group.is_some() && !named => {
-                if is_few {
+                if each <= MAX_COLOUR_VERTICES {
                     How::Region
                 } else {
                     How::Averaged
                 }
             }
             () if is_float && !named => How::Averaged,
-            () if is_few => How::Region,
+            () if each <= MAX_LABEL_VERTICES => How::Region,
             () => How::Chosen,
         };
         if !matches!(how, How::Constant | How::Dropped) {
             moved_bytes += property.scalar.bytes();
             if moved_bytes > MAX_VALUE_BYTES {
-                how = How::Dropped;
+                (how, reason) = (How::Dropped, "faces carry more than 128 bytes");
             }
         }
         let constant = if how == How::Constant { found.first(i) } else { &[] };
-        decided.push(with(how, property, constant));
+        decided.push(with(how, property, constant, reason));
     }
     Ok(carry(decided))
 }

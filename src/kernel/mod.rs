@@ -79,6 +79,8 @@ pub struct Options {
     /// The channel that is the same all over a region of the surface and changes at its border, if there is
     /// one: moving a border costs what moving a boundary of the surface does.
     pub region: Option<usize>,
+    /// What moving any other attribute seam costs, as a share of that.
+    pub seam_share: f32,
 }
 
 /// Where the vertex goes that survives a collapse.
@@ -117,6 +119,7 @@ impl Default for Options {
             weights: Vec::new(),
             confined: Vec::new(),
             region: None,
+            seam_share: 0.0,
         }
     }
 }
@@ -180,6 +183,7 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
     }
     if let Some(wedges) = &mut surface.wedges {
         wedges.region = options.region.filter(|&channel| channel < surface.n_channels);
+        wedges.seam_share = f64::from(options.seam_share);
     }
     let mut driver = drive::Driver::new(surface, simd, options.topology);
     driver.changes.add_cleaned(cleaned, approached);

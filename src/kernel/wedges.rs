@@ -30,6 +30,8 @@ pub(crate) struct Wedges {
     n_channels: usize,
     /// The channel that tells regions apart, whose borders are kept as boundaries are.
     pub(crate) region: Option<usize>,
+    /// What any other seam counts against that.
+    pub(crate) seam_share: f64,
     /// For each wedge one of its chart, the same for all of them.
     chart: Vec<u32>,
     n_charts: u64,
@@ -45,6 +47,7 @@ impl Wedges {
             is_seam: Vec::new(),
             n_channels: surface.n_channels,
             region: None,
+            seam_share: 0.0,
             chart: Vec::new(),
             n_charts: 0,
         }
@@ -338,9 +341,10 @@ mod tests {
         let mesh = two_regions(64);
         let locked = vec![false; mesh.positions.len()];
         // How far the ends of the border are from it, on average.
-        let off = |region: Option<usize>| {
+        let off = |region: Option<usize>, seam_share: f32| {
             let stop = Stop::Triangles(300);
-            let options = Options { stop, region, confined: vec![true], ..Options::default() };
+            let confined = vec![true];
+            let options = Options { stop, region, seam_share, confined, ..Options::default() };
             let result = simplify_mesh(mesh.clone(), &locked, &options);
             assert!(result.statistics.reached);
             let mut sides: BTreeMap<_, BTreeSet<u32>> = BTreeMap::new();
@@ -357,8 +361,10 @@ mod tests {
                 .collect();
             border.iter().sum::<f64>() / border.len() as f64
         };
-        let (kept, free) = (off(Some(0)), off(None));
-        assert!(kept < 0.005 && free > 4.0 * kept, "{kept} {free}");
+        let (kept, dear, cheap, free) =
+            (off(Some(0), 0.0), off(None, 1.0), off(None, 0.01), off(None, 0.0));
+        assert_eq!(kept, dear);
+        assert!(kept < 0.005 && cheap < 0.02 && free > 4.0 * kept, "{kept} {cheap} {free}");
     }
 
     #[test]

@@ -81,6 +81,7 @@ impl<'a> Stages<'a> {
             kernel: kernel::Options {
                 confined: confined(source, config),
                 region: region(source, config),
+                seam_share: config.attributes.weights.seam_share(),
                 // Whether it is worth its time is a question of the whole job, not of what the finish sees.
                 fit: config.kernel.fit.decided(plan.triangles_in, plan.target),
                 ..config.kernel.clone()
@@ -184,7 +185,9 @@ impl<'a> Stages<'a> {
     pub(super) fn simplify(&mut self, info: StoreInfo, step: Step) -> Result<SurvivorInfo> {
         let round = self.rounds_done;
         let (goal, is_exact) = match step {
-            Step::Round(goal) => (goal, false),
+            Step::Round(goal) => {
+                (stitch::within_reach(goal, info.triangles, info.shared_vertices), false)
+            }
             _ => (self.target, true),
         };
         let goal = Goal { round, triangles: goal };

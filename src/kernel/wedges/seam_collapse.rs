@@ -130,8 +130,8 @@ impl Wedges {
             for &t in surface.ring(v) {
                 self.add_triangle(surface, (t, v, end), (&pairs, edge), (active, &common), &mut c);
             }
-            if let Some(region) = self.region {
-                let away = self.border_cost(surface, v, region, edge);
+            if self.is_seam[v as usize] {
+                let away = self.border_cost(surface, v, edge);
                 match end {
                     0 => c[2] += away,
                     _ => c = [c[0] + away, c[1] - away, c[2] + away],
@@ -156,26 +156,30 @@ impl Wedges {
         (cost, place)
     }
 
-    /// What it costs to take `v` from the borders of regions that end there by the vector `way`: squared
-    /// length times squared distance for each, as at a boundary of the surface.
-    fn border_cost(&self, surface: &Surface, v: u32, region: usize, way: [f64; 3]) -> f64 {
-        if !self.is_seam[v as usize] {
-            return 0.0;
-        }
+    /// What it costs to take `v` from the seams that end there by the vector `way`: squared length times
+    /// squared distance for each, as at a boundary of the surface; less where it is no border of a region.
+    fn border_cost(&self, surface: &Surface, v: u32, way: [f64; 3]) -> f64 {
         let ring = surface.ring(v);
-        let value = |t: u32| self.values_of(self.at(surface, t, v))[region].to_bits();
+        let region = |w: u32| self.region.map(|channel| self.values_of(w)[channel].to_bits());
+        let share = |a: u32, b: u32| match a == b {
+            true => 0.0,
+            false if region(a) != region(b) => 1.0,
+            false => self.seam_share,
+        };
         let mut cost = 0.0;
         for &t in ring {
             let (b, _) = others(surface.triangles[t as usize], v);
             let is_next = |n: &&u32| others(surface.triangles[**n as usize], v).1 == b;
-            if ring.iter().find(is_next).is_some_and(|&next| value(next) != value(t)) {
+            let Some(&next) = ring.iter().find(is_next) else { continue };
+            let share = share(self.at(surface, t, v), self.at(surface, next, v));
+            if share > 0.0 {
                 let q = boundary_quadric(surface.edge(v, b)).map(f64::from);
                 let product = [
                     q[0] * way[0] + q[1] * way[1] + q[2] * way[2],
                     q[1] * way[0] + q[3] * way[1] + q[4] * way[2],
                     q[2] * way[0] + q[4] * way[1] + q[5] * way[2],
                 ];
-                cost += dot(way, product);
+                cost += share * dot(way, product);
             }
         }
         cost
