@@ -155,6 +155,10 @@ fn channels_follow_the_vertices() {
     assert_ne!(without.mesh.positions, with.mesh.positions);
     let (before, after) = (off(&without), off(&with));
     assert!(after < 1.1 * before, "{before} {after}");
+    // What is the same everywhere stays so exactly: labels of regions do.
+    let labels = Mesh { n_channels: 1, channels: vec![0.1; mesh.positions.len()], ..mesh };
+    let result = simplified(&labels, &locked, 1_500, Fit::On);
+    assert!(result.mesh.channels.iter().all(|&label| label == 0.1));
 }
 
 #[test]

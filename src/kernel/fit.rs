@@ -207,9 +207,14 @@ impl<'a> Work<'a> {
             let point = sub(self.place[v], self.before[v]);
             let near = nearest_around(surface, &self.before, v as u32, point, simd, &mut faces);
             let Some((t, weights)) = near else { continue };
-            let corners = surface.triangles[t as usize].map(|w| surface.values_at(t, w));
-            for (k, channel) in channels[v * n..][..n].iter_mut().enumerate() {
-                *channel = (0..3).map(|i| weights[i] * corners[i][k]).sum();
+            let triangle = surface.triangles[t as usize];
+            let own = surface.values_at(t, v as u32);
+            // Relative to its own values, so that what is the same everywhere stays so exactly: labels do.
+            for (w, weight) in triangle.into_iter().zip(weights).filter(|&(w, _)| w != v as u32) {
+                let values = surface.values_at(t, w);
+                for (k, channel) in channels[v * n..][..n].iter_mut().enumerate() {
+                    *channel += weight * (values[k] - own[k]);
+                }
             }
         }
         self.surface.channels = channels;
