@@ -3,7 +3,7 @@
 //! Meshes that fit into the memory budget are read and measured there. A larger original, and if need be
 //! the simplified mesh too, is first cut into cells by the partition stage; the numbers are the same.
 
-use crate::cells::plan_cells;
+use crate::cells::{VertexLayout, plan_cells};
 use crate::config::DEFAULT_CELL_TRIANGLES;
 use crate::error::{Error, Result};
 use crate::measure::heatmap;
@@ -269,7 +269,10 @@ fn cut(
 ) -> Result<Scratch> {
     let (cell_triangles, threads) = (request.cell_triangles, request.options.threads);
     let n_cells = plan_cells(source.n_faces(), cell_triangles);
-    let needed = partition::memory_bytes(source.n_vertices(), n_cells, threads, memory_bytes);
+    let n_vertices = source.n_vertices();
+    let layout = VertexLayout::new(source.schema(), n_vertices);
+    let store = partition::store_bytes(n_vertices, source.n_faces(), &layout);
+    let needed = partition::memory_bytes(n_vertices, n_cells, store, threads, memory_bytes);
     if needed > memory_bytes {
         return Err(Error::NoMemory(format!(
             "cutting {} into cells needs {}; give more --memory",

@@ -18,9 +18,6 @@ const BASE_BYTES: u64 = 40 << 20;
 /// A cell may come out so much larger than planned before it is a surprise.
 const UNEVEN: f64 = 1.25;
 
-/// Chunk headers, shared rows and file-system blocks on top of the bare rows of a store.
-const PACK_OVERHEAD: f64 = 1.06;
-
 /// Temporary bytes for each vertex of an output whose corners get texture coordinates.
 const JOIN_BYTES: f64 = 72.0;
 
@@ -93,7 +90,9 @@ impl Plan {
         let cell = (config.cell_triangles.min(triangles_in) as f64 * UNEVEN) as u64;
         let threads = config.threads.get();
         let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
-        let tables = partition::memory_bytes(source.n_vertices(), cells, threads, usable / 2);
+        let store = partition::store_bytes(source.n_vertices(), triangles_in, &layout);
+        let tables =
+            partition::memory_bytes(source.n_vertices(), cells, store, threads, usable / 2);
         let fit = config.kernel.fit.decided(triangles_in, target);
         let fit_bytes = kernel::fit_bytes(fit, finish_triangles, target);
         let works = stage_bytes(cell).max(stage_bytes(finish_triangles) + fit_bytes);
@@ -101,11 +100,6 @@ impl Plan {
         if needed > config.memory_bytes {
             return Err(too_little(config, needed, works > tables, usable, works));
         }
-        let records = layout.schema.record_bytes() as f64;
-        let ids = layout.ids.bytes as f64;
-        let store = (source.n_vertices() as f64 * (ids + records)
-            + triangles_in as f64 * 3.0 * ids)
-            * PACK_OVERHEAD;
         // Where sources are kept, what the first round leaves lies beside them.
         let beside = match rounds.first() {
             Some(&goal) if !frees_sources(triangles_in, goal) => {
@@ -114,9 +108,10 @@ impl Plan {
             }
             _ => 0.0,
         };
+        let record_bytes = layout.schema.record_bytes() as f64;
         let output_triangles = target.min(triangles_in) as f64;
         let output_bytes =
-            (output_triangles * (13.0 + records * vertices_per_triangle)) as u64 + 4096;
+            (output_triangles * (13.0 + record_bytes * vertices_per_triangle)) as u64 + 4096;
         // The result's pack, and what putting texture coordinates back to corners sorts.
         let joining = match source.carried() {
             Some(carry) if carry.is_moved() => {
@@ -131,7 +126,7 @@ impl Plan {
             finish: finish_triangles > 0,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
-            temp_bytes: ((store + beside) as u64).max(output_bytes + joining)
+            temp_bytes: (store + beside as u64).max(output_bytes + joining)
                 + (1 << 20)
                 + if config.verify { 3 * output_bytes } else { 0 },
             output_bytes,

@@ -8,6 +8,9 @@ use crate::format::ChunkKind;
 /// upper one nothing is gained.
 const CHUNK_BYTES: std::ops::RangeInclusive<u64> = 4 << 10..=256 << 10;
 
+/// A chunk in a list that grows by doubling, or twice when it is sorted.
+const LIST_BYTES: u64 = 80;
+
 /// Per-cell buffers of one chunk kind.
 pub struct Scatter {
     kind: ChunkKind,
@@ -28,6 +31,14 @@ impl Scatter {
     /// Bytes that the buffers take when full.
     pub fn bytes(n_cells: u32, budget_bytes: u64) -> u64 {
         u64::from(n_cells) * chunk_bytes(n_cells, budget_bytes)
+    }
+
+    /// Bytes that the list of chunks takes when `data_bytes` went through such buffers: the writer's, or the
+    /// reader's with the index that it came from.
+    pub fn list_bytes(n_cells: u32, budget_bytes: u64, data_bytes: u64) -> u64 {
+        let n_kinds = 3;
+        (data_bytes / chunk_bytes(n_cells, budget_bytes) + n_kinds * u64::from(n_cells))
+            * LIST_BYTES
     }
 
     /// Appends rows to a cell.

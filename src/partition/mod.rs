@@ -47,13 +47,31 @@ pub struct Partition {
     pub seam_place: Option<[f64; 3]>,
 }
 
-/// Peak memory of this stage in bytes: the cell-of-vertex table, buffers, blocks and samples.
-pub fn memory_bytes(n_vertices: u64, n_cells: u32, threads: usize, budget_bytes: u64) -> u64 {
+/// Chunk headers, shared rows and file-system blocks on top of the bare rows of a store.
+const PACK_OVERHEAD: f64 = 1.06;
+
+/// Bytes on disk of the cells of a mesh.
+pub fn store_bytes(n_vertices: u64, n_triangles: u64, layout: &VertexLayout) -> u64 {
+    let (ids, records) = (layout.ids.bytes as f64, layout.schema.record_bytes() as f64);
+    let bytes = n_vertices as f64 * (ids + records) + n_triangles as f64 * 3.0 * ids;
+    (bytes * PACK_OVERHEAD) as u64
+}
+
+/// Peak memory of this stage in bytes: the cell-of-vertex table, buffers, blocks, samples, and the list of the
+/// chunks into which `store_bytes` of cells are written.
+pub fn memory_bytes(
+    n_vertices: u64,
+    n_cells: u32,
+    store_bytes: u64,
+    threads: usize,
+    budget_bytes: u64,
+) -> u64 {
     let window = window_rows(n_cells, budget_bytes).min(n_vertices);
     let table = window * CellTable::bytes_per_vertex(n_cells);
     let buffers = Scatter::bytes(n_cells, budget_bytes / BUFFER_SHARE);
     let blocks = threads as u64 * 2 * BLOCK_ROWS * 64;
-    table + buffers + blocks + 24 * n_samples(n_vertices, n_cells)
+    let list = Scatter::list_bytes(n_cells, budget_bytes / BUFFER_SHARE, store_bytes);
+    table + buffers + blocks + list + 24 * n_samples(n_vertices, n_cells)
 }
 
 /// Cuts `source` into cells of about `cell_triangles` triangles.
