@@ -19,7 +19,7 @@ const SCALAR_EDGES: f64 = 0.1;
 const TEXTURE_LENGTHS: f64 = 0.02;
 
 /// Moving a seam of the texture costs this share of what moving a boundary of the surface does.
-const SEAM_SHARE: f64 = 0.01;
+const SEAM_SHARE: f64 = 0.002;
 
 /// Of a sampled piece of mesh every so many triangles and vertices are looked at.
 const STRIDE: usize = 8;
