@@ -186,8 +186,8 @@ enum Rule {
     Single,
     /// A double: two channels, the nearest float and the float nearest to what is left.
     Double,
-    /// An integer colour component (or the number of an image, or of a region): one channel, rounded and clamped on the way
-    /// back.
+    /// An integer colour component (or the number of an image, or of a region): one channel, rounded and
+    /// clamped on the way back.
     Colour,
     /// An integer that means something by its value (a class, a flag, an id): never averaged.
     Label,
