@@ -10,11 +10,11 @@ use std::hint::select_unpredictable;
 use super::Placement;
 use super::attributes::RingLists;
 use super::evaluate::{Around, Found, Rows};
-use super::lanes::Lanes;
+use super::lanes::{Lanes, Portable};
 use super::legal::{Class, MAY_COLLAPSE, Reject};
 use super::placement;
-use super::surface::{Fan, GONE, HUB, MAX_VALENCE, Surface, Vertex, boundary_quadric, others};
-use super::unchecked::{at, at_mut, part_mut};
+use super::surface::{Fan, GONE, HUB, MAX_VALENCE, Ring, Surface, Vertex, boundary_quadric};
+use super::unchecked::{at, at_mut, part, part_mut};
 use super::vector::Vec3;
 use super::wedges::{Wedges, place_on_edge};
 
@@ -73,7 +73,7 @@ pub(crate) fn classes_allow(surface: &Surface, v0: u32, v1: u32) -> Result<(), R
 /// no check.
 const ROOM: usize = 256;
 /// Where the vanishing triangles are put until it is known how many stay.
-const GONE_AT: usize = ROOM - 8;
+const GONE_AT: usize = ROOM - 16;
 const _: () = assert!(GONE_AT >= MAX_VALENCE as usize + 16);
 
 /// Scratch space of one collapse, re-used.
@@ -134,7 +134,7 @@ impl Collapser {
         number: u32,
     ) -> Result<(), Reject> {
         let (v0, v1) = (plan.v0, plan.v1);
-        self.gather(surface, v0, v1)?;
+        self.gather::<L>(surface, v0, v1)?;
         self.link::<L>(surface, v0, v1)?;
         let (p0, p1) = (at(&surface.vertices, v0).position, at(&surface.vertices, v1).position);
         let middle = |i: usize| p0[i] + (p1[i] - p0[i]) * 0.5;
@@ -165,7 +165,7 @@ impl Collapser {
         if surface.attributes.is_some() | surface.wedges.is_some() {
             self.with_wedges(surface, plan, &around, found.quadric(), number);
         } else {
-            self.carry_out(surface, plan, &around, found.quadric(), number);
+            self.carry_out::<L>(surface, plan, &around, found.quadric(), number);
         }
         Ok(())
     }
@@ -196,7 +196,7 @@ impl Collapser {
             return;
         }
         let seam = wedges.plan(surface, (v0, v1), place_on_edge(around.half, plan.place));
-        self.carry_out(surface, plan, around, quadric, number);
+        self.carry_out::<Portable>(surface, plan, around, quadric, number);
         wedges.carry_out(surface, &self.ids[..self.n0], v1, seam);
         surface.wedges = Some(wedges);
         if let Some(mut attributes) = surface.attributes.take() {
@@ -218,12 +218,12 @@ impl Collapser {
         number: u32,
     ) {
         let Some(mut attributes) = surface.attributes.take() else {
-            self.carry_out(surface, plan, around, quadric, number);
+            self.carry_out::<Portable>(surface, plan, around, quadric, number);
             return;
         };
         let fixed = at(&surface.rings, plan.v1).class.is_some_and(Class::is_fixed);
         attributes.before(surface, self.lists(plan), (&around.centre, plan.place), fixed);
-        self.carry_out(surface, plan, around, quadric, number);
+        self.carry_out::<Portable>(surface, plan, around, quadric, number);
         attributes.after(surface, self.lists(plan), fixed);
         surface.attributes = Some(attributes);
     }
@@ -243,29 +243,36 @@ impl Collapser {
 
     /// Sorts the triangles of both ends into those that stay and those that vanish.
     #[inline(always)]
-    fn gather(&mut self, surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
-        let (ring0, ring1) = (surface.ring(v0), surface.ring(v1));
-        if ring0.len() + ring1.len() > MAX_VALENCE as usize {
+    fn gather<L: Lanes>(&mut self, surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
+        let (ring0, ring1) = (at(&surface.rings, v0), at(&surface.rings, v1));
+        if ring0.len + ring1.len > MAX_VALENCE {
             return Err(Reject::Sliver);
         }
-        // Everything is written where the next kept one goes and overwritten if it was not one: which
-        // triangles vanish cannot be predicted.
+        // Eight are written where the next kept one goes, and what was not one is overwritten by the next:
+        // which triangles vanish cannot be predicted.
         let mut n = 0;
-        for &t in ring0 {
-            let (b, c) = others(*at(&surface.triangles, t), v0);
-            let place = n & (ROOM - 1);
-            (self.ids[place], self.b[place], self.c[place]) = (t, b, c);
-            n += usize::from((b != v1) & (c != v1));
+        let mut first = 0;
+        while first < ring0.len {
+            let (ids, in_ring) = ids_of_ring(&surface.arena, ring0, first);
+            let [b, c] = L::others(ids.map(|t| at(&surface.triangles, t)), v0);
+            let keep = in_ring & !(L::matches(&b, v1) | L::matches(&c, v1));
+            self.put::<L>(n, (&ids, &b, &c), keep);
+            n += keep.count_ones() as usize;
+            first += 8;
         }
         self.n0 = n;
         let mut n_gone = 0;
-        for &t in ring1 {
-            let (b, c) = others(*at(&surface.triangles, t), v1);
-            let vanishes = (b == v0) | (c == v0);
-            let place = select_unpredictable(vanishes, GONE_AT | (n_gone & 3), n & (ROOM - 1));
-            (self.ids[place], self.b[place], self.c[place]) = (t, b, c);
-            n += usize::from(!vanishes);
-            n_gone += usize::from(vanishes);
+        let mut first = 0;
+        while first < ring1.len {
+            let (ids, in_ring) = ids_of_ring(&surface.arena, ring1, first);
+            let [b, c] = L::others(ids.map(|t| at(&surface.triangles, t)), v1);
+            let vanish = in_ring & (L::matches(&b, v0) | L::matches(&c, v0));
+            let keep = in_ring & !vanish;
+            self.put::<L>(n, (&ids, &b, &c), keep);
+            n += keep.count_ones() as usize;
+            self.put::<L>(GONE_AT | (n_gone & 7), (&ids, &b, &c), vanish);
+            n_gone += vanish.count_ones() as usize;
+            first += 8;
         }
         self.n_kept = n;
         // Nothing is left of the edge, or it has more than two triangles.
@@ -289,8 +296,19 @@ impl Collapser {
         Ok(())
     }
 
+    /// Puts the triangles whose bits are set to where the next ones go.
     #[inline(always)]
-    fn carry_out(
+    fn put<L: Lanes>(&mut self, n: usize, (ids, b, c): (&[u32; 8], &[u32; 8], &[u32; 8]), bits: u32) {
+        let n = n & (ROOM - 1);
+        for (to, list) in [(&mut self.ids, ids), (&mut self.b, b), (&mut self.c, c)] {
+            if let Some(to) = to[n..].first_chunk_mut::<8>() {
+                *to = L::packed(list, bits);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn carry_out<L: Lanes>(
         &mut self,
         surface: &mut Surface,
         plan: Plan,
@@ -347,7 +365,7 @@ impl Collapser {
         }
         let survivor = at_mut(&mut surface.vertices, v1);
         (survivor.quadric, survivor.stamp) = (quadric, number);
-        self.rewire(surface, v0, v1);
+        self.rewire::<L>(surface, v0, v1);
         if class0 != Some(Class::Interior) {
             let ring = at_mut(&mut surface.rings, v1);
             ring.class = ring.class.max(class0);
@@ -374,7 +392,7 @@ impl Collapser {
 
     /// Triangles and rings after the collapse.
     #[inline(always)]
-    fn rewire(&mut self, surface: &mut Surface, v0: u32, v1: u32) {
+    fn rewire<L: Lanes>(&mut self, surface: &mut Surface, v0: u32, v1: u32) {
         for &t in &self.ids[..self.n0] {
             let triangle = at_mut(&mut surface.triangles, t);
             let [x, y, z] = *triangle;
@@ -389,11 +407,10 @@ impl Collapser {
             if ring.len > HUB {
                 continue;
             }
-            let list = part_mut(&mut surface.arena, ring.start, ring.len);
-            // Most rings are shorter than eight, and what comes after them in the arena is anyone's.
-            let place = list.iter().position(|&x| x == t);
-            if let Some(place) = place {
-                list[place] = list[list.len() - 1];
+            let place = place_in_ring::<L>(&surface.arena, ring, t);
+            if place < ring.len {
+                let last = *at(&surface.arena, ring.start + ring.len - 1);
+                *at_mut(&mut surface.arena, ring.start + place) = last;
                 ring.len -= 1;
             }
         }
@@ -417,5 +434,35 @@ impl Collapser {
         (ring.start, ring.len, ring.room) = (start, n, room);
         let ring = at_mut(&mut surface.rings, v0);
         (ring.start, ring.len, ring.class) = (v1, 0, None);
+    }
+}
+
+/// Where in a ring a triangle is; at its length or beyond if it is not in it.
+#[inline(always)]
+fn place_in_ring<L: Lanes>(arena: &[u32], ring: &Ring, triangle: u32) -> u32 {
+    // Most rings are no longer than eight, and what comes after them in the arena is anyone's.
+    if let Some(first) = arena.get(ring.start as usize..).and_then(|list| list.first_chunk::<8>()) {
+        let place = L::matches(first, triangle).trailing_zeros();
+        if place < 8 || ring.len <= 8 {
+            return place;
+        }
+    }
+    let place = part(arena, ring.start, ring.len).iter().position(|&x| x == triangle);
+    place.map_or(ring.len, |place| place as u32)
+}
+
+/// Up to eight triangles of a ring, from the `first` one on, and as bits which of them are. What else comes out
+/// are triangles too.
+#[inline(always)]
+fn ids_of_ring(arena: &[u32], ring: &Ring, first: u32) -> ([u32; 8], u32) {
+    let left = (ring.len - first).min(8);
+    let bits = 0xFF >> (8 - left);
+    // What comes after a ring in the arena is anyone's.
+    match arena.get((ring.start + first) as usize..).and_then(|list| list.first_chunk::<8>()) {
+        Some(ids) => (*ids, bits),
+        None => {
+            let list = part(arena, ring.start + first, left);
+            (std::array::from_fn(|i| list[i.min(list.len() - 1)]), bits)
+        }
     }
 }

@@ -13,9 +13,9 @@ use super::lanes::{Job, Lanes};
 use super::legal::{Class, Reject};
 use super::placement;
 use super::queue::{BucketQueue, Entry};
-use super::surface::{GONE, Surface};
+use super::surface::{AHEAD, GONE, Surface};
 use super::topology::{self, Remedy};
-use super::unchecked::{at, at_mut};
+use super::unchecked::{at, at_mut, prefetch};
 use super::{Placement, Topology};
 
 /// A collapse that turns a normal too far is dearer by a factor of two a failure, and goes through
@@ -82,10 +82,12 @@ impl Job for Drain<'_> {
     }
 }
 
-/// Hands the edges of some triangles that the classes allow, each once with its cost, to `take`.
+/// Hands the edges of some triangles that the classes allow and that cost less than `below`, each once with
+/// its cost, to `take`.
 pub(crate) struct Seeds<'a, F> {
     pub(crate) surface: &'a Surface,
     pub(crate) triangles: std::ops::Range<usize>,
+    pub(crate) below: f32,
     pub(crate) take: F,
 }
 
@@ -96,7 +98,16 @@ impl<F: FnMut(u32, u32, f32)> Job for Seeds<'_, F> {
     fn run<L: Lanes>(mut self) {
         let surface = self.surface;
         let (mut ends, mut n) = ([[0u32; 16]; 2], 0);
-        for t in &surface.triangles[self.triangles] {
+        let ahead = (self.triangles.start + AHEAD).min(surface.triangles.len());
+        let mut ahead = surface.triangles[ahead..].iter();
+        for t in &surface.triangles[self.triangles.clone()] {
+            if let Some(&[_, next, last]) = ahead.next() {
+                // The first corners of some are the others of most.
+                for v in [next, last] {
+                    prefetch(&surface.vertices, v);
+                    prefetch(&surface.rings, v);
+                }
+            }
             if t[0] == GONE {
                 continue;
             }
@@ -108,7 +119,7 @@ impl<F: FnMut(u32, u32, f32)> Job for Seeds<'_, F> {
                 n += usize::from(once);
             }
             if n >= 8 {
-                Self::take_eight::<L>(surface, &ends, 8, &mut self.take);
+                self.take_eight::<L>(&ends, 8);
                 let [from, to] = &mut ends;
                 from.copy_within(8.., 0);
                 to.copy_within(8.., 0);
@@ -119,30 +130,35 @@ impl<F: FnMut(u32, u32, f32)> Job for Seeds<'_, F> {
             let first = [ends[0][0], ends[1][0]];
             ends[0][n..].fill(first[0]);
             ends[1][n..].fill(first[1]);
-            Self::take_eight::<L>(surface, &ends, n, &mut self.take);
+            self.take_eight::<L>(&ends, n);
         }
     }
 }
 
 impl<F: FnMut(u32, u32, f32)> Seeds<'_, F> {
-    /// Evaluates the first eight edges and hands over the first `n`.
+    /// Evaluates the first eight edges and hands over the first `n` of them.
     #[inline(always)]
-    fn take_eight<L: Lanes>(surface: &Surface, ends: &[[u32; 16]; 2], n: usize, take: &mut F) {
+    fn take_eight<L: Lanes>(&mut self, ends: &[[u32; 16]; 2], n: usize) {
+        let surface = self.surface;
         let (mut v0, mut v1, mut fixed) = ([0; 8], [0; 8], [0.0; 8]);
-        let mut allowed = [true; 8];
+        let mut allowed = 0xFF >> (8 - n);
         for i in 0..8 {
             (v0[i], v1[i]) = roles(surface, ends[0][i], ends[1][i]);
             // The class of `v1` is the higher one.
             if at(&surface.rings, v1[i]).class != Some(Class::Interior) {
-                allowed[i] = classes_allow(surface, v0[i], v1[i]).is_ok();
+                if classes_allow(surface, v0[i], v1[i]).is_err() {
+                    allowed &= !(1 << i);
+                }
                 fixed[i] = fixation(surface, v1[i]);
             }
         }
         let cost = evaluate_eight::<L>(surface, &v0, &v1, &fixed).cost;
-        for i in 0..n {
-            if allowed[i] {
-                take(v0[i], v1[i], cost[i]);
-            }
+        // Which edges are cheap enough cannot be predicted.
+        allowed &= L::load(&cost).below(L::splat(self.below));
+        while allowed != 0 {
+            let i = allowed.trailing_zeros() as usize & 7;
+            allowed &= allowed - 1;
+            (self.take)(v0[i], v1[i], cost[i]);
         }
     }
 }
@@ -241,6 +257,9 @@ impl Driver {
                 }
                 batch.fixed[n] = fixation(&self.surface, v1);
             }
+            // The rings of those that collapse are wanted next.
+            prefetch(&self.surface.arena, ring0.start);
+            prefetch(&self.surface.arena, ring1.start);
             (batch.v0[n], batch.v1[n]) = (v0, v1);
             (batch.bucket[n], batch.failures[n]) = (bucket, entry.failures);
             batch.weight[n] = f32::from(1u8 << entry.failures);
@@ -372,13 +391,9 @@ impl Driver {
     /// collapses do.
     fn relax(&mut self, queue: &mut BucketQueue, (bucket, entry): (u32, Entry), limits: Limits) {
         let (v0, v1) = (entry.v0, entry.v1);
-        let Some((remedy, cost)) = topology::remedy(&self.surface, v0, v1, &self.collapser) else {
+        let Some((remedy, cost)) = topology::remedy(&self.surface, v0, v1, &self.collapser, limits.cost) else {
             return;
         };
-        let allowed = cost <= limits.cost;
-        if !allowed {
-            return;
-        }
         let due = queue.bucket(cost);
         if due > bucket {
             queue.put_back(due, entry);

@@ -4,6 +4,8 @@
 //! block begins, so that a block's data stays in cache. Only the seeds are local: collapses reach
 //! across, so there are no borders between blocks. The inner loop is in `drain`.
 
+use std::ops::Range;
+
 use super::Topology;
 use super::clean::Cleaned;
 use super::collapse::Collapser;
@@ -135,12 +137,8 @@ impl Driver {
         let mut queue = BucketQueue::new(5);
         let limits = Limits { cost: f32::MAX, triangles: 0, may_stall: false };
         let highest = queue.bucket(self.scaled(highest));
-        self.each_edge(0..self.surface.triangles.len(), |v0, v1, cost| {
-            let bucket = queue.bucket(cost);
-            if bucket <= highest {
-                queue.push(bucket, Entry { v0, v1, failures: 0 });
-            }
-        });
+        let below = queue.lowest_cost(highest + 1);
+        self.seed(&mut queue, 0..self.surface.triangles.len(), below);
         let mut counts = Vec::new();
         for &level in levels {
             queue.close_above(self.scaled(level));
@@ -219,60 +217,61 @@ impl Driver {
     fn free_level(&mut self, enough: u64, target: u64) {
         let n_blocks = self.n_blocks();
         let share = (enough as f64 / self.surface.n_alive as f64).max(LEVEL_SHARE);
-        let pilot: Vec<usize> = (0..n_blocks).step_by(PILOT_STRIDE).collect();
+        let pilot = || (0..n_blocks).step_by(PILOT_STRIDE);
         let count = |driver: &Self| -> usize {
-            let alive = |&block: &usize| driver.block(block).filter(|t| t[0] != GONE).count();
-            pilot.iter().map(alive).sum()
+            let blocks = pilot().flat_map(|block| &driver.surface.triangles[driver.block(block)]);
+            blocks.filter(|t| t[0] != GONE).count()
         };
         let wanted = (count(self) as f64 * share) as usize;
-        let mut cost = self.low_cost(&pilot, (1.0 - share) * 0.6);
         let mut queue = BucketQueue::new(3);
+        let mut costs = Vec::new();
+        for block in pilot() {
+            self.each_edge(self.block(block), f32::INFINITY, |v0, v1, cost| {
+                queue.push(queue.bucket(cost), Entry { v0, v1, failures: 0 });
+                costs.push(cost);
+            });
+        }
+        let mut cost = quantile(costs, (1.0 - share) * 0.6);
+        let mut limits = Limits { cost: f32::MAX, triangles: target, may_stall: false };
         for _ in 0..200 {
-            let limits = Limits { cost, triangles: target, may_stall: false };
-            for &block in &pilot {
-                self.drain_block(&mut queue, block, limits);
-            }
+            queue.close_above(cost);
+            self.drain(&mut queue, limits);
             if count(self) <= wanted {
                 break;
             }
             cost *= std::f32::consts::SQRT_2;
         }
+        limits.cost = queue.highest_cost();
         for block in (0..n_blocks).filter(|block| block % PILOT_STRIDE != 0) {
-            self.drain_block(
-                &mut queue,
-                block,
-                Limits { cost, triangles: target, may_stall: false },
-            );
+            self.drain_block(&mut queue, block, limits);
         }
-        self.drained = cost;
+        self.drained = limits.cost;
     }
 
-    fn block(&self, block: usize) -> impl Iterator<Item = &[u32; 3]> {
-        let end = ((block + 1) * BLOCK).min(self.surface.triangles.len());
-        self.surface.triangles[block * BLOCK..end].iter()
+    fn block(&self, block: usize) -> Range<usize> {
+        block * BLOCK..((block + 1) * BLOCK).min(self.surface.triangles.len())
     }
 
-    /// The cost that a share of the edges does not reach.
-    fn low_cost(&mut self, blocks: &[usize], share: f64) -> f32 {
+    /// The cost that a share of the edges of some blocks does not reach.
+    fn low_cost(&self, blocks: impl Iterator<Item = usize>, share: f64) -> f32 {
         let mut costs = Vec::new();
-        for &block in blocks {
-            let end = ((block + 1) * BLOCK).min(self.surface.triangles.len());
-            self.each_edge(block * BLOCK..end, |_, _, cost| {
-                if cost < f32::INFINITY {
-                    costs.push(cost);
-                }
-            });
+        for block in blocks {
+            self.each_edge(self.block(block), f32::INFINITY, |_, _, cost| costs.push(cost));
         }
-        if costs.is_empty() {
-            return f32::MIN_POSITIVE;
-        }
-        let at = (costs.len() as f64 * share) as usize;
-        costs.select_nth_unstable_by(at, f32::total_cmp).1.max(f32::MIN_POSITIVE)
+        quantile(costs, share)
     }
 
-    /// Evaluates the edges of some triangles, each once, and hands those that classes allow to `take`.
-    fn each_edge(&self, triangles: std::ops::Range<usize>, take: impl FnMut(u32, u32, f32)) {
-        self.simd.run(Seeds { surface: &self.surface, triangles, take });
+    /// Evaluates the edges of some triangles, each once, and hands those that classes allow and that cost less
+    /// than `below` to `take`.
+    fn each_edge(&self, triangles: Range<usize>, below: f32, take: impl FnMut(u32, u32, f32)) {
+        self.simd.run(Seeds { surface: &self.surface, triangles, below, take });
+    }
+
+    /// Puts the edges of some triangles that cost less than `below` into the queue.
+    fn seed(&self, queue: &mut BucketQueue, triangles: Range<usize>, below: f32) {
+        self.each_edge(triangles, below, |v0, v1, cost| {
+            queue.push(queue.bucket(cost), Entry { v0, v1, failures: 0 });
+        });
     }
 
     fn drain(&mut self, queue: &mut BucketQueue, limits: Limits) -> bool {
@@ -282,12 +281,7 @@ impl Driver {
 
     fn drain_block(&mut self, queue: &mut BucketQueue, block: usize, limits: Limits) {
         queue.clear();
-        let end = ((block + 1) * BLOCK).min(self.surface.triangles.len());
-        self.each_edge(block * BLOCK..end, |v0, v1, cost| {
-            if cost <= limits.cost {
-                queue.push(queue.bucket(cost), Entry { v0, v1, failures: 0 });
-            }
-        });
+        self.seed(queue, self.block(block), limits.cost.next_up());
         self.drain(queue, limits);
     }
 
@@ -300,18 +294,13 @@ impl Driver {
     fn drain_to(&mut self, target: u64) -> bool {
         if self.drained == 0.0 {
             // Costs that half of the edges do not reach rise fast in any mesh.
-            let blocks: Vec<usize> = (0..self.n_blocks()).step_by(4).collect();
-            self.drained = self.low_cost(&blocks, 0.5);
+            self.drained = self.low_cost((0..self.n_blocks()).step_by(4), 0.5);
         }
         let mut queue = BucketQueue::new(5);
         while self.surface.n_alive > target {
             let before = self.surface.n_alive;
             queue.clear();
-            self.each_edge(0..self.surface.triangles.len(), |v0, v1, cost| {
-                if cost < f32::INFINITY {
-                    queue.push(queue.bucket(cost), Entry { v0, v1, failures: 0 });
-                }
-            });
+            self.seed(&mut queue, 0..self.surface.triangles.len(), f32::INFINITY);
             let limits = Limits { cost: f32::MAX, triangles: target, may_stall: true };
             let stalled = self.drain(&mut queue, limits);
             // What was refused may have become legal since; without any progress it has not.
@@ -321,4 +310,13 @@ impl Driver {
         }
         true
     }
+}
+
+/// The cost that a share of them does not reach; no less than the least positive number.
+fn quantile(mut costs: Vec<f32>, share: f64) -> f32 {
+    if costs.is_empty() {
+        return f32::MIN_POSITIVE;
+    }
+    let at = (costs.len() as f64 * share) as usize;
+    costs.select_nth_unstable_by(at, f32::total_cmp).1.max(f32::MIN_POSITIVE)
 }

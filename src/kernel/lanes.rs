@@ -3,7 +3,7 @@
 //! Every operation is one correctly rounded IEEE operation a lane, none is fused, so both kinds agree to
 //! the last bit. The kernel's `unsafe` is here and in `unchecked`. It knows the layout of a vertex, no mesh.
 
-use super::surface::Vertex;
+use super::surface::{self, Vertex};
 
 /// Which lanes to use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,7 +81,30 @@ pub(crate) trait Lanes: Copy {
     fn below(self, other: Self) -> u32;
     /// Bit `i` tells whether `ids[i]` is `id`.
     fn matches(ids: &[u32; 8], id: u32) -> u32;
+    /// Of eight triangles the two corners that are not `v`, in their sense of rotation: all next ones, all last
+    /// ones. What is not a triangle of `v` comes out as its last two corners.
+    fn others(triangles: [&[u32; 3]; 8], v: u32) -> [[u32; 8]; 2];
+    /// The numbers whose bits are set, in their order, then anything.
+    fn packed(list: &[u32; 8], bits: u32) -> [u32; 8];
 }
+
+/// For each set of bits, which lanes they stand for, in order.
+const PACKING: [[u8; 8]; 256] = {
+    let mut table = [[0; 8]; 256];
+    let mut bits = 0;
+    while bits < 256 {
+        let (mut lane, mut n) = (0, 0);
+        while lane < 8 {
+            if bits >> lane & 1 == 1 {
+                table[bits][n] = lane as u8;
+                n += 1;
+            }
+            lane += 1;
+        }
+        bits += 1;
+    }
+    table
+};
 
 /// Eight numbers in an array.
 #[derive(Clone, Copy)]
@@ -180,6 +203,15 @@ impl Lanes for Portable {
     #[inline(always)]
     fn matches(ids: &[u32; 8], id: u32) -> u32 {
         (0..8).fold(0, |bits, i| bits | u32::from(ids[i] == id) << i)
+    }
+    #[inline(always)]
+    fn others(triangles: [&[u32; 3]; 8], v: u32) -> [[u32; 8]; 2] {
+        let pairs = triangles.map(|&t| surface::others(t, v));
+        [pairs.map(|(next, _)| next), pairs.map(|(_, last)| last)]
+    }
+    #[inline(always)]
+    fn packed(list: &[u32; 8], bits: u32) -> [u32; 8] {
+        PACKING[bits as usize & 0xFF].map(|lane| list[lane as usize & 7])
     }
 }
 
@@ -374,6 +406,40 @@ mod avx2 {
                 let same = _mm256_cmpeq_epi32(ids, _mm256_set1_epi32(id.cast_signed()));
                 _mm256_movemask_ps(_mm256_castsi256_ps(same)).cast_unsigned()
             }
+        }
+        #[inline(always)]
+        fn others(triangles: [&[u32; 3]; 8], v: u32) -> [[u32; 8]; 2] {
+            unsafe {
+                let mask = _mm_setr_epi32(-1, -1, -1, 0);
+                let at = |i: usize| _mm_maskload_epi32(triangles[i].as_ptr().cast(), mask);
+                let two = |i: usize| _mm256_set_m128i(at(i + 4), at(i));
+                let (t0, t1, t2, t3) = (two(0), two(1), two(2), two(3));
+                let (xy01, z01) = (_mm256_unpacklo_epi32(t0, t1), _mm256_unpackhi_epi32(t0, t1));
+                let (xy23, z23) = (_mm256_unpacklo_epi32(t2, t3), _mm256_unpackhi_epi32(t2, t3));
+                let x = _mm256_unpacklo_epi64(xy01, xy23);
+                let y = _mm256_unpackhi_epi64(xy01, xy23);
+                let z = _mm256_unpacklo_epi64(z01, z23);
+                let v = _mm256_set1_epi32(v.cast_signed());
+                let (first, second) = (_mm256_cmpeq_epi32(x, v), _mm256_cmpeq_epi32(y, v));
+                let next = _mm256_blendv_epi8(_mm256_blendv_epi8(x, z, second), y, first);
+                let last = _mm256_blendv_epi8(_mm256_blendv_epi8(y, x, second), z, first);
+                let mut pairs = [[0; 8]; 2];
+                _mm256_storeu_si256(pairs[0].as_mut_ptr().cast(), next);
+                _mm256_storeu_si256(pairs[1].as_mut_ptr().cast(), last);
+                pairs
+            }
+        }
+        #[inline(always)]
+        fn packed(list: &[u32; 8], bits: u32) -> [u32; 8] {
+            let lanes = &super::PACKING[bits as usize & 0xFF];
+            let mut packed = [0; 8];
+            unsafe {
+                let list = _mm256_loadu_si256(list.as_ptr().cast());
+                let lanes = _mm256_cvtepu8_epi32(_mm_loadl_epi64(lanes.as_ptr().cast()));
+                let list = _mm256_permutevar8x32_epi32(list, lanes);
+                _mm256_storeu_si256(packed.as_mut_ptr().cast(), list);
+            }
+            packed
         }
         #[inline(always)]
         fn columns(rows: [&[f32; 8]; 8]) -> [Self; 8] {

@@ -15,6 +15,8 @@ pub(crate) struct Order {
     pub(crate) vertex_place: Vec<u32>,
     /// For each old triangle its new place.
     pub(crate) triangle_place: Vec<u32>,
+    /// For each new place of a vertex the old one.
+    pub(crate) source: Vec<u32>,
 }
 
 /// Spreads the lowest ten bits of `x` to every third bit.
@@ -38,14 +40,15 @@ pub(crate) fn bounds(positions: &[Vec3]) -> (Vec3, f64) {
     (low, side)
 }
 
-/// Turns keys into places, in place; keys are below `n_keys`.
-fn counting_sort(keys: &mut [u32], n_keys: usize) {
-    let mut starts = vec![0u32; n_keys + 1];
+/// Turns keys into places, in place; keys are less than the length of `starts`, which is overwritten.
+fn counting_sort(keys: &mut [u32], starts: &mut [u32]) {
+    starts.fill(0);
     for &key in keys.iter() {
-        starts[key as usize + 1] += 1;
+        starts[key as usize] += 1;
     }
-    for i in 1..starts.len() {
-        starts[i] += starts[i - 1];
+    let mut next = 0;
+    for start in starts.iter_mut() {
+        next += std::mem::replace(start, next);
     }
     for key in keys {
         let start = &mut starts[*key as usize];
@@ -54,12 +57,16 @@ fn counting_sort(keys: &mut [u32], n_keys: usize) {
     }
 }
 
-/// Finds the order. Memory: 4 bytes a vertex and 4 a triangle.
-pub(crate) fn morton(positions: &[Vec3], triangles: &[[u32; 3]]) -> Order {
-    let (low, side) = bounds(positions);
+/// Finds the order within the box of `bounds`. Memory: 8 bytes a vertex and 4 a triangle.
+pub(crate) fn morton(
+    positions: &[Vec3],
+    triangles: &[[u32; 3]],
+    (low, side): (Vec3, f64),
+) -> Order {
     let cells = (triangles.len() / TRIANGLES_A_CELL).max(1);
-    // A surface meets about 4^bits of 8^bits cells.
-    let bits = (cells.ilog2() / 2 + 1).min(8);
+    // A surface meets about 4^bits of 8^bits cells; there shall not be many more of those than triangles.
+    let most = (4 * triangles.len().max(2)).ilog2() / 3;
+    let bits = (cells.ilog2() / 2 + 1).min(most).min(8);
     let to_cell = f64::from(1u32 << bits) / side;
     let top = (1u32 << bits) - 1;
     let key = |p: &Vec3| {
@@ -70,7 +77,12 @@ pub(crate) fn morton(positions: &[Vec3], triangles: &[[u32; 3]]) -> Order {
     let mut vertex_place: Vec<u32> = positions.iter().map(key).collect();
     let mut triangle_place: Vec<u32> =
         triangles.iter().map(|t| vertex_place[t[0] as usize]).collect();
-    counting_sort(&mut vertex_place, 1 << (3 * bits));
-    counting_sort(&mut triangle_place, 1 << (3 * bits));
-    Order { vertex_place, triangle_place }
+    let mut starts = vec![0; 1 << (3 * bits)];
+    counting_sort(&mut vertex_place, &mut starts);
+    counting_sort(&mut triangle_place, &mut starts);
+    let mut source = vec![0; positions.len()];
+    for (old, &new) in vertex_place.iter().enumerate() {
+        source[new as usize] = old as u32;
+    }
+    Order { vertex_place, triangle_place, source }
 }

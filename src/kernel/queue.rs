@@ -96,6 +96,11 @@ impl BucketQueue {
         self.ceiling = self.bucket(cost);
     }
 
+    /// The highest cost that is let out.
+    pub(crate) fn highest_cost(&self) -> f32 {
+        self.lowest_cost(self.ceiling.saturating_add(1)).next_down()
+    }
+
     /// Forgets everything, keeping the memory.
     pub(crate) fn clear(&mut self) {
         for (word, heads) in self.filled.iter_mut().zip(self.heads.chunks_mut(64)) {

@@ -11,7 +11,7 @@ use super::evaluate::{Rows, Triangles};
 use super::lanes::{Job, Lanes, Simd};
 use super::legal::Class;
 use super::order;
-use super::unchecked::{at, at_mut, part};
+use super::unchecked::{at, at_mut, part, prefetch};
 use super::vector::Vec3;
 use super::wedges::Wedges;
 use crate::mesh::Mesh;
@@ -46,6 +46,21 @@ pub(crate) struct Ring {
     pub(crate) room: u32,
     /// `None` if the vertex is gone.
     pub(crate) class: Option<Class>,
+}
+
+impl Vertex {
+    /// A vertex without triangles.
+    fn at(position: Vec3) -> Self {
+        Vertex { position, quadric: [0.0; 9], stamp: 0 }
+    }
+}
+
+impl Ring {
+    /// An empty ring.
+    fn open(locked: bool) -> Self {
+        let class = Some(if locked { Class::Locked } else { Class::Interior });
+        Ring { start: 0, len: 0, room: 0, class }
+    }
 }
 
 /// The mesh, its rings and what it came from. About 70 bytes a triangle at the start.
@@ -93,6 +108,9 @@ pub(crate) fn others(triangle: [u32; 3], v: u32) -> (u32, u32) {
     (next, last)
 }
 
+/// Vertices of the triangle that comes so many places later are asked for in time.
+pub(crate) const AHEAD: usize = 24;
+
 fn is_proper(t: &[u32; 3]) -> bool {
     t[0] != t[1] && t[1] != t[2] && t[2] != t[0]
 }
@@ -106,28 +124,24 @@ impl Surface {
         simd: Simd,
     ) -> Self {
         mesh.triangles.retain(is_proper);
-        let order = order::morton(&mesh.positions, &mesh.triangles);
-        let (_, side) = order::bounds(&mesh.positions);
+        let extent = order::bounds(&mesh.positions);
+        let order = order::morton(&mesh.positions, &mesh.triangles, extent);
+        let (_, side) = extent;
         // Powers of two do not round: the scale changes no bit of the result.
         let exponent = if side > 0.0 && side.is_finite() { side.log2().floor() } else { 0.0 };
         let scale = (10.0 - exponent).clamp(-1000.0, 1000.0).exp2();
-        let n_vertices = mesh.positions.len();
-        let blank = Vertex { position: [0.0; 3], quadric: [0.0; 9], stamp: 0 };
-        let mut vertices = vec![blank; n_vertices];
-        let mut source = vec![0u32; n_vertices];
-        let mut channels = vec![0.0; mesh.channels.len()];
         let n_channels = mesh.n_channels;
-        let open = Ring { start: 0, len: 0, room: 0, class: Some(Class::Interior) };
-        let mut rings = vec![open; n_vertices];
-        for (old, &new) in order.vertex_place.iter().enumerate() {
-            let new = new as usize;
-            vertices[new].position = mesh.positions[old];
-            source[new] = old as u32;
-            let from = old * n_channels;
-            channels[new * n_channels..][..n_channels]
-                .copy_from_slice(&mesh.channels[from..from + n_channels]);
-            if locked[old] {
-                rings[new].class = Some(Class::Locked);
+        let source = order.source;
+        // Mending adds vertices, collapses add rings: room that is never used is never touched either.
+        let room = source.len() + source.len() / 8;
+        let mut vertices = Vec::with_capacity(room);
+        vertices.extend(source.iter().map(|&old| Vertex::at(mesh.positions[old as usize])));
+        let mut rings = Vec::with_capacity(room);
+        rings.extend(source.iter().map(|&old| Ring::open(locked[old as usize])));
+        let mut channels = Vec::with_capacity(mesh.channels.len());
+        if n_channels > 0 {
+            for &old in &source {
+                channels.extend_from_slice(mesh.channels_of(old));
             }
         }
         let mut triangles = vec![[0u32; 3]; mesh.triangles.len()];
@@ -135,11 +149,11 @@ impl Surface {
             triangles[new as usize] = t.map(|v| order.vertex_place[v as usize]);
         }
         let n_alive = triangles.len() as u64;
-        drop((mesh, order));
+        drop((mesh, order.vertex_place, order.triangle_place));
         let mut surface = Surface {
             vertices,
             rings,
-            arena: Vec::new(),
+            arena: Vec::with_capacity(4 * n_alive as usize),
             triangles,
             n_alive,
             source,
@@ -167,8 +181,8 @@ impl Surface {
                 continue;
             }
             *place = n as u32;
-            self.vertices[n] = self.vertices[old];
-            self.rings[n] = ring;
+            self.vertices[n] = Vertex::at(self.vertices[old].position);
+            self.rings[n] = Ring { len: 0, ..ring };
             self.source[n] = self.source[old];
             for channel in 0..self.n_channels {
                 self.channels[n * self.n_channels + channel] =
@@ -191,17 +205,11 @@ impl Surface {
         place
     }
 
-    /// Rings, quadrics and classes from vertices and triangles; `again` after a compaction.
+    /// Rings, quadrics and classes from triangles and blank vertices; `again` after a compaction.
     fn build(&mut self, simd: Simd, again: bool) {
-        for (vertex, ring) in self.vertices.iter_mut().zip(&mut self.rings) {
-            vertex.quadric = [0.0; 9];
-            vertex.stamp = 0;
-            ring.len = 0;
-        }
-        for t in &self.triangles {
-            for &v in t {
-                at_mut(&mut self.rings, v).len += 1;
-            }
+        let flat = self.sum_quadrics(simd);
+        if !again {
+            self.flat = flat;
         }
         let mut start = 0;
         for ring in &mut self.rings {
@@ -212,10 +220,6 @@ impl Surface {
         }
         self.arena.clear();
         self.arena.resize(start as usize, 0);
-        let flat = self.sum_quadrics(simd);
-        if !again {
-            self.flat = flat;
-        }
         for (id, t) in self.triangles.iter().enumerate() {
             for &v in t {
                 let ring = at_mut(&mut self.rings, v);
@@ -234,11 +238,17 @@ impl Surface {
         }
     }
 
-    /// Adds up the quadrics of all triangles; gives back those that may be without area.
+    /// Adds up the quadrics of all triangles, and the lengths of the rings; gives back the triangles that may be
+    /// without area.
     fn sum_quadrics(&mut self, simd: Simd) -> Vec<u32> {
         let mut rows = Rows::ZERO;
         let mut flat = Vec::new();
         for first in (0..self.triangles.len()).step_by(8) {
+            for t in self.triangles.iter().skip(first + AHEAD).take(8) {
+                // The first corners of some are the others of most.
+                prefetch(&self.vertices, t[1]);
+                prefetch(&self.vertices, t[2]);
+            }
             let eight = &self.triangles[first..(first + 8).min(self.triangles.len())];
             let corner = |i: usize, k: usize| {
                 let t = eight[i.min(eight.len() - 1)];
@@ -259,6 +269,7 @@ impl Surface {
             for (i, t) in eight.iter().enumerate() {
                 for &v in t {
                     rows.add_to(i, &mut at_mut(&mut self.vertices, v).quadric);
+                    at_mut(&mut self.rings, v).len += 1;
                 }
             }
         }

@@ -24,18 +24,25 @@ pub(crate) enum Remedy {
     Cut([u32; 3]),
 }
 
-/// The remedy for a refused collapse of `v0` into `v1`, with its cost in scaled units.
+/// The remedy for a refused collapse of `v0` into `v1`, with its cost in scaled units, if that is no higher than
+/// `limit`.
 pub(crate) fn remedy(
     surface: &Surface,
     v0: u32,
     v1: u32,
     collapser: &Collapser,
+    limit: f32,
 ) -> Option<(Remedy, f32)> {
+    let stranger = collapser.stranger(surface);
+    // A part of a speck costs less than all of it.
+    if stranger.is_none() && speck_cost(surface, surface.ring(v0).get(..1)?) > limit {
+        return None;
+    }
     if let Some(speck) = speck(surface, v0) {
         let cost = speck_cost(surface, &speck);
-        return Some((Remedy::Vanish(speck), cost));
+        return (cost <= limit).then_some((Remedy::Vanish(speck), cost));
     }
-    let w = collapser.stranger(surface)?;
+    let w = stranger?;
     let inner = |v: u32| surface.rings[v as usize].class == Some(Class::Interior);
     if !(inner(v0) && inner(v1) && inner(w)) {
         return None;
@@ -59,44 +66,44 @@ pub(crate) fn remedy(
     let across = super::vector::sub(a, b);
     let double_area = length_sq(super::vector::cross(a, b)).sqrt();
     let longest_sq = length_sq(a).max(length_sq(b)).max(length_sq(across));
-    Some((Remedy::Cut(cycle), (0.5 * double_area * longest_sq) as f32))
+    let cost = (0.5 * double_area * longest_sq) as f32;
+    (cost <= limit).then_some((Remedy::Cut(cycle), cost))
 }
 
 /// All triangles that hang together with a vertex, if they are few and none is locked.
 fn speck(surface: &Surface, start: u32) -> Option<Vec<u32>> {
-    // Each further triangle brings at most two further vertices.
-    const ROOM: usize = 2 * MAX_SPECK + 1;
-    let (mut triangles, mut n_triangles) = ([0u32; MAX_SPECK], 0);
-    let (mut vertices, mut n_vertices) = ([start; ROOM], 1);
+    // Each triangle of a component is in three rings.
+    const MOST_CORNERS: u32 = 3 * MAX_SPECK as u32;
+    let mut vertices = [start; MOST_CORNERS as usize];
+    let mut n = 1;
+    let mut n_corners = surface.rings[start as usize].len;
     let mut next = 0;
-    while next < n_vertices {
+    while next < n {
         let v = vertices[next];
         next += 1;
-        let ring = surface.rings[v as usize];
-        if ring.class == Some(Class::Locked) || ring.len as usize > MAX_SPECK {
+        if surface.rings[v as usize].class == Some(Class::Locked) || n_corners > MOST_CORNERS {
             return None;
         }
         for &t in surface.ring(v) {
-            if triangles[..n_triangles].contains(&t) {
-                continue;
-            }
-            if n_triangles == MAX_SPECK {
-                return None;
-            }
-            triangles[n_triangles] = t;
-            n_triangles += 1;
             for w in surface.triangles[t as usize] {
-                if !vertices[..n_vertices].contains(&w) {
-                    if n_vertices == ROOM {
+                if !vertices[..n].contains(&w) {
+                    n_corners += surface.rings[w as usize].len.max(1);
+                    if n_corners > MOST_CORNERS {
                         return None;
                     }
-                    vertices[n_vertices] = w;
-                    n_vertices += 1;
+                    vertices[n] = w;
+                    n += 1;
                 }
             }
         }
     }
-    (n_triangles > 0).then(|| triangles[..n_triangles].to_vec())
+    let mut triangles = Vec::new();
+    for &v in &vertices[..n] {
+        // Each comes up once as that of its first corner.
+        let of_v = surface.ring(v).iter().filter(|&&t| surface.triangles[t as usize][0] == v);
+        triangles.extend(of_v);
+    }
+    (!triangles.is_empty()).then_some(triangles)
 }
 
 /// Area times the squared diagonal of the box around it.

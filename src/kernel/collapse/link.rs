@@ -7,7 +7,7 @@ use super::Collapser;
 use crate::kernel::lanes::Lanes;
 use crate::kernel::legal::{Class, Reject};
 use crate::kernel::surface::Surface;
-use crate::kernel::unchecked::at;
+use crate::kernel::unchecked::{at, prefetch};
 
 impl Collapser {
     /// The link condition, boundaries and locks.
@@ -33,8 +33,14 @@ impl Collapser {
     #[inline(always)]
     fn link_inside<L: Lanes>(&self, surface: &Surface) -> Result<(), Reject> {
         let [first, second] = self.opposite;
-        let len = |v: u32| at(&surface.rings, v).len;
-        if (first == second) | (len(first) == 1) | (len(second) == 1) {
+        let len = |v: u32| {
+            let ring = at(&surface.rings, v);
+            // A triangle is taken out of it soon.
+            prefetch(&surface.arena, ring.start);
+            ring.len
+        };
+        let (len0, len1) = (len(first), len(second));
+        if (first == second) | (len0 == 1) | (len1 == 1) {
             return Err(Reject::LinkCondition);
         }
         let (n0, n_kept) = (self.n0, self.n_kept);
