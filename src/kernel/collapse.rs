@@ -10,6 +10,7 @@ use std::hint::select_unpredictable;
 use super::Placement;
 use super::attributes::RingLists;
 use super::evaluate::{Around, Found, Rows};
+use super::folds;
 use super::lanes::{Lanes, Portable};
 use super::legal::{Class, MAY_COLLAPSE, Reject};
 use super::placement;
@@ -298,7 +299,12 @@ impl Collapser {
 
     /// Puts the triangles whose bits are set to where the next ones go.
     #[inline(always)]
-    fn put<L: Lanes>(&mut self, n: usize, (ids, b, c): (&[u32; 8], &[u32; 8], &[u32; 8]), bits: u32) {
+    fn put<L: Lanes>(
+        &mut self,
+        n: usize,
+        (ids, b, c): (&[u32; 8], &[u32; 8], &[u32; 8]),
+        bits: u32,
+    ) {
         let n = n & (ROOM - 1);
         for (to, list) in [(&mut self.ids, ids), (&mut self.b, b), (&mut self.c, c)] {
             if let Some(to) = to[n..].first_chunk_mut::<8>() {
@@ -317,6 +323,7 @@ impl Collapser {
         number: u32,
     ) {
         let (v0, v1) = (plan.v0, plan.v1);
+        let folds = folds::may_fold(&quadric);
         let fixed = at(&surface.rings, v1).class.is_some_and(Class::is_fixed);
         // The open edges change before the corner moves: their old lengths are still to be had.
         for &(w, from) in &self.open {
@@ -362,6 +369,13 @@ impl Collapser {
                 quadric[k] += new[k];
             }
             surface.vertices[w as usize].stamp = number;
+        }
+        if folds {
+            let around = (&self.b[..self.n_kept], &self.c[..self.n_kept]);
+            let held = folds::quadric(surface, v1, around.0, around.1);
+            for (sum, x) in quadric.iter_mut().zip(held) {
+                *sum += x;
+            }
         }
         let survivor = at_mut(&mut surface.vertices, v1);
         (survivor.quadric, survivor.stamp) = (quadric, number);

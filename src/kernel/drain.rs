@@ -391,7 +391,9 @@ impl Driver {
     /// collapses do.
     fn relax(&mut self, queue: &mut BucketQueue, (bucket, entry): (u32, Entry), limits: Limits) {
         let (v0, v1) = (entry.v0, entry.v1);
-        let Some((remedy, cost)) = topology::remedy(&self.surface, v0, v1, &self.collapser, limits.cost) else {
+        let Some((remedy, cost)) =
+            topology::remedy(&self.surface, v0, v1, &self.collapser, limits.cost)
+        else {
             return;
         };
         let due = queue.bucket(cost);

@@ -12,6 +12,7 @@ mod drain;
 mod drive;
 mod evaluate;
 mod fit;
+mod folds;
 mod lanes;
 mod legal;
 mod mend;

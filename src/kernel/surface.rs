@@ -8,6 +8,7 @@ use std::hint::select_unpredictable;
 use super::Placement;
 use super::attributes::Attributes;
 use super::evaluate::{Rows, Triangles};
+use super::folds;
 use super::lanes::{Job, Lanes, Simd};
 use super::legal::Class;
 use super::order;
@@ -339,6 +340,17 @@ impl Surface {
         }
     }
 
+    /// Adds the quadrics of the folds at a vertex.
+    #[inline(never)]
+    fn hold_folds(&mut self, v: u32) {
+        if self.rings[v as usize].len <= MAX_VALENCE {
+            let held = folds::quadric_of(self, v);
+            for (sum, x) in self.vertices[v as usize].quadric.iter_mut().zip(held) {
+                *sum += x;
+            }
+        }
+    }
+
     /// The mesh that is left, vertices in the order of their sources; seams are split again.
     pub(crate) fn into_mesh(mut self) -> (Mesh, Vec<u32>) {
         if let Some(mut wedges) = self.wedges.take() {
@@ -414,6 +426,9 @@ impl Job for Classify<'_> {
             let interior = ring.class == Some(Class::Interior);
             if !(interior && (self.again || is_one_fan::<L>(self.surface, v))) {
                 self.surface.classify(v, &mut fan);
+            }
+            if folds::may_fold(&at(&self.surface.vertices, v).quadric) {
+                self.surface.hold_folds(v);
             }
         }
     }

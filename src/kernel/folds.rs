@@ -1,0 +1,60 @@
+//! Folds: edges at which the surface turns back onto itself, as at the rim of a sheet that has no thickness to
+//! speak of.
+//!
+//! Both sides of such a sheet have the same plane, so a quadric of planes lets its rim recede for nothing, and
+//! collapse by collapse the sheet is eaten away. An open boundary would be in the same plight and is held by a
+//! quadric of its edges; a fold is held by the same. It is found anew whenever the quadric of a vertex is, and
+//! not tracked in between.
+
+use super::surface::{Surface, boundary_quadric, others};
+
+/// Two triangles whose normals have a cosine below this make a fold.
+const FOLD_COSINE: f32 = -0.5;
+/// What moving a fold costs, as a share of a boundary: two sheets end there, but each of them is thin.
+const FOLD_WEIGHT: f32 = 0.5;
+/// The normals of a vertex on a fold add up to less than this share of their lengths; those of a crease of a
+/// right angle to 0.71.
+const OPEN_SHARE: f32 = 0.7;
+
+/// Whether a vertex may be on a fold, by its quadric (A and G) of triangles alone.
+#[inline(always)]
+pub(crate) fn may_fold(quadric: &[f32; 9]) -> bool {
+    let [xx, _, _, yy, _, zz, x, y, z] = *quadric;
+    // The trace is half the sum of the lengths of the normals.
+    let sum = 2.0 * OPEN_SHARE * (xx + yy + zz);
+    x * x + y * y + z * z < sum * sum
+}
+
+/// The quadric of the folds at a vertex, over all of its triangles: their corners `b` and `c`, in their sense of
+/// rotation.
+#[inline(never)]
+pub(crate) fn quadric(surface: &Surface, v: u32, b: &[u32], c: &[u32]) -> [f32; 6] {
+    let mut sum = [0.0; 6];
+    let normal = |i: usize| cross(surface.edge(v, b[i]), surface.edge(v, c[i]));
+    for (i, &w) in c.iter().enumerate() {
+        let Some(next) = b.iter().position(|&other| other == w) else { continue };
+        let (n0, n1) = (normal(i), normal(next));
+        let along = dot(n0, n1);
+        if along < 0.0 && along * along > FOLD_COSINE * FOLD_COSINE * dot(n0, n0) * dot(n1, n1) {
+            for (sum, x) in sum.iter_mut().zip(boundary_quadric(surface.edge(v, w))) {
+                *sum += FOLD_WEIGHT * x;
+            }
+        }
+    }
+    sum
+}
+
+/// The same of a vertex by its ring.
+pub(crate) fn quadric_of(surface: &Surface, v: u32) -> [f32; 6] {
+    let around = surface.ring(v).iter().map(|&t| others(surface.triangles[t as usize], v));
+    let (b, c): (Vec<u32>, Vec<u32>) = around.unzip();
+    quadric(surface, v, &b, &c)
+}
+
+fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
