@@ -9,6 +9,7 @@ use std::hint::select_unpredictable;
 use super::collapse::{Plan, classes_allow, eight, roles};
 use super::drive::Driver;
 use super::evaluate::{self, Evaluated};
+use super::islands::Islands;
 use super::lanes::{Job, Lanes};
 use super::legal::{Class, Reject};
 use super::placement;
@@ -396,6 +397,17 @@ impl Driver {
         else {
             return;
         };
+        let mut cost = cost;
+        if matches!(remedy, Remedy::Vanish(_)) {
+            if !self.specks_may_go {
+                return;
+            }
+            let islands = self.islands.get_or_insert_with(|| Islands::new(&self.surface));
+            cost = cost.max(islands.due(&self.surface, v0));
+            if cost > limits.cost {
+                return;
+            }
+        }
         let due = queue.bucket(cost);
         if due > bucket {
             queue.put_back(due, entry);

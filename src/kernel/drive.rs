@@ -10,6 +10,7 @@ use super::Topology;
 use super::clean::Cleaned;
 use super::collapse::Collapser;
 use super::drain::{Drain, Limits, Seeds};
+use super::islands::Islands;
 use super::lanes::Simd;
 use super::legal::RejectCounts;
 use super::mend::{self, Mended};
@@ -42,6 +43,10 @@ pub(crate) struct Driver {
     /// Input vertices that are gone, for the new vertices of a cut.
     pub(super) spare_sources: Vec<u32>,
     pub(crate) changes: TopologyChanges,
+    /// How far specks are from the rest; found when the first one is about to vanish.
+    pub(super) islands: Option<Islands>,
+    /// Whether specks may vanish: not before the first level has made the search for what is near them cheap.
+    pub(super) specks_may_go: bool,
     /// What the result will be fitted to.
     pub(crate) samples: Option<Samples>,
 }
@@ -106,6 +111,8 @@ impl Driver {
             topology,
             spare_sources: Vec::new(),
             changes: TopologyChanges { may_mend: true, ..TopologyChanges::default() },
+            islands: None,
+            specks_may_go: false,
             samples: None,
         }
     }
@@ -135,6 +142,7 @@ impl Driver {
     pub(crate) fn close_levels(&mut self, levels: &[f64]) -> Vec<u64> {
         let Some(&highest) = levels.last() else { return Vec::new() };
         let mut queue = BucketQueue::new(5);
+        self.specks_may_go = true;
         let limits = Limits { cost: f32::MAX, triangles: 0, may_stall: false };
         let highest = queue.bucket(self.scaled(highest));
         let below = queue.lowest_cost(highest + 1);
@@ -177,9 +185,10 @@ impl Driver {
             }
             let done = mend::mend(&mut self.surface, &mut self.spare_sources, self.simd);
             if let Some(place) = &done.rebuilt {
-                self.renumber_samples(place);
+                self.renumber(place);
                 self.collapses_before += std::mem::take(&mut self.collapses);
             }
+            self.islands = None;
             self.changes.add(done);
         }
     }
@@ -196,19 +205,22 @@ impl Driver {
         }
     }
 
-    fn renumber_samples(&mut self, place: &[u32]) {
+    /// Takes over new numbers of the vertices.
+    fn renumber(&mut self, place: &[u32]) {
+        self.islands = None;
         if let Some(samples) = &mut self.samples {
             samples.renumber(place, self.surface.n_alive, self.surface.vertices.len());
         }
     }
 
     fn tidy(&mut self) {
+        self.specks_may_go = true;
         if (self.surface.n_alive as f64) < 0.75 * self.surface.triangles.len() as f64 {
             if let Some(samples) = &mut self.samples {
                 samples.follow(&self.surface.rings);
             }
             let place = self.surface.compact(self.simd);
-            self.renumber_samples(&place);
+            self.renumber(&place);
             self.collapses_before += std::mem::take(&mut self.collapses);
         }
     }
@@ -297,6 +309,7 @@ impl Driver {
             self.drained = self.low_cost((0..self.n_blocks()).step_by(4), 0.5);
         }
         let mut queue = BucketQueue::new(5);
+        self.specks_may_go = true;
         while self.surface.n_alive > target {
             let before = self.surface.n_alive;
             queue.clear();

@@ -25,15 +25,24 @@ pub(crate) fn may_fold(quadric: &[f32; 9]) -> bool {
     x * x + y * y + z * z < sum * sum
 }
 
+/// More triangles around one vertex than this are not looked at.
+const MOST: usize = 64;
+
 /// The quadric of the folds at a vertex, over all of its triangles: their corners `b` and `c`, in their sense of
 /// rotation.
 #[inline(never)]
 pub(crate) fn quadric(surface: &Surface, v: u32, b: &[u32], c: &[u32]) -> [f32; 6] {
     let mut sum = [0.0; 6];
-    let normal = |i: usize| cross(surface.edge(v, b[i]), surface.edge(v, c[i]));
-    for (i, &w) in c.iter().enumerate() {
+    let mut normals = [[0.0f32; 3]; MOST];
+    if b.len() > MOST {
+        return sum;
+    }
+    for (normal, (&b, &c)) in normals.iter_mut().zip(b.iter().zip(c)) {
+        *normal = cross(surface.edge(v, b), surface.edge(v, c));
+    }
+    for (n0, &w) in normals.iter().zip(c) {
         let Some(next) = b.iter().position(|&other| other == w) else { continue };
-        let (n0, n1) = (normal(i), normal(next));
+        let n1 = &normals[next];
         let along = dot(n0, n1);
         if along < 0.0 && along * along > FOLD_COSINE * FOLD_COSINE * dot(n0, n0) * dot(n1, n1) {
             for (sum, x) in sum.iter_mut().zip(boundary_quadric(surface.edge(v, w))) {
@@ -46,15 +55,19 @@ pub(crate) fn quadric(surface: &Surface, v: u32, b: &[u32], c: &[u32]) -> [f32; 
 
 /// The same of a vertex by its ring.
 pub(crate) fn quadric_of(surface: &Surface, v: u32) -> [f32; 6] {
-    let around = surface.ring(v).iter().map(|&t| others(surface.triangles[t as usize], v));
-    let (b, c): (Vec<u32>, Vec<u32>) = around.unzip();
-    quadric(surface, v, &b, &c)
+    let (mut b, mut c) = ([0; MOST], [0; MOST]);
+    let ring = surface.ring(v);
+    for ((b, c), &t) in b.iter_mut().zip(&mut c).zip(ring) {
+        (*b, *c) = others(surface.triangles[t as usize], v);
+    }
+    let n = ring.len().min(MOST);
+    quadric(surface, v, &b[..n], &c[..n])
 }
 
 fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }

@@ -13,6 +13,7 @@ mod drive;
 mod evaluate;
 mod fit;
 mod folds;
+mod islands;
 mod lanes;
 mod legal;
 mod mend;
@@ -337,24 +338,89 @@ mod tests {
         assert_eq!(counts(7), all[..7]);
     }
 
-    #[test]
-    fn specks_vanish_only_if_asked() {
+    /// A sheet and a tetrahedron, far smaller than the error will be, so high above its middle.
+    fn sheet_and_speck(height: f64) -> (Mesh, u32) {
         let mut mesh = sheet(40);
         let first = mesh.positions.len() as u32;
-        let (x, y) = (1e5 + 0.5, -3e4 + 0.5);
-        let e = 1e-4;
-        mesh.positions.extend([[x, y, 0.5], [x + e, y, 0.5], [x, y + e, 0.5], [x, y, 0.5 + e]]);
+        let [x, y, z] = mesh.positions[20 * 41 + 20];
+        let (z, e) = (z + height, 1e-4);
+        mesh.positions.extend([[x, y, z], [x + e, y, z], [x, y + e, z], [x, y, z + e]]);
         let corners = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
         mesh.triangles.extend(corners.map(|t: [u32; 3]| t.map(|v| v + first)));
+        (mesh, first)
+    }
+
+    fn specks_left(mesh: Mesh, locked: &[bool], first: u32, options: &Options) -> usize {
+        let result = simplify_mesh(mesh, locked, options);
+        result.source.iter().filter(|&&v| v >= first).count()
+    }
+
+    #[test]
+    fn specks_vanish_only_if_asked() {
+        let (mesh, first) = sheet_and_speck(1e-3);
         let mut locked = vec![false; mesh.positions.len()];
-        let specks = |result: &Simplified| result.source.iter().filter(|&&v| v >= first).count();
         for (topology, left) in [(Topology::Keep, 4), (Topology::Error, 0)] {
             let options = Options { stop: Stop::Triangles(300), topology, ..Options::default() };
-            assert_eq!(specks(&simplify_mesh(mesh.clone(), &locked, &options)), left);
+            assert_eq!(specks_left(mesh.clone(), &locked, first, &options), left);
         }
         locked[first as usize] = true;
         let options = Options { stop: Stop::Triangles(300), ..Options::default() };
-        assert_eq!(specks(&simplify_mesh(mesh, &locked, &options)), 4, "a locked vertex holds it");
+        let left = specks_left(mesh, &locked, first, &options);
+        assert_eq!(left, 4, "a locked vertex holds it");
+    }
+
+    #[test]
+    fn specks_far_from_everything_stay_until_the_error_is_as_large() {
+        let (mesh, first) = sheet_and_speck(0.2);
+        let locked = vec![false; mesh.positions.len()];
+        for (target, left) in [(300, 4), (4, 0)] {
+            let options = Options { stop: Stop::Triangles(target), ..Options::default() };
+            assert_eq!(specks_left(mesh.clone(), &locked, first, &options), left, "{target}");
+        }
+    }
+
+    #[test]
+    fn the_rim_of_a_thin_sheet_does_not_recede() {
+        // A pillow: two sheets, next to nothing apart, with a common rim.
+        let n = 40;
+        let mut mesh = Mesh::default();
+        let mut id = std::collections::BTreeMap::new();
+        for side in [0usize, 1] {
+            let mut vertex = |i: usize, j: usize| {
+                let is_rim = i == 0 || j == 0 || i == n || j == n;
+                let key = (i, j, if is_rim { 0 } else { side });
+                *id.entry(key).or_insert_with(|| {
+                    let (x, y) = (i as f64 / n as f64, j as f64 / n as f64);
+                    let z = 0.05 * (5.0 * x).sin() * (4.0 * y).cos() + 1e-6 * key.2 as f64;
+                    mesh.positions.push([x, y, z]);
+                    mesh.positions.len() as u32 - 1
+                })
+            };
+            for i in 0..n {
+                for j in 0..n {
+                    let q =
+                        [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)];
+                    for t in [[q[0], q[1], q[2]], [q[0], q[2], q[3]]] {
+                        mesh.triangles.push(if side == 0 { [t[0], t[2], t[1]] } else { t });
+                    }
+                }
+            }
+        }
+        let locked = vec![false; mesh.positions.len()];
+        let options = Options { stop: Stop::Triangles(300), ..Options::default() };
+        let result = simplify_mesh(mesh, &locked, &options).mesh;
+        for axis in 0..2 {
+            let along = || result.positions.iter().map(|p| p[axis]);
+            let (low, high) = (along().fold(1.0, f64::min), along().fold(0.0, f64::max));
+            assert!(low.abs() < 0.01 && (high - 1.0).abs() < 0.01, "{low} to {high}");
+        }
+        // Nearly all of both sheets is left.
+        let area = |t: &[u32; 3]| {
+            let corners = t.map(|v| result.positions[v as usize]);
+            0.5 * vector::length_sq(vector::normal(corners)).sqrt()
+        };
+        let total: f64 = result.triangles.iter().map(area).sum();
+        assert!(total > 1.98, "{total}");
     }
 
     #[test]

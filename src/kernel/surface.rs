@@ -343,11 +343,9 @@ impl Surface {
     /// Adds the quadrics of the folds at a vertex.
     #[inline(never)]
     fn hold_folds(&mut self, v: u32) {
-        if self.rings[v as usize].len <= MAX_VALENCE {
-            let held = folds::quadric_of(self, v);
-            for (sum, x) in self.vertices[v as usize].quadric.iter_mut().zip(held) {
-                *sum += x;
-            }
+        let held = folds::quadric_of(self, v);
+        for (sum, x) in self.vertices[v as usize].quadric.iter_mut().zip(held) {
+            *sum += x;
         }
     }
 
