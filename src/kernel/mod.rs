@@ -102,8 +102,8 @@ pub enum Placement {
 pub enum Topology {
     /// Nothing: a target that cannot be met without is not met.
     Keep,
-    /// What is smaller than the current error: components vanish (never with a locked vertex), holes of
-    /// three edges close, thin tubes and handles are cut and capped. First, boundaries whose edges
+    /// What is smaller than the current error: components vanish (never with a locked vertex, nor where they are
+    /// far from larger ones in proportion to the error), holes of three edges close, thin tubes and handles are cut and capped. First, boundaries whose edges
     /// coincide are joined, sheets that only touch are taken apart, and doubled triangles dropped.
     #[default]
     Error,

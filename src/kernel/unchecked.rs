@@ -1,12 +1,12 @@
 //! Places of lists by ids that the kernel itself keeps valid.
 //!
 //! The innermost loop looks up some hundred places a collapse; checking each again costs a tenth of the
-//! time. Builds with debug assertions check all of them. Used by `collapse`, `drain` and `surface` only.
+//! time. Builds with debug assertions check all of them. Used by the innermost loops only.
 //!
 //! Contract of every function here: an id of a vertex, triangle or place in the arena comes from the
 //! surface. `Surface::new` checks each corner of the input against the number of vertices, everything
-//! else is made by the kernel, lists never become shorter while ids of them are kept, and compacting
-//! gives every id that stays a new, valid one.
+//! else is made by the kernel, the arena holds ids of triangles even beyond the end of a ring, lists never
+//! become shorter while ids of them are kept, and compacting gives every id that stays a new, valid one.
 
 /// `list[id]`.
 #[inline(always)]
