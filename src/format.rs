@@ -72,6 +72,17 @@ pub fn check_pack_header(path: &Path, header: &[u8]) -> Result<()> {
     Err(Error::corrupt(path, "does not begin as a pack of this version; run again with --restart"))
 }
 
+/// The number at byte `i`.
+#[inline]
+fn u32_at(bytes: &[u8], i: usize) -> u32 {
+    u32::from_le_bytes(bytes[i..i + 4].try_into().expect("4 bytes"))
+}
+
+#[inline]
+fn u64_at(bytes: &[u8], i: usize) -> u64 {
+    u64::from_le_bytes(bytes[i..i + 8].try_into().expect("8 bytes"))
+}
+
 /// The header of a chunk whose payload follows it.
 pub fn chunk_header(
     cell: u32,
@@ -90,8 +101,7 @@ pub fn chunk_header(
 
 /// Reads a chunk header that lies at `at` in the pack; `None` if it is damaged.
 pub fn parse_chunk_header(header: &[u8; CHUNK_HEADER_BYTES as usize], at: u64) -> Option<Chunk> {
-    let u64_at = |i: usize| u64::from_le_bytes(header[i..i + 8].try_into().expect("8 bytes"));
-    let u32_at = |i: usize| u32::from_le_bytes(header[i..i + 4].try_into().expect("4 bytes"));
+    let (u32_at, u64_at) = (|i| u32_at(header, i), |i| u64_at(header, i));
     (u64_at(24) == xxh3_64(&header[..24])).then_some(())?;
     Some(Chunk {
         cell: u32_at(0),
@@ -130,8 +140,7 @@ pub fn decode_index(payload: &[u8], end: u64) -> Option<Vec<Chunk>> {
         return None;
     }
     let chunk_at = |row: &[u8]| {
-        let u64_at = |i: usize| u64::from_le_bytes(row[i..i + 8].try_into().expect("8 bytes"));
-        let u32_at = |i: usize| u32::from_le_bytes(row[i..i + 4].try_into().expect("4 bytes"));
+        let (u32_at, u64_at) = (|i| u32_at(row, i), |i| u64_at(row, i));
         let (offset, bytes) = (u64_at(8), u64_at(16));
         offset.checked_add(bytes).filter(|&chunk_end| chunk_end <= end)?;
         let kind = ChunkKind::from_code(u32_at(4))?;
@@ -163,8 +172,8 @@ impl IdWidth {
     #[inline]
     pub fn read(self, row: &[u8]) -> u64 {
         match self.bytes {
-            4 => u64::from(u32::from_le_bytes([row[0], row[1], row[2], row[3]])),
-            _ => u64::from_le_bytes(row[..8].try_into().expect("8 bytes")),
+            4 => u64::from(u32_at(row, 0)),
+            _ => u64_at(row, 0),
         }
     }
 }

@@ -33,27 +33,49 @@ pub fn refuse_unreadable(config: &Config) -> Result<()> {
     Err(Error::Usage(format!("the result cannot be measured (--verify, --max-error): {what}")))
 }
 
+/// The input and the output of a run, opened anew from their files.
+pub struct Pair {
+    original: MeshSource,
+    simplified: MeshSource,
+}
+
+impl Pair {
+    /// Opens the input as the run did, and what it wrote.
+    pub fn open(config: &Config, output: &Path) -> Result<Pair> {
+        let open = |path: &Path, skip_bad: bool| {
+            let read = ReadOptions { skip_bad, ..ReadOptions::default() };
+            let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+            MeshSource::open_staged(path, &stage)
+        };
+        let (original, simplified) = (open(&config.input, config.skip_bad)?, open(output, false)?);
+        Ok(Pair { original, simplified })
+    }
+
+    /// The comparison of both with the threads and the memory of the run; temporary files go into `temp_dir`.
+    pub fn request(&self, config: &Config, temp_dir: &Path) -> Request<'_> {
+        Request {
+            original: &self.original,
+            simplified: &self.simplified,
+            options: Options { threads: config.threads.get(), ..Options::default() },
+            memory_bytes: config.memory_bytes,
+            cell_triangles: config.cell_triangles,
+            temp_dir: temp_dir.to_path_buf(),
+            heat: false,
+        }
+    }
+
+    fn file_bytes(&self) -> u64 {
+        self.original.file_bytes() + self.simplified.file_bytes()
+    }
+}
+
 /// Measures, and adds what was found to the report as one more stage; its seconds then include it.
 pub fn verify(config: &Config, run: &Run, report: &mut RunReport) -> Result<()> {
     let start = Instant::now();
     // What a verification that was killed has left.
     run.job.clear_scratch()?;
-    let open = |path: &Path, skip_bad: bool| {
-        let read = ReadOptions { skip_bad, ..ReadOptions::default() };
-        let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
-        MeshSource::open_staged(path, &stage)
-    };
-    let (original, simplified) =
-        (open(&config.input, config.skip_bad)?, open(&config.output, false)?);
-    let request = Request {
-        original: &original,
-        simplified: &simplified,
-        options: Options { threads: run.threads, ..Options::default() },
-        memory_bytes: config.memory_bytes,
-        cell_triangles: config.cell_triangles,
-        temp_dir: run.job.folder().to_path_buf(),
-        heat: false,
-    };
+    let pair = Pair::open(config, &config.output)?;
+    let request = pair.request(config, run.job.folder());
     let comparison = compare::compare(&request, run.progress)?;
     let seconds = start.elapsed().as_secs_f64();
     report.stages.push(StageReport {
@@ -61,7 +83,7 @@ pub fn verify(config: &Config, run: &Run, report: &mut RunReport) -> Result<()> 
         seconds,
         triangles_in: report.input.triangles,
         triangles_out: report.output.triangles,
-        bytes_read: original.file_bytes() + simplified.file_bytes() + comparison.temp_bytes,
+        bytes_read: pair.file_bytes() + comparison.temp_bytes,
         bytes_written: comparison.temp_bytes,
         peak_memory_bytes: crate::memory::peak_bytes(),
     });

@@ -5,20 +5,17 @@
 //! folder, so the same command continues. Only a result that was measured to keep the bound ever gets the
 //! output's name. Memory and disk: those of one run, and one more output.
 
-use crate::compare::{self, Request};
+use crate::compare;
 use crate::config::{Config, Target};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
-use crate::formats::StageOptions;
 use crate::identity::job_identity;
 use crate::job::Job;
-use crate::measure;
 use crate::pipeline::{self, Prepared, WRITING};
 use crate::plan::folder_of;
-use crate::ply::{MeshSource, ReadOptions};
 use crate::progress::Progress;
 use crate::summary::{BoundReport, RunReport, TrialReport};
-use crate::verify;
+use crate::verify::{self, Pair};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::time::Instant;
@@ -167,21 +164,8 @@ fn run_trial(asked: u64, restart: bool, config: &Config, progress: &Progress) ->
     };
     let prepared = pipeline::prepare(&inner)?;
     let report = pipeline::simplify(prepared, &inner, progress)?.unwrap_or_default();
-    let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
-    let temp_dir = folder_of(&config.job_folder).to_path_buf();
-    let stage = StageOptions { read, ..StageOptions::new(&temp_dir) };
-    let original = MeshSource::open_staged(&config.input, &stage)?;
-    let stage = StageOptions { read: ReadOptions::default(), ..stage };
-    let simplified = MeshSource::open_staged(&inner.output, &stage)?;
-    let request = Request {
-        original: &original,
-        simplified: &simplified,
-        options: measure::Options { threads: config.threads.get(), ..Default::default() },
-        memory_bytes: config.memory_bytes,
-        cell_triangles: config.cell_triangles,
-        temp_dir,
-        heat: false,
-    };
+    let pair = Pair::open(config, &inner.output)?;
+    let request = pair.request(config, folder_of(&config.job_folder));
     let deviation = compare::compare(&request, progress)?.measured.deviation;
     let max = deviation.forward.distance.max.max(deviation.backward.distance.max);
     Ok(Trial { asked, report, max, rms: deviation.rms })
