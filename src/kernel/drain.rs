@@ -398,12 +398,12 @@ impl Driver {
             return;
         };
         let mut cost = cost;
-        if matches!(remedy, Remedy::Vanish(_)) {
+        if let Remedy::Vanish(triangles) = &remedy {
             if !self.specks_may_go {
                 return;
             }
             let islands = self.islands.get_or_insert_with(|| Islands::new(&self.surface));
-            cost = cost.max(islands.due(&self.surface, v0));
+            cost = cost.max(islands.due(&self.surface, triangles));
             if cost > limits.cost {
                 return;
             }

@@ -111,19 +111,24 @@ impl Islands {
         at(0) | at(1) << AXIS_BITS | at(2) << (2 * AXIS_BITS)
     }
 
-    /// What it costs that the component of a vertex vanishes, in scaled units.
-    pub(crate) fn due(&mut self, surface: &Surface, v: u32) -> f32 {
-        match self.rank.get(v as usize) {
-            // What was cut off since belongs to the rest, as far as is known, and lies near it.
-            Some(&rank) if rank + 1 < self.n_ranks => {
-                if self.due[rank as usize].is_nan() {
-                    let far = self.distance(surface, v, rank) * surface.scale * NEAR_SHARE;
-                    self.due[rank as usize] = (self.ring_area * far * far) as f32;
-                }
-                self.due[rank as usize]
-            }
-            _ => 0.0,
+    /// What it costs that a component vanishes, given by all of its triangles, in scaled units.
+    pub(crate) fn due(&mut self, surface: &Surface, triangles: &[u32]) -> f32 {
+        let corners = || triangles.iter().flat_map(|&t| surface.triangles[t as usize]);
+        let Some(first) = corners().next() else { return 0.0 };
+        // What was cut off since belongs to the rest, as far as is known, and lies near it.
+        let Some(&rank) = self.rank.get(first as usize) else { return 0.0 };
+        if rank >= self.n_ranks - 1 {
+            return 0.0;
         }
+        if self.due[rank as usize].is_nan() {
+            // One end of a long one may touch what the other is far from.
+            let off = |v: u32| length_sq(surface.edge(first, v));
+            let last = corners().max_by(|&a, &b| off(a).total_cmp(&off(b))).unwrap_or(first);
+            let [near, far] = [first, last].map(|v| self.distance(surface, v, rank));
+            let error = near.max(far) * surface.scale * NEAR_SHARE;
+            self.due[rank as usize] = (self.ring_area * error * error) as f32;
+        }
+        self.due[rank as usize]
     }
 
     /// Distance of a vertex from a larger component, in input units.
