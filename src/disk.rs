@@ -308,7 +308,8 @@ impl DiskFile {
     fn begin_writeback(&mut self) {
         let behind = self.length - self.handed_over;
         if behind >= WRITEBACK_BYTES {
-            // Pages that are not yet on the device stay in memory: this drops none that a reader will want soon.
+            // Pages that are not yet on the device stay in memory: this drops none that a reader will want
+            // soon.
             let _ = rustix::fs::fadvise(
                 &self.file,
                 self.handed_over,

@@ -1,9 +1,9 @@
 //! `stonecut convert`: any mesh in, any mesh out, nothing changed but the format.
 //!
 //! Scalar properties of faces go with them. Two passes over the faces: the first counts triangles and notes
-//! which vertices they use, the second writes them. Degenerate faces and repeated ones are dropped, vertices
-//! that no face uses vanish; the order of all others stays. Memory: a bit and a half a vertex, 64 MiB to find repeated faces, a bit for each
-//! triangle if there are any, and a few blocks.
+//! which vertices they use, the second writes them. Degenerate faces and repeated ones are dropped,
+//! vertices that no face uses vanish; the order of all others stays. Memory: a bit and a half a vertex, 64
+//! MiB to find repeated faces, a bit for each triangle if there are any, and a few blocks.
 
 use crate::error::{Error, Result};
 use crate::formats::{DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions};

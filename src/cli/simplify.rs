@@ -78,14 +78,16 @@ pub struct Args {
     /// drop.
     #[arg(long, value_enum, value_name = "WHAT", default_value = "keep")]
     normals: Normals,
-    /// Whether specks, three-edge holes and thin tubes smaller than the error may go (error) or must stay (keep).
+    /// Whether specks, three-edge holes and thin tubes smaller than the error may go (error) or must stay
+    /// (keep).
     #[arg(long, value_enum, value_name = "POLICY", default_value = "error")]
     topology: TypedTopology,
     /// Whether the vertices of the result are moved to fit the original: less error for more time; auto does so
     /// where at most 1 % of the triangles are left.
     #[arg(long, value_enum, value_name = "WHEN", default_value = "auto")]
     fit: TypedFit,
-    /// Where the vertex goes that survives a collapse: optimal, subset (only vertices of the input) or midpoint.
+    /// Where the vertex goes that survives a collapse: optimal, subset (only vertices of the input) or
+    /// midpoint.
     #[arg(long, value_enum, value_name = "PLACE", default_value = "optimal")]
     placement: TypedPlacement,
     /// Let free boundaries at most this far apart, in input units, meet and join; 0: none.

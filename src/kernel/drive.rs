@@ -24,7 +24,8 @@ const BLOCK: usize = 4 * 1024;
 const PILOT_STRIDE: usize = 16;
 /// Meshes of fewer triangles have no levels.
 const MIN_LEVEL_TRIANGLES: u64 = 8 * BLOCK as u64;
-/// Of fewer, no further ones: what is left is few enough for the exact queue, which makes up to 1.4 % less error.
+/// Of fewer, no further ones: what is left is few enough for the exact queue, which makes up to 1.4 % less
+/// error.
 const MIN_FURTHER_TRIANGLES: u64 = 24 * BLOCK as u64;
 /// A level leaves about this share of the triangles.
 const LEVEL_SHARE: f64 = 0.25;

@@ -163,8 +163,8 @@ pub(crate) struct Volume<L> {
 }
 
 impl<L: Lanes> Volume<L> {
-    /// Where the survivors go that would be best at `free`: so far along the metric of the quadric that the volume
-    /// stays. On the midpoint if that runs away, on `v1`, at `half`, where `fixed` is 1.
+    /// Where the survivors go that would be best at `free`: so far along the metric of the quadric that the
+    /// volume stays. On the midpoint if that runs away, on `v1`, at `half`, where `fixed` is 1.
     #[inline(always)]
     pub(crate) fn place(
         &self,

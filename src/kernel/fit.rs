@@ -16,8 +16,8 @@ use super::surface::{GONE, Surface};
 use super::vector::{dot, normal, scale, sub};
 use normal_equations::{Element, Plate, solve};
 
-/// Times that the nearest triangles are found and the vertices moved. One leaves 5 % more error on the samples, a
-/// third gains 1 to 3 % for half as much time again (docs/results/kernel.md, "The fit").
+/// Times that the nearest triangles are found and the vertices moved. One leaves 5 % more error on the
+/// samples, a third gains 1 to 3 % for half as much time again (docs/results/kernel.md, "The fit").
 const SWEEPS: u64 = 2;
 /// One in so many samples tells whether the fit was one.
 const CHECKED_STEP: usize = 4;
@@ -36,8 +36,9 @@ pub enum Fit {
     Auto,
 }
 
-/// `Fit::Auto` fits where at most this share of the triangles is left: 1 %, with room for targets that were rounded
-/// up. There it costs 15 % of a run in memory and 5 % of one through cells (docs/results/kernel.md).
+/// `Fit::Auto` fits where at most this share of the triangles is left: 1 %, with room for targets that were
+/// rounded up. There it costs 15 % of a run in memory and 5 % of one through cells
+/// (docs/results/kernel.md).
 pub const AUTO_FIT_RATIO: f64 = 0.011;
 
 impl Fit {

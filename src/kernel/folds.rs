@@ -28,8 +28,8 @@ pub(crate) fn may_fold(quadric: &[f32; 9]) -> bool {
 /// More triangles around one vertex than this are not looked at.
 const MOST: usize = 64;
 
-/// The quadric of the folds at a vertex, over all of its triangles: their corners `b` and `c`, in their sense of
-/// rotation.
+/// The quadric of the folds at a vertex, over all of its triangles: their corners `b` and `c`, in their
+/// sense of rotation.
 #[inline(never)]
 pub(crate) fn quadric(surface: &Surface, v: u32, b: &[u32], c: &[u32]) -> [f32; 6] {
     let mut sum = [0.0; 6];

@@ -1,12 +1,12 @@
 //! How far each component lies from the nearest one that is larger.
 //!
-//! A component that vanishes leaves an error as large as its distance from what stays, however small it was itself.
-//! So it costs what moving surface that far does, and `drain` lets it go when collapses cost as much. Larger
-//! ones count only, so that of a cloud of crumbs far off the largest stays, not none.
+//! A component that vanishes leaves an error as large as its distance from what stays, however small it was
+//! itself. So it costs what moving surface that far does, and `drain` lets it go when collapses cost as
+//! much. Larger ones count only, so that of a cloud of crumbs far off the largest stays, not none.
 //!
-//! Found for the surface as it is between two levels, when the first component is about to vanish: meshes without
-//! specks pay nothing. Memory: 4 bytes a vertex and 16 a cell, of which there are at most as many as vertices;
-//! less than the first level has freed.
+//! Found for the surface as it is between two levels, when the first component is about to vanish: meshes
+//! without specks pay nothing. Memory: 4 bytes a vertex and 16 a cell, of which there are at most as many
+//! as vertices; less than the first level has freed.
 //!
 //! Cells of a pyramid of grids are looked through from the finest on; each knows one vertex of its largest
 //! component. Distances come out too large by a side of such a cell at most.
@@ -171,8 +171,8 @@ fn halved(key: u64) -> u64 {
     at(0) | at(1) << AXIS_BITS | at(2) << (2 * AXIS_BITS)
 }
 
-/// For each vertex the rank of its component by number of vertices, `GONE` if it is gone, and how many components
-/// there are.
+/// For each vertex the rank of its component by number of vertices, `GONE` if it is gone, and how many
+/// components there are.
 fn ranks(surface: &Surface) -> (Vec<u32>, u32) {
     let mut parent: Vec<u32> = (0..surface.vertices.len() as u32).collect();
     for t in surface.triangles.iter().filter(|t| t[0] != GONE) {

@@ -1,8 +1,9 @@
 //! Which triangles repeat another, and which of those that lie back to back with another are too many.
 //!
-//! A triangle over the three vertices of another, turned over, may be a flap in a sheet, or belong to a second
-//! sheet that touches the first one there. The edges tell: a sheet brings neighbours that run against it, a flap
-//! has none left. It looks at indices only, and is used by the kernel and for cells that were just partitioned.
+//! A triangle over the three vertices of another, turned over, may be a flap in a sheet, or belong to a
+//! second sheet that touches the first one there. The edges tell: a sheet brings neighbours that run
+//! against it, a flap has none left. It looks at indices only, and is used by the kernel and for cells that
+//! were just partitioned.
 
 use std::collections::BTreeMap;
 
@@ -36,8 +37,8 @@ impl Repeats {
 /// For each of `reversed` whether it is a flap: at one of its edges more triangles run with it than against it.
 /// What neighbours a flap goes with it, so that whole patches do.
 ///
-/// `all`: every triangle at these edges, `reversed` included, once. `is_known`: whether all triangles of a vertex
-/// are in `all`; a triangle none of whose edges has such an end counts as a flap.
+/// `all`: every triangle at these edges, `reversed` included, once. `is_known`: whether all triangles of a
+/// vertex are in `all`; a triangle none of whose edges has such an end counts as a flap.
 pub(crate) fn flaps(
     reversed: &[[u32; 3]],
     all: impl Iterator<Item = [u32; 3]>,

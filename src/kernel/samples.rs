@@ -1,10 +1,11 @@
 //! What the fit aims at: points of the surface as it was given, each with a hint where it belongs now.
 //!
 //! A sample stands for the surface around one vertex: the mean of the second-order quadrature points that
-//! its triangles have next to it. Where vertices are too few, edges or triangles are sampled. A sample follows its vertex from merger to merger, so that looking for the
-//! nearest triangle of the result starts beside it. Where there are far more samples than the fit
-//! needs, those that were merged into one vertex become one: their mean stands for all of them, since the
-//! distance to a plane is linear. It moves nothing; `fit` does.
+//! its triangles have next to it. Where vertices are too few, edges or triangles are sampled. A sample
+//! follows its vertex from merger to merger, so that looking for the nearest triangle of the result starts
+//! beside it. Where there are far more samples than the fit needs, those that were merged into one vertex
+//! become one: their mean stands for all of them, since the distance to a plane is linear. It moves
+//! nothing; `fit` does.
 
 use super::legal::Class;
 use super::surface::{AHEAD, GONE, Ring, Surface};
@@ -39,8 +40,8 @@ pub(crate) struct Sample {
     pub(crate) hint: u32,
 }
 
-/// Points of the original surface. Memory: 20 bytes each, and as much again while they are sorted; there are half
-/// as many as triangles given, or three or six times as many where that would be too few.
+/// Points of the original surface. Memory: 20 bytes each, and as much again while they are sorted; there
+/// are half as many as triangles given, or three or six times as many where that would be too few.
 pub(crate) struct Samples {
     /// In input units.
     pub(crate) centre: Vec3,

@@ -239,8 +239,8 @@ impl Surface {
         }
     }
 
-    /// Adds up the quadrics of all triangles, and the lengths of the rings; gives back the triangles that may be
-    /// without area.
+    /// Adds up the quadrics of all triangles, and the lengths of the rings; gives back the triangles that
+    /// may be without area.
     fn sum_quadrics(&mut self, simd: Simd) -> Vec<u32> {
         let mut rows = Rows::ZERO;
         let mut flat = Vec::new();

@@ -24,8 +24,8 @@ pub(crate) enum Remedy {
     Cut([u32; 3]),
 }
 
-/// The remedy for a refused collapse of `v0` into `v1`, with its cost in scaled units, if that is no higher than
-/// `limit`.
+/// The remedy for a refused collapse of `v0` into `v1`, with its cost in scaled units, if that is no higher
+/// than `limit`.
 pub(crate) fn remedy(
     surface: &Surface,
     v0: u32,

@@ -1,8 +1,8 @@
 //! How far vertices may go in a fit.
 //!
-//! The normal equations know the original from where the samples are, and there only: between them a vertex could
-//! run away from a crease, or turn a triangle over, and they would not notice. Bounds are relative to the
-//! surface as it was before the fit, so that two sweeps do not do what one may not.
+//! The normal equations know the original from where the samples are, and there only: between them a vertex
+//! could run away from a crease, or turn a triangle over, and they would not notice. Bounds are relative to
+//! the surface as it was before the fit, so that two sweeps do not do what one may not.
 
 use super::normal_equations::Plate;
 use super::{V, Work};
@@ -13,12 +13,12 @@ use crate::kernel::vector::{add, cross, dot, scale, sub};
 /// A step squared is at most this share of the area around the vertex: without any bound the fit diverges
 /// (../shared/KERNEL.md). Between 0.01 and 0.05 it makes no difference.
 const TRUST: f32 = 0.02;
-/// No vertex goes farther from the triangles that were around it than this many times the RMS of the samples.
-/// Without that bound single vertices ran off creases, by 20 times the RMS; 2 to 10 differ by less than 0.5 % in
-/// RMS (docs/results/kernel.md, "The fit").
+/// No vertex goes farther from the triangles that were around it than this many times the RMS of the
+/// samples. Without that bound single vertices ran off creases, by 20 times the RMS; 2 to 10 differ by less
+/// than 0.5 % in RMS (docs/results/kernel.md, "The fit").
 const MAX_OFF: f64 = 3.0;
-/// No triangle turns further than this cosine (25 degrees) in the whole fit: at 60 degrees a sweep the error is the
-/// same, but triangles end up facing against the original (terrain: 26 instead of 11).
+/// No triangle turns further than this cosine (25 degrees) in the whole fit: at 60 degrees a sweep the
+/// error is the same, but triangles end up facing against the original (terrain: 26 instead of 11).
 const TURN_COSINE: f32 = 0.9;
 /// Double area over the sum of squared sides: no triangle that is worse than this gets worse still. Three times
 /// what the collapses call a needle; not measured.

@@ -9,8 +9,8 @@ use crate::kernel::vector::{add, dot, scale, sub};
 /// Steps of conjugate gradients a sweep. With three the samples are 0.6 % farther off, with six nothing is
 /// gained (docs/results/kernel.md, "The fit").
 const STEPS: usize = 4;
-/// Share of a vertex' trace that is added to its diagonal. 1e-2 costs 9 % of error at 10 % kept, 1e-3 0.5 %; 1e-4
-/// gains 0.2 % at most (docs/results/kernel.md, "The fit").
+/// Share of a vertex' trace that is added to its diagonal. 1e-2 costs 9 % of error at 10 % kept, 1e-3 0.5
+/// %; 1e-4 gains 0.2 % at most (docs/results/kernel.md, "The fit").
 const DAMPING: f32 = 3e-4;
 
 /// What the samples of one triangle ask for: sums of weight times products of barycentric weights (00, 01,
