@@ -41,6 +41,7 @@ pub mod stitch;
 pub mod summary;
 pub mod synth;
 pub mod topology;
+mod union;
 pub mod units;
 pub mod verify;
 pub mod within;

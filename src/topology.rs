@@ -4,6 +4,7 @@
 //! `TopologyCounter`, which settles it once all cells have come. `of_triangles` does both for a mesh in
 //! memory. Looks at vertex ids alone: positions, and thereby welding, are none of its business.
 
+use crate::union::Union;
 /// Connectivity in numbers, as `info --check` and `measure` report it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
@@ -326,33 +327,6 @@ fn unite_edges(edges: &mut Vec<([u64; 2], Uses)>) {
         }
         same
     });
-}
-
-/// Which vertices are connected: a forest whose roots stand for components.
-struct Union {
-    parent: Vec<u32>,
-}
-
-impl Union {
-    fn new(n: usize) -> Self {
-        Union { parent: (0..n as u32).collect() }
-    }
-
-    fn root(&mut self, mut v: u32) -> u32 {
-        while self.parent[v as usize] != v {
-            let above = self.parent[self.parent[v as usize] as usize];
-            self.parent[v as usize] = above;
-            v = above;
-        }
-        v
-    }
-
-    fn join(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.root(a), self.root(b));
-        // The lower place stays root: shallow on files whose neighbours stand together.
-        let (low, high) = (a.min(b), a.max(b));
-        self.parent[high as usize] = low;
-    }
 }
 
 #[cfg(test)]

@@ -12,6 +12,7 @@
 use std::collections::BTreeMap;
 
 use super::Placement;
+use super::islands::components;
 use super::lanes::Simd;
 use super::legal::Class;
 use super::surface::{Fan, Surface, others};
@@ -132,29 +133,6 @@ fn open_edges(surface: &Surface) -> BTreeMap<u32, f64> {
         }
     }
     shortest
-}
-
-/// The least vertex of the component of each vertex.
-fn components(surface: &Surface) -> Vec<u32> {
-    let mut parent: Vec<u32> = (0..surface.vertices.len() as u32).collect();
-    fn root(parent: &mut [u32], v: u32) -> u32 {
-        let mut at = v;
-        while parent[at as usize] != at {
-            parent[at as usize] = parent[parent[at as usize] as usize];
-            at = parent[at as usize];
-        }
-        at
-    }
-    for t in surface.triangles.iter().filter(|t| t[0] != super::surface::GONE) {
-        for (a, b) in [(t[0], t[1]), (t[1], t[2])] {
-            let (a, b) = (root(&mut parent, a), root(&mut parent, b));
-            parent[a.max(b) as usize] = a.min(b);
-        }
-    }
-    for v in 0..parent.len() as u32 {
-        parent[v as usize] = root(&mut parent, v);
-    }
-    parent
 }
 
 /// Whether an edge joins two vertices, or each to a common neighbour.

@@ -37,7 +37,7 @@ pub enum Fit {
 }
 
 /// `Fit::Auto` fits where at most this share of the triangles is left: 1 %, with room for targets that were
-/// rounded up. There it costs 15 % of a run in memory and 5 % of one through cells
+/// rounded up. There it costs 13 % of a run in memory and 5 % of one through cells
 /// (docs/results/kernel.md).
 pub const AUTO_FIT_RATIO: f64 = 0.011;
 

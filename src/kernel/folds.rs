@@ -7,6 +7,7 @@
 //! not tracked in between.
 
 use super::surface::{Surface, boundary_quadric, others};
+use super::vector::{cross, dot};
 
 /// Two triangles whose normals have a cosine below this make a fold.
 const FOLD_COSINE: f32 = -0.5;
@@ -40,9 +41,9 @@ pub(crate) fn quadric(surface: &Surface, v: u32, b: &[u32], c: &[u32]) -> [f32; 
     for (normal, (&b, &c)) in normals.iter_mut().zip(b.iter().zip(c)) {
         *normal = cross(surface.edge(v, b), surface.edge(v, c));
     }
-    for (n0, &w) in normals.iter().zip(c) {
+    for (&n0, &w) in normals.iter().zip(c) {
         let Some(next) = b.iter().position(|&other| other == w) else { continue };
-        let n1 = &normals[next];
+        let n1 = normals[next];
         let along = dot(n0, n1);
         if along < 0.0 && along * along > FOLD_COSINE * FOLD_COSINE * dot(n0, n0) * dot(n1, n1) {
             for (sum, x) in sum.iter_mut().zip(boundary_quadric(surface.edge(v, w))) {
@@ -62,12 +63,4 @@ pub(crate) fn quadric_of(surface: &Surface, v: u32) -> [f32; 6] {
     }
     let n = ring.len().min(MOST);
     quadric(surface, v, &b[..n], &c[..n])
-}
-
-fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }

@@ -13,6 +13,7 @@
 
 use super::surface::{GONE, Surface};
 use super::vector::{length_sq, normal, sub};
+use crate::union::Union;
 
 /// A component may go once the error that collapses make is this share of its distance.
 const NEAR_SHARE: f64 = 0.3;
@@ -171,24 +172,26 @@ fn halved(key: u64) -> u64 {
     at(0) | at(1) << AXIS_BITS | at(2) << (2 * AXIS_BITS)
 }
 
+/// The least vertex of the component of each vertex.
+pub(crate) fn components(surface: &Surface) -> Vec<u32> {
+    let mut union = Union::new(surface.vertices.len());
+    for t in surface.triangles.iter().filter(|t| t[0] != GONE) {
+        union.join(t[0], t[1]);
+        union.join(t[1], t[2]);
+    }
+    union.into_roots()
+}
+
 /// For each vertex the rank of its component by number of vertices, `GONE` if it is gone, and how many
 /// components there are.
 fn ranks(surface: &Surface) -> (Vec<u32>, u32) {
-    let mut parent: Vec<u32> = (0..surface.vertices.len() as u32).collect();
-    for t in surface.triangles.iter().filter(|t| t[0] != GONE) {
-        let roots = t.map(|v| root(&mut parent, v));
-        let least = roots[0].min(roots[1]).min(roots[2]);
-        roots.iter().for_each(|&r| parent[r as usize] = least);
-    }
-    // A root is the least vertex of its component.
-    let mut size = vec![0u32; parent.len()];
-    for v in 0..parent.len() as u32 {
-        let ring = &surface.rings[v as usize];
-        let is_there = ring.class.is_some() && ring.len > 0;
-        let root = parent[parent[v as usize] as usize];
-        parent[v as usize] = if is_there { root } else { GONE };
-        if is_there {
-            size[root as usize] += 1;
+    let mut rank = components(surface);
+    let mut size = vec![0u32; rank.len()];
+    for (root, ring) in rank.iter_mut().zip(&surface.rings) {
+        if ring.class.is_some() && ring.len > 0 {
+            size[*root as usize] += 1;
+        } else {
+            *root = GONE;
         }
     }
     let sizes = size.iter().zip(0..).filter(|(n, _)| **n > 0);
@@ -197,17 +200,8 @@ fn ranks(surface: &Surface) -> (Vec<u32>, u32) {
     for (&(_, v), rank) in by_size.iter().zip(0..) {
         size[v as usize] = rank;
     }
-    for rank in parent.iter_mut().filter(|root| **root != GONE) {
+    for rank in rank.iter_mut().filter(|root| **root != GONE) {
         *rank = size[*rank as usize];
     }
-    (parent, by_size.len() as u32)
-}
-
-/// The root of a vertex; the path to it becomes shorter.
-fn root(parent: &mut [u32], mut v: u32) -> u32 {
-    while parent[v as usize] != v {
-        parent[v as usize] = parent[parent[v as usize] as usize];
-        v = parent[v as usize];
-    }
-    v
+    (rank, by_size.len() as u32)
 }

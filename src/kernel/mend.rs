@@ -17,7 +17,8 @@ use super::lanes::Simd;
 use super::legal::Class;
 use super::repeats::{Repeats, from_least};
 use super::surface::{GONE, Surface};
-use half_edges::{Corners, Known, Patch};
+use crate::union::Union;
+use half_edges::{Known, Patch};
 use vertices::Plan;
 
 /// Where more than one in so many triangles is concerned, the surface is built anew.
@@ -47,7 +48,7 @@ pub(crate) fn mend(surface: &mut Surface, spare: &mut Vec<u32>, simd: Simd) -> M
     let mut mended = Mended { duplicates, ..Mended::default() };
     let patch = Patch::new(surface, places);
     let mut known = Known::new(&patch);
-    let mut corners = Corners { parent: Vec::new() };
+    let mut corners = Union::default();
     let mut scratch = vec![NONE; surface.vertices.len()];
     let mut plan;
     loop {

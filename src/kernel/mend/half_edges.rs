@@ -7,6 +7,7 @@ use super::vertices::Plan;
 use super::{NONE, Places};
 use crate::kernel::surface::Surface;
 use crate::kernel::vector::{Vec3, dot, length_sq, normal, scale, sub};
+use crate::union::Union;
 
 /// Edges at which more pairs than this could be made are left as found.
 const MOST_PAIRS: usize = 1 << 12;
@@ -93,12 +94,11 @@ impl Patch {
     pub(super) fn pair_up(
         &self,
         surface: &Surface,
-        corners: &mut Corners,
+        corners: &mut Union,
         known: &Known,
         first: &mut [u32],
     ) {
-        corners.parent.clear();
-        corners.parent.extend(0..self.vertex.len() as u32);
+        corners.reset(self.vertex.len());
         let mut choices = Vec::new();
         for (edge, sides) in self.edges().enumerate() {
             let n_forward = sides.iter().take_while(|side| !side.is_backward()).count();
@@ -109,7 +109,7 @@ impl Patch {
             let may_join = !sides[0].ends().iter().any(|&end| known.is_frozen[end as usize]);
             if let ([f], [b]) = (forward, backward) {
                 if may_join || self.vertices(*f) == self.vertices(*b) {
-                    corners.pair(*f, *b);
+                    pair(corners, *f, *b);
                 }
                 continue;
             }
@@ -135,7 +135,7 @@ impl Patch {
                 if used_f[i / 64] & bit_f == 0 && used_b[j / 64] & bit_b == 0 {
                     used_f[i / 64] |= bit_f;
                     used_b[j / 64] |= bit_b;
-                    corners.pair(forward[i], backward[j]);
+                    pair(corners, forward[i], backward[j]);
                 }
             }
         }
@@ -148,7 +148,7 @@ impl Patch {
             if *first == NONE {
                 *first = corner as u32;
             } else {
-                corners.unite(*first, corner as u32);
+                corners.join(*first, corner as u32);
             }
         }
         self.vertex.iter().for_each(|&v| first[v as usize] = NONE);
@@ -241,30 +241,8 @@ impl Known {
     }
 }
 
-/// Corners that hang together: a forest over the corners of the patch. The root is the least.
-pub(super) struct Corners {
-    pub(super) parent: Vec<u32>,
-}
-
-impl Corners {
-    pub(super) fn root(&mut self, corner: u32) -> u32 {
-        let mut at = corner;
-        while self.parent[at as usize] != at {
-            let above = self.parent[self.parent[at as usize] as usize];
-            self.parent[at as usize] = above;
-            at = above;
-        }
-        at
-    }
-
-    fn unite(&mut self, a: u32, b: u32) {
-        let (a, b) = (self.root(a), self.root(b));
-        self.parent[a.max(b) as usize] = a.min(b);
-    }
-
-    /// Unites both ends of two sides of opposite direction.
-    fn pair(&mut self, a: Side, b: Side) {
-        self.unite(a.from(), b.to());
-        self.unite(a.to(), b.from());
-    }
+/// Unites both ends of two sides of opposite direction.
+fn pair(corners: &mut Union, a: Side, b: Side) {
+    corners.join(a.from(), b.to());
+    corners.join(a.to(), b.from());
 }

@@ -2,12 +2,13 @@
 //!
 //! A vertex whose corners all hang together, with no other's, stays what it is. New vertices need a source.
 
-use super::half_edges::{Corners, Patch};
+use super::half_edges::Patch;
 use super::{Mended, NONE};
 use crate::kernel::lanes::Simd;
 use crate::kernel::legal::Class;
 use crate::kernel::surface::{Ring, Surface};
 use crate::kernel::topology;
+use crate::union::Union;
 
 /// Which vertex each set of corners becomes.
 pub(super) struct Plan {
@@ -27,7 +28,7 @@ impl Plan {
     pub(super) fn new(
         surface: &Surface,
         patch: &Patch,
-        corners: &mut Corners,
+        corners: &mut Union,
         n_spare: usize,
         root_of: &mut [u32],
     ) -> Self {
