@@ -9,7 +9,7 @@
 //!
 //! Source: Garland & Heckbert 1997 (docs/references.md).
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::Placement;
 use super::islands::components;
@@ -84,8 +84,11 @@ pub(crate) fn approach(surface: &mut Surface, distance: f64, simd: Simd) -> u64 
 
 /// Fills with triangles what lies between the boundary and the straight edge from one vertex with a partner to
 /// the next, where the partners follow each other, too.
+///
+/// Sides that are there already, or that another filling makes, are not made again.
 fn fill(surface: &mut Surface, partner: &BTreeMap<u32, u32>) {
     let mut filled = Vec::new();
+    let mut made = BTreeSet::new();
     for (&v, &w) in partner {
         let Some(path) = to_next(surface, partner, v) else { continue };
         let last = path[path.len() - 1];
@@ -93,9 +96,20 @@ fn fill(surface: &mut Surface, partner: &BTreeMap<u32, u32>) {
         let back = to_next(surface, partner, opposite);
         let faces = back.is_some_and(|back| back.last() == Some(&w));
         let is_edge =
-            surface.ring(v).iter().any(|&t| surface.triangles[t as usize].contains(&last));
-        if faces && last != v && !is_edge {
-            filled.extend(path[1..].windows(2).map(|pair| [v, pair[1], pair[0]]));
+            |w: u32| surface.ring(v).iter().any(|&t| surface.triangles[t as usize].contains(&w));
+        if !faces || path[1..].contains(&v) || path[2..].iter().any(|&w| is_edge(w)) {
+            continue;
+        }
+        let fan: Vec<[u32; 3]> = path[1..].windows(2).map(|pair| [v, pair[1], pair[0]]).collect();
+        let sides = || fan.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+        // Another filling may have the same straight edge, from the other side.
+        let is_free = |side: [u32; 2]| {
+            !made.contains(&side) && (side == [v, last] || !made.contains(&[side[1], side[0]]))
+        };
+        let distinct: BTreeSet<[u32; 2]> = sides().collect();
+        if distinct.len() == 3 * fan.len() && sides().all(is_free) {
+            made.extend(sides());
+            filled.extend(fan);
         }
     }
     surface.n_alive += filled.len() as u64;

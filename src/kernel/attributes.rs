@@ -74,6 +74,8 @@ impl Attributes {
             .enumerate()
             .filter(|(_, weight)| **weight > 0.0)
             .map(|(channel, &weight)| (channel, (f64::from(weight) * scale) as f32))
+            // What rounds to nothing beside the extent of the mesh has no say.
+            .filter(|(_, factor)| factor.is_normal())
             .take(MAX_WEIGHTED)
             .collect();
         let eights = numbers(active.len()).div_ceil(8).max(2);
@@ -284,7 +286,7 @@ impl Attributes {
         self.patch.values.clear();
         for (j, &(channel, factor)) in self.active.iter().enumerate() {
             let at = |v: usize| surface.channels[v * surface.n_channels + channel];
-            middle[j] = 0.5 * (at(v0) + at(v1));
+            middle[j] = 0.5 * at(v0) + 0.5 * at(v1);
             let step = 0.5 * factor * (at(v1) - at(v0));
             let sum = dot(v0, j, from0) + dot(v1, j, from1) + (area1 - area0) * step;
             let best = match self.confined[j] {
@@ -299,7 +301,8 @@ impl Attributes {
                 0.0
             };
             corner[j] = [step, best];
-            self.patch.values.push(middle[j] + best / factor);
+            let value = middle[j] + best / factor;
+            self.patch.values.push(if value.is_finite() { value } else { middle[j] });
         }
     }
 

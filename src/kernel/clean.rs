@@ -147,7 +147,8 @@ fn remove(surface: &mut Surface, t: u32, touched: &mut Vec<u32>) -> Outcome {
     let [u] = across[..] else {
         // Open on this side; where a lock is at either end, another cell may lie behind the edge.
         let is_free = class(a) != Some(Class::Locked) || class(b) != Some(Class::Locked);
-        if across.is_empty() && is_free {
+        let is_last = |v: u32| class(v) == Some(Class::Locked) && surface.ring(v).len() == 1;
+        if across.is_empty() && is_free && ![a, b, middle].into_iter().any(is_last) {
             drop_triangle(surface, t, touched);
             return Outcome::Done;
         }

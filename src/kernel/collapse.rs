@@ -275,7 +275,8 @@ impl Collapser {
             n_gone += vanish.count_ones() as usize;
             first += 8;
         }
-        self.n_kept = n;
+        // Should the edge be refused, nothing of the one before it must be taken for a part of it.
+        (self.n_kept, self.n) = (n, n);
         // Nothing is left of the edge, or it has more than two triangles.
         if n_gone == 0 {
             return Err(Reject::LinkCondition);

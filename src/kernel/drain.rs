@@ -352,11 +352,19 @@ impl Driver {
         let may_turn = entry.failures >= MAX_FAILURES;
         let plan = Plan { v0: entry.v0, v1: entry.v1, place, may_turn };
         let number = (self.collapses + 1) as u32;
+        // What a seam shows of a vertex has sources of its own.
+        let wedge = match &self.surface.wedges {
+            Some(wedges) => wedges.source_off_seams(&self.surface, entry.v0),
+            None => None,
+        };
         match self.collapser.attempt::<L>(&mut self.surface, plan, number) {
             Ok(()) => {
                 self.collapses += 1;
                 if self.spare_sources.len() < MAX_SPARE {
-                    self.spare_sources.push(self.surface.source[entry.v0 as usize]);
+                    if self.surface.wedges.is_none() {
+                        self.spare_sources.push(self.surface.source[entry.v0 as usize]);
+                    }
+                    self.spare_sources.extend(wedge);
                 }
             }
             Err(reason) => self.refused(queue, (bucket, entry), reason, cost, limits),

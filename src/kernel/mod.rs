@@ -167,6 +167,13 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
     run(mesh, locked, options, lanes::Simd::detect())
 }
 
+/// As `simplify_mesh`, without instructions that only some processors have: gives the same result, and is
+/// there for tests that hold both against each other.
+#[doc(hidden)]
+pub fn simplify_mesh_portably(mesh: Mesh, locked: &[bool], options: &Options) -> Simplified {
+    run(mesh, locked, options, lanes::Simd::Portable)
+}
+
 fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
     let mut statistics = Statistics::default();
     let mut surface =

@@ -188,6 +188,12 @@ impl Wedges {
         surface.ring(v1).first().map(|&t| self.at(surface, t, v1))
     }
 
+    /// The source that is free once a vertex off the seams has gone.
+    pub(crate) fn source_off_seams(&self, surface: &Surface, v: u32) -> Option<u32> {
+        let wedge = if self.is_seam(v) { None } else { self.single(surface, v) };
+        wedge.map(|wedge| self.source[wedge as usize])
+    }
+
     /// Takes over the surface's values for a vertex off the seams.
     pub(crate) fn set_single(&mut self, surface: &Surface, v: u32) {
         if let (false, Some(wedge)) = (self.is_seam(v), self.single(surface, v)) {

@@ -72,8 +72,15 @@ pub(crate) fn lock_coincident(surface: &mut Surface) {
 /// locked, they all become so instead.
 fn candidates(surface: &mut Surface) -> BTreeMap<u32, u32> {
     // Where several fans of one chart meet in a vertex, the gaps may be what other charts fill.
-    let concerned =
-        |v: &u32| surface.rings[*v as usize].class.is_some_and(|class| class != Class::Interior);
+    let concerned = |v: &u32| {
+        let ring = &surface.rings[*v as usize];
+        match ring.class {
+            Some(Class::Locked) => true,
+            // Cleaning may have taken all triangles of a vertex: it is gone as far as others can tell.
+            Some(Class::Boundary | Class::Complex) => ring.len > 0,
+            Some(Class::Interior) | None => false,
+        }
+    };
     // Adding 0 makes -0 and 0 the same place.
     let place = |v: u32| surface.vertices[v as usize].position.map(|x| (x + 0.0).to_bits());
     let mut found: Vec<([u64; 3], u32, u32)> = (0..surface.vertices.len() as u32)
