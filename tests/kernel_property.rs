@@ -34,7 +34,7 @@ fn a_vertex_that_cleaning_left_alone_is_not_joined_with() {
         [2.0, 0.0, 0.0],
         [1.0, 0.0, 0.0],
     ];
-    let triangles = vec![[3, 5, 4], [1, 2, 0]];
+    let triangles = [[3, 5, 4], [1, 2, 0]];
     for lowest in [0, 4] {
         let mut positions = positions.clone();
         positions.rotate_left(lowest);

@@ -137,6 +137,9 @@ impl Collapser {
         let (v0, v1) = (plan.v0, plan.v1);
         self.gather::<L>(surface, v0, v1)?;
         self.link::<L>(surface, v0, v1)?;
+        if let Some(wedges) = &surface.wedges {
+            self.keep_locked_wedges(surface, wedges, plan)?;
+        }
         let (p0, p1) = (at(&surface.vertices, v0).position, at(&surface.vertices, v1).position);
         let middle = |i: usize| p0[i] + (p1[i] - p0[i]) * 0.5;
         let around = Around {
@@ -167,6 +170,32 @@ impl Collapser {
             self.with_wedges(surface, plan, &around, found.quadric(), number);
         } else {
             self.carry_out::<L>(surface, plan, &around, found.quadric(), number);
+        }
+        Ok(())
+    }
+
+    /// A locked vertex keeps a triangle with the wedge that other cells know.
+    #[inline(never)]
+    fn keep_locked_wedges(
+        &self,
+        surface: &Surface,
+        wedges: &Wedges,
+        plan: Plan,
+    ) -> Result<(), Reject> {
+        let is_locked = |v: u32| at(&surface.rings, v).class == Some(Class::Locked);
+        let vanishing = &self.ids[self.n_kept..self.n];
+        let is_kept = |w: u32| {
+            let mut others = surface.ring(w).iter().filter(|t| !vanishing.contains(t));
+            others.any(|&t| wedges.is_own(surface, t, w))
+        };
+        let third = &self.opposite[..self.n - self.n_kept];
+        if third.iter().any(|&w| is_locked(w) && !is_kept(w))
+            || is_locked(plan.v1)
+                && wedges.concern(plan.v0, plan.v1)
+                && !is_kept(plan.v1)
+                && !wedges.becomes_own(surface, &self.ids[..self.n0], (plan.v0, plan.v1))
+        {
+            return Err(Reject::Locked);
         }
         Ok(())
     }

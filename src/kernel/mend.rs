@@ -133,6 +133,8 @@ fn drop_duplicates(surface: &mut Surface, places: &mut Places, touched: &mut Vec
         .triangles(surface, 2)
         .into_iter()
         .map(|t| (oriented(surface, places, t), t))
+        // Over two places only there may be triangles of several sheets.
+        .filter(|([a, b, c], _)| a != b && b != c && c != a)
         .collect();
     known.sort_unstable();
     let mut found = Repeats::default();

@@ -134,6 +134,11 @@ impl Wedges {
         self.corner[t as usize][k.min(2)]
     }
 
+    /// Whether triangle `t` uses at its corner `v` the wedge that came with the vertex itself.
+    pub(crate) fn is_own(&self, surface: &Surface, t: u32, v: u32) -> bool {
+        self.source[self.at(surface, t, v) as usize] == surface.source[v as usize]
+    }
+
     /// Channels at corner `v` of triangle `t`.
     #[inline(always)]
     pub(crate) fn values_at<'a>(&'a self, surface: &'a Surface, t: u32, v: u32) -> &'a [f32] {

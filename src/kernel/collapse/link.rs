@@ -78,16 +78,13 @@ impl Collapser {
         let (class0, class1) = (class(v0), class(v1));
         let (n0, n_kept) = (self.n0, self.n_kept);
         let n_gone = self.n - n_kept;
-        // An ear that hangs on by its third corner.
-        if n_kept == 0 {
-            return Err(Reject::Boundary);
-        }
         if n_gone == 2 && (class0 == Class::Boundary || self.opposite[0] == self.opposite[1]) {
             let bridge = class0 == Class::Boundary;
             return Err(if bridge { Reject::Boundary } else { Reject::LinkCondition });
         }
+        // The edges to the third corner become one, which another triangle has to have.
         for &w in &self.opposite[..n_gone] {
-            if surface.rings[w as usize].len == 1 {
+            if !self.b[..n_kept].contains(&w) && !self.c[..n_kept].contains(&w) {
                 return Err(Reject::Boundary);
             }
         }

@@ -7,6 +7,7 @@
 use super::Wedges;
 use crate::kernel::attributes::MAX_WEIGHTED;
 use crate::kernel::evaluate::Evaluated;
+use crate::kernel::legal::Class;
 use crate::kernel::surface::{Surface, boundary_quadric, others};
 use crate::kernel::vector::{along, cross, dot, length_sq, sub};
 
@@ -271,6 +272,20 @@ impl Wedges {
         SeamPlan { pairs, values }
     }
 
+    /// Whether one of these triangles of `v0` will use the wedge that came with `v1`.
+    pub(crate) fn becomes_own(
+        &self,
+        surface: &Surface,
+        triangles: &[u32],
+        (v0, v1): (u32, u32),
+    ) -> bool {
+        let pairs = Pairs::of(self, surface, v0, v1);
+        triangles.iter().any(|&t| {
+            let pair = pairs.of_v0(self.at(surface, t, v0));
+            pair.is_some_and(|(_, new)| self.source[new as usize] == surface.source[v1 as usize])
+        })
+    }
+
     /// The value of a channel that all wedges of a vertex have in common, if they do.
     fn common(&self, surface: &Surface, v: u32, channel: usize) -> Option<f32> {
         let ring = surface.ring(v);
@@ -316,10 +331,13 @@ impl Wedges {
 
     /// Whether `v` still has several wedges; if not, their values become the surface's.
     fn look_again(&mut self, surface: &mut Surface, v: u32) {
-        let Some(first) = self.single(surface, v) else { return };
         let ring = surface.ring(v);
         // Wedges that have come to the same values are one: the seam is closed there.
-        let mut kept: Vec<u32> = Vec::new();
+        // That of a locked vertex is the one to stay: other cells know it.
+        let own =
+            ring.iter().find(|&&t| self.is_own(surface, t, v)).map(|&t| self.at(surface, t, v));
+        let is_locked = surface.rings[v as usize].class == Some(Class::Locked);
+        let mut kept: Vec<u32> = own.filter(|_| is_locked).into_iter().collect();
         for &t in ring {
             let wedge = self.at(surface, t, v);
             let own = self.values_of(wedge);
@@ -332,6 +350,7 @@ impl Wedges {
                 Some(_) => {}
             }
         }
+        let Some(first) = self.single(surface, v) else { return };
         self.is_seam[v as usize] = ring.iter().any(|&t| self.at(surface, t, v) != first);
         if !self.is_seam[v as usize] {
             let at = v as usize * surface.n_channels;
