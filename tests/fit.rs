@@ -91,15 +91,7 @@ fn boundary_and_locked_vertices_keep_their_bits() {
 fn the_maximum_stays_where_the_surface_has_creases() {
     // Creases and chisel marks that the samples see only from both sides: unbounded, a vertex ran off by 1.5
     // times the maximum there was.
-    let mesh = synth::mesh(&Settings {
-        kind: Kind::Statue,
-        n_triangles: 200_000,
-        seed: 1,
-        shuffle: false,
-        color: false,
-        uv: false,
-    })
-    .unwrap();
+    let mesh = synth::mesh(&Settings::new(Kind::Statue, 200_000)).unwrap();
     let locked = vec![false; mesh.positions.len()];
     let most = |fit| {
         let result = simplified(&mesh, &locked, 20_000, fit);

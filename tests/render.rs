@@ -16,7 +16,7 @@ use stonecut::synth::{Kind, Settings, Writing, mesh, write_ply};
 const BOTH: Resources = Resources { memory_bytes: 4 << 30, threads: 2 };
 
 fn settings(kind: Kind, n_triangles: u64) -> Settings {
-    Settings { kind, n_triangles, seed: 3, shuffle: false, color: true, uv: false }
+    Settings { seed: 3, color: true, ..Settings::new(kind, n_triangles) }
 }
 
 fn small(view: View) -> View {

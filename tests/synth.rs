@@ -11,14 +11,14 @@ use stonecut::ply::MeshSource;
 use stonecut::progress::Progress;
 use stonecut::synth::{Kind, Settings, Writing, mesh, write_ply};
 
-const ALL: [Kind; 4] = [Kind::Terrain, Kind::Statue, Kind::Gyroid, Kind::Scans];
+const ALL: [Kind; 5] = [Kind::Terrain, Kind::Statue, Kind::Gyroid, Kind::Scans, Kind::Volume];
 
 const KEEP: Writing = Writing { threads: 2, force: false, format: FORMAT };
 const FORMAT: OutputFormat =
     OutputFormat { kind: None, encoding: None, coordinate: None, index: None };
 
 fn settings(kind: Kind, n_triangles: u64) -> Settings {
-    Settings { kind, n_triangles, seed: 7, shuffle: false, color: false, uv: false }
+    Settings { seed: 7, ..Settings::new(kind, n_triangles) }
 }
 
 /// What an edge's faces say about a mesh.
@@ -152,6 +152,101 @@ fn scans_are_open_patches_with_holes_and_specks() {
             normal[0] * a[0] + normal[1] * a[1] + normal[2] * a[2] > 0.0
         });
         assert!(outward.count() > scans.triangles.len() * 9 / 10, "normals look at the scanner");
+    }
+}
+
+/// Triangles of the largest component.
+fn largest(mesh: &Mesh) -> Mesh {
+    let mut parent: Vec<u32> = (0..mesh.positions.len() as u32).collect();
+    fn root(parent: &mut [u32], mut v: u32) -> u32 {
+        while parent[v as usize] != v {
+            parent[v as usize] = parent[parent[v as usize] as usize];
+            v = parent[v as usize];
+        }
+        v
+    }
+    for t in &mesh.triangles {
+        for i in 1..3 {
+            let (a, b) = (root(&mut parent, t[0]), root(&mut parent, t[i]));
+            parent[a as usize] = b;
+        }
+    }
+    let roots: Vec<u32> = mesh.triangles.iter().map(|t| root(&mut parent, t[0])).collect();
+    let mut sizes = HashMap::new();
+    roots.iter().for_each(|root| *sizes.entry(*root).or_insert(0) += 1);
+    let (main, _) = sizes.into_iter().max_by_key(|(root, size)| (*size, *root)).unwrap();
+    let kept = mesh.triangles.iter().zip(&roots).filter(|(_, root)| **root == main);
+    Mesh { triangles: kept.map(|(t, _)| *t).collect(), ..mesh.clone() }
+}
+
+#[test]
+fn a_volume_is_one_folded_surface_among_thousands_of_specks() {
+    for n in [1, 5000, 200_000] {
+        let volume = mesh(&settings(Kind::Volume, n)).unwrap();
+        assert!(volume.triangles.len() as u64 >= n);
+        assert!(volume.triangles.len() as u64 <= (n + n / 50).max(30_000), "{n}");
+        let all = topology(&volume);
+        assert_eq!(all.non_manifold_edges + all.inconsistent_edges, 0, "{n}: {all:?}");
+        assert_eq!(all.degenerate + all.unreferenced, 0, "{n}: {all:?}");
+        if n < 200_000 {
+            continue;
+        }
+        let main = largest(&volume);
+        let share = main.triangles.len() as f64 / volume.triangles.len() as f64;
+        println!("{all:?} share {share} main {:?}", topology(&main));
+        assert!((0.6..0.9).contains(&share), "{share}");
+        assert!(all.components > 1200, "{all:?}");
+        assert!(topology(&main).euler < -200, "hundreds of handles: {:?}", topology(&main));
+        // Open where the volume ends and nowhere else.
+        assert!(all.boundary_edges > 500, "{all:?}");
+        let bounds = [0, 1, 2].map(|axis| {
+            let range = volume.positions.iter().map(|p| p[axis]);
+            [range.clone().fold(f64::MAX, f64::min), range.fold(f64::MIN, f64::max)]
+        });
+        let mut faces = HashMap::new();
+        for t in &volume.triangles {
+            for i in 0..3 {
+                let (a, b) = (t[i], t[(i + 1) % 3]);
+                *faces.entry((a.min(b), a.max(b))).or_insert(0) += 1;
+            }
+        }
+        for ((a, b), _) in faces.into_iter().filter(|(_, n)| *n == 1) {
+            let [a, b] = [a, b].map(|v| volume.positions[v as usize]);
+            let on_a_face =
+                |axis: usize| bounds[axis].iter().any(|x| a[axis] == *x && b[axis] == *x);
+            assert!((0..3).any(on_a_face), "{a:?} {b:?}");
+        }
+    }
+}
+
+#[test]
+fn noise_makes_the_specks_of_a_volume_and_whole_values_its_flat_triangles() {
+    let volume = |noise, integer| {
+        mesh(&Settings { noise, integer, ..settings(Kind::Volume, 200_000) }).unwrap()
+    };
+    let n_components = [0.0, 0.7, 1.0].map(|noise| topology(&volume(noise, false)).components);
+    println!("{n_components:?}");
+    assert!(n_components[0] < 200 && n_components[1] > 2 * n_components[0], "{n_components:?}");
+    assert!(n_components[2] > 2 * n_components[1], "{n_components:?}");
+    let flat = |mesh: &Mesh| {
+        let coincide = |t: &usize| {
+            let [a, b, c] = mesh.corners(*t);
+            a == b || b == c || c == a
+        };
+        (0..mesh.triangles.len()).filter(coincide).count() as f64 / mesh.triangles.len() as f64
+    };
+    assert_eq!(flat(&volume(1.0, false)), 0.0);
+    let whole = volume(1.0, true);
+    println!("{}", flat(&whole));
+    assert!((0.05..0.15).contains(&flat(&whole)), "{}", flat(&whole));
+    let topology = topology(&whole);
+    assert_eq!(topology.non_manifold_edges + topology.inconsistent_edges, 0, "{topology:?}");
+    for refused in [
+        Settings { noise: f64::NAN, ..settings(Kind::Volume, 1000) },
+        Settings { noise: 0.5, ..settings(Kind::Statue, 1000) },
+        Settings { integer: true, ..settings(Kind::Gyroid, 1000) },
+    ] {
+        assert_eq!(mesh(&refused).unwrap_err().exit_code(), 2);
     }
 }
 

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 /// Makes a synthetic scan of any size: closed-form, the same for the same seed.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Which mesh: terrain, statue, gyroid or scans.
+    /// Which mesh: terrain, statue, gyroid, scans or volume.
     pub kind: Kind,
     /// The file to write.
     pub output: PathBuf,
@@ -31,6 +31,12 @@ pub struct Args {
     /// With texture coordinates s, t.
     #[arg(long)]
     pub uv: bool,
+    /// volume: factor of the scanner's noise, from 0 (a clean surface) to 4.
+    #[arg(long, value_name = "X", default_value_t = 1.0)]
+    pub noise: f64,
+    /// volume: whole voxel values, which meet the level exactly: triangles of no area, coinciding vertices.
+    #[arg(long)]
+    pub integer: bool,
     /// Words joined by commas: ascii, binary_little_endian or binary_big_endian; float or double; int or
     /// uint; ply, stl, obj or glb [default: by OUTPUT's name, binary].
     #[arg(long, value_name = "FORMAT", default_value = "")]
@@ -52,6 +58,8 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         shuffle: args.shuffle,
         color: args.color,
         uv: args.uv,
+        noise: args.noise,
+        integer: args.integer,
     };
     let threads = args.threads.map_or_else(cores, NonZeroUsize::get);
     let writing = Writing { threads, force: args.force, format: args.format };

@@ -14,6 +14,7 @@ mod sliced;
 mod statue;
 mod surface;
 mod terrain;
+mod volume;
 mod write;
 
 use crate::error::{Error, Result};
@@ -25,6 +26,7 @@ use shuffle::Shuffler;
 use sliced::Counted;
 use std::path::Path;
 use surface::{InOrder, Indexed, Order, Shuffled, Surface};
+use volume::{Scanner, Volume};
 use write::{Layout, Stream};
 
 /// The synthetic meshes.
@@ -38,6 +40,8 @@ pub enum Kind {
     Gyroid,
     /// Overlapping, noisy, coloured range scans with holes and specks; open, in many pieces.
     Scans,
+    /// The isosurface of a noisy volume: one folded surface, tens of thousands of specks, open at the volume's faces.
+    Volume,
 }
 
 impl std::str::FromStr for Kind {
@@ -49,8 +53,9 @@ impl std::str::FromStr for Kind {
             "statue" => Ok(Kind::Statue),
             "gyroid" => Ok(Kind::Gyroid),
             "scans" => Ok(Kind::Scans),
+            "volume" => Ok(Kind::Volume),
             _ => Err(format!(
-                "'{text}' is no kind of mesh; there are terrain, statue, gyroid and scans"
+                "'{text}' is not a kind of mesh; there are terrain, statue, gyroid, scans and volume"
             )),
         }
     }
@@ -71,6 +76,26 @@ pub struct Settings {
     pub color: bool,
     /// With texture coordinates `s t`.
     pub uv: bool,
+    /// Factor of the scanner's noise; `volume` alone has another than 1.
+    pub noise: f64,
+    /// Whole voxel values that meet the level exactly; `volume` alone has voxels.
+    pub integer: bool,
+}
+
+impl Settings {
+    /// A plain mesh of a kind: seed 1, natural order, usual noise, nothing but positions.
+    pub fn new(kind: Kind, n_triangles: u64) -> Self {
+        Settings {
+            kind,
+            n_triangles,
+            seed: 1,
+            shuffle: false,
+            color: false,
+            uv: false,
+            noise: 1.0,
+            integer: false,
+        }
+    }
 }
 
 /// How a mesh is written.
@@ -95,8 +120,8 @@ pub struct Counts {
 
 /// Writes a synthetic mesh.
 ///
-/// The bytes depend on `settings` and the format alone; memory is a few megabytes a thread, and some 100 MB when `gyroid`
-/// or `scans` are shuffled. The file appears by rename.
+/// The bytes depend on `settings` and the format alone; memory is a few megabytes a thread, and some 100 MB when `gyroid`,
+/// `scans` or `volume` are shuffled. The file appears by rename.
 /// Errors: an existing `path` without `force`, more than 2^32 vertices, whatever the system refuses.
 pub fn write_ply(
     path: &Path,
@@ -115,11 +140,13 @@ pub fn write_ply(
     let layout = layout(settings);
     let mut header = OutputHeader::new(layout.schema(), counts.n_vertices, counts.n_triangles);
     header.settings = format!(
-        "synth {} --triangles {} --seed {}{}",
+        "synth {} --triangles {} --seed {}{}{}{}",
         format!("{:?}", settings.kind).to_lowercase(),
         settings.n_triangles,
         settings.seed,
         if settings.shuffle { " --shuffle" } else { "" },
+        if settings.noise == 1.0 { String::new() } else { format!(" --noise {}", settings.noise) },
+        if settings.integer { " --integer" } else { "" },
     );
     let mut file = MeshSink::create(path, header, writing.format)?;
     let stream = Stream { surface: &*surface, layout, threads: writing.threads, progress };
@@ -239,6 +266,13 @@ fn surface(settings: &Settings, threads: usize, progress: &Progress) -> Result<B
         Kind::Scans => Box::new(Counted::at_least(n_triangles, threads, progress, |scale| {
             scans::Scans::new(n_triangles, scale, seed)
         })?),
+        Kind::Volume => {
+            let scanner =
+                Scanner { seed, noise: settings.noise, integer: settings.integer, colored: color };
+            Box::new(Counted::near(n_triangles, threads, progress, |scale| {
+                Volume::new(n_triangles, scale, scanner)
+            })?)
+        }
     })
 }
 
@@ -262,6 +296,18 @@ fn check(settings: &Settings) -> Result<()> {
         return Err(Error::Usage(format!(
             "--triangles {asked}: a synthetic mesh has 1 to {MOST} triangles (its vertices are numbered \
              in 32 bits)"
+        )));
+    }
+    if settings.kind != Kind::Volume && (settings.noise != 1.0 || settings.integer) {
+        return Err(Error::Usage(
+            "--noise and --integer are properties of a scanned volume: only `synth volume` has them"
+                .to_owned(),
+        ));
+    }
+    if !(0.0..=4.0).contains(&settings.noise) {
+        let noise = settings.noise;
+        return Err(Error::Usage(format!(
+            "--noise {noise}: the factor of the usual noise is a number from 0 to 4"
         )));
     }
     Ok(())

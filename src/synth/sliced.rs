@@ -76,6 +76,38 @@ impl<S: Sliced> Counted<S> {
             scale *= 1.004;
         }
     }
+
+    /// A member of a family whose counts grow with the cube of the scale that has at least `n_triangles` and
+    /// less than 2 % more; above 10^5 triangles found in two or three tries, whatever the family's settings.
+    pub(super) fn near(
+        n_triangles: u64,
+        threads: usize,
+        progress: &Progress,
+        make: impl Fn(f64) -> S,
+    ) -> Result<Self> {
+        let wanted = n_triangles as f64;
+        let mut scale = 1.0;
+        // Few triangles come in leaps; then the best of the tries is taken.
+        let mut best: Option<Self> = None;
+        for _ in 0..12 {
+            let counted = Counted::new(make(scale), threads, progress)?;
+            let n_faces = counted.n_faces;
+            if n_faces >= n_triangles && best.as_ref().is_none_or(|b| n_faces < b.n_faces) {
+                best = Some(counted);
+            }
+            if best.as_ref().is_some_and(|b| (b.n_faces as f64) < 1.02 * wanted) {
+                break;
+            }
+            // `cbrt` of the library may differ between machines; two steps of Newton's from 1 suffice.
+            let ratio = (1.006 * wanted / n_faces.max(1) as f64).clamp(0.1, 10.0);
+            let root = (0..2).fold(1.0, |x: f64, _| x - (x * x * x - ratio) / (3.0 * x * x));
+            scale *= root;
+        }
+        match best {
+            Some(best) => Ok(best),
+            None => Counted::at_least(n_triangles, threads, progress, |more| make(scale * more)),
+        }
+    }
 }
 
 impl<S: Sliced> Surface for Counted<S> {

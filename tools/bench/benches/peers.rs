@@ -21,15 +21,7 @@ fn main() {
 }
 
 fn statue(n_triangles: u64) -> Mesh {
-    let settings = Settings {
-        kind: Kind::Statue,
-        n_triangles,
-        seed: 1,
-        shuffle: false,
-        color: false,
-        uv: false,
-    };
-    synth::mesh(&settings).unwrap()
+    synth::mesh(&Settings::new(Kind::Statue, n_triangles)).unwrap()
 }
 
 #[divan::bench(args = CASES, sample_count = 5, sample_size = 1)]
