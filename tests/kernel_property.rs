@@ -7,8 +7,10 @@
 mod kernel;
 
 use kernel::case::Case;
+use kernel::choices::Choices;
 use kernel::judge::Depth;
-use stonecut::kernel::{Options, Topology};
+use kernel::shrink::shrink;
+use stonecut::kernel::{Fit, Options, Placement, Stop, Topology};
 use stonecut::mesh::Mesh;
 
 /// Judges a mesh that once broke a promise.
@@ -44,4 +46,99 @@ fn a_vertex_that_cleaning_left_alone_is_not_joined_with() {
         let options = Options { topology: Topology::Keep, ..Options::default() };
         holds(&free(positions, triangles, options));
     }
+}
+
+#[test]
+fn small_nasty_meshes_break_no_promise() {
+    for seed in 0..1500 {
+        let case = Case::new(&mut Choices::from_seed(seed));
+        if let Err(fault) = kernel::verdict(&case, Depth::AllRuns) {
+            let least = shrink(&case, &fault.kind);
+            panic!("seed {seed}: {}: {}\n{least:?}", fault.kind, fault.detail);
+        }
+    }
+}
+
+fn keep(triangles: u64) -> Options {
+    let stop = Stop::Triangles(triangles);
+    Options { stop, topology: Topology::Keep, fit: Fit::Off, ..Options::default() }
+}
+
+#[test]
+fn a_locked_vertex_keeps_its_last_triangle() {
+    // Without area, and open: 2 is on the edge from 0 to 1.
+    let positions = vec![[0.0; 3], [2.0, 0.0, 0.0], [1.0, 0.0, 0.0]];
+    let mut flat = free(positions, vec![[0, 1, 2]], keep(u64::MAX));
+    flat.locked[2] = true;
+    holds(&flat);
+    // Two triangles that are joined in one vertex, 0 and 3: what is left of the second is 4, which is locked.
+    let positions = vec![
+        [0.0; 3],
+        [-1.0, 0.0, 0.0],
+        [-1.0, 1.0, 0.0],
+        [0.0; 3],
+        [1.0, 0.0, 0.0],
+        [1.0, 0.5, 0.0],
+    ];
+    let mut ear = free(positions, vec![[0, 1, 2], [3, 4, 5]], keep(1));
+    ear.locked[4] = true;
+    holds(&ear);
+}
+
+#[test]
+fn the_last_edge_between_two_vertices_does_not_fold_away() {
+    // Three ears around a hole 1 2 3 that has no triangle: 5 must not go into 1 or 3.
+    let positions = vec![
+        [0.0, 0.0, 0.0],
+        [0.0, 5.0, 0.0],
+        [0.0, 0.0, 0.0001],
+        [0.0, 7.0, 0.0],
+        [0.0, 8.0, 0.0],
+        [0.0, 0.0, 0.00005],
+    ];
+    holds(&free(positions, vec![[0, 2, 1], [1, 5, 3], [2, 4, 3]], keep(0)));
+}
+
+#[test]
+fn weights_that_round_to_nothing_make_no_values() {
+    let positions =
+        vec![[0.0; 3], [0.0; 3], [0.0; 3], [0.0, 2.75e30, 0.0], [0.0, 0.0, 2.5e29], [0.0; 3]];
+    let triangles = vec![[0, 2, 4], [1, 4, 2], [0, 4, 3], [0, 3, 5]];
+    let stop = Stop::Triangles(3);
+    let options = Options { stop, weights: vec![1e-20], ..Options::default() };
+    let mut case = free(positions, triangles, options);
+    (case.mesh.n_channels, case.mesh.channels) = (1, vec![0.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
+    holds(&case);
+}
+
+#[test]
+fn bridges_of_a_gap_repeat_no_edge() {
+    let positions = vec![
+        [0.0; 3],
+        [0.0; 3],
+        [0.0, 2.0, 1.0],
+        [0.0; 3],
+        [0.0, 2.0, 1.0078125],
+        [0.0; 3],
+        [0.0, 2.0, 1.015625],
+        [0.0, 2.0, 1.0],
+    ];
+    let triangles = vec![[4, 0, 3], [6, 7, 3], [0, 4, 1], [2, 5, 6]];
+    let options = Options { merge_distance: 1.0, ..Options::default() };
+    let mut case = free(positions, triangles, options);
+    case.locked[1] = true;
+    holds(&case);
+}
+
+#[test]
+fn triangles_without_area_that_hold_a_fan_together_stay() {
+    let positions =
+        vec![[0.0; 3], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.0, 1.0], [0.0, 0.0, 1.0]];
+    let triangles = vec![[0, 2, 3], [0, 3, 1], [1, 3, 4]];
+    let options = Options { placement: Placement::Subset, ..Options::default() };
+    holds(&free(positions, triangles, options));
+    let (x, y) = (-998e12, -997_968_979_492_188.0);
+    let positions = vec![[0.0; 3], [x, 0.0, 0.0], [y, 0.0, 0.0], [x, 0.0, 0.0], [0.0, 1e15, 1e15]];
+    let triangles = vec![[0, 2, 3], [0, 3, 1], [4, 2, 0]];
+    holds(&free(positions, triangles, Options::default()));
 }

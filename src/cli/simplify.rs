@@ -13,6 +13,7 @@ use crate::memory::cores;
 use crate::pipeline;
 use crate::plan::folder_of;
 use crate::progress::Progress;
+use crate::stitch::MAX_CELL_TRIANGLES;
 use crate::summary::{BoundReport, FaceReport, RunReport};
 use crate::units::{parse_count, parse_ratio, show_bytes, show_count};
 use std::num::NonZeroUsize;
@@ -169,6 +170,12 @@ impl Args {
         if self.cell_triangles < 1000 {
             let what = "--cell-triangles below 1000 leaves cells that are nothing but seam";
             return Err(Error::Usage(what.to_owned()));
+        }
+        if self.cell_triangles > MAX_CELL_TRIANGLES {
+            return Err(Error::Usage(format!(
+                "--cell-triangles {} is more than one cell can hold: at most {MAX_CELL_TRIANGLES}",
+                self.cell_triangles
+            )));
         }
         if self.merge_distance > 0.0 && self.topology == TypedTopology::Keep {
             let what = "--merge-distance changes the topology: not with --topology keep";

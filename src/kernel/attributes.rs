@@ -113,6 +113,15 @@ impl Attributes {
         self.sums = sums;
     }
 
+    /// What is out of step with the surface, in words.
+    #[cfg(debug_assertions)]
+    pub(super) fn check(&self, surface: &Surface) -> Result<(), String> {
+        match self.sums.len() == surface.vertices.len() * self.eights {
+            true => Ok(()),
+            false => Err(format!("{} sums of attributes", self.sums.len())),
+        }
+    }
+
     /// The sums of one vertex from its ring.
     pub(crate) fn refresh(&mut self, surface: &Surface, v: u32) {
         self.sums.resize(surface.vertices.len() * self.eights, [0.0; 8]);

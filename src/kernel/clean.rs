@@ -5,7 +5,8 @@
 //! A triangle without area whose longest edge is open is dropped; otherwise that edge is flipped, so that its
 //! neighbour is split by the vertex that lay on the edge.
 //! Two corners in one place make an edge whose collapse costs nothing: that is left to the queue, which takes
-//! it first. What cannot be done (no manifold neighbour, a lock, an attribute seam) is left as found.
+//! it first. What cannot be done (no manifold neighbour, a lock, an attribute seam, a fan that would fall apart)
+//! is left as found.
 //!
 //! Costs next to nothing where there is nothing to clean: repeats are looked for around non-manifold vertices
 //! only, and building the surface notes the triangles that may be without area.
@@ -13,7 +14,7 @@
 use super::lanes::Simd;
 use super::legal::Class;
 use super::repeats::{Repeats, flaps, from_least};
-use super::surface::{GONE, MAX_VALENCE, Surface, others};
+use super::surface::{Fan, GONE, MAX_VALENCE, Surface, others};
 use super::topology::{set_ring, settle};
 use super::vector::{dot, length_sq, normal, sub};
 
@@ -148,7 +149,15 @@ fn remove(surface: &mut Surface, t: u32, touched: &mut Vec<u32>) -> Outcome {
         // Open on this side; where a lock is at either end, another cell may lie behind the edge.
         let is_free = class(a) != Some(Class::Locked) || class(b) != Some(Class::Locked);
         let is_last = |v: u32| class(v) == Some(Class::Locked) && surface.ring(v).len() == 1;
-        if across.is_empty() && is_free && ![a, b, middle].into_iter().any(is_last) {
+        // Between others of an open fan it holds them together.
+        let neighbours = |v: u32, w: u32| {
+            surface.ring(v).iter().filter(|&&u| surface.triangles[u as usize].contains(&w)).count()
+        };
+        let is_held = neighbours(a, middle) > 1
+            && neighbours(b, middle) > 1
+            && Fan::new().look(surface, middle) != Class::Interior;
+        let is_loose = is_free && !is_held && ![a, b, middle].into_iter().any(is_last);
+        if across.is_empty() && is_loose {
             drop_triangle(surface, t, touched);
             return Outcome::Done;
         }

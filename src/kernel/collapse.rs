@@ -221,6 +221,10 @@ impl Collapser {
             self.with_attributes(surface, plan, around, quadric, number);
             if let (Some(wedge), Some(mut wedges)) = (wedge, surface.wedges.take()) {
                 wedges.rename(surface, &self.ids[..self.n0], v1, wedge);
+                // A chart may have vanished from the third corners.
+                for &w in &self.opposite[..self.n - self.n_kept] {
+                    wedges.look_again(surface, w);
+                }
                 surface.wedges = Some(wedges);
             }
             return;
@@ -466,9 +470,7 @@ impl Collapser {
         } else if n <= ring0.room {
             (ring0.start, ring0.room)
         } else {
-            let start = surface.arena.len() as u32;
-            surface.arena.resize(surface.arena.len() + n as usize, 0);
-            (start, n)
+            (surface.append_room(n as usize), n)
         };
         // Too few to be worth a call.
         for (to, &id) in part_mut(&mut surface.arena, start, n).iter_mut().zip(kept) {

@@ -17,6 +17,7 @@ use super::queue::{BucketQueue, Entry};
 use super::surface::{AHEAD, GONE, Surface};
 use super::topology::{self, Remedy};
 use super::unchecked::{at, at_mut, prefetch};
+use super::validate::validate_small;
 use super::{Placement, Topology};
 
 /// A collapse that turns a normal too far is dearer by a factor of two a failure, and goes through
@@ -445,6 +446,7 @@ impl Driver {
             }
         }
         self.collapses += 1;
+        validate_small(&self.surface);
     }
 }
 

@@ -17,6 +17,7 @@ use super::mend::{self, Mended};
 use super::queue::{BucketQueue, Entry};
 use super::samples::Samples;
 use super::surface::{GONE, Surface};
+use super::validate::{validate, validate_small};
 
 /// Triangles whose edges seed one queue.
 const BLOCK: usize = 4 * 1024;
@@ -189,6 +190,7 @@ impl Driver {
                 samples.follow(&self.surface.rings);
             }
             let done = mend::mend(&mut self.surface, &mut self.spare_sources, self.simd);
+            validate(&self.surface);
             if let Some(place) = &done.rebuilt {
                 self.renumber(place);
                 self.collapses_before += std::mem::take(&mut self.collapses);
@@ -219,6 +221,7 @@ impl Driver {
     }
 
     fn tidy(&mut self) {
+        validate(&self.surface);
         self.specks_may_go = true;
         if (self.surface.n_alive as f64) < 0.75 * self.surface.triangles.len() as f64 {
             if let Some(samples) = &mut self.samples {
@@ -293,7 +296,9 @@ impl Driver {
 
     fn drain(&mut self, queue: &mut BucketQueue, limits: Limits) -> bool {
         let simd = self.simd;
-        simd.run(Drain { driver: self, queue, limits })
+        let stalled = simd.run(Drain { driver: self, queue, limits });
+        validate_small(&self.surface);
+        stalled
     }
 
     fn drain_block(&mut self, queue: &mut BucketQueue, block: usize, limits: Limits) {

@@ -233,7 +233,7 @@ mod avx2 {
 
     /// Eight numbers in a register; exists only inside of `run`, which vouches for AVX2.
     #[derive(Clone, Copy)]
-    pub(super) struct Avx2(__m256);
+    struct Avx2(__m256);
 
     /// Two points minus their bases, times `scale`, side by side.
     ///
@@ -287,53 +287,64 @@ mod avx2 {
         ]
     }
 
-    // SAFETY of every block below: `Avx2` is private to this module and named only by `run`, whose
-    // caller has made sure of AVX2; the loads are of arrays that are at least as long as what is read.
+    // `Avx2` is private to this module, and nothing but `run` names it: whoever calls one of these has got there
+    // through `run`, whose caller has made sure of AVX2.
     impl Lanes for Avx2 {
         #[inline(always)]
         fn splat(x: f32) -> Self {
+            // SAFETY: AVX2 is there, see above.
             Avx2(unsafe { _mm256_set1_ps(x) })
         }
         #[inline(always)]
         fn load(x: &[f32; 8]) -> Self {
+            // SAFETY: AVX2 is there (see above); eight numbers are read of eight.
             Avx2(unsafe { _mm256_loadu_ps(x.as_ptr()) })
         }
         #[inline(always)]
         fn store(self) -> [f32; 8] {
             let mut x = [0.0; 8];
+            // SAFETY: AVX2 is there (see above); eight numbers are written to eight.
             unsafe { _mm256_storeu_ps(x.as_mut_ptr(), self.0) };
             x
         }
         #[inline(always)]
         fn plus(self, other: Self) -> Self {
+            // SAFETY: AVX2 is there, see above.
             Avx2(unsafe { _mm256_add_ps(self.0, other.0) })
         }
         #[inline(always)]
         fn minus(self, other: Self) -> Self {
+            // SAFETY: AVX2 is there, see above.
             Avx2(unsafe { _mm256_sub_ps(self.0, other.0) })
         }
         #[inline(always)]
         fn times(self, other: Self) -> Self {
+            // SAFETY: AVX2 is there, see above.
             Avx2(unsafe { _mm256_mul_ps(self.0, other.0) })
         }
         #[inline(always)]
         fn over(self, other: Self) -> Self {
+            // SAFETY: AVX2 is there, see above.
             Avx2(unsafe { _mm256_div_ps(self.0, other.0) })
         }
         #[inline(always)]
         fn root(self) -> Self {
+            // SAFETY: AVX2 is there, see above.
             Avx2(unsafe { _mm256_sqrt_ps(self.0) })
         }
         #[inline(always)]
         fn greater(self, other: Self) -> Self {
+            // SAFETY: AVX2 is there, see above.
             Avx2(unsafe { _mm256_max_ps(self.0, other.0) })
         }
         #[inline(always)]
         fn lesser(self, other: Self) -> Self {
+            // SAFETY: AVX2 is there, see above.
             Avx2(unsafe { _mm256_min_ps(self.0, other.0) })
         }
         #[inline(always)]
         fn sum(self) -> f32 {
+            // SAFETY: AVX2 is there, see above.
             unsafe {
                 let (low, high) =
                     (_mm256_castps256_ps128(self.0), _mm256_extractf128_ps::<1>(self.0));
@@ -344,6 +355,7 @@ mod avx2 {
         }
         #[inline(always)]
         fn least(self) -> f32 {
+            // SAFETY: AVX2 is there, see above.
             unsafe {
                 let (low, high) =
                     (_mm256_castps256_ps128(self.0), _mm256_extractf128_ps::<1>(self.0));
@@ -354,10 +366,12 @@ mod avx2 {
         }
         #[inline(always)]
         fn lt_select(a: Self, b: Self, x: Self, y: Self) -> Self {
+            // SAFETY: AVX2 is there, see above.
             Avx2(unsafe { _mm256_blendv_ps(y.0, x.0, _mm256_cmp_ps::<_CMP_LT_OQ>(a.0, b.0)) })
         }
         #[inline(always)]
         fn relative(vertices: [&Vertex; 8], base: [&[f64; 3]; 8], scale: f64) -> [Self; 3] {
+            // SAFETY: AVX2 is there (see above); each pointer is to the three numbers of a point.
             unsafe {
                 let mask = _mm256_setr_epi64x(-1, -1, -1, 0);
                 let scale = _mm256_set1_pd(scale);
@@ -379,6 +393,7 @@ mod avx2 {
         #[inline(always)]
         fn store_rows(columns: [Self; 8], rows: &mut [[f32; 8]; 8]) {
             let c = &columns;
+            // SAFETY: AVX2 is there (see above); eight numbers are written to each row of eight.
             unsafe {
                 let r =
                     transposed([c[0].0, c[1].0, c[2].0, c[3].0, c[4].0, c[5].0, c[6].0, c[7].0]);
@@ -394,6 +409,7 @@ mod avx2 {
         }
         #[inline(always)]
         fn below(self, other: Self) -> u32 {
+            // SAFETY: AVX2 is there, see above.
             unsafe {
                 let less = _mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0);
                 _mm256_movemask_ps(less).cast_unsigned()
@@ -401,6 +417,7 @@ mod avx2 {
         }
         #[inline(always)]
         fn matches(ids: &[u32; 8], id: u32) -> u32 {
+            // SAFETY: AVX2 is there (see above); eight numbers are read of eight.
             unsafe {
                 let ids = _mm256_loadu_si256(ids.as_ptr().cast());
                 let same = _mm256_cmpeq_epi32(ids, _mm256_set1_epi32(id.cast_signed()));
@@ -409,6 +426,7 @@ mod avx2 {
         }
         #[inline(always)]
         fn others(triangles: [&[u32; 3]; 8], v: u32) -> [[u32; 8]; 2] {
+            // SAFETY: AVX2 is there (see above); the mask keeps the loads to three numbers; eight are written to eight.
             unsafe {
                 let mask = _mm_setr_epi32(-1, -1, -1, 0);
                 let at = |i: usize| _mm_maskload_epi32(triangles[i].as_ptr().cast(), mask);
@@ -433,6 +451,7 @@ mod avx2 {
         fn packed(list: &[u32; 8], bits: u32) -> [u32; 8] {
             let lanes = &super::PACKING[bits as usize & 0xFF];
             let mut packed = [0; 8];
+            // SAFETY: AVX2 is there (see above); eight numbers, or the eight bytes of an entry, are read and written.
             unsafe {
                 let list = _mm256_loadu_si256(list.as_ptr().cast());
                 let lanes = _mm256_cvtepu8_epi32(_mm_loadl_epi64(lanes.as_ptr().cast()));
@@ -443,6 +462,7 @@ mod avx2 {
         }
         #[inline(always)]
         fn columns(rows: [&[f32; 8]; 8]) -> [Self; 8] {
+            // SAFETY: AVX2 is there (see above); eight numbers are read of each row of eight.
             unsafe {
                 let r = |i: usize| _mm256_loadu_ps(rows[i].as_ptr());
                 let [x0, x1, x2, x3, x4, x5, x6, x7] =
@@ -452,6 +472,7 @@ mod avx2 {
         }
         #[inline(always)]
         fn quadrics(vertices: [&Vertex; 8]) -> [Self; 9] {
+            // SAFETY: AVX2 is there (see above); the first eight of nine numbers are read.
             unsafe {
                 let at = |i: usize| vertices[i].quadric.as_ptr();
                 let (r0, r1) = (_mm256_loadu_ps(at(0)), _mm256_loadu_ps(at(1)));

@@ -27,6 +27,7 @@ mod samples;
 mod surface;
 mod topology;
 mod unchecked;
+mod validate;
 pub(crate) mod vector;
 mod wedges;
 mod weld;
@@ -36,6 +37,13 @@ pub use fit::{AUTO_FIT_RATIO, Fit, FitStatistics};
 
 use crate::mesh::Mesh;
 use samples::Samples;
+
+/// More triangles than this cannot be simplified at once: the numbers of triangles, corners and places in rings
+/// are 32 bits wide, with one bit of a corner taken, and room for what is added.
+pub const MAX_TRIANGLES: u64 = 1 << 29;
+/// More vertices cannot be either: two bits of an id in the queue are taken. Cuts and mending add vertices.
+pub const MAX_VERTICES: u64 = (1 << 30) - (1 << 24);
+const _: () = assert!(usize::BITS == 64, "sizes of meshes are counted in usize");
 
 /// When the kernel stops collapsing.
 #[derive(Clone, Debug, PartialEq)]
@@ -162,7 +170,8 @@ pub struct Simplified {
 
 /// Simplifies a mesh by edge collapse; vertices with `locked[v]` stay exactly where they are.
 ///
-/// `locked` has one entry a vertex; all of them `false` if nothing is shared with other cells.
+/// `locked` has one entry a vertex; all of them `false` if nothing is shared with other cells. Panics above
+/// `MAX_TRIANGLES` and `MAX_VERTICES`, and if a corner or a length does not fit the vertices.
 pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplified {
     run(mesh, locked, options, lanes::Simd::detect())
 }
@@ -175,6 +184,10 @@ pub fn simplify_mesh_portably(mesh: Mesh, locked: &[bool], options: &Options) ->
 }
 
 fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
+    let (n, n_triangles) = (mesh.positions.len(), mesh.triangles.len());
+    assert!(n_triangles as u64 <= MAX_TRIANGLES, "{n_triangles} triangles are too many at once");
+    assert!(n as u64 <= MAX_VERTICES, "{n} vertices are too many at once");
+    assert!(locked.len() == n && mesh.channels.len() == n * mesh.n_channels, "lengths agree");
     let mut statistics = Statistics::default();
     let mut surface =
         surface::Surface::new(mesh, locked, (&options.weights, &options.confined), simd);
@@ -182,6 +195,7 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
     let flat = std::mem::take(&mut surface.flat);
     let cleaned = clean::clean(&mut surface, &flat, simd);
     drop(flat);
+    validate::validate(&surface);
     let mut approached = 0;
     if options.merge_distance > 0.0 && options.topology == Topology::Error {
         approached = approach::approach(&mut surface, options.merge_distance, simd);
@@ -232,6 +246,7 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
         statistics.charts_vanished = wedges.n_charts_vanished(&driver.surface.triangles);
         statistics.seam_vertices = wedges.n_seam_vertices(&driver.surface);
     }
+    validate::validate(&driver.surface);
     let (mesh, source) = driver.surface.into_mesh();
     Simplified { mesh, source, statistics }
 }

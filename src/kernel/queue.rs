@@ -79,10 +79,11 @@ impl BucketQueue {
         }
     }
 
-    /// The bucket of a cost, which is not negative and not NaN.
+    /// The bucket of a cost; of what is negative or NaN, the first.
     #[inline(always)]
     pub(crate) fn bucket(&self, cost: f32) -> u32 {
-        cost.max(0.0).to_bits() >> self.shift
+        // Not `max`, which may leave -0, whose bits are beyond all buckets.
+        if cost > 0.0 { cost.to_bits() >> self.shift } else { 0 }
     }
 
     /// The least cost of a bucket.
@@ -134,6 +135,7 @@ impl BucketQueue {
 
     #[inline(always)]
     pub(crate) fn push(&mut self, bucket: u32, entry: Entry) {
+        debug_assert!(entry.v1 >> FAILURE_SHIFT == 0 && entry.failures < 4);
         let bucket = bucket.max(self.current);
         let v1 = entry.v1 | u32::from(entry.failures) << FAILURE_SHIFT;
         let slot = Slot { v0: entry.v0, v1, next: *at(&self.heads, bucket) };
@@ -204,6 +206,24 @@ mod tests {
             assert_eq!(queue.pop(), None);
             queue.clear();
         }
+    }
+
+    #[test]
+    fn ids_and_costs_at_their_limits_come_out_as_they_went_in() {
+        let mut queue = BucketQueue::new(5);
+        let costs = [-0.0, 0.0, -1.0, f32::NAN, f32::MIN_POSITIVE, f32::MAX, f32::INFINITY];
+        let most = (1 << FAILURE_SHIFT) - 1;
+        let entries: Vec<Entry> = (0..costs.len() as u32)
+            .map(|i| Entry { v0: u32::MAX - i, v1: most - i, failures: i as u8 & 3 })
+            .collect();
+        for (&cost, &entry) in costs.iter().zip(&entries) {
+            queue.push(queue.bucket(cost), entry);
+        }
+        let order = [3, 2, 1, 0, 4, 5, 6];
+        for i in order {
+            assert_eq!(queue.pop(), Some((queue.bucket(costs[i]), entries[i])));
+        }
+        assert!(u64::from(most) >= crate::kernel::MAX_VERTICES);
     }
 
     #[test]

@@ -13,6 +13,7 @@ use super::lanes::{Job, Lanes, Simd};
 use super::legal::Class;
 use super::order;
 use super::unchecked::{at, at_mut, part, prefetch};
+use super::validate::validate;
 use super::vector::Vec3;
 use super::wedges::Wedges;
 use crate::mesh::Mesh;
@@ -237,6 +238,7 @@ impl Surface {
             attributes.build(self);
             self.attributes = Some(attributes);
         }
+        validate(self);
     }
 
     /// Adds up the quadrics of all triangles, and the lengths of the rings; gives back the triangles that
@@ -305,6 +307,15 @@ impl Surface {
     pub(crate) fn ring(&self, v: u32) -> &[u32] {
         let ring = at(&self.rings, v);
         part(&self.arena, ring.start, ring.len)
+    }
+
+    /// Room for `n` more places at the end of the arena, filled with the number of some triangle.
+    #[inline(always)]
+    pub(crate) fn append_room(&mut self, n: usize) -> u32 {
+        let start = self.arena.len();
+        assert!(start + n <= u32::MAX as usize, "places in the arena are 32 bits wide");
+        self.arena.resize(start + n, 0);
+        start as u32
     }
 
     /// Takes a triangle that goes out of the ring of one of its corners; the ring of a hub keeps it until the

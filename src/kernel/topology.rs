@@ -227,12 +227,12 @@ pub(crate) fn cut(
 /// Gives a vertex the triangles of `list` as its ring.
 pub(super) fn set_ring(surface: &mut Surface, v: u32, list: &[u32]) {
     let n = list.len() as u32;
-    let ring = &mut surface.rings[v as usize];
-    if n > ring.room {
-        ring.start = surface.arena.len() as u32;
-        ring.room = n;
-        surface.arena.resize(surface.arena.len() + list.len(), 0);
+    if n > surface.rings[v as usize].room {
+        let start = surface.append_room(list.len());
+        let ring = &mut surface.rings[v as usize];
+        (ring.start, ring.room) = (start, n);
     }
+    let ring = &mut surface.rings[v as usize];
     ring.len = n;
     let start = ring.start as usize;
     surface.arena[start..start + list.len()].copy_from_slice(list);

@@ -231,6 +231,45 @@ impl Wedges {
         (self.source.len() - 1) as u32
     }
 
+    /// Contradictions between corners, wedges and the surface, in words.
+    #[cfg(debug_assertions)]
+    pub(super) fn check(&self, surface: &Surface) -> Result<(), String> {
+        let n = self.source.len();
+        let lengths = [self.corner.len(), self.is_seam.len(), self.chart.len(), self.values.len()];
+        let due = [surface.triangles.len(), surface.vertices.len(), n, n * self.n_channels];
+        if lengths != due {
+            return Err(format!("corners, vertices, charts, values: {lengths:?} for {due:?}"));
+        }
+        // Each wedge belongs to one vertex, each vertex off the seams has one wedge.
+        let mut owner = vec![GONE; n];
+        let mut wedge_of = vec![GONE; surface.vertices.len()];
+        let mut has_several = vec![false; surface.vertices.len()];
+        let alive = surface.triangles.iter().zip(&self.corner).filter(|(t, _)| t[0] != GONE);
+        for (&v, &w) in alive.flat_map(|(t, corner)| t.iter().zip(corner)) {
+            let Some(owner) = owner.get_mut(w as usize) else {
+                return Err(format!("wedge {w} of vertex {v} does not exist"));
+            };
+            if *owner != GONE && *owner != v {
+                return Err(format!("wedge {w} belongs to {v} and to {owner}"));
+            }
+            *owner = v;
+            let known = &mut wedge_of[v as usize];
+            has_several[v as usize] |= *known != GONE && *known != w;
+            *known = w;
+        }
+        for (v, &w) in wedge_of.iter().enumerate().filter(|(_, w)| **w != GONE) {
+            if has_several[v] != self.is_seam[v] {
+                return Err(format!("vertex {v} is on a seam: {}", has_several[v]));
+            }
+            let (values, own) = (self.values_of(w), surface.channels_of(v as u32));
+            let is_same = values.iter().zip(own).all(|(a, b)| a.to_bits() == b.to_bits());
+            if !has_several[v] && !is_same {
+                return Err(format!("vertex {v} has {own:?}, its wedge {values:?}"));
+            }
+        }
+        Ok(())
+    }
+
     /// Input vertex and channels of a wedge.
     pub(crate) fn of(&self, wedge: u32) -> (u32, &[f32]) {
         (self.source[wedge as usize], self.values_of(wedge))

@@ -7,11 +7,16 @@
 mod finish;
 mod recut;
 
+use crate::kernel;
 pub use finish::{Parts, finish};
 pub use recut::recut;
 
 /// The finish takes at most this many cells' worth of triangles.
 pub const FINISH_CELLS: u64 = 4;
+
+/// Larger cells would give the finish more than the kernel can hold: three vertices a triangle at worst.
+pub const MAX_CELL_TRIANGLES: u64 = kernel::MAX_TRIANGLES / (2 * FINISH_CELLS);
+const _: () = assert!(3 * FINISH_CELLS * MAX_CELL_TRIANGLES <= kernel::MAX_VERTICES);
 
 /// Cells stop at this multiple of the final count in the round after which their seams first vanish; nearer,
 /// seams show (KERNEL experiments: 4x no trace, 1.2x 1.08-1.29 times the error at the seams).

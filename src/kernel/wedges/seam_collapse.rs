@@ -316,21 +316,24 @@ impl Wedges {
                 }
             }
         }
+        // What it was before says nothing of what came with `v0`.
+        self.is_seam[v1 as usize] = true;
         self.look_again(surface, v1);
         // Charts may have vanished from the third corners, too.
         let around: Vec<u32> = surface.ring(v1).to_vec();
         for t in around {
             let (b, c) = others(surface.triangles[t as usize], v1);
             for w in [b, c] {
-                if self.is_seam[w as usize] {
-                    self.look_again(surface, w);
-                }
+                self.look_again(surface, w);
             }
         }
     }
 
     /// Whether `v` still has several wedges; if not, their values become the surface's.
-    fn look_again(&mut self, surface: &mut Surface, v: u32) {
+    pub(crate) fn look_again(&mut self, surface: &mut Surface, v: u32) {
+        if !self.is_seam[v as usize] {
+            return;
+        }
         let ring = surface.ring(v);
         // Wedges that have come to the same values are one: the seam is closed there.
         // That of a locked vertex is the one to stay: other cells know it.

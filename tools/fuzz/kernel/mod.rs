@@ -15,7 +15,11 @@ pub mod judge;
 pub mod shrink;
 pub mod spoil;
 
+use case::Case;
+use judge::Depth;
+use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Once;
 
 /// A broken promise: its kind, the same for meshes that break the same one, and the particulars.
 #[derive(Clone, Debug)]
@@ -27,30 +31,36 @@ pub struct Fault {
 }
 
 thread_local! {
-    static PANIC: std::cell::RefCell<Option<(String, String)>> = const { std::cell::RefCell::new(None) };
+    static IS_JUDGING: Cell<bool> = const { Cell::new(false) };
+    static PANIC: RefCell<Option<(String, String)>> = const { RefCell::new(None) };
 }
 
-/// Notes panics for `verdict` instead of printing them. Once per process.
-pub fn note_panics() {
-    std::panic::set_hook(Box::new(|info| {
-        let place = info.location().map_or_else(String::new, |at| {
-            format!(
-                "{}:{}",
-                at.file().rsplit_once("src/").map_or(at.file(), |(_, end)| end),
-                at.line()
-            )
-        });
-        PANIC.with(|note| *note.borrow_mut() = Some((place, info.to_string())));
-    }));
+/// Makes panics under `verdict` be noted instead of printed; once a process.
+fn note_panics() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        let before = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |info| {
+            if !IS_JUDGING.get() {
+                return before(info);
+            }
+            let place = info.location().map_or_else(String::new, |at| {
+                let file = at.file().rsplit_once("src/").map_or(at.file(), |(_, end)| end);
+                format!("{file}:{}", at.line())
+            });
+            PANIC.with(|note| *note.borrow_mut() = Some((place, info.to_string())));
+        }));
+    });
 }
 
 /// Judges a case; a panic is a fault too.
-pub fn verdict(case: &case::Case, depth: judge::Depth) -> Result<(), Fault> {
-    match catch_unwind(AssertUnwindSafe(|| judge::judge(case, depth))) {
-        Ok(result) => result,
-        Err(_) => {
-            let (place, detail) = PANIC.with(|note| note.borrow_mut().take()).unwrap_or_default();
-            Err(Fault { kind: format!("panic at {place}"), detail })
-        }
-    }
+pub fn verdict(case: &Case, depth: Depth) -> Result<(), Fault> {
+    note_panics();
+    IS_JUDGING.set(true);
+    let result = catch_unwind(AssertUnwindSafe(|| judge::judge(case, depth)));
+    IS_JUDGING.set(false);
+    result.unwrap_or_else(|_| {
+        let (place, detail) = PANIC.with(|note| note.borrow_mut().take()).unwrap_or_default();
+        Err(Fault { kind: format!("panic at {place}"), detail })
+    })
 }

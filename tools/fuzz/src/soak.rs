@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Seeds that a thread takes at a time.
 const BATCH: u64 = 1000;
 /// One mesh in so many is run again in other ways.
-const DEEP: u64 = 4;
+const DEEP: u64 = 8;
 
 fn main() {
     let numbers: Vec<u64> = std::env::args().skip(1).filter_map(|x| x.parse().ok()).collect();
@@ -24,7 +24,6 @@ fn main() {
         eprintln!("soak FIRST LAST [THREADS]: judge the meshes of these seeds");
         std::process::exit(2);
     };
-    kernel::note_panics();
     let next = AtomicU64::new(first);
     let n_triangles = AtomicU64::new(0);
     let faults: Mutex<BTreeMap<String, (u64, u64)>> = Mutex::default();
