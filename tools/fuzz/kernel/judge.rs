@@ -201,7 +201,7 @@ fn topology(case: &Case, result: &Simplified) -> Result<(), Fault> {
     }
     // Charts are joined wherever they touch, if only in one place.
     let is_welded = options.topology == Topology::Keep || options.confined.contains(&true);
-    let may_pinch = is_welded && has_doubles;
+    let may_pinch = is_welded && (has_doubles || options.merge_distance > 0.0);
     if before.is_vertex_manifold && !may_pinch && !after.is_vertex_manifold {
         return fault("vertex-manifold stays so", format!("{before:?} {after:?}"));
     }
