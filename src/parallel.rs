@@ -36,33 +36,53 @@ pub fn in_order<T: Default + Send>(
     mut consume: impl FnMut(u64, &mut T) -> Result<()>,
 ) -> Result<()> {
     let threads = threads.max(1).min(n_blocks.max(1) as usize);
+    let slots: Vec<Mutex<T>> = (0..threads * BLOCKS_PER_THREAD).map(|_| Mutex::default()).collect();
+    // A slot has one holder at a time: the lock is never waited for. After a panic in `produce` the block
+    // counts as failed, and nothing reads its slot.
+    let held = |slot: usize| slots[slot].lock().unwrap_or_else(PoisonError::into_inner);
+    numbers_in_order(
+        n_blocks,
+        threads,
+        &|index, slot| progress.check().and_then(|()| produce(index, &mut held(slot))),
+        &mut |index, slot| consume(index, &mut held(slot)),
+    )
+}
+
+/// Runs `in_order` on numbers of blocks and of slots for their results.
+///
+/// Compiled once for all types of results: threads and channels are much code for each.
+fn numbers_in_order(
+    n_blocks: u64,
+    threads: usize,
+    produce: &(dyn Fn(u64, usize) -> Result<()> + Sync),
+    consume: &mut dyn FnMut(u64, usize) -> Result<()>,
+) -> Result<()> {
     let window = threads * BLOCKS_PER_THREAD;
-    let (give, spare) = bounded::<T>(window);
-    let (send, receive) = bounded::<(u64, T, Result<()>)>(window);
-    for _ in 0..window {
-        give.send(T::default()).expect("the channel holds a whole window");
+    let (give, spare) = bounded::<usize>(window);
+    let (send, receive) = bounded::<(u64, usize, Result<()>)>(window);
+    for slot in 0..window {
+        give.send(slot).expect("the channel holds a whole window");
     }
     let next = Mutex::new(0u64);
     std::thread::scope(|scope| {
         for _ in 0..threads {
-            let (send, spare, next, produce) = (send.clone(), spare.clone(), &next, &produce);
+            let (send, spare, next) = (send.clone(), spare.clone(), &next);
             scope.spawn(move || {
                 loop {
-                    // Taking the spare result under the lock keeps blocks in order of issue, so that
+                    // Taking the spare slot under the lock keeps blocks in order of issue, so that
                     // the block the consumer waits for is always among those under way.
-                    let (index, mut result) = {
+                    let (index, slot) = {
                         let mut next = next.lock().unwrap_or_else(PoisonError::into_inner);
                         if *next >= n_blocks {
                             return;
                         }
-                        let Ok(result) = spare.recv() else { return };
+                        let Ok(slot) = spare.recv() else { return };
                         *next += 1;
-                        (*next - 1, result)
+                        (*next - 1, slot)
                     };
-                    let outcome =
-                        guarded(|| progress.check().and_then(|()| produce(index, &mut result)));
+                    let outcome = guarded(|| produce(index, slot));
                     let failed = outcome.is_err();
-                    if send.send((index, result, outcome)).is_err() || failed {
+                    if send.send((index, slot, outcome)).is_err() || failed {
                         return;
                     }
                 }
@@ -74,13 +94,13 @@ pub fn in_order<T: Default + Send>(
         let (receive, give) = (receive, give);
         let mut waiting = BTreeMap::new();
         for index in 0..n_blocks {
-            let (mut result, outcome) = loop {
+            let (slot, outcome) = loop {
                 if let Some(found) = waiting.remove(&index) {
                     break found;
                 }
                 match receive.recv() {
-                    Ok((index, result, outcome)) => {
-                        waiting.insert(index, (result, outcome));
+                    Ok((index, slot, outcome)) => {
+                        waiting.insert(index, (slot, outcome));
                     }
                     Err(_) => {
                         // Every worker has ended without this block: one of them failed.
@@ -91,9 +111,9 @@ pub fn in_order<T: Default + Send>(
                 }
             };
             outcome?;
-            consume(index, &mut result)?;
+            consume(index, slot)?;
             // Workers that have ended no longer take spares; that is no fault.
-            let _ = give.send(result);
+            let _ = give.send(slot);
         }
         Ok(())
     })

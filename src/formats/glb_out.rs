@@ -3,7 +3,7 @@
 //! `KHR_mesh_quantization` allows integer positions; the node's scale and translation bring them back to
 //! input units. One scale for all axes, so that nothing is distorted: the error is at most half of
 //! 1/65535 of the longest side. Colours are bytes, normals signed bytes, all padded to 4 bytes as the
-//! format wants. `gltf-json` writes the description.
+//! format wants.
 
 use super::obj_out::{find_colour, find3, unit_colour};
 use super::sink::folder_of;
@@ -12,9 +12,16 @@ use crate::ply::OutputHeader;
 use crate::ply::raw::Spool;
 use crate::ply::writer::{PendingFile, Place};
 use crate::schema::{Scalar, read_scalar};
-use gltf_json as json;
-use json::validation::Checked::Valid;
-use json::validation::USize64;
+use serde_json::{Value, json};
+
+// Numbers that glTF 2.0 gives to types of components, uses of buffers and kinds of primitives.
+const I8: u32 = 5120;
+const U8: u32 = 5121;
+const U16: u32 = 5123;
+const U32: u32 = 5125;
+const ARRAY_BUFFER: u32 = 34962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+const TRIANGLES: u32 = 4;
 
 /// Bytes of x, y, z as `u16` and padding.
 const POSITION_BYTES: u64 = 8;
@@ -141,9 +148,8 @@ impl GlbWriter {
         let extent = (0..3).map(|i| self.most[i] - self.least[i]).fold(0.0, f64::max);
         let scale = if extent > 0.0 { extent / 65_535.0 } else { 1.0 };
         let layout = Layout::new(&self.header, self.has_colour_and_normal());
-        let root = layout.root(&self.header, self.least, self.most, scale);
-        let failed = |e: json::Error| Error::Usage(format!("cannot describe the output: {e}"));
-        let mut text = json::serialize::to_vec(&root).map_err(failed)?;
+        let mut text =
+            layout.description(&self.header, self.least, self.most, scale).to_string().into_bytes();
         text.resize(text.len().next_multiple_of(4), b' ');
         let total = 12 + 8 + text.len() as u64 + 8 + layout.total;
         self.out.write(b"glTF")?;
@@ -201,110 +207,64 @@ impl Layout {
         Layout { vertex_bytes, colour_at, normal_at, indices_at, total }
     }
 
-    fn root(
+    /// Describes the binary chunk as glTF 2.0 (Khronos, sections 3.6 and 5), in JSON.
+    fn description(
         &self,
         header: &OutputHeader,
         least: [f64; 3],
         most: [f64; 3],
         scale: f64,
-    ) -> json::Root {
-        use json::accessor::{ComponentType, GenericComponentType, Type};
-        use json::buffer::{Stride, Target, View};
-        use json::mesh::Semantic;
-        let mut root = json::Root {
-            asset: json::Asset {
-                generator: Some(
-                    format!("stonecut {} {}", env!("CARGO_PKG_VERSION"), header.settings)
-                        .trim_end()
-                        .to_owned(),
-                ),
-                ..json::Asset::default()
-            },
-            extensions_used: vec!["KHR_mesh_quantization".to_owned()],
-            extensions_required: vec!["KHR_mesh_quantization".to_owned()],
-            ..json::Root::default()
-        };
-        let buffer = root.push(json::Buffer {
-            byte_length: USize64(self.total),
-            uri: None,
-            extensions: None,
-            extras: Default::default(),
-        });
-        let mut view = |at: u64, length: u64, stride: Option<u64>, target| {
-            root.push(View {
-                buffer,
-                byte_length: USize64(length),
-                byte_offset: Some(USize64(at)),
-                byte_stride: stride.map(|bytes| Stride(bytes as usize)),
-                target: Some(Valid(target)),
-                extensions: None,
-                extras: Default::default(),
-            })
-        };
-        let vertices = view(0, self.indices_at, Some(self.vertex_bytes), Target::ArrayBuffer);
-        let indices = view(self.indices_at, 12 * header.n_faces, None, Target::ElementArrayBuffer);
-        let accessor = |view, at: u64, count, component, type_, normalized| json::Accessor {
-            buffer_view: Some(view),
-            byte_offset: Some(USize64(at)),
-            count: USize64(count),
-            component_type: Valid(GenericComponentType(component)),
-            type_: Valid(type_),
-            min: None,
-            max: None,
-            normalized,
-            sparse: None,
-            extensions: None,
-            extras: Default::default(),
-        };
-        let n = header.n_vertices;
-        let mut attributes = std::collections::BTreeMap::new();
-        let mut position = accessor(vertices, 0, n, ComponentType::U16, Type::Vec3, false);
+    ) -> Value {
+        let (n_vertices, n_indices) = (header.n_vertices, 3 * header.n_faces);
         let steps = [0, 1, 2].map(|i| ((most[i] - least[i]) / scale).round() as u16);
-        position.min = Some(json::Value::from(vec![0u16; 3]));
-        position.max = Some(json::Value::from(steps.to_vec()));
-        attributes.insert(Valid(Semantic::Positions), root.push(position));
-        if let Some(at) = self.colour_at {
-            let colour = accessor(vertices, at, n, ComponentType::U8, Type::Vec4, true);
-            attributes.insert(Valid(Semantic::Colors(0)), root.push(colour));
+        let mut accessors = vec![json!({
+            "bufferView": 0, "byteOffset": 0, "count": n_vertices,
+            "componentType": U16, "type": "VEC3", "min": [0, 0, 0], "max": steps,
+        })];
+        let mut attributes = json!({ "POSITION": 0 });
+        let extras =
+            [("COLOR_0", self.colour_at, U8, "VEC4"), ("NORMAL", self.normal_at, I8, "VEC3")];
+        for (name, at, component, kind) in extras {
+            let Some(at) = at else { continue };
+            attributes[name] = accessors.len().into();
+            accessors.push(json!({
+                "bufferView": 0, "byteOffset": at, "count": n_vertices,
+                "componentType": component, "type": kind, "normalized": true,
+            }));
         }
-        if let Some(at) = self.normal_at {
-            let normal = accessor(vertices, at, n, ComponentType::I8, Type::Vec3, true);
-            attributes.insert(Valid(Semantic::Normals), root.push(normal));
-        }
-        let indices = root.push(accessor(
-            indices,
-            0,
-            3 * header.n_faces,
-            ComponentType::U32,
-            Type::Scalar,
-            false,
-        ));
-        let mesh = root.push(json::Mesh {
-            primitives: vec![json::mesh::Primitive {
-                attributes,
-                indices: Some(indices),
-                material: None,
-                mode: Valid(json::mesh::Mode::Triangles),
-                targets: None,
-                extensions: None,
-                extras: Default::default(),
+        let indices = accessors.len();
+        accessors.push(json!({
+            "bufferView": 1, "byteOffset": 0, "count": n_indices,
+            "componentType": U32, "type": "SCALAR",
+        }));
+        let side = [scale as f32; 3];
+        let generator = format!("stonecut {} {}", env!("CARGO_PKG_VERSION"), header.settings);
+        json!({
+            "asset": { "version": "2.0", "generator": generator.trim_end() },
+            "extensionsUsed": ["KHR_mesh_quantization"],
+            "extensionsRequired": ["KHR_mesh_quantization"],
+            "buffers": [{ "byteLength": self.total }],
+            "bufferViews": [
+                {
+                    "buffer": 0, "byteOffset": 0, "byteLength": self.indices_at,
+                    "byteStride": self.vertex_bytes, "target": ARRAY_BUFFER,
+                },
+                {
+                    "buffer": 0, "byteOffset": self.indices_at, "byteLength": 4 * n_indices,
+                    "target": ELEMENT_ARRAY_BUFFER,
+                },
+            ],
+            "accessors": accessors,
+            "meshes": [{
+                "primitives": [{ "attributes": attributes, "indices": indices, "mode": TRIANGLES }],
             }],
-            weights: None,
-            extensions: None,
-            extras: Default::default(),
-        });
-        let node = root.push(json::Node {
-            mesh: Some(mesh),
-            scale: Some([scale as f32; 3]),
-            translation: Some(least.map(|v| v as f32)),
-            ..json::Node::default()
-        });
-        let scene = root.push(json::Scene {
-            nodes: vec![node],
-            extensions: None,
-            extras: Default::default(),
-        });
-        root.scene = Some(scene);
-        root
+            "nodes": [{
+                "mesh": 0,
+                "scale": side,
+                "translation": least.map(|v| v as f32),
+            }],
+            "scenes": [{ "nodes": [0] }],
+            "scene": 0,
+        })
     }
 }

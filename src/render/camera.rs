@@ -2,8 +2,7 @@
 //!
 //! Camera space: x right, y up, z towards the viewer, origin at the point looked at.
 
-use super::vector::{V3, add, cross, dot, scale, sub, unit};
-use nalgebra::{Matrix3, SymmetricEigen};
+use super::vector::{V3, add, cross, dot, scale, sub, symmetric_eigen, unit};
 
 /// Tangent of half the vertical angle of view: about 24 degrees in all, a portrait lens.
 const TAN_HALF_VIEW: f64 = 0.21;
@@ -69,13 +68,10 @@ impl Extent {
     /// Standard deviations along the main directions with these, largest first.
     fn main_directions(&self) -> [(f64, V3); 3] {
         let n = self.n.max(1.0);
-        let matrix =
-            Matrix3::from_fn(|i, j| self.products[i][j] / n - self.sum[i] / n * self.sum[j] / n);
-        let eigen = SymmetricEigen::new(matrix);
-        let mut main: [(f64, V3); 3] = std::array::from_fn(|i| {
-            let direction = eigen.eigenvectors.column(i);
-            (eigen.eigenvalues[i].max(0.0).sqrt(), [direction[0], direction[1], direction[2]])
-        });
+        let covariance =
+            |i: usize, j: usize| self.products[i][j] / n - self.sum[i] / n * self.sum[j] / n;
+        let matrix = std::array::from_fn(|i| std::array::from_fn(|j| covariance(i, j)));
+        let mut main = symmetric_eigen(matrix).map(|(value, axis)| (value.max(0.0).sqrt(), axis));
         main.sort_by(|a, b| b.0.total_cmp(&a.0));
         main
     }

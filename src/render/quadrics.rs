@@ -6,9 +6,8 @@
 //! its half-axes sqrt(c / eigenvalue), cut off where there is no resistance at all.
 
 use super::shade::tone;
-use super::vector::{V3, add, cross, dot, normal, scale, sub, unit};
+use super::vector::{V3, add, cross, dot, normal, scale, sub, symmetric_eigen, unit};
 use crate::mesh::Mesh;
-use nalgebra::{Matrix3, SymmetricEigen};
 
 /// Half-axes are at most so many mean edge lengths of the vertex.
 const LONGEST: f64 = 0.85;
@@ -103,18 +102,15 @@ fn quadrics(mesh: &Mesh) -> Vec<Quadric> {
 }
 
 fn ellipsoid(place: V3, quadric: &Quadric, edge: f64, out: &mut Vec<Facet>) {
-    let eigen = SymmetricEigen::new(Matrix3::from_fn(|i, j| quadric.matrix[i][j]));
-    let largest = eigen.eigenvalues.max().max(f64::MIN_POSITIVE);
-    let axes: [V3; 3] = std::array::from_fn(|i| {
-        let axis = eigen.eigenvectors.column(i);
-        [axis[0], axis[1], axis[2]]
-    });
+    let eigen = symmetric_eigen(quadric.matrix);
+    let (eigenvalues, axes) = (eigen.map(|(value, _)| value), eigen.map(|(_, axis)| axis));
+    let largest = eigenvalues.into_iter().fold(f64::MIN_POSITIVE, f64::max);
     let half: [f64; 3] = std::array::from_fn(|i| {
-        let relative = (eigen.eigenvalues[i] / largest).max(1e-12);
+        let relative = (eigenvalues[i] / largest).max(1e-12);
         (LEVEL * edge / relative.sqrt()).clamp(SHORTEST * edge, LONGEST * edge)
     });
     // Blue where one direction resists (a face), orange with two (a crease), red with three (a corner).
-    let mut relative: [f64; 3] = std::array::from_fn(|i| eigen.eigenvalues[i].max(0.0) / largest);
+    let mut relative: [f64; 3] = std::array::from_fn(|i| eigenvalues[i].max(0.0) / largest);
     relative.sort_by(f64::total_cmp);
     let (crease, corner) = (relative[1].powf(0.35), relative[0].powf(0.35));
     let [face_blue, orange, red] = [[0.27, 0.51, 0.86], [0.96, 0.62, 0.20], [0.84, 0.22, 0.24]];
