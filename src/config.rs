@@ -30,6 +30,22 @@ impl Target {
     }
 }
 
+impl Target {
+    /// Refuses a share of `n_triangles` that is less than a triangle.
+    pub fn check(self, n_triangles: u64) -> crate::Result<()> {
+        match self {
+            Target::Ratio(ratio) if n_triangles > 0 && self.triangles(n_triangles) == 0 => {
+                let percent = 100.0 * ratio;
+                Err(crate::Error::Usage(format!(
+                    "--ratio: {percent} % of {n_triangles} triangles is less than one; ask for at least \
+                     --triangles 1"
+                )))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
 /// The stage after which a run stops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Until {

@@ -166,7 +166,34 @@ impl Disk {
             .open(path)
             .map_err(|e| Error::io(path, "cannot create", e))?;
         self.follow(|losses| losses.created(path, &file));
-        Ok(DiskFile { disk: self.clone(), file, path: path.into(), length: 0, handed_over: 0 })
+        Ok(self.file_at(file, path))
+    }
+
+    /// Creates a file that must not be there yet; `None` if it is.
+    pub fn create_new(&self, path: &Path) -> Result<Option<DiskFile>> {
+        self.operation(path, "cannot create", Change)?;
+        let file = match OpenOptions::new().read(true).write(true).create_new(true).open(path) {
+            Ok(file) => file,
+            Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => return Ok(None),
+            Err(e) => return Err(Error::io(path, "cannot create", e)),
+        };
+        self.follow(|losses| losses.created(path, &file));
+        Ok(Some(self.file_at(file, path)))
+    }
+
+    /// Creates a file without a name in `folder`, which vanishes with its process unless `DiskFile::link` names
+    /// it; `None` where the file system knows no such files. Tests of a power loss follow names, so they get none.
+    pub fn create_nameless(&self, folder: &Path) -> Result<Option<DiskFile>> {
+        self.operation(folder, "cannot create a file in", Change)?;
+        if self.shared.losses.is_some() {
+            return Ok(None);
+        }
+        let file = nameless(folder).map_err(|e| Error::io(folder, "cannot create a file in", e))?;
+        Ok(file.map(|file| self.file_at(file, folder)))
+    }
+
+    fn file_at(&self, file: File, path: &Path) -> DiskFile {
+        DiskFile { disk: self.clone(), file, path: path.into(), length: 0, handed_over: 0 }
     }
 
     /// Opens a file to append at `length`; whatever lies behind it is cut off.
@@ -194,9 +221,9 @@ impl Disk {
                 std::io::ErrorKind::NotFound => {
                     Error::corrupt(path, "is missing; run again with --restart")
                 }
-                _ => Error::io(path, "cannot open", e),
+                _ => Error::reading(path, "cannot open", e),
             })?;
-        let length = file.metadata().map_err(|e| Error::io(path, "cannot stat", e))?.len();
+        let length = file.metadata().map_err(|e| Error::reading(path, "cannot stat", e))?.len();
         Ok(DiskFile { disk: self.clone(), file, path: path.into(), length, handed_over: length })
     }
 
@@ -211,10 +238,7 @@ impl Disk {
 
     /// Makes the names in the folder of `path` durable.
     pub fn sync_folder_of(&self, path: &Path) -> Result<()> {
-        let folder = match path.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => Path::new("."),
-        };
+        let folder = folder_of(path);
         self.operation(folder, "cannot sync folder", Change)?;
         if self.shared.losses.is_some() {
             self.follow(|losses| losses.folder_synced(folder));
@@ -251,14 +275,92 @@ impl Disk {
         }
     }
 
-    /// Writes a small file whole: temporary name, sync, rename, folder sync.
-    pub fn write_whole(&self, path: &Path, bytes: &[u8]) -> Result<()> {
-        let temporary = path.with_extension("part");
-        let mut file = self.create(&temporary)?;
-        file.append(bytes)?;
-        file.sync()?;
-        drop(file);
-        self.rename(&temporary, path)
+}
+
+/// A file without a name in `folder`: it vanishes with the process, however that ends. `None` where the file
+/// system knows no such files.
+fn nameless(folder: &Path) -> std::io::Result<Option<File>> {
+    use rustix::fs::{Mode, OFlags, open};
+    use rustix::io::Errno;
+    let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
+    // Before Linux 3.11 the folder itself is opened, which fails with ISDIR.
+    match open(folder, flags, Mode::from_raw_mode(0o666)) {
+        Ok(file) => Ok(Some(File::from(file))),
+        Err(Errno::OPNOTSUPP | Errno::ISDIR | Errno::INVAL | Errno::NOSYS) => Ok(None),
+        Err(e) => Err(e.into()),
+    }
+}
+
+/// A scratch file in `folder` that no other process sees: without a name, or unlinked as soon as it is open.
+pub fn scratch_file(folder: &Path) -> std::io::Result<File> {
+    static COUNTER: AtomicU64 = AtomicU64::new(0);
+    if let Some(file) = nameless(folder)? {
+        return Ok(file);
+    }
+    loop {
+        let n = COUNTER.fetch_add(1, Relaxed);
+        let path = folder.join(format!(".stonecut.{}-{n}.tmp", std::process::id()));
+        match File::options().read(true).write(true).create_new(true).open(&path) {
+            Ok(file) => return std::fs::remove_file(&path).map(|()| file),
+            Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(e) => return Err(e),
+        }
+    }
+}
+
+/// Opens an input for reading. What is not a regular file is refused, and never waited for: opening a FIFO that
+/// nobody writes to would block, deaf to signals.
+pub fn open_input(path: &Path) -> Result<File> {
+    use rustix::fs::OFlags;
+    use std::os::unix::fs::OpenOptionsExt;
+    let bad = |e: std::io::Error| match e.kind() {
+        std::io::ErrorKind::NotFound => Error::bad_input(path, "there is no such file"),
+        _ => match Error::reading(path, "cannot open", e) {
+            Error::Io { action, source, .. } => {
+                Error::bad_input(path, format!("{action}: {source}"))
+            }
+            device => device,
+        },
+    };
+    refuse_irregular(path, &std::fs::metadata(path).map_err(bad)?)?;
+    // Should a FIFO have taken its place meanwhile, it is not waited for either.
+    let no_wait = OFlags::NONBLOCK.bits() as i32;
+    let file = File::options().read(true).custom_flags(no_wait).open(path).map_err(bad)?;
+    refuse_irregular(path, &file.metadata().map_err(bad)?)?;
+    Ok(file)
+}
+
+fn refuse_irregular(path: &Path, meta: &std::fs::Metadata) -> Result<()> {
+    if meta.is_file() {
+        return Ok(());
+    }
+    let what = if meta.is_dir() {
+        "this is a folder; name a file in it".to_owned()
+    } else {
+        let kind = kind_of(meta.file_type());
+        format!("this is {kind}, not a regular file; pipe it in with '-' as the input")
+    };
+    Err(Error::bad_input(path, what))
+}
+
+/// The kind of a file in words, for messages.
+pub fn kind_of(kind: std::fs::FileType) -> &'static str {
+    use std::os::unix::fs::FileTypeExt;
+    match kind {
+        kind if kind.is_file() => "a regular file",
+        kind if kind.is_dir() => "a folder",
+        kind if kind.is_symlink() => "a symbolic link",
+        kind if kind.is_fifo() => "a FIFO",
+        kind if kind.is_socket() => "a socket",
+        _ => "a device",
+    }
+}
+
+/// The folder a file lies in.
+pub fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
     }
 }
 
@@ -285,6 +387,27 @@ impl DiskFile {
     /// Where the file lies.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Gives a nameless file its name, on the same file system; `false` if there is a file of that name.
+    pub fn link(&mut self, path: &Path) -> Result<bool> {
+        use rustix::fs::{AtFlags, CWD, linkat};
+        use std::os::fd::AsRawFd;
+        self.disk.operation(path, "cannot create", Change)?;
+        let handle = format!("/proc/self/fd/{}", self.file.as_raw_fd());
+        match linkat(CWD, &handle, CWD, path, AtFlags::SYMLINK_FOLLOW) {
+            Ok(()) => {}
+            Err(rustix::io::Errno::EXIST) => return Ok(false),
+            Err(e) => return Err(Error::io(path, "cannot create", e.into())),
+        }
+        self.path = path.into();
+        Ok(true)
+    }
+
+    /// Takes the file's advisory lock until it is closed; `false` if another process holds it.
+    pub fn lock(&self) -> bool {
+        use rustix::fs::{FlockOperation, flock};
+        flock(&self.file, FlockOperation::NonBlockingLockExclusive).is_ok()
     }
 
     /// Appends bytes.
@@ -343,7 +466,7 @@ impl DiskFile {
                     ),
                 )
             } else {
-                Error::io(&self.path, "cannot read", e)
+                Error::reading(&self.path, "cannot read", e)
             }
         })?;
         self.disk.shared.bytes_read.fetch_add(out.len() as u64, Relaxed);

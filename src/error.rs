@@ -1,8 +1,9 @@
 //! What can go wrong, in classes that scripts can tell apart by exit code.
 //!
-//! A message is one line: what, where (file, element, row, byte offset), and what to do next. Faults of
-//! our own making are `assert!`s; only where a run would lose its end through one is it caught and becomes
-//! `Internal`.
+//! A message is one line: what, where (file, element, row, byte offset), and what to do next. What to do about a
+//! fault of the machine depends on the command that meets it: the error carries the remedy as a type, and
+//! `Error::advice` puts it into words for a command. Faults of our own making are `assert!`s; only where a run
+//! would lose its end through one is it caught and becomes `Internal`.
 
 use std::path::{Path, PathBuf};
 
@@ -33,22 +34,37 @@ pub enum Error {
     /// The command line asks for something that makes no sense.
     #[error("{0}")]
     Usage(String),
+    /// The run came to its end, but nothing would be left to write.
+    #[error("{}: {what}", path.display())]
+    Empty {
+        /// The output that was not written.
+        path: PathBuf,
+        /// Why nothing is left, and the remedy.
+        what: String,
+    },
     /// The file system cannot hold what the run would write.
     #[error("{}: {what}", path.display())]
     NoSpace {
-        /// The folder on that file system.
+        /// The folder on that file system, or the file.
         path: PathBuf,
-        /// Needed and available bytes, and the remedy.
+        /// What was being done, needed and available bytes.
         what: String,
+        /// What makes room.
+        remedy: Remedy,
     },
     /// The file system does not take files, or its device fails.
     #[error("{}: {what}", path.display())]
     Device {
         /// The file or folder.
         path: PathBuf,
-        /// What was being done, the system's own words, and the remedy.
+        /// What was being done, and the system's own words.
         what: String,
+        /// What helps.
+        remedy: Remedy,
     },
+    /// Whoever reads standard output has closed it; other commands die of SIGPIPE there, without a word.
+    #[error("standard output was closed")]
+    OutputClosed,
     /// The memory budget cannot hold one cell and the finish.
     #[error("{0}")]
     NoMemory(String),
@@ -77,48 +93,122 @@ pub enum Error {
         what: String,
     },
     /// A fault of our own (a panic) that was caught; what was sealed before it is kept.
-    #[error(
-        "internal fault: {0}; please report it. The state is kept: the same command continues from it"
-    )]
+    #[error("internal fault: {0}; please report it")]
     Internal(String),
     /// The user, or the system, asked to stop; everything sealed so far is kept.
-    #[error("stopped by signal {signal}; run the same command to continue")]
+    #[error("stopped by signal {signal}")]
     Interrupted {
         /// The signal's number: 2 (SIGINT) or 15 (SIGTERM).
         signal: i32,
     },
 }
 
+/// What helps against a fault of the machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Remedy {
+    /// Room on the file system.
+    MakeSpace,
+    /// Fewer files on the file system.
+    RemoveFiles,
+    /// A higher limit on the size of a file (`ulimit -f`).
+    RaiseFileLimit,
+    /// A disk that takes files.
+    MendDisk,
+    /// Another place behind standard output.
+    Redirect,
+}
+
+/// What a command offers against a failure; advice names nothing else.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Offers {
+    /// The same command continues where an earlier one stopped.
+    pub resumes: bool,
+    /// It has the option `--temp-dir`.
+    pub temp_dir: bool,
+}
+
+const SIGPIPE: u8 = 13;
+
 impl Error {
-    /// Wraps an operating-system error with the path and the action it belongs to.
+    /// Wraps a failure to write, create, rename or remove with the path and the action it belongs to.
     ///
     /// Running out of space or quota becomes `NoSpace`, whose exit code scripts wait for; a folder that takes
     /// no files, or a failing device, `Device`.
     pub fn io(path: impl AsRef<Path>, action: &'static str, source: std::io::Error) -> Self {
         use std::io::ErrorKind::{
-            PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull,
+            FileTooLarge, PermissionDenied, QuotaExceeded, ReadOnlyFilesystem, StorageFull,
         };
         let path = path.as_ref().to_path_buf();
-        if matches!(source.kind(), StorageFull | QuotaExceeded) {
-            let what = format!(
-                "{action}: {source}; make space and run the same command to continue, or move the \
-                 temporary data with --temp-dir"
-            );
-            return Error::NoSpace { path, what };
+        let what = || format!("{action}: {source}");
+        match source.kind() {
+            StorageFull | QuotaExceeded => {
+                Error::NoSpace { path, what: what(), remedy: Remedy::MakeSpace }
+            }
+            FileTooLarge => Error::NoSpace { path, what: what(), remedy: Remedy::RaiseFileLimit },
+            PermissionDenied | ReadOnlyFilesystem => {
+                Error::Device { path, what: what(), remedy: Remedy::MendDisk }
+            }
+            _ if is_device_failure(&source) => {
+                Error::Device { path, what: what(), remedy: Remedy::MendDisk }
+            }
+            _ => Error::Io { path, action, source },
         }
-        // What fails while reading is the input's or the user's affair; the words say it all.
-        let is_writing = !matches!(action, "cannot open" | "cannot read" | "cannot stat");
-        let is_refused = matches!(source.kind(), ReadOnlyFilesystem | PermissionDenied);
-        if source.raw_os_error() == Some(rustix::io::Errno::IO.raw_os_error())
-            || is_refused && is_writing
-        {
-            let what = format!(
-                "{action}: {source}; what was done is kept: run the same command once the disk takes files \
-                 again, or move the output, or the temporary data with --temp-dir"
-            );
-            return Error::Device { path, what };
+    }
+
+    /// Wraps a failure to open, look at or read: what is refused there is a matter of the file, not of the disk,
+    /// unless the device fails.
+    pub fn reading(path: impl AsRef<Path>, action: &'static str, source: std::io::Error) -> Self {
+        let path = path.as_ref().to_path_buf();
+        if is_device_failure(&source) {
+            let what = format!("{action}: {source}");
+            return Error::Device { path, what, remedy: Remedy::MendDisk };
         }
         Error::Io { path, action, source }
+    }
+
+    /// Wraps a failure to write to standard output.
+    pub fn stdout(source: std::io::Error) -> Self {
+        if source.kind() == std::io::ErrorKind::BrokenPipe {
+            return Error::OutputClosed;
+        }
+        match Error::io("standard output", "cannot write", source) {
+            Error::NoSpace { path, what, .. } => {
+                Error::NoSpace { path, what, remedy: Remedy::Redirect }
+            }
+            Error::Device { path, what, .. } => {
+                Error::Device { path, what, remedy: Remedy::Redirect }
+            }
+            other => other,
+        }
+    }
+
+    /// What to do next, in words that hold for a command with these `offers`; `None` where the message itself
+    /// says it all.
+    pub fn advice(&self, offers: Offers) -> Option<String> {
+        let again = if offers.resumes {
+            "run the same command to continue"
+        } else {
+            "run the same command again"
+        };
+        let elsewhere =
+            if offers.temp_dir { ", or move the temporary data with --temp-dir" } else { "" };
+        match self {
+            Error::NoSpace { remedy, .. } | Error::Device { remedy, .. } => Some(match remedy {
+                Remedy::MakeSpace => format!("make space and {again}{elsewhere}"),
+                Remedy::RemoveFiles => format!("remove some files and {again}{elsewhere}"),
+                Remedy::RaiseFileLimit => {
+                    format!("raise the limit on the size of a file (ulimit -f) and {again}")
+                }
+                Remedy::MendDisk => {
+                    format!("{again} once the disk takes files, or move the output{elsewhere}")
+                }
+                Remedy::Redirect => "send standard output where there is room".to_owned(),
+            }),
+            Error::Interrupted { .. } | Error::Internal(_) if offers.resumes => {
+                Some(format!("what is done is kept: {again}"))
+            }
+            _ => None,
+        }
     }
 
     /// A fault in the contents of the input file.
@@ -136,6 +226,7 @@ impl Error {
         match self {
             Error::Io { .. } | Error::Corrupt { .. } => 1,
             Error::Usage(_) => 2,
+            Error::Empty { .. } => 3,
             Error::BadInput { .. } => 4,
             Error::NoSpace { .. } => 5,
             Error::NoMemory(_) => 6,
@@ -143,9 +234,15 @@ impl Error {
             Error::StateMismatch { .. } => 8,
             Error::Internal(_) => 9,
             Error::Device { .. } => 10,
+            Error::OutputClosed => 128 + SIGPIPE,
             Error::Interrupted { signal } => 128u8.saturating_add(*signal as u8),
         }
     }
+}
+
+/// EIO, in reading or writing.
+fn is_device_failure(source: &std::io::Error) -> bool {
+    source.raw_os_error() == Some(rustix::io::Errno::IO.raw_os_error())
 }
 
 #[cfg(test)]
@@ -164,12 +261,33 @@ mod tests {
     fn a_disk_that_takes_no_files_has_its_own_exit_code() {
         let denied = || std::io::Error::from(std::io::ErrorKind::PermissionDenied);
         assert_eq!(Error::io("/x", "cannot write", denied()).exit_code(), 10);
-        assert_eq!(Error::io("/x", "cannot open", denied()).exit_code(), 1);
+        assert_eq!(Error::reading("/x", "cannot list", denied()).exit_code(), 1);
         let read_only = std::io::Error::from_raw_os_error(30);
-        assert_eq!(Error::io("/x", "cannot create", read_only).exit_code(), 10);
+        assert_eq!(Error::io("/x", "cannot open", read_only).exit_code(), 10);
         let failing = std::io::Error::from_raw_os_error(5);
-        let error = Error::io("/x", "cannot read", failing);
-        assert_eq!(error.exit_code(), 10);
-        assert!(error.to_string().contains("--temp-dir"), "{error}");
+        assert_eq!(Error::reading("/x", "cannot read", failing).exit_code(), 10);
+    }
+
+    #[test]
+    fn advice_names_only_what_the_command_offers() {
+        let full = || std::io::Error::from(std::io::ErrorKind::StorageFull);
+        let all = Offers { resumes: true, temp_dir: true };
+        let errors = [
+            Error::io("/x", "cannot write", full()),
+            Error::io("/x", "cannot write", std::io::ErrorKind::FileTooLarge.into()),
+            Error::io("/x", "cannot write", std::io::ErrorKind::PermissionDenied.into()),
+            Error::stdout(full()),
+            Error::Interrupted { signal: 2 },
+            Error::Internal("x".to_owned()),
+        ];
+        for error in errors {
+            let bare = error.advice(Offers::default()).unwrap_or_default();
+            assert!(!bare.contains("continue") && !bare.contains("--temp-dir"), "{bare}");
+            assert!(error.advice(all).is_some(), "{error}");
+        }
+        let said = Error::io("/x", "cannot write", full()).advice(all).unwrap();
+        assert!(said.contains("--temp-dir") && said.contains("continue"), "{said}");
+        let closed = Error::stdout(std::io::ErrorKind::BrokenPipe.into());
+        assert_eq!((closed.exit_code(), closed.advice(all)), (141, None));
     }
 }

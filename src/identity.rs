@@ -4,6 +4,7 @@
 //! read. They are no proof: somebody who sets the time back and keeps the sampled bytes is not found out.
 
 use crate::config::Config;
+use crate::disk::open_input;
 use crate::error::{Error, Result};
 use crate::job::Identity;
 use crate::ply::MeshSource;
@@ -26,17 +27,12 @@ pub fn input_marks(path: &Path) -> Result<BTreeMap<String, String>> {
     if path == Path::new("-") {
         return Ok(marks);
     }
-    let file = File::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
-    let meta = file.metadata().map_err(|e| Error::io(path, "cannot stat", e))?;
+    let file = open_input(path)?;
+    let meta = file.metadata().map_err(|e| Error::reading(path, "cannot stat", e))?;
     let mtime = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
     let mtime = mtime.map_or_else(|| "unknown".to_owned(), |t| t.as_nanos().to_string());
-    // A folder or a pipe has no bytes to sample; opening it as a mesh says so.
-    let samples = match meta.is_file() {
-        true => {
-            sample_checksum(&file, meta.len()).map_err(|e| Error::io(path, "cannot read", e))?
-        }
-        false => 0,
-    };
+    let samples =
+        sample_checksum(&file, meta.len()).map_err(|e| Error::reading(path, "cannot read", e))?;
     marks.insert("bytes".to_owned(), meta.len().to_string());
     marks.insert("mtime".to_owned(), mtime);
     marks.insert("checksum of samples".to_owned(), format!("{samples:016x}"));

@@ -13,7 +13,8 @@ use crate::formats::{StageOptions, SurveyOptions, faces_to_vertices, survey_face
 use crate::identity::{input_marks, job_identity, unchanged};
 use crate::job::{self, Job};
 use crate::parallel::guarded;
-use crate::plan::{Plan, check_split, folder_of};
+use crate::disk::folder_of;
+use crate::plan::{Plan, check_split};
 use crate::ply::{MeshSource, ReadOptions};
 use crate::progress::Progress;
 use crate::stitch::Step;
@@ -22,6 +23,7 @@ use crate::verify;
 use crate::within;
 use stages::{Stages, faults};
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::time::Instant;
 
 /// An input that has been opened and planned for; nothing has been written yet.
@@ -46,6 +48,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
+        check_labels(&source, &config.attributes.labels)?;
         let survey = SurveyOptions {
             drop_texture: config.drop_texture,
             drop_properties: config.drop_faces,
@@ -59,6 +62,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         faces_to_vertices(source, carry, &stage)
     });
     let source = unchanged(&config.input, &marks, source)?;
+    config.target.check(source.n_faces())?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     config.attributes.weights.check(&codec.meanings(source.schema()))?;
     let plan = Plan::new(&source, config)?;
@@ -85,10 +89,7 @@ pub fn simplify_on(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
-    progress.set_resumable(true);
-    let outcome = guarded(|| run_stages(disk, prepared, config, progress));
-    progress.set_resumable(false);
-    outcome
+    guarded(|| run_stages(disk, prepared, config, progress))
 }
 
 fn run_stages(
@@ -103,7 +104,23 @@ fn run_stages(
     let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
     let mut stages = Stages::new(config, &plan, &job, progress, &source);
 
-    let partition = stages.partition(&source, &marks)?;
+    let partition = match stages.partition(&source, &marks) {
+        Ok(partition) if partition.store.triangles == 0 => {
+            let what = format!(
+                "all of its {} faces are degenerate: there is no triangle with three corners of its own",
+                source.n_faces()
+            );
+            Err(Error::bad_input(&config.input, what))
+        }
+        other => other,
+    };
+    let partition = match partition {
+        Ok(partition) => partition,
+        Err(error) => {
+            drop(stages);
+            return Err(abandon(job, error));
+        }
+    };
     if config.until == Some(Until::Partition) {
         return Ok(None);
     }
@@ -134,6 +151,15 @@ fn run_stages(
         (_, Some(left)) => left,
         (_, None) => unreachable!("without a finish there was a round"),
     };
+    if result.triangles == 0 {
+        let what = format!(
+            "no triangle is left at a target of {}; ask for more, or look at the input with 'info --check'; \
+             nothing was written",
+            plan.target
+        );
+        drop(stages);
+        return Err(abandon(job, Error::Empty { path: config.output.clone(), what }));
+    }
     if config.until == Some(Until::Stitch) {
         return Ok(None);
     }
@@ -151,14 +177,40 @@ fn run_stages(
     Ok(Some(report))
 }
 
+/// Removes a job that no command can continue: with a bad input or an empty result, whatever helps (another input,
+/// `--skip-bad`, another target) makes another job. All other errors leave it as it is.
+pub(crate) fn abandon(job: Job, error: Error) -> Error {
+    if matches!(error, Error::BadInput { .. } | Error::Empty { .. }) {
+        // What cannot be removed costs space; the error that led here matters more.
+        let _ = job.remove();
+    }
+    error
+}
+
 /// Recorded before the output is written: an output that is found later may be this job's own.
 pub(crate) const WRITING: &str = "writing";
 
+/// Refuses labels that name nothing.
+fn check_labels(source: &MeshSource, labels: &[String]) -> Result<()> {
+    let vertices = source.schema().properties.iter().map(|p| p.name.clone());
+    let known: Vec<String> =
+        vertices.chain(source.face_properties().into_iter().map(|p| p.name)).collect();
+    let Some(unknown) = labels.iter().find(|label| !known.contains(label)) else { return Ok(()) };
+    Err(Error::Usage(format!(
+        "--label {unknown}: neither vertices nor faces have such a property; they have {}",
+        if known.is_empty() { "none".to_owned() } else { known.join(", ") }
+    )))
+}
+
+/// Whether an output that is found may be that of the job in this folder.
+pub fn has_begun_to_write(job_folder: &Path) -> bool {
+    job::view(job_folder).is_ok_and(|view| view.outcomes.contains_key(WRITING))
+}
+
 /// The writer itself compares: a run that died between its rename and its end has left the same bytes.
 fn refuse_to_overwrite(config: &Config) -> Result<()> {
-    let may_be_ours =
-        || job::view(&config.job_folder).is_ok_and(|view| view.outcomes.contains_key(WRITING));
-    if config.output.exists() && !config.force && (config.restart || !may_be_ours()) {
+    let may_be_ours = || !config.restart && has_begun_to_write(&config.job_folder);
+    if config.output.exists() && !config.force && !may_be_ours() {
         let path = config.output.display();
         return Err(Error::Usage(format!("{path} exists; give --force to replace it")));
     }

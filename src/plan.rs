@@ -2,10 +2,12 @@
 
 use crate::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
 use crate::config::Config;
-use crate::error::{Error, Result};
+use crate::disk::folder_of;
+use crate::error::{Error, Remedy, Result};
 use crate::faces::FaceCarry;
 use crate::kernel;
 use crate::partition;
+use crate::paths::existing_parent;
 use crate::ply::MeshSource;
 use crate::simplify::frees_sources;
 use crate::stitch::{self, Step};
@@ -156,25 +158,25 @@ impl Plan {
         let held = held_bytes(&config.job_folder);
         for (folder, bytes) in needs {
             let stat = rustix::fs::statvfs(folder)
-                .map_err(|e| Error::io(folder, "cannot ask for free space", e.into()))?;
+                .map_err(|e| Error::reading(folder, "cannot ask for free space", e.into()))?;
             let free = stat.f_bavail * stat.f_frsize + if folder == temp_folder { held } else { 0 };
             if bytes > free {
                 return Err(Error::NoSpace {
                     path: folder.into(),
                     what: format!(
-                        "the run needs {} here, {} are free; make space, or move the temporary data with --temp-dir",
+                        "the run needs {} here, {} are free",
                         show_bytes(bytes),
                         show_bytes(free)
                     ),
+                    remedy: Remedy::MakeSpace,
                 });
             }
             // Some file systems have no inode count at all and say 0 of 0.
             if stat.f_files > 0 && stat.f_favail < INODES {
-                let what = format!(
-                    "{} inodes are free, the run needs {INODES}; remove some files",
-                    stat.f_favail
-                );
-                return Err(Error::NoSpace { path: folder.into(), what });
+                let what =
+                    format!("{} inodes are free, the run needs {INODES}", stat.f_favail);
+                let remedy = Remedy::RemoveFiles;
+                return Err(Error::NoSpace { path: folder.into(), what, remedy });
             }
         }
         Ok(())
@@ -225,7 +227,7 @@ pub fn check_split(source: &MeshSource, carry: &FaceCarry, config: &Config) -> R
     let corner_bytes = SPLIT_CORNER_BYTES + 4 * carry.vertex_properties().len() as u64;
     let bytes = 3 * corner_bytes * source.n_faces() + SPLIT_FILE_COPIES * source.file_bytes();
     let stat = rustix::fs::statvfs(folder)
-        .map_err(|e| Error::io(folder, "cannot ask for free space", e.into()))?;
+        .map_err(|e| Error::reading(folder, "cannot ask for free space", e.into()))?;
     let free = stat.f_bavail * stat.f_frsize;
     if bytes <= free {
         return Ok(());
@@ -233,12 +235,12 @@ pub fn check_split(source: &MeshSource, carry: &FaceCarry, config: &Config) -> R
     Err(Error::NoSpace {
         path: folder.into(),
         what: format!(
-            "splitting the mesh along the seams of what its faces carry needs {} here, {} are free; make \
-             space, move the temporary data with --temp-dir, or give it up with --drop-texture and \
-             --drop-faces",
+            "splitting the mesh along the seams of what its faces carry needs {} here, {} are free; give it \
+             up with --drop-texture and --drop-faces",
             show_bytes(bytes),
             show_bytes(free)
         ),
+        remedy: Remedy::MakeSpace,
     })
 }
 
@@ -289,28 +291,9 @@ fn too_little(
     ))
 }
 
-/// The folder a file lies in.
-pub fn folder_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    }
-}
-
-fn existing_parent(path: &Path) -> &Path {
-    let mut folder = path;
-    while !folder.exists() {
-        match folder.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => folder = parent,
-            _ => return Path::new("."),
-        }
-    }
-    folder
-}
-
 fn device(path: &Path) -> Result<u64> {
     use std::os::unix::fs::MetadataExt;
-    std::fs::metadata(path).map(|meta| meta.dev()).map_err(|e| Error::io(path, "cannot stat", e))
+    std::fs::metadata(path).map(|meta| meta.dev()).map_err(|e| Error::reading(path, "cannot stat", e))
 }
 
 fn held_bytes(folder: &Path) -> u64 {

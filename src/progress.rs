@@ -4,7 +4,8 @@
 //! draws a bar, writes lines or JSON, or does nothing.
 
 use crate::error::{Error, Result};
-use std::sync::atomic::{AtomicBool, AtomicI32, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicI32, AtomicU64, Ordering};
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 /// Counters of the running stage and the request to stop; shared by all threads of a run.
@@ -13,8 +14,8 @@ pub struct Progress {
     stage: Mutex<Stage>,
     done: AtomicU64,
     stop_signal: AtomicI32,
-    /// Whether what runs may end at any moment without loss or litter.
-    is_resumable: AtomicBool,
+    /// Folders of scratch data that the process owes to remove, whenever it ends.
+    scratch: Mutex<Vec<PathBuf>>,
 }
 
 /// The stage at work.
@@ -54,15 +55,27 @@ impl Progress {
         self.stop_signal.store(signal, Ordering::Relaxed);
     }
 
-    /// Says whether the process may be ended in the middle of what it does now: a resumable run loses nothing
-    /// by it, a scratch folder would be left behind.
-    pub fn set_resumable(&self, is_resumable: bool) {
-        self.is_resumable.store(is_resumable, Ordering::Relaxed);
+    /// Notes a folder that must not outlive the process, for whoever ends it in the middle of its work.
+    pub fn owe(&self, folder: &Path) {
+        self.owed().push(folder.to_path_buf());
     }
 
-    /// Whether what runs may be ended at any moment.
-    pub fn is_resumable(&self) -> bool {
-        self.is_resumable.load(Ordering::Relaxed)
+    /// Removes a folder that was noted; what cannot be removed is left.
+    pub fn settle(&self, folder: &Path) {
+        let _ = std::fs::remove_dir_all(folder);
+        self.owed().retain(|owed| owed != folder);
+    }
+
+    /// Removes all folders that are still owed: the process is about to end.
+    pub fn settle_all(&self) {
+        self.owed().drain(..).for_each(|folder| {
+            // A worker may add a file meanwhile; what stays is swept by the next command of its kind.
+            let _ = (0..3).any(|_| std::fs::remove_dir_all(&folder).is_ok());
+        });
+    }
+
+    fn owed(&self) -> std::sync::MutexGuard<'_, Vec<PathBuf>> {
+        self.scratch.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Fails once a stop was requested; workers call it between blocks and cells.

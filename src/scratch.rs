@@ -1,19 +1,20 @@
-//! A mesh cut into cells for a look at it, in a folder that vanishes afterwards.
+//! A mesh cut into cells for a look at it, in a file that vanishes afterwards.
 //!
 //! For commands that read a mesh larger than memory without changing it: `info --check`, `measure`. Nothing
-//! here is resumable.
+//! here is resumable: the folder is removed as soon as its store is open, so that only a death during the cutting
+//! leaves it, and the next cutting in the same place sweeps what the dead have left.
 
 use crate::cells::{CellStore, VertexLayout};
 use crate::disk::Disk;
 use crate::error::Result;
 use crate::identity::{input_marks, unchanged};
-use crate::job::{Identity, Job, SCRATCH_EXTENSION};
+use crate::job::{Identity, Job, SCRATCH_EXTENSION, sweep_scratch};
 use crate::partition::{Partition, partition};
 use crate::ply::MeshSource;
 use crate::progress::Progress;
 use crate::run::Run;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// How a scratch store is made.
@@ -29,12 +30,11 @@ pub struct Cutting<'a> {
     pub memory_bytes: u64,
 }
 
-/// A store of cells that removes its folder when dropped.
+/// A store of cells whose file has no name any more.
 #[derive(Debug)]
 pub struct Scratch {
     store: CellStore,
     partition: Partition,
-    folder: PathBuf,
 }
 
 impl Scratch {
@@ -46,7 +46,9 @@ impl Scratch {
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let process = std::process::id();
         let folder =
-            cutting.temp_dir.join(format!("{name}.{process}-{number}.{SCRATCH_EXTENSION}"));
+            cutting.temp_dir.join(format!(".{name}.{process}-{number}.{SCRATCH_EXTENSION}"));
+        sweep_scratch(cutting.temp_dir);
+        progress.owe(&folder);
         let cut = || {
             let disk = Disk::default();
             let identity = Identity {
@@ -70,13 +72,9 @@ impl Scratch {
             let store = CellStore::open(&disk, &folder, partition.store.clone(), layout)?;
             Ok((store, partition))
         };
-        match cut() {
-            Ok((store, partition)) => Ok(Scratch { store, partition, folder }),
-            Err(error) => {
-                remove(&folder);
-                Err(error)
-            }
-        }
+        let cut = cut();
+        progress.settle(&folder);
+        cut.map(|(store, partition)| Scratch { store, partition })
     }
 
     /// The cells.
@@ -88,15 +86,4 @@ impl Scratch {
     pub fn partition(&self) -> &Partition {
         &self.partition
     }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        remove(&self.folder);
-    }
-}
-
-/// Removes a folder that only this process has written to; what cannot be removed is left.
-fn remove(folder: &Path) {
-    let _ = std::fs::remove_dir_all(folder);
 }

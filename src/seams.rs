@@ -24,7 +24,9 @@ pub fn write(store: &CellStore, path: &Path, run: &Run) -> Result<()> {
     let schema = VertexSchema { coordinate, properties: Vec::new() };
     let mut records = Vec::with_capacity(points.len() * schema.record_bytes());
     points.iter().for_each(|point| schema.encode_position(point.1, &mut records));
-    let mut writer = PlyWriter::create(path, OutputHeader::new(schema, points.len() as u64, 0))?;
+    let mut header = OutputHeader::new(schema, points.len() as u64, 0);
+    header.settings = crate::paths::SEAMS_SETTINGS.to_owned();
+    let mut writer = PlyWriter::create(path, header)?;
     writer.write_vertices(&records)?;
     writer.finish()?;
     Ok(())

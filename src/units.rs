@@ -1,6 +1,6 @@
 //! Numbers as people type them: `4M` triangles, `512MiB` of memory, `1%`.
 
-/// Parses a count: `4M`, `500k`, `1.5G`, `20000`. Powers of 1000.
+/// Parses a count: `4M`, `500k`, `1.5G`, `20000`. Powers of 1000; a fraction of one is refused.
 pub fn parse_count(text: &str) -> Result<u64, String> {
     let (number, suffix) = split(text);
     let factor = match suffix {
@@ -10,7 +10,9 @@ pub fn parse_count(text: &str) -> Result<u64, String> {
         "g" | "G" => 1e9,
         _ => return Err(format!("'{text}' is no count; write 20000, 500k, 4M or 1.5G")),
     };
-    whole(number, factor)
+    number_times(number, factor)
+        .filter(|value| (value - value.round()).abs() <= 1e-9 * value)
+        .map(|value| value.round() as u64)
         .ok_or_else(|| format!("'{text}' is no count; write 20000, 500k, 4M or 1.5G"))
 }
 
@@ -29,7 +31,11 @@ pub fn parse_bytes(text: &str) -> Result<u64, String> {
         "TiB" | "Ti" => 1024.0 * 1024.0 * 1024.0 * 1024.0,
         _ => return Err(format!("'{text}' is no size; write 512MiB, 4GiB or 2G")),
     };
-    whole(number, factor).ok_or_else(|| format!("'{text}' is no size; write 512MiB, 4GiB or 2G"))
+    number_times(number, factor)
+        // Half a byte is a slip; the rest of 0.1GiB is not.
+        .filter(|value| factor > 1.0 || value.fract() == 0.0)
+        .map(|value| value.round() as u64)
+        .ok_or_else(|| format!("'{text}' is no size; write 512MiB, 4GiB or 2G"))
 }
 
 /// Parses a ratio in (0, 1]: `1%`, `0.01`.
@@ -53,6 +59,15 @@ pub fn show_count(count: u64) -> String {
     }
 }
 
+/// A length for people, in at most some twenty characters: `0.2`, `1e300`.
+pub fn show_length(length: f64) -> String {
+    if length == 0.0 || (1e-4..1e7).contains(&length.abs()) {
+        format!("{length}")
+    } else {
+        format!("{length:e}")
+    }
+}
+
 /// A size for people: `512.0 MiB`.
 pub fn show_bytes(bytes: u64) -> String {
     const UNITS: [&str; 5] = ["B", "KiB", "MiB", "GiB", "TiB"];
@@ -71,9 +86,9 @@ fn split(text: &str) -> (&str, &str) {
     (text[..end].trim(), &text[end..])
 }
 
-fn whole(number: &str, factor: f64) -> Option<u64> {
+fn number_times(number: &str, factor: f64) -> Option<f64> {
     let value = number.replace('_', "").parse::<f64>().ok()? * factor;
-    (value.is_finite() && (0.0..9.0e18).contains(&value)).then(|| value.round() as u64)
+    (0.0..9.0e18).contains(&value).then_some(value)
 }
 
 #[cfg(test)]
@@ -89,6 +104,14 @@ mod tests {
         assert_eq!(parse_bytes("2G"), Ok(2_000_000_000));
         assert_eq!(parse_ratio("1%"), Ok(0.01));
         assert_eq!(parse_ratio("1"), Ok(1.0));
+        assert_eq!(parse_count("1.1k"), Ok(1100));
+        assert_eq!(parse_bytes("0.1KiB"), Ok(102));
+        assert_eq!(show_length(0.2), "0.2");
+        assert_eq!(show_length(1e300), "1e300");
+        for wrong in ["1.5", "0.3", "1.2345k", "1e-3"] {
+            assert!(parse_count(wrong).is_err(), "{wrong}");
+        }
+        assert!(parse_bytes("1.5").is_err());
         for wrong in ["", "-4", "4X", "NaN", "inf", "1e400"] {
             assert!(parse_count(wrong).is_err(), "{wrong}");
             assert!(parse_bytes(wrong).is_err(), "{wrong}");

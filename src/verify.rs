@@ -9,7 +9,7 @@ use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::formats::{OutputKind, StageOptions};
 use crate::measure::Options;
-use crate::plan::folder_of;
+use crate::disk::folder_of;
 use crate::ply::{MeshSource, ReadOptions};
 use crate::run::Run;
 use crate::summary::{RunReport, StageReport};

@@ -10,11 +10,12 @@ use crate::config::{Config, Target};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::identity::job_identity;
-use crate::job::Job;
+use crate::job::{Job, TRIALS};
+use crate::output::{self, Place};
 use crate::pipeline::{self, Prepared, WRITING};
-use crate::plan::folder_of;
 use crate::progress::Progress;
 use crate::summary::{BoundReport, RunReport, TrialReport};
+use crate::units::show_length;
 use crate::verify::{self, Pair};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -50,10 +51,6 @@ pub fn simplify(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
-    if config.until.is_some() || config.seams.is_some() {
-        let what = "--max-error does not go with --until and --seams";
-        return Err(Error::Usage(what.to_owned()));
-    }
     verify::refuse_unreadable(config)?;
     let started = Instant::now();
     let disk = Disk::default();
@@ -65,17 +62,17 @@ pub fn simplify(
     let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
     let mut search = Search { bound, n_input, tried: Vec::new() };
     let mut trials: Vec<Trial> = Vec::new();
-    let mut restart = config.restart;
+    disk.create_dir(&job.path(TRIALS))?;
     while let Some(asked) = search.next() {
         let name = format!("trial {}", trials.len() + 1);
-        let found = job.sealed(&name, || {
-            let trial = run_trial(asked, restart, config, progress)?;
-            restart = false;
-            Ok(trial)
-        })?;
+        let found = match job.sealed(&name, || run_trial(asked, config, progress)) {
+            Ok(found) => found,
+            Err(error) if trials.is_empty() => return Err(pipeline::abandon(job, error)),
+            Err(error) => return Err(error),
+        };
         search.add(&found);
         trials.push(found);
-        for loser in search.losers() {
+        if let Some(loser) = search.loser() {
             disk.remove(&trial_path(config, loser))?;
         }
     }
@@ -97,6 +94,7 @@ pub fn simplify(
                 path: config.output.display().to_string(),
                 ..Default::default()
             };
+            let bound = show_length(bound);
             let stop_reason = format!(
                 "no result keeps the bound of {bound}: with {n_input} triangles, the input as it would be written, the deviation is {last}; nothing was written"
             );
@@ -127,7 +125,7 @@ pub fn simplify(
     Ok(Some(report))
 }
 
-/// The winner gets the output's name; a run that was stopped in between finds that it has it already.
+/// The winner becomes the output; a run that was stopped in between finds that it has it already.
 fn keep(job: &Job, disk: &Disk, config: &Config, best: &Trial) -> Result<()> {
     let path = trial_path(config, best.asked);
     let was_writing = job.outcome::<()>(WRITING)?.is_some();
@@ -137,38 +135,55 @@ fn keep(job: &Job, disk: &Disk, config: &Config, best: &Trial) -> Result<()> {
     if was_writing && !path.exists() && config.output.exists() {
         return Ok(());
     }
-    disk.rename(&path, &config.output)?;
-    disk.sync_folder_of(&config.output)
+    let place =
+        Place { path: config.output.clone(), disk: disk.clone(), replace: config.force };
+    output::adopt(&path, place)
 }
 
-/// Where a trial writes: beside the output and with its extension, which decides the format.
+/// Where a trial writes: in the job folder, with the output's extension, which decides the format.
 fn trial_path(config: &Config, asked: u64) -> PathBuf {
-    let output = &config.output;
-    let part = |part: Option<&std::ffi::OsStr>| {
-        part.map(|part| part.to_string_lossy().into_owned()).unwrap_or_default()
-    };
-    let (stem, extension) = (part(output.file_stem()), part(output.extension()));
-    let dot = if extension.is_empty() { "" } else { "." };
-    output.with_file_name(format!("{stem}.trial-{asked}{dot}{extension}"))
+    let mut name = std::ffi::OsString::from(asked.to_string());
+    if let Some(extension) = config.output.extension() {
+        name.push(".");
+        name.push(extension);
+    }
+    config.job_folder.join(TRIALS).join(name)
 }
 
-fn run_trial(asked: u64, restart: bool, config: &Config, progress: &Progress) -> Result<Trial> {
+fn run_trial(asked: u64, config: &Config, progress: &Progress) -> Result<Trial> {
     let inner = Config {
         target: Target::Triangles(asked),
         output: trial_path(config, asked),
-        job_folder: config.job_folder.join("trial"),
+        job_folder: config.job_folder.join(TRIALS).join("job"),
         keep_temp: false,
         force: true,
-        restart,
+        restart: false,
+        // Measured below, once.
+        verify: false,
         ..config.clone()
     };
     let prepared = pipeline::prepare(&inner)?;
-    let report = pipeline::simplify(prepared, &inner, progress)?.unwrap_or_default();
+    let mut report = match pipeline::simplify(prepared, &inner, progress) {
+        Ok(report) => report.unwrap_or_default(),
+        // So few triangles are none: no result, but no reason to end the search either.
+        Err(Error::Empty { .. }) => {
+            let report = RunReport::default();
+            return Ok(Trial { asked, report, max: f64::MAX, rms: f64::MAX });
+        }
+        Err(error) => return Err(error),
+    };
+    let started = Instant::now();
     let pair = Pair::open(config, &inner.output)?;
-    let request = pair.request(config, folder_of(&config.job_folder));
-    let deviation = compare::compare(&request, progress)?.measured.deviation;
+    let request = pair.request(config, &config.job_folder);
+    let comparison = compare::compare(&request, progress)?;
+    let deviation = &comparison.measured.deviation;
     let max = deviation.forward.distance.max.max(deviation.backward.distance.max);
-    Ok(Trial { asked, report, max, rms: deviation.rms })
+    let rms = deviation.rms;
+    if config.verify {
+        let seconds = started.elapsed().as_secs_f64();
+        report.measured = Some(Box::new(compare::Report::new(&request, &comparison, seconds)));
+    }
+    Ok(Trial { asked, report, max, rms })
 }
 
 /// Which count to try next; knows nothing of meshes.
@@ -208,10 +223,11 @@ impl Search {
         self.best_tried().map(|tried| tried.asked)
     }
 
-    /// Trials whose files are of no use any more.
-    fn losers(&self) -> Vec<u64> {
-        let best = self.best();
-        self.tried.iter().map(|tried| tried.asked).filter(|&asked| Some(asked) != best).collect()
+    /// The trial whose file the last one made useless: its own, or that of the best before it.
+    fn loser(&self) -> Option<u64> {
+        let (last, earlier) = self.tried.split_last()?;
+        let before = Search { tried: earlier.to_vec(), ..*self }.best();
+        if self.best() == Some(last.asked) { before } else { Some(last.asked) }
     }
 
     fn next(&self) -> Option<u64> {

@@ -7,7 +7,11 @@
 
 use crate::error::{Error, Result};
 use crate::formats::{DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions};
-use crate::ply::{FaceBlock, MeshSource, OutputHeader, ReadOptions, TexturedTriangle, VertexBlock};
+use crate::paths::{Paths, Role};
+use crate::ply::{
+    FaceBlock, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle, VertexBlock,
+};
+use crate::progress::Progress;
 use std::path::PathBuf;
 
 /// Converts a mesh between formats: PLY, STL, OBJ and GLB.
@@ -41,6 +45,16 @@ pub struct Args {
     pub temp_dir: Option<PathBuf>,
 }
 
+impl Args {
+    pub(super) fn paths(&self) -> Result<Paths> {
+        self.format.check(&self.output)?;
+        Ok(Paths::new(self.force)
+            .with(Role::Input, "INPUT", &self.input)
+            .with(Role::Output, "OUTPUT", &self.output)
+            .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref()))
+    }
+}
+
 /// What a conversion did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Converted {
@@ -61,8 +75,8 @@ pub struct Converted {
 }
 
 /// Converts and says on `log` what was done; the exit code tells whether broken faces were dropped.
-pub fn run(args: &Args, log: &mut dyn std::io::Write) -> Result<u8> {
-    let done = convert(args)?;
+pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<u8> {
+    let done = convert_until_stopped(args, progress)?;
     // A closed standard error is no reason to fail: the mesh is there.
     let _ = writeln!(
         log,
@@ -86,14 +100,15 @@ pub fn run(args: &Args, log: &mut dyn std::io::Write) -> Result<u8> {
 }
 
 /// Converts; the library's own entry.
+///
+/// Errors: paths that clash or cannot be used, broken faces without `skip_bad`, a mesh of which no triangle is left.
 pub fn convert(args: &Args) -> Result<Converted> {
+    convert_until_stopped(args, &Progress::default())
+}
+
+fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> {
+    args.paths()?.check()?;
     let to_stdout = args.output == std::path::Path::new("-");
-    if !to_stdout && !args.force && args.output.exists() {
-        return Err(Error::Usage(format!(
-            "{} exists; overwrite it with --force",
-            args.output.display()
-        )));
-    }
     let folder = args.temp_dir.clone().unwrap_or_else(|| match args.output.parent() {
         Some(folder) if !to_stdout && !folder.as_os_str().is_empty() => folder.to_path_buf(),
         _ if to_stdout => std::env::temp_dir(),
@@ -111,11 +126,11 @@ pub fn convert(args: &Args) -> Result<Converted> {
     let mut done = Converted::default();
     let used = if source.n_faces() == 0 || args.keep_unreferenced {
         let mut used = Used::all(source.n_vertices());
-        used.survey(&source, finder.as_mut(), &mut done)?;
+        used.survey(&source, finder.as_mut(), &mut done, progress)?;
         used
     } else {
         let mut used = Used::none(source.n_vertices());
-        used.survey(&source, finder.as_mut(), &mut done)?;
+        used.survey(&source, finder.as_mut(), &mut done, progress)?;
         used
     };
     let duplicates = match finder {
@@ -124,7 +139,14 @@ pub fn convert(args: &Args) -> Result<Converted> {
     };
     done.n_duplicate = duplicates.count();
     done.n_triangles -= done.n_duplicate;
-    used.write(&source, args, &duplicates, &mut done)?;
+    if done.n_triangles == 0 && source.n_faces() > 0 {
+        let what = format!(
+            "none of its {} faces is a triangle with three corners of its own; nothing was written",
+            source.n_faces()
+        );
+        return Err(Error::bad_input(&args.input, what));
+    }
+    used.write((&source, &duplicates), args, &mut done, progress)?;
     let faults = source.faults();
     done.n_bad += faults.missing_faces + faults.missing_vertices + faults.bad_faces;
     Ok(done)
@@ -165,9 +187,11 @@ impl Used {
         source: &MeshSource,
         mut finder: Option<&mut DuplicateFinder>,
         done: &mut Converted,
+        progress: &Progress,
     ) -> Result<()> {
         let mut block = FaceBlock::default();
         for i in 0..source.n_face_blocks() {
+            progress.check()?;
             source.read_faces(i, &mut block)?;
             done.n_triangles += block.triangles.len() as u64;
             done.n_degenerate += block.n_degenerate;
@@ -207,10 +231,10 @@ impl Used {
 
     fn write(
         &self,
-        source: &MeshSource,
+        (source, duplicates): (&MeshSource, &Duplicates),
         args: &Args,
-        duplicates: &Duplicates,
         done: &mut Converted,
+        progress: &Progress,
     ) -> Result<()> {
         let mut header =
             OutputHeader::new(source.schema().clone(), done.n_vertices, done.n_triangles);
@@ -218,11 +242,13 @@ impl Used {
         header.obj_infos = source.obj_infos().to_vec();
         header.settings = "convert".to_owned();
         header.faces.properties = source.face_properties();
-        let mut sink = MeshSink::create(args.output.as_path(), header, args.format)?;
+        let place = Place { replace: args.force, ..Place::from(&args.output) };
+        let mut sink = MeshSink::create(place, header, args.format)?;
         let all = done.n_unreferenced == 0;
         let mut block = VertexBlock::default();
         let mut kept = Vec::new();
         for i in 0..source.n_vertex_blocks() {
+            progress.check()?;
             source.read_vertices(i, &mut block)?;
             if all {
                 sink.write_vertices(&block.records)?;
@@ -238,12 +264,13 @@ impl Used {
             sink.write_vertices(&kept)?;
         }
         if !source.face_properties().is_empty() {
-            done.n_bytes = self.write_full_faces(source, duplicates, sink)?;
+            done.n_bytes = self.write_full_faces(source, duplicates, sink, progress)?;
             return Ok(());
         }
         let mut block = FaceBlock::default();
         let mut place = 0;
         for i in 0..source.n_face_blocks() {
+            progress.check()?;
             source.read_faces(i, &mut block)?;
             if duplicates.count() > 0 {
                 block.triangles.retain(|_| {
@@ -258,6 +285,7 @@ impl Used {
             }
             sink.write_faces(&block.triangles)?;
         }
+        progress.check()?;
         done.n_bytes = sink.finish()?;
         Ok(())
     }
@@ -268,6 +296,7 @@ impl Used {
         source: &MeshSource,
         duplicates: &Duplicates,
         mut sink: MeshSink,
+        progress: &Progress,
     ) -> Result<u64> {
         let value_bytes: usize = source.face_properties().iter().map(|p| p.scalar.bytes()).sum();
         let mut blocks = FullBlocks {
@@ -283,6 +312,7 @@ impl Used {
             while blocks.index + 1 < source.n_face_blocks()
                 && row >= source.first_row(blocks.index + 1)
             {
+                progress.check()?;
                 blocks.write(&mut sink)?;
             }
             let place = (row - source.first_row(blocks.index)) as usize * value_bytes;
@@ -292,6 +322,7 @@ impl Used {
             Ok(())
         })?;
         while blocks.index < source.n_face_blocks() {
+            progress.check()?;
             blocks.write(&mut sink)?;
         }
         sink.finish()

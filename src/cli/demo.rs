@@ -3,6 +3,7 @@
 use super::{Log, Talk, Typed, dispatch};
 use crate::error::{Error, Result};
 use crate::measure::load;
+use crate::paths::{Paths, Role};
 use crate::ply::MeshSource;
 use crate::progress::Progress;
 use clap::Parser;
@@ -14,6 +15,12 @@ pub struct Args {
     /// Where to put the demo's files (about 200 MB).
     #[arg(default_value = "stonecut-demo")]
     folder: PathBuf,
+}
+
+impl Args {
+    pub(super) fn paths(&self) -> Paths {
+        Paths::default().with(Role::TempDir, "DIR", &self.folder)
+    }
 }
 
 /// The commands, as a person would type them in the demo's folder.
@@ -34,6 +41,7 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
         let words = command.split_whitespace().map(|word| in_folder(folder, word));
         let typed = Typed::try_parse_from(std::iter::once("stonecut".to_owned()).chain(words))
             .map_err(|e| Error::Usage(e.to_string()))?;
+        typed.command.check_paths(talk)?;
         let code = dispatch(&typed.command, talk, progress, log)?;
         if code != 0 {
             return Ok(code);

@@ -53,7 +53,11 @@ pub fn watch<T>(talk: &Talk, progress: &Progress, log: &mut Log, work: impl FnOn
     }
     let is_over = AtomicBool::new(false);
     std::thread::scope(|scope| {
-        let watcher = scope.spawn(|| Display::new(show, log).run(progress, &is_over));
+        let display = || Display::new(show, log).run(progress, &is_over);
+        let Ok(watcher) = std::thread::Builder::new().spawn_scoped(scope, display) else {
+            // No memory for a thread: the work may still succeed without being watched.
+            return work();
+        };
         // The watcher must end whatever happens to the work.
         let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
         is_over.store(true, Ordering::Relaxed);

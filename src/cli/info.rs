@@ -2,11 +2,13 @@
 
 use crate::error::{Error, Result};
 use crate::measure::load;
+use crate::paths::{Paths, Role};
 use crate::ply::MeshSource;
 use crate::progress::Progress;
 use crate::topology::Topology;
 use crate::units;
 use std::io::Write;
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 /// Tells what a mesh file holds, and whether it is sound
@@ -28,7 +30,7 @@ pub struct Args {
     temp_dir: PathBuf,
     /// Threads to use [default: all cores]
     #[arg(long, value_name = "N")]
-    threads: Option<usize>,
+    threads: Option<NonZeroUsize>,
 }
 
 /// The JSON of `info`.
@@ -49,10 +51,17 @@ struct Report {
     check: Option<Topology>,
 }
 
+impl Args {
+    pub(super) fn paths(&self) -> Paths {
+        let paths = Paths::default().with(Role::Input, "FILE", &self.file);
+        paths.with(Role::TempDir, "--temp-dir", &self.temp_dir)
+    }
+}
+
 /// Runs the command; the answer goes to `out`.
 pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> {
-    let threads = args.threads.unwrap_or_else(crate::memory::cores).max(1);
-    let source = super::open_mesh(&args.file)?;
+    let threads = super::threads(args.threads).get();
+    let source = super::open_mesh(&args.file, &args.temp_dir)?;
     let check = if args.check { Some(count(args, &source, threads, progress)?) } else { None };
     let schema = source.schema();
     let report = Report {
@@ -75,7 +84,7 @@ pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> 
     } else {
         table(&source, &report)
     };
-    out.write_all(text.as_bytes()).map_err(|e| Error::io("standard output", "cannot write", e))
+    out.write_all(text.as_bytes()).map_err(Error::stdout)
 }
 
 /// Bytes a triangle that counting in memory takes, besides the mesh.

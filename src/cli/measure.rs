@@ -5,11 +5,13 @@ use super::{Log, Talk, memory_budget, parse_memory};
 use crate::compare::{self, CELL_TRIANGLES, Report, Request};
 use crate::error::{Error, Result};
 use crate::measure::{self, Options, Region, Side, TriangleSizes, heatmap, load};
-use crate::plan::folder_of;
+use crate::disk::folder_of;
+use crate::paths::{Kind, Paths, Role};
 use crate::progress::Progress;
 use crate::topology::Topology;
 use crate::units;
 use std::io::Write;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 /// Measures how far a simplified mesh deviates from its original
@@ -30,7 +32,7 @@ pub struct Args {
     memory: Option<u64>,
     /// Threads to use [default: all cores]
     #[arg(long, value_name = "N")]
-    threads: Option<usize>,
+    threads: Option<NonZeroUsize>,
     /// Writes all numbers as JSON
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
@@ -50,7 +52,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     temp_dir: Option<PathBuf>,
     /// Triangles per cell if the meshes exceed the memory
-    #[arg(long, value_name = "N", value_parser = units::parse_count, default_value_t = CELL_TRIANGLES)]
+    #[arg(long, value_name = "N", value_parser = super::parse_cell, default_value_t = CELL_TRIANGLES)]
     cell_triangles: u64,
     /// Counts samples near the vertices of this mesh apart (to look for seams)
     #[arg(long, value_name = "FILE.ply", requires = "within")]
@@ -69,17 +71,32 @@ enum Which {
     Simplified,
 }
 
+impl Args {
+    pub(super) fn paths(&self) -> Result<Paths> {
+        if let Some(heatmap) = &self.heatmap {
+            super::require_ending("--heatmap", heatmap, &["ply"])?;
+        }
+        Ok(Paths::new(self.force)
+            .with(Role::Input, "ORIGINAL", &self.original)
+            .with(Role::Input, "SIMPLIFIED", &self.simplified)
+            .with_option(Role::Input, "--near", self.near.as_ref())
+            .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
+            .with_option(Role::Side(Kind::Heatmap), "--heatmap", self.heatmap.as_ref())
+            .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref()))
+    }
+}
+
 /// Runs the command; the table or the JSON goes to standard output.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<()> {
     let begin = std::time::Instant::now();
-    let threads = args.threads.unwrap_or_else(crate::memory::cores).max(1);
-    let [original, simplified] =
-        [super::open_mesh(&args.original)?, super::open_mesh(&args.simplified)?];
-    if let Some(path) = args.heatmap.as_ref().filter(|path| path.exists() && !args.force) {
-        return Err(Error::Usage(format!("{} exists; --force replaces it", path.display())));
-    }
+    let threads = super::threads(args.threads).get();
+    let temp_dir = temp_dir(args);
+    let [original, simplified] = [
+        super::open_mesh(&args.original, &temp_dir)?,
+        super::open_mesh(&args.simplified, &temp_dir)?,
+    ];
     let region = match (&args.near, args.within) {
-        (Some(path), Some(within)) => Some(region(path, within, threads, progress)?),
+        (Some(path), Some(within)) => Some(region((path, &temp_dir), within, threads, progress)?),
         _ => None,
     };
     let triangle_sizes = match &region {
@@ -93,8 +110,8 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
         simplified: &simplified,
         options: Options { samples: args.samples, seed: args.seed, threads, colours: None, region },
         memory_bytes: memory_budget(args.memory),
-        cell_triangles: args.cell_triangles.max(1000),
-        temp_dir: temp_dir(args),
+        cell_triangles: args.cell_triangles,
+        temp_dir: temp_dir.clone(),
         heat: args.heatmap.is_some() && args.heatmap_of == Which::Simplified,
     };
     let comparison = watch(talk, progress, log, || compare::compare(&request, progress))?;
@@ -113,24 +130,30 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     let json = serde_json::to_string_pretty(&report)
         .map_err(|e| Error::Usage(format!("the report cannot be written as JSON: {e}")))?;
     if let Some(path) = &args.report {
-        std::fs::write(path, &json).map_err(|e| Error::io(path, "cannot write the report", e))?;
+        progress.check()?;
+        crate::output::write_whole(path, json.as_bytes())?;
     }
     let mut out = std::io::stdout().lock();
     let printed =
         if args.json { writeln!(out, "{json}") } else { write!(out, "{}", table(&report)) };
-    printed.map_err(|e| Error::io("standard output", "cannot write", e))
+    printed.map_err(Error::stdout)
 }
 
-/// Where cells go: beside the simplified mesh, unless told otherwise.
+/// Where cells and unpacked meshes go: beside the simplified mesh, unless told otherwise.
 fn temp_dir(args: &Args) -> PathBuf {
     args.temp_dir.clone().unwrap_or_else(|| folder_of(&args.simplified).to_path_buf())
 }
 
-fn region(path: &Path, within: f64, threads: usize, progress: &Progress) -> Result<Region> {
+fn region(
+    (path, temp_dir): (&Path, &Path),
+    within: f64,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Region> {
     if !(within >= 0.0 && within.is_finite()) {
         return Err(Error::Usage(format!("--within {within} is no distance")));
     }
-    let places = load::load(&super::open_mesh(path)?, threads, progress)?;
+    let places = load::load(&super::open_mesh(path, temp_dir)?, threads, progress)?;
     Ok(Region::around_points(&places.mesh.positions, within))
 }
 

@@ -5,21 +5,25 @@ mod demo;
 mod display;
 mod info;
 pub mod measure;
+mod out_of_memory;
 pub mod render;
 mod report;
+mod signals;
 mod simplify;
 mod status;
 pub mod synth;
 
-use crate::error::Error;
+use crate::error::{Error, Offers};
 use crate::formats::StageOptions;
 use crate::parallel::guarded;
+use crate::paths::{Paths, Role};
 use crate::ply::MeshSource;
 use crate::progress::Progress;
 use clap::Parser;
 use display::Show;
-use signal_hook::consts::{SIGINT, SIGTERM};
+pub use out_of_memory::Allocator;
 use std::io::Write;
+use std::num::NonZeroUsize;
 use std::sync::Arc;
 
 /// Exit code of a run that ended, but short of the target or with dropped faces.
@@ -29,7 +33,8 @@ pub const EXIT_SHORT: u8 = 3;
 ///
 /// Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but short of the target; 4 bad input; 5 no disk
 /// space; 6 not enough memory; 7 another run holds the job; 8 the job belongs to other settings;
-/// 9 internal fault, state kept; 10 the disk takes no files or fails; 130, 143 stopped by SIGINT, SIGTERM.
+/// 9 internal fault, state kept; 10 the disk takes no files or fails; 130, 143 stopped by SIGINT, SIGTERM;
+/// 141 whoever read standard output has closed it.
 #[derive(Debug, Parser)]
 #[command(name = "stonecut", version)]
 struct Typed {
@@ -80,16 +85,56 @@ pub fn main() -> u8 {
         }
     };
     let progress = Arc::new(Progress::default());
+    let offers = typed.command.offers();
     raise_open_files();
-    let mut log = match Log::new(&typed.talk) {
-        Ok(log) => log,
-        Err(error) => return complain(&mut std::io::stderr(), &error),
+    let begin = || {
+        signals::listen(&progress, offers)?;
+        typed.command.check_paths(&typed.talk)?;
+        Log::new(&typed.talk)
     };
-    if let Err(error) = listen_to_signals(&progress) {
-        return complain(&mut log, &error);
-    }
+    let mut log = match begin() {
+        Ok(log) => log,
+        Err(error) => return complain(&mut std::io::stderr(), &error, offers),
+    };
     guarded(|| dispatch(&typed.command, &typed.talk, &progress, &mut log))
-        .unwrap_or_else(|error| complain(&mut log, &error))
+        .unwrap_or_else(|error| complain(&mut log, &error, offers))
+}
+
+impl Command {
+    /// The paths that were typed, with what the command does with each.
+    fn paths(&self) -> crate::Result<Paths> {
+        match self {
+            Command::Simplify(args) => args.paths(),
+            Command::Convert(args) => args.paths(),
+            Command::Info(args) => Ok(args.paths()),
+            Command::Measure(args) => args.paths(),
+            Command::Render(args) => args.paths(),
+            Command::Report(args) => args.paths(),
+            Command::Synth(args) => args.paths(),
+            Command::Status(args) => Ok(args.paths()),
+            Command::Demo(args) => Ok(args.paths()),
+        }
+    }
+
+    /// Refuses paths that clash or cannot be used, before anything is written, the log included.
+    fn check_paths(&self, talk: &Talk) -> crate::Result<()> {
+        self.paths()?.with_option(Role::Log, "--log-file", talk.log_file.as_ref()).check()
+    }
+
+    /// What can be done about a failure of this command.
+    fn offers(&self) -> Offers {
+        match self {
+            Command::Simplify(_) => Offers { resumes: true, temp_dir: true },
+            Command::Convert(_) | Command::Info(_) | Command::Measure(_) => {
+                Offers { resumes: false, temp_dir: true }
+            }
+            Command::Render(_)
+            | Command::Report(_)
+            | Command::Synth(_)
+            | Command::Status(_)
+            | Command::Demo(_) => Offers::default(),
+        }
+    }
 }
 
 fn dispatch(
@@ -100,7 +145,7 @@ fn dispatch(
 ) -> crate::Result<u8> {
     match command {
         Command::Simplify(args) => simplify::run(args, talk, progress, log),
-        Command::Convert(args) => convert::run(args, &mut Said(log)),
+        Command::Convert(args) => convert::run(args, progress, &mut Said(log)),
         Command::Info(args) => info::run(args, &mut std::io::stdout(), progress).map(|()| 0),
         Command::Measure(args) => measure::run(args, talk, progress, log).map(|()| 0),
         Command::Report(args) => report::run(args, progress, log).map(|()| 0),
@@ -111,41 +156,15 @@ fn dispatch(
     }
 }
 
-fn complain(log: &mut dyn Write, error: &Error) -> u8 {
-    // Nobody is left to tell if standard error is gone too.
-    let _ = writeln!(log, "stonecut: {error}");
+/// Says what went wrong and what to do about it; gives the exit code.
+fn complain(log: &mut dyn Write, error: &Error, offers: Offers) -> u8 {
+    // Other commands end without a word where the reader of a pipe has had enough.
+    if !matches!(error, Error::OutputClosed) {
+        let advice = error.advice(offers).map_or(String::new(), |advice| format!("; {advice}"));
+        // Nobody is left to tell if standard error is gone too.
+        let _ = writeln!(log, "stonecut: {error}{advice}");
+    }
     error.exit_code()
-}
-
-/// How long the workers of a resumable run have to reach the end of a block or cell after a signal.
-const GRACE: std::time::Duration = std::time::Duration::from_millis(500);
-
-/// The first SIGINT or SIGTERM asks the workers to stop; the second ends the process at once, which loses
-/// nothing either: whatever is sealed stays sealed. So does `GRACE` after the first, where a run can be
-/// resumed: a large cell, a finish or a slow disk would hold it up for longer than anybody waits.
-fn listen_to_signals(progress: &Arc<Progress>) -> crate::Result<()> {
-    let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM])
-        .map_err(|e| Error::io(".", "cannot listen to signals", e))?;
-    let progress = Arc::clone(progress);
-    std::thread::spawn(move || {
-        let mut is_first = true;
-        for signal in signals.forever() {
-            if !is_first {
-                signal_hook::low_level::exit(128 + signal);
-            }
-            is_first = false;
-            progress.request_stop(signal);
-            let progress = Arc::clone(&progress);
-            std::thread::spawn(move || {
-                std::thread::sleep(GRACE);
-                if progress.is_resumable() {
-                    complain(&mut std::io::stderr(), &Error::Interrupted { signal });
-                    signal_hook::low_level::exit(128 + signal);
-                }
-            });
-        }
-    });
-    Ok(())
 }
 
 /// Takes as many open files as the hard limit gives; failing that, a run needs only a dozen.
@@ -219,9 +238,30 @@ impl Write for Log {
     }
 }
 
-/// Opens a mesh of any format; what is no plain PLY is unpacked into the working folder for the time being.
-fn open_mesh(path: &std::path::Path) -> crate::Result<MeshSource> {
-    MeshSource::open_staged(path, &StageOptions::new("."))
+/// Opens a mesh of any format; what is no plain PLY is unpacked into `temp_dir` for the time being.
+fn open_mesh(path: &std::path::Path, temp_dir: &std::path::Path) -> crate::Result<MeshSource> {
+    MeshSource::open_staged(path, &StageOptions::new(temp_dir))
+}
+
+/// The threads to work with: as many as asked for, by default one a core.
+///
+/// More than `MOST_THREADS_PER_CORE` a core would only take memory, each with its own buffers.
+fn threads(given: Option<NonZeroUsize>) -> NonZeroUsize {
+    let cores = NonZeroUsize::new(crate::memory::cores()).unwrap_or(NonZeroUsize::MIN);
+    let most = cores.saturating_mul(MOST_THREADS_PER_CORE);
+    given.unwrap_or(cores).min(most)
+}
+
+const MOST_THREADS_PER_CORE: NonZeroUsize = NonZeroUsize::new(4).expect("above 0");
+
+/// Refuses an output whose name says that it is something else.
+fn require_ending(name: &str, path: &std::path::Path, endings: &[&str]) -> crate::Result<()> {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    if path == std::path::Path::new("-") || ending.is_some_and(|e| endings.contains(&e.as_str())) {
+        return Ok(());
+    }
+    let endings = endings.join(" or .");
+    Err(Error::Usage(format!("{name} {}: give it a name that ends in .{endings}", path.display())))
 }
 
 /// Parses `--memory`: a size, or a share of the tightest limit in force.
@@ -230,6 +270,14 @@ fn parse_memory(text: &str) -> Result<u64, String> {
     match text.strip_suffix('%') {
         Some(_) => Ok((crate::units::parse_ratio(text)? * limit as f64) as u64),
         None => crate::units::parse_bytes(text),
+    }
+}
+
+/// Parses `--cell-triangles`.
+fn parse_cell(text: &str) -> Result<u64, String> {
+    match crate::units::parse_count(text)? {
+        0..1000 => Err("cells below 1000 triangles are nothing but seam".to_owned()),
+        count => Ok(count),
     }
 }
 

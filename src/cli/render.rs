@@ -1,16 +1,18 @@
 //! `stonecut render`: a picture of a mesh.
 
+use crate::disk::folder_of;
 use crate::error::{Error, Result};
-use crate::memory::{DEFAULT_SHARE, cores, limit_bytes};
+use crate::memory::{DEFAULT_SHARE, limit_bytes};
 use crate::mesh::Mesh;
-use crate::ply::{FaceBlock, MeshSource, VertexBlock};
+use crate::paths::{Paths, Role};
+use crate::ply::{FaceBlock, MeshSource, Place, VertexBlock};
 use crate::progress::Progress;
 use crate::render::{
     Coloring, Direction, Picture, Resources, Sphere, View, aim_source, render_mesh, render_source,
 };
 use crate::units::{parse_bytes, show_count};
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Renders a mesh of any size into a PNG picture, without a window or a GPU.
 #[derive(Debug, clap::Args)]
@@ -61,12 +63,17 @@ pub struct Args {
     pub force: bool,
 }
 
+impl Args {
+    pub(super) fn paths(&self) -> Result<Paths> {
+        super::require_ending("--output", &self.output, &["png"])?;
+        let paths = Paths::new(self.force).with(Role::Output, "--output", &self.output);
+        Ok(self.mesh.iter().fold(paths, |paths, mesh| paths.with(Role::Input, "MESH", mesh)))
+    }
+}
+
 /// Renders and writes the picture, and tells on `log` what was done.
 pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<()> {
-    if !args.force && args.output.exists() {
-        let output = args.output.display();
-        return Err(Error::Usage(format!("{output} exists; --force overwrites it")));
-    }
+    args.paths()?.check()?;
     let mut view = View {
         width: args.size.0,
         height: args.size.1,
@@ -82,18 +89,22 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         aim: None,
     };
     let memory_bytes = args.memory.unwrap_or_else(|| (DEFAULT_SHARE * limit_bytes() as f64) as u64);
-    let threads = args.threads.map_or_else(cores, NonZeroUsize::get);
+    let threads = super::threads(args.threads).get();
     let resources = Resources { memory_bytes, threads };
+    let temp_dir = match args.output == Path::new("-") {
+        true => Path::new("."),
+        false => folder_of(&args.output),
+    };
     let mut pictures = Vec::new();
     let mut n_faces = 0;
     for path in &args.mesh {
-        let source = super::open_mesh(path)?;
+        let source = super::open_mesh(path, temp_dir)?;
         n_faces += source.n_faces();
         if args.mesh.len() > 1 && !args.own_camera && view.aim.is_none() {
             view.aim = Some(aim_source(&source, &view, resources, progress)?);
         }
         pictures.push(if args.quadrics > 0 {
-            render_mesh(&read_whole(&source)?, &view, threads, progress)?
+            render_mesh(&read_whole(&source, progress)?, &view, threads, progress)?
         } else {
             render_source(&source, &view, resources, progress)?
         });
@@ -101,7 +112,9 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
     let captions = args.caption.iter().map(String::as_str).chain(std::iter::repeat(""));
     let parts: Vec<(&Picture, &str)> = pictures.iter().zip(captions).collect();
     let picture = Picture::side_by_side(&parts);
-    picture.write_png(&args.output)?;
+    progress.check()?;
+    let place = Place { replace: args.force, ..Place::from(&args.output) };
+    crate::output::write_whole(place, &picture.to_png()?)?;
     let (output, n) = (args.output.display(), show_count(n_faces));
     // A closed standard error is no reason to fail: the picture is there.
     let _ = writeln!(log, "{output}: {}x{} pixels, {n} faces", picture.width, picture.height);
@@ -109,19 +122,21 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
 }
 
 /// The whole mesh, for pictures that need its connectivity; positions only.
-fn read_whole(source: &MeshSource) -> Result<Mesh> {
+fn read_whole(source: &MeshSource, progress: &Progress) -> Result<Mesh> {
     let mut mesh = Mesh::default();
     if source.n_vertices() > u64::from(u32::MAX) {
         return Err(Error::Usage("--quadrics: a mesh of fewer than 2^32 vertices".to_owned()));
     }
     let mut vertices = VertexBlock::default();
     for block in 0..source.n_vertex_blocks() {
+        progress.check()?;
         source.read_vertices(block, &mut vertices)?;
         let records = vertices.records.chunks_exact(source.schema().record_bytes());
         mesh.positions.extend(records.map(|record| source.schema().position(record)));
     }
     let mut faces = FaceBlock::default();
     for block in 0..source.n_face_blocks() {
+        progress.check()?;
         source.read_faces(block, &mut faces)?;
         mesh.triangles.extend(faces.triangles.iter().map(|t| t.map(|id| id as u32)));
     }

@@ -1,12 +1,16 @@
 //! `stonecut report`: a page for people from the JSON of a run.
 
-use super::{Log, memory_budget, parse_memory};
+use super::{Log, memory_budget, parse_memory, require_ending, threads};
 use crate::error::{Error, Result};
-use crate::plan::folder_of;
+use crate::disk::{folder_of, open_input};
+use crate::paths::{Paths, Role};
+use crate::ply::Place;
 use crate::progress::Progress;
 use crate::render::Resources;
 use crate::report::{self, Material};
 use serde_json::Value;
+use std::io::Read;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
 /// Makes one self-contained HTML page from the JSON of `simplify --report` or `measure --report`.
@@ -28,31 +32,41 @@ pub struct Args {
     memory: Option<u64>,
     /// Threads to use [default: all cores].
     #[arg(long, value_name = "N")]
-    threads: Option<usize>,
+    threads: Option<NonZeroUsize>,
+}
+
+impl Args {
+    pub(super) fn paths(&self) -> Result<Paths> {
+        require_ending("--output", &self.output, &["html", "htm"])?;
+        Ok(Paths::new(self.force)
+            .with(Role::InputFile, "REPORT", &self.report)
+            .with_option(Role::InputFile, "--measured", self.measured.as_ref())
+            .with(Role::Output, "--output", &self.output))
+    }
 }
 
 /// Writes the page.
 pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
-    if args.output.exists() && !args.force {
-        let what = format!("{} exists; --force replaces it", args.output.display());
-        return Err(Error::Usage(what));
-    }
     let material = Material {
         report: read(&args.report)?,
         measured: args.measured.as_deref().map(read).transpose()?,
         temp_dir: folder_of(&args.output).to_path_buf(),
         resources: Resources {
             memory_bytes: memory_budget(args.memory),
-            threads: args.threads.unwrap_or_else(crate::memory::cores).max(1),
+            threads: threads(args.threads).get(),
         },
     };
     let page = report::html(&material, progress)?;
-    crate::disk::Disk::default().write_whole(&args.output, page.as_bytes())?;
+    let place = Place { replace: args.force, ..Place::from(&args.output) };
+    crate::output::write_whole(place, page.as_bytes())?;
     log.say(format!("{}: {} bytes", args.output.display(), page.len()));
     Ok(())
 }
 
 fn read(path: &Path) -> Result<Value> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, "cannot read", e))?;
-    serde_json::from_str(&text).map_err(|e| Error::bad_input(path, format!("no JSON report: {e}")))
+    let mut text = String::new();
+    open_input(path)?
+        .read_to_string(&mut text)
+        .map_err(|e| Error::bad_input(path, format!("not a JSON report: {e}")))?;
+    serde_json::from_str(&text).map_err(|e| Error::bad_input(path, format!("not a JSON report: {e}")))
 }

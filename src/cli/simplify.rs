@@ -4,20 +4,20 @@ use super::display::watch;
 use super::{EXIT_SHORT, Log, Talk, memory_budget, parse_memory};
 use crate::attributes::Weights;
 use crate::config::{Attributes, Config, DEFAULT_CELL_TRIANGLES, Normals, Target, Until};
-use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::faces::How;
 use crate::formats::OutputFormat;
 use crate::kernel;
-use crate::memory::cores;
+use crate::paths::{Kind, Paths, Role};
 use crate::pipeline;
-use crate::plan::folder_of;
+use crate::disk::folder_of;
 use crate::progress::Progress;
 use crate::stitch::MAX_CELL_TRIANGLES;
 use crate::summary::{BoundReport, FaceReport, RunReport};
-use crate::units::{parse_count, parse_ratio, show_bytes, show_count};
+use crate::units::{parse_count, parse_ratio, show_bytes, show_count, show_length};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
+use xxhash_rust::xxh3::xxh3_64;
 
 /// Simplifies a mesh of any size into one connected mesh.
 ///
@@ -37,7 +37,7 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
     /// Triangles per cell; smaller cells need less memory.
-    #[arg(long, value_name = "N", value_parser = parse_count, default_value_t = DEFAULT_CELL_TRIANGLES)]
+    #[arg(long, value_name = "N", value_parser = super::parse_cell, default_value_t = DEFAULT_CELL_TRIANGLES)]
     cell_triangles: u64,
     /// Where the job folder lies [default: beside OUTPUT].
     #[arg(long, value_name = "DIR")]
@@ -143,7 +143,7 @@ enum TypedPlacement {
 #[group(required = true, multiple = false)]
 struct TypedTarget {
     /// Triangles wanted, at most: 20000, 500k, 4M.
-    #[arg(long, value_name = "N", value_parser = parse_count)]
+    #[arg(long, value_name = "N", value_parser = parse_target)]
     triangles: Option<u64>,
     /// Share of the input's triangles: 1% or 0.01.
     #[arg(long, value_name = "R", value_parser = parse_ratio)]
@@ -152,6 +152,13 @@ struct TypedTarget {
     /// that allows. Takes several runs.
     #[arg(long, value_name = "E", value_parser = parse_length)]
     max_error: Option<f64>,
+}
+
+fn parse_target(text: &str) -> std::result::Result<u64, String> {
+    match parse_count(text)? {
+        0 => Err("a mesh of 0 triangles is none; ask for at least 1".to_owned()),
+        count => Ok(count),
+    }
 }
 
 fn parse_length(text: &str) -> std::result::Result<f64, String> {
@@ -167,10 +174,6 @@ impl Args {
             .or(ratio.map(Target::Ratio))
             .or(max_error.map(Target::MaxError))
             .ok_or_else(|| Error::Usage("give --triangles, --ratio or --max-error".to_owned()))?;
-        if self.cell_triangles < 1000 {
-            let what = "--cell-triangles below 1000 leaves cells that are nothing but seam";
-            return Err(Error::Usage(what.to_owned()));
-        }
         if self.cell_triangles > MAX_CELL_TRIANGLES {
             return Err(Error::Usage(format!(
                 "--cell-triangles {} is more than one cell can hold: at most {MAX_CELL_TRIANGLES}",
@@ -181,21 +184,18 @@ impl Args {
             let what = "--merge-distance changes the topology: not with --topology keep";
             return Err(Error::Usage(what.to_owned()));
         }
-        let name = self.output.file_name().ok_or_else(|| {
-            Error::Usage(format!("{} names no file to write", self.output.display()))
-        })?;
-        let mut job_name = name.to_owned();
-        job_name.push(".stonecut-job");
-        let beside = folder_of(&self.output);
-        let threads = cores().try_into().unwrap_or(NonZeroUsize::MIN);
+        if max_error.is_some() && (self.until.is_some() || self.seams.is_some()) {
+            let what = "--max-error takes several runs: not with --until or --seams";
+            return Err(Error::Usage(what.to_owned()));
+        }
         Ok(Config {
             input: self.input.clone(),
             output: self.output.clone(),
             target,
             memory_bytes: memory_budget(self.memory),
-            threads: self.threads.unwrap_or(threads),
+            threads: super::threads(self.threads),
             cell_triangles: self.cell_triangles,
-            job_folder: self.temp_dir.as_deref().unwrap_or(beside).join(job_name),
+            job_folder: self.job_folder()?,
             keep_temp: self.keep_temp,
             until: self.until,
             force: self.force,
@@ -231,6 +231,46 @@ impl Args {
                 ..kernel::Options::default()
             },
         })
+    }
+}
+
+impl Args {
+    /// `OUTPUT.stonecut-job`. In a folder for the temporary data of several runs, outputs of one name are told
+    /// apart by a checksum of their whole path.
+    fn job_folder(&self) -> Result<PathBuf> {
+        let mut name = match self.output.file_name() {
+            Some(name) => name.to_owned(),
+            None => {
+                let output = self.output.display();
+                return Err(Error::Usage(format!("{output} names no file to write")));
+            }
+        };
+        let beside = folder_of(&self.output);
+        let folder = self.temp_dir.as_deref().unwrap_or(beside);
+        let real = |folder: &Path| folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
+        if real(folder) != real(beside) {
+            let whole = real(beside).join(&name);
+            name.push(format!("-{:08x}", xxh3_64(whole.as_os_str().as_encoded_bytes()) as u32));
+        }
+        name.push(".stonecut-job");
+        Ok(folder.join(name))
+    }
+
+    pub(super) fn paths(&self) -> Result<Paths> {
+        self.format.check(&self.output)?;
+        if let Some(seams) = &self.seams {
+            super::require_ending("--seams", seams, &["ply"])?;
+        }
+        let job_folder = self.job_folder()?;
+        // What a killed run of the same command has written is found by the run itself.
+        let may_be_ours = !self.restart && pipeline::has_begun_to_write(&job_folder);
+        Ok(Paths::new(self.force || may_be_ours)
+            .with(Role::Input, "INPUT", &self.input)
+            .with(Role::Output, "OUTPUT", &self.output)
+            .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
+            .with_option(Role::Side(Kind::Seams), "--seams", self.seams.as_ref())
+            .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
+            .with(Role::JobFolder, "the job folder", job_folder))
     }
 }
 
@@ -286,7 +326,8 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
             ));
         }
     }
-    log.say(format!(
+    if report.output.triangles > 0 {
+        log.say(format!(
         "{}: {} triangles, {} vertices in {:.1} s ({} triangles/s), {} cells, {} rounds, peak {} memory, {} temporary",
         report.output.path,
         report.output.triangles,
@@ -298,6 +339,7 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
         show_bytes(report.peak_memory_bytes),
         show_bytes(report.peak_temp_bytes)
     ));
+    }
     if let (true, Some(fit)) = (talk.verbose, &report.fit) {
         log.say(format!(
             "fit: {} samples, {} vertices moved, RMS {:.3e} -> {:.3e}",
@@ -318,6 +360,7 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     }
     if let Some(BoundReport { bound, measured_max: Some(max), trials, .. }) = &report.max_error {
         let n = trials.len();
+        let bound = show_length(*bound);
         log.say(format!("deviates by at most {max:.4e}, measured; the bound is {bound}; {n} runs"));
     }
     if report.max_error.is_some() && !report.target_met {
@@ -345,5 +388,5 @@ fn face_line(property: &FaceReport) -> String {
 fn write_report(path: &Path, report: &RunReport) -> Result<()> {
     let mut json = serde_json::to_vec_pretty(report).expect("plain data");
     json.push(b'\n');
-    Disk::default().write_whole(path, &json)
+    crate::output::write_whole(path, &json)
 }

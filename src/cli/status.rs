@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::job::view;
+use crate::paths::{Paths, Role};
 use std::io::Write;
 use std::path::PathBuf;
 
@@ -13,6 +14,12 @@ pub struct Args {
     /// Print JSON.
     #[arg(long)]
     json: bool,
+}
+
+impl Args {
+    pub(super) fn paths(&self) -> Paths {
+        Paths::default().with(Role::InputFolder, "JOBDIR", &self.folder)
+    }
 }
 
 /// Prints the status on standard output.
@@ -44,5 +51,5 @@ pub fn run(args: &Args) -> Result<()> {
     };
     std::io::stdout()
         .write_all(text.as_bytes())
-        .map_err(|e| Error::io("standard output", "cannot write", e))
+        .map_err(Error::stdout)
 }

@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::formats::OutputFormat;
-use crate::memory::cores;
+use crate::paths::{Paths, Role};
 use crate::progress::Progress;
 use crate::synth::{self, Kind, Settings, Writing};
 use crate::units::{parse_count, show_bytes, show_count};
@@ -49,6 +49,13 @@ pub struct Args {
     pub threads: Option<NonZeroUsize>,
 }
 
+impl Args {
+    pub(super) fn paths(&self) -> Result<Paths> {
+        self.format.check(&self.output)?;
+        Ok(Paths::new(self.force).with(Role::Output, "OUTPUT", &self.output))
+    }
+}
+
 /// Makes the mesh and tells on standard error what was made.
 pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<()> {
     let settings = Settings {
@@ -61,7 +68,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         noise: args.noise,
         integer: args.integer,
     };
-    let threads = args.threads.map_or_else(cores, NonZeroUsize::get);
+    let threads = super::threads(args.threads).get();
     let writing = Writing { threads, force: args.force, format: args.format };
     let counts = synth::write_ply(&args.output, &settings, writing, progress)?;
     let bytes = std::fs::metadata(&args.output).map_or(0, |file| file.len());

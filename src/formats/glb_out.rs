@@ -6,11 +6,11 @@
 //! format wants.
 
 use super::obj_out::{find_colour, find3, unit_colour};
-use super::sink::folder_of;
+use crate::disk::folder_of;
 use crate::error::{Error, Result};
 use crate::ply::OutputHeader;
 use crate::ply::raw::Spool;
-use crate::ply::writer::{PendingFile, Place};
+use crate::output::{PendingFile, Place};
 use crate::schema::{Scalar, read_scalar};
 use serde_json::{Value, json};
 
@@ -139,6 +139,12 @@ impl GlbWriter {
     pub fn finish(self) -> Result<u64> {
         assert!(self.faces_left == 0 && self.spool.is_none(), "as many rows as promised");
         self.out.finish()
+    }
+
+    /// The file as bytes, for a page that holds it; nothing appears under its name.
+    pub fn finish_bytes(self) -> Result<Vec<u8>> {
+        assert!(self.faces_left == 0 && self.spool.is_none(), "as many rows as promised");
+        self.out.into_bytes()
     }
 
     /// Writes everything up to the indices, once.

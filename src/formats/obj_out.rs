@@ -3,7 +3,8 @@
 //! Materials are named as the comments of an OBJ input name them (`obj_texture`); libraries are not written.
 
 use crate::error::Result;
-use crate::ply::writer::{PendingFile, Place, Shortest};
+use crate::output::{PendingFile, Place};
+use crate::ply::writer::Shortest;
 use crate::ply::{OutputHeader, TexturedTriangle};
 use crate::schema::{Scalar, TEXTURE_NAMES, VertexSchema, read_scalar};
 use std::collections::HashMap;

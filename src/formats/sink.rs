@@ -90,6 +90,27 @@ impl std::str::FromStr for OutputFormat {
     }
 }
 
+impl OutputFormat {
+    /// The kind of file that `path` will be; refuses a name that says none, and words that do not fit the kind.
+    pub fn check(&self, path: &Path) -> Result<OutputKind> {
+        let kind = self.kind.map_or_else(|| OutputKind::of(path), Ok)?;
+        let encoding = self.encoding.unwrap_or(Encoding::BinaryLittleEndian);
+        let typed = self.coordinate.is_some() || self.index.is_some();
+        let unfit = match kind {
+            OutputKind::Ply => false,
+            OutputKind::Stl | OutputKind::Obj => typed || encoding == Encoding::BinaryBigEndian,
+            OutputKind::Glb => typed || encoding != Encoding::BinaryLittleEndian,
+        };
+        if unfit {
+            return Err(Error::Usage(format!(
+                "{}: --format asks for what only PLY can do",
+                path.display()
+            )));
+        }
+        Ok(kind)
+    }
+}
+
 /// Writes a mesh in any format: all vertices, then all faces; the file appears when it is finished.
 pub enum MeshSink {
     /// See `PlyWriter`.
@@ -112,25 +133,8 @@ impl MeshSink {
         format: OutputFormat,
     ) -> Result<Self> {
         let place = place.into();
-        let path = place.path.as_path();
-        let kind = match format.kind {
-            Some(kind) => kind,
-            None => OutputKind::of(path)?,
-        };
         let encoding = format.encoding.unwrap_or(Encoding::BinaryLittleEndian);
-        let typed = format.coordinate.is_some() || format.index.is_some();
-        let unfit = match kind {
-            OutputKind::Ply => false,
-            OutputKind::Stl | OutputKind::Obj => typed || encoding == Encoding::BinaryBigEndian,
-            OutputKind::Glb => typed || encoding != Encoding::BinaryLittleEndian,
-        };
-        if unfit {
-            return Err(Error::Usage(format!(
-                "{}: --format asks for what only PLY can do",
-                path.display()
-            )));
-        }
-        match kind {
+        match format.check(&place.path)? {
             OutputKind::Ply => {
                 let ply =
                     PlyFormat { encoding, coordinate: format.coordinate, index: format.index };
@@ -197,13 +201,5 @@ impl MeshSink {
             MeshSink::Obj(sink) => sink.finish(),
             MeshSink::Glb(sink) => sink.finish(),
         }
-    }
-}
-
-/// The folder of an output, where its spools go.
-pub(crate) fn folder_of(path: &Path) -> &Path {
-    match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
     }
 }

@@ -5,6 +5,7 @@
 //! folder, so that nothing is left behind however a run ends; a resumed run stages again.
 
 use super::{obj, stl};
+use crate::disk::open_input;
 use crate::error::{Error, Result};
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::{MeshSource, ReadOptions};
@@ -64,9 +65,7 @@ impl MeshSource {
             if Packing::of(&first[..n]) == Packing::Plain {
                 file
             } else {
-                let reader =
-                    std::fs::File::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
-                unpack(path, reader, options)?
+                unpack(path, open_input(path)?, options)?
             }
         };
         open_raw(file, options)
@@ -124,7 +123,7 @@ fn stl_length_fits(first: &[u8], len: u64) -> bool {
 fn unpack(path: &Path, reader: impl Read, options: &StageOptions) -> Result<RawFile> {
     use std::io::BufRead;
     let mut reader = BufReader::with_capacity(1 << 20, reader);
-    let first = reader.fill_buf().map_err(|e| Error::io(path, "cannot read", e))?;
+    let first = reader.fill_buf().map_err(|e| Error::reading(path, "cannot read", e))?;
     let packing = Packing::of(first);
     let mut spool = Spool::new(&options.temp_dir);
     match packing {
@@ -133,7 +132,7 @@ fn unpack(path: &Path, reader: impl Read, options: &StageOptions) -> Result<RawF
         Packing::Gzip => copy(path, flate2::bufread::MultiGzDecoder::new(reader), &mut spool)?,
         Packing::Zstd => {
             let decoder = zstd::stream::read::Decoder::with_buffer(reader)
-                .map_err(|e| Error::io(path, "cannot start decompressing", e))?;
+                .map_err(|e| Error::reading(path, "cannot start decompressing", e))?;
             copy(path, decoder, &mut spool)?;
         }
     }
@@ -148,7 +147,7 @@ fn copy(path: &Path, mut reader: impl Read, spool: &mut Spool) -> Result<()> {
             Ok(n) => spool.write(&buffer[..n])?,
             Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
             Err(e) if e.raw_os_error().is_some() => {
-                return Err(Error::io(path, "cannot read", e));
+                return Err(Error::reading(path, "cannot read", e));
             }
             Err(e) => {
                 return Err(Error::bad_input(

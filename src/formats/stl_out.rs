@@ -1,10 +1,11 @@
 //! STL out: loose triangles of floats, binary or ASCII, with the normal of each.
 
-use super::sink::folder_of;
+use crate::disk::folder_of;
 use crate::error::{Error, Result};
 use crate::ply::lookup::Lookup;
 use crate::ply::raw::{RawFile, Spool};
-use crate::ply::writer::{PendingFile, Place, Shortest};
+use crate::output::{PendingFile, Place};
+use crate::ply::writer::Shortest;
 use crate::ply::{Encoding, OutputHeader};
 use std::io::Write;
 

@@ -70,3 +70,9 @@ impl Lock {
         Ok(Some(Lock { _file: file }))
     }
 }
+
+/// Whether nobody holds the lock of a job folder; `None` where there is no lock to look at.
+pub fn is_free(folder: &Path) -> Option<bool> {
+    let file = File::open(folder.join(FILE_NAME)).ok()?;
+    Some(flock(&file, FlockOperation::NonBlockingLockShared).is_ok())
+}

@@ -57,7 +57,7 @@ pub struct ManifestView {
 pub fn view(folder: &Path) -> Result<ManifestView> {
     let path = folder.join(FILE_NAME);
     let bytes = std::fs::read(&path)
-        .map_err(|e| Error::io(&path, "cannot read (is this a job folder?)", e))?;
+        .map_err(|e| Error::reading(&path, "cannot read (is this a job folder?)", e))?;
     let (mut outcomes, _) = parse(&path, &bytes)?;
     let identity =
         outcomes.remove(IDENTITY).ok_or_else(|| Error::corrupt(&path, "has no identity line"))?;
@@ -74,7 +74,7 @@ impl Manifest {
         let bytes = match std::fs::read(&path) {
             Ok(bytes) => bytes,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => Vec::new(),
-            Err(e) => return Err(Error::io(&path, "cannot read", e)),
+            Err(e) => return Err(Error::reading(&path, "cannot read", e)),
         };
         let (outcomes, valid_bytes) = parse(&path, &bytes)?;
         if let Some(found) = outcomes.get(IDENTITY) {

@@ -115,9 +115,9 @@ fn clear(folder: &Path, disk: &Disk) -> Result<()> {
 }
 
 fn clear_scratch(folder: &Path) -> Result<()> {
-    let entries = std::fs::read_dir(folder).map_err(|e| Error::io(folder, "cannot list", e))?;
+    let entries = std::fs::read_dir(folder).map_err(|e| Error::reading(folder, "cannot list", e))?;
     for entry in entries {
-        let path = entry.map_err(|e| Error::io(folder, "cannot list", e))?.path();
+        let path = entry.map_err(|e| Error::reading(folder, "cannot list", e))?.path();
         if path.extension().is_some_and(|ext| ext == SCRATCH_EXTENSION) {
             std::fs::remove_dir_all(&path).map_err(|e| Error::io(&path, "cannot remove", e))?;
         }
@@ -125,11 +125,35 @@ fn clear_scratch(folder: &Path) -> Result<()> {
     Ok(())
 }
 
+/// Removes scratch folders in `folder` whose process has ended: nobody holds their lock. What cannot be read or
+/// removed is left.
+pub fn sweep_scratch(folder: &Path) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        let is_scratch = path.extension().is_some_and(|ext| ext == SCRATCH_EXTENSION);
+        if is_scratch && entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+            // Without a lock it has nothing yet, and goes only if it is empty; its owner makes it again.
+            let _ = match lock::is_free(&path) {
+                Some(true) => std::fs::remove_dir_all(&path),
+                Some(false) => Ok(()),
+                None => std::fs::remove_dir(&path),
+            };
+        }
+    }
+}
+
 fn clear_data(folder: &Path, disk: &Disk) -> Result<()> {
     clear_scratch(folder)?;
-    let entries = std::fs::read_dir(folder).map_err(|e| Error::io(folder, "cannot list", e))?;
+    let trials = folder.join(TRIALS);
+    match std::fs::remove_dir_all(&trials) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+            return Err(Error::io(&trials, "cannot remove", e));
+        }
+        _ => {}
+    }
+    let entries = std::fs::read_dir(folder).map_err(|e| Error::reading(folder, "cannot list", e))?;
     for entry in entries {
-        let name = entry.map_err(|e| Error::io(folder, "cannot list", e))?.file_name();
+        let name = entry.map_err(|e| Error::reading(folder, "cannot list", e))?.file_name();
         let ours = Path::new(&name)
             .extension()
             .is_some_and(|ext| DATA_EXTENSIONS.iter().any(|ours| ext == *ours));
@@ -142,6 +166,9 @@ fn clear_data(folder: &Path, disk: &Disk) -> Result<()> {
 
 /// Extension of the folders of `Scratch`, which nobody continues.
 pub const SCRATCH_EXTENSION: &str = "stonecut-scratch";
+
+/// The folder for the trials of `--max-error` in a job folder: their job, and their results.
+pub const TRIALS: &str = "trials";
 
 /// Extensions of the files that stages write into a job folder; nothing else there is ever removed.
 const DATA_EXTENSIONS: [&str; 4] = ["cells", "survivors", "index", "part"];

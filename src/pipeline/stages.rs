@@ -28,7 +28,6 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::time::Instant;
-use xxhash_rust::xxh3::xxh3_64;
 
 /// The stages of one run: each is sealed in the job, timed and reported.
 pub(super) struct Stages<'a> {
@@ -304,12 +303,9 @@ impl<'a> Stages<'a> {
             ..OutputHeader::new(source.schema().clone(), 0, 0)
         };
         let pack = self.survivors(result.clone())?;
-        let folder = self.run.job.folder();
         let place = Place {
             path: self.config.output.clone(),
             disk: self.run.disk().clone(),
-            // Of the job, not of the process: a later run overwrites what a killed one has left.
-            tag: format!("{:08x}", xxh3_64(folder.as_os_str().as_encoded_bytes()) as u32),
             replace: self.config.force,
         };
         if self.run.job.outcome::<()>(WRITING)?.is_none() {

@@ -21,10 +21,11 @@ pub(crate) mod source;
 mod strips;
 pub(crate) mod writer;
 
+pub use crate::output::Place;
 pub use header::Encoding;
 pub use source::{Faults, MeshSource, ReadOptions, TextureInfo};
 pub(crate) use writer::type_name;
-pub use writer::{FaceSchema, OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
+pub use writer::{FaceSchema, OutputHeader, PlyFormat, PlyWriter, TexturedTriangle};
 
 /// Vertices or faces in one block.
 pub const BLOCK_ROWS: u64 = 65_536;

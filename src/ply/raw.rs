@@ -3,6 +3,7 @@
 //! The lowest layer of `ply`: it knows the file's length and nothing of its format. Everything above it
 //! holds sizes against `len` before it allocates.
 
+use crate::disk::{open_input, scratch_file};
 use crate::error::{Error, Result};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -23,14 +24,8 @@ enum Data {
 impl RawFile {
     /// Opens a regular file; pipes and folders are refused by name.
     pub fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(|e| Error::io(path, "cannot open", e))?;
-        let meta = file.metadata().map_err(|e| Error::io(path, "cannot stat", e))?;
-        if !meta.is_file() {
-            return Err(Error::bad_input(
-                path,
-                "this is no regular file; pipe it in with '-' as the input",
-            ));
-        }
+        let file = open_input(path)?;
+        let meta = file.metadata().map_err(|e| Error::reading(path, "cannot stat", e))?;
         Ok(RawFile { path: path.to_path_buf(), data: Data::File(file), len: meta.len() })
     }
 
@@ -84,7 +79,7 @@ impl RawFile {
                         Ok(0) => break,
                         Ok(n) => filled += n,
                         Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
-                        Err(e) => return Err(Error::io(&self.path, "cannot read", e)),
+                        Err(e) => return Err(Error::reading(&self.path, "cannot read", e)),
                     }
                 }
                 Ok(filled)
@@ -160,7 +155,7 @@ impl Spool {
         let fail = |e| Error::io(&self.folder, "cannot write temporary data", e);
         let mut file = match self.file.take() {
             Some(file) => file,
-            None => nameless_file(&self.folder).map_err(fail)?,
+            None => scratch_file(&self.folder).map_err(fail)?,
         };
         std::io::Write::write_all(&mut file, bytes).map_err(fail)?;
         self.file = Some(file);
@@ -178,15 +173,4 @@ impl Spool {
         };
         Ok(RawFile { path: name.to_path_buf(), data, len: self.len })
     }
-}
-
-/// A file without a name: it vanishes with the process, however that ends.
-fn nameless_file(folder: &Path) -> std::io::Result<File> {
-    use std::sync::atomic::{AtomicU64, Ordering};
-    static COUNTER: AtomicU64 = AtomicU64::new(0);
-    let n = COUNTER.fetch_add(1, Ordering::Relaxed);
-    let path = folder.join(format!(".stonecut.{}.{n}.spool", std::process::id()));
-    let file = File::options().read(true).write(true).create_new(true).open(&path)?;
-    std::fs::remove_file(&path)?;
-    Ok(file)
 }

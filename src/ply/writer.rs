@@ -1,18 +1,13 @@
 //! Meshes into PLY files that appear whole or not at all.
 //!
 //! The header stands first, so the exact counts must be known before the first record; `finish` holds
-//! what was written against them. Other formats build on `PendingFile` (`formats`).
+//! what was written against them. The other formats are in `formats`.
 
 use super::header::Encoding;
-use crate::disk::{Disk, DiskFile};
 use crate::error::{Error, Result};
+use crate::output::{PendingFile, Place};
 use crate::schema::{Property, Scalar, VertexSchema};
-use std::fs::File;
-use std::io::{Read, Write};
-use std::path::{Path, PathBuf};
-
-/// Bytes gathered before they go to the system; 1 MiB writes run at disk speed.
-const BUFFER_BYTES: usize = 1 << 20;
+use std::io::Write;
 
 /// Above this many vertices corner indices are `uint`, not `int`.
 const MAX_INT_VERTICES: u64 = 1 << 31;
@@ -121,154 +116,6 @@ pub(crate) fn type_name(scalar: Scalar) -> &'static str {
 
 fn one_line(text: &str) -> String {
     text.replace(['\n', '\r'], " ")
-}
-
-/// Where an output appears, and through which disk.
-#[derive(Clone, Debug)]
-pub struct Place {
-    /// The name of the finished file; `-` is standard output.
-    pub path: PathBuf,
-    /// The disk that it is written through.
-    pub disk: Disk,
-    /// Tells temporary files of different writers apart: the process, or the job that is resumed.
-    pub tag: String,
-    /// Whether another file of that name is replaced; otherwise only one with the same bytes is.
-    pub replace: bool,
-}
-
-impl From<&Path> for Place {
-    /// A file of this process that replaces what is there.
-    fn from(path: &Path) -> Self {
-        let tag = std::process::id().to_string();
-        Place { path: path.to_path_buf(), disk: Disk::default(), tag, replace: true }
-    }
-}
-
-impl From<&PathBuf> for Place {
-    fn from(path: &PathBuf) -> Self {
-        Place::from(path.as_path())
-    }
-}
-
-enum Out {
-    File(DiskFile),
-    Stdout(File),
-}
-
-impl Out {
-    fn append(&mut self, bytes: &[u8]) -> Result<()> {
-        match self {
-            Out::File(file) => file.append(bytes),
-            Out::Stdout(file) => file
-                .write_all(bytes)
-                .map_err(|e| Error::io("-", "cannot write to standard output", e)),
-        }
-    }
-}
-
-/// A file under a temporary name in its folder until `finish` renames it; dropped before, it is removed.
-pub(crate) struct PendingFile {
-    place: Place,
-    temporary: PathBuf,
-    out: Out,
-    buffer: Vec<u8>,
-    n_bytes: u64,
-}
-
-impl PendingFile {
-    /// Creates `.NAME.TAG.tmp` beside the target; `-` is standard output, where nothing can be taken back.
-    pub fn create(place: impl Into<Place>) -> Result<Self> {
-        let place = place.into();
-        let target = place.path.as_path();
-        let mut temporary = PathBuf::new();
-        let out = if target == Path::new("-") {
-            let stdout = std::io::stdout();
-            let fd = std::os::fd::AsFd::as_fd(&stdout).try_clone_to_owned();
-            let fd = fd.map_err(|e| Error::io(target, "cannot write to standard output", e))?;
-            Out::Stdout(File::from(fd))
-        } else {
-            let name = target.file_name().ok_or_else(|| {
-                Error::Usage(format!("'{}' names no file to write", target.display()))
-            })?;
-            let mut hidden = std::ffi::OsString::from(".");
-            hidden.push(name);
-            hidden.push(format!(".{}.tmp", place.tag));
-            temporary = target.with_file_name(hidden);
-            Out::File(place.disk.create(&temporary)?)
-        };
-        let buffer = Vec::with_capacity(BUFFER_BYTES);
-        Ok(PendingFile { place, temporary, out, buffer, n_bytes: 0 })
-    }
-
-    /// Appends bytes.
-    pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
-        self.n_bytes += bytes.len() as u64;
-        if self.buffer.len() + bytes.len() > BUFFER_BYTES {
-            self.flush()?;
-        }
-        if bytes.len() >= BUFFER_BYTES {
-            return self.out.append(bytes);
-        }
-        self.buffer.extend_from_slice(bytes);
-        Ok(())
-    }
-
-    /// The name that the file will have.
-    pub fn target(&self) -> &Path {
-        &self.place.path
-    }
-
-    /// Hands what is buffered to the system.
-    pub fn flush(&mut self) -> Result<()> {
-        self.out.append(&self.buffer)?;
-        self.buffer.clear();
-        Ok(())
-    }
-
-    /// Syncs, renames to the target and syncs the folder; returns the file's length.
-    pub fn finish(mut self) -> Result<u64> {
-        self.flush()?;
-        let Out::File(file) = &mut self.out else { return Ok(self.n_bytes) };
-        file.sync()?;
-        let target = &self.place.path;
-        if !self.place.replace && target.exists() && !same_bytes(&self.temporary, target)? {
-            let what = "has appeared during the run; give --force to replace it";
-            return Err(Error::Usage(format!("{} {what}", target.display())));
-        }
-        self.place.disk.rename(&self.temporary, target)?;
-        self.temporary = PathBuf::new();
-        Ok(self.n_bytes)
-    }
-}
-
-impl Drop for PendingFile {
-    fn drop(&mut self) {
-        if !self.temporary.as_os_str().is_empty() {
-            // Nothing can be done about a failure here, and the name tells what the file is.
-            let _ = self.place.disk.remove(&self.temporary);
-        }
-    }
-}
-
-fn same_bytes(a: &Path, b: &Path) -> Result<bool> {
-    let open = |path: &Path| File::open(path).map_err(|e| Error::io(path, "cannot open", e));
-    let (mut left, mut right) = (open(a)?, open(b)?);
-    let length = |file: &File| file.metadata().map(|meta| meta.len()).unwrap_or(0);
-    if length(&left) != length(&right) {
-        return Ok(false);
-    }
-    let (mut x, mut y) = (vec![0; BUFFER_BYTES], vec![0; BUFFER_BYTES]);
-    let mut rest = length(&left) as usize;
-    while rest > 0 {
-        let n = rest.min(BUFFER_BYTES);
-        left.read_exact(&mut x[..n]).map_err(|e| Error::io(a, "cannot read", e))?;
-        right.read_exact(&mut y[..n]).map_err(|e| Error::io(b, "cannot read", e))?;
-        if x[..n] != y[..n] {
-            return Ok(false);
-        }
-        rest -= n;
-    }
-    Ok(true)
 }
 
 /// How a PLY file is written.

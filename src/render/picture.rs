@@ -52,9 +52,9 @@ impl Picture {
         Ok(bytes)
     }
 
-    /// Writes the picture as a PNG file, by rename.
+    /// Writes the picture as a PNG file, whole or not at all.
     pub fn write_png(&self, path: &Path) -> Result<()> {
-        crate::disk::Disk::default().write_whole(path, &self.to_png()?)
+        crate::output::write_whole(path, &self.to_png()?)
     }
 
     /// Pictures from left to right, each under its caption; shorter ones are centred.

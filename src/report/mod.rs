@@ -5,7 +5,7 @@
 
 mod page;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::formats::{GlbWriter, StageOptions};
 use crate::measure::load;
 use crate::ply::{MeshSource, OutputHeader};
@@ -268,8 +268,7 @@ fn glb(source: &MeshSource, material: &Material, progress: &Progress) -> Result<
     let schema = VertexSchema { coordinate: Scalar::F64, properties: Vec::new() };
     let header =
         OutputHeader::new(schema.clone(), mesh.positions.len() as u64, mesh.triangles.len() as u64);
-    let path = material.temp_dir.join(format!(".stonecut-report-{}.glb", std::process::id()));
-    let mut writer = GlbWriter::create(path.as_path(), header)?;
+    let mut writer = GlbWriter::create(material.temp_dir.join("viewer.glb").as_path(), header)?;
     let mut records = Vec::with_capacity(mesh.positions.len() * schema.record_bytes());
     for position in &mesh.positions {
         let about = [0, 1, 2].map(|k| position[k] - (least[k] + most[k]) / 2.0);
@@ -278,9 +277,5 @@ fn glb(source: &MeshSource, material: &Material, progress: &Progress) -> Result<
     writer.write_vertices(&records)?;
     let triangles: Vec<[u64; 3]> = mesh.triangles.iter().map(|t| t.map(u64::from)).collect();
     writer.write_faces(&triangles)?;
-    writer.finish()?;
-    let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "cannot read", e));
-    // A temporary file that cannot be removed does not spoil the page.
-    let _ = std::fs::remove_file(&path);
-    bytes
+    writer.finish_bytes()
 }

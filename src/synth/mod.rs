@@ -17,10 +17,11 @@ mod terrain;
 mod volume;
 mod write;
 
+use crate::disk::folder_of;
 use crate::error::{Error, Result};
 use crate::formats::{MeshSink, OutputFormat};
 use crate::mesh::Mesh;
-use crate::ply::OutputHeader;
+use crate::ply::{OutputHeader, Place};
 use crate::progress::Progress;
 use shuffle::Shuffler;
 use sliced::Counted;
@@ -148,7 +149,8 @@ pub fn write_ply(
         if settings.noise == 1.0 { String::new() } else { format!(" --noise {}", settings.noise) },
         if settings.integer { " --integer" } else { "" },
     );
-    let mut file = MeshSink::create(path, header, writing.format)?;
+    let place = Place { replace: writing.force, ..Place::from(path) };
+    let mut file = MeshSink::create(place, header, writing.format)?;
     let stream = Stream { surface: &*surface, layout, threads: writing.threads, progress };
     if settings.shuffle && !surface.is_shuffled() {
         write_shuffled(&mut file, path, &stream, settings.seed)?;
@@ -164,13 +166,9 @@ pub fn write_ply(
 fn write_shuffled(file: &mut MeshSink, path: &Path, stream: &Stream, seed: u64) -> Result<()> {
     let (n_vertices, n_faces) = (stream.surface.n_vertices(), stream.surface.n_faces());
     let order = Order::new(n_vertices, n_faces, seed);
-    let mut hidden = std::ffi::OsString::from(".");
-    hidden.push(path.file_name().unwrap_or_default());
-    hidden.push(format!(".{}.shuffle", std::process::id()));
-    let temporary = path.with_file_name(hidden);
-
+    let folder = if path == Path::new("-") { Path::new(".") } else { folder_of(path) };
     let record_bytes = stream.layout.schema().record_bytes();
-    let mut shuffler = Shuffler::new(&temporary, n_vertices, record_bytes)?;
+    let mut shuffler = Shuffler::new(folder, n_vertices, record_bytes)?;
     let mut id = 0;
     stream.vertices(|bytes| {
         bytes.chunks_exact(record_bytes).try_for_each(|record| {
@@ -180,7 +178,7 @@ fn write_shuffled(file: &mut MeshSink, path: &Path, stream: &Stream, seed: u64) 
     })?;
     shuffler.drain(|bytes| file.write_vertices(bytes))?;
 
-    let mut shuffler = Shuffler::new(&temporary, n_faces, size_of::<[u32; 3]>())?;
+    let mut shuffler = Shuffler::new(folder, n_faces, size_of::<[u32; 3]>())?;
     let mut row = 0;
     let renumber = |row, face| order.renumber(row, face);
     stream.faces(renumber, |faces| {

@@ -1,9 +1,10 @@
-//! Puts records into random order through a temporary file, in bounded memory.
+//! Puts records into random order through a temporary file without a name, in bounded memory.
 //!
 //! For surfaces that can only be computed block by block. Where a record goes is a permutation of known
 //! size, so every bucket of the result knows beforehand how many records it gets: the temporary file is
 //! laid out bucket after bucket, filled in any order, and then read, sorted and written bucket by bucket.
 
+use crate::disk::scratch_file;
 use crate::error::{Error, Result};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -18,7 +19,7 @@ const PLACE_BYTES: usize = 4;
 
 /// Collects records with their places, gives them back in order.
 pub(super) struct Shuffler {
-    path: PathBuf,
+    folder: PathBuf,
     file: File,
     n_records: u64,
     record_bytes: usize,
@@ -35,20 +36,15 @@ struct Bucket {
 }
 
 impl Shuffler {
-    /// For exactly `n_records` records; the temporary file takes `n_records * (record_bytes + 4)` bytes.
-    pub(super) fn new(path: &Path, n_records: u64, record_bytes: usize) -> Result<Self> {
-        let file = File::options()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(true)
-            .open(path)
-            .map_err(|e| Error::io(path, "cannot create", e))?;
+    /// For exactly `n_records` records; the temporary file in `folder` takes `n_records * (record_bytes + 4)` bytes.
+    pub(super) fn new(folder: &Path, n_records: u64, record_bytes: usize) -> Result<Self> {
+        let file = scratch_file(folder)
+            .map_err(|e| Error::io(folder, "cannot create a temporary file in", e))?;
         let bucket_records = (BUCKET_BYTES / record_bytes as u64).max(1);
         let n_buckets = n_records.div_ceil(bucket_records);
         let buffer_bytes = (BUFFER_BYTES / n_buckets.max(1)).clamp(4096, 1 << 20) as usize;
         Ok(Shuffler {
-            path: path.to_path_buf(),
+            folder: folder.to_path_buf(),
             file,
             n_records,
             record_bytes,
@@ -72,7 +68,7 @@ impl Shuffler {
         if buffer.len() >= self.buffer_bytes { self.flush(bucket) } else { Ok(()) }
     }
 
-    /// Hands on all records in the order of their places and removes the temporary file.
+    /// Hands on all records in the order of their places.
     pub(super) fn drain(mut self, mut sink: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
         let stride = PLACE_BYTES + self.record_bytes;
         let (mut raw, mut sorted) = (Vec::new(), Vec::new());
@@ -83,7 +79,7 @@ impl Shuffler {
             raw.resize(n_records * stride, 0);
             self.file
                 .read_exact_at(&mut raw, at * stride as u64)
-                .map_err(|e| Error::io(&self.path, "cannot read back", e))?;
+                .map_err(|e| Error::reading(&self.folder, "cannot read back", e))?;
             sorted.resize(n_records * self.record_bytes, 0);
             for entry in raw.chunks_exact(stride) {
                 let (place, record) = entry.split_at(PLACE_BYTES);
@@ -102,17 +98,10 @@ impl Shuffler {
         let at = number as u64 * self.bucket_records * stride + bucket.written_bytes;
         self.file
             .write_all_at(&bucket.buffer, at)
-            .map_err(|e| Error::io(&self.path, "cannot write", e))?;
+            .map_err(|e| Error::io(&self.folder, "cannot write", e))?;
         bucket.written_bytes += bucket.buffer.len() as u64;
         bucket.buffer.clear();
         Ok(())
-    }
-}
-
-impl Drop for Shuffler {
-    fn drop(&mut self) {
-        // A leftover would only waste space; there is nobody left to tell.
-        let _ = std::fs::remove_file(&self.path);
     }
 }
 
@@ -126,7 +115,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let n = 40_000u64;
         // Records so large that a bucket holds few: 4 KiB, 8192 a bucket.
-        let mut shuffler = Shuffler::new(&folder.path().join("t"), n, 4096).unwrap();
+        let mut shuffler = Shuffler::new(folder.path(), n, 4096).unwrap();
         assert!(shuffler.buckets.len() > 4);
         let permutation = Permutation::new(n, 3);
         let mut record = [0u8; 4096];
