@@ -274,7 +274,6 @@ impl Disk {
             Err(e) => Err(Error::io(path, "cannot remove", e)),
         }
     }
-
 }
 
 /// A file without a name in `folder`: it vanishes with the process, however that ends. `None` where the file

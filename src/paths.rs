@@ -247,6 +247,8 @@ impl Row {
         match self.role {
             Role::Input | Role::InputFile | Role::InputFolder => None,
             _ if self.is_stream() => None,
+            // What is there needs no room in its folder to be appended to.
+            Role::Log if self.path.exists() => None,
             Role::TempDir | Role::JobFolder => Some(existing_parent(&self.path)),
             _ => Some(folder_of(&self.path)),
         }
@@ -296,7 +298,8 @@ fn head(path: &Path) -> Vec<u8> {
 /// A report of `simplify` names input and output, one of `measure` original and simplified mesh.
 fn is_report(text: &[u8]) -> bool {
     let Ok(serde_json::Value::Object(keys)) = serde_json::from_slice(text) else { return false };
-    let has = |names: [&str; 2]| names.iter().all(|name| keys.get(*name).is_some_and(|v| v.is_object()));
+    let has =
+        |names: [&str; 2]| names.iter().all(|name| keys.get(*name).is_some_and(|v| v.is_object()));
     has(["input", "output"]) || has(["original", "simplified"])
 }
 
@@ -336,7 +339,11 @@ fn probe(folder: &Path) -> Result<()> {
             let inodes = rustix::fs::statvfs(folder).map(|stat| (stat.f_files, stat.f_favail));
             if inodes.is_ok_and(|(all, free)| all > 0 && free == 0) {
                 let what = "no inodes are free".to_owned();
-                return Err(Error::NoSpace { path: folder.into(), what, remedy: Remedy::RemoveFiles });
+                return Err(Error::NoSpace {
+                    path: folder.into(),
+                    what,
+                    remedy: Remedy::RemoveFiles,
+                });
             }
             Err(Error::io(folder, "cannot create files in this folder", e))
         }

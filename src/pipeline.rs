@@ -8,12 +8,12 @@ mod stages;
 
 use crate::config::{Config, Target, Until};
 use crate::disk::Disk;
+use crate::disk::folder_of;
 use crate::error::{Error, Result};
 use crate::formats::{StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
 use crate::identity::{input_marks, job_identity, unchanged};
 use crate::job::{self, Job};
 use crate::parallel::guarded;
-use crate::disk::folder_of;
 use crate::plan::{Plan, check_split};
 use crate::ply::{MeshSource, ReadOptions};
 use crate::progress::Progress;

@@ -173,8 +173,7 @@ impl Plan {
             }
             // Some file systems have no inode count at all and say 0 of 0.
             if stat.f_files > 0 && stat.f_favail < INODES {
-                let what =
-                    format!("{} inodes are free, the run needs {INODES}", stat.f_favail);
+                let what = format!("{} inodes are free, the run needs {INODES}", stat.f_favail);
                 let remedy = Remedy::RemoveFiles;
                 return Err(Error::NoSpace { path: folder.into(), what, remedy });
             }
@@ -293,7 +292,9 @@ fn too_little(
 
 fn device(path: &Path) -> Result<u64> {
     use std::os::unix::fs::MetadataExt;
-    std::fs::metadata(path).map(|meta| meta.dev()).map_err(|e| Error::reading(path, "cannot stat", e))
+    std::fs::metadata(path)
+        .map(|meta| meta.dev())
+        .map_err(|e| Error::reading(path, "cannot stat", e))
 }
 
 fn held_bytes(folder: &Path) -> u64 {

@@ -4,8 +4,8 @@
 //! draws a bar, writes lines or JSON, or does nothing.
 
 use crate::error::{Error, Result};
-use std::sync::atomic::{AtomicI32, AtomicU64, Ordering};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicI32, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 /// Counters of the running stage and the request to stop; shared by all threads of a run.

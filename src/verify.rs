@@ -6,10 +6,10 @@
 
 use crate::compare::{self, Report, Request};
 use crate::config::Config;
+use crate::disk::folder_of;
 use crate::error::{Error, Result};
 use crate::formats::{OutputKind, StageOptions};
 use crate::measure::Options;
-use crate::disk::folder_of;
 use crate::ply::{MeshSource, ReadOptions};
 use crate::run::Run;
 use crate::summary::{RunReport, StageReport};

@@ -135,8 +135,7 @@ fn keep(job: &Job, disk: &Disk, config: &Config, best: &Trial) -> Result<()> {
     if was_writing && !path.exists() && config.output.exists() {
         return Ok(());
     }
-    let place =
-        Place { path: config.output.clone(), disk: disk.clone(), replace: config.force };
+    let place = Place { path: config.output.clone(), disk: disk.clone(), replace: config.force };
     output::adopt(&path, place)
 }
 

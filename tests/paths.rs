@@ -44,10 +44,7 @@ const COMMANDS: [(&str, &[Slot]); 7] = [
         "convert {in} {out} --log-file {log}",
         &[read("{in}", "in.ply"), written("{out}", "new.stl"), written("{log}", "new.log")],
     ),
-    (
-        "info {in} --check --log-file {log}",
-        &[read("{in}", "in.ply"), written("{log}", "new.log")],
-    ),
+    ("info {in} --check --log-file {log}", &[read("{in}", "in.ply"), written("{log}", "new.log")]),
     (
         "measure {in} {other} --report {report} --heatmap {heat} --near {near} --within 1 \
          --log-file {log}",
@@ -224,7 +221,8 @@ fn no_two_paths_of_a_command_may_be_the_same_file() {
     for (template, slots) in COMMANDS {
         for (i, a) in slots.iter().enumerate() {
             for b in slots.iter().skip(i + 1).filter(|b| !(a.is_read && b.is_read)) {
-                let mut names = vec![a.good.to_owned(), format!("./{}", a.good), format!("here/{}", a.good)];
+                let mut names =
+                    vec![a.good.to_owned(), format!("./{}", a.good), format!("here/{}", a.good)];
                 if a.good == "in.ply" {
                     names.extend(["hard.ply", "soft.ply"].map(str::to_owned));
                 }
@@ -289,7 +287,9 @@ fn nobodys_files_are_taken_for_temporary_ones() {
     let at = folder.path();
     let mut kept = Vec::new();
     for stem in ["o", "r", "p", "h", "l", "s"] {
-        for name in [format!("{stem}.part"), format!(".{stem}.tmp"), format!("{stem}.trial-300.ply")] {
+        for name in
+            [format!("{stem}.part"), format!(".{stem}.tmp"), format!("{stem}.trial-300.ply")]
+        {
             std::fs::write(at.join(&name), "precious").unwrap();
             kept.push(name);
         }
@@ -341,7 +341,11 @@ fn outputs_of_one_name_share_a_folder_for_temporary_data() {
         std::fs::create_dir(at.join(name)).unwrap();
     }
     for name in ["a", "b"] {
-        expect(at, &format!("simplify in.ply {name}/o.ply --ratio 50% --temp-dir t --until partition"), 0);
+        expect(
+            at,
+            &format!("simplify in.ply {name}/o.ply --ratio 50% --temp-dir t --until partition"),
+            0,
+        );
     }
     assert_eq!(std::fs::read_dir(at.join("t")).unwrap().count(), 2);
     for name in ["a", "b"] {

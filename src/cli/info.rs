@@ -9,7 +9,7 @@ use crate::topology::Topology;
 use crate::units;
 use std::io::Write;
 use std::num::NonZeroUsize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Tells what a mesh file holds, and whether it is sound
 #[derive(Clone, Debug, clap::Args)]
@@ -26,8 +26,8 @@ pub struct Args {
     #[arg(long, value_name = "SIZE", value_parser = super::parse_memory)]
     memory: Option<u64>,
     /// Where those cells lie for the time being [default: the working folder]
-    #[arg(long, value_name = "DIR", default_value = ".")]
-    temp_dir: PathBuf,
+    #[arg(long, value_name = "DIR")]
+    temp_dir: Option<PathBuf>,
     /// Threads to use [default: all cores]
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
@@ -54,14 +54,18 @@ struct Report {
 impl Args {
     pub(super) fn paths(&self) -> Paths {
         let paths = Paths::default().with(Role::Input, "FILE", &self.file);
-        paths.with(Role::TempDir, "--temp-dir", &self.temp_dir)
+        paths.with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
+    }
+
+    fn temp_dir(&self) -> &Path {
+        self.temp_dir.as_deref().unwrap_or(Path::new("."))
     }
 }
 
 /// Runs the command; the answer goes to `out`.
 pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> {
     let threads = super::threads(args.threads).get();
-    let source = super::open_mesh(&args.file, &args.temp_dir)?;
+    let source = super::open_mesh(&args.file, args.temp_dir())?;
     let check = if args.check { Some(count(args, &source, threads, progress)?) } else { None };
     let schema = source.schema();
     let report = Report {
@@ -99,7 +103,7 @@ fn count(
     let budget = super::memory_budget(args.memory);
     let whole = load::bytes_in_memory(source).saturating_add(COUNT_BYTES * source.n_faces());
     if whole > budget / 2 || u32::try_from(source.n_vertices()).is_err() {
-        return crate::check::check(source, &args.temp_dir, threads, budget * 3 / 4, progress);
+        return crate::check::check(source, args.temp_dir(), threads, budget * 3 / 4, progress);
     }
     Ok(load::topology_of(&load::load(source, threads, progress)?))
 }

@@ -3,9 +3,9 @@
 use super::display::watch;
 use super::{Log, Talk, memory_budget, parse_memory};
 use crate::compare::{self, CELL_TRIANGLES, Report, Request};
+use crate::disk::folder_of;
 use crate::error::{Error, Result};
 use crate::measure::{self, Options, Region, Side, TriangleSizes, heatmap, load};
-use crate::disk::folder_of;
 use crate::paths::{Kind, Paths, Role};
 use crate::progress::Progress;
 use crate::topology::Topology;

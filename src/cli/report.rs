@@ -1,8 +1,8 @@
 //! `stonecut report`: a page for people from the JSON of a run.
 
 use super::{Log, memory_budget, parse_memory, require_ending, threads};
-use crate::error::{Error, Result};
 use crate::disk::{folder_of, open_input};
+use crate::error::{Error, Result};
 use crate::paths::{Paths, Role};
 use crate::ply::Place;
 use crate::progress::Progress;
@@ -68,5 +68,6 @@ fn read(path: &Path) -> Result<Value> {
     open_input(path)?
         .read_to_string(&mut text)
         .map_err(|e| Error::bad_input(path, format!("not a JSON report: {e}")))?;
-    serde_json::from_str(&text).map_err(|e| Error::bad_input(path, format!("not a JSON report: {e}")))
+    serde_json::from_str(&text)
+        .map_err(|e| Error::bad_input(path, format!("not a JSON report: {e}")))
 }

@@ -49,7 +49,5 @@ pub fn run(args: &Args) -> Result<()> {
         };
         text + "continue by running the same command again\n"
     };
-    std::io::stdout()
-        .write_all(text.as_bytes())
-        .map_err(Error::stdout)
+    std::io::stdout().write_all(text.as_bytes()).map_err(Error::stdout)
 }

@@ -8,9 +8,9 @@
 use super::obj_out::{find_colour, find3, unit_colour};
 use crate::disk::folder_of;
 use crate::error::{Error, Result};
+use crate::output::{PendingFile, Place};
 use crate::ply::OutputHeader;
 use crate::ply::raw::Spool;
-use crate::output::{PendingFile, Place};
 use crate::schema::{Scalar, read_scalar};
 use serde_json::{Value, json};
 

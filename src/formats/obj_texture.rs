@@ -54,7 +54,8 @@ impl Materials {
         let mut known = BTreeMap::new();
         for library in &self.libraries {
             let path = obj.with_file_name(library);
-            let short = std::fs::metadata(&path).is_ok_and(|m| m.is_file() && m.len() <= MAX_LIBRARY_BYTES);
+            let short =
+                std::fs::metadata(&path).is_ok_and(|m| m.is_file() && m.len() <= MAX_LIBRARY_BYTES);
             // A library that is not there only leaves the images without names.
             let Some(text) = short.then(|| std::fs::read(&path).ok()).flatten() else { continue };
             let mut material = String::new();

@@ -2,9 +2,9 @@
 
 use crate::disk::folder_of;
 use crate::error::{Error, Result};
+use crate::output::{PendingFile, Place};
 use crate::ply::lookup::Lookup;
 use crate::ply::raw::{RawFile, Spool};
-use crate::output::{PendingFile, Place};
 use crate::ply::writer::Shortest;
 use crate::ply::{Encoding, OutputHeader};
 use std::io::Write;

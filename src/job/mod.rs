@@ -115,7 +115,8 @@ fn clear(folder: &Path, disk: &Disk) -> Result<()> {
 }
 
 fn clear_scratch(folder: &Path) -> Result<()> {
-    let entries = std::fs::read_dir(folder).map_err(|e| Error::reading(folder, "cannot list", e))?;
+    let entries =
+        std::fs::read_dir(folder).map_err(|e| Error::reading(folder, "cannot list", e))?;
     for entry in entries {
         let path = entry.map_err(|e| Error::reading(folder, "cannot list", e))?.path();
         if path.extension().is_some_and(|ext| ext == SCRATCH_EXTENSION) {
@@ -151,7 +152,8 @@ fn clear_data(folder: &Path, disk: &Disk) -> Result<()> {
         }
         _ => {}
     }
-    let entries = std::fs::read_dir(folder).map_err(|e| Error::reading(folder, "cannot list", e))?;
+    let entries =
+        std::fs::read_dir(folder).map_err(|e| Error::reading(folder, "cannot list", e))?;
     for entry in entries {
         let name = entry.map_err(|e| Error::reading(folder, "cannot list", e))?.file_name();
         let ours = Path::new(&name)
