@@ -10,7 +10,7 @@ use kernel::case::Case;
 use kernel::choices::Choices;
 use kernel::judge::Depth;
 use kernel::shrink::shrink;
-use stonecut::kernel::{Fit, Options, Placement, Stop, Topology};
+use stonecut::kernel::{Fit, Options, Placement, Stop, Topology, simplify_mesh};
 use stonecut::mesh::Mesh;
 
 /// Judges a mesh that once broke a promise.
@@ -141,4 +141,16 @@ fn triangles_without_area_that_hold_a_fan_together_stay() {
     let positions = vec![[0.0; 3], [x, 0.0, 0.0], [y, 0.0, 0.0], [x, 0.0, 0.0], [0.0, 1e15, 1e15]];
     let triangles = vec![[0, 2, 3], [0, 3, 1], [4, 2, 0]];
     holds(&free(positions, triangles, Options::default()));
+}
+
+#[test]
+fn levels_beyond_f32_let_everything_out() {
+    // So small that a threshold of 1e-3 is beyond f32 in scaled units.
+    let positions = vec![[0.0; 3], [0.0; 3], [0.0; 3], [0.0, 0.0, 3e-9]];
+    let stop = Stop::CloseCosts(vec![1e-9, 1e-6, 1e-3]);
+    let options = Options { stop, placement: Placement::Subset, ..keep(0) };
+    let case = free(positions, vec![[0, 2, 3], [0, 3, 1]], options);
+    holds(&case);
+    let result = simplify_mesh(case.mesh, &case.locked, &case.options);
+    assert_eq!(result.statistics.level_counts, [1, 1, 1]);
 }

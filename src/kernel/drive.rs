@@ -125,9 +125,9 @@ impl Driver {
         self.collapses + self.collapses_before
     }
 
-    /// Scaled cost of a threshold in units^4.
+    /// Scaled cost of a threshold in units^4; what is beyond f32 is its largest number.
     fn scaled(&self, level: f64) -> f32 {
-        (level * self.surface.scale.powi(4)) as f32
+        (level * self.surface.scale.powi(4)).min(f64::from(f32::MAX)) as f32
     }
 
     /// Drains the whole mesh to one threshold, block by block.
