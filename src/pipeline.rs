@@ -4,6 +4,7 @@
 //! write. Every stage is sealed in the job folder before the next one begins, so the same command continues
 //! wherever an earlier run stopped. Only this file names two stages.
 
+mod quality;
 mod stages;
 
 use crate::config::{Config, Target, Until};

@@ -176,7 +176,8 @@ fn kernel_run(mut cell: CellMesh, stop: Stop, options: &Options) -> (CellMesh, S
 }
 
 fn drain(cell: CellMesh, stop: Stop, options: &Options, store: &CellStore) -> Survivors {
-    let (cell, simplified) = kernel_run(cell, stop, options);
+    let options = Options { estimate: true, ..options.clone() };
+    let (cell, simplified) = kernel_run(cell, stop, &options);
     let mut left =
         Survivors::new(&cell.ids, &cell.shared, &cell.records, simplified, store.layout());
     left.statistics.dropped = cell.dropped;

@@ -147,6 +147,9 @@ pub struct RunReport {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fit: Option<crate::kernel::FitStatistics>,
     pub seams: SeamReport,
+    /// Whether the result can stand for the input, as far as probes on the way tell.
+    #[serde(default)]
+    pub quality: QualityReport,
     /// What became of the scalar properties and lists of faces.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub face_properties: Vec<FaceReport>,
@@ -158,6 +161,38 @@ pub struct RunReport {
     pub measured: Option<Box<crate::compare::Report>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_error: Option<BoundReport>,
+}
+
+/// How well the result stands for the input, estimated from probes in every round and in the finish.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct QualityReport {
+    /// Root mean square distance from the input to the result, in input units.
+    pub rms_estimate: f64,
+    /// Mean edge of the result, in input units.
+    pub mean_edge: f64,
+    /// The one over the other.
+    pub error_per_edge: f64,
+    /// Share of the input's area that faces against the result where it is nearest, 0 to 1.
+    pub share_against: f64,
+    /// Whether the result can stand for the input: false where it has come apart into shards.
+    pub bearable: bool,
+    /// The least count of triangles that can be expected to stand for the input; the result's own if it does.
+    pub sensible_triangles: u64,
+}
+
+impl Default for QualityReport {
+    /// Nothing known, nothing wrong: reports of earlier versions have no estimate.
+    fn default() -> Self {
+        QualityReport {
+            rms_estimate: 0.0,
+            mean_edge: 0.0,
+            error_per_edge: 0.0,
+            share_against: 0.0,
+            bearable: true,
+            sensible_triangles: 0,
+        }
+    }
 }
 
 /// How a bound on the error was met.

@@ -9,7 +9,7 @@ use super::tidy::Dropped;
 use crate::disk::Disk;
 use crate::error::{Error, Result};
 use crate::format::ChunkKind;
-use crate::kernel::{FitStatistics, Simplified, Statistics};
+use crate::kernel::{FitStatistics, Quality, QualityAt, Simplified, Statistics};
 use crate::mesh::Mesh;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -66,6 +66,12 @@ pub struct CellStatistics {
     /// Charts of a texture that vanished.
     #[serde(default)]
     pub charts_vanished: u64,
+    /// How well the result stands for what was given.
+    #[serde(default)]
+    pub quality: Quality,
+    /// The same on the way down; of a finish only, empty for cells.
+    #[serde(default)]
+    pub curve: Vec<QualityAt>,
     /// Vertices on attribute seams that are left; one that several cells hold counts in each.
     #[serde(default)]
     pub seam_vertices: u64,
@@ -84,6 +90,8 @@ impl From<&Statistics> for CellStatistics {
             fit: statistics.fit,
             dropped: Dropped::default(),
             charts_vanished: statistics.charts_vanished,
+            quality: statistics.quality.unwrap_or_default(),
+            curve: statistics.curve.clone(),
             seam_vertices: statistics.seam_vertices,
         }
     }
@@ -97,6 +105,8 @@ impl CellStatistics {
         self.fit = self.fit.or(other.fit);
         self.dropped += other.dropped;
         self.charts_vanished += other.charts_vanished;
+        self.quality.add(&other.quality);
+        self.curve.extend(other.curve);
         self.seam_vertices += other.seam_vertices;
         add_named(&mut self.rejects, other.rejects);
         add_named(&mut self.changes, other.changes);

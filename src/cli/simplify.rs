@@ -13,7 +13,7 @@ use crate::paths::{Kind, Paths, Role};
 use crate::pipeline;
 use crate::progress::Progress;
 use crate::stitch::MAX_CELL_TRIANGLES;
-use crate::summary::{BoundReport, FaceReport, RunReport};
+use crate::summary::{BoundReport, FaceReport, QualityReport, RunReport};
 use crate::units::{parse_count, parse_ratio, show_bytes, show_count, show_length};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -277,9 +277,14 @@ impl Args {
 /// Runs the command and gives its exit code.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
     match simplify(args, talk, progress, log)? {
-        Some(report) if !report.target_met || report.input.lost_rows() > 0 => Ok(EXIT_SHORT),
+        Some(report) if is_short(&report) => Ok(EXIT_SHORT),
         _ => Ok(0),
     }
+}
+
+/// Whether the result is not all that was asked for.
+fn is_short(report: &RunReport) -> bool {
+    !report.target_met || !report.quality.bearable || report.input.lost_rows() > 0
 }
 
 /// Prints the plan, runs the job, prints and writes the report.
@@ -371,6 +376,22 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
             report.target, report.stop_reason
         ));
     }
+    if !report.quality.bearable {
+        log.say(unbearable_line(&report.quality));
+    }
+}
+
+/// Explains a result that cannot stand for its input.
+fn unbearable_line(quality: &QualityReport) -> String {
+    let QualityReport { error_per_edge, share_against, sensible_triangles, .. } = quality;
+    format!(
+        "too few triangles for this scan: the error (about {:.2e}) is {:.0} % of the mean edge, and {:.0} % of the \
+         surface faces the wrong way; ask for at least {} triangles",
+        quality.rms_estimate,
+        100.0 * error_per_edge,
+        100.0 * share_against,
+        show_count(*sensible_triangles)
+    )
 }
 
 fn face_line(property: &FaceReport) -> String {

@@ -15,7 +15,7 @@ use super::legal::{Class, Reject};
 use super::placement;
 use super::queue::{BucketQueue, Entry};
 use super::surface::{AHEAD, GONE, Surface};
-use super::topology::{self, Remedy};
+use super::topology::{self, CutPlan, Remedy};
 use super::unchecked::{at, at_mut, prefetch};
 use super::validate::validate_small;
 use super::{Placement, Topology};
@@ -30,6 +30,8 @@ const STALL_COST: f32 = 16.0;
 /// A drain has stalled if fewer than one in so many triangles went meanwhile. A building scan that was
 /// pressed on from there tripled its error with a seventh of its triangles gone (docs/results/kernel.md).
 const STALL_SHARE: u64 = 3;
+/// A mesh of fewer triangles is pressed on in any case: what is left of a thin tube goes piece by piece.
+const NEVER_STALLS: u64 = 256;
 /// Sources kept for cuts.
 const MAX_SPARE: usize = 1 << 16;
 
@@ -325,7 +327,7 @@ impl Driver {
     fn stalls(&self, cost: f32, mark: &mut Mark) -> bool {
         let refused = self.rejects.topological();
         let now = Mark { cost, alive: self.surface.n_alive, refused };
-        if cost < self.drained {
+        if cost < self.drained || self.surface.n_alive < NEVER_STALLS {
             // What is cheaper than the last level was refused then, and says nothing of progress.
             return false;
         } else if mark.cost == f32::MAX {
@@ -397,57 +399,125 @@ impl Driver {
             _ => {}
         }
     }
+
     /// Changes the topology where a collapse was refused for its sake, once that costs no more than
     /// collapses do.
     fn relax(&mut self, queue: &mut BucketQueue, (bucket, entry): (u32, Entry), limits: Limits) {
-        let (v0, v1) = (entry.v0, entry.v1);
-        let Some((remedy, cost)) =
-            topology::remedy(&self.surface, v0, v1, &self.collapser, limits.cost)
-        else {
-            return;
-        };
-        let mut cost = cost;
-        if let Remedy::Vanish(triangles) = &remedy {
-            if !self.specks_may_go {
-                return;
+        let may_vanish = self.islands.as_ref().is_none_or(|islands| islands.is_small(entry.v0));
+        let ends = (entry.v0, entry.v1);
+        let remedy = topology::remedy(&self.surface, ends, &self.collapser, may_vanish);
+        match remedy {
+            Some(Remedy::Vanish(triangles)) => {
+                self.remove_component(queue, (bucket, entry), limits, &triangles);
             }
-            let islands = self.islands.get_or_insert_with(|| Islands::new(&self.surface));
-            cost = cost.max(islands.due(&self.surface, triangles));
-            if cost > limits.cost {
-                return;
-            }
+            Some(Remedy::Cut(cycle)) => self.cut(queue, (bucket, entry), limits, cycle),
+            _ => {}
         }
-        let due = queue.bucket(cost);
-        if due > bucket {
-            queue.put_back(due, entry);
+    }
+
+    fn remove_component(
+        &mut self,
+        queue: &mut BucketQueue,
+        (bucket, entry): (u32, Entry),
+        limits: Limits,
+        triangles: &[u32],
+    ) {
+        let islands = self.islands.get_or_insert_with(|| Islands::new(&self.surface));
+        let limit = topology::error_worth(limits.cost, triangles.len());
+        let Some(removal) = islands.removal(&self.surface, triangles, limit) else { return };
+        let cost = topology::price(removal.error, triangles.len());
+        let hold = islands.hold_cost(&self.surface, removal, triangles.len());
+        let is_due = is_due(queue, (bucket, entry), cost.max(hold), limits);
+        if is_due && leaves_enough(&self.surface, triangles.len(), limits) {
+            topology::vanish(&mut self.surface, triangles);
+            islands.removed(removal, triangles.len());
+            self.changes.removed(removal, self.surface.unscale);
+            self.collapses += 1;
+            validate_small(&self.surface);
+        }
+    }
+
+    fn cut(
+        &mut self,
+        queue: &mut BucketQueue,
+        (bucket, entry): (u32, Entry),
+        limits: Limits,
+        cycle: [u32; 3],
+    ) {
+        // What a cut separates takes a search: not before it can be due.
+        let least = topology::least_cut_cost(&self.surface, cycle);
+        if !is_due(queue, (bucket, entry), least, limits) {
+            return;
+        }
+        let plan = topology::plan_cut(&self.surface, cycle);
+        let (cost, strip) = match plan {
+            Some(CutPlan::Handle(cost)) => (cost, None),
+            Some(CutPlan::Strip(triangles, cost)) => (cost, Some(triangles)),
+            None => return,
+        };
+        let n_freed = strip.as_ref().map_or(0, |triangles| triangles.len() - 1);
+        let is_due = is_due(queue, (bucket, entry), cost, limits);
+        if !is_due || !leaves_enough(&self.surface, n_freed, limits) {
             return;
         }
         let number = (self.collapses + 1) as u32;
-        match remedy {
-            Remedy::Vanish(triangles) => {
-                // Not past the target.
-                if self.surface.n_alive + 2 < limits.triangles + triangles.len() as u64 {
-                    return;
-                }
-                topology::vanish(&mut self.surface, &triangles);
-                self.changes.specks += 1;
-            }
-            Remedy::Cut(cycle) => {
-                let n = self.spare_sources.len();
-                let Some(&sources) = self.spare_sources.last_chunk::<3>() else { return };
-                let new = topology::cut(&mut self.surface, cycle, sources, number, self.simd);
-                let Some([a, b, c]) = new else { return };
-                self.spare_sources.truncate(n - 3);
-                self.changes.cuts += 1;
-                queue.push(bucket, entry);
-                for (v0, v1) in [(a, b), (b, c), (c, a)] {
-                    queue.push(bucket, Entry { v0, v1, failures: 0 });
-                }
-            }
-        }
+        let n = self.spare_sources.len();
+        let Some(&sources) = self.spare_sources.last_chunk::<3>() else { return };
+        let new = topology::cut(&mut self.surface, cycle, sources, number, self.simd);
+        let Some(new) = new else { return };
+        self.spare_sources.truncate(n - 3);
         self.collapses += 1;
         validate_small(&self.surface);
+        if let Some(triangles) = strip {
+            self.strip(&triangles, cycle, new);
+            self.changes.stripped += 1;
+            return;
+        }
+        self.changes.cuts += 1;
+        queue.push(bucket, entry);
+        let [a, b, c] = new;
+        for (v0, v1) in [(a, b), (b, c), (c, a)] {
+            queue.push(bucket, Entry { v0, v1, failures: 0 });
+        }
     }
+
+    /// Removes what a cut has separated: those triangles and the cap on their side.
+    fn strip(&mut self, triangles: &[u32], cycle: [u32; 3], new: [u32; 3]) {
+        // The new corners took over one side of the cut.
+        let has_new = |&t: &u32| self.surface.triangles[t as usize].iter().any(|v| new.contains(v));
+        let cap_of = if triangles.iter().any(has_new) { new } else { cycle };
+        let n = self.surface.triangles.len() as u32;
+        let cap = [n - 2, n - 1]
+            .into_iter()
+            .find(|&t| self.surface.triangles[t as usize].iter().all(|v| cap_of.contains(v)));
+        let mut gone = triangles.to_vec();
+        gone.extend(cap);
+        topology::vanish(&mut self.surface, &gone);
+        validate_small(&self.surface);
+    }
+}
+
+/// Whether so many triangles can go without passing the target.
+fn leaves_enough(surface: &Surface, n_freed: usize, limits: Limits) -> bool {
+    surface.n_alive + 2 >= limits.triangles + n_freed as u64
+}
+
+/// Whether a change of this cost may be made now; if not, but within the limit, its entry waits for that cost.
+fn is_due(
+    queue: &mut BucketQueue,
+    (bucket, entry): (u32, Entry),
+    cost: f32,
+    limits: Limits,
+) -> bool {
+    // Written so that NaN is not due.
+    if !(cost <= limits.cost) {
+        return false;
+    }
+    let due = queue.bucket(cost);
+    if due > bucket {
+        queue.put_back(due, entry);
+    }
+    due <= bucket
 }
 
 impl Batch {

@@ -10,10 +10,11 @@ use super::Topology;
 use super::clean::Cleaned;
 use super::collapse::Collapser;
 use super::drain::{Drain, Limits, Seeds};
-use super::islands::Islands;
+use super::islands::{Islands, Removal};
 use super::lanes::Simd;
 use super::legal::RejectCounts;
 use super::mend::{self, Mended};
+use super::quality::{Probes, QualityAt, STEP_ON_THE_WAY};
 use super::queue::{BucketQueue, Entry};
 use super::samples::Samples;
 use super::surface::{GONE, Surface};
@@ -49,10 +50,12 @@ pub(crate) struct Driver {
     pub(crate) changes: TopologyChanges,
     /// How far specks are from the rest; found when the first one is about to vanish.
     pub(super) islands: Option<Islands>,
-    /// Whether specks may vanish: not before the first level has made the search for what is near them cheap.
-    pub(super) specks_may_go: bool,
     /// What the result will be fitted to.
     pub(crate) samples: Option<Samples>,
+    /// What the quality of the result is estimated from.
+    pub(crate) probes: Option<Probes>,
+    /// That estimate after each level on the way to a count.
+    pub(crate) curve: Vec<QualityAt>,
 }
 
 /// Changes of topology that were made.
@@ -60,6 +63,10 @@ pub(crate) struct Driver {
 pub(crate) struct TopologyChanges {
     pub(crate) specks: u64,
     pub(crate) cuts: u64,
+    /// Ends of tubes that a cut stripped off.
+    pub(crate) stripped: u64,
+    /// Squared error of removed components, integrated over their area, in units^4.
+    pub(crate) removed_error: f64,
     /// Vertices joined with others in the same place, and taken apart; duplicate triangles dropped.
     pub(crate) joined: u64,
     pub(crate) split: u64,
@@ -79,12 +86,19 @@ impl TopologyChanges {
         vec![
             ("specks vanished", self.specks),
             ("tubes cut", self.cuts),
+            ("ends stripped", self.stripped),
             ("vertices joined", self.joined),
             ("vertices split", self.split),
             ("duplicate triangles dropped", self.duplicates),
             ("triangles without area removed", self.flat),
             ("boundary vertices approached", self.approached),
         ]
+    }
+
+    /// Counts a removed component; `unscale` brings lengths back to input units.
+    pub(crate) fn removed(&mut self, removal: Removal, unscale: f64) {
+        self.specks += 1;
+        self.removed_error += removal.own_error * unscale.powi(4);
     }
 
     pub(crate) fn add_cleaned(&mut self, cleaned: Cleaned, approached: u64) {
@@ -116,8 +130,9 @@ impl Driver {
             spare_sources: Vec::new(),
             changes: TopologyChanges { may_mend: true, ..TopologyChanges::default() },
             islands: None,
-            specks_may_go: false,
             samples: None,
+            probes: None,
+            curve: Vec::new(),
         }
     }
 
@@ -146,7 +161,6 @@ impl Driver {
     pub(crate) fn close_levels(&mut self, levels: &[f64]) -> Vec<u64> {
         let Some(&highest) = levels.last() else { return Vec::new() };
         let mut queue = BucketQueue::new(5);
-        self.specks_may_go = true;
         let limits = Limits { cost: f32::MAX, triangles: 0, may_stall: false };
         let highest = queue.bucket(self.scaled(highest));
         let below = queue.lowest_cost(highest + 1);
@@ -168,6 +182,7 @@ impl Driver {
             least = MIN_FURTHER_TRIANGLES;
             let before = self.surface.n_alive;
             self.free_level(enough, target);
+            self.note_quality();
             self.tidy();
             self.mend();
             if self.surface.n_alive as f64 > before as f64 * 0.97 {
@@ -175,6 +190,14 @@ impl Driver {
             }
         }
         self.exact(target)
+    }
+
+    fn note_quality(&mut self) {
+        if let Some(probes) = &mut self.probes {
+            let removed_error = self.changes.removed_error;
+            let quality = probes.sum_up(&self.surface, removed_error, STEP_ON_THE_WAY);
+            self.curve.push(QualityAt { triangles: self.surface.n_alive, quality });
+        }
     }
 
     fn n_blocks(&self) -> usize {
@@ -188,6 +211,9 @@ impl Driver {
         if self.topology == Topology::Error && self.changes.may_mend && is_plain {
             if let Some(samples) = &mut self.samples {
                 samples.follow(&self.surface.rings);
+            }
+            if let Some(probes) = &mut self.probes {
+                probes.follow(&self.surface.rings);
             }
             let done = mend::mend(&mut self.surface, &mut self.spare_sources, self.simd);
             validate(&self.surface);
@@ -218,14 +244,19 @@ impl Driver {
         if let Some(samples) = &mut self.samples {
             samples.renumber(place, self.surface.n_alive, self.surface.vertices.len());
         }
+        if let Some(probes) = &mut self.probes {
+            probes.renumber(place);
+        }
     }
 
     fn tidy(&mut self) {
         validate(&self.surface);
-        self.specks_may_go = true;
         if (self.surface.n_alive as f64) < 0.75 * self.surface.triangles.len() as f64 {
             if let Some(samples) = &mut self.samples {
                 samples.follow(&self.surface.rings);
+            }
+            if let Some(probes) = &mut self.probes {
+                probes.follow(&self.surface.rings);
             }
             let place = self.surface.compact(self.simd);
             self.renumber(&place);
@@ -319,7 +350,6 @@ impl Driver {
             self.drained = self.low_cost((0..self.n_blocks()).step_by(4), 0.5);
         }
         let mut queue = BucketQueue::new(5);
-        self.specks_may_go = true;
         while self.surface.n_alive > target {
             let before = self.surface.n_alive;
             queue.clear();

@@ -1,26 +1,38 @@
-//! How far each component lies from the nearest one that is larger.
+//! Prices the removal of small components: the squared error that it makes, integrated.
 //!
-//! A component that vanishes leaves an error as large as its distance from what stays, however small it was
-//! itself. So it costs what moving surface that far does, and `drain` lets it go when collapses cost as
-//! much. Larger ones count only, so that of a cloud of crumbs far off the largest stays, not none.
+//! A component that vanishes leaves its own area at its distance from what stays, however small it was. So its
+//! removal costs the integral of the squared distance over its area, in the currency of `price`. Distances
+//! are to larger components only, so that of a cloud of crumbs far off the largest stays. A removed component
+//! hands its area on to the one it was nearest to: if that goes too, both are as far off as that one was.
 //!
 //! Found for the surface as it is between two levels, when the first component is about to vanish: meshes
-//! without specks pay nothing. Memory: 4 bytes a vertex and 16 a cell, of which there are at most as many
-//! as vertices; less than the first level has freed.
+//! without small components pay nothing. Memory: 4 bytes a vertex and 16 a cell, of which there are at most as
+//! many as vertices; less than the first level has freed.
 //!
-//! Cells of a pyramid of grids are looked through from the finest on; each knows one vertex of its largest
-//! component. Distances come out too large by a side of such a cell at most.
+//! Candidates are found in a pyramid of grids, from the finest on; each cell knows one vertex of its largest
+//! component. The distance is to the triangles around the candidate, an upper bound of the true one.
 
 use super::surface::{GONE, Surface};
-use super::vector::{length_sq, normal, sub};
+use super::vector::{Vec3, length_sq, normal, sub, triangle_distance_sq};
 use crate::union::Union;
 
-/// A component may go once the error that collapses make is this share of its distance.
-const NEAR_SHARE: f64 = 0.3;
-/// One in so many triangles tells how large they are.
+/// Every 16th triangle tells how large they are.
 const AREA_STRIDE: usize = 16;
 /// Cells along each axis: 2^21, so that three numbers fit into a key.
 const AXIS_BITS: u32 = 21;
+/// Components of more vertices do not come down to a few triangles within one level.
+const MAX_SMALL: u32 = 512;
+/// A candidate that was merged is followed over this many mergers.
+const LONGEST_WAY: usize = 4096;
+
+/// Cost of the dearest collapse over mean squared error times mean area of a triangle: `COST_PER_ERROR` of
+/// `topology` times what the error of all gains by two triangles less, three times its mean for each.
+const COST_PER_SQUARE: f64 = 42.0;
+/// Components farther from others than this many root mean square errors are held, for the sake of the largest
+/// error, ...
+const FAR: f64 = 30.0;
+/// ... but no more than one triangle in this many.
+const HELD_SHARE: u64 = 128;
 
 /// A vertex of the largest component in a cell.
 #[derive(Clone, Copy)]
@@ -30,26 +42,54 @@ struct Cell {
     vertex: u32,
 }
 
+/// What the removal of a component does.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Removal {
+    /// Rank of the component.
+    rank: u32,
+    /// Rank of the one that stays nearest to it.
+    nearest: u32,
+    /// Its own area and that of those whose removal it answers for, scaled.
+    area: f64,
+    /// Integral of the squared distance over that area, in scaled units^4.
+    pub(crate) error: f64,
+    /// The same over its own area.
+    pub(crate) own_error: f64,
+    /// Squared distance of its farthest corner, in scaled units^2.
+    pub(crate) farthest_sq: f64,
+}
+
 /// Components, and where they lie.
 pub(crate) struct Islands {
     /// For each vertex the rank of its component: 0 the smallest.
     rank: Vec<u32>,
-    n_ranks: u32,
-    /// What it costs that a component vanishes, by rank, in scaled units; NaN if nobody has asked yet.
-    due: Vec<f32>,
+    /// By rank: area of components that were removed next to it, scaled.
+    ghosts: Vec<f64>,
+    /// By rank: whether it was removed.
+    is_gone: Vec<bool>,
+    /// By rank: what its removal does, once it is known.
+    known: Vec<Option<Removal>>,
+    /// By rank: what it does at least.
+    least_error: Vec<f64>,
     origin: [f64; 3],
     /// Of the finest cells, 1 / side, in input units.
     to_cell: f64,
     /// From the finest grid to one cell, each in the order of the keys.
     grids: Vec<Vec<Cell>>,
-    /// Mean area around a vertex, scaled.
-    ring_area: f64,
+    /// Area of the surface when it was looked at, scaled.
+    area: f64,
+    /// By rank: whether it may come down to a few triangles before the surface is looked at again.
+    is_small: Vec<bool>,
+    /// By rank: whether it is held for its distance; and their triangles.
+    is_held: Vec<bool>,
+    n_held: u64,
 }
 
 impl Islands {
     /// Finds the components of what is left of a surface.
     pub(crate) fn new(surface: &Surface) -> Self {
-        let (rank, n_ranks) = ranks(surface);
+        let (rank, sizes) = ranks(surface);
+        let n_ranks = sizes.len();
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for (vertex, _) in surface.vertices.iter().zip(&rank).filter(|(_, rank)| **rank != GONE) {
             for axis in 0..3 {
@@ -57,13 +97,8 @@ impl Islands {
                 high[axis] = high[axis].max(vertex.position[axis]);
             }
         }
-        let (mut area, mut n) = (0.0, 0u32);
         let some = surface.triangles.iter().step_by(AREA_STRIDE).filter(|t| t[0] != GONE);
-        for t in some {
-            let edge = |v: u32| surface.edge(t[0], v).map(f64::from);
-            area += 0.5 * length_sq(normal([[0.0; 3], edge(t[1]), edge(t[2])])).sqrt();
-            n += 1;
-        }
+        let (area, n) = some.fold((0.0, 0u32), |(area, n), t| (area + area_of(surface, t), n + 1));
         let mean = area / f64::from(n.max(1));
         let extent = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
         // An edge long, if the keys can tell so many cells apart.
@@ -71,12 +106,17 @@ impl Islands {
         let side = ((2.0 * mean).sqrt() * surface.unscale).max(least).max(f64::MIN_POSITIVE);
         let mut islands = Islands {
             rank,
-            n_ranks,
-            due: vec![f32::NAN; n_ranks as usize],
+            ghosts: vec![0.0; n_ranks],
+            is_gone: vec![false; n_ranks],
+            known: vec![None; n_ranks],
+            least_error: vec![0.0; n_ranks],
             origin: low,
             to_cell: 1.0 / side,
             grids: Vec::new(),
-            ring_area: 6.0 * mean,
+            area: mean * surface.n_alive as f64,
+            is_small: sizes.iter().map(|&n| n <= MAX_SMALL).collect(),
+            is_held: vec![false; n_ranks],
+            n_held: 0,
         };
         islands.build(surface);
         islands
@@ -112,42 +152,179 @@ impl Islands {
         at(0) | at(1) << AXIS_BITS | at(2) << (2 * AXIS_BITS)
     }
 
-    /// What it costs that a component vanishes, given by all of its triangles, in scaled units.
-    pub(crate) fn due(&mut self, surface: &Surface, triangles: &[u32]) -> f32 {
-        let corners = || triangles.iter().flat_map(|&t| surface.triangles[t as usize]);
-        let Some(first) = corners().next() else { return 0.0 };
-        // What was cut off since belongs to the rest, as far as is known, and lies near it.
-        let Some(&rank) = self.rank.get(first as usize) else { return 0.0 };
-        if rank >= self.n_ranks - 1 {
-            return 0.0;
-        }
-        if self.due[rank as usize].is_nan() {
-            // One end of a long one may touch what the other is far from.
-            let off = |v: u32| length_sq(surface.edge(first, v));
-            let last = corners().max_by(|&a, &b| off(a).total_cmp(&off(b))).unwrap_or(first);
-            let [near, far] = [first, last].map(|v| self.distance(surface, v, rank));
-            let error = near.max(far) * surface.scale * NEAR_SHARE;
-            self.due[rank as usize] = (self.ring_area * error * error) as f32;
-        }
-        self.due[rank as usize]
+    /// Whether the component of a vertex may have become small; what a cut has added may be.
+    pub(crate) fn is_small(&self, v: u32) -> bool {
+        let rank = self.rank.get(v as usize).copied().unwrap_or(GONE);
+        self.is_small.get(rank as usize).copied().unwrap_or(true)
     }
 
-    /// Distance of a vertex from a larger component, in input units.
-    fn distance(&self, surface: &Surface, v: u32, rank: u32) -> f64 {
-        let place = surface.vertices[v as usize].position;
-        for (level, cells) in self.grids.iter().enumerate() {
-            let key = self.key(place, level);
-            let mut nearest = f64::INFINITY;
-            for cell in neighbours(cells, key).filter(|cell| cell.rank > rank) {
-                let other = surface.vertices[cell.vertex as usize].position;
-                nearest = nearest.min(length_sq(sub(other, place)));
-            }
-            if nearest < f64::INFINITY {
-                return nearest.sqrt();
+    /// Finds what the removal of a component does, given by all of its triangles; `None` if nothing larger would
+    /// stay, or if its error is above `limit` for certain.
+    pub(crate) fn removal(
+        &mut self,
+        surface: &Surface,
+        triangles: &[u32],
+        limit: f64,
+    ) -> Option<Removal> {
+        let first = surface.triangles[*triangles.first()? as usize][0];
+        // What a cut has made since has no rank; `cut` removes it at once or not at all.
+        let rank = *self.rank.get(first as usize)?;
+        if rank == GONE || rank as usize + 1 >= self.known.len() {
+            return None;
+        }
+        let known = self.known[rank as usize];
+        if known.is_some_and(|removal| !self.is_gone[removal.nearest as usize]) {
+            return known;
+        }
+        // Distances grow while others vanish, so what was too far stays so.
+        if self.least_error[rank as usize] > limit {
+            return None;
+        }
+        self.least_error[rank as usize] = self.least_error(surface, triangles, rank)?;
+        if self.least_error[rank as usize] > limit {
+            return None;
+        }
+        self.known[rank as usize] = self.find(surface, triangles, rank);
+        self.known[rank as usize]
+    }
+
+    /// A lower bound of the error of a removal from the distance of one corner: the others are nearer by the
+    /// extent of the component at most.
+    fn least_error(&self, surface: &Surface, triangles: &[u32], rank: u32) -> Option<f64> {
+        let first = surface.triangles[triangles[0] as usize][0];
+        let (mut area, mut extent_sq) = (self.ghosts[rank as usize], 0.0f32);
+        for &t in triangles {
+            let t = &surface.triangles[t as usize];
+            area += area_of(surface, t);
+            for &v in t {
+                extent_sq = extent_sq.max(length_sq(surface.edge(first, v)));
             }
         }
-        0.0
+        let (distance_sq, _) =
+            self.nearest(surface, surface.vertices[first as usize].position, rank)?;
+        let left = distance_sq.sqrt() * surface.scale - f64::from(extent_sq).sqrt();
+        Some(area * left.max(0.0).powi(2))
     }
+
+    /// Notes that a component was removed: the nearest one answers for its area from now on.
+    pub(crate) fn removed(&mut self, removal: Removal, n_triangles: usize) {
+        self.is_gone[removal.rank as usize] = true;
+        if self.is_held[removal.rank as usize] {
+            self.n_held = self.n_held.saturating_sub(n_triangles as u64);
+        }
+        self.ghosts[removal.nearest as usize] += removal.area;
+        self.known[removal.nearest as usize] = None;
+    }
+
+    /// The least cost at which a component may go for its distance alone, in scaled units: that of collapses
+    /// which make 1 / `FAR` of it. 0 for those beyond the few that are held for that.
+    pub(crate) fn hold_cost(
+        &mut self,
+        surface: &Surface,
+        removal: Removal,
+        n_triangles: usize,
+    ) -> f32 {
+        let rank = removal.rank as usize;
+        let n_held = self.n_held + n_triangles as u64;
+        if !self.is_held[rank] && n_held * HELD_SHARE <= surface.n_alive {
+            self.is_held[rank] = true;
+            self.n_held = n_held;
+        }
+        let mean_area = self.area / surface.n_alive.max(1) as f64;
+        let cost = COST_PER_SQUARE * mean_area * removal.farthest_sq / (FAR * FAR);
+        if self.is_held[rank] { cost as f32 } else { 0.0 }
+    }
+
+    fn find(&self, surface: &Surface, triangles: &[u32], rank: u32) -> Option<Removal> {
+        let mut corners: Vec<(u32, f64)> = Vec::new();
+        let (mut area, mut error, mut farthest_sq) = (0.0, 0.0, 0.0f64);
+        let mut nearest = (f64::INFINITY, GONE);
+        for &t in triangles {
+            let t = &surface.triangles[t as usize];
+            let own = area_of(surface, t);
+            for &v in t {
+                let known =
+                    corners.iter().find(|(w, _)| *w == v).map(|&(_, distance_sq)| distance_sq);
+                let distance_sq = match known {
+                    Some(distance_sq) => distance_sq,
+                    None => {
+                        let (distance_sq, other) =
+                            self.nearest(surface, surface.vertices[v as usize].position, rank)?;
+                        corners.push((v, distance_sq));
+                        farthest_sq = farthest_sq.max(distance_sq);
+                        if distance_sq < nearest.0 {
+                            nearest = (distance_sq, other);
+                        }
+                        distance_sq
+                    }
+                };
+                error += own * distance_sq / 3.0;
+            }
+            area += own;
+        }
+        let to_scaled = surface.scale * surface.scale;
+        let ghosts = self.ghosts[rank as usize];
+        let mean =
+            corners.iter().map(|(_, distance_sq)| distance_sq).sum::<f64>() / corners.len() as f64;
+        Some(Removal {
+            rank,
+            nearest: nearest.1,
+            area: area + ghosts,
+            error: (error + ghosts * mean) * to_scaled,
+            own_error: error * to_scaled,
+            farthest_sq: farthest_sq * to_scaled,
+        })
+    }
+
+    /// Squared distance of a place from a larger component, in input units, and the rank of that; `None` if
+    /// there is none.
+    fn nearest(&self, surface: &Surface, place: Vec3, rank: u32) -> Option<(f64, u32)> {
+        for (level, cells) in self.grids.iter().enumerate() {
+            let key = self.key(place, level);
+            let mut nearest = (f64::INFINITY, GONE, GONE);
+            let larger = |cell: &&Cell| cell.rank > rank && !self.is_gone[cell.rank as usize];
+            for cell in neighbours(cells, key).filter(larger) {
+                let Some(v) = survivor(surface, cell.vertex) else { continue };
+                let off = length_sq(sub(surface.vertices[v as usize].position, place));
+                if off < nearest.0 {
+                    nearest = (off, cell.rank, v);
+                }
+            }
+            if nearest.1 != GONE {
+                let around = surface.ring(nearest.2).iter();
+                let to_triangle = |&t: &u32| {
+                    let corners = surface.triangles[t as usize];
+                    if corners[0] == GONE {
+                        return f64::INFINITY;
+                    }
+                    triangle_distance_sq(
+                        place,
+                        corners.map(|v| surface.vertices[v as usize].position),
+                    )
+                };
+                return Some((around.map(to_triangle).fold(nearest.0, f64::min), nearest.1));
+            }
+        }
+        None
+    }
+}
+
+/// The vertex that a vertex has been merged into, if it still has triangles.
+fn survivor(surface: &Surface, mut v: u32) -> Option<u32> {
+    for _ in 0..LONGEST_WAY {
+        let ring = &surface.rings[v as usize];
+        if ring.class.is_some() {
+            return (ring.len > 0).then_some(v);
+        }
+        v = ring.start;
+    }
+    None
+}
+
+/// Area of a triangle, scaled.
+fn area_of(surface: &Surface, t: &[u32; 3]) -> f64 {
+    let edge = |v: u32| surface.edge(t[0], v).map(f64::from);
+    0.5 * length_sq(normal([[0.0; 3], edge(t[1]), edge(t[2])])).sqrt()
 }
 
 /// The cells around and at a key.
@@ -182,9 +359,9 @@ pub(crate) fn components(surface: &Surface) -> Vec<u32> {
     union.into_roots()
 }
 
-/// For each vertex the rank of its component by number of vertices, `GONE` if it is gone, and how many
-/// components there are.
-fn ranks(surface: &Surface) -> (Vec<u32>, u32) {
+/// For each vertex the rank of its component by number of vertices, `GONE` if it is gone; and those numbers by
+/// rank, ascending.
+fn ranks(surface: &Surface) -> (Vec<u32>, Vec<u32>) {
     let mut rank = components(surface);
     let mut size = vec![0u32; rank.len()];
     for (root, ring) in rank.iter_mut().zip(&surface.rings) {
@@ -203,5 +380,5 @@ fn ranks(surface: &Surface) -> (Vec<u32>, u32) {
     for rank in rank.iter_mut().filter(|root| **root != GONE) {
         *rank = size[*rank as usize];
     }
-    (rank, by_size.len() as u32)
+    (rank, by_size.into_iter().map(|(n, _)| n).collect())
 }

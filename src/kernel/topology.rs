@@ -1,48 +1,64 @@
-//! Changes of topology in proportion to the error: specks vanish, thin tubes are cut.
+//! Changes of topology, priced like collapses: small components vanish, thin tubes are cut.
 //!
-//! Called when a collapse was refused for the sake of topology under `Topology::Error`. A change has a cost
-//! in the same unit as a collapse (area times squared length) and happens when collapses cost as much.
-//! Locked, boundary and non-manifold vertices are never touched by a cut, locked ones by nothing.
+//! Called when a collapse was refused for the sake of topology under `Topology::Error`. The price of a change is
+//! what a collapse may cost that makes as much squared error for each triangle that it sets free; a change
+//! happens when collapses cost as much. Locked, boundary and non-manifold vertices are never touched by a
+//! cut, locked ones by nothing. No change leaves a component that was not there before.
 
 use super::collapse::Collapser;
 use super::evaluate::{Rows, Triangles};
 use super::lanes::Simd;
 use super::legal::Class;
+use super::separation::{Separation, Side, separation};
 use super::surface::{Fan, GONE, HUB, Ring, Surface, others};
-use super::vector::length_sq;
+use super::vector::{length_sq, normal, sub, triangle_distance_sq};
 
-/// How much dearer than its own extent a speck is: what is far from it gets its error.
-const SPECK_WEIGHT: f64 = 8.0;
-/// Components of more triangles than this are not specks: collapses have work to do there first.
+/// Cost of the dearest collapse over the squared error, integrated over the surface, that a collapse adds at that
+/// moment. Measured at the end of ten runs on five meshes: 13.4 to 18, most near 14
+/// (docs/design/kernel.md, "One currency").
+const COST_PER_ERROR: f64 = 14.0;
+/// A collapse sets two triangles free.
+const FREED_BY_COLLAPSE: f64 = 2.0;
+/// A removal makes an error on one side of a two-sided measure only; collapses make it on both.
+const ONE_SIDE: f64 = 0.5;
+/// Squared side of an equilateral triangle over the mean squared distance of its points from the nearest side.
+const SIDE_SQ_OVER_DEPTH_SQ: f64 = 72.0;
+/// A cut handle sets free what a collapse does, as far as is known: what goes later pays for itself.
+const FREED_BY_HANDLE: usize = 2;
+/// Components of more triangles than this do not vanish: collapses have work to do there first.
 const MAX_SPECK: usize = 24;
 
 /// What can be done about a refusal.
 pub(crate) enum Remedy {
-    /// The component around a vertex may vanish.
+    /// The component around a vertex may vanish: all of its triangles.
     Vanish(Vec<u32>),
     /// The surface may be cut along this triangle of edges and both ends capped.
     Cut([u32; 3]),
 }
 
-/// The remedy for a refused collapse of `v0` into `v1`, with its cost in scaled units, if that is no higher
-/// than `limit`.
+/// Cost of a collapse that is as dear as a change which makes an error on one side, in scaled units, and
+/// sets so many triangles free.
+pub(crate) fn price(error: f64, n_freed: usize) -> f32 {
+    (COST_PER_ERROR * ONE_SIDE * error * FREED_BY_COLLAPSE / n_freed.max(1) as f64) as f32
+}
+
+/// The inverse of `price`: the error that a change may make which collapses of this cost pay for.
+pub(crate) fn error_worth(cost: f32, n_freed: usize) -> f64 {
+    f64::from(cost) * n_freed.max(1) as f64 / (COST_PER_ERROR * ONE_SIDE * FREED_BY_COLLAPSE)
+}
+
+/// Finds the remedy for a refused collapse of `v0` into `v1`. `may_vanish`: whether their component may be small
+/// enough.
 pub(crate) fn remedy(
     surface: &Surface,
-    v0: u32,
-    v1: u32,
+    (v0, v1): (u32, u32),
     collapser: &Collapser,
-    limit: f32,
-) -> Option<(Remedy, f32)> {
-    let stranger = collapser.stranger(surface);
-    // A part of a speck costs less than all of it.
-    if stranger.is_none() && speck_cost(surface, surface.ring(v0).get(..1)?) > limit {
-        return None;
+    may_vanish: bool,
+) -> Option<Remedy> {
+    if may_vanish && let Some(speck) = speck(surface, v0) {
+        return Some(Remedy::Vanish(speck));
     }
-    if let Some(speck) = speck(surface, v0) {
-        let cost = speck_cost(surface, &speck);
-        return (cost <= limit).then_some((Remedy::Vanish(speck), cost));
-    }
-    let w = stranger?;
+    let w = collapser.stranger(surface)?;
     let inner = |v: u32| surface.rings[v as usize].class == Some(Class::Interior);
     if !(inner(v0) && inner(v1) && inner(w)) {
         return None;
@@ -61,13 +77,66 @@ pub(crate) fn remedy(
             }
         }
     }
-    let (a, b) = (surface.edge(v0, v1), surface.edge(v0, w));
-    let (a, b) = (a.map(f64::from), b.map(f64::from));
-    let across = super::vector::sub(a, b);
-    let double_area = length_sq(super::vector::cross(a, b)).sqrt();
-    let longest_sq = length_sq(a).max(length_sq(b)).max(length_sq(across));
-    let cost = (0.5 * double_area * longest_sq) as f32;
-    (cost <= limit).then_some((Remedy::Cut(cycle), cost))
+    Some(Remedy::Cut(cycle))
+}
+
+/// What a cut along three edges does.
+pub(crate) enum CutPlan {
+    /// Opens a handle; at this cost.
+    Handle(f32),
+    /// Strips these triangles off, which vanish; at this cost.
+    Strip(Vec<u32>, f32),
+}
+
+/// Squared error of the cap of a cut, in scaled units^4: it is as far from the original as the points of a
+/// triangle are from its sides.
+fn cap_error(surface: &Surface, cycle: [u32; 3]) -> f64 {
+    let corners = cycle.map(|v| surface.edge(cycle[0], v).map(f64::from));
+    let area = 0.5 * length_sq(normal(corners)).sqrt();
+    let sides_sq = (0..3).map(|i| length_sq(sub(corners[i], corners[(i + 1) % 3])));
+    area * sides_sq.fold(0.0, f64::max) / SIDE_SQ_OVER_DEPTH_SQ
+}
+
+/// The least that a cut along three edges can cost, in scaled units, whatever it does.
+pub(crate) fn least_cut_cost(surface: &Surface, cycle: [u32; 3]) -> f32 {
+    price(cap_error(surface, cycle), MAX_SPECK - 1)
+}
+
+/// Finds out what a cut along three edges would do, with its cost in scaled units; `None` if it must not be.
+///
+/// A handle is capped twice. What a cut would separate must vanish with it, and is as far from what stays as
+/// from the cut.
+pub(crate) fn plan_cut(surface: &Surface, cycle: [u32; 3]) -> Option<CutPlan> {
+    let side = |turned: bool| -> Option<Side> {
+        let mut lists: Side = Default::default();
+        for (i, list) in lists.iter_mut().enumerate() {
+            let (next, prev) = (cycle[(i + 1) % 3], cycle[(i + 2) % 3]);
+            let (from, to) = if turned { (prev, next) } else { (next, prev) };
+            *list = sector(surface, cycle[i], from, to)?;
+        }
+        Some(lists)
+    };
+    let sides = [side(false)?, side(true)?];
+    match separation(surface, cycle, &sides) {
+        Separation::None => {
+            let cost = price(2.0 * cap_error(surface, cycle), FREED_BY_HANDLE);
+            Some(CutPlan::Handle(cost))
+        }
+        Separation::Part(triangles) if triangles.len() <= MAX_SPECK => {
+            let corners = cycle.map(|v| surface.edge(cycle[0], v).map(f64::from));
+            let mut error = cap_error(surface, cycle);
+            for &t in &triangles {
+                let t = surface.triangles[t as usize].map(|v| surface.edge(cycle[0], v));
+                let t = t.map(|corner| corner.map(f64::from));
+                let area = 0.5 * length_sq(normal(t)).sqrt();
+                let corner_error = |p| area * triangle_distance_sq(p, corners) / 3.0;
+                error += t.map(corner_error).iter().sum::<f64>();
+            }
+            let cost = price(error, triangles.len() - 1);
+            Some(CutPlan::Strip(triangles, cost))
+        }
+        _ => None,
+    }
 }
 
 /// All triangles that hang together with a vertex, if they are few and none is locked.
@@ -104,26 +173,6 @@ fn speck(surface: &Surface, start: u32) -> Option<Vec<u32>> {
         triangles.extend(of_v);
     }
     (!triangles.is_empty()).then_some(triangles)
-}
-
-/// Area times the squared diagonal of the box around it.
-fn speck_cost(surface: &Surface, triangles: &[u32]) -> f32 {
-    let origin = surface.triangles[triangles[0] as usize][0];
-    let (mut low, mut high) = ([0.0f32; 3], [0.0f32; 3]);
-    let mut area = 0.0;
-    for &t in triangles {
-        let corners = surface.triangles[t as usize];
-        for v in corners {
-            for (axis, x) in surface.edge(origin, v).into_iter().enumerate() {
-                low[axis] = low[axis].min(x);
-                high[axis] = high[axis].max(x);
-            }
-        }
-        let (a, b) = (surface.edge(corners[0], corners[1]), surface.edge(corners[0], corners[2]));
-        area += 0.5 * length_sq(super::vector::cross(a.map(f64::from), b.map(f64::from))).sqrt();
-    }
-    let diagonal: f32 = (0..3).map(|axis| (high[axis] - low[axis]).powi(2)).sum();
-    (SPECK_WEIGHT * area * f64::from(diagonal)) as f32
 }
 
 /// The triangles of `v` from its edge to `from` up to its edge to `to`, in their sense of rotation.

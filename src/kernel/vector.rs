@@ -59,3 +59,23 @@ pub(crate) fn along(p: Vec3, a: Vec3, b: Vec3) -> f64 {
     let edge_sq = length_sq(edge);
     if edge_sq > 0.0 { (dot(sub(p, a), edge) / edge_sq).clamp(0.0, 1.0) } else { 0.5 }
 }
+
+/// Squared distance of a point from a triangle.
+pub(crate) fn triangle_distance_sq(p: Vec3, [a, b, c]: [Vec3; 3]) -> f64 {
+    let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));
+    let n = cross(ab, ac);
+    let n_sq = length_sq(n);
+    if n_sq > 0.0 {
+        let v = dot(cross(ap, ac), n) / n_sq;
+        let w = dot(cross(ab, ap), n) / n_sq;
+        if v >= 0.0 && w >= 0.0 && v + w <= 1.0 {
+            let height = dot(ap, n);
+            return height * height / n_sq;
+        }
+    }
+    let to_side = |from: Vec3, to: Vec3| {
+        let t = along(p, from, to);
+        length_sq(sub(p, add(from, scale(sub(to, from), t))))
+    };
+    to_side(a, b).min(to_side(b, c)).min(to_side(c, a))
+}

@@ -4,6 +4,7 @@
 //! nobody needs any more, and sums up what all of them did. Decides nothing about meshes.
 
 use super::WRITING;
+use super::quality::QualityCurve;
 use crate::cells::{
     CellStore, Dropped, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout,
 };
@@ -39,6 +40,8 @@ pub(super) struct Stages<'a> {
     pub(super) rounds_done: u32,
     shared_by_round: Vec<u64>,
     charts_vanished: u64,
+    /// What the probes of each round, and of the finish, found.
+    quality: QualityCurve,
     /// What the finish's fit did.
     fit: Option<kernel::FitStatistics>,
     /// Vertices on texture seams after the last round or the finish.
@@ -90,6 +93,7 @@ impl<'a> Stages<'a> {
             shared_by_round: Vec::new(),
             charts_vanished: 0,
             seam_vertices: 0,
+            quality: QualityCurve::default(),
             fit: None,
             rejects: BTreeMap::new(),
             changes: BTreeMap::new(),
@@ -276,10 +280,12 @@ impl<'a> Stages<'a> {
     }
 
     fn count(&mut self, done: &SurvivorInfo) {
+        let triangles = done.triangles;
         let done = &done.statistics;
         self.charts_vanished += done.charts_vanished;
         self.seam_vertices = done.seam_vertices;
         self.fit = done.fit;
+        self.quality.add_round(&done.curve, done.quality, triangles);
         for (sums, counts) in
             [(&mut self.rejects, &done.rejects), (&mut self.changes, &done.changes)]
         {
@@ -350,6 +356,7 @@ impl<'a> Stages<'a> {
         let seconds = started.elapsed().as_secs_f64();
         let met = written.triangles <= self.target;
         let has_seams = self.layout.codec.has_seams(source.schema());
+        let quality = self.quality.judge(source.n_faces());
         RunReport {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             input: InputReport {
@@ -375,6 +382,7 @@ impl<'a> Stages<'a> {
             rejects: self.rejects.clone(),
             changes: self.changes.clone(),
             fit: self.fit,
+            quality: quality.clone(),
             seams: SeamReport {
                 shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
                 shared_vertices_by_round: self.shared_by_round.clone(),
@@ -388,12 +396,21 @@ impl<'a> Stages<'a> {
             },
             target: self.target,
             target_met: met,
-            stop_reason: if met { "target" } else { "nothing legal left to collapse" }.to_owned(),
+            stop_reason: stop_reason(met, quality.bearable),
             measured: None,
             stages: self.reports.clone(),
             max_error: None,
         }
     }
+}
+
+fn stop_reason(is_met: bool, is_bearable: bool) -> String {
+    let reason = match (is_met, is_bearable) {
+        (true, true) => "target",
+        (true, false) => "target, below what the input can bear",
+        (false, _) => "nothing legal left to collapse",
+    };
+    reason.to_owned()
 }
 
 /// Faults of the input that were dropped, by name.

@@ -27,7 +27,7 @@ pub fn finish(parts: Parts, target: u64, options: &Options, run: &Run) -> Result
     let joined = join(&parts, run)?;
     let n_triangles = joined.mesh.triangles.len() as u64;
     run.progress.check()?;
-    let mut options = Options { stop: Stop::Triangles(target), ..options.clone() };
+    let mut options = Options { stop: Stop::Triangles(target), estimate: true, ..options.clone() };
     if options.weights.is_empty() && layout.n_weighted() > 0 {
         // No round was before that.
         let meanings = layout.codec.meanings(&layout.schema);

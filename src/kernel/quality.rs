@@ -1,0 +1,177 @@
+//! Estimates from a few probes how well a simplified surface stands for the one it came from.
+//!
+//! A probe is the middle of a triangle of the given surface with its normal. It follows a corner of that triangle
+//! from merger to merger, and its distance to the triangles around is summed at the end: an upper bound of
+//! the true distance, since only the surroundings are searched. Changes nothing.
+
+use super::surface::{GONE, Ring, Surface};
+use super::vector::{Vec3, add, dot, length_sq, normal, scale, sub, triangle_distance_sq};
+
+/// Each probe stands for this many triangles, within `N_PROBES`.
+const TRIANGLES_PER_PROBE: usize = 512;
+const N_PROBES: std::ops::RangeInclusive<usize> = 512..=4096;
+/// On the way, one probe in this many is looked at.
+pub(crate) const STEP_ON_THE_WAY: usize = 4;
+/// Mergers in a row that a probe follows; removed vertices lead nowhere.
+const LONGEST_WAY: usize = 4096;
+/// Vertices around which a probe may look for the nearest triangle.
+const MAX_STEPS: usize = 16;
+
+/// Sums over the probes of one or several runs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
+pub struct Quality {
+    /// Area of the given surface, in units^2.
+    pub area: f64,
+    /// Integral of the squared distance from it to the result, in units^4; removed components included.
+    pub squared_error: f64,
+    /// Area that faces against the triangle it is nearest to, in units^2.
+    pub area_against: f64,
+    /// Number of the result's edges that were looked at.
+    pub n_edges: u64,
+    /// Sum of their lengths, in units.
+    pub edge_lengths: f64,
+}
+
+impl Quality {
+    /// Adds what another part of the same mesh says.
+    pub fn add(&mut self, other: &Quality) {
+        self.area += other.area;
+        self.squared_error += other.squared_error;
+        self.area_against += other.area_against;
+        self.n_edges += other.n_edges;
+        self.edge_lengths += other.edge_lengths;
+    }
+
+    /// Mean squared distance, in units^2; 0 without area.
+    pub fn mean_square(&self) -> f64 {
+        if self.area > 0.0 { self.squared_error / self.area } else { 0.0 }
+    }
+
+    /// Mean edge of the result, in units; 0 without edges.
+    pub fn mean_edge(&self) -> f64 {
+        if self.n_edges > 0 { self.edge_lengths / self.n_edges as f64 } else { 0.0 }
+    }
+
+    /// Share of the area that faces against the result, 0 to 1.
+    pub fn share_against(&self) -> f64 {
+        if self.area > 0.0 { self.area_against / self.area } else { 0.0 }
+    }
+}
+
+/// How well the mesh stood for the given surface when so many triangles were left.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct QualityAt {
+    /// Triangles left.
+    pub triangles: u64,
+    /// As estimated then.
+    pub quality: Quality,
+}
+
+/// A point of the given surface.
+struct Probe {
+    at: Vec3,
+    /// Twice the area it stands for times the unit normal.
+    normal: Vec3,
+    /// A vertex near it; `GONE` if it was removed.
+    hint: u32,
+}
+
+/// Points of the given surface, 56 bytes each.
+pub(crate) struct Probes(Vec<Probe>);
+
+impl Probes {
+    /// Takes evenly spaced triangles of a surface.
+    pub(crate) fn take(surface: &Surface) -> Probes {
+        let n = surface.triangles.len();
+        let wanted = (n / TRIANGLES_PER_PROBE).clamp(*N_PROBES.start(), *N_PROBES.end());
+        let step = n.div_ceil(wanted).max(1);
+        let some = surface.triangles.iter().step_by(step).filter(|t| t[0] != GONE);
+        let probes = some.map(|t| {
+            let corners = t.map(|v| surface.vertices[v as usize].position);
+            let sum = add(add(corners[0], corners[1]), corners[2]);
+            let normal = scale(normal(corners), step as f64);
+            Probe { at: scale(sum, 1.0 / 3.0), normal, hint: t[0] }
+        });
+        Probes(probes.collect())
+    }
+
+    /// Follows every hint to the vertex that its own has been merged into.
+    pub(crate) fn follow(&mut self, rings: &[Ring]) {
+        for probe in &mut self.0 {
+            for _ in 0..LONGEST_WAY {
+                match rings.get(probe.hint as usize) {
+                    Some(ring) if ring.class.is_none() => probe.hint = ring.start,
+                    _ => break,
+                }
+            }
+            let is_used = |ring: &Ring| ring.class.is_some() && ring.len > 0;
+            if !rings.get(probe.hint as usize).is_some_and(is_used) {
+                probe.hint = GONE;
+            }
+        }
+    }
+
+    /// Takes over new numbers of the vertices; `place` is `GONE` for those that are gone.
+    pub(crate) fn renumber(&mut self, place: &[u32]) {
+        for probe in &mut self.0 {
+            probe.hint = place.get(probe.hint as usize).copied().unwrap_or(GONE);
+        }
+    }
+
+    /// Sums up how far the probes are from the surface; `removed_error` is that of removed components. On the
+    /// way, a quarter of them is enough.
+    pub(crate) fn sum_up(&mut self, surface: &Surface, removed_error: f64, step: usize) -> Quality {
+        self.follow(&surface.rings);
+        let mut quality = Quality { squared_error: removed_error, ..Quality::default() };
+        for probe in self.0.iter().step_by(step) {
+            let area = 0.5 * length_sq(probe.normal).sqrt() * step as f64;
+            quality.area += area;
+            if let Some((distance_sq, normal)) = nearest(surface, probe) {
+                quality.squared_error += area * distance_sq;
+                if dot(normal, probe.normal) < 0.0 {
+                    quality.area_against += area;
+                }
+            }
+        }
+        let step = surface.triangles.len().div_ceil(*N_PROBES.end()).max(1);
+        for t in surface.triangles.iter().step_by(step).filter(|t| t[0] != GONE) {
+            let [a, b, c] = t.map(|v| surface.vertices[v as usize].position);
+            let lengths = [sub(b, a), sub(c, b), sub(a, c)].map(|edge| length_sq(edge).sqrt());
+            quality.edge_lengths += lengths.iter().sum::<f64>();
+            quality.n_edges += 3;
+        }
+        quality
+    }
+}
+
+/// Squared distance to the nearest triangle around the hint, and its normal; `None` if the hint is gone.
+fn nearest(surface: &Surface, probe: &Probe) -> Option<(f64, Vec3)> {
+    if probe.hint == GONE {
+        return None;
+    }
+    let place = |v: u32| surface.vertices[v as usize].position;
+    let (mut v, mut best) = (probe.hint, (f64::INFINITY, [0.0; 3]));
+    for _ in 0..MAX_STEPS {
+        let mut next = None;
+        for &t in surface.ring(v) {
+            let t = surface.triangles[t as usize];
+            // Long rings keep what is gone.
+            if t[0] == GONE {
+                continue;
+            }
+            let corners = t.map(place);
+            let distance_sq = triangle_distance_sq(probe.at, corners);
+            if distance_sq < best.0 {
+                best = (distance_sq, normal(corners));
+                let off = |v: u32| length_sq(sub(place(v), probe.at));
+                next = t.into_iter().min_by(|&a, &b| off(a).total_cmp(&off(b)));
+            }
+        }
+        match next {
+            Some(w) if w != v => v = w,
+            _ => break,
+        }
+    }
+    (best.0 < f64::INFINITY).then_some(best)
+}
