@@ -1,6 +1,7 @@
-//! Counts the connectivity of a mesh of any size, cell by cell.
+//! Counts the connectivity of a mesh of any size, cell by cell, and the sizes of its components.
 
 use crate::cells::load_bytes;
+use crate::components::{self, ComponentSizes, Least};
 use crate::config::DEFAULT_CELL_TRIANGLES;
 use crate::error::Result;
 use crate::parallel::{Weighted, largest_first};
@@ -22,13 +23,16 @@ pub fn check(
     threads: usize,
     memory_bytes: u64,
     progress: &Progress,
-) -> Result<Topology> {
+) -> Result<(Topology, ComponentSizes)> {
     let n = source.n_faces();
-    progress.begin("partition", 1, 2, n);
+    progress.begin("partition", 1, 3, n);
     let cell_triangles = DEFAULT_CELL_TRIANGLES;
     let cutting = Cutting { cell_triangles, temp_dir, threads, memory_bytes };
-    let scratch = Scratch::cut(source, cutting, progress)?;
-    progress.begin("count", 2, 2, n);
+    let (scratch, sizes) = Scratch::cut_and_look(source, cutting, progress, |store, run| {
+        progress.begin("components", 2, 3, n);
+        components::find(store, Least::default(), run).map(|found| found.sizes)
+    })?;
+    progress.begin("count", 3, 3, n);
     let store = scratch.store();
     let counter = Mutex::new(TopologyCounter::default());
     let weigh = |item: usize| {
@@ -60,5 +64,5 @@ pub fn check(
     // The reader has left degenerate faces out of the cells.
     topology.degenerate_triangles += scratch.partition().degenerate_faces;
     topology.triangles += scratch.partition().degenerate_faces;
-    Ok(topology)
+    Ok((topology, sizes))
 }

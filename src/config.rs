@@ -1,5 +1,7 @@
 //! What was decided for a run of `simplify`: every value final.
 
+use crate::components::Least;
+use crate::units::{parse_count, parse_ratio};
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -55,6 +57,63 @@ pub enum Until {
     Simplify,
     /// The result is final but not yet written.
     Stitch,
+}
+
+/// Which components are too small to stay.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MinComponent {
+    /// Those of fewer triangles.
+    Triangles(u64),
+    /// Those whose bounding box has a shorter diagonal, in input units.
+    Size(f64),
+    /// Those whose bounding box has a diagonal below this share of the input's.
+    Share(f64),
+}
+
+impl MinComponent {
+    /// What a component must have at least, in a scan with a box of this diagonal.
+    pub fn least(self, diagonal: f64) -> Least {
+        match self {
+            MinComponent::Triangles(triangles) => Least { triangles, ..Least::default() },
+            MinComponent::Size(diameter) => Least { diameter, ..Least::default() },
+            MinComponent::Share(share) => Least { diameter: share * diagonal, ..Least::default() },
+        }
+    }
+}
+
+impl std::fmt::Display for MinComponent {
+    /// As it is typed.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            MinComponent::Triangles(count) => write!(f, "{count}"),
+            MinComponent::Size(length) => write!(f, "size={length}"),
+            MinComponent::Share(share) => write!(f, "size={}%", share * 100.0),
+        }
+    }
+}
+
+impl std::str::FromStr for MinComponent {
+    type Err = String;
+
+    /// Reads `300`, `2k`, `size=2.5` or `size=0.1%`. A fraction of a triangle is taken for a forgotten `size=`.
+    fn from_str(text: &str) -> Result<Self, String> {
+        let complaint = || {
+            format!(
+                "'{text}' is neither a count of triangles nor a size: 300, 2k, size=2.5 (input units), size=0.1% (of the scan's diagonal)"
+            )
+        };
+        if let Some(size) = text.trim().strip_prefix("size=") {
+            if size.ends_with('%') {
+                return parse_ratio(size).map(MinComponent::Share).map_err(|_| complaint());
+            }
+            let length = size.parse().ok().filter(|x: &f64| x.is_finite() && *x >= 0.0);
+            return length.map(MinComponent::Size).ok_or_else(complaint);
+        }
+        if text.parse::<f64>().is_ok_and(|number| number.fract() != 0.0) {
+            return Err(complaint());
+        }
+        parse_count(text).map(MinComponent::Triangles).map_err(|_| complaint())
+    }
 }
 
 /// What becomes of normals.
@@ -117,6 +176,8 @@ pub struct Config {
     pub drop_texture: bool,
     /// Give up scalar properties of faces.
     pub drop_faces: bool,
+    /// Leave out components below this.
+    pub min_component: Option<MinComponent>,
     /// Progress within a stage is made durable so often; does not change the result.
     pub checkpoint_every: std::time::Duration,
     /// What becomes of colours, normals and other properties.
@@ -128,7 +189,7 @@ pub struct Config {
 impl Config {
     /// Every setting that changes the result.
     pub fn settings(&self) -> BTreeMap<String, String> {
-        BTreeMap::from([
+        let mut settings = BTreeMap::from([
             ("target".to_owned(), format!("{:?}", self.target)),
             ("cell-triangles".to_owned(), self.cell_triangles.to_string()),
             ("skip-bad".to_owned(), self.skip_bad.to_string()),
@@ -140,6 +201,37 @@ impl Config {
             ("normals".to_owned(), format!("{:?}", self.attributes.normals).to_lowercase()),
             ("topology".to_owned(), format!("{:?}", self.kernel.topology).to_lowercase()),
             ("fit".to_owned(), format!("{:?}", self.kernel.fit).to_lowercase()),
-        ])
+        ]);
+        if let Some(least) = self.min_component {
+            settings.insert("min-component".to_owned(), least.to_string());
+        }
+        settings
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_and_sizes_of_components_cannot_be_confused() {
+        let parse = |text: &str| text.parse::<MinComponent>();
+        assert_eq!(parse("300"), Ok(MinComponent::Triangles(300)));
+        assert_eq!(parse("1.5k"), Ok(MinComponent::Triangles(1500)));
+        assert_eq!(parse("size=300"), Ok(MinComponent::Size(300.0)));
+        assert_eq!(parse("size=2.5e-3"), Ok(MinComponent::Size(0.0025)));
+        assert_eq!(parse("size=0.5%"), Ok(MinComponent::Share(0.005)));
+        for wrong in
+            ["", "2.5", "0.1%", "2.5mm", "size=", "size=-1", "size=NaN", "size=2k", "size=200%"]
+        {
+            let error = parse(wrong).unwrap_err();
+            assert!(error.contains("size=2.5"), "{wrong}: {error}");
+        }
+        for text in ["300", "size=0.1", "size=12.5%"] {
+            assert_eq!(parse(text).unwrap().to_string(), text);
+        }
+        let box_of = |m: MinComponent| m.least(50.0).diameter;
+        assert_eq!(box_of(MinComponent::Share(0.01)), 0.5);
+        assert_eq!(box_of(MinComponent::Size(2.0)), 2.0);
     }
 }

@@ -33,12 +33,18 @@ pub enum ChunkKind {
     Foreign = 5,
     /// All chunks of a sealed pack, behind them; under cell 0.
     Index = 6,
+    /// What a cell knows of the components, see `components::found`.
+    Found = 7,
+    /// Which pieces of a cell are left out: a bit for each, in the order of their least vertices.
+    Verdict = 8,
 }
 
 impl ChunkKind {
     fn from_code(code: u32) -> Option<ChunkKind> {
-        use ChunkKind::{Foreign, Index, SharedIds, Survivors, Triangles, Vertices};
-        [Vertices, Triangles, SharedIds, Survivors, Foreign, Index]
+        use ChunkKind::{
+            Foreign, Found, Index, SharedIds, Survivors, Triangles, Verdict, Vertices,
+        };
+        [Vertices, Triangles, SharedIds, Survivors, Foreign, Index, Found, Verdict]
             .into_iter()
             .find(|kind| *kind as u32 == code)
     }

@@ -1,6 +1,6 @@
 //! Out-of-core simplification of triangle meshes of any size.
 //!
-//! `pipeline` is the program: read it first. It calls the stages (`partition`, `simplify`, `stitch`)
+//! `pipeline` is the program: read it first. It calls the stages (`partition`, `components`, `simplify`, `stitch`)
 //! one after another; a stage never calls another stage. Everything below them is a layer of its own:
 //! `ply` reads and writes meshes, `cells` keeps them on disk cell by cell, `kernel` collapses edges and
 //! knows no files, threads, clock or logging. docs/ARCHITECTURE.md has the map.
@@ -11,6 +11,7 @@ pub mod check;
 pub mod cli;
 mod colours;
 pub mod compare;
+pub mod components;
 pub mod config;
 pub mod disk;
 pub mod error;

@@ -7,6 +7,7 @@
 mod quality;
 mod stages;
 
+use crate::components::ComponentSizes;
 use crate::config::{Config, Target, Until};
 use crate::disk::Disk;
 use crate::disk::folder_of;
@@ -125,11 +126,19 @@ fn run_stages(
     if config.until == Some(Until::Partition) {
         return Ok(None);
     }
-    let mut store = partition.store.clone();
+    let components = stages.components(&partition)?;
+    let mut store = match &components {
+        Some(found) => found.store.clone(),
+        None => partition.store.clone(),
+    };
+    if let (0, Some(found)) = (store.triangles, &components) {
+        drop(stages);
+        return Err(abandon(job, nothing_left(config, &found.sizes)));
+    }
     if let Some(path) = &config.seams {
         crate::seams::write(&stages.store(store.clone())?, path, &stages.run)?;
     }
-    let mut step = stages.next_step(partition.store.triangles);
+    let mut step = stages.next_step(store.triangles);
     if step != Step::Finish {
         stages.weigh(&store)?;
     }
@@ -168,6 +177,7 @@ fn run_stages(
 
     let mut report = stages.report(&source, config, &partition, written, started);
     report.input.faults = faults(&source, &partition, dropped.unwrap_or(result.statistics.dropped));
+    report.components = components.map(|found| found.sizes);
     if config.verify {
         verify::verify(config, &stages.run, &mut report)?;
     }
@@ -186,6 +196,17 @@ pub(crate) fn abandon(job: Job, error: Error) -> Error {
         let _ = job.remove();
     }
     error
+}
+
+/// An empty result is never a success.
+fn nothing_left(config: &Config, sizes: &ComponentSizes) -> Error {
+    let min = config.min_component.map_or_else(String::new, |min| min.to_string());
+    let what = format!(
+        "--min-component {min} would drop all {} components, the largest of {} triangles; give a smaller value; \
+         nothing was written",
+        sizes.found, sizes.largest
+    );
+    Error::Empty { path: config.output.clone(), what }
 }
 
 /// Recorded before the output is written: an output that is found later may be this job's own.

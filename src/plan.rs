@@ -1,7 +1,8 @@
 //! The plan before the work: cells, rounds, memory, disk. Refuses what cannot succeed, by name.
 
 use crate::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
-use crate::config::Config;
+use crate::components;
+use crate::config::{Config, Target};
 use crate::disk::folder_of;
 use crate::error::{Error, Remedy, Result};
 use crate::faces::FaceCarry;
@@ -110,6 +111,21 @@ impl Plan {
             }
             _ => 0.0,
         };
+        // While components are joined: a sheet has four such vertices for each root of a cell's triangles.
+        let links = match config.min_component {
+            Some(_) => {
+                let root = (config.cell_triangles.min(triangles_in) as f64).sqrt();
+                4.0 * root * f64::from(cells) * components::LINK_BYTES as f64
+            }
+            None => 0.0,
+        };
+        // What `--max-error` measures against is a copy of the input's geometry.
+        let kept = match (config.min_component, config.target) {
+            (Some(_), Target::MaxError(_)) => {
+                13 * triangles_in + layout.schema.record_bytes() as u64 * source.n_vertices()
+            }
+            _ => 0,
+        };
         let record_bytes = layout.schema.record_bytes() as f64;
         let output_triangles = target.min(triangles_in) as f64;
         let output_bytes =
@@ -128,7 +144,8 @@ impl Plan {
             finish: finish_triangles > 0,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
-            temp_bytes: (store + beside as u64).max(output_bytes + joining)
+            temp_bytes: kept
+                + (store + beside.max(links) as u64).max(output_bytes + joining)
                 + (1 << 20)
                 + if config.verify { 3 * output_bytes } else { 0 },
             output_bytes,

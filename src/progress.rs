@@ -16,6 +16,7 @@ pub struct Progress {
     stop_signal: AtomicI32,
     /// Folders of scratch data that the process owes to remove, whenever it ends.
     scratch: Mutex<Vec<PathBuf>>,
+    notes: Mutex<Vec<String>>,
 }
 
 /// The stage at work.
@@ -42,6 +43,16 @@ impl Progress {
     /// Counts finished work units.
     pub fn add(&self, units: u64) {
         self.done.fetch_add(units, Ordering::Relaxed);
+    }
+
+    /// Leaves a line for people about what was found, to be shown while the run goes on.
+    pub fn note(&self, line: String) {
+        self.notes.lock().unwrap_or_else(PoisonError::into_inner).push(line);
+    }
+
+    /// The lines that were left since the last call.
+    pub fn take_notes(&self) -> Vec<String> {
+        std::mem::take(&mut *self.notes.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// The running stage and its finished work units.

@@ -40,6 +40,16 @@ pub struct Scratch {
 impl Scratch {
     /// Partitions `source` into a new folder below `cutting.temp_dir`; takes about 20 bytes a triangle there.
     pub fn cut(source: &MeshSource, cutting: Cutting, progress: &Progress) -> Result<Scratch> {
+        Self::cut_and_look(source, cutting, progress, |_, _| Ok(())).map(|(scratch, ())| scratch)
+    }
+
+    /// The same; `look` sees the store while there still is a folder for files.
+    pub fn cut_and_look<T>(
+        source: &MeshSource,
+        cutting: Cutting,
+        progress: &Progress,
+        look: impl FnOnce(&CellStore, &Run) -> Result<T>,
+    ) -> Result<(Scratch, T)> {
         let name = source.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
         // Two files of one name may be cut by one process.
         static NUMBER: AtomicU64 = AtomicU64::new(0);
@@ -70,11 +80,12 @@ impl Scratch {
             };
             let layout = VertexLayout::new(source.schema(), source.n_vertices());
             let store = CellStore::open(&disk, &folder, partition.store.clone(), layout)?;
-            Ok((store, partition))
+            let seen = look(&store, &run)?;
+            Ok((store, partition, seen))
         };
         let cut = cut();
         progress.settle(&folder);
-        cut.map(|(store, partition)| Scratch { store, partition })
+        cut.map(|(store, partition, seen)| (Scratch { store, partition }, seen))
     }
 
     /// The cells.

@@ -63,7 +63,7 @@ pub fn cell_bytes(store: &CellStore, cell: usize) -> u64 {
         true => kernel::wedge_bytes(tally.vertices, tally.triangles, n_channels),
         false => 0,
     };
-    load_bytes(tally, layout)
+    load_bytes(store.rows(cell), layout)
         + kernel::peak_bytes(tally.vertices, tally.triangles, n_channels)
         + kernel::attribute_bytes(tally.vertices, layout.n_weighted())
         + wedges

@@ -150,6 +150,9 @@ pub struct RunReport {
     /// Whether the result can stand for the input, as far as probes on the way tell.
     #[serde(default)]
     pub quality: QualityReport,
+    /// Components of the input and what `--min-component` dropped; absent without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub components: Option<crate::components::ComponentSizes>,
     /// What became of the scalar properties and lists of faces.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub face_properties: Vec<FaceReport>,

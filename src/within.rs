@@ -3,14 +3,17 @@
 //! Costs of collapses are no bound, so whole runs are tried: simplify to a count, measure the written file
 //! against the input as `stonecut measure` does, choose the next count. Every trial is recorded in the job
 //! folder, so the same command continues. Only a result that was measured to keep the bound ever gets the
-//! output's name. Memory and disk: those of one run, and one more output.
+//! output's name. Components that `--min-component` drops do not count: the measure is a copy of the input
+//! without them. Memory and disk: those of one run, one more output, and that copy.
 
 use crate::compare;
-use crate::config::{Config, Target};
+use crate::config::{Attributes, Config, Normals, Target};
 use crate::disk::Disk;
 use crate::error::{Error, Result};
+use crate::formats::{OutputFormat, OutputKind};
 use crate::identity::job_identity;
 use crate::job::{Job, TRIALS};
+use crate::kernel;
 use crate::output::{self, Place};
 use crate::pipeline::{self, Prepared, WRITING};
 use crate::progress::Progress;
@@ -18,7 +21,7 @@ use crate::summary::{BoundReport, RunReport, TrialReport};
 use crate::units::show_length;
 use crate::verify::{self, Pair};
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Trials never go beyond this; most searches end after three to six.
@@ -60,12 +63,20 @@ pub fn simplify(
     // Every trial opens the input anew.
     drop(prepared);
     let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
+    disk.create_dir(&job.path(TRIALS))?;
+    let kept = match config.min_component {
+        None => None,
+        Some(_) => match job.sealed("kept", || write_kept(n_input, config, progress)) {
+            Ok(kept) => Some(kept),
+            Err(error) => return Err(pipeline::abandon(job, error)),
+        },
+    };
     let mut search = Search { bound, n_input, tried: Vec::new() };
     let mut trials: Vec<Trial> = Vec::new();
-    disk.create_dir(&job.path(TRIALS))?;
     while let Some(asked) = search.next() {
         let name = format!("trial {}", trials.len() + 1);
-        let found = match job.sealed(&name, || run_trial(asked, config, progress)) {
+        let kept = kept.as_deref();
+        let found = match job.sealed(&name, || run_trial(asked, kept, config, progress)) {
             Ok(found) => found,
             Err(error) if trials.is_empty() => return Err(pipeline::abandon(job, error)),
             Err(error) => return Err(error),
@@ -149,7 +160,40 @@ fn trial_path(config: &Config, asked: u64) -> PathBuf {
     config.job_folder.join(TRIALS).join(name)
 }
 
-fn run_trial(asked: u64, config: &Config, progress: &Progress) -> Result<Trial> {
+/// Writes the geometry of the input without small components among the trials; gives back its path.
+fn write_kept(n_input: u64, config: &Config, progress: &Progress) -> Result<PathBuf> {
+    let output = config.job_folder.join(TRIALS).join("kept.ply");
+    let inner = Config {
+        target: Target::Triangles(n_input),
+        output: output.clone(),
+        job_folder: config.job_folder.join(TRIALS).join("kept"),
+        keep_temp: false,
+        verify: false,
+        force: true,
+        restart: false,
+        format: OutputFormat { kind: Some(OutputKind::Ply), ..OutputFormat::default() },
+        drop_texture: true,
+        drop_faces: true,
+        attributes: Attributes { normals: Normals::Drop, ..Attributes::default() },
+        kernel: kernel::Options {
+            topology: kernel::Topology::Keep,
+            fit: kernel::Fit::Off,
+            ..kernel::Options::default()
+        },
+        ..config.clone()
+    };
+    let prepared = pipeline::prepare(&inner)?;
+    pipeline::simplify(prepared, &inner, progress)?;
+    Ok(output)
+}
+
+/// Runs and measures one trial: against `kept`, if that is another mesh than the input.
+fn run_trial(
+    asked: u64,
+    kept: Option<&Path>,
+    config: &Config,
+    progress: &Progress,
+) -> Result<Trial> {
     let inner = Config {
         target: Target::Triangles(asked),
         output: trial_path(config, asked),
@@ -172,7 +216,11 @@ fn run_trial(asked: u64, config: &Config, progress: &Progress) -> Result<Trial> 
         Err(error) => return Err(error),
     };
     let started = Instant::now();
-    let pair = Pair::open(config, &inner.output)?;
+    let measured = match kept {
+        Some(kept) => Config { input: kept.to_path_buf(), ..config.clone() },
+        None => config.clone(),
+    };
+    let pair = Pair::open(&measured, &inner.output)?;
     let request = pair.request(config, &config.job_folder);
     let comparison = compare::compare(&request, progress)?;
     let deviation = &comparison.measured.deviation;

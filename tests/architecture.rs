@@ -37,7 +37,7 @@ fn imports(text: &str, module: &str) -> bool {
         || text.contains(&format!("crate::{module} "))
 }
 
-const STAGES: [&str; 4] = ["partition", "simplify", "stitch", "write"];
+const STAGES: [&str; 5] = ["partition", "components", "simplify", "stitch", "write"];
 
 #[test]
 fn only_the_pipeline_and_its_plan_name_two_stages() {

@@ -31,6 +31,7 @@ fn config(folder: &Path, target: u64) -> Config {
         skip_bad: false,
         drop_texture: false,
         drop_faces: false,
+        min_component: None,
         checkpoint_every: stonecut::run::CHECKPOINT_EVERY,
         attributes: Attributes::default(),
         kernel: Default::default(),

@@ -4,6 +4,7 @@
 
 mod id_map;
 mod pack;
+mod pieces;
 mod scatter;
 mod split;
 mod store;
@@ -13,9 +14,10 @@ mod tree;
 
 pub use id_map::IdMap;
 pub use pack::{Pack, PackWriter};
+pub use pieces::{Bounds, Extent, NOWHERE, PieceSet, Pieces, around, position_bits};
 pub use scatter::Scatter;
 pub use split::split_overfull;
-pub use store::{CellMesh, CellStore, CellTally, StoreInfo, VertexLayout, load_bytes};
+pub use store::{CellMesh, CellStore, CellTally, StoreInfo, Verdicts, VertexLayout, load_bytes};
 pub use survivors::{SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors};
 pub use tidy::Dropped;
 pub use tree::{CellTree, Frame, n_samples, plan_cells};

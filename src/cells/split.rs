@@ -44,6 +44,7 @@ pub fn split_overfull(
         return Ok(info);
     }
     info.split_at = pack.length();
+    info.first_part = info.cells.len() as u32;
     let source = pack.reader(run.disk(), info.cells.len() as u32)?;
     for &cell in &overfull {
         let old = Old { source: &source, cell, layout, info: &info };

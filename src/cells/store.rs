@@ -5,6 +5,7 @@
 
 use super::id_map::IdMap;
 use super::pack::Pack;
+use super::pieces::PieceSet;
 use super::tidy::Dropped;
 use crate::attributes::Weights;
 use crate::disk::Disk;
@@ -45,6 +46,21 @@ pub struct StoreInfo {
     /// Where in the pack the chunks of split cells begin.
     #[serde(default)]
     pub split_at: u64,
+    /// The first of the cells that came behind the others by splitting.
+    #[serde(default)]
+    pub first_part: u32,
+    /// Which pieces of the cells are left out; `cells` and `triangles` count without their triangles.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verdicts: Option<Verdicts>,
+}
+
+/// The sealed description of a pack that says which pieces of cells are left out: a set for each such cell.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Verdicts {
+    /// File name of the pack in the job folder.
+    pub pack: String,
+    /// Sealed length of the pack.
+    pub pack_bytes: u64,
 }
 
 /// How vertex rows of a store are laid out: id, record as read, and in later rounds the kernel channels.
@@ -115,6 +131,7 @@ pub struct CellStore {
     info: StoreInfo,
     layout: VertexLayout,
     pack: Pack,
+    verdicts: Option<Pack>,
 }
 
 /// Peak bytes of loading a cell, beyond the mesh the kernel takes over (counted by the kernel).
@@ -134,7 +151,14 @@ impl CellStore {
         let pack =
             Pack::open(disk, &folder.join(&info.pack), info.cells.len() as u32, info.pack_bytes)?
                 .forget(&info.split, info.split_at);
-        Ok(CellStore { info, layout, pack })
+        let n_cells = info.cells.len() as u32;
+        let verdicts = match &info.verdicts {
+            Some(Verdicts { pack, pack_bytes }) => {
+                Some(Pack::open(disk, &folder.join(pack), n_cells, *pack_bytes)?)
+            }
+            None => None,
+        };
+        Ok(CellStore { info, layout, pack, verdicts })
     }
 
     /// The sealed description.
@@ -150,6 +174,25 @@ impl CellStore {
     /// The row layout.
     pub fn layout(&self) -> &VertexLayout {
         &self.layout
+    }
+
+    /// Rows of a cell as they are loaded, what is left out afterwards included.
+    pub fn rows(&self, cell: usize) -> CellTally {
+        let tally = self.info.cells[cell];
+        if self.verdicts.is_none() {
+            return tally;
+        }
+        let is_rows = |chunk: &&Chunk| chunk.kind == ChunkKind::Triangles;
+        let bytes: u64 =
+            self.pack.chunks_of(cell as u32).iter().filter(is_rows).map(|chunk| chunk.bytes).sum();
+        CellTally { triangles: bytes / (3 * self.layout.ids.bytes as u64), ..tally }
+    }
+
+    /// Whether a cell is a part of one that was split: such cells do not hold all vertices of a place.
+    pub fn is_part(&self, cell: usize) -> bool {
+        let cell = cell as u32;
+        !self.info.split.is_empty()
+            && (cell >= self.info.first_part || self.info.split.binary_search(&cell).is_ok())
     }
 
     /// Lets the system begin to read a cell that will soon be loaded.
@@ -171,11 +214,30 @@ impl CellStore {
         Ok(mesh)
     }
 
-    /// Loads one cell. Vertices are in the order of their first row, triangles in the order of their rows.
+    /// Loads one cell without the pieces that are left out. Vertices are in the order of their first row,
+    /// triangles in the order of their rows.
     ///
     /// Errors: `Corrupt` when a chunk is damaged or a triangle names a vertex the cell does not have.
     pub fn load(&self, cell: usize) -> Result<CellMesh> {
-        let tally = self.info.cells[cell];
+        let mut mesh = self.load_rows(cell)?;
+        let Some(verdicts) = &self.verdicts else { return Ok(mesh) };
+        for chunk in verdicts.chunks_of(cell as u32) {
+            let mut pieces = PieceSet::default();
+            verdicts.read(chunk, &mut pieces.0)?;
+            if !mesh.leave_out(&pieces, self.layout.schema.record_bytes()) {
+                let what = format!(
+                    "byte {}: cell {cell} has other pieces; run again with --restart",
+                    chunk.offset
+                );
+                let name = self.info.verdicts.as_ref().map_or("", |verdicts| &verdicts.pack);
+                return Err(Error::corrupt(Path::new(name), what));
+            }
+        }
+        Ok(mesh)
+    }
+
+    fn load_rows(&self, cell: usize) -> Result<CellMesh> {
+        let tally = self.rows(cell);
         let chunks = self.pack.chunks_of(cell as u32);
         let mut map = IdMap::with_capacity(tally.vertices as usize);
         let mut payload = Vec::new();
@@ -212,7 +274,9 @@ impl CellStore {
                 ChunkKind::Vertices
                 | ChunkKind::Survivors
                 | ChunkKind::Foreign
-                | ChunkKind::Index => {}
+                | ChunkKind::Index
+                | ChunkKind::Found
+                | ChunkKind::Verdict => {}
             }
         }
         Ok(out)

@@ -100,9 +100,14 @@ impl CellMesh {
         let mut stays = self.shared.clone();
         self.mesh.triangles.iter().flatten().for_each(|&v| stays[v as usize] = true);
         let n_idle = stays.iter().filter(|stays| !**stays).count() as u64;
-        if n_idle == 0 {
-            return 0;
+        if n_idle > 0 {
+            self.keep_vertices(&stays, record_bytes);
         }
+        n_idle
+    }
+
+    /// Keeps the vertices that stay, in their order; every triangle's corners must be among them.
+    pub(super) fn keep_vertices(&mut self, stays: &[bool], record_bytes: usize) {
         let n_channels = self.mesh.n_channels;
         let (mut place, mut n) = (vec![0u32; stays.len()], 0);
         for v in (0..stays.len()).filter(|&v| stays[v]) {
@@ -121,7 +126,6 @@ impl CellMesh {
         self.mesh.positions.truncate(n);
         self.mesh.channels.truncate(n * n_channels);
         self.mesh.triangles.iter_mut().flatten().for_each(|v| *v = place[*v as usize]);
-        n_idle
     }
 }
 

@@ -35,7 +35,7 @@ const ASSUMED_SECONDS: f64 = 1.5;
 fn weight(stage: &str) -> f64 {
     match stage {
         "partition" => 0.25,
-        "write" => 0.1,
+        "components" | "write" => 0.1,
         _ => 1.0,
     }
 }
@@ -101,6 +101,7 @@ impl<'a> Display<'a> {
 
     fn run(mut self, progress: &Progress, is_over: &AtomicBool) {
         while !is_over.load(Ordering::Relaxed) {
+            self.show_notes(progress);
             let (stage, done) = progress.read();
             if !stage.name.is_empty() {
                 self.update(stage, done);
@@ -108,6 +109,17 @@ impl<'a> Display<'a> {
             std::thread::park_timeout(BAR_INTERVAL);
         }
         self.bar.finish_and_clear();
+        self.show_notes(progress);
+    }
+
+    fn show_notes(&mut self, progress: &Progress) {
+        for line in progress.take_notes() {
+            if self.show == Show::Json {
+                let _ = writeln!(self.log, "{}", serde_json::json!({ "note": line }));
+            } else {
+                self.bar.suspend(|| self.log.say(&line));
+            }
+        }
     }
 
     fn update(&mut self, stage: Stage, done: u64) {
@@ -171,7 +183,7 @@ impl<'a> Display<'a> {
         let own = weight(stage.name) * stage.total as f64;
         let ahead = match stage.name {
             // Everything is still to come: the cells, and a little for stitching and writing.
-            "partition" => 1.2 * stage.total as f64,
+            "partition" | "components" => 1.2 * stage.total as f64,
             "simplify" => 0.15 * stage.total as f64,
             _ => own * 0.2 * f64::from(stage.n_stages.saturating_sub(stage.number)),
         };

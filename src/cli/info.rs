@@ -1,5 +1,6 @@
 //! `stonecut info`: what a mesh file holds and, with `--check`, whether it is sound.
 
+use crate::components::{Below, ComponentSizes, below_list, sizes_in_memory};
 use crate::error::{Error, Result};
 use crate::measure::load;
 use crate::paths::{Paths, Role};
@@ -49,6 +50,16 @@ struct Report {
     vertices: Option<u64>,
     #[serde(flatten)]
     check: Option<Topology>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    component_sizes: Option<Sizes>,
+}
+
+/// Components by size, as `--min-component` counts them: vertices in one place are connected.
+#[derive(serde::Serialize)]
+struct Sizes {
+    found: u64,
+    largest: u64,
+    below: Vec<Below>,
 }
 
 impl Args {
@@ -66,7 +77,14 @@ impl Args {
 pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> {
     let threads = super::threads(args.threads).get();
     let source = super::open_mesh(&args.file, args.temp_dir())?;
-    let check = if args.check { Some(count(args, &source, threads, progress)?) } else { None };
+    let (check, sizes) = match args.check {
+        true => {
+            let (topology, sizes) = count(args, &source, threads, progress)?;
+            (Some(topology), Some(sizes))
+        }
+        false => (None, None),
+    };
+    let list = sizes.as_ref().map(below_list);
     let schema = source.schema();
     let report = Report {
         path: args.file.clone(),
@@ -80,13 +98,18 @@ pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> 
         // With `--check` the count is among the others.
         vertices: check.is_none().then(|| source.n_vertices()),
         check,
+        component_sizes: sizes.map(|s| Sizes {
+            found: s.found,
+            largest: s.largest,
+            below: s.below,
+        }),
     };
     let text = if args.json {
         serde_json::to_string_pretty(&report)
             .map_err(|e| Error::Usage(format!("the answer cannot be written as JSON: {e}")))?
             + "\n"
     } else {
-        table(&source, &report)
+        table(&source, &report, list)
     };
     out.write_all(text.as_bytes()).map_err(Error::stdout)
 }
@@ -99,16 +122,17 @@ fn count(
     source: &MeshSource,
     threads: usize,
     progress: &Progress,
-) -> Result<Topology> {
+) -> Result<(Topology, ComponentSizes)> {
     let budget = super::memory_budget(args.memory);
     let whole = load::bytes_in_memory(source).saturating_add(COUNT_BYTES * source.n_faces());
     if whole > budget / 2 || u32::try_from(source.n_vertices()).is_err() {
         return crate::check::check(source, args.temp_dir(), threads, budget * 3 / 4, progress);
     }
-    Ok(load::topology_of(&load::load(source, threads, progress)?))
+    let loaded = load::load(source, threads, progress)?;
+    Ok((load::topology_of(&loaded), sizes_in_memory(&loaded.mesh)))
 }
 
-fn table(source: &MeshSource, report: &Report) -> String {
+fn table(source: &MeshSource, report: &Report, below: Option<String>) -> String {
     let mut rows = vec![
         ("file", report.path.display().to_string()),
         ("size", units::show_bytes(report.bytes)),
@@ -137,6 +161,13 @@ fn table(source: &MeshSource, report: &Report) -> String {
             ("degenerate triangles", t.degenerate_triangles.to_string()),
             ("duplicate triangles", t.duplicate_triangles.to_string()),
             ("unreferenced vertices", t.unreferenced_vertices.to_string()),
+        ]);
+    }
+    if let (Some(sizes), Some(below)) = (&report.component_sizes, below) {
+        rows.extend([
+            ("components by place", sizes.found.to_string()),
+            ("largest", format!("{} triangles", sizes.largest)),
+            ("fewer triangles than", below),
         ]);
     }
     rows.iter().map(|(name, value)| format!("{name:<22}{value}\n")).collect()

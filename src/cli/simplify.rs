@@ -3,7 +3,10 @@
 use super::display::watch;
 use super::{EXIT_SHORT, Log, Talk, memory_budget, parse_memory};
 use crate::attributes::Weights;
-use crate::config::{Attributes, Config, DEFAULT_CELL_TRIANGLES, Normals, Target, Until};
+use crate::components::ComponentSizes;
+use crate::config::{
+    Attributes, Config, DEFAULT_CELL_TRIANGLES, MinComponent, Normals, Target, Until,
+};
 use crate::disk::folder_of;
 use crate::error::{Error, Result};
 use crate::faces::How;
@@ -61,6 +64,11 @@ pub struct Args {
     /// Drop and count broken faces and vertices instead of failing.
     #[arg(long)]
     skip_bad: bool,
+    /// Drop connected components below a count of triangles (300, 2k) or whose bounding box has a shorter
+    /// diagonal (size=2.5 in input units, size=0.1% of the scan's diagonal); connected by vertices, or by
+    /// vertices in exactly the same place (seams). --ratio still means the triangles of the whole input.
+    #[arg(long, value_name = "N|SIZE")]
+    min_component: Option<MinComponent>,
     /// Give up texture coordinates at corners, which cannot be kept.
     #[arg(long)]
     drop_texture: bool,
@@ -100,7 +108,8 @@ pub struct Args {
     /// Write a report in JSON.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
-    /// Measure how far the result deviates from the input, and report it.
+    /// Measure how far the result deviates from the input, and report it. The input is the whole one, with what
+    /// --min-component drops; --max-error leaves that out.
     #[arg(long)]
     verify: bool,
     /// Write the vertices on the seams of the first round, as a point set.
@@ -206,6 +215,7 @@ impl Args {
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
             drop_faces: self.drop_faces,
+            min_component: self.min_component,
             checkpoint_every: crate::run::CHECKPOINT_EVERY,
             attributes: Attributes {
                 weights: self.weight.clone(),
@@ -357,6 +367,9 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     for property in &report.face_properties {
         log.say(face_line(property));
     }
+    if let Some(components) = &report.components {
+        log.say(component_line(components));
+    }
     for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
         log.say(format!("  {n} {} dropped", name.replace('_', " ")));
     }
@@ -391,6 +404,16 @@ fn unbearable_line(quality: &QualityReport) -> String {
         100.0 * error_per_edge,
         100.0 * share_against,
         show_count(*sensible_triangles)
+    )
+}
+
+fn component_line(sizes: &ComponentSizes) -> String {
+    format!(
+        "  {} of {} components dropped, {} triangles; the largest has {}",
+        sizes.dropped,
+        sizes.found,
+        show_count(sizes.dropped_triangles),
+        show_count(sizes.largest)
     )
 }
 

@@ -39,6 +39,8 @@ impl<const N: usize> ExternalSort<N> {
     }
 
     fn spill(&mut self) -> Result<()> {
+        // Memory was too small for the records already.
+        self.spool.leave_memory()?;
         self.records.sort_unstable();
         self.runs.push(self.spool.len());
         self.spool.write(bytemuck::cast_slice(self.records.as_flattened()))?;

@@ -125,8 +125,12 @@ pub fn tally(pack: &PackWriter, layout: &VertexLayout, n_cells: u32) -> Result<V
                 cell.vertices += chunk.bytes / (ids + layout.row_bytes(false)) as u64
             }
             ChunkKind::Triangles => cell.triangles += chunk.bytes / (3 * ids) as u64,
-            ChunkKind::SharedIds | ChunkKind::Survivors | ChunkKind::Foreign | ChunkKind::Index => {
-            }
+            ChunkKind::SharedIds
+            | ChunkKind::Survivors
+            | ChunkKind::Foreign
+            | ChunkKind::Index
+            | ChunkKind::Found
+            | ChunkKind::Verdict => {}
         }
     }
     Ok(tally)

@@ -8,6 +8,7 @@ use super::quality::QualityCurve;
 use crate::cells::{
     CellStore, Dropped, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout,
 };
+use crate::components::{self, Components};
 use crate::config::Config;
 use crate::error::Result;
 use crate::formats::{OutputFormat, OutputKind};
@@ -63,8 +64,9 @@ impl<'a> Stages<'a> {
         source: &MeshSource,
     ) -> Self {
         let rounds = plan.rounds.len() as u32;
-        // Partition, write, every round, every recut between rounds, and the finish.
-        let n_stages = 2 + rounds + rounds.saturating_sub(1) + u32::from(plan.finish);
+        // Partition, perhaps components, write, every round, every recut between rounds, and the finish.
+        let components = u32::from(config.min_component.is_some());
+        let n_stages = 2 + components + rounds + rounds.saturating_sub(1) + u32::from(plan.finish);
         Stages {
             run: Run {
                 job,
@@ -158,6 +160,32 @@ impl<'a> Stages<'a> {
         }
         self.shared_by_round.push(partition.store.shared_vertices);
         Ok(partition)
+    }
+
+    /// Finds the components and leaves out what is too small, if that was asked for.
+    pub(super) fn components(&mut self, partition: &Partition) -> Result<Option<Components>> {
+        let Some(min) = self.config.min_component else { return Ok(None) };
+        let least = min.least(components::diagonal(partition.bounds));
+        let (info, layout) = (partition.store.clone(), self.layout.clone());
+        let found = self.stage(
+            "components",
+            "components",
+            partition.store.triangles,
+            |c: &Components| c.store.triangles,
+            |run| {
+                let store = CellStore::open(run.disk(), run.job.folder(), info, layout)?;
+                components::find(&store, least, run)
+            },
+        )?;
+        components::tidy_up(&self.run)?;
+        let sizes = &found.sizes;
+        self.run.progress.note(format!(
+            "components {}, {} are dropped; of fewer triangles than {}",
+            sizes.found,
+            sizes.dropped,
+            components::below_list(sizes)
+        ));
+        Ok(Some(found))
     }
 
     /// Finds what channels with a weight count for; once, and then the same for every round.
@@ -390,6 +418,7 @@ impl<'a> Stages<'a> {
                 charts_vanished: has_seams.then_some(self.charts_vanished),
                 place: partition.seam_place,
             },
+            components: None,
             face_properties: match (source.carried(), self.kind()) {
                 (Some(carry), Ok(kind)) => FaceReport::list(carry, kind),
                 _ => Vec::new(),

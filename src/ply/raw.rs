@@ -113,6 +113,11 @@ impl Spool {
         self.len
     }
 
+    /// Keeps no more in memory than one write of the file.
+    pub fn leave_memory(&mut self) -> Result<()> {
+        if self.file.is_none() { self.spill() } else { Ok(()) }
+    }
+
     /// Appends bytes.
     pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
         self.len += bytes.len() as u64;
