@@ -117,17 +117,19 @@ pub fn simplify_cells_exactly(
     let Some(&last) = levels.0.last() else {
         return run_cells(store, goal, run, |_, cell| Survivors::from(cell));
     };
-    let fine: Vec<f64> =
-        (-FINE_LEVELS..=FINE_LEVELS).map(|j| last * (f64::from(j) / FINE_STEPS).exp2()).collect();
-    let plan: (usize, usize) =
+    // Sealed with the counts: another machine's exp2 may differ in the last bit.
+    let plan: ExactLevels =
         run.job.sealed(&format!("round {} exact levels", goal.round), || {
+            let level = |j| last * (f64::from(j) / FINE_STEPS).exp2();
+            let levels: Vec<f64> = (-FINE_LEVELS..=FINE_LEVELS).map(level).collect();
             let counts = run_all(store, run, |cell| {
-                let stop = Stop::CloseCosts(fine.clone());
+                let stop = Stop::CloseCosts(levels.clone());
                 kernel_run(cell, stop, options).1.statistics.level_counts
             })?;
-            Ok(choose_levels(&counts, store, goal.triangles))
+            let (n_levels, n_ahead) = choose_levels(&counts, store, goal.triangles);
+            Ok(ExactLevels { levels, n_levels, n_ahead })
         })?;
-    let (n_levels, n_ahead) = plan;
+    let ExactLevels { levels: fine, n_levels, n_ahead } = plan;
     run_cells(store, goal, run, |index, cell| {
         let depth = n_levels + usize::from(index < n_ahead);
         if depth == 0 {
@@ -136,6 +138,17 @@ pub fn simplify_cells_exactly(
         let stop = Stop::CloseCosts(fine[..depth.min(fine.len())].to_vec());
         drain(cell, stop, options, store)
     })
+}
+
+/// The levels of an exact round.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+struct ExactLevels {
+    /// Close cost thresholds, ascending.
+    levels: Vec<f64>,
+    /// How many of them every cell drains.
+    n_levels: usize,
+    /// How many of the first cells drain one more.
+    n_ahead: usize,
 }
 
 /// Levels of the exact round: an octave and a half to either side, 16 to an octave.

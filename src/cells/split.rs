@@ -10,12 +10,13 @@ use super::store::{CellTally, StoreInfo, VertexLayout};
 use crate::error::Result;
 use crate::format::{ChunkKind, IdWidth};
 use crate::run::Run;
+use std::collections::BTreeMap;
 
 /// A cell of so many times the planned triangles is split. Even scans stay within 1.25, uneven ones below this.
 const OVERFULL: u64 = 2;
 
-/// Triangles whose keys are looked at to find where to cut; parts then agree within some percent.
-const SAMPLES: u64 = 1 << 16;
+/// Keys that are looked at to find where to cut; parts then agree within some percent.
+const SAMPLES: usize = 1 << 16;
 
 /// Vertices whose users are gathered at a time, 16 bytes for each use. Not a share of the memory budget: the
 /// order of rows, and so the result, must not depend on that.
@@ -68,6 +69,12 @@ pub fn split_overfull(
 /// told apart: they must meet in one cell.
 type Key = (u64, u64);
 
+/// Spreads keys over all numbers, whatever step they come in.
+fn hash((sum, lowest): Key) -> u64 {
+    let mixed = (sum ^ lowest.rotate_left(32)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    (mixed ^ mixed >> 32).wrapping_mul(0xD6E8_FEB8_6659_FD93)
+}
+
 /// A cell that is split.
 struct Old<'a> {
     source: &'a Pack,
@@ -114,22 +121,37 @@ impl Old<'_> {
     /// seams of one round lie inside the parts of the next.
     fn cuts(&self, planned_triangles: u64, round: u32, run: &Run) -> Result<Vec<Key>> {
         let n_triangles = self.info.cells[self.cell as usize].triangles;
-        let stride = n_triangles.div_ceil(SAMPLES).max(1);
-        let mut keys = Vec::new();
-        let mut place = 0u64;
+        // The keys of lowest hash, each with its number of triangles: the same for any order of the rows.
+        let mut lowest: BTreeMap<(u64, Key), u64> = BTreeMap::new();
         self.each_triangle(run, |key, _| {
-            if place.is_multiple_of(stride) {
-                keys.push(key);
+            let hashed = (hash(key), key);
+            let is_full = lowest.len() == SAMPLES;
+            if is_full && lowest.last_key_value().is_some_and(|(highest, _)| *highest < hashed) {
+                return Ok(());
             }
-            place += 1;
+            *lowest.entry(hashed).or_default() += 1;
+            if lowest.len() > SAMPLES {
+                lowest.pop_last();
+            }
             Ok(())
         })?;
+        let mut keys: Vec<(Key, u64)> = lowest.into_iter().map(|((_, key), n)| (key, n)).collect();
         keys.sort_unstable();
+        // Behind each key the triangles of the sample up to it.
+        let mut n_sampled = 0;
+        for (_, n) in &mut keys {
+            n_sampled += *n;
+            *n = n_sampled;
+        }
         let n_parts = n_triangles.div_ceil(planned_triangles.max(1));
         let half = u64::from(round % 2);
         let mut cuts: Vec<Key> = (1..=n_parts)
-            .map(|part| (2 * part - half) * keys.len() as u64 / (2 * n_parts))
-            .filter_map(|at| keys.get(at as usize).copied())
+            .map(|part| {
+                let share = u128::from(2 * part - half) * u128::from(n_sampled);
+                (share / u128::from(2 * n_parts)) as u64
+            })
+            .filter_map(|at| keys.get(keys.partition_point(|&(_, up_to)| up_to <= at)))
+            .map(|&(key, _)| key)
             .collect();
         cuts.dedup();
         Ok(cuts)

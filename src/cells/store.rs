@@ -214,8 +214,13 @@ impl CellStore {
         Ok(mesh)
     }
 
-    /// Loads one cell without the pieces that are left out. Vertices are in the order of their first row,
-    /// triangles in the order of their rows.
+    /// Loads one cell without the pieces that are left out. Vertices are in the order of their first row. Triangles
+    /// of the first round are in the order of their lowest vertex id, those of later rounds in the order of their
+    /// rows.
+    ///
+    /// Triangles of the first round reach a cell window by window, so the order of their rows depends on how many
+    /// vertices a window holds, and that on memory. All triangles of one lowest id come in one window, in the order
+    /// of the file: an order by lowest id is the same for every window.
     ///
     /// Errors: `Corrupt` when a chunk is damaged or a triangle names a vertex the cell does not have.
     pub fn load(&self, cell: usize) -> Result<CellMesh> {
@@ -278,6 +283,10 @@ impl CellStore {
                 | ChunkKind::Found
                 | ChunkKind::Verdict => {}
             }
+        }
+        drop((map, payload));
+        if !self.info.has_channels {
+            out.order_by_lowest_id();
         }
         Ok(out)
     }

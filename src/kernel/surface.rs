@@ -117,6 +117,17 @@ fn is_proper(t: &[u32; 3]) -> bool {
     t[0] != t[1] && t[1] != t[2] && t[2] != t[0]
 }
 
+/// Exponent of a positive number, from its bits: `log2` may differ between processors. 0 for anything else.
+fn exponent(x: f64) -> i64 {
+    let is_usable = x > 0.0 && x.is_finite();
+    if is_usable { (x.to_bits() >> 52) as i64 - 1023 } else { 0 }
+}
+
+/// 2 to a power that is first brought to between -1000 and 1000.
+fn power_of_two(exponent: i64) -> f64 {
+    f64::from_bits(((exponent.clamp(-1000, 1000) + 1023) as u64) << 52)
+}
+
 impl Surface {
     /// Takes a mesh apart. Triangles that repeat a corner are dropped.
     pub(crate) fn new(
@@ -130,8 +141,7 @@ impl Surface {
         let order = order::morton(&mesh.positions, &mesh.triangles, extent);
         let (_, side) = extent;
         // Powers of two do not round: the scale changes no bit of the result.
-        let exponent = if side > 0.0 && side.is_finite() { side.log2().floor() } else { 0.0 };
-        let scale = (10.0 - exponent).clamp(-1000.0, 1000.0).exp2();
+        let scale = power_of_two(10 - exponent(side));
         let n_channels = mesh.n_channels;
         let source = order.source;
         // Mending adds vertices, collapses add rings: room that is never used is never touched either.

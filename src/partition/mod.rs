@@ -564,32 +564,68 @@ mod tests {
         let partition = partition(&source, 20_000, &run).unwrap();
         let layout = VertexLayout::new(source.schema(), source.n_vertices());
         let store = CellStore::open(&disk, job.folder(), partition.store.clone(), layout).unwrap();
-        let cells = (0..store.n_cells()).map(|cell| store.load(cell).unwrap()).collect();
+        let cells = (0..store.n_cells()).map(|cell| store.load_tidy(cell).unwrap()).collect();
         (partition, cells)
     }
 
+    /// All that the kernel sees of cells, and what stays beside it, bit for bit.
+    fn assert_same(cells: &[CellMesh], others: &[CellMesh], what: &str) {
+        assert_eq!(cells.len(), others.len(), "{what}");
+        for (cell, (a, b)) in cells.iter().zip(others).enumerate() {
+            let bits = |mesh: &CellMesh| -> Vec<u64> {
+                mesh.mesh.positions.iter().flatten().map(|x| x.to_bits()).collect()
+            };
+            assert!(a.ids == b.ids, "{what}: ids of cell {cell}");
+            assert!(a.shared == b.shared, "{what}: marks of cell {cell}");
+            assert!(a.records == b.records, "{what}: records of cell {cell}");
+            assert!(bits(a) == bits(b), "{what}: positions of cell {cell}");
+            assert!(a.mesh.triangles == b.mesh.triangles, "{what}: triangles of cell {cell}");
+        }
+    }
+
+    /// A table in windows, small buffers and checkpoints after every block change no bit of what the kernel sees.
     #[test]
-    fn a_table_in_windows_gives_the_same_cells() {
+    fn a_table_in_windows_gives_the_same_cells_bit_for_bit() {
         let folder = tempfile::tempdir().unwrap();
         // 160,000 vertices: three blocks, so that the smallest window holds less than half of them.
         write_grid(&folder.path().join("grid.ply"), 400);
         let (whole, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
-        let (windowed, cells_windowed) = cut(folder.path(), 1 << 10, Duration::ZERO);
         assert!(cells.len() >= 15, "{}", cells.len());
-        assert_eq!(whole.store.shared_vertices, windowed.store.shared_vertices);
         assert_eq!(whole.store.triangles, 399 * 399 * 2);
-        for (a, b) in cells.iter().zip(&cells_windowed) {
-            let geometry = |cell: &CellMesh| {
-                let mut triangles: Vec<_> =
-                    cell.mesh.triangles.iter().map(|t| t.map(|v| cell.ids[v as usize])).collect();
-                triangles.sort_unstable();
-                let mut shared: Vec<u64> =
-                    (0..cell.ids.len()).filter(|&v| cell.shared[v]).map(|v| cell.ids[v]).collect();
-                shared.sort_unstable();
-                (triangles, shared)
-            };
-            assert_eq!(geometry(a), geometry(b));
+        for (memory, every) in
+            [(1 << 10, Duration::ZERO), (1 << 10, Duration::MAX), (600 << 10, Duration::MAX)]
+        {
+            let (windowed, other) = cut(folder.path(), memory, every);
+            assert_eq!(whole.store.shared_vertices, windowed.store.shared_vertices);
+            assert_eq!(whole.seam_place, windowed.seam_place);
+            assert_same(&cells, &other, &format!("{memory} bytes"));
         }
+    }
+
+    /// Cells that are split by ids, and whose triangles came in several windows, are the same bit for bit.
+    #[test]
+    fn a_split_cell_in_windows_is_the_same_bit_for_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        // All vertices but two in one place: positions cannot tell them apart, only ids.
+        let n = 200_000u64;
+        let schema = VertexSchema { coordinate: Scalar::F32, properties: Vec::new() };
+        let mut records = Vec::new();
+        for i in 0..n {
+            schema.encode_position(if i > 1 { [0.5; 3] } else { [i as f64; 3] }, &mut records);
+        }
+        // Steps without a common divisor with `n`: the lowest corner is in any window.
+        let faces: Vec<[u32; 3]> =
+            (0..n).map(|i| [7 * i, 7919 * i + 3, 104_729 * i + 11].map(|v| (v % n) as u32)).collect();
+        let header = OutputHeader::new(schema, n, n);
+        let mut writer = PlyWriter::create(&folder.path().join("grid.ply"), header).unwrap();
+        writer.write_vertices(&records).unwrap();
+        writer.write_faces_u32(&faces).unwrap();
+        writer.finish().unwrap();
+        let (whole, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
+        assert!(!whole.store.split.is_empty());
+        let (windowed, other) = cut(folder.path(), 1 << 10, Duration::MAX);
+        assert_eq!(whole.store.cells, windowed.store.cells);
+        assert_same(&cells, &other, "split");
     }
 
     /// A fan around the vertex of lowest index, which would be one cell, comes out as cells of the planned size that
