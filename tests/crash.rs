@@ -375,9 +375,7 @@ fn an_input_that_changes_while_it_is_read_is_named() {
                     let said = error.to_string();
                     assert!(said.contains("in.ply") && said.contains("changed during"), "{said}");
                     assert!(!bench.config.output.exists());
-                    let error = simplify(&Disk::for_crash_tests(), &bench.config).unwrap_err();
-                    assert!([4, 8].contains(&error.exit_code()), "{error}");
-                    std::fs::remove_dir_all(&bench.config.job_folder).unwrap();
+                    assert!(!bench.config.job_folder.exists(), "a bad input leaves no job");
                 }
             }
         }

@@ -206,8 +206,7 @@ mod tests {
             cell.order_by_lowest_id();
             let found: Vec<[u64; 3]> =
                 cell.mesh.triangles.iter().map(|t| t.map(|v| ids[v as usize])).collect();
-            let expected =
-                [[4, 11, 10], [13, 10, 12], [11, 10, 13], [11, 12, 13], [12, 11, 13]];
+            let expected = [[4, 11, 10], [13, 10, 12], [11, 10, 13], [11, 12, 13], [12, 11, 13]];
             assert_eq!(found, expected);
         }
     }

@@ -614,8 +614,9 @@ mod tests {
             schema.encode_position(if i > 1 { [0.5; 3] } else { [i as f64; 3] }, &mut records);
         }
         // Steps without a common divisor with `n`: the lowest corner is in any window.
-        let faces: Vec<[u32; 3]> =
-            (0..n).map(|i| [7 * i, 7919 * i + 3, 104_729 * i + 11].map(|v| (v % n) as u32)).collect();
+        let faces: Vec<[u32; 3]> = (0..n)
+            .map(|i| [7 * i, 7919 * i + 3, 104_729 * i + 11].map(|v| (v % n) as u32))
+            .collect();
         let header = OutputHeader::new(schema, n, n);
         let mut writer = PlyWriter::create(&folder.path().join("grid.ply"), header).unwrap();
         writer.write_vertices(&records).unwrap();
