@@ -37,9 +37,9 @@ impl Target {
     pub fn check(self, n_triangles: u64) -> crate::Result<()> {
         match self {
             Target::Ratio(ratio) if n_triangles > 0 && self.triangles(n_triangles) == 0 => {
-                let percent = 100.0 * ratio;
+                let ratio = crate::units::show_length(ratio);
                 Err(crate::Error::Usage(format!(
-                    "--ratio: {percent} % of {n_triangles} triangles is less than one; ask for at least \
+                    "--ratio {ratio} of {n_triangles} triangles is less than one; ask for at least \
                      --triangles 1"
                 )))
             }

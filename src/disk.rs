@@ -181,15 +181,16 @@ impl Disk {
         Ok(Some(self.file_at(file, path)))
     }
 
-    /// Creates a file without a name in `folder`, which vanishes with its process unless `DiskFile::link` names
-    /// it; `None` where the file system knows no such files. Tests of a power loss follow names, so they get none.
-    pub fn create_nameless(&self, folder: &Path) -> Result<Option<DiskFile>> {
+    /// Creates a file without a name in the folder of `target`, which vanishes with its process unless
+    /// `DiskFile::link` names it; errors name the target. `None` where the file system knows no such files. Tests of a power loss follow names, so they get none.
+    pub fn create_nameless(&self, target: &Path) -> Result<Option<DiskFile>> {
+        let folder = folder_of(target);
         self.operation(folder, "cannot create a file in", Change)?;
         if self.shared.losses.is_some() {
             return Ok(None);
         }
         let file = nameless(folder).map_err(|e| Error::io(folder, "cannot create a file in", e))?;
-        Ok(file.map(|file| self.file_at(file, folder)))
+        Ok(file.map(|file| self.file_at(file, target)))
     }
 
     fn file_at(&self, file: File, path: &Path) -> DiskFile {

@@ -132,7 +132,7 @@ impl PendingFile {
                 Error::Usage(format!("'{}' names no file to write", target.display()))
             })?;
             refuse_irregular(target)?;
-            let nameless = place.disk.create_nameless(folder_of(target))?;
+            let nameless = place.disk.create_nameless(target)?;
             Out::File(match nameless.filter(|_| can_link()) {
                 Some(file) => file,
                 None => {

@@ -109,10 +109,10 @@ fn the_advice_for_broken_inputs_works() {
         std::fs::write(at.join("in.ply"), sheet(20, |_, _| {})).unwrap();
         expect(at, command, 0);
         // The same for a bound on the error, which runs several jobs in one.
+        std::fs::remove_file(at.join("o.ply")).unwrap();
         std::fs::write(at.join("in.ply"), sheet(20, change)).unwrap();
-        expect(at, "simplify in.ply o.ply --max-error 0.1 --force -q", 4);
-        std::fs::write(at.join("in.ply"), sheet(20, |_, _| {})).unwrap();
-        expect(at, "simplify in.ply o.ply --max-error 0.1 --force -q", 0);
+        expect(at, "simplify in.ply o.ply --max-error 0.1 -q", 4);
+        assert_eq!(names(at), before, "{name}: --max-error");
     }
 }
 
@@ -137,10 +137,6 @@ fn what_is_typed_is_read_strictly() {
     }
     let said = expect(at, "simplify in.ply o.ply --ratio 50% --label nosuch", 2);
     assert!(said.contains("red"), "names what there is: {said}");
-    let said = expect(at, "simplify in.ply o.ply --max-error 1e300", 0);
-    assert!(said.lines().all(|line| line.len() < 250), "{said}");
-    let said = expect(at, "simplify in.ply o2.ply --max-error 0", 3);
-    assert!(!said.contains("0 triangles, 0 vertices"), "{said}");
 }
 
 #[test]

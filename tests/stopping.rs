@@ -162,7 +162,7 @@ fn nothing_is_left_by_a_kill() {
 fn scratch_of_the_dead_is_swept_and_that_of_the_living_kept() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    expect(at, "synth terrain in.ply --triangles 300k", 0);
+    expect(at, "synth terrain in.ply --triangles 1M", 0);
     for name in ["dead", "living"] {
         let scratch = at.join(format!(".in.ply.{name}.stonecut-scratch"));
         std::fs::create_dir(&scratch).unwrap();
@@ -225,7 +225,7 @@ fn too_many_threads_are_fewer() {
     for arguments in [
         "simplify in.ply o.ply --ratio 50% --memory 256MiB",
         "info in.ply --check",
-        "measure in.ply in.ply",
+        "measure in.ply in.ply --samples 1k",
         "render in.ply -o p.png --size 40x30",
         "synth terrain s.ply --triangles 20k",
     ] {
@@ -239,12 +239,13 @@ fn limited(at: &Path, limit: &str, arguments: &str) -> Output {
     Command::new("sh").current_dir(at).args(["-c", &command]).output().unwrap()
 }
 
-/// Trials of `--max-error` belong to the job, and go with it.
+/// Trials of `--max-error` belong to the job, and go with it; they once lay beside the output.
 #[test]
 fn no_trial_outlives_its_job() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     expect(at, "synth statue in.ply --triangles 100k", 0);
+    std::fs::write(at.join("o.trial-10000.ply"), "precious").unwrap();
     let child = stonecut()
         .current_dir(at)
         .args("simplify in.ply o.ply --max-error 1e-4 -q".split(' '))
@@ -258,5 +259,6 @@ fn no_trial_outlives_its_job() {
     signal(&child, "-INT");
     assert_eq!(ended(child, "--max-error").status.code(), Some(130));
     assert_eq!(run(at, "simplify in.ply o.ply --ratio 1% --restart -q").status.code(), Some(0));
-    assert_eq!(names(at), ["in.ply", "o.ply"].map(str::to_owned).into());
+    assert_eq!(names(at), ["in.ply", "o.ply", "o.trial-10000.ply"].map(str::to_owned).into());
+    assert_eq!(std::fs::read(at.join("o.trial-10000.ply")).unwrap(), b"precious");
 }
