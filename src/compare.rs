@@ -271,8 +271,9 @@ fn cut(
     let n_cells = plan_cells(source.n_faces(), cell_triangles);
     let n_vertices = source.n_vertices();
     let layout = VertexLayout::new(source.schema(), n_vertices);
-    let store = partition::store_bytes(n_vertices, source.n_faces(), &layout);
-    let needed = partition::memory_bytes(n_vertices, n_cells, store, threads, memory_bytes);
+    let store_bytes = partition::store_bytes(n_vertices, source.n_faces(), &layout);
+    let sizes = partition::Sizes { n_vertices, n_cells, store_bytes, layout: &layout };
+    let needed = partition::Shares::new(sizes, threads, memory_bytes).least_bytes;
     if needed > memory_bytes {
         return Err(Error::NoMemory(format!(
             "cutting {} into cells needs {}; give more --memory",

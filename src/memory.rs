@@ -7,6 +7,16 @@ use std::path::Path;
 /// Share of the tightest limit that is taken when `--memory` is not given.
 pub const DEFAULT_SHARE: f64 = 0.75;
 
+/// Largest share of the tightest limit that `--memory` may ask for: what exceeds it is not given, since code, stacks
+/// and the system's own tables need the rest.
+pub const MOST_SHARE: f64 = 0.9;
+
+/// The budget that a wish comes to: no more than `MOST_SHARE` of `limit_bytes`, `DEFAULT_SHARE` of it without one.
+pub fn budget_bytes(wanted: Option<u64>, limit_bytes: u64) -> u64 {
+    let share = |share: f64| (limit_bytes as f64 * share) as u64;
+    wanted.map_or(share(DEFAULT_SHARE), |bytes| bytes.min(share(MOST_SHARE)))
+}
+
 /// The tightest memory limit in force for this process, in bytes.
 pub fn limit_bytes() -> u64 {
     let info = rustix::system::sysinfo();
@@ -72,6 +82,13 @@ fn cgroup_limits(controller: &str, v1_file: &str, v2_file: &str) -> Vec<u64> {
 
 #[cfg(test)]
 mod tests {
+    #[test]
+    fn a_budget_stays_within_the_limit() {
+        assert_eq!(super::budget_bytes(None, 1000), 750);
+        assert_eq!(super::budget_bytes(Some(300), 1000), 300);
+        assert_eq!(super::budget_bytes(Some(1 << 40), 1000), 900);
+    }
+
     #[test]
     fn limits_and_peaks_are_plausible() {
         assert!(super::limit_bytes() > 1 << 20);

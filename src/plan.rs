@@ -1,16 +1,20 @@
 //! The plan before the work: cells, rounds, memory, disk. Refuses what cannot succeed, by name.
 
+mod disk;
+
 use crate::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
 use crate::components;
-use crate::config::{Config, Target};
+use crate::config::{Config, Normals, Target};
 use crate::disk::folder_of;
 use crate::error::{Error, Remedy, Result};
 use crate::faces::FaceCarry;
+use crate::formats::{Expected, OutputKind, expected_bytes};
 use crate::kernel;
-use crate::partition;
+use crate::partition::{self, Shares, Sizes};
 use crate::paths::existing_parent;
-use crate::ply::MeshSource;
-use crate::simplify::frees_sources;
+use crate::ply::{FaceSchema, MeshSource, VertexBlock};
+use crate::schema::{Property, Scalar, VertexSchema};
+use crate::simplify::{FREED_AT_A_TIME, frees_sources};
 use crate::stitch::{self, Step};
 use crate::units::{show_bytes, show_count};
 use std::path::Path;
@@ -23,6 +27,12 @@ const UNEVEN: f64 = 1.25;
 
 /// Temporary bytes for each vertex of an output whose corners get texture coordinates.
 const JOIN_BYTES: f64 = 72.0;
+
+/// Manifest, lock and what file systems add.
+const MANIFEST_BYTES: u64 = 64 << 10;
+
+/// Vertices of the input by which the length of a text is expected.
+const SAMPLED_VERTICES: usize = 512;
 
 /// Temporary bytes for each corner, and for each byte of the input, where what faces carry
 /// goes to vertices: two sorts, and the staged mesh beside its parts.
@@ -56,6 +66,10 @@ pub struct Plan {
     pub temp_bytes: u64,
     /// Bytes of the output.
     pub output_bytes: u64,
+    /// Bytes kept in the output's folder while it is written, besides the output.
+    pub spool_bytes: u64,
+    /// Peak bytes where job folder and output share a disk.
+    pub together_bytes: u64,
     /// Expected seconds.
     pub seconds: f64,
 }
@@ -87,6 +101,7 @@ impl Plan {
             let wedges = kernel::wedge_bytes(vertices, triangles, n_channels);
             load_bytes(tally, &layout)
                 + kernel::peak_bytes(vertices, triangles, n_channels)
+                + kernel::mend_bytes(vertices, triangles)
                 + kernel::attribute_bytes(vertices, layout.n_weighted())
                 + if has_seams { wedges } else { 0 }
         };
@@ -94,8 +109,14 @@ impl Plan {
         let threads = config.threads.get();
         let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
         let store = partition::store_bytes(source.n_vertices(), triangles_in, &layout);
-        let tables =
-            partition::memory_bytes(source.n_vertices(), cells, store, threads, usable / 2);
+        let sizes = Sizes {
+            n_vertices: source.n_vertices(),
+            n_cells: cells,
+            store_bytes: store,
+            layout: &layout,
+        };
+        let shares = Shares::new(sizes, threads, usable);
+        let tables = shares.least_bytes;
         let fit = config.kernel.fit.decided(triangles_in, target);
         let fit_bytes = kernel::fit_bytes(fit, finish_triangles, target);
         let works = stage_bytes(cell).max(stage_bytes(finish_triangles) + fit_bytes);
@@ -103,12 +124,30 @@ impl Plan {
         if needed > config.memory_bytes {
             return Err(too_little(config, needed, works > tables, usable, works));
         }
-        // Where sources are kept, what the first round leaves lies beside them.
-        let beside = match rounds.first() {
-            Some(&goal) if !frees_sources(triangles_in, goal) => {
-                let per_vertex = 9 + layout.row_bytes(true);
-                goal as f64 * (12.0 + per_vertex as f64 * vertices_per_triangle)
-            }
+        let job = disk::Job {
+            layout: &layout,
+            vertices_per_triangle,
+            cell_triangles: config.cell_triangles,
+            buffer_bytes: shares.buffer_bytes,
+            threads: threads as u64,
+            freed_at_a_time: FREED_AT_A_TIME,
+        };
+        let steps: Vec<disk::Round> = std::iter::once(&triangles_in)
+            .chain(&rounds)
+            .zip(&rounds)
+            .map(|(&before, &after)| disk::Round {
+                before,
+                after,
+                frees: frees_sources(before, after),
+            })
+            .collect();
+        let finishes_at = (finish_triangles > 0).then_some(target.min(triangles_in));
+        let (most, result) = job.peak(triangles_in, &steps, finishes_at);
+        let output_triangles = target.min(triangles_in);
+        let output_vertices = (output_triangles as f64 * vertices_per_triangle) as u64;
+        // What putting texture coordinates back to corners sorts.
+        let joining = match source.carried() {
+            Some(carry) if carry.is_moved() => output_vertices as f64 * JOIN_BYTES,
             _ => 0.0,
         };
         // While components are joined: a sheet has four such vertices for each root of a cell's triangles.
@@ -126,17 +165,14 @@ impl Plan {
             }
             _ => 0,
         };
-        let record_bytes = layout.schema.record_bytes() as f64;
-        let output_triangles = target.min(triangles_in) as f64;
-        let output_bytes =
-            (output_triangles * (13.0 + record_bytes * vertices_per_triangle)) as u64 + 4096;
-        // The result's pack, and what putting texture coordinates back to corners sorts.
-        let joining = match source.carried() {
-            Some(carry) if carry.is_moved() => {
-                (output_triangles * vertices_per_triangle * JOIN_BYTES) as u64
-            }
-            _ => 0,
-        };
+        let (output_bytes, spool_bytes) =
+            output(source, config, output_vertices, output_triangles)?;
+        let verifying = if config.verify { 3 * output_bytes } else { 0 };
+        let beside = kept + verifying + MANIFEST_BYTES;
+        let writing = (result + joining) as u64;
+        let most = most.max(job.store(triangles_in, false) + links);
+        let temp_bytes = (most as u64).max(writing) + beside;
+        let together_bytes = temp_bytes.max(writing + output_bytes + spool_bytes + beside);
         Ok(Plan {
             triangles_in,
             target,
@@ -144,11 +180,10 @@ impl Plan {
             finish: finish_triangles > 0,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
-            temp_bytes: kept
-                + (store + beside.max(links) as u64).max(output_bytes + joining)
-                + (1 << 20)
-                + if config.verify { 3 * output_bytes } else { 0 },
+            temp_bytes,
             output_bytes,
+            spool_bytes,
+            together_bytes,
             seconds: triangles_in as f64 / (TRIANGLES_PER_SECOND_PER_CORE * threads as f64),
             rounds,
         })
@@ -165,11 +200,13 @@ impl Plan {
                 .map_err(|e| Error::io(folder, "cannot write into this folder", e.into()))?;
         }
         let same = device(output_folder)? == device(temp_folder)?;
-        let (temp, output) = (self.temp_bytes, self.output_bytes);
         let needs = if same {
-            vec![(temp_folder, temp + output)]
+            vec![(temp_folder, self.together_bytes)]
         } else {
-            vec![(temp_folder, temp), (output_folder, output)]
+            vec![
+                (temp_folder, self.temp_bytes),
+                (output_folder, self.output_bytes + self.spool_bytes),
+            ]
         };
         // What an earlier run of this job holds already is not needed again.
         let held = held_bytes(&config.job_folder);
@@ -258,6 +295,63 @@ pub fn check_split(source: &MeshSource, carry: &FaceCarry, config: &Config) -> R
         ),
         remedy: Remedy::MakeSpace,
     })
+}
+
+/// Expected bytes of the output, and of what its folder holds besides while it is written.
+fn output(
+    source: &MeshSource,
+    config: &Config,
+    n_vertices: u64,
+    n_faces: u64,
+) -> Result<(u64, u64)> {
+    let kind = match config.format.kind {
+        Some(kind) => kind,
+        None => OutputKind::of(&config.output)?,
+    };
+    let mut block = VertexBlock::default();
+    source.read_vertices(source.n_vertex_blocks() / 2, &mut block)?;
+    let record_bytes = source.schema().record_bytes();
+    let n_rows = block.records.len() / record_bytes;
+    let step = (n_rows / SAMPLED_VERTICES).max(1);
+    let carry = source.carried().filter(|carry| carry.is_moved());
+    let moved = carry.map_or(0, |carry| carry.vertex_properties().len());
+    // What went from faces to vertices comes last, and goes back.
+    let mut schema = source.schema().clone();
+    schema.properties.truncate(schema.properties.len() - moved);
+    let own_bytes = schema.record_bytes();
+    let rows = block.records.chunks_exact(record_bytes).step_by(step);
+    let mut sample: Vec<u8> = rows.flat_map(|row| &row[..own_bytes]).copied().collect();
+    if config.attributes.normals == Normals::Recompute && !schema.properties.iter().any(is_normal) {
+        (schema, sample) = with_normals(schema, &sample);
+    }
+    let faces = match carry {
+        Some(carry) => FaceSchema {
+            texture: carry.texture,
+            properties: carry.written().map(|p| p.property.clone()).collect(),
+        },
+        None => FaceSchema::default(),
+    };
+    let expected =
+        Expected { schema: &schema, faces: &faces, n_vertices, n_faces, sample: &sample };
+    let (bytes, spool) = expected_bytes(&expected, kind, config.format);
+    let comments = source.comments().iter().chain(source.obj_infos());
+    Ok((bytes + comments.map(|line| line.len() as u64 + 9).sum::<u64>(), spool))
+}
+
+fn is_normal(property: &Property) -> bool {
+    property.name == "nx"
+}
+
+/// The same records with room for a normal behind each.
+fn with_normals(mut schema: VertexSchema, sample: &[u8]) -> (VertexSchema, Vec<u8>) {
+    let component = 1.0 / 3f32.sqrt();
+    let normal: Vec<u8> = [component; 3].iter().flat_map(|x| x.to_le_bytes()).collect();
+    let rows = sample.chunks_exact(schema.record_bytes());
+    let wider = rows.flat_map(|row| [row, &normal].concat()).collect();
+    let new = ["nx", "ny", "nz"];
+    let new = new.map(|name| Property { name: name.to_owned(), scalar: Scalar::F32 });
+    schema.properties.extend(new);
+    (schema, wider)
 }
 
 /// Goals of the rounds, and how many triangles the finish will take in (0: no finish).

@@ -31,6 +31,10 @@ const PILOT_LEVELS: i32 = 40;
 /// levels a factor of about 4 apart cost nothing in error).
 const LEVEL_FACTOR: f64 = 4.0;
 
+/// Where sources are given back, the survivors that are synced at a time make this part of the store, so that both
+/// never lie side by side.
+pub const FREED_AT_A_TIME: u64 = 16;
+
 /// Sources are kept until the round is over if it leaves less than one triangle in so many.
 const KEEP_SOURCES: u64 = 16;
 
@@ -65,6 +69,7 @@ pub fn cell_bytes(store: &CellStore, cell: usize) -> u64 {
     };
     load_bytes(store.rows(cell), layout)
         + kernel::peak_bytes(tally.vertices, tally.triangles, n_channels)
+        + kernel::mend_bytes(tally.vertices, tally.triangles)
         + kernel::attribute_bytes(tally.vertices, layout.n_weighted())
         + wedges
 }
@@ -321,6 +326,8 @@ struct Output {
     frees: bool,
     /// Cells appended since the last sync; their sources are still needed.
     unsynced: Vec<usize>,
+    /// Length of the pack at the last sync.
+    synced_bytes: u64,
     synced_at: Instant,
 }
 
@@ -342,7 +349,9 @@ fn run_cells(
     }
     let frees = frees_sources(store.info().triangles, goal.triangles);
     let synced_at = Instant::now();
-    let output = Mutex::new(Output { writer, frees, unsynced: Vec::new(), synced_at });
+    let (unsynced, synced_bytes) = (Vec::new(), writer.length());
+    let output = Mutex::new(Output { writer, frees, unsynced, synced_bytes, synced_at });
+    let freed_bytes = store.info().pack_bytes / FREED_AT_A_TIME;
     let left = (0..store.n_cells()).filter(|&cell| !is_done[cell]);
     let outcome = for_cells(store, left, run, |cell| {
         let survivors = work(cell, store.load_tidy(cell)?);
@@ -350,7 +359,8 @@ fn run_cells(
         output.writer.append(cell, &survivors)?;
         output.unsynced.push(cell);
         run.progress.add(store.info().cells[cell].triangles);
-        if output.synced_at.elapsed() >= run.checkpoint_every {
+        let is_much = output.writer.length() - output.synced_bytes >= freed_bytes;
+        if output.synced_at.elapsed() >= run.checkpoint_every || (frees && is_much) {
             output.sync(store)?;
         }
         Ok(())
@@ -380,6 +390,7 @@ impl Output {
                 store.free(cell)?;
             }
         }
+        self.synced_bytes = self.writer.length();
         self.synced_at = Instant::now();
         Ok(())
     }

@@ -17,7 +17,9 @@ pub use pack::{Pack, PackWriter};
 pub use pieces::{Bounds, Extent, NOWHERE, PieceSet, Pieces, around, position_bits};
 pub use scatter::Scatter;
 pub use split::split_overfull;
-pub use store::{CellMesh, CellStore, CellTally, StoreInfo, Verdicts, VertexLayout, load_bytes};
-pub use survivors::{SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors};
+pub use store::{
+    CellMesh, CellStore, CellTally, StoreInfo, Verdicts, VertexLayout, load_bytes, store_row_bytes,
+};
+pub use survivors::{SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors, survivor_bytes};
 pub use tidy::Dropped;
 pub use tree::{CellTree, Frame, n_samples, plan_cells};

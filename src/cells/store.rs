@@ -140,6 +140,11 @@ pub fn load_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
     tally.vertices * per_vertex as u64 + tally.triangles * 12 + IdMap::bytes(tally.vertices)
 }
 
+/// Bytes on disk of a vertex row and of a triangle row of a store.
+pub fn store_row_bytes(layout: &VertexLayout, has_channels: bool) -> (usize, usize) {
+    (layout.ids.bytes + layout.row_bytes(has_channels), 3 * layout.ids.bytes)
+}
+
 impl CellStore {
     /// Opens a sealed store in `folder`.
     pub fn open(

@@ -210,6 +210,11 @@ impl Survivors {
     }
 }
 
+/// Bytes on disk of survivors, but for counts and statistics: id, mark, record and channels; three corners.
+pub fn survivor_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
+    tally.vertices * (9 + layout.row_bytes(true)) as u64 + 12 * tally.triangles
+}
+
 /// Writes survivors as cells are finished, from several threads behind one lock.
 #[derive(Debug)]
 pub struct SurvivorWriter {
@@ -246,6 +251,11 @@ impl SurvivorWriter {
         self.pack.append(cell as u32, ChunkKind::Survivors, &survivors.encode(&self.layout))?;
         self.appended.insert(cell as u32, (survivors.tally(), survivors.statistics.clone()));
         self.pack.flush()
+    }
+
+    /// Bytes in the pack so far.
+    pub fn length(&self) -> u64 {
+        self.pack.length()
     }
 
     /// Makes the cells appended so far durable.

@@ -89,6 +89,7 @@ impl Args {
 /// Runs the command; the table or the JSON goes to standard output.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<()> {
     let begin = std::time::Instant::now();
+    super::warn_of_limit(args.memory, log);
     let threads = super::threads(args.threads).get();
     let temp_dir = temp_dir(args);
     let [original, simplified] = [

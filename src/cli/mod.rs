@@ -19,6 +19,7 @@ use crate::parallel::guarded;
 use crate::paths::{Paths, Role};
 use crate::ply::MeshSource;
 use crate::progress::Progress;
+use crate::units::show_bytes;
 use clap::Parser;
 use display::Show;
 pub use out_of_memory::Allocator;
@@ -281,9 +282,21 @@ fn parse_cell(text: &str) -> Result<u64, String> {
     }
 }
 
-/// The memory budget: as given, or the default share of the tightest limit.
+/// The memory budget: as given, but within the tightest limit, or the default share of that.
 fn memory_budget(given: Option<u64>) -> u64 {
-    given.unwrap_or_else(|| {
-        (crate::memory::limit_bytes() as f64 * crate::memory::DEFAULT_SHARE) as u64
-    })
+    crate::memory::budget_bytes(given, crate::memory::limit_bytes())
+}
+
+/// Says so where less is taken than `--memory` asks for.
+fn warn_of_limit(given: Option<u64>, log: &mut Log) {
+    let limit = crate::memory::limit_bytes();
+    let taken = crate::memory::budget_bytes(given, limit);
+    if let Some(given) = given.filter(|&given| given > taken) {
+        log.say(format!(
+            "warning: --memory {} is more than this process may use (limit {}); {} are taken",
+            show_bytes(given).replace(' ', ""),
+            show_bytes(limit),
+            show_bytes(taken)
+        ));
+    }
 }

@@ -305,6 +305,7 @@ pub fn simplify(
     log: &mut Log,
 ) -> Result<Option<RunReport>> {
     let config = args.config()?;
+    super::warn_of_limit(args.memory, log);
     let prepared = pipeline::prepare(&config)?;
     for line in prepared.plan.lines(&config) {
         log.say(line);

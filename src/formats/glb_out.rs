@@ -24,11 +24,11 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const TRIANGLES: u32 = 4;
 
 /// Bytes of x, y, z as `u16` and padding.
-const POSITION_BYTES: u64 = 8;
+pub(super) const POSITION_BYTES: u64 = 8;
 /// Bytes of a colour or a normal.
-const EXTRA_BYTES: u64 = 4;
+pub(super) const EXTRA_BYTES: u64 = 4;
 /// Bytes of x, y, z as doubles while they are spooled.
-const SPOOLED_BYTES: usize = 24;
+pub(super) const SPOOLED_BYTES: usize = 24;
 
 /// Writes GLB; vertices are spooled until their bounds are known.
 pub struct GlbWriter {

@@ -4,6 +4,7 @@
 //! The rest of the program sees a `MeshSource` and a `MeshSink`.
 
 mod duplicates;
+mod expected;
 mod face_survey;
 mod glb_out;
 mod lines;
@@ -19,6 +20,7 @@ mod wedges;
 mod weld;
 
 pub use duplicates::{DuplicateFinder, Duplicates};
+pub(crate) use expected::{Expected, expected_bytes};
 pub use face_survey::{SurveyOptions, survey_faces};
 pub use glb_out::GlbWriter;
 pub use obj_out::ObjWriter;

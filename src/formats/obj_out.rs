@@ -51,7 +51,7 @@ pub(crate) fn find3(schema: &VertexSchema, names: [&str; 3]) -> Option<[(Scalar,
 }
 
 /// Types and places of texture coordinates at vertices.
-fn find_texture(schema: &VertexSchema) -> Option<[(Scalar, usize); 2]> {
+pub(crate) fn find_texture(schema: &VertexSchema) -> Option<[(Scalar, usize); 2]> {
     let place = |name: &str| {
         let i = schema.properties.iter().position(|p| p.name == name)?;
         let before: usize = schema.properties[..i].iter().map(|p| p.scalar.bytes()).sum();

@@ -5,14 +5,17 @@
 //! It does not look at connectivity and moves nothing.
 
 mod checkpoint;
+mod halo;
+mod memory;
 mod scan;
 mod sorted;
 mod table;
 
+pub use memory::{Shares, Sizes};
 pub use scan::{Scan, scan};
 
 use crate::cells::{
-    CellTally, CellTree, Frame, IdMap, PackWriter, Scatter, StoreInfo, VertexLayout, n_samples,
+    CellTally, CellTree, Frame, IdMap, Pack, PackWriter, Scatter, StoreInfo, VertexLayout,
     plan_cells, split_overfull,
 };
 use crate::error::{Error, Result};
@@ -21,12 +24,17 @@ use crate::parallel::in_order;
 use crate::ply::{BLOCK_ROWS, MeshSource, VertexBlock};
 use crate::run::Run;
 use checkpoint::{Checkpoints, Pass, Place, Seams, take_up, tally};
+use halo::{Foreign, Gathering, Halo};
 use serde::{Deserialize, Serialize};
 use sorted::Sorted;
-use table::{CellTable, window_rows};
+use table::CellTable;
 
-/// Share of the memory budget that scatter buffers may take.
-const BUFFER_SHARE: u64 = 6;
+/// Vertices of a cell that are looked up at a time to find what it misses, 24 bytes each; cells denser than
+/// planned may hold any number.
+const OWN_ROWS: usize = 1 << 20;
+
+/// Rows of missing vertices after which repeats among them are dropped.
+const MISSING_ROWS: usize = 250_000;
 
 /// File name of the first round's pack.
 const PACK_NAME: &str = "round-0.cells";
@@ -57,38 +65,30 @@ pub fn store_bytes(n_vertices: u64, n_triangles: u64, layout: &VertexLayout) -> 
     (bytes * PACK_OVERHEAD) as u64
 }
 
-/// Peak memory of this stage in bytes: the cell-of-vertex table, buffers, blocks, samples, and the list of the
-/// chunks into which `store_bytes` of cells are written.
-pub fn memory_bytes(
-    n_vertices: u64,
-    n_cells: u32,
-    store_bytes: u64,
-    threads: usize,
-    budget_bytes: u64,
-) -> u64 {
-    let window = window_rows(n_cells, budget_bytes).min(n_vertices);
-    let table = window * CellTable::bytes_per_vertex(n_cells);
-    let buffers = Scatter::bytes(n_cells, budget_bytes / BUFFER_SHARE);
-    let blocks = threads as u64 * 2 * BLOCK_ROWS * 64;
-    let list = Scatter::list_bytes(n_cells, budget_bytes / BUFFER_SHARE, store_bytes);
-    table + buffers + blocks + list + 24 * n_samples(n_vertices, n_cells)
-}
-
 /// Cuts `source` into cells of about `cell_triangles` triangles.
 pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<Partition> {
     let n_cells = plan_cells(source.n_faces(), cell_triangles);
+    let layout = VertexLayout::new(source.schema(), source.n_vertices());
+    let shares = |n_cells| {
+        let store_bytes = store_bytes(source.n_vertices(), source.n_faces(), &layout);
+        let n_vertices = source.n_vertices();
+        let sizes = Sizes { n_vertices, n_cells, store_bytes, layout: &layout };
+        Shares::new(sizes, run.threads, run.memory_bytes)
+    };
     // Sealed by itself: the passes below can only be taken up with the very same cells.
     let (bounds, tree) = run.job.sealed("partition tree", || {
-        let Scan { bounds, samples } = scan(source, n_cells, run.threads, run.progress)?;
+        let shares = shares(n_cells);
+        let Scan { bounds, samples } = scan(source, n_cells, shares.threads, run.progress)?;
         Ok((bounds, CellTree::build(Frame::new(0, bounds), &samples, n_cells)))
     })?;
     run.progress.add(source.n_faces() / 8);
-    let window_rows = window_rows(tree.n_cells(), run.memory_bytes).min(source.n_vertices());
+    let shares = shares(tree.n_cells());
+    let window_rows = shares.window_rows.min(source.n_vertices());
     let (mut pack, place) = take_up(run, PACK_NAME, window_rows)?;
-    let layout = VertexLayout::new(source.schema(), source.n_vertices());
     let tally = tally(&pack, &layout, tree.n_cells())?;
     let checkpoints = Checkpoints::new(run);
-    let mut passes = Passes { source, run, layout, tally, tree, window_rows, place, checkpoints };
+    let mut passes =
+        Passes { source, run, layout, tally, tree, shares, window_rows, place, checkpoints };
     let table = match place.pass {
         Pass::Vertices => Some(passes.vertices(&mut pack)?),
         Pass::Triangles => Some(passes.window(place.window[0], place.window[1])?),
@@ -96,7 +96,7 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
     };
     let foreign = match table {
         Some(table) => passes.triangles(table, &mut pack)?,
-        None => passes.noted(Vec::new(), &mut pack)?,
+        None => passes.halo(Gathering::new(shares.halo_bytes), &mut pack)?,
     };
     let middle = [0, 1, 2].map(|k| (bounds[0][k] + bounds[1][k]) / 2.0);
     let seams = passes.shared(foreign, middle, &mut pack)?;
@@ -121,19 +121,13 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
     })
 }
 
-/// A vertex, and a cell that uses it without owning it.
-type Foreign = (u64, u32);
-
-/// Bytes of such a pair in the pack, and how many make a chunk.
-const FOREIGN_BYTES: usize = 12;
-const FOREIGN_ROWS: usize = 65_536;
-
 struct Passes<'a> {
     source: &'a MeshSource,
     run: &'a Run<'a>,
     layout: VertexLayout,
     tree: CellTree,
     tally: Vec<CellTally>,
+    shares: Shares,
     /// Vertices whose cells a table may hold.
     window_rows: u64,
     /// Where the passes are, or are to be taken up.
@@ -143,7 +137,7 @@ struct Passes<'a> {
 
 impl Passes<'_> {
     fn buffers(&self, kind: ChunkKind) -> Scatter {
-        Scatter::new(kind, self.tree.n_cells(), self.run.memory_bytes / BUFFER_SHARE)
+        Scatter::new(kind, self.tree.n_cells(), self.shares.buffer_bytes)
     }
 
     /// Sends every vertex to the cell of its position.
@@ -162,7 +156,7 @@ impl Passes<'_> {
             (&self.layout.schema, &mut self.tally, &mut self.checkpoints);
         in_order(
             source.n_vertex_blocks() - first_block,
-            run.threads,
+            self.shares.threads,
             run.progress,
             |index, out: &mut Sorted| {
                 let mut block = std::mem::take(&mut out.vertices);
@@ -210,7 +204,7 @@ impl Passes<'_> {
         let mut table = CellTable::new(first, rows, tree.n_cells());
         in_order(
             rows.div_ceil(BLOCK_ROWS),
-            run.threads,
+            self.shares.threads,
             run.progress,
             |index, out: &mut Sorted| {
                 source.read_vertices(first / BLOCK_ROWS + index, &mut out.vertices)?;
@@ -233,77 +227,67 @@ impl Passes<'_> {
     ///
     /// While the table holds all vertices that takes one pass over the faces. Otherwise each window takes a
     /// pass for the triangles whose lowest corner it knows, and the cells tell afterwards what they miss.
-    fn triangles(&mut self, table: CellTable, pack: &mut PackWriter) -> Result<Vec<Foreign>> {
+    fn triangles(&mut self, table: CellTable, pack: &mut PackWriter) -> Result<Halo> {
         let mut scatter = self.buffers(ChunkKind::Triangles);
+        let mut foreign = Gathering::new(self.shares.halo_bytes);
         let n_vertices = self.source.n_vertices();
         let is_whole = table.first == 0 && table.len() >= n_vertices;
         let mut table = table;
-        let foreign = loop {
-            let foreign = self.triangles_of(&table, is_whole, &mut scatter, pack)?;
+        loop {
+            let found = is_whole.then_some(&mut foreign);
+            self.triangles_of(&table, found, &mut scatter, pack)?;
             let next = table.first + table.len();
             if next >= n_vertices {
-                break foreign;
+                break;
             }
             drop(table);
             let rows = self.window_rows.min(n_vertices - next);
             table = self.window(next, rows)?;
             self.place = Place { pass: Pass::Triangles, window: [next, rows], ..Place::default() };
-        };
+        }
         drop(table);
         scatter.finish(pack)?;
-        let foreign = match is_whole {
-            true => self.noted(foreign, pack)?,
-            false => self.missing(pack)?,
-        };
+        if !is_whole {
+            self.missing(&mut foreign, pack)?;
+        }
         self.place = Place { pass: Pass::Shared, dropped: self.place.dropped, ..Place::default() };
         if self.checkpoints.is_due() {
-            note(&foreign, pack)?;
+            foreign.note(pack)?;
             self.checkpoints.seal(self.place, pack)?;
         }
-        Ok(foreign)
+        self.halo(foreign, pack)
     }
 
-    /// `foreign` and what checkpoints have noted in the pack, sorted.
-    fn noted(&self, mut foreign: Vec<Foreign>, pack: &mut PackWriter) -> Result<Vec<Foreign>> {
-        if pack.chunks().iter().any(|chunk| chunk.kind == ChunkKind::Foreign) {
-            let reader = pack.reader(self.run.disk(), self.tree.n_cells())?;
-            let mut payload = Vec::new();
-            for chunk in reader.chunks_of(0).iter().filter(|c| c.kind == ChunkKind::Foreign) {
-                reader.read(chunk, &mut payload)?;
-                foreign.extend(payload.chunks_exact(FOREIGN_BYTES).map(|row| {
-                    let (id, cell) = row.split_at(8);
-                    let id = u64::from_le_bytes(id.try_into().expect("8 bytes"));
-                    (id, u32::from_le_bytes(cell.try_into().expect("4 bytes")))
-                }));
-            }
-        }
-        foreign.sort_unstable();
-        foreign.dedup();
-        Ok(foreign)
+    /// `foreign` and what has been noted in the pack.
+    fn halo(&self, foreign: Gathering, pack: &mut PackWriter) -> Result<Halo> {
+        let is_noted = pack.chunks().iter().any(|chunk| chunk.kind == ChunkKind::Foreign);
+        let reader = match is_noted {
+            true => Some(pack.reader(self.run.disk(), self.tree.n_cells())?),
+            false => None,
+        };
+        foreign.finish(reader.as_ref(), self.run.job.folder())
     }
 
-    /// Sends the triangles whose lowest corner lies in `table` to their cells. If the table is the whole one,
-    /// gives back the foreign corners that no checkpoint has noted.
+    /// Sends the triangles whose lowest corner lies in `table` to their cells. `foreign`, which is given if the
+    /// table is the whole one, takes the corners that lie in another cell.
     ///
     /// The lowest, not the first: repeats of a triangle begin anywhere, and must meet in one cell.
     fn triangles_of(
         &mut self,
         table: &CellTable,
-        is_whole: bool,
+        mut foreign: Option<&mut Gathering>,
         scatter: &mut Scatter,
         pack: &mut PackWriter,
-    ) -> Result<Vec<Foreign>> {
+    ) -> Result<()> {
         let (source, run, ids) = (self.source, self.run, self.layout.ids);
         let n_cells = self.tree.n_cells();
         let row_bytes = 3 * ids.bytes;
-        let mut foreign: Vec<Foreign> = Vec::new();
-        let mut sorted_up_to = 0;
         let start = self.place;
         let mut dropped = start.dropped;
         let (tally, checkpoints) = (&mut self.tally, &mut self.checkpoints);
         in_order(
             source.n_face_blocks() - start.block,
-            run.threads,
+            self.shares.threads,
             run.progress,
             |index, out: &mut Sorted| {
                 let mut faces = std::mem::take(&mut out.faces);
@@ -338,23 +322,16 @@ impl Passes<'_> {
                 for &(cell, n_rows) in &sorted.runs {
                     tally[cell as usize].triangles += u64::from(n_rows);
                 }
-                if is_whole {
-                    foreign.append(&mut sorted.foreign);
-                }
-                // In shuffled input the same pair comes again and again; keep the list near its final size.
-                if foreign.len() > 2 * sorted_up_to + 1_000_000 {
-                    foreign.sort_unstable();
-                    foreign.dedup();
-                    sorted_up_to = foreign.len();
+                if let Some(foreign) = foreign.as_deref_mut() {
+                    foreign.add(&mut sorted.foreign, pack)?;
                 }
                 run.progress.add(sorted.cells.len() as u64 / 2);
                 sorted.push_runs(row_bytes, scatter, pack)?;
                 if checkpoints.is_due() {
                     scatter.flush(pack)?;
-                    foreign.sort_unstable();
-                    foreign.dedup();
-                    note(&foreign, pack)?;
-                    (sorted_up_to, foreign) = (0, Vec::new());
+                    if let Some(foreign) = foreign.as_deref_mut() {
+                        foreign.note(pack)?;
+                    }
                     let block = start.block + index + 1;
                     checkpoints.seal(Place { block, dropped, ..start }, pack)?;
                 }
@@ -362,77 +339,91 @@ impl Passes<'_> {
             },
         )?;
         self.place.dropped = dropped;
-        Ok(foreign)
+        Ok(())
     }
 
-    /// The vertices that triangles of each cell use and the cell does not hold.
-    fn missing(&self, pack: &mut PackWriter) -> Result<Vec<Foreign>> {
+    /// Adds the vertices that triangles of each cell use and the cell does not hold.
+    ///
+    /// Memory: 24 bytes for each of `OWN_ROWS` vertices, and some MiB of missing ones, a thread.
+    fn missing(&self, foreign: &mut Gathering, pack: &mut PackWriter) -> Result<()> {
         let run = self.run;
         let n_cells = self.tally.len() as u32;
-        let pack = pack.reader(run.disk(), n_cells)?;
-        let row_bytes = self.layout.ids.bytes + self.layout.schema.record_bytes();
-        let mut all = Vec::new();
+        let reader = pack.reader(run.disk(), n_cells)?;
         in_order(
             u64::from(n_cells),
-            run.threads,
+            self.shares.threads,
             run.progress,
             |cell, out: &mut Vec<Foreign>| {
                 out.clear();
-                let tally = self.tally[cell as usize];
-                let mut map = IdMap::with_capacity(tally.vertices as usize);
-                let mut own = Vec::with_capacity(tally.vertices as usize);
-                let mut payload = Vec::new();
-                // Vertices were scattered before triangles, so they come first.
-                for chunk in pack.chunks_of(cell as u32) {
-                    pack.read(chunk, &mut payload)?;
-                    match chunk.kind {
-                        ChunkKind::Vertices => payload.chunks_exact(row_bytes).for_each(|row| {
-                            map.insert(self.layout.ids.read(row), &mut own);
-                        }),
-                        ChunkKind::Triangles => {
-                            payload.chunks_exact(self.layout.ids.bytes).for_each(|corner| {
-                                let id = self.layout.ids.read(corner);
-                                if map.get(id, &own).is_none() {
-                                    out.push((id, cell as u32));
-                                }
-                            });
-                        }
-                        _ => {}
+                self.missing_of(&reader, cell as u32, out)
+            },
+            |_, found| foreign.add(found, pack),
+        )
+    }
+
+    /// Adds what one cell misses, sorted: a stretch of its own vertices at a time, which come in ascending order.
+    fn missing_of(&self, reader: &Pack, cell: u32, out: &mut Vec<Foreign>) -> Result<()> {
+        let ids = self.layout.ids;
+        let row_bytes = ids.bytes + self.layout.schema.record_bytes();
+        let chunks = |kind| reader.chunks_of(cell).iter().filter(move |chunk| chunk.kind == kind);
+        let n_own = self.tally[cell as usize].vertices as usize;
+        let mut payload = Vec::new();
+        let mut sorted_up_to = 0;
+        // Ids below it were looked up in an earlier stretch.
+        let mut from = 0u64;
+        for stretch in 0..n_own.div_ceil(OWN_ROWS).max(1) {
+            let rows = stretch * OWN_ROWS..(stretch + 1) * OWN_ROWS;
+            let mut map = IdMap::with_capacity(n_own.min(OWN_ROWS));
+            let mut own: Vec<u64> = Vec::with_capacity(n_own.min(OWN_ROWS));
+            let mut at = 0;
+            for chunk in chunks(ChunkKind::Vertices) {
+                let n = chunk.bytes as usize / row_bytes;
+                if at < rows.end && rows.start < at + n {
+                    reader.read(chunk, &mut payload)?;
+                    let found = (at..).zip(payload.chunks_exact(row_bytes));
+                    for (_, row) in found.filter(|(i, _)| rows.contains(i)) {
+                        map.insert(ids.read(row), &mut own);
                     }
                 }
-                out.sort_unstable();
-                out.dedup();
-                Ok(())
-            },
-            |_, found| {
-                all.append(found);
-                Ok(())
-            },
-        )?;
-        all.sort_unstable();
-        Ok(all)
+                at += n;
+            }
+            let is_last = rows.end >= n_own;
+            let end = own.last().filter(|_| !is_last).map_or(u64::MAX, |&last| last + 1);
+            for chunk in chunks(ChunkKind::Triangles) {
+                self.run.progress.check()?;
+                reader.read(chunk, &mut payload)?;
+                for corner in payload.chunks_exact(ids.bytes) {
+                    let id = ids.read(corner);
+                    if (from..end).contains(&id) && map.get(id, &own).is_none() {
+                        out.push((id, cell));
+                    }
+                }
+                if out.len() > 2 * sorted_up_to + MISSING_ROWS {
+                    out.sort_unstable();
+                    out.dedup();
+                    sorted_up_to = out.len();
+                }
+            }
+            from = end;
+        }
+        out.sort_unstable();
+        out.dedup();
+        Ok(())
     }
 
     /// Copies every vertex to the foreign cells that use it, and marks it in all cells that hold it.
     ///
     /// Returns how many vertices are shared, and the one nearest to `middle`.
-    fn shared(
-        &mut self,
-        foreign: Vec<Foreign>,
-        middle: [f64; 3],
-        pack: &mut PackWriter,
-    ) -> Result<Seams> {
+    fn shared(&mut self, foreign: Halo, middle: [f64; 3], pack: &mut PackWriter) -> Result<Seams> {
         let (source, run, ids) = (self.source, self.run, self.layout.ids);
         let record_bytes = self.layout.schema.record_bytes();
         let mut rows = self.buffers(ChunkKind::Vertices);
         let mut marks = self.buffers(ChunkKind::SharedIds);
-        let mut blocks: Vec<u64> = foreign.iter().map(|&(id, _)| id / BLOCK_ROWS).collect();
-        blocks.dedup();
         let start = self.place;
-        let first_block = (start.block as usize).min(blocks.len());
-        let blocks = &blocks[first_block..];
+        let first_block = (start.block as usize).min(foreign.blocks.len());
+        let blocks = &foreign.blocks[first_block..];
         let first_id = blocks.first().map_or(u64::MAX, |block| block * BLOCK_ROWS);
-        let mut at = foreign.partition_point(|&(id, _)| id < first_id);
+        let mut next = foreign.from(first_id)?;
         let mut seams = start.seams;
         let off_sq = |place: [f64; 3]| (0..3).map(|k| (place[k] - middle[k]).powi(2)).sum::<f64>();
         let mut nearest_sq = seams.place.map_or(f64::INFINITY, off_sq);
@@ -441,12 +432,12 @@ impl Passes<'_> {
         let mut row = Vec::new();
         in_order(
             blocks.len() as u64,
-            run.threads,
+            self.shares.threads,
             run.progress,
             |index, block: &mut VertexBlock| source.read_vertices(blocks[index as usize], block),
             |index, block| {
                 let end = block.first + (block.records.len() / record_bytes) as u64;
-                while let Some(&(id, _)) = foreign.get(at).filter(|(id, _)| *id < end) {
+                while let Some((id, _)) = next.peek()?.filter(|(id, _)| *id < end) {
                     let start = (id - block.first) as usize * record_bytes;
                     let record =
                         block.records.get(start..start + record_bytes).ok_or_else(|| {
@@ -463,17 +454,17 @@ impl Passes<'_> {
                     ids.push(id, &mut row);
                     marks.push(pack, self.tree.cell_of(place), &row)?;
                     row.extend_from_slice(record);
-                    while let Some(&(_, cell)) = foreign.get(at).filter(|(other, _)| *other == id) {
+                    while let Some((_, cell)) = next.peek()?.filter(|(other, _)| *other == id) {
+                        next.take()?;
                         rows.push(pack, cell, &row)?;
                         marks.push(pack, cell, &row[..ids.bytes])?;
                         self.tally[cell as usize].vertices += 1;
-                        at += 1;
                     }
                     seams.n_shared += 1;
                 }
                 if self.checkpoints.is_due() {
                     if !is_noted {
-                        note(&foreign, pack)?;
+                        foreign.note(pack)?;
                         is_noted = true;
                     }
                     rows.flush(pack)?;
@@ -489,20 +480,6 @@ impl Passes<'_> {
         run.progress.add(source.n_faces() / 8);
         Ok(seams)
     }
-}
-
-/// Appends foreign corners to the pack, as a note for the run that takes the partition up.
-fn note(foreign: &[Foreign], pack: &mut PackWriter) -> Result<()> {
-    let mut payload = Vec::new();
-    for rows in foreign.chunks(FOREIGN_ROWS) {
-        payload.clear();
-        for &(id, cell) in rows {
-            payload.extend_from_slice(&id.to_le_bytes());
-            payload.extend_from_slice(&cell.to_le_bytes());
-        }
-        pack.append(0, ChunkKind::Foreign, &payload)?;
-    }
-    Ok(())
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! A block of rows in the order of their cells, ready to be appended cell by cell.
 
-use super::Foreign;
+use super::halo::Foreign;
 use crate::cells::{PackWriter, Scatter};
 use crate::error::Result;
 use crate::ply::{FaceBlock, VertexBlock};

@@ -1,16 +1,5 @@
 //! The cell of every vertex, in memory: the one table of partitioning that grows with the input.
 
-use crate::ply::BLOCK_ROWS;
-
-/// Share of the memory budget that the cell-of-vertex table may take; what exceeds it goes in windows.
-const TABLE_SHARE: u64 = 2;
-
-/// Vertices whose cells a table within the budget can hold, in whole blocks.
-pub fn window_rows(n_cells: u32, budget_bytes: u64) -> u64 {
-    let rows = budget_bytes / TABLE_SHARE / CellTable::bytes_per_vertex(n_cells);
-    (rows / BLOCK_ROWS).max(1) * BLOCK_ROWS
-}
-
 /// The cell of every vertex of a window of ids: 2 bytes each while there are at most 65,536 cells, else 4.
 pub struct CellTable {
     /// Id of the first vertex of the window.

@@ -391,7 +391,7 @@ fn put_vertex(
 }
 
 /// The shortest text that reads back as the same number.
-fn put_text(scalar: Scalar, little: &[u8], rows: &mut Vec<u8>) {
+pub(crate) fn put_text(scalar: Scalar, little: &[u8], rows: &mut Vec<u8>) {
     let mut bytes = [0u8; 8];
     bytes[..little.len()].copy_from_slice(little);
     let unsigned = u64::from_le_bytes(bytes);

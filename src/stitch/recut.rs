@@ -10,11 +10,15 @@ use crate::cells::{
 };
 use crate::error::Result;
 use crate::format::ChunkKind;
+use crate::formats::{ExternalSort, halves, whole};
 use crate::parallel::in_order;
 use crate::run::Run;
 
 /// Share of the memory budget for each of the three sets of scatter buffers.
 const BUFFER_SHARE: u64 = 16;
+
+/// Share of the memory budget to sort the vertices of old seams in, and again to take them out.
+const SORT_SHARE: u64 = 16;
 
 /// Cuts `survivors` into cells of about `cell_triangles`, for round number `round`.
 pub fn recut(
@@ -117,7 +121,8 @@ fn scatter(
     let mut vertices = buffers(ChunkKind::Vertices);
     let mut triangles = buffers(ChunkKind::Triangles);
     let mut marks = buffers(ChunkKind::SharedIds);
-    let mut open: Vec<(u64, u32)> = Vec::new();
+    let memory = (run.memory_bytes / SORT_SHARE).clamp(1 << 20, 256 << 20) as usize;
+    let mut open = ExternalSort::<3>::new(run.job.folder(), memory);
     let mut n_shared = 0;
     in_order(
         survivors.info().cells.len() as u64,
@@ -139,23 +144,36 @@ fn scatter(
             for (cell, rows) in &apart.marks {
                 marks.push(pack, *cell, rows)?;
             }
-            open.append(&mut apart.open);
+            for &(id, cell) in &apart.open {
+                let [high, low] = halves(id);
+                open.push([high, low, cell])?;
+            }
             n_shared += apart.n_shared;
             run.progress.add(survivors.info().cells[cell as usize].triangles);
             Ok(())
         },
     )?;
-    open.sort_unstable();
-    open.dedup();
     let mut row = Vec::new();
-    for users in open.chunk_by(|a, b| a.0 == b.0).filter(|users| users.len() > 1) {
-        n_shared += 1;
-        for &(id, cell) in users {
-            row.clear();
-            layout.ids.push(id, &mut row);
-            marks.push(pack, cell, &row)?;
+    // The vertex before, the last cell that uses it, and whether it is marked there.
+    let mut last: Option<(u64, u32, bool)> = None;
+    open.drain(|[high, low, cell]| {
+        let id = whole(high, low);
+        match last {
+            Some((known, before, _)) if known == id && before == cell => return Ok(()),
+            Some((known, before, is_marked)) if known == id => {
+                row.clear();
+                layout.ids.push(id, &mut row);
+                if !is_marked {
+                    n_shared += 1;
+                    marks.push(pack, before, &row)?;
+                }
+                marks.push(pack, cell, &row)?;
+                last = Some((id, cell, true));
+            }
+            _ => last = Some((id, cell, false)),
         }
-    }
+        Ok(())
+    })?;
     vertices.finish(pack)?;
     triangles.finish(pack)?;
     marks.finish(pack)?;
