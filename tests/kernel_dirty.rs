@@ -414,3 +414,71 @@ fn sheets_with_a_gap_merge_if_it_is_within_the_distance() {
     });
     assert_eq!(inner.count(), 0);
 }
+
+/// Connected components of a mesh, by shared vertices.
+fn components(mesh: &Mesh) -> u64 {
+    stonecut::topology::of_triangles(mesh.positions.len(), &mesh.triangles).components
+}
+
+/// Joins the triangles of another mesh to a mesh, moved and scaled.
+fn append(mesh: &mut Mesh, other: &Mesh, scale: f64, offset: [f64; 3]) {
+    let first = mesh.positions.len() as u32;
+    let moved = |p: &[f64; 3]| std::array::from_fn(|k| p[k] * scale + offset[k]);
+    mesh.positions.extend(other.positions.iter().map(moved));
+    mesh.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
+}
+
+#[test]
+fn a_neck_between_two_lobes_is_not_cut() {
+    // A surface of revolution: two balls on one axis, joined by a neck of four sides that gets ever thinner.
+    //   ( ball )=====neck=====( ball )
+    let (n, m) = (80, 4);
+    let mut mesh = Mesh::default();
+    for i in 0..n {
+        let x = i as f64 / (n - 1) as f64 * 6.0 - 3.0;
+        let lobe = (1.0 - (x.abs() - 2.0).powi(2)).max(0.0).sqrt();
+        let radius = lobe.max(0.02);
+        for j in 0..m {
+            let a = j as f64 * std::f64::consts::TAU / m as f64;
+            mesh.positions.push([x, radius * a.cos(), radius * a.sin()]);
+        }
+    }
+    let at = |i: usize, j: usize| (i * m + j % m) as u32;
+    for i in 0..n - 1 {
+        for j in 0..m {
+            mesh.triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+            mesh.triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+        }
+    }
+    for (i, turned) in [(0, false), (n - 1, true)] {
+        for t in [[at(i, 0), at(i, 1), at(i, 2)], [at(i, 0), at(i, 2), at(i, 3)]] {
+            mesh.triangles.push(if turned { [t[0], t[2], t[1]] } else { t });
+        }
+    }
+    assert_eq!(components(&mesh), 1);
+    for target in [300, 150, 80, 40] {
+        let result = run(&mesh, target, Topology::Error);
+        assert_eq!(components(&result.mesh), 1, "to {target}");
+    }
+}
+
+#[test]
+fn specks_do_not_take_the_triangles_of_the_surface() {
+    // Three quarters of the triangles are tetrahedra, far smaller than a triangle of the result will be, in a
+    // cloud above the sheet.
+    let sheet = sheet(60, |_, _| false);
+    let mut tetrahedron = Mesh::default();
+    tetrahedron.positions =
+        vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    tetrahedron.triangles = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+    let mut mesh = sheet.clone();
+    let side = 1e-5;
+    for i in 0..5400 {
+        let x = [0.754_877, 0.569_840, 0.318_309].map(|a| (f64::from(i) * a).fract());
+        append(&mut mesh, &tetrahedron, side, [x[0], x[1], 0.05 + 0.1 * x[2]]);
+    }
+    let result = run(&mesh, 2000, Topology::Error);
+    assert!(result.statistics.reached);
+    let of_sheet = result.source.iter().filter(|&&v| (v as usize) < sheet.positions.len()).count();
+    assert!(of_sheet > 900, "{of_sheet} vertices of the sheet for 2000 triangles");
+}

@@ -509,8 +509,7 @@ fn is_due(
     cost: f32,
     limits: Limits,
 ) -> bool {
-    // Written so that NaN is not due.
-    if !(cost <= limits.cost) {
+    if cost.is_nan() || cost > limits.cost {
         return false;
     }
     let due = queue.bucket(cost);

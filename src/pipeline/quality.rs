@@ -55,13 +55,19 @@ impl QualityCurve {
         }
     }
 
-    /// The count at which error over edge passes the limit, linear in logarithms between two estimates.
+    /// The count at which error over edge passes the limit: linear in logarithms between two estimates. Where none
+    /// is good, from the first one; the ratio grows about as the root of the count falls.
     fn least_count(&self, n_input: u64) -> u64 {
         let is_good = |&&(_, x): &&(u64, f64)| x <= MOST_ERROR_PER_EDGE;
-        let good = self.points.iter().filter(is_good).next_back();
-        let (high, low_error) = good.map_or((n_input, f64::NAN), |&(n, x)| (n, x));
+        let Some(&(high, low_error)) = self.points.iter().rev().find(is_good) else {
+            let (n, x) = self.points.first().copied().unwrap_or((n_input, 0.0));
+            return two_digits_up(n as f64 * (x / MOST_ERROR_PER_EDGE).powi(2)).min(n_input);
+        };
         let bad = self.points.iter().find(|&&(n, x)| n < high && x > MOST_ERROR_PER_EDGE);
-        let (Some(&(low, high_error)), true) = (bad, low_error > 0.0) else { return high };
+        let Some(&(low, high_error)) = bad else { return high };
+        if low_error <= 0.0 {
+            return high;
+        }
         let share = (MOST_ERROR_PER_EDGE / low_error).ln() / (high_error / low_error).ln();
         let count = (high as f64) * (low as f64 / high as f64).powf(share);
         two_digits_up(count).min(high)
@@ -109,11 +115,15 @@ mod tests {
     }
 
     #[test]
-    fn what_was_never_good_asks_for_the_input() {
+    fn what_was_never_good_is_extrapolated_up_to_the_input() {
+        // Error over edge is 5, or 0.2 at 10,000: half of that takes four times as many.
         let mut curve = QualityCurve::default();
         curve.add_round(&[], at(100, 0.5).quality, 100);
         assert_eq!(curve.judge(5000).sensible_triangles, 5000);
         assert!(!curve.judge(5000).bearable);
+        let mut curve = QualityCurve::default();
+        curve.add_round(&[], at(10_000, 0.002).quality, 10_000);
+        assert_eq!(curve.judge(1_000_000).sensible_triangles, 40_000);
     }
 
     #[test]
