@@ -24,7 +24,7 @@ pub fn check(
     memory_bytes: u64,
     progress: &Progress,
 ) -> Result<(Topology, ComponentSizes)> {
-    let n = source.n_faces();
+    let n = source.n_triangles();
     progress.begin("partition", 1, 3, n);
     let cell_triangles = DEFAULT_CELL_TRIANGLES;
     let cutting = Cutting { cell_triangles, temp_dir, threads, memory_bytes };

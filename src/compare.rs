@@ -9,7 +9,9 @@ use crate::error::{Error, Result};
 use crate::measure::heatmap;
 use crate::measure::load;
 use crate::measure::tree::Tree;
-use crate::measure::{self, Carried, Deviation, Measured, Options, Parts, TriangleSizes};
+use crate::measure::{
+    self, Bounds, Carried, Deviation, Measured, Options, Parts, TriangleSizes, Unit,
+};
 use crate::partition;
 use crate::ply::MeshSource;
 use crate::progress::Progress;
@@ -121,13 +123,28 @@ pub const CELL_TRIANGLES: u64 = DEFAULT_CELL_TRIANGLES;
 pub fn compare(request: &Request, progress: &Progress) -> Result<Comparison> {
     let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
     let meshes = [request.original, request.simplified].map(load::bytes_in_memory);
-    let largest = request.original.n_faces().max(request.simplified.n_faces());
+    let largest = request.original.n_triangles().max(request.simplified.n_triangles());
     let tree = Tree::bytes(largest);
     let values = 24 * request.options.samples;
     if meshes[0] + meshes[1] + tree.max(60 * largest) + values <= usable {
-        return in_memory(request, progress);
+        let comparison = in_memory(request, progress)?;
+        refuse_flat(request, &comparison)?;
+        return Ok(comparison);
     }
     compare_in_cells(request, progress)
+}
+
+/// Refuses surfaces without area: there is nothing to take a mean over.
+fn refuse_flat(request: &Request, comparison: &Comparison) -> Result<()> {
+    let sources = [request.original, request.simplified];
+    let flat = sources.iter().zip(comparison.measured.is_flat).find(|(_, is_flat)| *is_flat);
+    let Some((source, _)) = flat else { return Ok(()) };
+    let what = format!(
+        "its {} triangles have no area, so no mean deviation exists: every one of them is a point or a line; \
+         check the file with 'stonecut info --check'",
+        source.n_triangles()
+    );
+    Err(Error::bad_input(source.path(), what))
 }
 
 /// The options with what the two files say about colours.
@@ -142,24 +159,36 @@ fn options(request: &Request) -> Options {
 pub fn compare_in_cells(request: &Request, progress: &Progress) -> Result<Comparison> {
     let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
     let original = cut(request.original, request, usable, progress)?;
-    with_original(request, &original, options(request), usable, progress)
+    let comparison = with_original(request, &original, options(request), usable, progress)?;
+    refuse_flat(request, &comparison)?;
+    Ok(comparison)
 }
 
 fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
     let options = options(request);
-    progress.begin("measure", 1, 1, request.original.n_faces());
+    progress.begin("measure", 1, 1, request.original.n_triangles());
     let threads = options.threads;
-    let original = load::load(request.original, threads, progress)?;
-    let simplified = load::load(request.simplified, threads, progress)?;
+    let mut original = load::load(request.original, threads, progress)?;
+    let mut simplified = load::load(request.simplified, threads, progress)?;
+    let bounds = [&original, &simplified].map(|loaded| Bounds::of(&loaded.mesh));
+    let unit = Unit::around(&bounds[0].joined(&bounds[1]));
+    for loaded in [&mut original, &mut simplified] {
+        unit.turn(&mut loaded.mesh);
+    }
+    let options = Options { region: unit.region(options.region.as_ref()), ..options };
     let deviation = measure::two_sided(&original.mesh, &simplified.mesh, &options, progress)?;
     let heat = if request.heat {
         let other = Parts::in_memory(&original.mesh, None);
-        measure::distances(&simplified.mesh.positions, &other, threads, u64::MAX, progress)?
+        let points = &simplified.mesh.positions;
+        let distances = measure::distances(points, &other, threads, u64::MAX, progress)?;
+        distances.into_iter().map(|distance| unit.back(distance)).collect()
     } else {
         Vec::new()
     };
+    let is_flat = [&original, &simplified].map(|loaded| measure::is_flat(&loaded.mesh));
     let measured = Measured {
-        deviation,
+        deviation: unit.deviation(deviation),
+        is_flat,
         original: load::topology_of(&original),
         simplified: load::topology_of(&simplified),
     };
@@ -178,7 +207,7 @@ fn with_original(
     let temp_bytes = original.store().info().pack_bytes;
     let degenerate = original.partition().degenerate_faces;
     let whole =
-        load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_faces());
+        load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_triangles());
     if whole <= usable / 3 {
         let simplified = load::load(request.simplified, options.threads, progress)?;
         let second = Parts::in_memory(&simplified.mesh, simplified.colours);
@@ -215,7 +244,7 @@ fn run(
     progress: &Progress,
 ) -> Result<Comparison> {
     // Every cell is loaded for the survey, for its samples and for its tree; the first two are counted.
-    progress.begin("measure", 2, 2, 2 * request.original.n_faces());
+    progress.begin("measure", 2, 2, 2 * request.original.n_triangles());
     let largest = (0..original.n_parts())
         .map(|part| original.bytes(part) + Tree::bytes(original.n_triangles(part)))
         .max()
@@ -235,7 +264,7 @@ fn run(
 pub fn heatmap_of_original(request: &Request, path: &Path, progress: &Progress) -> Result<()> {
     let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
     let needed =
-        load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_faces());
+        load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_triangles());
     if needed > usable {
         return Err(Error::NoMemory(format!(
             "the simplified mesh needs {} to colour the original by; give more --memory",
@@ -243,11 +272,13 @@ pub fn heatmap_of_original(request: &Request, path: &Path, progress: &Progress) 
         )));
     }
     let threads = request.options.threads;
-    let mesh = load::load(request.simplified, threads, progress)?.mesh;
-    let tree = Tree::build(mesh.triangles.len(), |i| mesh.corners(i));
+    let mut mesh = load::load(request.simplified, threads, progress)?.mesh;
+    let unit = Unit::around(&Bounds::of(&mesh));
+    unit.turn(&mut mesh);
+    let tree = Tree::build_until(mesh.triangles.len(), |i| mesh.corners(i), progress)?;
     drop(mesh);
     let places = (path, request.temp_dir.as_path());
-    heatmap::write_streamed(request.original, &tree, places, threads, progress)
+    heatmap::write_streamed(request.original, (&tree, unit), places, threads, progress)
 }
 
 /// Partitioning leaves out faces with repeated corners; they count as triangles all the same.
@@ -268,10 +299,10 @@ fn cut(
     progress: &Progress,
 ) -> Result<Scratch> {
     let (cell_triangles, threads) = (request.cell_triangles, request.options.threads);
-    let n_cells = plan_cells(source.n_faces(), cell_triangles);
+    let n_cells = plan_cells(source.n_triangles(), cell_triangles);
     let n_vertices = source.n_vertices();
     let layout = VertexLayout::new(source.schema(), n_vertices);
-    let store_bytes = partition::store_bytes(n_vertices, source.n_faces(), &layout);
+    let store_bytes = partition::store_bytes(n_vertices, source.n_triangles(), &layout);
     let sizes = partition::Sizes { n_vertices, n_cells, store_bytes, layout: &layout };
     let needed = partition::Shares::new(sizes, threads, memory_bytes).least_bytes;
     if needed > memory_bytes {
@@ -281,7 +312,7 @@ fn cut(
             show_bytes(needed + BASE_BYTES)
         )));
     }
-    progress.begin("partition", 1, 2, source.n_faces());
+    progress.begin("partition", 1, 2, source.n_triangles());
     let cutting = Cutting { cell_triangles, temp_dir: &request.temp_dir, threads, memory_bytes };
     Scratch::cut(source, cutting, progress)
 }

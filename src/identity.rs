@@ -94,7 +94,7 @@ pub fn job_identity(
 ) -> Identity {
     let mut marks = marks.clone();
     marks.insert("vertices".to_owned(), source.n_vertices().to_string());
-    marks.insert("faces".to_owned(), source.n_faces().to_string());
+    marks.insert("faces".to_owned(), source.n_face_rows().to_string());
     let input = std::path::absolute(&config.input).unwrap_or_else(|_| config.input.clone());
     let input = input.display().to_string();
     Identity { input, input_marks: marks, settings: config.settings() }

@@ -64,7 +64,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         faces_to_vertices(source, carry, &stage)
     });
     let source = unchanged(&config.input, &marks, source)?;
-    config.target.check(source.n_faces())?;
+    config.target.check(source.n_triangles())?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     config.attributes.weights.check(&codec.meanings(source.schema()))?;
     let plan = Plan::new(&source, config)?;
@@ -110,7 +110,7 @@ fn run_stages(
         Ok(partition) if partition.store.triangles == 0 => {
             let what = format!(
                 "all of its {} faces are degenerate: there is no triangle with three corners of its own",
-                source.n_faces()
+                source.n_face_rows()
             );
             Err(Error::bad_input(&config.input, what))
         }

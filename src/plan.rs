@@ -77,7 +77,7 @@ pub struct Plan {
 impl Plan {
     /// Plans a run; fails with `NoMemory` where the budget cannot hold one cell, the finish or the tables.
     pub fn new(source: &MeshSource, config: &Config) -> Result<Plan> {
-        let triangles_in = source.n_faces();
+        let triangles_in = source.n_triangles();
         if triangles_in == 0 {
             let what = "has no triangles (element face, row 0): there is nothing to simplify";
             return Err(Error::bad_input(source.path(), what));
@@ -278,7 +278,7 @@ pub fn check_split(source: &MeshSource, carry: &FaceCarry, config: &Config) -> R
     // Nameless files lie beside the job folder.
     let folder = existing_parent(&config.job_folder);
     let corner_bytes = SPLIT_CORNER_BYTES + 4 * carry.vertex_properties().len() as u64;
-    let bytes = 3 * corner_bytes * source.n_faces() + SPLIT_FILE_COPIES * source.file_bytes();
+    let bytes = corner_bytes * source.n_corners() + SPLIT_FILE_COPIES * source.file_bytes();
     let stat = rustix::fs::statvfs(folder)
         .map_err(|e| Error::reading(folder, "cannot ask for free space", e.into()))?;
     let free = stat.f_bavail * stat.f_frsize;

@@ -57,7 +57,7 @@ pub fn simplify(
     verify::refuse_unreadable(config)?;
     let started = Instant::now();
     let disk = Disk::default();
-    let n_input = prepared.source.n_faces();
+    let n_input = prepared.source.n_triangles();
     let marks = crate::identity::input_marks(&config.input)?;
     let identity = job_identity(&prepared.source, &marks, config);
     // Every trial opens the input anew.

@@ -72,7 +72,7 @@ fn what_is_written_is_read_back() -> AnyResult {
 
     let source = MeshSource::open(&path)?;
     assert_eq!(source.schema(), &schema);
-    assert_eq!((source.n_vertices(), source.n_faces()), (90_000, faces.len() as u64));
+    assert_eq!((source.n_vertices(), source.n_face_rows()), (90_000, faces.len() as u64));
     assert_eq!(source.comments()[0], "made by hand");
     assert!(source.comments()[1].starts_with("stonecut "));
     assert_eq!(source.obj_infos(), ["num_cols 300"]);

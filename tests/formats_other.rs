@@ -212,7 +212,7 @@ fn obj_with_polygons_negative_indices_and_colours() -> AnyResult {
     let text = "# made here\nv 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 1 1 0 0 0 1\nv 0 1 0.5 0 0 0.5\nvn 0 0 1\n\
          g side\nf 1//1 2//1 3//1 4//1\nf -4 \\\n -3 -2\nv 5 5 5 1 1 1\nf -1/7 1 2\nl 1 2\n";
     let source = staged("a.obj", text, false)?;
-    assert_eq!((source.n_vertices(), source.n_faces()), (5, 3));
+    assert_eq!((source.n_vertices(), source.n_face_rows()), (5, 3));
     let mut faces = FaceBlock::default();
     source.read_faces(0, &mut faces)?;
     // The diagonal from corner 1 to 3 is longer than the one from 0 to 2: (1,0,0)-(0,1,0.5).
@@ -244,7 +244,7 @@ fn obj_with_polygons_negative_indices_and_colours() -> AnyResult {
         assert!(message.contains(wanted), "{message} lacks {wanted}");
     }
     let source = staged("bad.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\nf 1 2 3\n", true)?;
-    assert_eq!((source.n_faces(), source.faults().bad_faces), (1, 1));
+    assert_eq!((source.n_face_rows(), source.faults().bad_faces), (1, 1));
     Ok(())
 }
 
@@ -254,7 +254,7 @@ fn stl_is_told_apart_and_welded() -> AnyResult {
          vertex 1 0 0\n   vertex 0 1 -0\n  endloop\n endfacet\n facet normal 0 0 1\n  outer loop\n   \
          VERTEX 1 0 -0\n   vertex 1 1 0\n   vertex 0 1\n 0\n  endloop\n endfacet\nendsolid a\n";
     let source = staged("a.stl", text, false)?;
-    assert_eq!((source.n_vertices(), source.n_faces()), (4, 2));
+    assert_eq!((source.n_vertices(), source.n_face_rows()), (4, 2));
     let mut faces = FaceBlock::default();
     source.read_faces(0, &mut faces)?;
     assert_eq!(faces.triangles, [[0, 1, 2], [1, 3, 2]]);
@@ -273,7 +273,7 @@ fn stl_is_told_apart_and_welded() -> AnyResult {
     }
     let options = StageOptions::new(std::env::temp_dir());
     let source = MeshSource::staged_from_bytes("b.stl", binary.clone(), &options)?;
-    assert_eq!((source.n_vertices(), source.n_faces()), (4, 2));
+    assert_eq!((source.n_vertices(), source.n_face_rows()), (4, 2));
     assert_eq!(source.comments(), ["solid binary"]);
     binary.truncate(84 + 70);
     binary[0] = b'x';
@@ -282,7 +282,7 @@ fn stl_is_told_apart_and_welded() -> AnyResult {
     let mut lenient = options.clone();
     lenient.read.skip_bad = true;
     let source = MeshSource::staged_from_bytes("b.stl", binary, &lenient)?;
-    assert_eq!((source.n_faces(), source.faults().bad_faces), (1, 1));
+    assert_eq!((source.n_face_rows(), source.faults().bad_faces), (1, 1));
     let message = staged("c.stl", &text.replace("1 1 0", "1 inf 0"), false).unwrap_err();
     assert!(message.to_string().contains("not finite"), "{message}");
     let message = staged("c.stl", &text.replace("endsolid a\n", ""), false).unwrap_err();
@@ -322,5 +322,156 @@ fn convert_refuses_what_it_cannot_keep() -> AnyResult {
     assert_eq!(usage(to(&input, &folder.path().join("a.ply"), "big")), 2);
     assert_eq!(usage(to(&input, &folder.path().join("a.ply"), "ascii,binary")), 2);
     assert_eq!(std::fs::read_dir(folder.path())?.count(), 1);
+    Ok(())
+}
+
+/// A triangle as corner positions, from the smallest corner on; -0 is 0.
+fn turned(corners: [[f32; 3]; 3]) -> [[u64; 3]; 3] {
+    let p = corners.map(|c| c.map(|v| (f64::from(v) + 0.0).to_bits()));
+    (0..3).map(|i| [p[i], p[(i + 1) % 3], p[(i + 2) % 3]]).min().unwrap_or(p)
+}
+
+/// Our PLY files, of every encoding, read by ply-rs-bw: every property of every vertex, every corner.
+#[test]
+fn ply_rs_reads_what_we_write() -> AnyResult {
+    use ply_rs_bw::ply::{DefaultElement, Property};
+    let folder = tempfile::tempdir()?;
+    let input = folder.path().join("in.ply");
+    bumpy(&input, 30)?;
+    let read = |path: &Path| -> AnyResult<ply_rs_bw::ply::Ply<DefaultElement>> {
+        let parser = ply_rs_bw::parser::Parser::<DefaultElement>::new();
+        Ok(parser.read_ply(&mut std::io::BufReader::new(std::fs::File::open(path)?))?)
+    };
+    let wide = |property: &Property| match property {
+        Property::Float(v) => f64::from(*v),
+        Property::Double(v) => *v,
+        Property::UChar(v) => f64::from(*v),
+        Property::Int(v) => f64::from(*v),
+        other => panic!("{other:?}"),
+    };
+    let original = read(&input)?;
+    for format in ["ascii", "", "binary_big_endian", "double,uint", "ascii,double"] {
+        let output = folder.path().join(format!("out-{}.ply", format.replace(',', "-")));
+        to(&input, &output, format)?;
+        let ours = read(&output)?;
+        let (first, second) = (&original.payload["vertex"], &ours.payload["vertex"]);
+        // The first vertex of the input belongs to no face.
+        assert_eq!(first.len(), second.len() + 1, "{format}");
+        for (a, b) in first[1..].iter().zip(second) {
+            assert_eq!(a.keys().collect::<Vec<_>>(), b.keys().collect::<Vec<_>>(), "{format}");
+            for (name, value) in a {
+                assert_eq!(wide(value), wide(&b[name]), "{format}: {name}");
+            }
+        }
+        let corners = |face: &DefaultElement| face["vertex_indices"].to_u32_list().unwrap();
+        let (first, second) = (&original.payload["face"], &ours.payload["face"]);
+        assert_eq!(first.len(), second.len(), "{format}");
+        for (a, b) in first.iter().zip(second) {
+            let moved: Vec<u32> = corners(a).iter().map(|v| v - 1).collect();
+            assert_eq!(moved, corners(b), "{format}");
+        }
+    }
+    Ok(())
+}
+
+/// Our STL and OBJ files read by stl_io and tobj: the same triangles, bit for bit.
+#[test]
+fn stl_io_and_tobj_read_what_we_write() -> AnyResult {
+    let folder = tempfile::tempdir()?;
+    let input = folder.path().join("in.ply");
+    bumpy(&input, 30)?;
+    let expected = soup(&open(&input)?)?;
+    for format in ["", "ascii"] {
+        let output = folder.path().join(format!("out{format}.stl"));
+        to(&input, &output, format)?;
+        let mesh = stl_io::read_stl(&mut std::io::BufReader::new(std::fs::File::open(&output)?))?;
+        let corner = |v: usize| mesh.vertices[v].0;
+        let mut found: Vec<_> = mesh.faces.iter().map(|f| turned(f.vertices.map(corner))).collect();
+        found.sort_unstable();
+        assert!(found == expected, "STL {format}");
+        for face in &mesh.faces {
+            let [a, b, c] = face.vertices.map(corner).map(|p| p.map(f64::from));
+            let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
+            let n =
+                [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+            let length = n.iter().map(|x| x * x).sum::<f64>().sqrt();
+            for (found, n) in face.normal.0.iter().zip(n) {
+                assert!((f64::from(*found) - n / length).abs() < 1e-4, "STL {format}");
+            }
+        }
+    }
+    let output = folder.path().join("out.obj");
+    to(&input, &output, "")?;
+    let mut reader = std::io::BufReader::new(std::fs::File::open(&output)?);
+    let options = tobj::LoadOptions::default();
+    let (models, _) =
+        tobj::load_obj_buf(&mut reader, &options, |_| tobj::MTLLoadResult::Ok(Default::default()))?;
+    assert_eq!(models.len(), 1);
+    let mesh = &models[0].mesh;
+    assert!(mesh.face_arities.is_empty(), "triangles only");
+    let corner = |&v: &u32| [0, 1, 2].map(|k| mesh.positions[3 * v as usize + k]);
+    let triangle = |t: &[u32]| turned([corner(&t[0]), corner(&t[1]), corner(&t[2])]);
+    let mut found: Vec<_> = mesh.indices.chunks_exact(3).map(triangle).collect();
+    found.sort_unstable();
+    assert!(found == expected, "OBJ");
+    // Red, from 0 to 1, follows from the place in the grid; tobj numbers vertices as faces use them.
+    assert_eq!(mesh.vertex_color.len(), mesh.positions.len());
+    for (p, colour) in mesh.positions.chunks_exact(3).zip(mesh.vertex_color.chunks_exact(3)) {
+        let i = (7.0 * p[1]).round() * 30.0 + (7.0 * p[0]).round();
+        assert!((colour[0] - i % 256.0 / 255.0).abs() < 1e-3, "vertex {i}: {colour:?}");
+    }
+    Ok(())
+}
+
+/// Our GLB files read by gltf: structure, counts, bounds, indices.
+#[test]
+fn gltf_reads_what_we_write() -> AnyResult {
+    let folder = tempfile::tempdir()?;
+    let (input, output) = (folder.path().join("in.ply"), folder.path().join("out.glb"));
+    bumpy(&input, 30)?;
+    to(&input, &output, "")?;
+    let bytes = std::fs::read(&output)?;
+    // The crate knows no KHR_mesh_quantization, so it would refuse for that alone.
+    let gltf = gltf::Gltf::from_slice_without_validation(&bytes)?;
+    let blob = gltf.blob.as_deref().ok_or("a binary chunk")?;
+    let mesh = gltf.document.meshes().next().ok_or("a mesh")?;
+    let primitive = mesh.primitives().next().ok_or("a primitive")?;
+    assert_eq!(primitive.mode(), gltf::mesh::Mode::Triangles);
+    let positions = primitive.get(&gltf::Semantic::Positions).ok_or("positions")?;
+    assert_eq!(
+        (positions.count(), positions.dimensions()),
+        (900, gltf::accessor::Dimensions::Vec3)
+    );
+    let indices = primitive.indices().ok_or("indices")?;
+    assert_eq!(
+        (indices.count(), indices.data_type()),
+        (3 * 29 * 29 * 2, gltf::accessor::DataType::U32)
+    );
+    let view = indices.view().ok_or("a view")?;
+    let at = view.offset() + indices.offset();
+    let read = |i: usize| -> u32 {
+        let place = at + 4 * i;
+        u32::from_le_bytes([blob[place], blob[place + 1], blob[place + 2], blob[place + 3]])
+    };
+    let mut faces = FaceBlock::default();
+    open(&input)?.read_faces(0, &mut faces)?;
+    for (i, t) in faces.triangles.iter().enumerate() {
+        // The first vertex of the input belongs to no face.
+        assert_eq!([0, 1, 2].map(|k| u64::from(read(3 * i + k)) + 1), *t);
+    }
+    assert!(primitive.get(&gltf::Semantic::Colors(0)).is_some_and(|c| c.count() == 900));
+    let node = gltf.document.nodes().find(|n| n.mesh().is_some()).ok_or("a node")?;
+    let (translation, _, scale) = node.transform().decomposed();
+    let view = positions.view().ok_or("a view")?;
+    let stride = view.stride().ok_or("a stride")?;
+    for i in 0..900usize {
+        let (x, y) = ((i % 30) as f32 / 7.0, (i / 30) as f32 / 7.0);
+        for (axis, wanted) in [x, y].into_iter().enumerate() {
+            let place = view.offset() + positions.offset() + i * stride + 2 * axis;
+            let steps = f32::from(u16::from_le_bytes([blob[place], blob[place + 1]]));
+            let found = translation[axis] + steps * scale[axis];
+            assert!((found - wanted).abs() <= 0.51 * scale[axis], "vertex {i}: {found} {wanted}");
+        }
+    }
     Ok(())
 }

@@ -181,3 +181,36 @@ fn a_region_parts_the_samples() {
     assert!(near(inside.samples as f64 / 50_000.0, 0.3, 0.02));
     assert!(inside.rms > 0.03 && outside.max == 0.0, "{inside:?} {outside:?}");
 }
+
+#[test]
+fn coordinates_of_any_size_give_the_numbers_in_their_unit() {
+    let (a, b) = (field(40, bumpy), field(9, bumpy));
+    let here = measure(&a, &b, &options(20_000, 2));
+    for exponent in [-1000, -497, -150, -70, 70, 150, 497, 1000] {
+        let scale = 2f64.powi(exponent);
+        let scaled = |mesh: &Mesh| {
+            let mut mesh = mesh.clone();
+            mesh.positions.iter_mut().for_each(|p| p.iter_mut().for_each(|x| *x *= scale));
+            mesh
+        };
+        let there = measure(&scaled(&a), &scaled(&b), &options(20_000, 2));
+        assert!(near(there.diagonal / scale / here.diagonal, 1.0, 1e-12), "2^{exponent}");
+        for (x, y) in [(&here.forward, &there.forward), (&here.backward, &there.backward)] {
+            // Samples follow from the bits of the corners, so they are others; the maximum over vertices is not.
+            assert!(y.distance.samples.abs_diff(20_000) < 400, "2^{exponent}: {y:?}");
+            assert!(
+                near(y.distance.mean / scale / x.distance.mean, 1.0, 0.05),
+                "2^{exponent}: {y:?}"
+            );
+            assert!(
+                near(y.distance.rms / scale / x.distance.rms, 1.0, 0.05),
+                "2^{exponent}: {y:?}"
+            );
+            assert!(
+                near(y.distance.max / scale / x.distance.max, 1.0, 0.05),
+                "2^{exponent}: {y:?}"
+            );
+        }
+        assert!(near(there.relative_rms / here.relative_rms, 1.0, 0.05));
+    }
+}

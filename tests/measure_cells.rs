@@ -137,3 +137,75 @@ fn a_budget_for_nothing_is_refused() {
     let error = compare(&request, &Progress::default()).unwrap_err();
     assert_eq!(error.exit_code(), 6, "{error}");
 }
+
+fn write_doubles(path: &Path, points: &[[f64; 3]], triangles: &[[u64; 3]]) {
+    let schema = VertexSchema { coordinate: Scalar::F64, properties: Vec::new() };
+    let mut records = Vec::new();
+    points.iter().for_each(|&p| schema.encode_position(p, &mut records));
+    let header = OutputHeader::new(schema, points.len() as u64, triangles.len() as u64);
+    let mut writer = PlyWriter::create(path, header).unwrap();
+    writer.write_vertices(&records).unwrap();
+    writer.write_faces(triangles).unwrap();
+    writer.finish().unwrap();
+}
+
+/// Two parallel squares of `n^2` quads each, `scale` apart and wide.
+fn write_squares(folder: &Path, n: u64, scale: f64) {
+    for (name, z) in [("original.ply", 0.0), ("simplified.ply", 0.25 * scale)] {
+        let at =
+            |i: u64| [(i % (n + 1)) as f64, (i / (n + 1)) as f64].map(|x| x / n as f64 * scale);
+        let points: Vec<_> = (0..(n + 1) * (n + 1)).map(at).map(|[x, y]| [x, y, z]).collect();
+        let corner = |i: u64| i / n * (n + 1) + i % n;
+        let triangles: Vec<_> = (0..n * n)
+            .map(corner)
+            .flat_map(|a| [[a, a + 1, a + n + 2], [a, a + n + 2, a + n + 1]])
+            .collect();
+        write_doubles(&folder.join(name), &points, &triangles);
+    }
+}
+
+#[test]
+fn coordinates_of_any_size_are_measured_in_cells_too() {
+    let folder = tempfile::tempdir().unwrap();
+    for scale in [1e-300, 1e-150, 1.0, 1e150, 1e300] {
+        write_squares(folder.path(), 80, scale);
+        let sources = sources(folder.path());
+        let mut request = request(&sources, folder.path());
+        request.heat = true;
+        let whole = compare(&request, &Progress::default()).unwrap();
+        let cut = compare_in_cells(&request, &Progress::default()).unwrap();
+        assert!(whole.cells == 0 && cut.cells > 1, "{scale:e}");
+        for found in [&whole, &cut] {
+            let deviation = &found.measured.deviation;
+            for side in [&deviation.forward.distance, &deviation.backward.distance] {
+                for value in [side.mean, side.rms, side.p999, side.max] {
+                    assert!((value / scale - 0.25).abs() < 1e-12, "{scale:e}: {side:?}");
+                }
+                assert!(side.samples.abs_diff(60_000) < 1000, "{scale:e}: {side:?}");
+            }
+            assert!((deviation.diagonal / scale - 2f64.sqrt()).abs() < 1e-12, "{scale:e}");
+            assert!(found.heat.iter().all(|d| (d / scale - 0.25).abs() < 1e-12), "{scale:e}");
+        }
+    }
+}
+
+#[test]
+fn a_surface_without_area_is_refused_not_called_perfect() {
+    let folder = tempfile::tempdir().unwrap();
+    let line: Vec<[f64; 3]> = (0..300).map(|i| [f64::from(i), 0.0, 0.0]).collect();
+    let needles: Vec<[u64; 3]> = (0..298).map(|i| [i, i + 1, i + 2]).collect();
+    for flat in ["original.ply", "simplified.ply"] {
+        write_squares(folder.path(), 20, 1.0);
+        write_doubles(&folder.path().join(flat), &line, &needles);
+        let sources = sources(folder.path());
+        let request = request(&sources, folder.path());
+        for error in [
+            compare(&request, &Progress::default()).unwrap_err(),
+            compare_in_cells(&request, &Progress::default()).unwrap_err(),
+        ] {
+            assert_eq!(error.exit_code(), 4, "{error}");
+            let said = error.to_string();
+            assert!(said.contains(flat) && said.contains("no area"), "{said}");
+        }
+    }
+}

@@ -167,3 +167,121 @@ fn repeated_faces_and_idle_vertices_are_dropped_and_counted() {
     assert!(said.contains(&format!("{n_repeats} repeated faces dropped")), "{said}");
     assert!(said.contains(&format!("{n_idle} vertices without a face")), "{said}");
 }
+
+/// Quads of a bumpy sheet, as OBJ and as PLY in text and binary; `n * n` of them.
+fn write_quads(folder: &Path, n: u32) -> [&'static str; 3] {
+    use std::fmt::Write as _;
+    let at = |x: u32, y: u32| y * (n + 1) + x;
+    let points: Vec<[f32; 3]> = (0..(n + 1) * (n + 1))
+        .map(|i| [(i % (n + 1)) as f32, (i / (n + 1)) as f32])
+        .map(|[x, y]| [x, y, 2.0 * (0.3 * x).sin() * (0.2 * y).cos()])
+        .collect();
+    let quads: Vec<[u32; 4]> = (0..n * n)
+        .map(|i| (i % n, i / n))
+        .map(|(x, y)| [at(x, y), at(x + 1, y), at(x + 1, y + 1), at(x, y + 1)])
+        .collect();
+    let (mut obj, mut text, mut binary) = (String::new(), String::new(), Vec::new());
+    for [x, y, z] in &points {
+        writeln!(obj, "v {x} {y} {z}").unwrap();
+        writeln!(text, "{x} {y} {z}").unwrap();
+        [x, y, z].iter().for_each(|v| binary.extend(v.to_le_bytes()));
+    }
+    for q in &quads {
+        writeln!(obj, "f {} {} {} {}", q[0] + 1, q[1] + 1, q[2] + 1, q[3] + 1).unwrap();
+        writeln!(text, "4 {} {} {} {}", q[0], q[1], q[2], q[3]).unwrap();
+        binary.push(4);
+        q.iter().for_each(|v| binary.extend(v.to_le_bytes()));
+    }
+    let header = |format: &str| {
+        format!(
+            "ply\nformat {format} 1.0\nelement vertex {}\nproperty float x\nproperty float y\n\
+             property float z\nelement face {}\nproperty list uchar uint vertex_indices\nend_header\n",
+            points.len(),
+            quads.len()
+        )
+    };
+    std::fs::write(folder.join("q.obj"), obj).unwrap();
+    std::fs::write(folder.join("q-text.ply"), header("ascii") + &text).unwrap();
+    let head = header("binary_little_endian");
+    std::fs::write(folder.join("q.ply"), [head.as_bytes(), &binary].concat()).unwrap();
+    ["q.obj", "q-text.ply", "q.ply"]
+}
+
+#[test]
+fn a_quad_is_two_triangles_everywhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    for file in write_quads(out, 50) {
+        let said =
+            expect(out, &format!("simplify {file} o.ply --ratio 1 --force --report r.json"), 0);
+        assert!(said.contains("input    5000 triangles"), "{file}: {said}");
+        let report: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(out.join("r.json")).unwrap()).unwrap();
+        assert_eq!(count(&report["input"], "triangles"), 5000, "{file}");
+        assert_eq!(count(&report, "target"), 5000, "{file}");
+        assert_eq!(count(&report["output"], "triangles"), 5000, "{file}");
+        expect(out, &format!("simplify {file} o.ply --ratio 20% --force"), 0);
+        // The last collapse may take two.
+        assert!((999..=1000).contains(&count(&check(out, "o.ply"), "triangles")), "{file}");
+        expect(out, &format!("simplify {file} o.ply --max-error 1e-9 --force"), 0);
+        assert_eq!(count(&check(out, file), "faces"), 2500, "{file}");
+    }
+}
+
+#[test]
+fn one_polygon_is_as_many_triangles_as_it_has_corners_but_two() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    for n in [5u32, 1000] {
+        let turn = |i: u32| std::f64::consts::TAU * f64::from(i) / f64::from(n);
+        let corners = |i: u32| format!("v {} {} 0\n", turn(i).cos(), turn(i).sin());
+        let face: String = (1..=n).map(|i| format!(" {i}")).collect();
+        let text = (0..n).map(corners).collect::<String>() + "f" + &face + "\n";
+        std::fs::write(out.join("p.obj"), text).unwrap();
+        let said = expect(out, "simplify p.obj o.ply --max-error 0.01 --force --report r.json", 0);
+        assert!(said.contains(&format!("input    {} triangles", n - 2)), "{said}");
+        expect(out, "measure p.obj o.ply --report m.json", 0);
+        let json: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(out.join("m.json")).unwrap()).unwrap();
+        assert!(json["forward"]["max"].as_f64().unwrap() <= 0.01, "{json}");
+    }
+}
+
+/// A file whose first, last and probed rows are all triangles, and which has a quad in between; with
+/// something behind the faces, so that its length proves nothing.
+#[test]
+fn a_quad_that_hides_among_triangles_counts() {
+    let n = 100_000usize;
+    let mut text = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
+         property float z\nelement face {n}\nproperty list uchar uint vertex_indices\nend_header\n"
+    )
+    .into_bytes();
+    for v in [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]] {
+        v.iter().for_each(|x| text.extend(x.to_le_bytes()));
+    }
+    let mut pure = text.clone();
+    for i in 0..n {
+        let corners: &[u32] = if i == 77_777 { &[0, 1, 2, 3] } else { &[0, 1, 2] };
+        text.push(corners.len() as u8);
+        corners.iter().for_each(|v| text.extend(v.to_le_bytes()));
+        pure.push(3);
+        [0u32, 1, 2].iter().for_each(|v| pure.extend(v.to_le_bytes()));
+    }
+    let read = |bytes: Vec<u8>| {
+        MeshSource::from_bytes("hidden.ply", bytes, stonecut::ply::ReadOptions::default()).unwrap()
+    };
+    for tail in ["", "\n", "something else"] {
+        let mut bytes = text.clone();
+        bytes.extend(tail.as_bytes());
+        let source = read(bytes);
+        assert_eq!(
+            (source.n_face_rows(), source.n_triangles()),
+            (n as u64, n as u64 + 1),
+            "{tail:?}"
+        );
+        let mut bytes = pure.clone();
+        bytes.extend(tail.as_bytes());
+        assert_eq!(read(bytes).n_triangles(), n as u64, "{tail:?}");
+    }
+}

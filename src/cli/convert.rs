@@ -124,7 +124,7 @@ fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> 
     let look = !args.keep_duplicates && source.n_vertices() <= 1 << 32;
     let mut finder = look.then(|| DuplicateFinder::new(&stage.temp_dir, DUPLICATES_MEMORY_BYTES));
     let mut done = Converted::default();
-    let used = if source.n_faces() == 0 || args.keep_unreferenced {
+    let used = if source.n_face_rows() == 0 || args.keep_unreferenced {
         let mut used = Used::all(source.n_vertices());
         used.survey(&source, finder.as_mut(), &mut done, progress)?;
         used
@@ -139,10 +139,10 @@ fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> 
     };
     done.n_duplicate = duplicates.count();
     done.n_triangles -= done.n_duplicate;
-    if done.n_triangles == 0 && source.n_faces() > 0 {
+    if done.n_triangles == 0 && source.n_face_rows() > 0 {
         let what = format!(
             "none of its {} faces is a triangle with three corners of its own; nothing was written",
-            source.n_faces()
+            source.n_face_rows()
         );
         return Err(Error::bad_input(&args.input, what));
     }

@@ -48,6 +48,8 @@ struct Report {
     dropped_face_properties: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     vertices: Option<u64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    triangles: Option<u64>,
     #[serde(flatten)]
     check: Option<Topology>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -90,13 +92,14 @@ pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> 
         path: args.file.clone(),
         bytes: source.file_bytes(),
         format: source.encoding().name(),
-        faces: source.n_faces(),
+        faces: source.n_face_rows(),
         coordinate_bits: 8 * schema.coordinate.bytes(),
         properties: schema.properties.iter().map(|p| p.name.clone()).collect(),
         face_properties: source.face_properties().into_iter().map(|p| p.name).collect(),
         dropped_face_properties: source.dropped_face_properties(),
-        // With `--check` the count is among the others.
+        // With `--check` the counts are among the others.
         vertices: check.is_none().then(|| source.n_vertices()),
+        triangles: check.is_none().then(|| source.n_triangles()),
         check,
         component_sizes: sizes.map(|s| Sizes {
             found: s.found,
@@ -124,7 +127,7 @@ fn count(
     progress: &Progress,
 ) -> Result<(Topology, ComponentSizes)> {
     let budget = super::memory_budget(args.memory);
-    let whole = load::bytes_in_memory(source).saturating_add(COUNT_BYTES * source.n_faces());
+    let whole = load::bytes_in_memory(source).saturating_add(COUNT_BYTES * source.n_triangles());
     if whole > budget / 2 || u32::try_from(source.n_vertices()).is_err() {
         return crate::check::check(source, args.temp_dir(), threads, budget * 3 / 4, progress);
     }
@@ -149,6 +152,9 @@ fn table(source: &MeshSource, report: &Report, below: Option<String>) -> String 
         if !list.is_empty() {
             rows.push((name, list.join(" ")));
         }
+    }
+    if let Some(n) = report.triangles {
+        rows.insert(5, ("triangles", n.to_string()));
     }
     if let Some(t) = &report.check {
         rows.extend([

@@ -96,10 +96,10 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         false => folder_of(&args.output),
     };
     let mut pictures = Vec::new();
-    let mut n_faces = 0;
+    let mut n_triangles = 0;
     for path in &args.mesh {
         let source = super::open_mesh(path, temp_dir)?;
-        n_faces += source.n_faces();
+        n_triangles += source.n_triangles();
         if args.mesh.len() > 1 && !args.own_camera && view.aim.is_none() {
             view.aim = Some(aim_source(&source, &view, resources, progress)?);
         }
@@ -115,9 +115,9 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
     progress.check()?;
     let place = Place { replace: args.force, ..Place::from(&args.output) };
     crate::output::write_whole(place, &picture.to_png()?)?;
-    let (output, n) = (args.output.display(), show_count(n_faces));
+    let (output, n) = (args.output.display(), show_count(n_triangles));
     // A closed standard error is no reason to fail: the picture is there.
-    let _ = writeln!(log, "{output}: {}x{} pixels, {n} faces", picture.width, picture.height);
+    let _ = writeln!(log, "{output}: {}x{} pixels, {n} triangles", picture.width, picture.height);
     Ok(())
 }
 

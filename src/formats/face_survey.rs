@@ -61,7 +61,7 @@ pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<Face
         // The components of a colour are one value.
         let group = groups.iter().find(|group| group.contains(&i)).cloned();
         let together = group.clone().unwrap_or_else(|| vec![i]);
-        let each = match source.n_faces() < FEW_FACES {
+        let each = match source.n_face_rows() < FEW_FACES {
             true => 1.0,
             false => found.vertices_each(&together),
         };

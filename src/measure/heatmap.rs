@@ -5,6 +5,7 @@
 
 use super::load;
 use super::tree::Tree;
+use super::unit::Unit;
 use crate::error::Result;
 use crate::mesh::Mesh;
 use crate::parallel::in_order;
@@ -74,9 +75,9 @@ pub fn write(
 ///
 /// Memory: a few blocks a thread. Distances wait in a nameless file of `temp_dir`, 8 bytes a vertex, until
 /// the scale is known. Vertices and faces are read twice.
-pub fn write_streamed(
+pub(crate) fn write_streamed(
     mesh: &MeshSource,
-    target: &Tree,
+    (target, unit): (&Tree, Unit),
     (path, temp_dir): (&Path, &Path),
     threads: usize,
     progress: &Progress,
@@ -86,7 +87,7 @@ pub fn write_streamed(
         block: VertexBlock,
         distances: Vec<u8>,
     }
-    progress.begin("heatmap", 1, 1, 2 * mesh.n_faces());
+    progress.begin("heatmap", 1, 1, 2 * mesh.n_triangles());
     let (schema, n_blocks) = (mesh.schema(), mesh.n_vertex_blocks());
     let record_bytes = schema.record_bytes();
     let mut spool = Spool::new(temp_dir);
@@ -95,10 +96,10 @@ pub fn write_streamed(
         out.distances.clear();
         let mut slot = u32::MAX;
         for record in out.block.records.chunks_exact(record_bytes) {
-            let point = schema.position(record);
+            let point = unit.place(schema.position(record));
             let found = target.nearest(point, target.guess(point, slot));
             slot = if found.is_found() { found.slot } else { slot };
-            out.distances.extend(found.distance_sq.sqrt().to_le_bytes());
+            out.distances.extend(unit.back(found.distance_sq.sqrt()).to_le_bytes());
         }
         Ok(())
     };

@@ -24,7 +24,7 @@ pub struct Loaded {
 /// Bytes that `load` takes for a file.
 pub fn bytes_in_memory(source: &MeshSource) -> u64 {
     let a_vertex = 24 + 4 * source.schema().n_channels() as u64;
-    source.n_vertices().saturating_mul(a_vertex) + source.n_faces().saturating_mul(12)
+    source.n_vertices().saturating_mul(a_vertex) + source.n_triangles().saturating_mul(12)
 }
 
 /// Reads a whole file; its blocks are decoded by `threads` threads.
@@ -58,7 +58,7 @@ pub fn load(source: &MeshSource, threads: usize, progress: &Progress) -> Result<
         },
     )?;
     let mut n_degenerate = 0;
-    mesh.triangles.reserve_exact(source.n_faces() as usize);
+    mesh.triangles.reserve_exact(source.n_triangles() as usize);
     parallel::in_order(
         source.n_face_blocks(),
         threads,

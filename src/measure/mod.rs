@@ -19,8 +19,10 @@ mod sample;
 mod settle;
 mod side;
 mod sums;
+mod tilted;
 pub mod tree;
 pub mod triangle;
+mod unit;
 
 pub use carried::Carried;
 pub use colour::ColourChannels;
@@ -28,6 +30,7 @@ pub use out_of_core::{Measured, distances, two_sided_parts};
 pub use parts::{Parts, Place};
 pub use region::{Region, TriangleSizes};
 pub use side::{Side, Spread};
+pub(crate) use unit::Unit;
 
 use crate::error::Result;
 use crate::mesh::Mesh;
@@ -51,6 +54,9 @@ const BLOCK_SAMPLES: u64 = 16_384;
 
 /// Most triangles or vertices worked on at a time by one thread.
 const BLOCK_ROWS: u64 = 65_536;
+
+/// Queries between two looks at the wish to stop.
+const STOP_QUERIES: usize = 256;
 
 /// How to measure; every value is final.
 #[derive(Clone, Debug)]
@@ -115,6 +121,7 @@ impl Deviation {
 /// Measures the deviation of `simplified` from `original`, both in memory.
 ///
 /// Memory: about 120 bytes a triangle of either mesh (one at a time), 8 bytes a sample.
+/// Coordinates of any size are welcome; beyond 1e18 and below 1e-18 they take a copy of both meshes.
 /// Fails only if `progress` asks to stop.
 pub fn two_sided(
     original: &Mesh,
@@ -123,6 +130,17 @@ pub fn two_sided(
     progress: &Progress,
 ) -> Result<Deviation> {
     let boxes = [Bounds::of(original), Bounds::of(simplified)];
+    let unit = Unit::around(&boxes[0].joined(&boxes[1]));
+    if !unit.is_own() {
+        let turned = [original, simplified].map(|mesh| {
+            let mut mesh = mesh.clone();
+            unit.turn(&mut mesh);
+            mesh
+        });
+        let options = Options { region: unit.region(options.region.as_ref()), ..options.clone() };
+        let deviation = two_sided(&turned[0], &turned[1], &options, progress)?;
+        return Ok(unit.deviation(deviation));
+    }
     // No two points of the two surfaces are farther apart than the diagonal of the common box.
     let reach = boxes[0].joined(&boxes[1]).diagonal() * (1.0 + 1e-12);
     let colours = options.colours;
@@ -130,8 +148,10 @@ pub fn two_sided(
         Surface { mesh: original, colour: colours.map(|c| c[0]) },
         Surface { mesh: simplified, colour: colours.map(|c| c[1]) },
     ];
-    let forward = one_sided(surfaces[0], surfaces[1], reach, options, progress)?;
-    let backward = one_sided(surfaces[1], surfaces[0], reach, options, progress)?;
+    // Both ways take as many samples, so each is half of the work, which is counted in triangles.
+    let scale = (reach, original.triangles.len() as u64);
+    let forward = one_sided(surfaces[0], surfaces[1], scale, options, progress)?;
+    let backward = one_sided(surfaces[1], surfaces[0], scale, options, progress)?;
     Ok(Deviation::new(forward, backward, boxes[0].diagonal()))
 }
 
@@ -148,6 +168,12 @@ impl Bounds {
     pub fn of(mesh: &Mesh) -> Self {
         let mut bounds = Bounds::EMPTY;
         mesh.triangles.iter().flatten().for_each(|&v| bounds.add(mesh.positions[v as usize]));
+        bounds
+    }
+
+    pub fn around(points: &[Vector]) -> Self {
+        let mut bounds = Bounds::EMPTY;
+        points.iter().for_each(|&point| bounds.add(point));
         bounds
     }
 
@@ -236,6 +262,12 @@ impl Surface<'_> {
     }
 }
 
+/// Whether a mesh has triangles, and none of them an area.
+pub(crate) fn is_flat(mesh: &Mesh) -> bool {
+    let area = Surface { mesh, colour: None }.area(Bounds::of(mesh).diagonal());
+    !mesh.triangles.is_empty() && area.value() == 0.0
+}
+
 /// One direction under way: everything a block of samples or vertices needs.
 struct Direction<'a> {
     source: Surface<'a>,
@@ -246,17 +278,21 @@ struct Direction<'a> {
     reach: f64,
     /// Bits of the largest squared distance so far, of all threads: lets vertices be passed over early.
     worst_sq: &'a AtomicU64,
+    progress: &'a Progress,
+    /// Work that a sample counts for: so many units for so many samples.
+    units: (u64, u64),
 }
 
 fn one_sided(
     source: Surface,
     target: Surface,
-    reach: f64,
+    (reach, units): (f64, u64),
     options: &Options,
     progress: &Progress,
 ) -> Result<Side> {
     let n_triangles = source.mesh.triangles.len();
-    let tree = Tree::build(target.mesh.triangles.len(), |i| target.mesh.corners(i));
+    let corners_of = |i| target.mesh.corners(i);
+    let tree = Tree::build_until(target.mesh.triangles.len(), corners_of, progress)?;
     let area = source.area(Bounds::of(source.mesh).diagonal());
     let worst_sq = AtomicU64::new(0);
     let direction = Direction {
@@ -267,6 +303,8 @@ fn one_sided(
         region: options.region.as_ref(),
         reach,
         worst_sq: &worst_sq,
+        progress,
+        units: (units, 2 * options.samples.max(1)),
     };
     let new_sums = || SideSums::new(reach, options.region.is_some());
     let mut sums = new_sums();
@@ -294,8 +332,7 @@ fn one_sided(
         progress,
         |block, out: &mut Option<SideSums>| {
             let own = out.insert(new_sums());
-            direction.measure_vertices(&used, rows(block, per_block, used.len()), own);
-            Ok(())
+            direction.measure_vertices(&used, rows(block, per_block, used.len()), own)
         },
         |_, block| {
             block.iter().for_each(|block| sums.merge(block));
@@ -323,7 +360,10 @@ impl Direction<'_> {
         self.density.in_runs(triangles, corners_of, BLOCK_SAMPLES as usize, |samples| {
             sample::sort_along_curve(samples);
             let mut slot = u32::MAX;
-            for sample in samples.iter() {
+            for (i, sample) in samples.iter().enumerate() {
+                if i % STOP_QUERIES == 0 {
+                    self.progress.check()?;
+                }
                 let found = self.tree.nearest(sample.point, self.tree.guess(sample.point, slot));
                 let near = self.region.map(|region| region.contains(sample.point));
                 if !found.is_found() {
@@ -335,6 +375,8 @@ impl Direction<'_> {
                 self.compare(first + sample.triangle as usize, sample, slot, sums);
             }
             self.worst_sq.fetch_max(sums.worst_sq().to_bits(), Ordering::Relaxed);
+            let (units, per_samples) = self.units;
+            self.progress.add(samples.len() as u64 * units / per_samples);
             Ok(())
         })
     }
@@ -348,10 +390,18 @@ impl Direction<'_> {
 
     /// Holds vertices against the maximum. One that is seen to lie closer than the worst point so far is
     /// not looked at further, so most cost one distance to the triangle that the last one found.
-    fn measure_vertices(&self, used: &[bool], vertices: Range<usize>, sums: &mut SideSums) {
+    fn measure_vertices(
+        &self,
+        used: &[bool],
+        vertices: Range<usize>,
+        sums: &mut SideSums,
+    ) -> Result<()> {
         let mut slot = u32::MAX;
         let mut worst_sq = f64::from_bits(self.worst_sq.load(Ordering::Relaxed));
         for v in vertices {
+            if v % STOP_QUERIES == 0 {
+                self.progress.check()?;
+            }
             if !used[v] {
                 continue;
             }
@@ -372,5 +422,6 @@ impl Direction<'_> {
             }
         }
         debug_assert!(sums.worst_sq().sqrt() <= self.reach);
+        Ok(())
     }
 }

@@ -9,7 +9,7 @@ use super::settle::{QUERY_BYTES, settle};
 use super::side::{Look, Side, SideSums};
 use super::tree::Tree;
 use super::triangle::Vector;
-use super::{BLOCK_SAMPLES, Deviation, Direction, Options, Surface, used_vertices};
+use super::{BLOCK_SAMPLES, Bounds, Deviation, Direction, Options, Surface, Unit, used_vertices};
 use crate::error::{Error, Result};
 use crate::progress::Progress;
 use crate::topology::Topology;
@@ -30,13 +30,38 @@ pub struct Measured {
     pub original: Topology,
     /// Connectivity of the simplified mesh.
     pub simplified: Topology,
+    /// Whether the triangles of the original, of the simplified mesh, have no area, so that nothing can be
+    /// sampled; false for a mesh without triangles.
+    #[serde(skip)]
+    pub is_flat: [bool; 2],
 }
 
 /// Measures the deviation of `simplified` from `original`, wherever they are.
 ///
 /// Memory: at most `memory_bytes` besides what is in memory already, as long as that holds the largest
-/// cell once; 8 bytes a sample of it are not negotiable.
+/// cell once; 8 bytes a sample of it are not negotiable. Coordinates beyond 1e18 and below 1e-18 take a copy
+/// of a mesh in memory.
 pub fn two_sided_parts(
+    original: &Parts,
+    simplified: &Parts,
+    options: &Options,
+    memory_bytes: u64,
+    progress: &Progress,
+) -> Result<Measured> {
+    let corners = [original.bounds, simplified.bounds];
+    let unit = Unit::around(&Bounds::around(corners.as_flattened()));
+    if !unit.is_own() {
+        let meshes = [original, simplified].map(|parts| parts.turned_mesh(unit));
+        let turned = [original.in_unit(unit, &meshes[0]), simplified.in_unit(unit, &meshes[1])];
+        let options = Options { region: unit.region(options.region.as_ref()), ..options.clone() };
+        let measured = in_own_unit(&turned[0], &turned[1], &options, memory_bytes, progress)?;
+        let deviation = unit.deviation(measured.deviation);
+        return Ok(Measured { deviation, ..measured });
+    }
+    in_own_unit(original, simplified, options, memory_bytes, progress)
+}
+
+fn in_own_unit(
     original: &Parts,
     simplified: &Parts,
     options: &Options,
@@ -50,7 +75,8 @@ pub fn two_sided_parts(
             options.samples
         ))
     })?;
-    let means = Means { threads: options.threads, memory_bytes: free_bytes, progress };
+    let threads = options.threads;
+    let means = Means { threads, memory_bytes: free_bytes, progress, is_counted: true };
     let first = original.survey(means)?;
     let means = Means { memory_bytes: free_bytes - first.bytes().min(free_bytes), ..means };
     let second = simplified.survey(means)?;
@@ -66,6 +92,7 @@ pub fn two_sided_parts(
         deviation: Deviation::new(forward, backward, first.bounds.diagonal()),
         original: first.topology,
         simplified: second.topology,
+        is_flat: [first, second].map(|survey| !survey.is_empty() && survey.area == 0.0),
     })
 }
 
@@ -79,10 +106,20 @@ pub fn distances(
     memory_bytes: u64,
     progress: &Progress,
 ) -> Result<Vec<f64>> {
-    let means = Means { threads, memory_bytes, progress };
-    let survey = target.survey(means)?;
-    let hits = settle(points, target, &survey, &vec![-1.0; points.len()], means)?;
-    Ok(hits.iter().map(|hit| hit.distance_sq.sqrt()).collect())
+    let means = Means { threads, memory_bytes, progress, is_counted: true };
+    let mut around = Bounds::around(&target.bounds);
+    points.iter().for_each(|&point| around.add(point));
+    let unit = Unit::around(&around);
+    let never = vec![-1.0; points.len()];
+    if unit.is_own() {
+        let hits = settle(points, target, &target.survey(means)?, &never, means)?;
+        return Ok(hits.iter().map(|hit| hit.distance_sq.sqrt()).collect());
+    }
+    let mesh = target.turned_mesh(unit);
+    let target = target.in_unit(unit, &mesh);
+    let points: Vec<Vector> = points.iter().map(|&point| unit.place(point)).collect();
+    let hits = settle(&points, &target, &target.survey(means)?, &never, means)?;
+    Ok(hits.iter().map(|hit| unit.back(hit.distance_sq.sqrt())).collect())
 }
 
 /// One direction.
@@ -130,7 +167,8 @@ impl Way<'_> {
 
     /// The target is one tree; the source passes by, part by part.
     fn against_memory(&self, mesh: &crate::Mesh, means: Means) -> Result<SideSums> {
-        let tree = Tree::build(mesh.triangles.len(), |i| mesh.corners(i));
+        let corners_of = |i| mesh.corners(i);
+        let tree = Tree::build_until(mesh.triangles.len(), corners_of, means.progress)?;
         let target = Surface { mesh, colour: self.target.0.colours };
         let worst_sq = AtomicU64::new(0);
         let (mut sums, mut failed) = (self.new_sums(), None);
@@ -148,11 +186,14 @@ impl Way<'_> {
                     region: self.options.region.as_ref(),
                     reach: self.reach,
                     worst_sq: &worst_sq,
+                    progress: means.progress,
+                    // Triangles are counted as they are loaded.
+                    units: (0, 1),
                 };
                 let mut sums = self.new_sums();
                 direction.measure_samples(0..source.mesh.triangles.len(), &mut sums)?;
                 let used = used_vertices(source.mesh);
-                direction.measure_vertices(&used, 0..used.len(), &mut sums);
+                direction.measure_vertices(&used, 0..used.len(), &mut sums)?;
                 Ok(sums)
             },
             |part| failed = part.map(|part| sums.merge(&part)).err().or(failed.take()),

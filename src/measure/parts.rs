@@ -6,7 +6,7 @@
 use super::sums::Sum;
 use super::tree::{Nearest, Tree};
 use super::triangle::Vector;
-use super::{Bounds, Carried, Surface};
+use super::{Bounds, Carried, Surface, Unit};
 use crate::cells::{CellStore, load_bytes};
 use crate::error::Result;
 use crate::mesh::Mesh;
@@ -42,6 +42,8 @@ pub struct Parts<'a> {
     pub n_vertices: u64,
     /// Lower and upper corner of a box around all vertices.
     pub bounds: [Vector; 2],
+    /// The unit that cells are turned to when they are loaded.
+    unit: Unit,
 }
 
 /// What is known of a surface after one look at it.
@@ -62,6 +64,8 @@ pub(super) struct Means<'a> {
     pub threads: usize,
     pub memory_bytes: u64,
     pub progress: &'a Progress,
+    /// Triangles count as work done.
+    pub is_counted: bool,
 }
 
 impl<'a> Parts<'a> {
@@ -70,13 +74,30 @@ impl<'a> Parts<'a> {
         let mut bounds = Bounds::EMPTY;
         mesh.positions.iter().for_each(|&point| bounds.add(point));
         let (place, n_vertices) = (Place::Memory(mesh), mesh.positions.len() as u64);
-        Parts { place, colours, n_vertices, bounds: [bounds.low, bounds.high] }
+        Parts { place, colours, n_vertices, bounds: [bounds.low, bounds.high], unit: Unit::OWN }
     }
 
     /// The cells of a store, which hold a mesh of `n_vertices` vertices within `bounds`.
     pub fn in_cells(store: &'a CellStore, n_vertices: u64, bounds: [Vector; 2]) -> Self {
         let colours = Carried::of(&store.layout().schema);
-        Parts { place: Place::Cells(store), colours, n_vertices, bounds }
+        Parts { place: Place::Cells(store), colours, n_vertices, bounds, unit: Unit::OWN }
+    }
+
+    /// A copy of a mesh in memory in another unit; `None` for cells, which are turned as they are loaded.
+    pub(super) fn turned_mesh(&self, unit: Unit) -> Option<Mesh> {
+        let Place::Memory(mesh) = self.place else { return None };
+        let mut mesh = mesh.clone();
+        unit.turn(&mut mesh);
+        Some(mesh)
+    }
+
+    /// The same surface in another unit, with its `turned_mesh`.
+    pub(super) fn in_unit<'b>(&self, unit: Unit, mesh: &'b Option<Mesh>) -> Parts<'b>
+    where
+        'a: 'b,
+    {
+        let place = mesh.as_ref().map_or(self.place, Place::Memory);
+        Parts { place, bounds: self.bounds.map(|point| unit.place(point)), unit, ..*self }
     }
 
     /// How many parts there are.
@@ -114,7 +135,11 @@ impl<'a> Parts<'a> {
     pub fn load(&self, part: usize) -> Result<Cow<'_, Mesh>> {
         Ok(match self.place {
             Place::Memory(mesh) => Cow::Borrowed(mesh),
-            Place::Cells(store) => Cow::Owned(store.load(part)?.mesh),
+            Place::Cells(store) => {
+                let mut mesh = store.load(part)?.mesh;
+                self.unit.turn(&mut mesh);
+                Cow::Owned(mesh)
+            }
         })
     }
 
@@ -133,11 +158,13 @@ impl<'a> Parts<'a> {
         let gather = Mutex::new(gather);
         let jobs = parts.map(weigh).collect();
         let soon = |part| self.expect(part);
-        let Means { threads, memory_bytes, progress } = means;
+        let Means { threads, memory_bytes, progress, .. } = means;
         parallel::largest_first(jobs, threads, memory_bytes, progress, soon, |part| {
             let mesh = self.load(part)?;
             let result = work(part, Surface { mesh: &mesh, colour: self.colours });
-            means.progress.add(mesh.triangles.len() as u64);
+            if means.is_counted {
+                means.progress.add(mesh.triangles.len() as u64);
+            }
             (*gather.lock().unwrap_or_else(PoisonError::into_inner))(result);
             Ok(())
         })
@@ -164,7 +191,7 @@ impl<'a> Parts<'a> {
             sparse.push((part, look.points));
         });
         let soon = |part| self.expect(part);
-        let Means { threads, memory_bytes, progress } = means;
+        let Means { threads, memory_bytes, progress, .. } = means;
         parallel::largest_first(jobs, threads, memory_bytes, progress, soon, |part| {
             let look = self.look(part, diagonal, stride)?;
             means.progress.add(self.n_triangles(part));
@@ -180,7 +207,7 @@ impl<'a> Parts<'a> {
             bounds,
             area: area.value(),
             topology: counter.finish(self.n_vertices),
-            sparse: Tree::build(points.len(), |i| [points[i]; 3]),
+            sparse: Tree::build_until(points.len(), |i| [points[i]; 3], means.progress)?,
         })
     }
 
@@ -198,13 +225,14 @@ impl<'a> Parts<'a> {
                 bounds: Bounds::of(mesh),
                 area: surface.area(diagonal),
                 counts,
-                points: some.map(|t| mesh.positions[t[0] as usize]).collect(),
+                points: some.map(|t| mesh.positions[t[0].max(t[1]).max(t[2]) as usize]).collect(),
             }
         };
         Ok(match self.place {
             Place::Memory(mesh) => look(mesh, crate::topology::count_mesh(mesh)),
             Place::Cells(store) => {
-                let cell = store.load(part)?;
+                let mut cell = store.load(part)?;
+                self.unit.turn(&mut cell.mesh);
                 let (triangles, shared) = (&cell.mesh.triangles[..], &cell.shared[..]);
                 let counts = count_cell(&CellPart { triangles, global: &cell.ids, shared });
                 look(&cell.mesh, counts)

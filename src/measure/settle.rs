@@ -9,9 +9,8 @@ use super::parts::{Means, Parts, Survey};
 use super::side::Look;
 use super::tree::{Nearest, Tree};
 use super::triangle::{self, Vector};
-use super::{Bounds, Surface};
+use super::{Bounds, STOP_QUERIES, Surface};
 use crate::error::Result;
-use crate::progress::Progress;
 use std::sync::{Mutex, PoisonError};
 
 /// Queries that are held against the boxes together.
@@ -57,7 +56,10 @@ pub(super) fn settle(
 ) -> Result<Vec<Hit>> {
     let mut bounds = Vec::with_capacity(points.len());
     let mut hint = u32::MAX;
-    for &point in points {
+    for (i, &point) in points.iter().enumerate() {
+        if i % STOP_QUERIES == 0 {
+            means.progress.check()?;
+        }
         let (bound_sq, found) = survey.bound_sq(point, hint);
         hint = found;
         bounds.push(bound_sq);
@@ -76,13 +78,16 @@ pub(super) fn settle(
     };
     let busy = (0..target.n_parts()).filter(|&part| !lists[part].is_empty());
     // Loading counts into the progress only once, in the survey.
-    let silent = Progress::default();
-    let means = Means { progress: &silent, ..means };
+    let means = Means { is_counted: false, ..means };
     let answer = |part: usize, surface: Surface| {
-        let tree = Tree::build(surface.mesh.triangles.len(), |i| surface.mesh.corners(i));
+        let corners_of = |i| surface.mesh.corners(i);
+        let tree = Tree::build_until(surface.mesh.triangles.len(), corners_of, means.progress)?;
         let mut found = Vec::with_capacity(FOUND);
         let mut slot = u32::MAX;
-        for &query in &lists[part] {
+        for (i, &query) in lists[part].iter().enumerate() {
+            if i % STOP_QUERIES == 0 {
+                means.progress.check()?;
+            }
             let (point, bound_sq) = (points[query as usize], bounds[query as usize]);
             let mut guess = tree.guess(point, slot);
             if bound_sq < guess.distance_sq {
@@ -100,8 +105,12 @@ pub(super) fn settle(
             }
         }
         hand_over(&mut found);
+        Ok(())
     };
-    target.for_each(busy, means, Tree::bytes, answer, |()| ())?;
+    let mut failed = None;
+    target
+        .for_each(busy, means, Tree::bytes, answer, |part| failed = part.err().or(failed.take()))?;
+    failed.map_or(Ok(()), Err)?;
     Ok(hits.into_inner().unwrap_or_else(PoisonError::into_inner))
 }
 

@@ -2,13 +2,17 @@
 //!
 //! Nodes have eight children, whose boxes are kept in `f32`, rounded outwards: eight lower bounds are
 //! computed at once. Whatever a bound cannot exclude is settled in `f64` on the triangles themselves, so
-//! the boxes decide only how fast an answer is found, never which. Does not know meshes, files or
-//! threads. docs/design/measure.md tells why this is not one of the crates.
+//! the boxes decide only how fast an answer is found, never which. Where boxes overlap too much for that,
+//! `tilted` has others. Does not know meshes, files or threads. docs/design/measure.md tells why this is
+//! not one of the crates.
 
 // Three axes (and eight lanes) run through several arrays side by side; an index shows that best.
 #![allow(clippy::needless_range_loop)]
 
+use super::tilted::{Inside, Tilted};
 use super::triangle::{self, Vector};
+use crate::error::Result;
+use crate::progress::Progress;
 
 /// Children of a node.
 const WIDTH: usize = 8;
@@ -18,6 +22,16 @@ const STACK: usize = 12 * WIDTH;
 const SHRINK: f32 = 1.0 - 1e-6;
 /// Distinguishes a reference to a triangle from one to a node on the query's stack.
 const LEAF: u32 = 1 << 31;
+/// Distinguishes a reference to a tilted box from one to a node.
+const TILTED: u32 = 1 << 30;
+
+/// Boxes overlap too much where a point of a node is in more than this many of its triangles' boxes on
+/// average: surfaces come to 2 at most, needles around one corner to a tenth of their number.
+const OVERLAP: f64 = 16.0;
+/// Fewer triangles than this are looked at, however their boxes overlap.
+const FEW: u32 = 64;
+/// Triangles between two looks at the wish to stop.
+const STOP_ROWS: usize = 1 << 16;
 
 /// Eight boxes and where they lead.
 #[derive(Clone, Debug)]
@@ -25,7 +39,7 @@ const LEAF: u32 = 1 << 31;
 struct Node {
     low: [[f32; WIDTH]; 3],
     high: [[f32; WIDTH]; 3],
-    /// Nodes, or places in `Tree::corners` with the `LEAF` bit set.
+    /// Nodes, places in `Tree::corners` with the `LEAF` bit set, or tilted boxes with the `TILTED` bit.
     child: [u32; WIDTH],
     n_children: u32,
 }
@@ -41,6 +55,9 @@ pub struct Tree {
     /// For each of `corners`, its number in the list given to `build`.
     ids: Vec<u32>,
     frame: Frame,
+    /// Where every query begins: a node or a tilted box.
+    root: u32,
+    tilted: Tilted,
 }
 
 /// From input units to the units of the boxes: shifted and scaled by a power of two into [-1, 1].
@@ -84,10 +101,22 @@ struct Item {
 impl Tree {
     /// Builds the tree over triangles given by their corners. Degenerate triangles are welcome.
     pub fn build(n_triangles: usize, corners_of: impl Fn(usize) -> [Vector; 3]) -> Self {
+        Self::build_until(n_triangles, corners_of, &Progress::default()).unwrap_or_default()
+    }
+
+    /// The same; fails once `progress` asks to stop.
+    pub fn build_until(
+        n_triangles: usize,
+        corners_of: impl Fn(usize) -> [Vector; 3],
+        progress: &Progress,
+    ) -> Result<Self> {
         assert!(n_triangles < LEAF as usize, "a tree holds fewer than 2^31 triangles");
         let mut low = [f64::INFINITY; 3];
         let mut high = [f64::NEG_INFINITY; 3];
         for i in 0..n_triangles {
+            if i % STOP_ROWS == 0 {
+                progress.check()?;
+            }
             for corner in corners_of(i) {
                 for k in 0..3 {
                     low[k] = low[k].min(corner[k]);
@@ -98,6 +127,9 @@ impl Tree {
         let frame = Frame::around(low, high);
         let mut items = Vec::with_capacity(n_triangles);
         for i in 0..n_triangles {
+            if i % STOP_ROWS == 0 {
+                progress.check()?;
+            }
             let t = corners_of(i);
             let centre = [0, 1, 2].map(|k| {
                 let middle = (t[0][k] - frame.origin[k])
@@ -112,11 +144,18 @@ impl Tree {
             corners: Vec::with_capacity(n_triangles),
             ids: Vec::with_capacity(n_triangles),
             frame,
+            root: 0,
+            tilted: Tilted::default(),
         };
+        let stop = || progress.check().is_err();
         if n_triangles > 0 {
-            tree.add_node(&mut items, &corners_of);
+            tree.add_node(&mut items, &corners_of, &stop);
+            drop(items);
+            progress.check()?;
+            tree.tilt(&stop);
         }
-        tree
+        progress.check()?;
+        Ok(tree)
     }
 
     /// How many triangles there are.
@@ -158,15 +197,29 @@ impl Tree {
     /// Of equally near triangles the one whose corners come first in lexicographic order is taken, so the
     /// answer depends neither on the guess nor on the tree.
     pub fn nearest(&self, point: Vector, guess: Nearest) -> Nearest {
-        self.search(point, guess, -1.0)
+        self.search(point, guess, -1.0, || ())
+    }
+
+    /// Boxes and triangles that `nearest` looks at, for those who count work instead of seconds.
+    pub fn looks(&self, point: Vector) -> u64 {
+        let mut n = 0;
+        self.search(point, Nearest::NONE, -1.0, || n += 1);
+        n
     }
 
     /// Like `nearest`, but free to stop at any triangle whose squared distance is at most `enough_sq`.
     pub fn nearest_unless_within(&self, point: Vector, guess: Nearest, enough_sq: f64) -> Nearest {
-        self.search(point, guess, enough_sq)
+        self.search(point, guess, enough_sq, || ())
     }
 
-    fn search(&self, point: Vector, guess: Nearest, enough_sq: f64) -> Nearest {
+    #[inline(always)]
+    fn search(
+        &self,
+        point: Vector,
+        guess: Nearest,
+        enough_sq: f64,
+        mut look: impl FnMut(),
+    ) -> Nearest {
         let mut best = guess;
         if self.is_empty() || best.distance_sq <= enough_sq {
             return best;
@@ -174,6 +227,7 @@ impl Tree {
         let query = self.frame.query(point);
         let mut limit = self.frame.limit(best.distance_sq);
         let mut stack = [(0f32, 0u32); STACK];
+        stack[0].1 = self.root;
         let mut height = 1;
         while height > 0 {
             height -= 1;
@@ -181,19 +235,25 @@ impl Tree {
             if bound > limit {
                 continue;
             }
+            look();
             if at & LEAF != 0 {
                 let slot = at & !LEAF;
-                let t = &self.corners[slot as usize];
-                let (distance_sq, _) = triangle::closest(point, t);
-                if distance_sq < best.distance_sq
-                    || (distance_sq == best.distance_sq && self.comes_first(slot, best.slot))
-                {
+                let (distance_sq, _) = triangle::closest(point, &self.corners[slot as usize]);
+                if self.is_better(distance_sq, slot, best) {
                     best = Nearest { distance_sq, slot };
                     if distance_sq <= enough_sq {
                         return best;
                     }
                     limit = self.frame.limit(distance_sq);
                 }
+                continue;
+            }
+            if at & TILTED != 0 {
+                best = self.search_tilted(point, best, enough_sq, at & !TILTED, &mut look);
+                if best.distance_sq <= enough_sq {
+                    return best;
+                }
+                limit = self.frame.limit(best.distance_sq);
                 continue;
             }
             let node = &self.nodes[at as usize];
@@ -216,6 +276,148 @@ impl Tree {
         best
     }
 
+    /// Searches below a tilted box.
+    #[cold]
+    fn search_tilted(
+        &self,
+        point: Vector,
+        mut best: Nearest,
+        enough_sq: f64,
+        root: u32,
+        look: &mut impl FnMut(),
+    ) -> Nearest {
+        // Halving goes down to groups from at most 2^31 triangles.
+        let mut stack = [(0f64, 0u32); 2 * 32];
+        stack[0].1 = root;
+        let mut height = 1;
+        while height > 0 {
+            height -= 1;
+            let (bound_sq, at) = stack[height];
+            if bound_sq > best.distance_sq {
+                continue;
+            }
+            look();
+            match self.tilted.open(at, point) {
+                Inside::AllAt(distance_sq, slot) => {
+                    if self.is_better(distance_sq, slot, best) {
+                        best = Nearest { distance_sq, slot };
+                    }
+                }
+                Inside::Triangles(slots) => {
+                    for slot in slots {
+                        look();
+                        let t = &self.corners[slot as usize];
+                        let (distance_sq, _) = triangle::closest(point, t);
+                        if self.is_better(distance_sq, slot, best) {
+                            best = Nearest { distance_sq, slot };
+                        }
+                    }
+                }
+                Inside::Boxes(boxes) => {
+                    let bound_sq =
+                        |at| self.tilted.bound_sq(at, point, &self.corners, best.distance_sq);
+                    let [near, far] = boxes.map(|at| (bound_sq(at), at));
+                    let (near, far) = if near.0 <= far.0 { (near, far) } else { (far, near) };
+                    (stack[height], stack[height + 1]) = (far, near);
+                    height += 2;
+                }
+            }
+            if best.distance_sq <= enough_sq {
+                return best;
+            }
+        }
+        best
+    }
+
+    /// Whether a triangle is nearer than the best so far, or as near and first by its corners.
+    #[inline(always)]
+    fn is_better(&self, distance_sq: f64, slot: u32, best: Nearest) -> bool {
+        distance_sq < best.distance_sq
+            || (distance_sq == best.distance_sq && self.comes_first(slot, best.slot))
+    }
+
+    /// Puts tilted boxes wherever the boxes of triangles overlap too much.
+    fn tilt(&mut self, stop: &dyn Fn() -> bool) {
+        /// Sum of the volumes of the triangles' boxes, their number, the least of their slots.
+        type Below = (f64, u32, u32);
+        let volume = |low: [f32; 3], high: [f32; 3]| -> f64 {
+            (0..3).map(|k| f64::from(high[k]) - f64::from(low[k])).product()
+        };
+        let mut below: Vec<Below> = vec![(0.0, 0, u32::MAX); self.nodes.len()];
+        // Children come after their parents.
+        for at in (0..self.nodes.len()).rev() {
+            let node = &self.nodes[at];
+            let mut sum = (0.0, 0, u32::MAX);
+            for lane in 0..node.n_children as usize {
+                let child = node.child[lane];
+                let (low, high) = (node.low.map(|x| x[lane]), node.high.map(|x| x[lane]));
+                let one = match child & LEAF {
+                    0 => below[child as usize],
+                    _ => (volume(low, high), 1, child & !LEAF),
+                };
+                sum = (sum.0 + one.0, sum.1 + one.1, sum.2.min(one.2));
+            }
+            below[at] = sum;
+        }
+        let overlaps = |node: &Node, (sum, n, _): Below| {
+            let (low, high) = node.hull();
+            n >= FEW && sum > OVERLAP * volume(low, high)
+        };
+        if overlaps(&self.nodes[0], below[0]) {
+            self.nodes = Vec::new();
+            self.root = TILTED | self.tilt_below(below[0], stop);
+            return;
+        }
+        let (mut waiting, mut is_any) = (vec![0u32], false);
+        while let Some(at) = waiting.pop() {
+            for lane in 0..self.nodes[at as usize].n_children as usize {
+                let child = self.nodes[at as usize].child[lane];
+                if child & LEAF != 0 {
+                    continue;
+                }
+                let sum = below[child as usize];
+                if overlaps(&self.nodes[child as usize], sum) {
+                    self.nodes[at as usize].child[lane] = TILTED | self.tilt_below(sum, stop);
+                    is_any = true;
+                } else if sum.1 >= FEW {
+                    waiting.push(child);
+                }
+            }
+        }
+        if is_any {
+            drop(below);
+            self.forget_unused();
+        }
+    }
+
+    /// Builds tilted boxes over the triangles of a node; their slots follow each other.
+    fn tilt_below(&mut self, (_, n, first): (f64, u32, u32), stop: &dyn Fn() -> bool) -> u32 {
+        let slots = first as usize..(first + n) as usize;
+        let (corners, ids) = (&mut self.corners[slots.clone()], &mut self.ids[slots]);
+        self.tilted.add(corners, ids, first, stop)
+    }
+
+    /// Moves the nodes that are still reached together.
+    fn forget_unused(&mut self) {
+        let old = std::mem::take(&mut self.nodes);
+        let mut waiting = vec![(0u32, None)];
+        while let Some((at, parent)) = waiting.pop() {
+            let new = self.nodes.len() as u32;
+            if let Some((parent, lane)) = parent {
+                let parent: &mut Node = &mut self.nodes[parent as usize];
+                parent.child[lane] = new;
+            }
+            let node = &old[at as usize];
+            self.nodes.push(node.clone());
+            for lane in 0..node.n_children as usize {
+                if node.child[lane] & (LEAF | TILTED) == 0 {
+                    waiting.push((node.child[lane], Some((new, lane))));
+                }
+            }
+        }
+        self.nodes.shrink_to_fit();
+    }
+
     #[cold]
     fn comes_first(&self, slot: u32, other: u32) -> bool {
         if other == u32::MAX {
@@ -226,9 +428,19 @@ impl Tree {
     }
 
     /// Appends the node of `items` and everything below it; returns its place.
-    fn add_node(&mut self, items: &mut [Item], corners_of: &impl Fn(usize) -> [Vector; 3]) -> u32 {
+    ///
+    /// Gives up early, with a node that must not be used, once `stop` says so.
+    fn add_node(
+        &mut self,
+        items: &mut [Item],
+        corners_of: &impl Fn(usize) -> [Vector; 3],
+        stop: &dyn Fn() -> bool,
+    ) -> u32 {
         let at = self.nodes.len();
         self.nodes.push(Node::EMPTY);
+        if items.len() > STOP_ROWS / WIDTH && stop() {
+            return at as u32;
+        }
         if items.len() <= WIDTH {
             for (lane, item) in items.iter().enumerate() {
                 let t = triangle::canonical(corners_of(item.id as usize));
@@ -248,7 +460,7 @@ impl Tree {
         let n_parts = items.len().div_ceil(capacity);
         let mut lane = 0;
         let around = Centres::of(items);
-        self.add_parts(items, around, (capacity, n_parts), (at, &mut lane), corners_of);
+        self.add_parts(items, around, (capacity, n_parts), (at, &mut lane), (corners_of, stop));
         at as u32
     }
 
@@ -258,10 +470,10 @@ impl Tree {
         around: Centres,
         (capacity, n_parts): (usize, usize),
         (parent, lane): (usize, &mut usize),
-        corners_of: &impl Fn(usize) -> [Vector; 3],
+        means: (&impl Fn(usize) -> [Vector; 3], &dyn Fn() -> bool),
     ) {
         if n_parts == 1 {
-            let child = self.add_node(items, corners_of);
+            let child = self.add_node(items, means.0, means.1);
             let (low, high) = self.nodes[child as usize].hull();
             self.nodes[parent].set(*lane, low, high, child);
             *lane += 1;
@@ -271,8 +483,8 @@ impl Tree {
         let halves = around.split(items, n_left);
         let (left, right) = items.split_at_mut(n_left);
         let (few, rest) = (n_parts / 2, n_parts - n_parts / 2);
-        self.add_parts(left, halves[0], (capacity, few), (parent, lane), corners_of);
-        self.add_parts(right, halves[1], (capacity, rest), (parent, lane), corners_of);
+        self.add_parts(left, halves[0], (capacity, few), (parent, lane), means);
+        self.add_parts(right, halves[1], (capacity, rest), (parent, lane), means);
     }
 }
 
@@ -403,6 +615,8 @@ impl Node {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::print_stdout)] // Figures for whoever asks with --nocapture.
+
     use super::*;
 
     fn random(state: &mut u64) -> f64 {
@@ -476,6 +690,104 @@ mod tests {
                 .map(|t| triangle::canonical(*t))
                 .fold([[f64::INFINITY; 3]; 3], |least, t| if t < least { t } else { least });
             assert_eq!(*tree.corners(found.slot), least);
+        }
+    }
+
+    /// Families of triangles whose upright boxes hold each other, `n` of each.
+    fn overlapping(n: usize) -> Vec<(&'static str, Vec<[Vector; 3]>)> {
+        let turn = |i: usize| std::f64::consts::TAU * i as f64 / n as f64;
+        let rim = |i: usize| [turn(i).cos(), turn(i).sin(), 0.0];
+        let over = |p: Vector, z: f64| [p[0], p[1], z];
+        let slanted = |p: Vector| {
+            let d = [0.48, 0.6, 0.64];
+            [0, 1, 2].map(|k| 1e-2 * p[k] + d[k] * p[2])
+        };
+        let all = |f: &dyn Fn(usize) -> [Vector; 3]| (0..n).map(f).collect::<Vec<_>>();
+        let one = [[0.1, 0.2, 0.3], [1.0, 0.0, 0.1], [0.0, 1.0, 0.4]];
+        vec![
+            ("flat fan", all(&|i| [[0.0; 3], rim(i), rim(i + 1)])),
+            ("cone", all(&|i| [[0.0, 0.0, 1.5], rim(i), rim(i + 1)])),
+            ("pages", all(&|i| [[0.0; 3], [0.0, 0.0, 1.0], rim(i)])),
+            (
+                "half a book",
+                all(&|i| {
+                    let a = 0.5 * turn(i) + 0.1;
+                    [[0.0; 3], [0.0, 0.0, 1.0], [a.cos(), a.sin(), 0.3]]
+                }),
+            ),
+            (
+                "slanted tube",
+                all(&|i| {
+                    [over(rim(i), 0.0), over(rim(i + 1), 0.0), over(rim(i), 1.0)].map(slanted)
+                }),
+            ),
+            (
+                "star",
+                all(&|i| {
+                    let p = [0.5 * turn(i).cos(), 0.5 * turn(i).sin(), 0.0];
+                    let w = [-1e-6 * p[1], 1e-6 * p[0], 0.0];
+                    [0, 1, 2].map(|j| [0, 1, 2].map(|k| [p[k] + w[k], p[k] - w[k], -2.0 * p[k]][j]))
+                }),
+            ),
+            ("one many times", all(&|_| one)),
+            (
+                "one both ways round",
+                all(&|i| if i % 2 == 0 { one } else { [one[0], one[2], one[1]] }),
+            ),
+        ]
+    }
+
+    fn queries(soup: &[[Vector; 3]], n: usize) -> Vec<Vector> {
+        let mut state = 11;
+        let on = |i: usize, state: &mut u64| {
+            let t = &soup[i * 7919 % soup.len()];
+            let (u, v) = (random(state), random(state));
+            let (u, v) = if u + v > 1.0 { (1.0 - u, 1.0 - v) } else { (u, v) };
+            triangle::point_at(t, [1.0 - u - v, u, v])
+        };
+        (0..n)
+            .map(|i| match i % 4 {
+                0 | 1 => on(i, &mut state),
+                2 => on(i, &mut state).map(|x| x + 1e-4 * (random(&mut state) - 0.5)),
+                _ => [0; 3].map(|_| 6.0 * random(&mut state) - 3.0),
+            })
+            .collect()
+    }
+
+    #[test]
+    fn triangles_that_overlap_are_found_as_by_a_plain_search() {
+        for (name, soup) in overlapping(700) {
+            let tree = Tree::build(soup.len(), |i| soup[i]);
+            let mut corners = soup.iter().flatten().copied().collect::<Vec<_>>();
+            corners.truncate(30);
+            let mut hint = 0;
+            for p in queries(&soup, 300).into_iter().chain(corners) {
+                let found = tree.nearest(p, Nearest::NONE);
+                assert_eq!(found.distance_sq, brute(p, &soup), "{name} at {p:?}");
+                assert_eq!(tree.nearest(p, tree.guess(p, hint)), found, "{name} at {p:?}");
+                let t = triangle::canonical(soup[tree.id(found.slot) as usize]);
+                assert_eq!(t, *tree.corners(found.slot), "{name}");
+                hint = found.slot;
+            }
+        }
+    }
+
+    /// Looks at boxes and triangles, not seconds: a query takes about as many at four times the triangles.
+    #[test]
+    fn the_work_of_a_query_hardly_grows() {
+        let mean = |soup: &[[Vector; 3]]| {
+            let tree = Tree::build(soup.len(), |i| soup[i]);
+            let queries = queries(soup, 400);
+            queries.iter().map(|&p| tree.looks(p)).sum::<u64>() as f64 / 400.0
+        };
+        for (few, many) in overlapping(4000).iter().zip(&overlapping(16_000)) {
+            let (a, b) = (mean(&few.1), mean(&many.1));
+            println!("{}: {a:.0} -> {b:.0} looks a query", few.0);
+            // Needles that cross in one point and share no corner: nothing but the root is promised.
+            let growth = if few.0 == "star" { 2.5 } else { 1.5 };
+            // Fewer than 64 are what a query takes among triangles that do not overlap.
+            assert!(b < growth * a.max(64.0), "{}: {a} looks a query become {b}", few.0);
+            assert!(b < 1000.0, "{}: {b} looks a query", few.0);
         }
     }
 }

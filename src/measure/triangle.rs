@@ -118,8 +118,8 @@ pub fn closest(point: Vector, t: &[Vector; 3]) -> (f64, [f64; 3]) {
     }
     let vc = d1 * d4 - d3 * d2;
     if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-        let s = d1 / (d1 - d3);
-        return (length_sq(along(ap, ab, s)), [1.0 - s, s, 0.0]);
+        let (distance_sq, s) = closest_on_edge(point, t[0], t[1]);
+        return (distance_sq, [1.0 - s, s, 0.0]);
     }
     let cp = sub(point, t[2]);
     let (d5, d6) = (dot(ab, cp), dot(ac, cp));
@@ -128,14 +128,13 @@ pub fn closest(point: Vector, t: &[Vector; 3]) -> (f64, [f64; 3]) {
     }
     let vb = d5 * d2 - d1 * d6;
     if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-        let s = d2 / (d2 - d6);
-        return (length_sq(along(ap, ac, s)), [1.0 - s, 0.0, s]);
+        let (distance_sq, s) = closest_on_edge(point, t[0], t[2]);
+        return (distance_sq, [1.0 - s, 0.0, s]);
     }
     let va = d3 * d6 - d5 * d4;
     if va <= 0.0 && d4 >= d3 && d5 >= d6 {
-        let s = (d4 - d3) / ((d4 - d3) + (d5 - d6));
-        let bc = sub(t[2], t[1]);
-        return (length_sq(along(bp, bc, s)), [0.0, 1.0 - s, s]);
+        let (distance_sq, s) = closest_on_edge(point, t[1], t[2]);
+        return (distance_sq, [0.0, 1.0 - s, s]);
     }
     let height = dot(normal, ap);
     let scale = 1.0 / (va + vb + vc);
@@ -143,10 +142,26 @@ pub fn closest(point: Vector, t: &[Vector; 3]) -> (f64, [f64; 3]) {
     (height * height / normal_sq, [1.0 - v - w, v, w])
 }
 
-/// `from - s * edge`.
+/// Squared distance from `point` to the edge between `a` and `b`, and how far along it from `a` the nearest
+/// point is, from 0 to 1.
+///
+/// The edge is followed from its lexicographically smaller end, so all triangles at it find the same bits.
 #[inline]
-fn along(from: Vector, edge: Vector, s: f64) -> Vector {
-    [from[0] - s * edge[0], from[1] - s * edge[1], from[2] - s * edge[2]]
+pub fn closest_on_edge(point: Vector, a: Vector, b: Vector) -> (f64, f64) {
+    let is_turned = (b[0], b[1], b[2]) < (a[0], a[1], a[2]);
+    let (start, end) = if is_turned { (b, a) } else { (a, b) };
+    let (edge, from, beyond) = (sub(end, start), sub(point, start), sub(point, end));
+    let (before, behind) = (dot(edge, from), dot(edge, beyond));
+    // At its ends the distance to the corner is the more accurate one.
+    let (off, s) = if before > 0.0 && behind < 0.0 {
+        let s = before / (before - behind);
+        ([0, 1, 2].map(|k| from[k] - s * edge[k]), s)
+    } else if before > 0.0 {
+        (beyond, 1.0)
+    } else {
+        (from, 0.0)
+    };
+    (length_sq(off), if is_turned { 1.0 - s } else { s })
 }
 
 #[cold]
@@ -154,12 +169,7 @@ fn closest_on_edges(point: Vector, t: &[Vector; 3]) -> (f64, [f64; 3]) {
     let mut best = (f64::INFINITY, [1.0, 0.0, 0.0]);
     for i in 0..3 {
         let j = (i + 1) % 3;
-        let (edge, from) = (sub(t[j], t[i]), sub(point, t[i]));
-        let edge_sq = length_sq(edge);
-        let s = if edge_sq > 0.0 { (dot(edge, from) / edge_sq).clamp(0.0, 1.0) } else { 0.0 };
-        // At the far end the distance to that corner is the more accurate one.
-        let off = if s == 1.0 { sub(point, t[j]) } else { along(from, edge, s) };
-        let distance_sq = length_sq(off);
+        let (distance_sq, s) = closest_on_edge(point, t[i], t[j]);
         if distance_sq < best.0 {
             let mut weights = [0.0; 3];
             weights[i] = 1.0 - s;

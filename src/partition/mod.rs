@@ -67,10 +67,10 @@ pub fn store_bytes(n_vertices: u64, n_triangles: u64, layout: &VertexLayout) -> 
 
 /// Cuts `source` into cells of about `cell_triangles` triangles.
 pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<Partition> {
-    let n_cells = plan_cells(source.n_faces(), cell_triangles);
+    let n_cells = plan_cells(source.n_triangles(), cell_triangles);
     let layout = VertexLayout::new(source.schema(), source.n_vertices());
     let shares = |n_cells| {
-        let store_bytes = store_bytes(source.n_vertices(), source.n_faces(), &layout);
+        let store_bytes = store_bytes(source.n_vertices(), source.n_triangles(), &layout);
         let n_vertices = source.n_vertices();
         let sizes = Sizes { n_vertices, n_cells, store_bytes, layout: &layout };
         Shares::new(sizes, run.threads, run.memory_bytes)
@@ -81,7 +81,7 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
         let Scan { bounds, samples } = scan(source, n_cells, shares.threads, run.progress)?;
         Ok((bounds, CellTree::build(Frame::new(0, bounds), &samples, n_cells)))
     })?;
-    run.progress.add(source.n_faces() / 8);
+    run.progress.add(source.n_triangles() / 8);
     let shares = shares(tree.n_cells());
     let window_rows = shares.window_rows.min(source.n_vertices());
     let (mut pack, place) = take_up(run, PACK_NAME, window_rows)?;
@@ -192,7 +192,7 @@ impl Passes<'_> {
             },
         )?;
         scatter.finish(pack)?;
-        run.progress.add(source.n_faces() / 4);
+        run.progress.add(source.n_triangles() / 4);
         self.place = Place { pass: Pass::Triangles, window: [0, window], ..Place::default() };
         Ok(table)
     }
@@ -477,7 +477,7 @@ impl Passes<'_> {
         )?;
         rows.finish(pack)?;
         marks.finish(pack)?;
-        run.progress.add(source.n_faces() / 8);
+        run.progress.add(source.n_triangles() / 8);
         Ok(seams)
     }
 }

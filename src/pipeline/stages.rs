@@ -143,7 +143,7 @@ impl<'a> Stages<'a> {
         marks: &BTreeMap<String, String>,
     ) -> Result<Partition> {
         let config = self.config;
-        let (size, n) = (self.config.cell_triangles, source.n_faces());
+        let (size, n) = (self.config.cell_triangles, source.n_triangles());
         let partition = self.stage(
             "partition",
             "partition",
@@ -384,14 +384,14 @@ impl<'a> Stages<'a> {
         let seconds = started.elapsed().as_secs_f64();
         let met = written.triangles <= self.target;
         let has_seams = self.layout.codec.has_seams(source.schema());
-        let quality = self.quality.judge(source.n_faces());
+        let quality = self.quality.judge(source.n_triangles());
         RunReport {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             input: InputReport {
                 path: config.input.display().to_string(),
                 bytes: source.file_bytes(),
                 vertices: source.n_vertices(),
-                triangles: source.n_faces(),
+                triangles: source.n_triangles(),
                 bounds: partition.bounds,
                 ..InputReport::default()
             },
@@ -399,7 +399,7 @@ impl<'a> Stages<'a> {
             cells: partition.store.cells.len() as u32,
             rounds: self.rounds_done,
             seconds,
-            triangles_per_second: source.n_faces() as f64 / seconds.max(1e-9),
+            triangles_per_second: source.n_triangles() as f64 / seconds.max(1e-9),
             peak_memory_bytes: crate::memory::peak_bytes(),
             peak_temp_bytes: self.run.disk().peak_bytes(),
             output: OutputReport {

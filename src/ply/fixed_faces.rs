@@ -68,6 +68,11 @@ impl FixedFaces {
         Some(FixedFaces { stride: at, corners_at, index, swap, single, counts })
     }
 
+    /// Whether the corners are the only list, so that the length of a row tells how many there are.
+    pub fn has_one_list(&self) -> bool {
+        self.counts.len() == 1
+    }
+
     /// Whether the list counts of `row` are those of the layout.
     pub fn matches(&self, row: &[u8]) -> bool {
         if let Some(at) = self.single {

@@ -86,10 +86,10 @@ impl MeshSource {
                 (role, p.kind)
             })
             .collect();
-        let (n_vertices, n_faces) = (self.n_vertices(), self.n_faces());
+        let (n_vertices, n_rows) = (self.n_vertices(), self.n_face_rows());
         let (mut face, mut n_bad) = (FullFace::default(), 0);
         with_scan!(&self.file, self.header.encoding, start, |scan| {
-            for row in 0..n_faces {
+            for row in 0..n_rows {
                 let whole = match read(&mut scan, &kinds, n_vertices, &mut face) {
                     Ok(whole) => whole,
                     Err(fault) => {

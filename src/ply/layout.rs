@@ -62,7 +62,10 @@ pub(crate) struct Layout {
     pub vertices: VertexLayout,
     pub faces: FaceLayout,
     pub n_vertices: u64,
-    pub n_faces: u64,
+    /// Rows of the face element, or triangles of the strips.
+    pub n_face_rows: u64,
+    /// Triangles that the faces make, degenerate ones included.
+    pub n_triangles: u64,
     /// Which element holds the vertices, and which the faces.
     pub vertex_element: usize,
     pub face_element: Option<usize>,
@@ -91,7 +94,8 @@ pub(crate) fn locate(file: &RawFile, header: &Header, skip_bad: bool) -> Result<
             vertices,
             faces: FaceLayout::None,
             n_vertices: header.elements[vertex_element].count,
-            n_faces: 0,
+            n_face_rows: 0,
+            n_triangles: 0,
             vertex_element,
             face_element,
         },
@@ -204,17 +208,49 @@ impl Walk<'_> {
     }
 
     fn faces(&mut self, element: &Element) -> Result<()> {
-        if let Some(rows) = self.fixed_faces(element)? {
-            self.out.n_faces = element.count;
-            let offset = self.at.offset;
+        let offset = self.at.offset;
+        let fixed = self.fixed_faces(element)?;
+        let stride = fixed.as_ref().map_or(0, |rows| rows.stride as u64);
+        let all_bytes = stride.saturating_mul(element.count);
+        let are_triangles = match &fixed {
+            None => false,
+            Some(rows) => {
+                rows.has_one_list() && self.left().checked_sub(all_bytes) == self.bytes_behind()
+            }
+        };
+        if !are_triangles {
+            // Triangles are not rows: only the rows themselves tell how many there are.
+            let index = self.index(element, Blocks::ByTriangles)?;
+            self.out.n_face_rows = index.n_rows;
+            self.out.n_triangles = index.n_triangles;
+            let as_guessed = index.n_rows == element.count
+                && index.n_triangles == element.count
+                && index.end.offset == offset + all_bytes;
+            if fixed.is_none() || !as_guessed {
+                self.out.faces = FaceLayout::Indexed(Arc::new(index));
+                return Ok(());
+            }
+        } else {
+            self.out.n_face_rows = element.count;
+            self.out.n_triangles = element.count;
+        }
+        if let Some(rows) = fixed {
             let (checked, fallback) = (Checked::default(), Mutex::new(None));
             self.out.faces = FaceLayout::Fixed { offset, rows, checked, fallback };
-            return Ok(());
         }
-        let index = self.index(element, Blocks::ByTriangles)?;
-        self.out.n_faces = index.n_rows;
-        self.out.faces = FaceLayout::Indexed(Arc::new(index));
         Ok(())
+    }
+
+    /// Bytes of the elements behind the faces, which are last but for these; `None` if that is unknown.
+    ///
+    /// A file that ends right behind rows of triangles of one size, and these, holds nothing but
+    /// triangles: one polygon more would make it longer.
+    fn bytes_behind(&self) -> Option<u64> {
+        let behind = &self.header.elements[self.out.face_element? + 1..];
+        behind.iter().try_fold(0u64, |sum, element| {
+            let bytes = if element.count == 0 { 0 } else { self.fixed_bytes(element)? };
+            sum.checked_add(bytes.checked_mul(element.count)?)
+        })
     }
 
     /// The layout of rows of one size, if the first row, the file's length and a few probes agree on it.
@@ -255,7 +291,8 @@ impl Walk<'_> {
             index.end.offset = self.file.len();
         }
         self.at = index.end;
-        self.out.n_faces = index.n_triangles;
+        self.out.n_face_rows = index.n_triangles;
+        self.out.n_triangles = index.n_triangles;
         self.out.faces = FaceLayout::Strips(index);
         Ok(())
     }

@@ -23,6 +23,8 @@ pub(crate) struct RowIndex {
     pub blocks: Vec<(Mark, u64)>,
     /// Rows found; fewer than the header says only if the file ends early.
     pub n_rows: u64,
+    /// Triangles that their corner lists make, degenerate ones included.
+    pub n_triangles: u64,
     /// Where the rows end.
     pub end: Mark,
     /// What stopped the pass, with its place.
@@ -52,7 +54,10 @@ pub(crate) fn index_rows<S: Scan>(scan: &mut S, element: &Element, blocks: Block
             (rows, triangles) = (0, 0);
         }
         match skip_row(scan, element, corners) {
-            Ok(n) => triangles += n,
+            Ok(n) => {
+                triangles += n;
+                index.n_triangles += n;
+            }
             Err(fault) => {
                 if rows == 0 {
                     index.blocks.pop();

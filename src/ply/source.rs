@@ -190,7 +190,7 @@ impl MeshSource {
 
     /// Refuses a file that has no faces, saying what it has.
     pub fn require_faces(&self) -> Result<()> {
-        if self.n_faces() > 0 {
+        if self.n_face_rows() > 0 {
             return Ok(());
         }
         let names: Vec<_> = self.header.elements.iter().map(|e| e.name.as_str()).collect();
@@ -224,7 +224,7 @@ impl MeshSource {
         Faults {
             bad_vertices: self.bad_vertices.len(),
             missing_vertices: promised.count - self.n_vertices(),
-            missing_faces: faces.saturating_sub(self.n_faces()),
+            missing_faces: faces.saturating_sub(self.n_face_rows()),
             bad_faces: self.staged.bad_faces,
         }
     }
@@ -234,9 +234,24 @@ impl MeshSource {
         self.layout.n_vertices
     }
 
-    /// Number of face records: a polygon counts once, a strip as often as it has triangles.
-    pub fn n_faces(&self) -> u64 {
-        self.layout.n_faces
+    /// Number of rows that hold faces: a polygon counts once, a strip as often as it has triangles.
+    ///
+    /// For those who read rows; everything else counts triangles.
+    pub fn n_face_rows(&self) -> u64 {
+        self.layout.n_face_rows
+    }
+
+    /// Number of triangles that the faces make, degenerate and broken ones included.
+    pub fn n_triangles(&self) -> u64 {
+        self.layout.n_triangles
+    }
+
+    /// Number of corners of all faces.
+    pub fn n_corners(&self) -> u64 {
+        match self.layout.faces {
+            FaceLayout::Strips(_) => 3 * self.n_triangles(),
+            _ => self.n_triangles() + 2 * self.n_face_rows(),
+        }
     }
 
     /// Number of vertex blocks, each of `BLOCK_ROWS` vertices but the last.
@@ -248,7 +263,7 @@ impl MeshSource {
     pub fn n_face_blocks(&self) -> u64 {
         match &self.layout.faces {
             FaceLayout::None => 0,
-            FaceLayout::Fixed { .. } => self.n_faces().div_ceil(BLOCK_ROWS),
+            FaceLayout::Fixed { .. } => self.n_face_rows().div_ceil(BLOCK_ROWS),
             FaceLayout::Indexed(index) => index.blocks.len() as u64,
             FaceLayout::Strips(index) => index.blocks.len() as u64,
         }
@@ -470,7 +485,7 @@ impl MeshSource {
     fn read_fixed_rows(&self, index: u64, bytes: &mut Vec<u8>) -> Result<usize> {
         let FaceLayout::Fixed { offset, rows, .. } = &self.layout.faces else { return Ok(0) };
         let first = index * BLOCK_ROWS;
-        let n = BLOCK_ROWS.min(self.n_faces() - first) as usize;
+        let n = BLOCK_ROWS.min(self.n_face_rows() - first) as usize;
         bytes.resize(n * rows.stride, 0);
         self.file.read_exact_at(bytes, offset + first * rows.stride as u64)?;
         Ok(n)
@@ -573,7 +588,7 @@ impl std::fmt::Debug for MeshSource {
         f.debug_struct("MeshSource")
             .field("path", &self.file.path())
             .field("n_vertices", &self.n_vertices())
-            .field("n_faces", &self.n_faces())
+            .field("n_triangles", &self.n_triangles())
             .finish_non_exhaustive()
     }
 }

@@ -42,7 +42,7 @@ pub(super) fn render(
     let budget = resources.memory_bytes.saturating_sub(frame_bytes + SLACK_BYTES);
     let mut vertices = Vertices::new(scene, &camera, budget, threads, progress)?;
     let smooth_bytes = scene.n_vertices().saturating_mul(vertex_bytes(scene.is_colored(), true));
-    let smooth = view.smooth && scene.n_faces() <= MOST_SMOOTH_FACES && smooth_bytes <= budget;
+    let smooth = view.smooth && scene.n_triangles() <= MOST_SMOOTH_FACES && smooth_bytes <= budget;
     if smooth && vertices.all_held() {
         vertices.normals = vertex_normals(scene, &mut vertices, threads, progress)?;
     }

@@ -27,8 +27,8 @@ pub(super) struct Faces {
 pub(super) trait Scene: Sync {
     /// Number of vertices.
     fn n_vertices(&self) -> u64;
-    /// Number of triangles, or an estimate of it.
-    fn n_faces(&self) -> u64;
+    /// Number of triangles.
+    fn n_triangles(&self) -> u64;
     /// Reads vertices `block * BLOCK_ROWS` and following.
     fn points(&self, block: u64, out: &mut Points) -> Result<()>;
     /// Reads a block of triangles.
@@ -43,7 +43,7 @@ pub(super) trait Scene: Sync {
 
     /// Number of face blocks.
     fn n_face_blocks(&self) -> u64 {
-        self.n_faces().div_ceil(BLOCK_ROWS)
+        self.n_triangles().div_ceil(BLOCK_ROWS)
     }
 }
 
@@ -58,7 +58,7 @@ impl Scene for InMemory<'_> {
         self.mesh.positions.len() as u64
     }
 
-    fn n_faces(&self) -> u64 {
+    fn n_triangles(&self) -> u64 {
         self.mesh.triangles.len() as u64
     }
 
@@ -126,8 +126,8 @@ impl Scene for OnDisk<'_> {
         self.source.n_vertices()
     }
 
-    fn n_faces(&self) -> u64 {
-        self.source.n_faces()
+    fn n_triangles(&self) -> u64 {
+        self.source.n_triangles()
     }
 
     fn n_face_blocks(&self) -> u64 {

@@ -224,7 +224,7 @@ fn pictures(
                 "<figure><img alt=\"{name}, {caption}\" src=\"data:image/png;base64,{}\">\
                  <figcaption>{caption}: {} triangles</figcaption></figure>",
                 base64::engine::general_purpose::STANDARD.encode(png),
-                show(&serde_json::json!(source.n_faces()))
+                show(&serde_json::json!(source.n_triangles()))
             );
         }
         out.push_str("</div>");
@@ -239,7 +239,7 @@ fn viewer(
     progress: &Progress,
 ) -> Result<()> {
     out.push_str("<h2>To turn around</h2>");
-    if source.n_faces() == 0 || source.n_faces() > MOST_EMBEDDED {
+    if source.n_triangles() == 0 || source.n_triangles() > MOST_EMBEDDED {
         out.push_str("<p>The mesh is too large, or too empty, for a web page.</p>");
         return Ok(());
     }

@@ -34,13 +34,13 @@ fn read_all(source: &MeshSource) -> stonecut::Result<()> {
 
 /// What faces carry, moved to vertices.
 fn move_faces(source: MeshSource, options: &StageOptions) -> stonecut::Result<()> {
-    let (n_vertices, n_faces) = (source.n_vertices(), source.n_faces());
+    let (n_vertices, n_faces) = (source.n_vertices(), source.n_face_rows());
     let labels = ["quality".to_owned()];
     let survey = SurveyOptions { labels: &labels, ..SurveyOptions::default() };
     let carry = survey_faces(&source, &survey)?;
     let is_moved = carry.is_moved();
     let source = faces_to_vertices(source, carry, options)?;
-    assert!(source.n_faces() <= n_faces && (is_moved || source.n_vertices() == n_vertices));
+    assert!(source.n_face_rows() <= n_faces && (is_moved || source.n_vertices() == n_vertices));
     read_all(&source)
 }
 
