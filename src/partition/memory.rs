@@ -46,7 +46,7 @@ pub struct Shares {
     pub buffer_bytes: u64,
     /// Bytes for pairs of a vertex and a foreign cell.
     pub halo_bytes: u64,
-    /// The peak if the table holds a single block: what cannot be done without.
+    /// The peak if the table holds a single block and pairs have the least they can do with.
     pub least_bytes: u64,
 }
 
@@ -55,18 +55,21 @@ impl Shares {
     pub fn new(sizes: Sizes, threads: usize, budget_bytes: u64) -> Shares {
         let Sizes { n_vertices, n_cells, store_bytes, layout } = sizes;
         let buffer_bytes = budget_bytes / BUFFER_SHARE;
-        let halo_bytes = (budget_bytes / HALO_SHARE).clamp(*HALO_BYTES.start(), *HALO_BYTES.end());
         let block = block_bytes(layout, n_cells) * BLOCKS_PER_THREAD;
         let threads = (budget_bytes / BLOCK_SHARE / block).clamp(1, threads.max(1) as u64);
         let buffers = Scatter::bytes(n_cells, buffer_bytes);
         let list = Scatter::list_bytes(n_cells, buffer_bytes, store_bytes);
-        let fixed = threads * block + buffers + list + halo_bytes;
         let per_vertex = CellTable::bytes_per_vertex(n_cells);
-        let rows = budget_bytes.saturating_sub(fixed) / per_vertex;
+        // The second set of buffers comes when the table is gone.
+        let least_table = buffers.max(BLOCK_ROWS.min(n_vertices) * per_vertex);
+        let others = threads * block + buffers + list;
+        let left = budget_bytes.saturating_sub(others + least_table);
+        let halo_bytes =
+            (budget_bytes / HALO_SHARE).min(left).clamp(*HALO_BYTES.start(), *HALO_BYTES.end());
+        let rows = budget_bytes.saturating_sub(others + halo_bytes) / per_vertex;
         let window_rows = (rows / BLOCK_ROWS).max(1) * BLOCK_ROWS;
         let samples = SAMPLE_BYTES * n_samples(n_vertices, n_cells) + threads * block;
-        // The second set of buffers comes when the table is gone.
-        let passes = fixed + buffers.max(BLOCK_ROWS.min(n_vertices) * per_vertex);
+        let passes = others + least_table + HALO_BYTES.start();
         Shares {
             threads: threads as usize,
             window_rows,

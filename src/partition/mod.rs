@@ -579,6 +579,37 @@ mod tests {
         }
     }
 
+    /// Pairs of a vertex and a foreign cell that exceed their memory go to disk and come back the same.
+    #[test]
+    fn pairs_on_disk_give_the_same_cells_bit_for_bit() {
+        let folder = tempfile::tempdir().unwrap();
+        // 160,000 vertices in a square, two far corners to each triangle: nearly 320,000 pairs.
+        let n = 160_000u64;
+        let schema = VertexSchema { coordinate: Scalar::F32, properties: Vec::new() };
+        let mut records = Vec::new();
+        for i in 0..n {
+            schema.encode_position([(i % 400) as f64, (i / 400) as f64, 0.0], &mut records);
+        }
+        let faces: Vec<[u32; 3]> =
+            (0..n).map(|i| [i, 7919 * i + 3, 104_729 * i + 11].map(|v| (v % n) as u32)).collect();
+        let header = OutputHeader::new(schema, n, n);
+        let mut writer = PlyWriter::create(&folder.path().join("grid.ply"), header).unwrap();
+        writer.write_vertices(&records).unwrap();
+        writer.write_faces_u32(&faces).unwrap();
+        writer.finish().unwrap();
+        let (whole, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
+        let n_foreign: usize = cells.iter().map(|cell| cell.ids.len()).sum::<usize>() - n as usize;
+        assert!(n_foreign > 150_000, "{n_foreign}");
+        // Room for 65,536 pairs with the table in windows, and for 131,072 with the whole table.
+        for (memory, every) in
+            [(1 << 10, Duration::MAX), (32 << 20, Duration::MAX), (32 << 20, Duration::ZERO)]
+        {
+            let (other, others) = cut(folder.path(), memory, every);
+            assert_eq!(whole.seam_place, other.seam_place);
+            assert_same(&cells, &others, &format!("{memory} bytes"));
+        }
+    }
+
     /// Cells that are split by ids, and whose triangles came in several windows, are the same bit for bit.
     #[test]
     fn a_split_cell_in_windows_is_the_same_bit_for_bit() {
