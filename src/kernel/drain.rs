@@ -325,7 +325,8 @@ impl Driver {
 
     /// Whether costs run away from the progress.
     fn stalls(&self, cost: f32, mark: &mut Mark) -> bool {
-        let refused = self.rejects.topological();
+        // What waits for its price is no sign of a dead end.
+        let refused = self.rejects.topological() - self.deferred;
         let now = Mark { cost, alive: self.surface.n_alive, refused };
         if cost < self.drained || self.surface.n_alive < NEVER_STALLS {
             // What is cheaper than the last level was refused then, and says nothing of progress.
@@ -427,7 +428,7 @@ impl Driver {
         let Some(removal) = islands.removal(&self.surface, triangles, limit) else { return };
         let cost = topology::price(removal.error, triangles.len());
         let hold = islands.hold_cost(&self.surface, removal, triangles.len());
-        let is_due = is_due(queue, (bucket, entry), cost.max(hold), limits);
+        let is_due = is_due(queue, (bucket, entry), cost.max(hold), limits, &mut self.deferred);
         if is_due && leaves_enough(&self.surface, triangles.len(), limits) {
             topology::vanish(&mut self.surface, triangles);
             islands.removed(removal, triangles.len());
@@ -446,7 +447,7 @@ impl Driver {
     ) {
         // What a cut separates takes a search: not before it can be due.
         let least = topology::least_cut_cost(&self.surface, cycle);
-        if !is_due(queue, (bucket, entry), least, limits) {
+        if !is_due(queue, (bucket, entry), least, limits, &mut self.deferred) {
             return;
         }
         let plan = topology::plan_cut(&self.surface, cycle);
@@ -456,7 +457,7 @@ impl Driver {
             None => return,
         };
         let n_freed = strip.as_ref().map_or(0, |triangles| triangles.len() - 1);
-        let is_due = is_due(queue, (bucket, entry), cost, limits);
+        let is_due = is_due(queue, (bucket, entry), cost, limits, &mut self.deferred);
         if !is_due || !leaves_enough(&self.surface, n_freed, limits) {
             return;
         }
@@ -502,12 +503,14 @@ fn leaves_enough(surface: &Surface, n_freed: usize, limits: Limits) -> bool {
     surface.n_alive + 2 >= limits.triangles + n_freed as u64
 }
 
-/// Whether a change of this cost may be made now; if not, but within the limit, its entry waits for that cost.
+/// Whether a change of this cost may be made now; if not, but within the limit, its entry waits for that cost and
+/// is counted in `deferred`.
 fn is_due(
     queue: &mut BucketQueue,
     (bucket, entry): (u32, Entry),
     cost: f32,
     limits: Limits,
+    deferred: &mut u64,
 ) -> bool {
     if cost.is_nan() || cost > limits.cost {
         return false;
@@ -515,6 +518,7 @@ fn is_due(
     let due = queue.bucket(cost);
     if due > bucket {
         queue.put_back(due, entry);
+        *deferred += 1;
     }
     due <= bucket
 }

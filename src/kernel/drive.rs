@@ -39,6 +39,8 @@ pub(crate) struct Driver {
     pub(super) simd: Simd,
     pub(super) collapser: Collapser,
     pub(crate) rejects: RejectCounts,
+    /// Refusals whose change of topology waits for its price.
+    pub(super) deferred: u64,
     /// Since the last time the stamps were set to zero; and before.
     pub(super) collapses: u64,
     collapses_before: u64,
@@ -123,6 +125,7 @@ impl Driver {
             simd,
             collapser: Collapser::new(topology == Topology::Error),
             rejects: RejectCounts::default(),
+            deferred: 0,
             collapses: 0,
             collapses_before: 0,
             drained: 0.0,
