@@ -467,14 +467,15 @@ fn specks_do_not_take_the_triangles_of_the_surface() {
     // Three quarters of the triangles are tetrahedra, far smaller than a triangle of the result will be, in a
     // cloud above the sheet.
     let sheet = sheet(60, |_, _| false);
-    let mut tetrahedron = Mesh::default();
-    tetrahedron.positions =
-        vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    tetrahedron.triangles = vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+    let tetrahedron = Mesh {
+        positions: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        triangles: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
+        ..Mesh::default()
+    };
     let mut mesh = sheet.clone();
     let side = 1e-5;
     for i in 0..5400 {
-        let x = [0.754_877, 0.569_840, 0.318_309].map(|a| (f64::from(i) * a).fract());
+        let x = [0.754_877, 0.569_840, 0.430_16].map(|a| (f64::from(i) * a).fract());
         append(&mut mesh, &tetrahedron, side, [x[0], x[1], 0.05 + 0.1 * x[2]]);
     }
     let result = run(&mesh, 2000, Topology::Error);
