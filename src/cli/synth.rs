@@ -12,7 +12,7 @@ use std::path::PathBuf;
 /// Makes a synthetic scan of any size: closed-form, the same for the same seed.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Which mesh: terrain, statue, gyroid, scans or volume.
+    /// Which mesh: terrain, statue, gyroid, scans, volume or rooms.
     pub kind: Kind,
     /// The file to write.
     pub output: PathBuf,
@@ -25,7 +25,7 @@ pub struct Args {
     /// Vertices, faces and corners in random order.
     #[arg(long)]
     pub shuffle: bool,
-    /// With vertex colours (scans always has them).
+    /// With vertex colours (scans and rooms always have them).
     #[arg(long)]
     pub color: bool,
     /// With texture coordinates s, t.
@@ -37,6 +37,12 @@ pub struct Args {
     /// volume: whole voxel values, which meet the level exactly: triangles of no area, coinciding vertices.
     #[arg(long)]
     pub integer: bool,
+    /// rooms: at most so many texture images, written beside OUTPUT [default: one for 25k triangles, at most 1000].
+    ///
+    /// PLY names them in its comments (texcoord and texnumber at faces), OBJ by a material library; STL and GLB
+    /// carry no textures and get none.
+    #[arg(long, value_name = "N", value_parser = parse_count)]
+    pub pages: Option<u64>,
     /// Words joined by commas: ascii, binary_little_endian or binary_big_endian; float or double; int or
     /// uint; ply, stl, obj or glb [default: by OUTPUT's name, binary].
     #[arg(long, value_name = "FORMAT", default_value = "")]
@@ -67,6 +73,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         uv: args.uv,
         noise: args.noise,
         integer: args.integer,
+        pages: args.pages,
     };
     let threads = super::threads(args.threads).get();
     let writing = Writing { threads, force: args.force, format: args.format };
@@ -75,12 +82,19 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
     // A closed standard error is no reason to fail: the mesh is there.
     let _ = writeln!(
         log,
-        "{}: {} triangles ({}), {} vertices, {}",
+        "{}: {} triangles ({}), {} vertices, {}{}",
         args.output.display(),
         counts.n_triangles,
         show_count(counts.n_triangles),
         counts.n_vertices,
         show_bytes(bytes),
+        match counts.n_images {
+            0 if args.kind == Kind::Rooms =>
+                ", no images: this format carries no textures".to_owned(),
+            0 => String::new(),
+            1 => ", 1 image".to_owned(),
+            n => format!(", {n} images"),
+        },
     );
     Ok(())
 }

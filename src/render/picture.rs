@@ -44,6 +44,8 @@ impl Picture {
             encoder.set_color(png::ColorType::Rgb);
             encoder.set_depth(png::BitDepth::Eight);
             encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+            // By this a later run knows an image that it may replace.
+            encoder.add_text_chunk("Software".to_owned(), "stonecut".to_owned())?;
             let mut writer = encoder.write_header()?;
             writer.write_image_data(&self.rgb)?;
             writer.finish()

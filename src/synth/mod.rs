@@ -7,6 +7,7 @@
 mod gyroid;
 mod noise;
 mod permutation;
+mod rooms;
 mod scans;
 mod sculpture;
 mod shuffle;
@@ -23,6 +24,7 @@ use crate::formats::{MeshSink, OutputFormat};
 use crate::mesh::Mesh;
 use crate::ply::{OutputHeader, Place};
 use crate::progress::Progress;
+use rooms::Rooms;
 use shuffle::Shuffler;
 use sliced::Counted;
 use std::path::Path;
@@ -43,6 +45,8 @@ pub enum Kind {
     Scans,
     /// The isosurface of a noisy volume: one folded surface, tens of thousands of specks, open at the volume's faces.
     Volume,
+    /// An interior with thin walls, holes, crumbs, and a fragmented atlas on several written images; coloured.
+    Rooms,
 }
 
 impl std::str::FromStr for Kind {
@@ -55,8 +59,10 @@ impl std::str::FromStr for Kind {
             "gyroid" => Ok(Kind::Gyroid),
             "scans" => Ok(Kind::Scans),
             "volume" => Ok(Kind::Volume),
+            "rooms" => Ok(Kind::Rooms),
             _ => Err(format!(
-                "'{text}' is not a kind of mesh; there are terrain, statue, gyroid, scans and volume"
+                "'{text}' is not a kind of mesh; there are terrain, statue, gyroid, scans, volume \
+                 and rooms"
             )),
         }
     }
@@ -73,7 +79,7 @@ pub struct Settings {
     pub seed: u64,
     /// Random instead of natural order of vertices, faces and corners.
     pub shuffle: bool,
-    /// With `red green blue`; `scans` always has them.
+    /// With `red green blue`; `scans` and `rooms` always have them.
     pub color: bool,
     /// With texture coordinates `s t`.
     pub uv: bool,
@@ -81,6 +87,8 @@ pub struct Settings {
     pub noise: f64,
     /// Whole voxel values that meet the level exactly; `volume` alone has voxels.
     pub integer: bool,
+    /// At most so many texture images; `rooms` alone has any. One for 25,000 triangles, at most 1000, if `None`.
+    pub pages: Option<u64>,
 }
 
 impl Settings {
@@ -95,6 +103,7 @@ impl Settings {
             uv: false,
             noise: 1.0,
             integer: false,
+            pages: None,
         }
     }
 }
@@ -117,12 +126,17 @@ pub struct Counts {
     pub n_vertices: u64,
     /// Number of triangles.
     pub n_triangles: u64,
+    /// Number of texture images beside the mesh.
+    pub n_images: u64,
 }
 
 /// Writes a synthetic mesh.
 ///
-/// The bytes depend on `settings` and the format alone; memory is a few megabytes a thread, and some 100 MB when `gyroid`,
-/// `scans` or `volume` are shuffled. The file appears by rename.
+/// `rooms` as PLY or OBJ writes its images beside the file, `STEM_000.png` and so on, and an OBJ's `STEM.mtl`; STL and
+/// GLB get the mesh alone.
+///
+/// The bytes depend on `settings` and the format alone; memory is a few megabytes a thread, and some 100 MB when anything
+/// but `terrain` and `statue` is shuffled. The file appears by rename.
 /// Errors: an existing `path` without `force`, more than 2^32 vertices, whatever the system refuses.
 pub fn write_ply(
     path: &Path,
@@ -135,23 +149,47 @@ pub fn write_ply(
         let path = path.display();
         return Err(Error::Usage(format!("{path} exists; --force overwrites it")));
     }
+    if settings.kind == Kind::Rooms && !rooms::file_names(path, 1, writing.format)?.0.is_empty() {
+        let rooms = counted_rooms(settings, writing.threads, progress)?;
+        return write_surface(path, settings, writing, progress, &rooms, Some(&rooms));
+    }
     let surface = surface(settings, writing.threads, progress)?;
-    let counts = Counts { n_vertices: surface.n_vertices(), n_triangles: surface.n_faces() };
+    write_surface(path, settings, writing, progress, &*surface, None)
+}
+
+/// Writes a surface; with `rooms`, which is the same surface, its textures too.
+fn write_surface(
+    path: &Path,
+    settings: &Settings,
+    writing: Writing,
+    progress: &Progress,
+    surface: &dyn Surface,
+    rooms: Option<&Counted<Rooms>>,
+) -> Result<Counts> {
+    let mut counts =
+        Counts { n_vertices: surface.n_vertices(), n_triangles: surface.n_faces(), n_images: 0 };
     progress.begin("synth", 1, 1, counts.n_triangles);
-    let layout = layout(settings);
+    let layout = Layout { uv: settings.uv && rooms.is_none(), ..layout(settings) };
     let mut header = OutputHeader::new(layout.schema(), counts.n_vertices, counts.n_triangles);
     header.settings = format!(
-        "synth {} --triangles {} --seed {}{}{}{}",
+        "synth {} --triangles {} --seed {}{}{}{}{}",
         format!("{:?}", settings.kind).to_lowercase(),
         settings.n_triangles,
         settings.seed,
         if settings.shuffle { " --shuffle" } else { "" },
         if settings.noise == 1.0 { String::new() } else { format!(" --noise {}", settings.noise) },
         if settings.integer { " --integer" } else { "" },
+        settings.pages.map_or_else(String::new, |pages| format!(" --pages {pages}")),
     );
+    let stream = Stream { surface, layout, threads: writing.threads, progress };
+    if let Some(rooms) = rooms {
+        let shuffle = settings.shuffle.then_some(settings.seed);
+        let how = (writing.format, writing.force);
+        counts.n_images = rooms::write(path, rooms, &stream, header, shuffle, how)?;
+        return Ok(counts);
+    }
     let place = Place { replace: writing.force, ..Place::from(path) };
     let mut file = MeshSink::create(place, header, writing.format)?;
-    let stream = Stream { surface: &*surface, layout, threads: writing.threads, progress };
     if settings.shuffle && !surface.is_shuffled() {
         write_shuffled(&mut file, path, &stream, settings.seed)?;
     } else {
@@ -166,19 +204,8 @@ pub fn write_ply(
 fn write_shuffled(file: &mut MeshSink, path: &Path, stream: &Stream, seed: u64) -> Result<()> {
     let (n_vertices, n_faces) = (stream.surface.n_vertices(), stream.surface.n_faces());
     let order = Order::new(n_vertices, n_faces, seed);
-    let folder = if path == Path::new("-") { Path::new(".") } else { folder_of(path) };
-    let record_bytes = stream.layout.schema().record_bytes();
-    let mut shuffler = Shuffler::new(folder, n_vertices, record_bytes)?;
-    let mut id = 0;
-    stream.vertices(|bytes| {
-        bytes.chunks_exact(record_bytes).try_for_each(|record| {
-            id += 1;
-            shuffler.put(order.vertices.apply(id - 1), record)
-        })
-    })?;
-    shuffler.drain(|bytes| file.write_vertices(bytes))?;
-
-    let mut shuffler = Shuffler::new(folder, n_faces, size_of::<[u32; 3]>())?;
+    shuffle_vertices(file, path, stream, &order)?;
+    let mut shuffler = Shuffler::new(scratch_folder(path), n_faces, size_of::<[u32; 3]>())?;
     let mut row = 0;
     let renumber = |row, face| order.renumber(row, face);
     stream.faces(renumber, |faces| {
@@ -187,7 +214,7 @@ fn write_shuffled(file: &mut MeshSink, path: &Path, stream: &Stream, seed: u64) 
             shuffler.put(order.faces.apply(row - 1), bytemuck::bytes_of(face))
         })
     })?;
-    assert!(id == n_vertices && row == n_faces, "the surface gave as many rows as it counted");
+    assert!(row == n_faces, "the surface gave as many rows as it counted");
     let mut faces = Vec::new();
     shuffler.drain(|bytes| {
         faces.clear();
@@ -196,6 +223,32 @@ fn write_shuffled(file: &mut MeshSink, path: &Path, stream: &Stream, seed: u64) 
         );
         file.write_faces_u32(&faces)
     })
+}
+
+/// Writes all vertices in random order.
+fn shuffle_vertices(
+    file: &mut MeshSink,
+    path: &Path,
+    stream: &Stream,
+    order: &Order,
+) -> Result<()> {
+    let record_bytes = stream.layout.schema().record_bytes();
+    let n_vertices = stream.surface.n_vertices();
+    let mut shuffler = Shuffler::new(scratch_folder(path), n_vertices, record_bytes)?;
+    let mut id = 0;
+    stream.vertices(|bytes| {
+        bytes.chunks_exact(record_bytes).try_for_each(|record| {
+            id += 1;
+            shuffler.put(order.vertices.apply(id - 1), record)
+        })
+    })?;
+    assert!(id == n_vertices, "the surface gave as many vertices as it counted");
+    shuffler.drain(|bytes| file.write_vertices(bytes))
+}
+
+/// The folder for temporary files of an output.
+fn scratch_folder(path: &Path) -> &Path {
+    if path == Path::new("-") { Path::new(".") } else { folder_of(path) }
 }
 
 /// The same mesh in memory, for tests and small demonstrations; colours are three channels in [0, 255],
@@ -264,6 +317,7 @@ fn surface(settings: &Settings, threads: usize, progress: &Progress) -> Result<B
         Kind::Scans => Box::new(Counted::at_least(n_triangles, threads, progress, |scale| {
             scans::Scans::new(n_triangles, scale, seed)
         })?),
+        Kind::Rooms => Box::new(counted_rooms(settings, threads, progress)?),
         Kind::Volume => {
             let scanner =
                 Scanner { seed, noise: settings.noise, integer: settings.integer, colored: color };
@@ -271,6 +325,18 @@ fn surface(settings: &Settings, threads: usize, progress: &Progress) -> Result<B
                 Volume::new(n_triangles, scale, scanner)
             })?)
         }
+    })
+}
+
+fn counted_rooms(
+    settings: &Settings,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Counted<Rooms>> {
+    let Settings { n_triangles, seed, .. } = *settings;
+    let n_pages = settings.pages.unwrap_or((n_triangles / 25_000).clamp(1, 1000));
+    Counted::near(n_triangles, threads, progress, |scale| {
+        Rooms::new(n_triangles, scale, n_pages, seed)
     })
 }
 
@@ -283,7 +349,7 @@ fn ordered(surface: impl Indexed + 'static, settings: &Settings) -> Box<dyn Surf
 }
 
 fn layout(settings: &Settings) -> Layout {
-    let color = settings.color || settings.kind == Kind::Scans;
+    let color = settings.color || matches!(settings.kind, Kind::Scans | Kind::Rooms);
     Layout { color, uv: settings.uv }
 }
 
@@ -301,6 +367,12 @@ fn check(settings: &Settings) -> Result<()> {
             "--noise and --integer are properties of a scanned volume: only `synth volume` has them"
                 .to_owned(),
         ));
+    }
+    if settings.kind != Kind::Rooms && settings.pages.is_some() {
+        return Err(Error::Usage("--pages: only `synth rooms` has texture images".to_owned()));
+    }
+    if settings.pages == Some(0) {
+        return Err(Error::Usage("--pages 0: textures need at least one image".to_owned()));
     }
     if !(0.0..=4.0).contains(&settings.noise) {
         let noise = settings.noise;

@@ -59,6 +59,16 @@ impl<S: Sliced> Counted<S> {
         Ok(Counted { surface, first_vertex, first_face, n_vertices, n_faces })
     }
 
+    /// What was counted.
+    pub(super) fn surface(&self) -> &S {
+        &self.surface
+    }
+
+    /// Number of a block's first vertex.
+    pub(super) fn first_vertex(&self, block: u64) -> u64 {
+        self.first_vertex[block as usize][0]
+    }
+
     /// The least member of a family of surfaces, growing with their scale, that has at least
     /// `n_triangles`: tried from scale 1 in steps of 0.4 %.
     pub(super) fn at_least(

@@ -162,8 +162,13 @@ impl Order {
     /// The corners of face `row` under their new numbers, turned by a random third of a circle.
     pub(super) fn renumber(&self, row: u64, corners: [u64; 3]) -> [u64; 3] {
         let mut corners = corners.map(|id| self.vertices.apply(id));
-        corners.rotate_left((hash2(row, self.seed) % 3) as usize);
+        corners.rotate_left(self.turn(row));
         corners
+    }
+
+    /// The corner of face `row` that comes first.
+    pub(super) fn turn(&self, row: u64) -> usize {
+        (hash2(row, self.seed) % 3) as usize
     }
 }
 
