@@ -104,7 +104,7 @@ fn cells_give_the_numbers_of_one_mesh() {
     // First the simplified mesh is in memory, then in cells too; few cells and many; any threads.
     let mib = 1u64 << 20;
     for (memory, cells, threads) in
-        [(500 * mib, 20_000, 2), (60 * mib, 9000, 2), (54 * mib, 1500, 1)]
+        [(500 * mib, 20_000, 2), (60 * mib, 9000, 2), (56 * mib, 1500, 1)]
     {
         let mut request = request(&sources, folder.path());
         (request.memory_bytes, request.cell_triangles) = (memory, cells);

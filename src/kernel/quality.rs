@@ -14,8 +14,11 @@ const N_PROBES: std::ops::RangeInclusive<usize> = 512..=4096;
 pub(crate) const STEP_ON_THE_WAY: usize = 4;
 /// Mergers in a row that a probe follows; removed vertices lead nowhere.
 const LONGEST_WAY: usize = 4096;
-/// Vertices around which a probe may look for the nearest triangle.
-const MAX_STEPS: usize = 16;
+/// The farthest probe of this many is left out: what it lay on was removed, or it went astray.
+const PROBES_PER_ASTRAY: usize = 512;
+/// Vertices around which a probe may look for the nearest triangle: from the corners of the best one so far to
+/// those of a better one.
+const MAX_RINGS: usize = 32;
 
 /// Sums over the probes of one or several runs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -41,6 +44,19 @@ impl Quality {
         self.area_against += other.area_against;
         self.n_edges += other.n_edges;
         self.edge_lengths += other.edge_lengths;
+        *self = self.bounded();
+    }
+
+    /// The same without infinities, which cannot be written down.
+    fn bounded(self) -> Quality {
+        let finite = |x: f64| x.min(f64::MAX);
+        Quality {
+            area: finite(self.area),
+            squared_error: finite(self.squared_error),
+            area_against: finite(self.area_against),
+            n_edges: self.n_edges,
+            edge_lengths: finite(self.edge_lengths),
+        }
     }
 
     /// Mean squared distance, in units^2; 0 without area.
@@ -123,17 +139,23 @@ impl Probes {
     /// way, a quarter of them is enough.
     pub(crate) fn sum_up(&mut self, surface: &Surface, removed_error: f64, step: usize) -> Quality {
         self.follow(&surface.rings);
-        let mut quality = Quality { squared_error: removed_error, ..Quality::default() };
+        let mut quality = Quality::default();
+        let mut found: Vec<(f64, f64)> = Vec::with_capacity(self.0.len());
         for probe in self.0.iter().step_by(step) {
             let area = 0.5 * length_sq(probe.normal).sqrt() * step as f64;
             quality.area += area;
             if let Some((distance_sq, normal)) = nearest(surface, probe) {
-                quality.squared_error += area * distance_sq;
+                found.push((distance_sq, area));
                 if dot(normal, probe.normal) < 0.0 {
                     quality.area_against += area;
                 }
             }
         }
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let astray = found.len() / PROBES_PER_ASTRAY;
+        let sum: f64 =
+            found.iter().skip(astray).map(|(distance_sq, area)| distance_sq * area).sum();
+        quality.squared_error = sum + removed_error;
         let step = surface.triangles.len().div_ceil(*N_PROBES.end()).max(1);
         for t in surface.triangles.iter().step_by(step).filter(|t| t[0] != GONE) {
             let [a, b, c] = t.map(|v| surface.vertices[v as usize].position);
@@ -141,7 +163,7 @@ impl Probes {
             quality.edge_lengths += lengths.iter().sum::<f64>();
             quality.n_edges += 3;
         }
-        quality
+        quality.bounded()
     }
 }
 
@@ -151,9 +173,13 @@ fn nearest(surface: &Surface, probe: &Probe) -> Option<(f64, Vec3)> {
         return None;
     }
     let place = |v: u32| surface.vertices[v as usize].position;
-    let (mut v, mut best) = (probe.hint, (f64::INFINITY, [0.0; 3]));
-    for _ in 0..MAX_STEPS {
-        let mut next = None;
+    let mut best = (f64::INFINITY, [0.0; 3]);
+    let (mut seen, mut next) = (Vec::new(), vec![probe.hint]);
+    while let (Some(v), true) = (next.pop(), seen.len() < MAX_RINGS) {
+        if seen.contains(&v) {
+            continue;
+        }
+        seen.push(v);
         for &t in surface.ring(v) {
             let t = surface.triangles[t as usize];
             // Long rings keep what is gone.
@@ -164,13 +190,8 @@ fn nearest(surface: &Surface, probe: &Probe) -> Option<(f64, Vec3)> {
             let distance_sq = triangle_distance_sq(probe.at, corners);
             if distance_sq < best.0 {
                 best = (distance_sq, normal(corners));
-                let off = |v: u32| length_sq(sub(place(v), probe.at));
-                next = t.into_iter().min_by(|&a, &b| off(a).total_cmp(&off(b)));
+                next = t.to_vec();
             }
-        }
-        match next {
-            Some(w) if w != v => v = w,
-            _ => break,
         }
     }
     (best.0 < f64::INFINITY).then_some(best)
