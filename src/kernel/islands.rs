@@ -42,7 +42,7 @@ struct Cell {
     vertex: u32,
 }
 
-/// What the removal of a component does.
+/// The error of a removal, and the component that stays nearest.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Removal {
     /// Rank of the component.

@@ -1,8 +1,8 @@
 //! Estimates from a few probes how well a simplified surface stands for the one it came from.
 //!
 //! A probe is the middle of a triangle of the given surface with its normal. It follows a corner of that triangle
-//! from merger to merger, and its distance to the triangles around is summed at the end: an upper bound of
-//! the true distance, since only the surroundings are searched. Changes nothing.
+//! from merger to merger, and its distance to the triangles around is summed at the end. Only the
+//! surroundings are searched, and the farthest probes are left out, so the sum is an estimate. Changes nothing.
 
 use super::surface::{GONE, Ring, Surface};
 use super::vector::{Vec3, add, dot, length_sq, normal, scale, sub, triangle_distance_sq};

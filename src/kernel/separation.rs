@@ -9,7 +9,7 @@ use super::surface::{GONE, MAX_VALENCE, Surface};
 /// Vertices that are visited before the search gives up.
 const MAX_VISITED: usize = 1024;
 
-/// What a cut does to the component it runs through.
+/// The effect of a cut on the component it runs through.
 pub(crate) enum Separation {
     /// It stays in one piece.
     None,
@@ -67,7 +67,7 @@ pub(crate) fn separation(surface: &Surface, cycle: [u32; 3], sides: &[Side; 2]) 
     }
 }
 
-/// Which side each vertex was reached from: a table with open addressing, at most half full.
+/// Table of the side that each vertex was reached from, with open addressing, at most half full.
 struct Reached(Vec<u64>);
 
 impl Reached {

@@ -80,7 +80,7 @@ pub(crate) fn remedy(
     Some(Remedy::Cut(cycle))
 }
 
-/// What a cut along three edges does.
+/// A cut along three edges, planned and priced.
 pub(crate) enum CutPlan {
     /// Opens a handle; at this cost.
     Handle(f32),
