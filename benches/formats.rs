@@ -5,7 +5,7 @@
 #![allow(clippy::unwrap_used)] // A bench has nobody to report to.
 
 use std::time::Instant;
-use stonecut::ply::{FaceBlock, MeshSource, VertexBlock};
+use stonecut::io::ply::{FaceBlock, MeshSource, VertexBlock};
 
 /// Seconds to open, to read all vertices, to read all faces.
 fn read(path: &std::path::Path) -> stonecut::Result<[f64; 3]> {

@@ -1,7 +1,7 @@
 //! What was decided for a run of `simplify`: every value final.
 
-use crate::components::Least;
-use crate::units::{parse_count, parse_ratio};
+use crate::stages::components::Least;
+use crate::system::units::{parse_count, parse_ratio};
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -37,7 +37,7 @@ impl Target {
     pub fn check(self, n_triangles: u64) -> crate::Result<()> {
         match self {
             Target::Ratio(ratio) if n_triangles > 0 && self.triangles(n_triangles) == 0 => {
-                let ratio = crate::units::show_length(ratio);
+                let ratio = crate::system::units::show_length(ratio);
                 Err(crate::Error::Usage(format!(
                     "--ratio {ratio} of {n_triangles} triangles is less than one; ask for at least \
                      --triangles 1"
@@ -132,7 +132,7 @@ pub enum Normals {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Attributes {
     /// What counts in the error, and how much.
-    pub weights: crate::attributes::Weights,
+    pub weights: crate::mesh::attribute_weights::Weights,
     /// Properties that are chosen, not averaged.
     pub labels: Vec<String>,
     /// Whether normals are kept, computed anew, or left out.
@@ -169,7 +169,7 @@ pub struct Config {
     /// Measure the result at the end.
     pub verify: bool,
     /// How the output is written.
-    pub format: crate::formats::OutputFormat,
+    pub format: crate::io::OutputFormat,
     /// Drop and count broken faces and vertices instead of failing.
     pub skip_bad: bool,
     /// Give up texture coordinates at corners.

@@ -10,12 +10,12 @@ use std::num::NonZeroUsize;
 use std::path::Path;
 use std::time::Duration;
 use stonecut::config::{Attributes, Config, DEFAULT_CELL_TRIANGLES, Target};
-use stonecut::disk::Disk;
 use stonecut::kernel::Fit;
 use stonecut::pipeline;
-use stonecut::plan::Plan;
-use stonecut::progress::Progress;
-use stonecut::run::CHECKPOINT_EVERY;
+use stonecut::pipeline::plan::Plan;
+use stonecut::store::stage_context::CHECKPOINT_EVERY;
+use stonecut::system::disk::Disk;
+use stonecut::system::progress::Progress;
 
 fn config(folder: &Path, ratio: f64) -> Config {
     Config {

@@ -8,9 +8,9 @@ use common::{check, count, expect};
 use std::collections::HashMap;
 use std::path::Path;
 use stonecut::config::{Attributes, Config, MinComponent, Target};
-use stonecut::disk::{Disk, Loss};
 use stonecut::pipeline;
-use stonecut::progress::Progress;
+use stonecut::system::disk::{Disk, Loss};
+use stonecut::system::progress::Progress;
 
 #[derive(Clone, Default)]
 struct Scan {

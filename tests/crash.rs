@@ -8,9 +8,9 @@ use std::path::Path;
 use std::time::Duration;
 use stonecut::Result;
 use stonecut::config::{Attributes, Config, Target, Until};
-use stonecut::disk::{Disk, Loss};
 use stonecut::pipeline;
-use stonecut::progress::Progress;
+use stonecut::system::disk::{Disk, Loss};
+use stonecut::system::progress::Progress;
 
 fn config(folder: &Path, target: u64) -> Config {
     Config {
@@ -32,7 +32,7 @@ fn config(folder: &Path, target: u64) -> Config {
         drop_texture: false,
         drop_faces: false,
         min_component: None,
-        checkpoint_every: stonecut::run::CHECKPOINT_EVERY,
+        checkpoint_every: stonecut::store::stage_context::CHECKPOINT_EVERY,
         attributes: Attributes::default(),
         kernel: Default::default(),
     }
@@ -127,7 +127,7 @@ struct Bench {
 }
 
 fn bench(job: (u32, u64)) -> Bench {
-    bench_with(job, stonecut::run::CHECKPOINT_EVERY)
+    bench_with(job, stonecut::store::stage_context::CHECKPOINT_EVERY)
 }
 
 fn bench_with((triangles, target): (u32, u64), checkpoint_every: Duration) -> Bench {

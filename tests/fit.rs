@@ -5,8 +5,8 @@
 use stonecut::Mesh;
 use stonecut::kernel::{Fit, Options, Simplified, Stop, simplify_mesh};
 use stonecut::measure::{self, Deviation};
-use stonecut::progress::Progress;
 use stonecut::synth::{self, Kind, Settings};
+use stonecut::system::progress::Progress;
 
 /// A height field of `n` x `n` quads far from the origin.
 fn sheet(n: usize, height: impl Fn(f64, f64) -> f64) -> Mesh {

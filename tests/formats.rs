@@ -3,10 +3,10 @@
 // Helpers of tests may fail a test; the lint knows only the tests themselves.
 #![allow(clippy::unwrap_used, clippy::type_complexity)]
 
-use stonecut::ply::{
+use stonecut::io::ply::{
     BLOCK_ROWS, FaceBlock, MeshSource, OutputHeader, PlyWriter, ReadOptions, VertexBlock,
 };
-use stonecut::schema::{Property, Scalar, VertexSchema};
+use stonecut::mesh::record::{Property, Scalar, VertexSchema};
 
 type AnyResult = Result<(), Box<dyn std::error::Error>>;
 

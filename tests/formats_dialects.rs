@@ -3,8 +3,8 @@
 // Helpers of tests may fail a test; the lint knows only the tests themselves.
 #![allow(clippy::unwrap_used, clippy::type_complexity)]
 
-use stonecut::ply::{BLOCK_ROWS, FaceBlock, MeshSource, ReadOptions, VertexBlock};
-use stonecut::schema::Scalar;
+use stonecut::io::ply::{BLOCK_ROWS, FaceBlock, MeshSource, ReadOptions, VertexBlock};
+use stonecut::mesh::record::Scalar;
 
 type AnyResult = Result<(), Box<dyn std::error::Error>>;
 

@@ -6,8 +6,8 @@
 use std::io::Write;
 use std::path::Path;
 use stonecut::cli::convert::{Args, Converted, convert};
-use stonecut::formats::{OutputFormat, StageOptions};
-use stonecut::ply::{FaceBlock, MeshSource, VertexBlock};
+use stonecut::io::ply::{FaceBlock, MeshSource, VertexBlock};
+use stonecut::io::{OutputFormat, StageOptions};
 
 type AnyResult<T = ()> = Result<T, Box<dyn std::error::Error>>;
 

@@ -417,7 +417,7 @@ fn sheets_with_a_gap_merge_if_it_is_within_the_distance() {
 
 /// Connected components of a mesh, by shared vertices.
 fn components(mesh: &Mesh) -> u64 {
-    stonecut::topology::of_triangles(mesh.positions.len(), &mesh.triangles).components
+    stonecut::mesh::topology_counts::of_triangles(mesh.positions.len(), &mesh.triangles).components
 }
 
 /// Joins the triangles of another mesh to a mesh, moved and scaled.

@@ -4,7 +4,7 @@
 
 use stonecut::Mesh;
 use stonecut::measure::{ColourChannels, Deviation, Options, Region, two_sided};
-use stonecut::progress::Progress;
+use stonecut::system::progress::Progress;
 
 fn options(samples: u64, threads: usize) -> Options {
     Options { samples, threads, ..Options::default() }

@@ -3,11 +3,11 @@
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
 use std::path::Path;
-use stonecut::compare::{Request, compare, compare_in_cells};
+use stonecut::io::ply::{MeshSource, OutputHeader, PlyWriter};
+use stonecut::measure::compare::{Request, compare, compare_in_cells};
 use stonecut::measure::{Options, Side};
-use stonecut::ply::{MeshSource, OutputHeader, PlyWriter};
-use stonecut::progress::Progress;
-use stonecut::schema::{Property, Scalar, VertexSchema};
+use stonecut::mesh::record::{Property, Scalar, VertexSchema};
+use stonecut::system::progress::Progress;
 
 /// A bumpy coloured height field with a closed tube through it, `2 n^2` triangles and more, some of its
 /// faces degenerate, some vertices unused.

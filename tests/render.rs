@@ -4,14 +4,14 @@
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
 use stonecut::Mesh;
-use stonecut::formats::OutputFormat;
-use stonecut::ply::MeshSource;
-use stonecut::progress::Progress;
+use stonecut::io::OutputFormat;
+use stonecut::io::ply::MeshSource;
 use stonecut::render::{
     Coloring, Direction, Letters, Picture, Resources, Sphere, View, aim_mesh, render_mesh,
     render_source,
 };
 use stonecut::synth::{Kind, Settings, Writing, mesh, write_ply};
+use stonecut::system::progress::Progress;
 
 const BOTH: Resources = Resources { memory_bytes: 4 << 30, threads: 2 };
 

@@ -7,8 +7,8 @@ mod common;
 use common::{check, count, expect};
 use std::collections::HashMap;
 use std::path::Path;
-use stonecut::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
-use stonecut::schema::{Property, Scalar, VertexSchema};
+use stonecut::io::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
+use stonecut::mesh::record::{Property, Scalar, VertexSchema};
 
 /// Doubles and a number a vertex that comes through as a label.
 fn schema() -> VertexSchema {
@@ -269,7 +269,8 @@ fn a_quad_that_hides_among_triangles_counts() {
         [0u32, 1, 2].iter().for_each(|v| pure.extend(v.to_le_bytes()));
     }
     let read = |bytes: Vec<u8>| {
-        MeshSource::from_bytes("hidden.ply", bytes, stonecut::ply::ReadOptions::default()).unwrap()
+        MeshSource::from_bytes("hidden.ply", bytes, stonecut::io::ply::ReadOptions::default())
+            .unwrap()
     };
     for tail in ["", "\n", "something else"] {
         let mut bytes = text.clone();

@@ -5,11 +5,11 @@
 
 use std::collections::HashMap;
 use stonecut::Mesh;
-use stonecut::formats::OutputFormat;
+use stonecut::io::OutputFormat;
+use stonecut::io::ply::MeshSource;
 use stonecut::measure::load::load;
-use stonecut::ply::MeshSource;
-use stonecut::progress::Progress;
 use stonecut::synth::{Kind, Settings, Writing, mesh, write_ply};
+use stonecut::system::progress::Progress;
 
 const ALL: [Kind; 5] = [Kind::Terrain, Kind::Statue, Kind::Gyroid, Kind::Scans, Kind::Volume];
 

@@ -7,7 +7,7 @@ mod common;
 use common::{count, expect};
 use serde_json::Value;
 use std::path::Path;
-use stonecut::ply::{MeshSource, VertexBlock};
+use stonecut::io::ply::{MeshSource, VertexBlock};
 
 fn json(folder: &Path, name: &str) -> Value {
     serde_json::from_slice(&std::fs::read(folder.join(name)).unwrap()).unwrap()

@@ -6,12 +6,12 @@
 //! MiB to find repeated faces, a bit for each triangle if there are any, and a few blocks.
 
 use crate::error::{Error, Result};
-use crate::formats::{DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions};
-use crate::paths::{Paths, Role};
-use crate::ply::{
+use crate::io::ply::{
     FaceBlock, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle, VertexBlock,
 };
-use crate::progress::Progress;
+use crate::io::{DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions};
+use crate::system::paths::{Paths, Role};
+use crate::system::progress::Progress;
 use std::path::PathBuf;
 
 /// Converts a mesh between formats: PLY, STL, OBJ and GLB.
@@ -84,7 +84,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         args.output.display(),
         done.n_vertices,
         done.n_triangles,
-        crate::units::show_bytes(done.n_bytes)
+        crate::system::units::show_bytes(done.n_bytes)
     );
     for (count, what) in [
         (done.n_degenerate, "degenerate faces dropped"),

@@ -2,10 +2,10 @@
 
 use super::{Log, Talk, Typed, dispatch};
 use crate::error::{Error, Result};
+use crate::io::ply::MeshSource;
 use crate::measure::load;
-use crate::paths::{Paths, Role};
-use crate::ply::MeshSource;
-use crate::progress::Progress;
+use crate::system::paths::{Paths, Role};
+use crate::system::progress::Progress;
 use clap::Parser;
 use std::path::{Path, PathBuf};
 

@@ -1,8 +1,8 @@
 //! Progress for people and programs: a bar, lines, JSON, or nothing.
 
 use super::{Log, Talk};
-use crate::progress::{Progress, Stage};
-use crate::units::{show_bytes, show_count};
+use crate::system::progress::{Progress, Stage};
+use crate::system::units::{show_bytes, show_count};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -136,7 +136,7 @@ impl<'a> Display<'a> {
         let stage_eta =
             (stage.total - done) as f64 * weight(stage.name) * (seconds + ASSUMED_SECONDS)
                 / (done as f64 * weight(stage.name) + ASSUMED_WEIGHT);
-        let memory = crate::memory::resident_bytes();
+        let memory = crate::system::memory::resident_bytes();
         if self.show == Show::Bar {
             self.bar.set_prefix(format!("{}/{} {:9}", stage.number, stage.n_stages, stage.name));
             self.bar.set_length(stage.total.max(1));

@@ -1,13 +1,13 @@
 //! `stonecut info`: what a mesh file holds and, with `--check`, whether it is sound.
 
-use crate::components::{Below, ComponentSizes, below_list, sizes_in_memory};
 use crate::error::{Error, Result};
+use crate::io::ply::MeshSource;
 use crate::measure::load;
-use crate::paths::{Paths, Role};
-use crate::ply::MeshSource;
-use crate::progress::Progress;
-use crate::topology::Topology;
-use crate::units;
+use crate::mesh::topology_counts::Topology;
+use crate::stages::components::{Below, ComponentSizes, below_list, sizes_in_memory};
+use crate::system::paths::{Paths, Role};
+use crate::system::progress::Progress;
+use crate::system::units;
 use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -129,7 +129,13 @@ fn count(
     let budget = super::memory_budget(args.memory);
     let whole = load::bytes_in_memory(source).saturating_add(COUNT_BYTES * source.n_triangles());
     if whole > budget / 2 || u32::try_from(source.n_vertices()).is_err() {
-        return crate::check::check(source, args.temp_dir(), threads, budget * 3 / 4, progress);
+        return crate::measure::check::check(
+            source,
+            args.temp_dir(),
+            threads,
+            budget * 3 / 4,
+            progress,
+        );
     }
     let loaded = load::load(source, threads, progress)?;
     Ok((load::topology_of(&loaded), sizes_in_memory(&loaded.mesh)))

@@ -2,14 +2,14 @@
 
 use super::display::watch;
 use super::{Log, Talk, memory_budget, parse_memory};
-use crate::compare::{self, CELL_TRIANGLES, Report, Request};
-use crate::disk::folder_of;
 use crate::error::{Error, Result};
+use crate::measure::compare::{self, CELL_TRIANGLES, Report, Request};
 use crate::measure::{self, Options, Region, Side, TriangleSizes, heatmap, load};
-use crate::paths::{Kind, Paths, Role};
-use crate::progress::Progress;
-use crate::topology::Topology;
-use crate::units;
+use crate::mesh::topology_counts::Topology;
+use crate::system::disk::folder_of;
+use crate::system::paths::{Kind, Paths, Role};
+use crate::system::progress::Progress;
+use crate::system::units;
 use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -132,7 +132,7 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
         .map_err(|e| Error::Usage(format!("the report cannot be written as JSON: {e}")))?;
     if let Some(path) = &args.report {
         progress.check()?;
-        crate::output::write_whole(path, json.as_bytes())?;
+        crate::system::pending_file::write_whole(path, json.as_bytes())?;
     }
     let mut out = std::io::stdout().lock();
     let printed =

@@ -14,12 +14,12 @@ mod status;
 pub mod synth;
 
 use crate::error::{Error, Offers};
-use crate::formats::StageOptions;
-use crate::parallel::guarded;
-use crate::paths::{Paths, Role};
-use crate::ply::MeshSource;
-use crate::progress::Progress;
-use crate::units::show_bytes;
+use crate::io::StageOptions;
+use crate::io::ply::MeshSource;
+use crate::system::parallel::guarded;
+use crate::system::paths::{Paths, Role};
+use crate::system::progress::Progress;
+use crate::system::units::show_bytes;
 use clap::Parser;
 use display::Show;
 pub use out_of_memory::Allocator;
@@ -248,7 +248,7 @@ fn open_mesh(path: &std::path::Path, temp_dir: &std::path::Path) -> crate::Resul
 ///
 /// More than `MOST_THREADS_PER_CORE` a core would only take memory, each with its own buffers.
 fn threads(given: Option<NonZeroUsize>) -> NonZeroUsize {
-    let cores = NonZeroUsize::new(crate::memory::cores()).unwrap_or(NonZeroUsize::MIN);
+    let cores = NonZeroUsize::new(crate::system::memory::cores()).unwrap_or(NonZeroUsize::MIN);
     let most = cores.saturating_mul(MOST_THREADS_PER_CORE);
     given.unwrap_or(cores).min(most)
 }
@@ -267,16 +267,16 @@ fn require_ending(name: &str, path: &std::path::Path, endings: &[&str]) -> crate
 
 /// Parses `--memory`: a size, or a share of the tightest limit in force.
 fn parse_memory(text: &str) -> Result<u64, String> {
-    let limit = crate::memory::limit_bytes();
+    let limit = crate::system::memory::limit_bytes();
     match text.strip_suffix('%') {
-        Some(_) => Ok((crate::units::parse_ratio(text)? * limit as f64) as u64),
-        None => crate::units::parse_bytes(text),
+        Some(_) => Ok((crate::system::units::parse_ratio(text)? * limit as f64) as u64),
+        None => crate::system::units::parse_bytes(text),
     }
 }
 
 /// Parses `--cell-triangles`.
 fn parse_cell(text: &str) -> Result<u64, String> {
-    match crate::units::parse_count(text)? {
+    match crate::system::units::parse_count(text)? {
         0..1000 => Err("cells below 1000 triangles are nothing but seam".to_owned()),
         count => Ok(count),
     }
@@ -284,13 +284,13 @@ fn parse_cell(text: &str) -> Result<u64, String> {
 
 /// The memory budget: as given, but within the tightest limit, or the default share of that.
 fn memory_budget(given: Option<u64>) -> u64 {
-    crate::memory::budget_bytes(given, crate::memory::limit_bytes())
+    crate::system::memory::budget_bytes(given, crate::system::memory::limit_bytes())
 }
 
 /// Says so where less is taken than `--memory` asks for.
 fn warn_of_limit(given: Option<u64>, log: &mut Log) {
-    let limit = crate::memory::limit_bytes();
-    let taken = crate::memory::budget_bytes(given, limit);
+    let limit = crate::system::memory::limit_bytes();
+    let taken = crate::system::memory::budget_bytes(given, limit);
     if let Some(given) = given.filter(|&given| given > taken) {
         log.say(format!(
             "warning: --memory {} is more than this process may use (limit {}); {} are taken",

@@ -1,16 +1,16 @@
 //! `stonecut render`: a picture of a mesh.
 
-use crate::disk::folder_of;
 use crate::error::{Error, Result};
-use crate::memory::{DEFAULT_SHARE, limit_bytes};
+use crate::io::ply::{FaceBlock, MeshSource, Place, VertexBlock};
 use crate::mesh::Mesh;
-use crate::paths::{Paths, Role};
-use crate::ply::{FaceBlock, MeshSource, Place, VertexBlock};
-use crate::progress::Progress;
 use crate::render::{
     Coloring, Direction, Picture, Resources, Sphere, View, aim_source, render_mesh, render_source,
 };
-use crate::units::{parse_bytes, show_count};
+use crate::system::disk::folder_of;
+use crate::system::memory::{DEFAULT_SHARE, limit_bytes};
+use crate::system::paths::{Paths, Role};
+use crate::system::progress::Progress;
+use crate::system::units::{parse_bytes, show_count};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -114,7 +114,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
     let picture = Picture::side_by_side(&parts);
     progress.check()?;
     let place = Place { replace: args.force, ..Place::from(&args.output) };
-    crate::output::write_whole(place, &picture.to_png()?)?;
+    crate::system::pending_file::write_whole(place, &picture.to_png()?)?;
     let (output, n) = (args.output.display(), show_count(n_triangles));
     // A closed standard error is no reason to fail: the picture is there.
     let _ = writeln!(log, "{output}: {}x{} pixels, {n} triangles", picture.width, picture.height);

@@ -1,13 +1,13 @@
 //! `stonecut report`: a page for people from the JSON of a run.
 
 use super::{Log, memory_budget, parse_memory, require_ending, threads};
-use crate::disk::{folder_of, open_input};
 use crate::error::{Error, Result};
-use crate::paths::{Paths, Role};
-use crate::ply::Place;
-use crate::progress::Progress;
+use crate::io::ply::Place;
 use crate::render::Resources;
 use crate::report::{self, Material};
+use crate::system::disk::{folder_of, open_input};
+use crate::system::paths::{Paths, Role};
+use crate::system::progress::Progress;
 use serde_json::Value;
 use std::io::Read;
 use std::num::NonZeroUsize;
@@ -58,7 +58,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     };
     let page = report::html(&material, progress)?;
     let place = Place { replace: args.force, ..Place::from(&args.output) };
-    crate::output::write_whole(place, page.as_bytes())?;
+    crate::system::pending_file::write_whole(place, page.as_bytes())?;
     log.say(format!("{}: {} bytes", args.output.display(), page.len()));
     Ok(())
 }

@@ -6,7 +6,7 @@
 
 use super::complain;
 use crate::error::{Error, Offers, Result};
-use crate::progress::Progress;
+use crate::system::progress::Progress;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;

@@ -2,22 +2,22 @@
 
 use super::display::watch;
 use super::{EXIT_SHORT, Log, Talk, memory_budget, parse_memory};
-use crate::attributes::Weights;
-use crate::components::ComponentSizes;
 use crate::config::{
     Attributes, Config, DEFAULT_CELL_TRIANGLES, MinComponent, Normals, Target, Until,
 };
-use crate::disk::folder_of;
 use crate::error::{Error, Result};
-use crate::faces::How;
-use crate::formats::OutputFormat;
+use crate::io::OutputFormat;
 use crate::kernel;
-use crate::paths::{Kind, Paths, Role};
+use crate::mesh::attribute_weights::Weights;
+use crate::mesh::face_properties::How;
 use crate::pipeline;
-use crate::progress::Progress;
-use crate::stitch::MAX_CELL_TRIANGLES;
-use crate::summary::{BoundReport, FaceReport, QualityReport, RunReport};
-use crate::units::{parse_count, parse_ratio, show_bytes, show_count, show_length};
+use crate::pipeline::run_report::{BoundReport, FaceReport, QualityReport, RunReport};
+use crate::stages::components::ComponentSizes;
+use crate::stages::stitch::MAX_CELL_TRIANGLES;
+use crate::system::disk::folder_of;
+use crate::system::paths::{Kind, Paths, Role};
+use crate::system::progress::Progress;
+use crate::system::units::{parse_count, parse_ratio, show_bytes, show_count, show_length};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::xxh3_64;
@@ -216,7 +216,7 @@ impl Args {
             drop_texture: self.drop_texture,
             drop_faces: self.drop_faces,
             min_component: self.min_component,
-            checkpoint_every: crate::run::CHECKPOINT_EVERY,
+            checkpoint_every: crate::store::stage_context::CHECKPOINT_EVERY,
             attributes: Attributes {
                 weights: self.weight.clone(),
                 labels: self.label.clone(),
@@ -433,5 +433,5 @@ fn face_line(property: &FaceReport) -> String {
 fn write_report(path: &Path, report: &RunReport) -> Result<()> {
     let mut json = serde_json::to_vec_pretty(report).expect("plain data");
     json.push(b'\n');
-    crate::output::write_whole(path, &json)
+    crate::system::pending_file::write_whole(path, &json)
 }

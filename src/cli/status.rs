@@ -1,8 +1,8 @@
 //! `stonecut status`: what a job folder holds.
 
 use crate::error::{Error, Result};
-use crate::job::view;
-use crate::paths::{Paths, Role};
+use crate::store::job::view;
+use crate::system::paths::{Paths, Role};
 use std::io::Write;
 use std::path::PathBuf;
 

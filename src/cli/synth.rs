@@ -1,11 +1,11 @@
 //! `stonecut synth`: makes a synthetic scan.
 
 use crate::error::Result;
-use crate::formats::OutputFormat;
-use crate::paths::{Paths, Role};
-use crate::progress::Progress;
+use crate::io::OutputFormat;
 use crate::synth::{self, Kind, Settings, Writing};
-use crate::units::{parse_count, show_bytes, show_count};
+use crate::system::paths::{Paths, Role};
+use crate::system::progress::Progress;
+use crate::system::units::{parse_count, show_bytes, show_count};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 

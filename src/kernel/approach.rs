@@ -16,7 +16,7 @@ use super::islands::components;
 use super::lanes::Simd;
 use super::legal::Class;
 use super::surface::{Fan, Surface, others};
-use super::vector::{Vec3, add, length_sq, scale, sub};
+use crate::mesh::vec3::{Vec3, add, length_sq, scale, sub};
 
 /// No gap is bridged that is wider than so many mean open edges: boundaries are lines, so this bounds how
 /// many vertices are near one.

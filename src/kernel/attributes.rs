@@ -8,7 +8,7 @@ use super::attribute_lanes::{AttributeEdges, AttributeRing, AttributeTriangles, 
 use super::evaluate::Evaluated;
 use super::lanes::Simd;
 use super::surface::Surface;
-use super::vector::Vec3;
+use crate::mesh::vec3::Vec3;
 
 /// Channels that can be weighted at once.
 pub const MAX_WEIGHTED: usize = 14;

@@ -16,7 +16,7 @@ use super::legal::Class;
 use super::repeats::{Repeats, flaps, from_least};
 use super::surface::{Fan, GONE, MAX_VALENCE, Surface, others};
 use super::topology::{set_ring, settle};
-use super::vector::{dot, length_sq, normal, sub};
+use crate::mesh::vec3::{dot, length_sq, normal, sub};
 
 /// What was cleaned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

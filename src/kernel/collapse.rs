@@ -16,8 +16,8 @@ use super::legal::{Class, MAY_COLLAPSE, Reject};
 use super::placement;
 use super::surface::{Fan, GONE, HUB, MAX_VALENCE, Ring, Surface, Vertex, boundary_quadric};
 use super::unchecked::{at, at_mut, part, part_mut};
-use super::vector::Vec3;
 use super::wedges::{Wedges, place_on_edge};
+use crate::mesh::vec3::Vec3;
 
 /// A normal that turns further than this cosine is put off.
 const FLIP_COSINE: f32 = 0.5;
@@ -430,7 +430,7 @@ impl Collapser {
         let (i0, i1) = (plan.v0 as usize, plan.v1 as usize);
         let n = surface.n_channels;
         let (p0, p1) = (surface.vertices[i0].position, surface.vertices[i1].position);
-        let t = super::vector::along(place, p0, p1) as f32;
+        let t = crate::mesh::vec3::along(place, p0, p1) as f32;
         for channel in 0..n {
             let c0 = surface.channels[i0 * n + channel];
             let c1 = &mut surface.channels[i1 * n + channel];

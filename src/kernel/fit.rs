@@ -13,7 +13,7 @@ use super::legal::Class;
 use super::nearest::{Face, Foot, feet, nearest_around};
 use super::samples::{Sample, Samples};
 use super::surface::{GONE, Surface};
-use super::vector::{dot, normal, scale, sub};
+use crate::mesh::vec3::{dot, normal, scale, sub};
 use normal_equations::{Element, Plate, solve};
 
 /// Times that the nearest triangles are found and the vertices moved. One leaves 5 % more error on the

@@ -7,7 +7,7 @@
 //! not tracked in between.
 
 use super::surface::{Surface, boundary_quadric, others};
-use super::vector::{add, cross, dot, scale};
+use crate::mesh::vec3::{add, cross, dot, scale};
 
 /// Two triangles whose normals have a cosine below this make a fold.
 const FOLD_COSINE: f32 = -0.5;

@@ -13,8 +13,8 @@
 //! component. The distance is to the triangles around the candidate, an upper bound of the true one.
 
 use super::surface::{GONE, Surface};
-use super::vector::{Vec3, length_sq, normal, sub, triangle_distance_sq};
-use crate::union::Union;
+use crate::mesh::union_find::Union;
+use crate::mesh::vec3::{Vec3, length_sq, normal, sub, triangle_distance_sq};
 
 /// Every 16th triangle tells how large they are.
 const AREA_STRIDE: usize = 16;

@@ -17,7 +17,7 @@ use super::lanes::Simd;
 use super::legal::Class;
 use super::repeats::{Repeats, from_least};
 use super::surface::{GONE, Surface};
-use crate::union::Union;
+use crate::mesh::union_find::Union;
 use half_edges::{Known, Patch};
 use vertices::Plan;
 

@@ -30,7 +30,6 @@ mod surface;
 mod topology;
 mod unchecked;
 mod validate;
-pub(crate) mod vector;
 mod wedges;
 mod weld;
 
@@ -340,6 +339,7 @@ fn compact(mesh: Mesh) -> (Mesh, Vec<u32>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::vec3;
 
     /// A bumpy sheet of 2 n^2 triangles.
     pub(super) fn sheet(n: usize) -> Mesh {
@@ -473,7 +473,7 @@ mod tests {
         // Nearly all of both sheets is left.
         let area = |t: &[u32; 3]| {
             let corners = t.map(|v| result.positions[v as usize]);
-            0.5 * vector::length_sq(vector::normal(corners)).sqrt()
+            0.5 * vec3::length_sq(vec3::normal(corners)).sqrt()
         };
         let total: f64 = result.triangles.iter().map(area).sum();
         assert!(total > 1.98, "{total}");

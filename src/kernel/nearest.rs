@@ -7,7 +7,7 @@
 use super::lanes::{Job, Lanes, Simd};
 use super::samples::Sample;
 use super::surface::{GONE, Surface, others};
-use super::vector::{cross, dot, sub};
+use crate::mesh::vec3::{cross, dot, sub};
 
 /// Rings that a sample may be tried against.
 const MAX_RINGS: usize = 5;

@@ -4,7 +4,7 @@
 //! the input. Inside of a cell the order of the input stays. It moves only indices; the caller moves the
 //! data.
 
-use super::vector::Vec3;
+use crate::mesh::vec3::Vec3;
 
 /// Triangles a cell of the cube holds on average, if the mesh is a surface.
 const TRIANGLES_A_CELL: usize = 128;

@@ -5,7 +5,7 @@
 //! surroundings are searched, and the farthest probes are left out, so the sum is an estimate. Changes nothing.
 
 use super::surface::{GONE, Ring, Surface};
-use super::vector::{Vec3, add, dot, length_sq, normal, scale, sub, triangle_distance_sq};
+use crate::mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub, triangle_distance_sq};
 
 /// Each probe stands for this many triangles, within `N_PROBES`.
 const TRIANGLES_PER_PROBE: usize = 512;

@@ -10,9 +10,9 @@ use std::cmp::{Ordering, Reverse};
 use std::collections::{BTreeSet, BinaryHeap};
 
 use super::legal::{Class, MAY_COLLAPSE, Reject, RejectCounts};
-use super::vector::{Vec3, add, along, cross, dot, length_sq, normal, scale, sub};
 use super::{Options, Simplified, Statistics, Stop};
 use crate::mesh::Mesh;
+use crate::mesh::vec3::{Vec3, add, along, cross, dot, length_sq, normal, scale, sub};
 
 /// Share of the trace added to the diagonal when the best position is solved for.
 const REGULARISATION: f64 = 3e-5;

@@ -10,7 +10,7 @@
 use super::legal::Class;
 use super::surface::{AHEAD, GONE, Ring, Surface};
 use super::unchecked::prefetch;
-use super::vector::{self, Vec3};
+use crate::mesh::vec3::{self, Vec3};
 
 /// Samples are merged only as long as so many are left for a triangle of the result.
 const MERGED_PER_TRIANGLE: f64 = 8.0;
@@ -105,10 +105,10 @@ impl Samples {
 
     fn corners(&self, surface: &Surface, t: &[u32; 3]) -> ([Vec3; 3], f64) {
         let corners = t.map(|v| {
-            let offset = vector::sub(surface.vertices[v as usize].position, self.centre);
-            vector::scale(offset, surface.scale)
+            let offset = vec3::sub(surface.vertices[v as usize].position, self.centre);
+            vec3::scale(offset, surface.scale)
         });
-        (corners, 0.5 * vector::length_sq(vector::normal(corners)).sqrt())
+        (corners, 0.5 * vec3::length_sq(vec3::normal(corners)).sqrt())
     }
 
     fn take_vertices(&mut self, surface: &Surface) {
@@ -124,8 +124,8 @@ impl Samples {
                 continue;
             }
             let (b, c) = (surface.edge(t[0], t[1]), surface.edge(t[0], t[2]));
-            let n = vector::cross(b, c);
-            let area = 0.5 * vector::dot(n, n).sqrt();
+            let n = vec3::cross(b, c);
+            let area = 0.5 * vec3::dot(n, n).sqrt();
             for (&v, corner) in t.iter().zip([[0.0; 3], b, c]) {
                 let sum = &mut sums[v as usize];
                 for k in 0..3 {
@@ -171,9 +171,9 @@ impl Samples {
         for t in surface.triangles.iter().filter(|t| t[0] != GONE) {
             let (corners, area) = self.corners(surface, t);
             for k in 0..3 {
-                let near = vector::scale(corners[k], 1.0 - 2.0 * INSIDE);
-                let others = vector::add(corners[(k + 1) % 3], corners[(k + 2) % 3]);
-                let at = vector::add(near, vector::scale(others, INSIDE));
+                let near = vec3::scale(corners[k], 1.0 - 2.0 * INSIDE);
+                let others = vec3::add(corners[(k + 1) % 3], corners[(k + 2) % 3]);
+                let at = vec3::add(near, vec3::scale(others, INSIDE));
                 let weight = (area / 3.0) as f32;
                 self.list.push(Sample { at: at.map(|x| x as f32), weight, hint: t[k] });
             }

@@ -14,9 +14,9 @@ use super::legal::Class;
 use super::order;
 use super::unchecked::{at, at_mut, part, prefetch};
 use super::validate::validate;
-use super::vector::Vec3;
 use super::wedges::Wedges;
 use crate::mesh::Mesh;
+use crate::mesh::vec3::Vec3;
 
 /// First corner of a triangle that is gone.
 pub(crate) const GONE: u32 = u32::MAX;

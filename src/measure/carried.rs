@@ -5,7 +5,7 @@
 
 use super::colour::ColourChannels;
 use crate::mesh::Mesh;
-use crate::schema::{Meaning, VertexSchema};
+use crate::mesh::record::{Meaning, VertexSchema};
 
 /// Where a mesh keeps what is compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -4,7 +4,7 @@
 //! the vertex schema; meshes without colours never come here.
 
 use crate::mesh::Mesh;
-use crate::schema::{Scalar, VertexSchema};
+use crate::mesh::record::{Scalar, VertexSchema};
 
 /// Where a mesh keeps its colours.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,7 +83,7 @@ pub fn delta_e(a: [f64; 3], b: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::schema::Property;
+    use crate::mesh::record::Property;
 
     #[test]
     fn known_colours() {

@@ -7,12 +7,12 @@ use super::load;
 use super::tree::Tree;
 use super::unit::Unit;
 use crate::error::Result;
+use crate::io::ply::raw::{RawFile, Spool};
+use crate::io::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
 use crate::mesh::Mesh;
-use crate::parallel::in_order;
-use crate::ply::raw::{RawFile, Spool};
-use crate::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
-use crate::progress::Progress;
-use crate::schema::{Property, Scalar, VertexSchema};
+use crate::mesh::record::{Property, Scalar, VertexSchema};
+use crate::system::parallel::in_order;
+use crate::system::progress::Progress;
 use std::path::Path;
 
 /// The share of vertices that the scale covers; the few beyond it have the colour of its end.
@@ -187,7 +187,7 @@ fn header(mesh: &MeshSource, n_faces: u64, top: f64) -> OutputHeader {
     let properties = vec![property("red"), property("green"), property("blue")];
     let schema = VertexSchema { coordinate, properties };
     let mut header = OutputHeader::new(schema, mesh.n_vertices(), n_faces);
-    header.settings = crate::paths::HEATMAP_SETTINGS.to_owned();
+    header.settings = crate::system::paths::HEATMAP_SETTINGS.to_owned();
     header.comments = vec![
         "colours: distance to the other surface, in input units, viridis".to_owned(),
         format!(

@@ -4,11 +4,11 @@
 
 use super::Carried;
 use crate::error::{Error, Result};
+use crate::io::ply::{FaceBlock, MeshSource, VertexBlock};
 use crate::mesh::Mesh;
-use crate::parallel;
-use crate::ply::{FaceBlock, MeshSource, VertexBlock};
-use crate::progress::Progress;
-use crate::topology::{self, Topology};
+use crate::mesh::topology_counts::{self, Topology};
+use crate::system::parallel;
+use crate::system::progress::Progress;
 
 /// A mesh in memory and what its file says about it.
 #[derive(Clone, Debug, Default)]
@@ -76,7 +76,8 @@ pub fn load(source: &MeshSource, threads: usize, progress: &Progress) -> Result<
 
 /// The topology of a loaded mesh, with the faces that were left out.
 pub fn topology_of(loaded: &Loaded) -> Topology {
-    let mut topology = topology::of_triangles(loaded.mesh.positions.len(), &loaded.mesh.triangles);
+    let mut topology =
+        topology_counts::of_triangles(loaded.mesh.positions.len(), &loaded.mesh.triangles);
     topology.triangles += loaded.n_degenerate;
     topology.degenerate_triangles += loaded.n_degenerate;
     topology

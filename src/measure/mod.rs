@@ -9,16 +9,19 @@
 #![allow(clippy::needless_range_loop)]
 
 pub mod carried;
+pub mod check;
 pub mod colour;
+pub mod compare;
 pub mod heatmap;
 pub mod load;
+mod nearest_in_cells;
 mod out_of_core;
 mod parts;
 pub mod region;
 mod sample;
-mod settle;
 mod side;
 mod sums;
+pub mod temp_store;
 mod tilted;
 pub mod tree;
 pub mod triangle;
@@ -34,8 +37,8 @@ pub(crate) use unit::Unit;
 
 use crate::error::Result;
 use crate::mesh::Mesh;
-use crate::parallel;
-use crate::progress::Progress;
+use crate::system::parallel;
+use crate::system::progress::Progress;
 use carried::Values;
 use sample::{Density, Sample};
 use side::SideSums;
@@ -78,7 +81,7 @@ impl Default for Options {
         Options {
             samples: DEFAULT_SAMPLES,
             seed: 0,
-            threads: crate::memory::cores(),
+            threads: crate::system::memory::cores(),
             colours: None,
             region: None,
         }

@@ -3,16 +3,16 @@
 //! Samples, nearest points and sums are those of `two_sided`; only their order differs, which does not
 //! show. A surface in memory answers through one tree; one in cells through `settle`.
 
+use super::nearest_in_cells::{QUERY_BYTES, settle};
 use super::parts::{Means, Parts, Place, Survey};
 use super::sample::{self, Density};
-use super::settle::{QUERY_BYTES, settle};
 use super::side::{Look, Side, SideSums};
 use super::tree::Tree;
 use super::triangle::Vector;
 use super::{BLOCK_SAMPLES, Bounds, Deviation, Direction, Options, Surface, Unit, used_vertices};
 use crate::error::{Error, Result};
-use crate::progress::Progress;
-use crate::topology::Topology;
+use crate::mesh::topology_counts::Topology;
+use crate::system::progress::Progress;
 use std::sync::atomic::AtomicU64;
 
 /// Bytes a gathered sample takes besides its query: what was seen there; point, place and bound in order.

@@ -7,12 +7,12 @@ use super::sums::Sum;
 use super::tree::{Nearest, Tree};
 use super::triangle::Vector;
 use super::{Bounds, Carried, Surface, Unit};
-use crate::cells::{CellStore, load_bytes};
 use crate::error::Result;
 use crate::mesh::Mesh;
-use crate::parallel::{self, Weighted};
-use crate::progress::Progress;
-use crate::topology::{CellCounts, CellPart, Topology, TopologyCounter, count_cell};
+use crate::mesh::topology_counts::{CellCounts, CellPart, Topology, TopologyCounter, count_cell};
+use crate::store::cells::{CellStore, load_bytes};
+use crate::system::parallel::{self, Weighted};
+use crate::system::progress::Progress;
 use std::borrow::Cow;
 use std::sync::{Mutex, PoisonError};
 
@@ -229,7 +229,7 @@ impl<'a> Parts<'a> {
             }
         };
         Ok(match self.place {
-            Place::Memory(mesh) => look(mesh, crate::topology::count_mesh(mesh)),
+            Place::Memory(mesh) => look(mesh, crate::mesh::topology_counts::count_mesh(mesh)),
             Place::Cells(store) => {
                 let mut cell = store.load(part)?;
                 self.unit.turn(&mut cell.mesh);

@@ -12,7 +12,7 @@
 use super::tilted::{Inside, Tilted};
 use super::triangle::{self, Vector};
 use crate::error::Result;
-use crate::progress::Progress;
+use crate::system::progress::Progress;
 
 /// Children of a node.
 const WIDTH: usize = 8;

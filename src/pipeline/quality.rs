@@ -4,7 +4,7 @@
 //! comes near to the length of the edges, the surface has come apart into shards, whatever the count.
 
 use crate::kernel::{Quality, QualityAt};
-use crate::summary::QualityReport;
+use crate::pipeline::run_report::QualityReport;
 
 /// A result no longer stands for its input from this root mean square error over mean edge on. Clean scans stay
 /// below 0.05 down to some hundred triangles; a chest CT has 0.05 at 1 %, 0.07 at 0.2 %, and 0.085 at 0.1 %, where a

@@ -9,8 +9,8 @@ use super::vector::{V3, add, dot, normal, scale, smoothstep, unit};
 use super::vertices::{Vertices, vertex_bytes};
 use super::{Aim, Direction, Resources, Sphere, View, per_pixel, shade};
 use crate::error::Result;
-use crate::parallel::in_order;
-use crate::progress::Progress;
+use crate::system::parallel::in_order;
+use crate::system::progress::Progress;
 
 /// Width of edge lines in pixels.
 const LINE_WIDTH: f32 = 0.9;

@@ -17,9 +17,9 @@ mod vertices;
 pub use picture::{Letters, Picture, text_width};
 
 use crate::error::{Error, Result};
+use crate::io::ply::MeshSource;
 use crate::mesh::Mesh;
-use crate::ply::MeshSource;
-use crate::progress::Progress;
+use crate::system::progress::Progress;
 use camera::Camera;
 use draw::{aim, render};
 use raster::SAMPLE_BYTES;

@@ -56,7 +56,7 @@ impl Picture {
 
     /// Writes the picture as a PNG file, whole or not at all.
     pub fn write_png(&self, path: &Path) -> Result<()> {
-        crate::output::write_whole(path, &self.to_png()?)
+        crate::system::pending_file::write_whole(path, &self.to_png()?)
     }
 
     /// Pictures from left to right, each under its caption; shorter ones are centred.

@@ -1,9 +1,9 @@
 //! What is rendered, block by block: a mesh in memory or one on disk.
 
 use crate::error::Result;
+use crate::io::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
 use crate::mesh::Mesh;
-use crate::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
-use crate::schema::Scalar;
+use crate::mesh::record::Scalar;
 
 /// A block of vertices as the renderer wants them.
 #[derive(Default)]

@@ -9,8 +9,8 @@ use super::picture::Picture;
 use super::raster::{Frame, Sample};
 use super::vector::{dot, scale, smoothstep, sub, unit};
 use crate::error::Result;
-use crate::parallel::in_order;
-use crate::progress::Progress;
+use crate::system::parallel::in_order;
+use crate::system::progress::Progress;
 
 /// Rows of pixels that are shaded together.
 const BAND: usize = 16;

@@ -9,10 +9,10 @@
 use super::camera::Camera;
 use super::scene::{Points, Scene};
 use crate::error::{Error, Result};
-use crate::parallel::in_order;
-use crate::ply::BLOCK_ROWS;
-use crate::progress::Progress;
-use crate::units::show_bytes;
+use crate::io::ply::BLOCK_ROWS;
+use crate::system::parallel::in_order;
+use crate::system::progress::Progress;
+use crate::system::units::show_bytes;
 
 /// How often, on average, a vertex block may be read before the file counts as shuffled.
 const MOST_READS: u64 = 12;

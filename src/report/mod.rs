@@ -6,12 +6,12 @@
 mod page;
 
 use crate::error::Result;
-use crate::formats::{GlbWriter, StageOptions};
+use crate::io::ply::{MeshSource, OutputHeader};
+use crate::io::{GlbWriter, StageOptions};
 use crate::measure::load;
-use crate::ply::{MeshSource, OutputHeader};
-use crate::progress::Progress;
+use crate::mesh::record::{Scalar, VertexSchema};
 use crate::render::{Resources, Sphere, View, aim_source, render_source};
-use crate::schema::{Scalar, VertexSchema};
+use crate::system::progress::Progress;
 use base64::Engine;
 use page::{bars, escape, histogram, show, table};
 use serde_json::Value;

@@ -18,12 +18,12 @@ mod terrain;
 mod volume;
 mod write;
 
-use crate::disk::folder_of;
 use crate::error::{Error, Result};
-use crate::formats::{MeshSink, OutputFormat};
+use crate::io::ply::{OutputHeader, Place};
+use crate::io::{MeshSink, OutputFormat};
 use crate::mesh::Mesh;
-use crate::ply::{OutputHeader, Place};
-use crate::progress::Progress;
+use crate::system::disk::folder_of;
+use crate::system::progress::Progress;
 use rooms::Rooms;
 use shuffle::Shuffler;
 use sliced::Counted;

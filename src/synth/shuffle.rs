@@ -4,8 +4,8 @@
 //! size, so every bucket of the result knows beforehand how many records it gets: the temporary file is
 //! laid out bucket after bucket, filled in any order, and then read, sorted and written bucket by bucket.
 
-use crate::disk::scratch_file;
 use crate::error::{Error, Result};
+use crate::system::disk::scratch_file;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};

@@ -6,8 +6,8 @@
 
 use super::surface::{Surface, Vertex};
 use crate::error::Result;
-use crate::parallel::in_order;
-use crate::progress::Progress;
+use crate::system::parallel::in_order;
+use crate::system::progress::Progress;
 
 /// What one block holds.
 #[derive(Clone, Copy, Debug, Default)]

@@ -5,9 +5,9 @@
 
 use super::surface::{Surface, Vertex};
 use crate::error::Result;
-use crate::parallel::in_order;
-use crate::progress::Progress;
-use crate::schema::{Property, Scalar, VertexSchema};
+use crate::mesh::record::{Property, Scalar, VertexSchema};
+use crate::system::parallel::in_order;
+use crate::system::progress::Progress;
 
 /// What a vertex looks like in the file, besides its position in floats.
 #[derive(Clone, Copy, Debug)]

@@ -8,7 +8,7 @@ use super::normal_equations::Plate;
 use super::{V, Work};
 use crate::kernel::lanes::Simd;
 use crate::kernel::nearest::off_ring;
-use crate::kernel::vector::{add, cross, dot, scale, sub};
+use crate::mesh::vec3::{add, cross, dot, scale, sub};
 
 /// A step squared is at most this share of the area around the vertex: without any bound the fit diverges
 /// (../shared/KERNEL.md). Between 0.01 and 0.05 it makes no difference.

@@ -4,7 +4,7 @@
 
 use super::V;
 use crate::kernel::nearest::Foot;
-use crate::kernel::vector::{add, dot, scale, sub};
+use crate::mesh::vec3::{add, dot, scale, sub};
 
 /// Steps of conjugate gradients a sweep. With three the samples are 0.6 % farther off, with six nothing is
 /// gained (docs/results/kernel.md, "The fit").

@@ -6,8 +6,8 @@
 use super::vertices::Plan;
 use super::{NONE, Places};
 use crate::kernel::surface::Surface;
-use crate::kernel::vector::{Vec3, dot, length_sq, normal, scale, sub};
-use crate::union::Union;
+use crate::mesh::union_find::Union;
+use crate::mesh::vec3::{Vec3, dot, length_sq, normal, scale, sub};
 
 /// Edges at which more pairs than this could be made are left as found.
 const MOST_PAIRS: usize = 1 << 12;

@@ -8,7 +8,7 @@ use crate::kernel::lanes::Simd;
 use crate::kernel::legal::Class;
 use crate::kernel::surface::{Ring, Surface};
 use crate::kernel::topology;
-use crate::union::Union;
+use crate::mesh::union_find::Union;
 
 /// Which vertex each set of corners becomes.
 pub(super) struct Plan {

@@ -9,7 +9,7 @@ use crate::kernel::attributes::MAX_WEIGHTED;
 use crate::kernel::evaluate::Evaluated;
 use crate::kernel::legal::Class;
 use crate::kernel::surface::{Surface, boundary_quadric, others};
-use crate::kernel::vector::{along, cross, dot, length_sq, sub};
+use crate::mesh::vec3::{along, cross, dot, length_sq, sub};
 
 /// Cost of an edge in a plane, as in `evaluate`.
 const LENGTH_COST: f64 = 1e-6;

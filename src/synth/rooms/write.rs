@@ -8,11 +8,11 @@ use super::super::surface::{Order, Surface};
 use super::super::write::Stream;
 use super::Rooms;
 use crate::error::{Error, Result};
-use crate::formats::{MeshSink, OutputFormat, OutputKind};
-use crate::output::{refuse_irregular, write_whole};
-use crate::parallel::in_order;
-use crate::ply::{OutputHeader, Place, TexturedTriangle};
-use crate::schema::{Property, Scalar};
+use crate::io::ply::{OutputHeader, Place, TexturedTriangle};
+use crate::io::{MeshSink, OutputFormat, OutputKind};
+use crate::mesh::record::{Property, Scalar};
+use crate::system::parallel::in_order;
+use crate::system::pending_file::{refuse_irregular, write_whole};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 

@@ -7,8 +7,8 @@ use crate::peers::{Kind, PEERS, Peer, Places};
 use crate::record::{Quality, Row, Run};
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use stonecut::summary::RunReport;
-use stonecut::units::{parse_count, show_count};
+use stonecut::pipeline::run_report::RunReport;
+use stonecut::system::units::{parse_count, show_count};
 
 /// Everything that decides how tools are run.
 #[derive(Clone, Debug)]
@@ -250,7 +250,7 @@ fn new_row(input: &Input, target: u64, peer: &Peer, settings: &Settings) -> Row 
 fn quality(input: &Input, result: &Path, settings: &Settings) -> Outcome<Quality> {
     let options = judge::Options {
         samples: settings.samples,
-        memory_bytes: settings.memory_bytes.unwrap_or(stonecut::memory::limit_bytes() / 2),
+        memory_bytes: settings.memory_bytes.unwrap_or(stonecut::system::memory::limit_bytes() / 2),
         facing: true,
     };
     judge(&settings.places, &input.file, result, options)

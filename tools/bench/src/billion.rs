@@ -9,8 +9,8 @@ use crate::record::{Machine, Quality};
 use crate::scaling::free_bytes;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-use stonecut::summary::RunReport;
-use stonecut::units::{show_bytes, show_count};
+use stonecut::pipeline::run_report::RunReport;
+use stonecut::system::units::{show_bytes, show_count};
 
 /// What to run.
 #[derive(Clone, Debug)]

@@ -7,8 +7,8 @@
 use crate::Outcome;
 use meshopt::{SimplifyOptions, VertexDataAdapter};
 use std::path::Path;
-use stonecut::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
-use stonecut::schema::{Property, Scalar, VertexSchema};
+use stonecut::io::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
+use stonecut::mesh::record::{Property, Scalar, VertexSchema};
 
 const NAMES: [&str; 3] = ["red", "green", "blue"];
 

@@ -263,7 +263,7 @@ fn absolute(record: &Record, own: &str, others: &[&str], cell: impl Fn(&Row) -> 
 fn topology(record: &Record, own: &str, others: &[&str]) -> String {
     let headers: Vec<&str> =
         ["mesh", "target", "before", own].into_iter().chain(others.iter().copied()).collect();
-    let words = |t: &stonecut::topology::Topology| {
+    let words = |t: &stonecut::mesh::topology_counts::Topology| {
         let four = [t.non_manifold_edges, t.components].map(count).join(", ");
         format!("{four}, {}, {}", t.euler_characteristic, count(t.boundary_edges))
     };

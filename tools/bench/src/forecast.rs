@@ -9,8 +9,8 @@ use crate::Outcome;
 use crate::page::{number, table};
 use std::fmt::Write;
 use std::path::PathBuf;
-use stonecut::summary::RunReport;
-use stonecut::units::{show_bytes, show_count};
+use stonecut::pipeline::run_report::RunReport;
+use stonecut::system::units::{show_bytes, show_count};
 
 /// Bytes of a position in single precision; there are half as many vertices as triangles.
 const POSITION_BYTES: f64 = 12.0;
@@ -131,7 +131,7 @@ fn forecast(run: &RunReport, n: u64, machine: Machine) -> Vec<String> {
     // Wider indices move more bytes.
     let wider = temp_bytes(n) / temp_bytes(run.input.triangles) / scale;
     let n_cells = n.div_ceil(CELL_TRIANGLES).min(u64::from(u32::MAX)) as u32;
-    // As src/partition/table.rs and src/cells/scatter.rs have it.
+    // As src/stages/partition/cell_table.rs and src/store/cells/scatter.rs have it.
     let tables = (n / 2) as f64 * if n_cells <= 1 << 16 { 2.0 } else { 4.0 };
     let chunk = (machine.memory_bytes as f64 / 6.0 / f64::from(n_cells)).clamp(4096.0, 262_144.0);
     let passes = (tables / (machine.memory_bytes as f64 / 2.0)).ceil().max(1.0);

@@ -110,13 +110,13 @@ fn meshopt(update: bool, mesh: &Mesh, target: u64) -> (Mesh, Inner) {
 fn timed<T>(work: impl FnOnce() -> T) -> (T, Inner) {
     // Resets the peak of this process; where that is not allowed, the peak of reading may show.
     let _ = std::fs::write("/proc/self/clear_refs", "5");
-    let before = stonecut::memory::resident_bytes();
+    let before = stonecut::system::memory::resident_bytes();
     let (begin, cpu) = (Instant::now(), cpu_seconds());
     let result = work();
     let inner = Inner {
         seconds: begin.elapsed().as_secs_f64(),
         cpu_seconds: cpu_seconds() - cpu,
-        extra_bytes: stonecut::memory::peak_bytes() as i64 - before as i64,
+        extra_bytes: stonecut::system::memory::peak_bytes() as i64 - before as i64,
     };
     (result, inner)
 }

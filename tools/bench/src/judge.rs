@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::Command;
 use stonecut::measure::tree::{Nearest, Tree};
 use stonecut::measure::triangle::{area_normal, dot};
-use stonecut::topology::Topology;
+use stonecut::mesh::topology_counts::Topology;
 
 /// Originals with more triangles are not asked for facing: the tree takes 150 bytes a triangle.
 const MAX_FACING_TRIANGLES: u64 = 20_000_000;

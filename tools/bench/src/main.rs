@@ -22,7 +22,7 @@ use clap::{Args, Parser, Subcommand};
 use peers::Places;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use stonecut::units::{parse_bytes, parse_count, parse_ratio};
+use stonecut::system::units::{parse_bytes, parse_count, parse_ratio};
 
 /// What may fail here, fails with a sentence for people.
 pub type Outcome<T> = Result<T, Box<dyn std::error::Error>>;

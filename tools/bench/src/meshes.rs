@@ -8,10 +8,10 @@ use crate::Outcome;
 use std::io::{BufWriter, Read, Write};
 use std::path::Path;
 use stonecut::Mesh;
-use stonecut::formats::StageOptions;
+use stonecut::io::StageOptions;
+use stonecut::io::ply::MeshSource;
 use stonecut::measure::load;
-use stonecut::ply::MeshSource;
-use stonecut::progress::Progress;
+use stonecut::system::progress::Progress;
 
 /// Reads any mesh that stonecut reads; bare geometry.
 pub fn read_any(path: &Path) -> Outcome<Mesh> {

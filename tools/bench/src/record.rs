@@ -3,7 +3,7 @@
 use crate::child::{Ending, Usage};
 use crate::inside::Inner;
 use serde::{Deserialize, Serialize};
-use stonecut::topology::Topology;
+use stonecut::mesh::topology_counts::Topology;
 
 /// One run of one tool.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -156,8 +156,8 @@ impl Machine {
             };
         let arguments: Vec<String> = std::env::args().skip(1).map(name).collect();
         Machine {
-            processor: format!("{} cores of {model}", stonecut::memory::cores()),
-            memory_bytes: stonecut::memory::limit_bytes(),
+            processor: format!("{} cores of {model}", stonecut::system::memory::cores()),
+            memory_bytes: stonecut::system::memory::limit_bytes(),
             load: load.split(' ').next().unwrap_or_default().to_owned(),
             commit: said_by("git", &["describe", "--always", "--dirty"]),
             date: said_by("date", &["-u", "+%F"]),
@@ -170,7 +170,7 @@ impl Machine {
         format!(
             "{}, {}; {}; commit {}; load average at the start {}.",
             self.processor,
-            stonecut::units::show_bytes(self.memory_bytes),
+            stonecut::system::units::show_bytes(self.memory_bytes),
             self.date,
             self.commit,
             self.load

@@ -1,13 +1,14 @@
 //! `bench scaling`: stonecut alone on growing synthetic meshes at a fixed budget.
 
+use crate::Outcome;
 use crate::bench::{self, Input, Settings};
+use crate::compare::Record;
 use crate::page::{count, mib, number, spread, table};
 use crate::plot;
 use crate::record::{Machine, Row};
-use crate::{Outcome, compare::Record};
 use std::fmt::Write;
 use std::path::Path;
-use stonecut::units::{parse_count, show_bytes};
+use stonecut::system::units::{parse_count, show_bytes};
 
 /// What to run.
 #[derive(Clone, Debug)]

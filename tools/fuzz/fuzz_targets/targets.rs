@@ -5,8 +5,8 @@
 
 #![allow(dead_code)]
 
-use stonecut::formats::{StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
-use stonecut::ply::{FaceBlock, MeshSource, ReadOptions, VertexBlock};
+use stonecut::io::ply::{FaceBlock, MeshSource, ReadOptions, VertexBlock};
+use stonecut::io::{StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
 
 /// Everything that the rest of the program relies on once a file was opened.
 fn read_all(source: &MeshSource) -> stonecut::Result<()> {

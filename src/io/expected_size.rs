@@ -1,0 +1,152 @@
+//! The length of an output before there is one, from its counts and a sample of its vertices.
+//!
+//! Exact for binary files but for comments. Texts depend on their numbers: those of the sample are used, with
+//! digits in all places, as positions have them after simplification.
+
+use super::glb;
+use super::obj::{find_colour, find3};
+use super::sink::{OutputFormat, OutputKind};
+use crate::io::ply::Encoding;
+use crate::io::ply::writer::{FaceSchema, Shortest, put_text};
+use crate::mesh::record::{Scalar, VertexSchema, read_scalar};
+
+/// Bytes of a header beyond its comments; of the description in a GLB file.
+const HEADER_BYTES: f64 = 700.0;
+const DESCRIPTION_BYTES: f64 = 1600.0;
+
+/// Mean length of a component of a unit vector as text, and of a texture coordinate or colour between 0 and 1.
+const UNIT_TEXT: f64 = 11.0;
+const SHARE_TEXT: f64 = 10.4;
+
+/// What is known of an output.
+pub(crate) struct Expected<'a> {
+    /// Its vertices.
+    pub(crate) schema: &'a VertexSchema,
+    /// What its faces carry.
+    pub(crate) faces: &'a FaceSchema,
+    /// Counts.
+    pub(crate) n_vertices: u64,
+    pub(crate) n_faces: u64,
+    /// Records after `schema`, some of those that the input has.
+    pub(crate) sample: &'a [u8],
+}
+
+/// Bytes of the file, and of what is kept in its folder beside it while it is written.
+pub(crate) fn expected_bytes(
+    mesh: &Expected,
+    kind: OutputKind,
+    format: OutputFormat,
+) -> (u64, u64) {
+    let (v, f) = (mesh.n_vertices as f64, mesh.n_faces as f64);
+    let is_text = format.encoding == Some(Encoding::Ascii);
+    let schema = mesh.schema;
+    let (bytes, spool) = match kind {
+        OutputKind::Ply if is_text => {
+            let coordinate = format.coordinate.unwrap_or(schema.coordinate);
+            let record = 3.0 * mesh.coordinate_text(coordinate) + 3.0 + mesh.properties_text();
+            let texture = if mesh.faces.texture { 2.0 + 6.0 * (SHARE_TEXT + 1.0) } else { 0.0 };
+            let values = 3.0 * mesh.faces.properties.len() as f64;
+            let face = 1.0 + 3.0 * (mesh.index_text(0) + 1.0) + 1.0 + texture + values;
+            (v * record + f * face, 0.0)
+        }
+        OutputKind::Ply => {
+            let coordinate = format.coordinate.unwrap_or(schema.coordinate).bytes();
+            let record = schema.record_bytes() - schema.position_bytes() + 3 * coordinate;
+            let texture = if mesh.faces.texture { 25 } else { 0 };
+            let face = 13 + texture + mesh.faces.value_bytes();
+            (v * record as f64 + f * face as f64, 0.0)
+        }
+        OutputKind::Stl => {
+            let corner = 3.0 * mesh.coordinate_text(Scalar::F32) + 12.0;
+            let row = if is_text { 54.0 + 3.0 * UNIT_TEXT + 3.0 * corner } else { 50.0 };
+            (f * row, 12.0 * v)
+        }
+        OutputKind::Obj => {
+            let has = |names| find3(schema, names).is_some();
+            let n_corner = 1.0 + f64::from(u8::from(has(["nx", "ny", "nz"])));
+            let has_texture = mesh.faces.texture || super::obj::find_texture(schema).is_some();
+            let normal = if n_corner > 1.0 { 3.0 + 3.0 * (UNIT_TEXT + 1.0) } else { 0.0 };
+            let colour = match find_colour(schema) {
+                Some(_) => 3.0 * (SHARE_TEXT + 1.0),
+                None => 0.0,
+            };
+            let texture = if has_texture { 3.0 + 2.0 * (SHARE_TEXT + 1.0) } else { 0.0 };
+            let coordinates = 3.0 * (mesh.coordinate_text(schema.coordinate) + 1.0);
+            let numbers = n_corner + f64::from(u8::from(has_texture));
+            let face = 2.0 + 3.0 * (numbers * (mesh.index_text(1) + 1.0));
+            (v * (2.0 + coordinates + colour + normal + texture) + f * face, 0.0)
+        }
+        OutputKind::Glb => {
+            let extras =
+                [find_colour(schema).is_some(), find3(schema, ["nx", "ny", "nz"]).is_some()];
+            let n = extras.into_iter().filter(|has| *has).count() as u64;
+            let row = glb::POSITION_BYTES + glb::EXTRA_BYTES * n;
+            let spooled = glb::SPOOLED_BYTES as u64 + glb::EXTRA_BYTES * n;
+            (v * row as f64 + f * 12.0 + DESCRIPTION_BYTES, v * spooled as f64)
+        }
+    };
+    ((bytes + HEADER_BYTES) as u64, spool as u64)
+}
+
+impl Expected<'_> {
+    /// Mean digits of an index, the first being `from`.
+    fn index_text(&self, from: u64) -> f64 {
+        let (mut sum, mut low, mut digits) = (0.0, 0u64, 1.0);
+        let end = self.n_vertices.max(1) + from;
+        while low < end {
+            let high = (10f64.powf(digits) as u64).min(end);
+            sum += digits * (high - low) as f64;
+            (low, digits) = (high, digits + 1.0);
+        }
+        sum / end as f64
+    }
+
+    fn records(&self) -> impl Iterator<Item = &[u8]> {
+        self.sample.chunks_exact(self.schema.record_bytes())
+    }
+
+    fn n_sampled(&self) -> f64 {
+        (self.sample.len() / self.schema.record_bytes()).max(1) as f64
+    }
+
+    /// Mean length of a coordinate of some type, moved a little so that it has digits in all places.
+    fn coordinate_text(&self, scalar: Scalar) -> f64 {
+        let mut length = 0;
+        for (i, record) in self.records().enumerate() {
+            let moved = 1.0 + (i as f64 * 0.618_033_988_749_895).fract() / 1024.0;
+            for value in self.schema.position(record).map(|x| x * moved) {
+                let stored = match self.schema.coordinate {
+                    Scalar::F64 => value,
+                    _ => f64::from(value as f32),
+                };
+                length += match scalar {
+                    Scalar::F64 => Shortest(stored).to_string().len(),
+                    _ => Shortest(stored as f32).to_string().len(),
+                };
+            }
+        }
+        length as f64 / (3.0 * self.n_sampled())
+    }
+
+    /// Mean length of all other properties of a vertex, a blank before each.
+    fn properties_text(&self) -> f64 {
+        let mut rows = Vec::new();
+        for record in self.records() {
+            let mut at = self.schema.position_bytes();
+            for property in &self.schema.properties {
+                let end = at + property.scalar.bytes();
+                match property.scalar.is_integer() {
+                    true => put_text(property.scalar, &record[at..end], &mut rows),
+                    // Averaged by then.
+                    false => {
+                        let moved = read_scalar(property.scalar, record, at) * 1.000_123_4;
+                        rows.extend_from_slice(Shortest(moved as f32).to_string().as_bytes());
+                    }
+                }
+                rows.push(b' ');
+                at = end;
+            }
+        }
+        rows.len() as f64 / self.n_sampled()
+    }
+}

@@ -1,0 +1,145 @@
+//! Sorting more than fits in memory: sorted runs in a nameless temporary file, then one merge.
+
+use crate::error::Result;
+use crate::io::ply::raw::{RawFile, Spool};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::path::Path;
+
+/// Sorts arrays of `N` numbers, compared from the first on. Equal ones come out next to each other.
+///
+/// Memory: `memory_bytes` while records come in and again while they go out, whatever their number.
+/// Disk: `4 N` bytes a record, only if they do not fit.
+pub(crate) struct ExternalSort<const N: usize> {
+    records: Vec<[u32; N]>,
+    max_records: usize,
+    spool: Spool,
+    /// Where each run begins.
+    runs: Vec<u64>,
+    name: std::path::PathBuf,
+}
+
+impl<const N: usize> ExternalSort<N> {
+    pub fn new(folder: &Path, memory_bytes: usize) -> Self {
+        ExternalSort {
+            records: Vec::new(),
+            max_records: (memory_bytes / (4 * N)).max(1024),
+            spool: Spool::new(folder),
+            runs: Vec::new(),
+            name: folder.to_path_buf(),
+        }
+    }
+
+    pub fn push(&mut self, record: [u32; N]) -> Result<()> {
+        if self.records.len() == self.max_records {
+            self.spill()?;
+        }
+        self.records.push(record);
+        Ok(())
+    }
+
+    fn spill(&mut self) -> Result<()> {
+        // Memory was too small for the records already.
+        self.spool.leave_memory()?;
+        self.records.sort_unstable();
+        self.runs.push(self.spool.len());
+        self.spool.write(bytemuck::cast_slice(self.records.as_flattened()))?;
+        self.records.clear();
+        Ok(())
+    }
+
+    /// Calls `each` with every record, in order.
+    pub fn drain(mut self, mut each: impl FnMut([u32; N]) -> Result<()>) -> Result<()> {
+        if self.runs.is_empty() {
+            self.records.sort_unstable();
+            return self.records.into_iter().try_for_each(each);
+        }
+        self.spill()?;
+        let budget = self.max_records * 4 * N;
+        self.records = Vec::new();
+        let end = self.spool.len();
+        let file = self.spool.finish(&self.name)?;
+        // Whole records, and at least a page, however many runs share the memory.
+        let buffer = (budget / self.runs.len()).clamp(4096, 1 << 20) / (4 * N) * (4 * N);
+        let mut runs: Vec<_> = self
+            .runs
+            .iter()
+            .zip(self.runs[1..].iter().chain([&end]))
+            .map(|(&start, &end)| Run::<N> { at: start, end, buffer: Vec::new(), next: 0 })
+            .collect();
+        let mut heap = BinaryHeap::new();
+        for (i, run) in runs.iter_mut().enumerate() {
+            if let Some(record) = run.pop(&file, buffer)? {
+                heap.push(Reverse((record, i)));
+            }
+        }
+        while let Some(Reverse((record, i))) = heap.pop() {
+            each(record)?;
+            if let Some(record) = runs[i].pop(&file, buffer)? {
+                heap.push(Reverse((record, i)));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What is left of a sorted run.
+struct Run<const N: usize> {
+    at: u64,
+    end: u64,
+    buffer: Vec<[u32; N]>,
+    next: usize,
+}
+
+impl<const N: usize> Run<N> {
+    fn pop(&mut self, file: &RawFile, buffer_bytes: usize) -> Result<Option<[u32; N]>> {
+        if self.next == self.buffer.len() {
+            let n = (self.end - self.at).min(buffer_bytes as u64) as usize;
+            self.buffer.resize(n / (4 * N), [0; N]);
+            let bytes = bytemuck::cast_slice_mut(self.buffer.as_flattened_mut());
+            file.read_exact_at(bytes, self.at)?;
+            self.at += n as u64;
+            self.next = 0;
+        }
+        let record = self.buffer.get(self.next).copied();
+        self.next += 1;
+        Ok(record)
+    }
+}
+
+/// The high and low half of a 64-bit number, which compare like it.
+pub(crate) fn halves(value: u64) -> [u32; 2] {
+    [(value >> 32) as u32, value as u32]
+}
+
+/// The number of its halves.
+pub(crate) fn whole(high: u32, low: u32) -> u64 {
+    u64::from(high) << 32 | u64::from(low)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn runs_are_merged_in_order() {
+        // 1024 records is the smallest run; 40,000 make 40 of them.
+        let mut sort = ExternalSort::<3>::new(&std::env::temp_dir(), 0);
+        let mut state = 1u32;
+        let mut expected = Vec::new();
+        for i in 0..40_000 {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let record = [state >> 24, state & 7, i];
+            sort.push(record).unwrap();
+            expected.push(record);
+        }
+        expected.sort_unstable();
+        let mut sorted = Vec::new();
+        sort.drain(|record| {
+            sorted.push(record);
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(sorted, expected);
+    }
+}

@@ -1,0 +1,28 @@
+//! Every format besides plain PLY: what comes in is staged as PLY, what goes out is written by a sink.
+//!
+//! In: STL, OBJ, gzip, zstd, standard input (`open`). Out: PLY in any encoding, STL, OBJ, GLB (`sink`).
+//! The rest of the program sees a `MeshSource` and a `MeshSink`.
+
+mod duplicates;
+mod expected_size;
+mod external_sort;
+mod face_survey;
+mod glb;
+mod obj;
+mod open;
+pub mod ply;
+mod sink;
+mod stl;
+mod text_lines;
+mod wedges;
+
+pub use duplicates::{DuplicateFinder, Duplicates};
+pub(crate) use expected_size::{Expected, expected_bytes};
+pub(crate) use external_sort::{ExternalSort, halves, whole};
+pub use face_survey::{SurveyOptions, survey_faces};
+pub use glb::GlbWriter;
+pub use obj::ObjWriter;
+pub use open::StageOptions;
+pub use sink::{MeshSink, OutputFormat, OutputKind};
+pub use stl::StlWriter;
+pub use wedges::faces_to_vertices;

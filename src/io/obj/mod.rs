@@ -1,0 +1,9 @@
+//! OBJ in and out, with texture coordinates at corners and the names of materials.
+
+mod reader;
+mod texture;
+mod writer;
+
+pub(super) use reader::{looks_like, read};
+pub use writer::ObjWriter;
+pub(super) use writer::{find_colour, find_texture, find3, unit_colour};

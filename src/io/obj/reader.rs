@@ -1,0 +1,278 @@
+//! OBJ: two passes over the text, one to learn what there is, one to write it as a PLY.
+//!
+//! Takes vertices, their colours, polygons, texture coordinates at corners and which material a face has
+//! (`texture`); corner normals, groups, lines and points have no place in a simplified mesh.
+
+use super::texture::{Materials, TexturedFaces};
+use crate::error::Result;
+use crate::io::open::StageOptions;
+use crate::io::ply::raw::{RawFile, Spool};
+use crate::io::ply::rows::MAX_CORNERS;
+use crate::io::ply::source::{Staged, TextureInfo};
+use crate::io::text_lines::{Lines, parse_number, words};
+use crate::mesh::record::Scalar;
+use std::path::Path;
+
+/// Whether text begins like an OBJ file: its first word outside of comments is one of OBJ's.
+pub(crate) fn looks_like(first: &[u8]) -> bool {
+    const WORDS: [&[u8]; 12] =
+        [b"v", b"vn", b"vt", b"vp", b"f", b"o", b"g", b"s", b"mtllib", b"usemtl", b"l", b"p"];
+    let line = first
+        .split(|b| matches!(b, b'\n' | b'\r'))
+        .map(<[u8]>::trim_ascii)
+        .find(|line| !line.is_empty() && !line.starts_with(b"#"));
+    line.and_then(|line| words(line).next()).is_some_and(|word| WORDS.contains(&word))
+}
+
+/// What the first pass learns.
+#[derive(Default)]
+struct Summary {
+    n_vertices: u64,
+    n_faces: u64,
+    /// Every vertex has a colour.
+    n_coloured: u64,
+    max_colour: f64,
+    least: [f64; 3],
+    most: [f64; 3],
+    textured: bool,
+    materials: Materials,
+    comments: Vec<String>,
+}
+
+impl Summary {
+    fn read(file: &RawFile) -> Result<Self> {
+        let mut summary =
+            Summary { least: [f64::MAX; 3], most: [f64::MIN; 3], ..Summary::default() };
+        let (mut lines, mut line) = (Lines::new(file), Vec::new());
+        while lines.next(&mut line)? {
+            let mut words = words(&line);
+            match words.next() {
+                Some(b"v") => {
+                    let vertex = vertex(words).map_err(|what| lines.bad(what))?;
+                    summary.n_vertices += 1;
+                    for (axis, &value) in vertex.position.iter().enumerate() {
+                        summary.least[axis] = summary.least[axis].min(value);
+                        summary.most[axis] = summary.most[axis].max(value);
+                    }
+                    if let Some(colour) = vertex.colour {
+                        summary.n_coloured += 1;
+                        summary.max_colour =
+                            colour.iter().fold(summary.max_colour, |a, &b| a.max(b));
+                    }
+                }
+                Some(b"f") => {
+                    summary.n_faces += 1;
+                    summary.textured |= words.next().is_some_and(has_texture);
+                }
+                Some(word @ (b"mtllib" | b"usemtl")) => summary.materials.learn(word, &line),
+                Some(b"#") if summary.n_vertices == 0 && summary.comments.len() < 1000 => {
+                    let text = line.trim_ascii().get(1..).unwrap_or_default().trim_ascii();
+                    summary.comments.push(String::from_utf8_lossy(text).into_owned());
+                }
+                _ => {}
+            }
+        }
+        Ok(summary)
+    }
+
+    /// Floats keep 24 bits of the distance from the origin. They do unless the mesh lies so far from it
+    /// that less than 21 bits are left for its own extent.
+    fn coordinate(&self) -> Scalar {
+        let extent = (0..3).map(|i| self.most[i] - self.least[i]).fold(0.0, f64::max);
+        let far = (0..3).map(|i| self.most[i].abs().max(self.least[i].abs())).fold(0.0, f64::max);
+        if far > 8.0 * extent || far > f64::from(f32::MAX) { Scalar::F64 } else { Scalar::F32 }
+    }
+}
+
+/// A `v` line.
+struct Vertex {
+    position: [f64; 3],
+    colour: Option<[f64; 3]>,
+}
+
+fn vertex<'a>(words: impl Iterator<Item = &'a [u8]>) -> Result<Vertex, &'static str> {
+    let mut values = [0.0; 7];
+    let mut n = 0;
+    for (place, word) in values.iter_mut().zip(words) {
+        *place = parse_number(word).ok_or("a coordinate of a vertex is no number")?;
+        n += 1;
+    }
+    if n < 3 {
+        return Err("a vertex has fewer than three coordinates");
+    }
+    let colour = (n >= 6).then(|| [values[3], values[4], values[5]]);
+    Ok(Vertex { position: [values[0], values[1], values[2]], colour })
+}
+
+/// `7/3` and `7/3/1` have texture coordinates, `7` and `7//1` have none.
+fn has_texture(corner: &[u8]) -> bool {
+    let mut parts = corner.split(|&b| b == b'/').skip(1);
+    parts.next().is_some_and(|part| !part.is_empty())
+}
+
+/// The vertex of a corner: from 1 upwards, or from -1 downwards from the last vertex so far.
+fn corner(word: &[u8], n_so_far: u64, n_vertices: u64) -> Option<u64> {
+    let number = word.split(|&b| b == b'/').next()?;
+    let number: i64 = std::str::from_utf8(number).ok()?.parse().ok()?;
+    let id = match number {
+        0 => return None,
+        1.. => number as u64 - 1,
+        _ => n_so_far.checked_sub(number.unsigned_abs())?,
+    };
+    (id < n_vertices).then_some(id)
+}
+
+/// Reads an OBJ file into a PLY.
+pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
+    let summary = Summary::read(file)?;
+    let mut staged = Staged::default();
+    if summary.textured {
+        let (files, property) = (summary.materials.images(file.path()), "texcoord".to_owned());
+        staged.texture = Some(TextureInfo { files, property });
+    }
+    let mut texture = summary.textured.then(|| TexturedFaces::new(options));
+    let coordinate = summary.coordinate();
+    let coloured = summary.n_vertices > 0 && summary.n_coloured == summary.n_vertices;
+    // Colours go from 0 to 1, but some programs write 0 to 255.
+    let scale = if summary.max_colour > 1.0 { 1.0 } else { 255.0 };
+
+    let (mut vertices, mut faces) = (Spool::new(&options.temp_dir), Spool::new(&options.temp_dir));
+    let (mut n_vertices, mut n_faces) = (0, 0);
+    let (mut lines, mut line) = (Lines::new(file), Vec::new());
+    let mut row = Vec::new();
+    while lines.next(&mut line)? {
+        let mut words = words(&line);
+        match words.next() {
+            Some(b"v") => {
+                let vertex = vertex(words).map_err(|what| lines.bad(what))?;
+                if !options.read.skip_bad && vertex.position.iter().any(|v| !v.is_finite()) {
+                    return Err(lines.bad(
+                        "a vertex is not finite; repair the file, or drop such vertices and their \
+                         faces with --skip-bad",
+                    ));
+                }
+                row.clear();
+                for value in vertex.position {
+                    match coordinate {
+                        Scalar::F64 => row.extend_from_slice(&value.to_le_bytes()),
+                        _ => row.extend_from_slice(&(value as f32).to_le_bytes()),
+                    }
+                }
+                if coloured {
+                    let colour = vertex.colour.unwrap_or_default();
+                    row.extend(colour.map(|c| (c * scale).round() as u8));
+                }
+                vertices.write(&row)?;
+                n_vertices += 1;
+            }
+            Some(b"vt") => {
+                if let Some(texture) = &mut texture {
+                    texture.add_coordinates(words).map_err(|what| lines.bad(what))??;
+                }
+            }
+            Some(b"usemtl") => {
+                if let Some(texture) = &mut texture {
+                    texture.image = summary.materials.number(&line);
+                }
+            }
+            Some(b"f") => match face(words.clone(), n_vertices, summary.n_vertices, &mut row) {
+                Ok(()) => {
+                    faces.write(&row)?;
+                    if let Some(texture) = &mut texture {
+                        texture.add_face(words)?;
+                    }
+                    n_faces += 1;
+                }
+                Err(_) if options.read.skip_bad => staged.bad_faces += 1,
+                Err(what) => {
+                    return Err(lines.bad(format!(
+                        "{what}; export the mesh again, or drop such faces with --skip-bad"
+                    )));
+                }
+            },
+            _ => {}
+        }
+    }
+    let header = header(&summary, file.path(), coordinate, coloured, n_faces);
+    let vertices = vertices.finish(file.path())?;
+    let mut faces = faces.finish(file.path())?;
+    if let Some(texture) = texture {
+        let index_bytes = if wide(summary.n_vertices) { 8 } else { 4 };
+        faces = texture.join(&faces, index_bytes, n_faces)?;
+    }
+    let mut out = Spool::new(&options.temp_dir);
+    out.write(header.as_bytes())?;
+    out.append_file(&vertices)?;
+    drop(vertices);
+    out.append_file(&faces)?;
+    Ok((out.finish(file.path())?, staged))
+}
+
+/// Puts the corners of an `f` line into `row`, after their count.
+fn face<'a>(
+    words: impl Iterator<Item = &'a [u8]>,
+    n_so_far: u64,
+    n_vertices: u64,
+    row: &mut Vec<u8>,
+) -> Result<(), String> {
+    row.clear();
+    row.extend_from_slice(&[0; 4]);
+    let mut n = 0u32;
+    for word in words {
+        let Some(id) = corner(word, n_so_far, n_vertices) else {
+            let word: String = word
+                .iter()
+                .take(40)
+                .map(|&b| if b.is_ascii_graphic() { b as char } else { '?' })
+                .collect();
+            return Err(format!(
+                "the corner '{word}' names a vertex that does not exist (there are {n_vertices})"
+            ));
+        };
+        if wide(n_vertices) {
+            row.extend_from_slice(&id.to_le_bytes());
+        } else {
+            row.extend_from_slice(&(id as u32).to_le_bytes());
+        }
+        n += 1;
+    }
+    if u64::from(n) > MAX_CORNERS {
+        return Err(format!("a face has {n} corners, more than any polygon of a scan"));
+    }
+    row[..4].copy_from_slice(&n.to_le_bytes());
+    Ok(())
+}
+
+/// Whether ids need 8 bytes.
+fn wide(n_vertices: u64) -> bool {
+    n_vertices > 1 << 32
+}
+
+fn header(
+    summary: &Summary,
+    path: &Path,
+    coordinate: Scalar,
+    coloured: bool,
+    n_faces: u64,
+) -> String {
+    let mut text = "ply\nformat binary_little_endian 1.0\n".to_owned();
+    let materials = if summary.textured { summary.materials.comments(path) } else { Vec::new() };
+    for comment in summary.comments.iter().chain(&materials) {
+        text.push_str(&format!("comment {}\n", comment.replace(['\n', '\r'], " ")));
+    }
+    text.push_str(&format!("element vertex {}\n", summary.n_vertices));
+    let name = crate::io::ply::writer::type_name(coordinate);
+    for axis in ["x", "y", "z"] {
+        text.push_str(&format!("property {name} {axis}\n"));
+    }
+    if coloured {
+        text.push_str("property uchar red\nproperty uchar green\nproperty uchar blue\n");
+    }
+    let index = if wide(summary.n_vertices) { "uint64" } else { "uint" };
+    text.push_str(&format!("element face {n_faces}\nproperty list uint {index} vertex_indices\n"));
+    if summary.textured {
+        text.push_str("property list uint float texcoord\nproperty int texnumber\n");
+    }
+    text.push_str("end_header\n");
+    text
+}

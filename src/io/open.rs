@@ -1,0 +1,164 @@
+//! Inputs that cannot be read at random are turned into PLY first: compressed files, standard input, STL
+//! and OBJ.
+//!
+//! What an input is, its first bytes say, not its name. Staged data goes to nameless files in the given
+//! folder, so that nothing is left behind however a run ends; a resumed run stages again.
+
+use super::{obj, stl};
+use crate::error::{Error, Result};
+use crate::io::ply::raw::{RawFile, Spool};
+use crate::io::ply::{MeshSource, ReadOptions};
+use crate::system::disk::open_input;
+use std::io::{BufReader, Read};
+use std::path::{Path, PathBuf};
+
+/// How an input is staged.
+#[derive(Clone, Debug)]
+pub struct StageOptions {
+    /// The folder for staged data; up to the size of the input, decompressed, and for STL three times
+    /// that for a while.
+    pub temp_dir: PathBuf,
+    /// Memory for sorting the corners of an STL file; at least 3 MiB are sensible.
+    pub memory_bytes: u64,
+    /// How strictly the input is read; its `temp_dir` is set to the one above.
+    pub read: ReadOptions,
+}
+
+impl StageOptions {
+    /// Strict reading with 256 MiB for sorting.
+    pub fn new(temp_dir: impl Into<PathBuf>) -> Self {
+        let temp_dir = temp_dir.into();
+        StageOptions { temp_dir, memory_bytes: 256 << 20, read: ReadOptions::default() }
+    }
+}
+
+/// How an input is packed.
+#[derive(Clone, Copy, PartialEq)]
+enum Packing {
+    Plain,
+    Gzip,
+    Zstd,
+}
+
+impl Packing {
+    fn of(first: &[u8]) -> Self {
+        match first {
+            [0x1f, 0x8b, ..] => Packing::Gzip,
+            [0x28, 0xb5, 0x2f, 0xfd, ..] => Packing::Zstd,
+            _ => Packing::Plain,
+        }
+    }
+}
+
+impl MeshSource {
+    /// Opens any input: PLY, STL or OBJ, gzip or zstd compressed or not, `-` for standard input.
+    ///
+    /// A plain PLY file is opened where it is, like `open_with`; everything else is staged first.
+    pub fn open_staged(path: &Path, options: &StageOptions) -> Result<Self> {
+        let file = if path == Path::new("-") {
+            let name = Path::new("standard input");
+            unpack(name, std::io::stdin().lock(), options)?
+        } else {
+            let file = RawFile::open(path)?;
+            let mut first = [0u8; 4];
+            let n = file.read_at_most(&mut first, 0)?;
+            if Packing::of(&first[..n]) == Packing::Plain {
+                file
+            } else {
+                unpack(path, open_input(path)?, options)?
+            }
+        };
+        open_raw(file, options)
+    }
+
+    /// Reads bytes in memory as if they were a file of any format.
+    pub fn staged_from_bytes(name: &str, bytes: Vec<u8>, options: &StageOptions) -> Result<Self> {
+        let file = match Packing::of(&bytes) {
+            Packing::Plain => RawFile::from_bytes(name, bytes),
+            _ => unpack(Path::new(name), &bytes[..], options)?,
+        };
+        open_raw(file, options)
+    }
+}
+
+/// Opens what is readable at random, whatever its format.
+fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
+    let mut read = options.read.clone();
+    read.temp_dir = Some(options.temp_dir.clone());
+    let mut first = [0u8; 4096];
+    let n = file.read_at_most(&mut first, 0)?;
+    let first = &first[..n];
+    let extension = file.path().file_name().map(|n| n.to_string_lossy().to_ascii_lowercase());
+    let named = |format: &str| {
+        extension.as_deref().is_some_and(|name| {
+            [format!(".{format}"), format!(".{format}.gz"), format!(".{format}.zst")]
+                .iter()
+                .any(|end| name.ends_with(end))
+        })
+    };
+    if first.starts_with(b"ply") && first.get(3).is_none_or(u8::is_ascii_whitespace) {
+        return MeshSource::new(file, read);
+    }
+    let (file, staged) = if named("obj") || (!named("stl") && obj::looks_like(first)) {
+        obj::read(&file, options)?
+    } else if stl::is_ascii(first) && !stl::is_binary(first, file.len()) {
+        stl::read_ascii(&file, options)?
+    } else if named("stl") || (n >= 84 && stl_length_fits(first, file.len())) {
+        stl::read_binary(&file, options)?
+    } else {
+        return Err(file.bad(
+            "this is neither PLY, STL nor OBJ (also gzip or zstd compressed); convert it to one of \
+             them first",
+        ));
+    };
+    MeshSource::from_staged(file, read, staged)
+}
+
+fn stl_length_fits(first: &[u8], len: u64) -> bool {
+    let n = u32::from_le_bytes([first[80], first[81], first[82], first[83]]);
+    n > 0 && len == 84 + 50 * u64::from(n)
+}
+
+/// Copies a stream, decompressed, to a nameless file.
+fn unpack(path: &Path, reader: impl Read, options: &StageOptions) -> Result<RawFile> {
+    use std::io::BufRead;
+    let mut reader = BufReader::with_capacity(1 << 20, reader);
+    let first = reader.fill_buf().map_err(|e| Error::reading(path, "cannot read", e))?;
+    let packing = Packing::of(first);
+    let mut spool = Spool::new(&options.temp_dir);
+    match packing {
+        Packing::Plain => copy(path, reader, &mut spool)?,
+        // Several members or frames one after another are one stream (`cat a.gz b.gz`, pigz).
+        Packing::Gzip => copy(path, flate2::bufread::MultiGzDecoder::new(reader), &mut spool)?,
+        Packing::Zstd => {
+            let decoder = zstd::stream::read::Decoder::with_buffer(reader)
+                .map_err(|e| Error::reading(path, "cannot start decompressing", e))?;
+            copy(path, decoder, &mut spool)?;
+        }
+    }
+    spool.finish(path)
+}
+
+fn copy(path: &Path, mut reader: impl Read, spool: &mut Spool) -> Result<()> {
+    let mut buffer = vec![0; 1 << 20];
+    loop {
+        match reader.read(&mut buffer) {
+            Ok(0) => return Ok(()),
+            Ok(n) => spool.write(&buffer[..n])?,
+            Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+            Err(e) if e.raw_os_error().is_some() => {
+                return Err(Error::reading(path, "cannot read", e));
+            }
+            Err(e) => {
+                return Err(Error::bad_input(
+                    path,
+                    format!(
+                        "byte offset {} of the decompressed data: {e}; the compressed file is damaged \
+                         or cut off, fetch it again",
+                        spool.len()
+                    ),
+                ));
+            }
+        }
+    }
+}

@@ -1,0 +1,173 @@
+//! Faces with all they carry, one after another: texture coordinates at corners, scalar properties.
+//!
+//! For `formats`, which moves these to vertices, and for converting, which copies them. Reads the rows in
+//! file order, whatever the encoding; checks indices as `rows` does.
+
+use super::header::{Kind, Wire};
+use super::layout::{FaceLayout, explain, with_scan};
+use super::rows::{MAX_CORNERS, out_of_range};
+use super::scan::{Fault, Mark, Scan, Scanned};
+use super::source::MeshSource;
+use crate::error::Result;
+use crate::mesh::record::{Property, Scalar};
+
+/// One face.
+#[derive(Debug, Default)]
+pub(crate) struct FullFace {
+    pub corners: Vec<u64>,
+    /// Texture coordinates of each corner; zeros where the face has none.
+    pub texture: Vec<[f32; 2]>,
+    /// The scalar properties in order, packed, little-endian.
+    pub values: Vec<u8>,
+    /// A corner names no vertex, or one without a place; only with `skip_bad`.
+    pub is_bad: bool,
+}
+
+impl MeshSource {
+    /// Whether the faces have lists of texture coordinates.
+    pub(crate) fn has_corner_texture(&self) -> bool {
+        let Some(property) = self.texture_property() else { return false };
+        let is_list = |kind: &Kind| matches!(kind, Kind::List { .. });
+        self.face().properties.iter().any(|p| p.name == property && is_list(&p.kind))
+    }
+
+    /// The scalar properties of faces, in order; triangle strips have none.
+    pub fn face_properties(&self) -> Vec<Property> {
+        let scalar = |p: &super::header::HeaderProperty| match p.kind {
+            Kind::Scalar(wire) => Some(Property { name: p.name.clone(), scalar: wire.scalar() }),
+            Kind::List { .. } => None,
+        };
+        match self.layout.faces {
+            FaceLayout::None | FaceLayout::Strips(_) => Vec::new(),
+            _ => self.face().properties.iter().filter_map(scalar).collect(),
+        }
+    }
+
+    /// Names of properties of faces that nothing carries: lists that are neither corners nor texture, and all
+    /// that triangle strips have.
+    pub fn dropped_face_properties(&self) -> Vec<String> {
+        if self.layout.face_element.is_none() {
+            return Vec::new();
+        }
+        let element = self.face();
+        let corners = element.index_list();
+        let texture = self.texture_property();
+        let is_strips = matches!(self.layout.faces, FaceLayout::Strips(_));
+        let dropped = element.properties.iter().enumerate().filter(|(i, p)| {
+            let is_list = matches!(p.kind, Kind::List { .. });
+            Some(*i) != corners && (is_strips || is_list && Some(&p.name) != texture.as_ref())
+        });
+        dropped.map(|(_, p)| p.name.clone()).collect()
+    }
+
+    /// Calls `each` with number and contents of every face; returns how many of them are bad.
+    pub(crate) fn each_full_face(
+        &self,
+        mut each: impl FnMut(u64, &FullFace) -> Result<()>,
+    ) -> Result<u64> {
+        let start = match &self.layout.faces {
+            FaceLayout::Fixed { offset, .. } => Mark { offset: *offset, ..Mark::default() },
+            FaceLayout::Indexed(rows) => rows.blocks.first().map_or(Mark::default(), |b| b.0),
+            FaceLayout::None | FaceLayout::Strips(_) => return Ok(0),
+        };
+        let element = self.face();
+        let Some(list) = element.index_list() else { return Ok(0) };
+        let property = self.texture_property();
+        let kinds: Vec<(Role, Kind)> = element
+            .properties
+            .iter()
+            .enumerate()
+            .map(|(i, p)| {
+                let role = match p.kind {
+                    _ if i == list => Role::Corners,
+                    Kind::List { .. } if Some(&p.name) == property.as_ref() => Role::Texture,
+                    _ => Role::Other,
+                };
+                (role, p.kind)
+            })
+            .collect();
+        let (n_vertices, n_rows) = (self.n_vertices(), self.n_face_rows());
+        let (mut face, mut n_bad) = (FullFace::default(), 0);
+        with_scan!(&self.file, self.header.encoding, start, |scan| {
+            for row in 0..n_rows {
+                let whole = match read(&mut scan, &kinds, n_vertices, &mut face) {
+                    Ok(whole) => whole,
+                    Err(fault) => {
+                        return Err(explain(&self.file, element, row, scan.last(), fault));
+                    }
+                };
+                face.is_bad = !whole || face.corners.iter().any(|&v| self.bad_vertices.contains(v));
+                n_bad += u64::from(face.is_bad);
+                if !face.is_bad || self.options.skip_bad {
+                    each(row, &face)?;
+                } else {
+                    let fault = Fault::Text(out_of_range(n_vertices));
+                    return Err(explain(&self.file, element, row, scan.last(), fault));
+                }
+            }
+            Ok(n_bad)
+        })
+    }
+}
+
+/// What a list of a face is.
+#[derive(Clone, Copy)]
+enum Role {
+    Corners,
+    Texture,
+    Other,
+}
+
+/// Reads a row; false if a corner names no vertex.
+fn read<S: Scan>(
+    scan: &mut S,
+    kinds: &[(Role, Kind)],
+    n_vertices: u64,
+    face: &mut FullFace,
+) -> Scanned<bool> {
+    face.corners.clear();
+    face.texture.clear();
+    face.values.clear();
+    for &(role, kind) in kinds {
+        match (role, kind) {
+            (Role::Corners, Kind::List { count, item }) => {
+                let n = scan.count(count)?;
+                if n > MAX_CORNERS {
+                    let what = format!("a face has {n} corners ({MAX_CORNERS} at most)");
+                    return Err(Fault::Text(what));
+                }
+                for _ in 0..n {
+                    face.corners.push(scan.index(item)?);
+                }
+            }
+            (Role::Texture, Kind::List { count, item }) => {
+                let n = scan.count(count)?;
+                if n > 2 * MAX_CORNERS {
+                    return Err(Fault::Text(format!("a face has {n} texture coordinates")));
+                }
+                for _ in 0..n / 2 {
+                    face.texture.push([float(scan, item)?, float(scan, item)?]);
+                }
+                scan.skip(item, n % 2)?;
+            }
+            (_, Kind::Scalar(wire)) => {
+                let mut bytes = [0; 8];
+                let scalar = wire.scalar();
+                scan.store(wire, scalar, &mut bytes[..scalar.bytes()])?;
+                face.values.extend_from_slice(&bytes[..scalar.bytes()]);
+            }
+            (_, Kind::List { count, item }) => {
+                let n = scan.count(count)?;
+                scan.skip(item, n)?;
+            }
+        }
+    }
+    face.texture.resize(face.corners.len(), [0.0; 2]);
+    Ok(face.corners.iter().all(|&v| v < n_vertices))
+}
+
+fn float<S: Scan>(scan: &mut S, item: Wire) -> Scanned<f32> {
+    let mut bytes = [0; 4];
+    scan.store(item, Scalar::F32, &mut bytes)?;
+    Ok(f32::from_le_bytes(bytes))
+}

@@ -1,0 +1,439 @@
+//! The header of a PLY file, read by tokens.
+//!
+//! Tolerates what programs really write: LF, CRLF and CR line ends, padded counts, blank lines, trailing
+//! blanks, every name of every type, text that is no UTF-8. Says nothing about the body beyond where it
+//! begins; docs/design/formats.md tells why this is not `ply-rs-bw`.
+
+use super::raw::RawFile;
+use crate::error::Result;
+use crate::mesh::record::Scalar;
+
+/// A header longer than this is no header (16 MiB; the longest seen in the wild has a few KiB).
+const MAX_HEADER_BYTES: u64 = 16 << 20;
+
+/// How the numbers of the body are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum Encoding {
+    /// Decimal numbers, separated by any white space.
+    Ascii,
+    /// Packed, least significant byte first.
+    BinaryLittleEndian,
+    /// Packed, most significant byte first.
+    BinaryBigEndian,
+}
+
+impl Encoding {
+    /// The name in the header.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Encoding::Ascii => "ascii",
+            Encoding::BinaryLittleEndian => "binary_little_endian",
+            Encoding::BinaryBigEndian => "binary_big_endian",
+        }
+    }
+}
+
+/// The type of a number in the body.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Wire {
+    /// A type that records know too.
+    Plain(Scalar),
+    /// A half-precision float (trimesh); becomes a float.
+    F16,
+}
+
+impl Wire {
+    /// Rows: the names of a type, and the type.
+    const NAMES: [(&'static str, Wire); 23] = [
+        ("char", Wire::Plain(Scalar::I8)),
+        ("int8", Wire::Plain(Scalar::I8)),
+        ("uchar", Wire::Plain(Scalar::U8)),
+        ("uint8", Wire::Plain(Scalar::U8)),
+        ("short", Wire::Plain(Scalar::I16)),
+        ("int16", Wire::Plain(Scalar::I16)),
+        ("ushort", Wire::Plain(Scalar::U16)),
+        ("uint16", Wire::Plain(Scalar::U16)),
+        ("int", Wire::Plain(Scalar::I32)),
+        ("int32", Wire::Plain(Scalar::I32)),
+        ("uint", Wire::Plain(Scalar::U32)),
+        ("uint32", Wire::Plain(Scalar::U32)),
+        ("int64", Wire::Plain(Scalar::I64)),
+        ("longlong", Wire::Plain(Scalar::I64)),
+        ("long", Wire::Plain(Scalar::I64)),
+        ("uint64", Wire::Plain(Scalar::U64)),
+        ("ulonglong", Wire::Plain(Scalar::U64)),
+        ("float", Wire::Plain(Scalar::F32)),
+        ("float32", Wire::Plain(Scalar::F32)),
+        ("double", Wire::Plain(Scalar::F64)),
+        ("float64", Wire::Plain(Scalar::F64)),
+        ("float16", Wire::F16),
+        ("half", Wire::F16),
+    ];
+
+    fn parse(name: &str) -> Option<Wire> {
+        Self::NAMES.iter().find(|(n, _)| *n == name).map(|&(_, wire)| wire)
+    }
+
+    /// Size in a binary body.
+    pub const fn bytes(self) -> u64 {
+        match self {
+            Wire::Plain(scalar) => scalar.bytes() as u64,
+            Wire::F16 => 2,
+        }
+    }
+
+    /// Whether this is an integer type.
+    pub const fn is_integer(self) -> bool {
+        match self {
+            Wire::Plain(scalar) => scalar.is_integer(),
+            Wire::F16 => false,
+        }
+    }
+
+    /// The record type that holds every value of this one.
+    pub const fn scalar(self) -> Scalar {
+        match self {
+            Wire::Plain(scalar) => scalar,
+            Wire::F16 => Scalar::F32,
+        }
+    }
+}
+
+/// What a property is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// One number.
+    Scalar(Wire),
+    /// A count, then that many numbers.
+    List {
+        /// An integer type.
+        count: Wire,
+        /// Any type.
+        item: Wire,
+    },
+}
+
+/// A property line.
+#[derive(Clone, Debug)]
+pub(crate) struct HeaderProperty {
+    pub name: String,
+    pub kind: Kind,
+}
+
+/// An element line with its properties.
+#[derive(Clone, Debug)]
+pub(crate) struct Element {
+    pub name: String,
+    pub count: u64,
+    pub properties: Vec<HeaderProperty>,
+}
+
+impl Element {
+    /// Bytes of one row in a binary body, if no property is a list; `None` also if it overflows.
+    pub fn fixed_bytes(&self) -> Option<u64> {
+        self.properties.iter().try_fold(0u64, |sum, p| match p.kind {
+            Kind::Scalar(wire) => sum.checked_add(wire.bytes()),
+            Kind::List { .. } => None,
+        })
+    }
+
+    /// The corner list of a face or strip.
+    pub fn index_list(&self) -> Option<usize> {
+        self.properties.iter().position(|p| {
+            matches!(p.kind, Kind::List { .. })
+                && (p.name == "vertex_indices" || p.name == "vertex_index")
+        })
+    }
+}
+
+/// A header as it stands in the file.
+#[derive(Clone, Debug)]
+pub(crate) struct Header {
+    pub encoding: Encoding,
+    /// The text of `comment` lines, in order.
+    pub comments: Vec<String>,
+    /// The text of `obj_info` lines, in order.
+    pub obj_infos: Vec<String>,
+    pub elements: Vec<Element>,
+    /// Where the body begins.
+    pub body_offset: u64,
+    /// How many lines the header has; an ASCII body begins on the next.
+    pub n_lines: u64,
+}
+
+/// What ends a line, as line 1 has it.
+#[derive(Clone, Copy, PartialEq)]
+enum LineEnd {
+    Lf,
+    CrLf,
+    Cr,
+}
+
+impl Header {
+    /// Reads the header of `file`; the error names the header's line.
+    pub fn read(file: &RawFile) -> Result<Self> {
+        let mut bytes = Vec::new();
+        let mut size = 4096;
+        loop {
+            bytes.resize(size.min(file.len()) as usize, 0);
+            file.read_exact_at(&mut bytes, 0)?;
+            match Parser::new(file, &bytes).parse()? {
+                Some(header) => return Ok(header),
+                None if size >= file.len() => {
+                    return Err(
+                        file.bad("the header has no 'end_header' line; the file is truncated")
+                    );
+                }
+                None if size >= MAX_HEADER_BYTES => {
+                    return Err(file.bad(format!(
+                        "no 'end_header' within {MAX_HEADER_BYTES} bytes; this is no PLY file"
+                    )));
+                }
+                None => size *= 8,
+            }
+        }
+    }
+
+    /// Whether per-corner or per-vertex texture coordinates refer to an image: its names.
+    pub fn texture_files(&self) -> Vec<String> {
+        let names = self.comments.iter().filter_map(|c| {
+            let mut words = c.trim_start().splitn(2, char::is_whitespace);
+            let first = words.next()?;
+            first.eq_ignore_ascii_case("TextureFile").then(|| words.next().unwrap_or("").trim())
+        });
+        names.map(str::to_owned).collect()
+    }
+}
+
+struct Parser<'a> {
+    file: &'a RawFile,
+    bytes: &'a [u8],
+    at: usize,
+    line: u64,
+}
+
+impl<'a> Parser<'a> {
+    fn new(file: &'a RawFile, bytes: &'a [u8]) -> Self {
+        Parser { file, bytes, at: 0, line: 0 }
+    }
+
+    /// The header, or `None` if it goes on beyond the bytes at hand.
+    fn parse(mut self) -> Result<Option<Header>> {
+        let word = &self.bytes[..self.bytes.len().min(3)];
+        if word != b"ply" {
+            return Err(self.file.bad("this is no PLY file: it does not begin with 'ply'"));
+        }
+        let Some(end) = self.line_end() else { return Ok(None) };
+        let Some(first) = self.next_line(end) else { return Ok(None) };
+        if !first.trim_ascii_end().eq(b"ply") {
+            return Err(self.file.bad("this is no PLY file: line 1 is not 'ply'"));
+        }
+        let mut encoding = None;
+        let mut header = Header {
+            encoding: Encoding::Ascii,
+            comments: Vec::new(),
+            obj_infos: Vec::new(),
+            elements: Vec::new(),
+            body_offset: 0,
+            n_lines: 0,
+        };
+        loop {
+            let Some(line) = self.next_line(end) else { return Ok(None) };
+            let (keyword, rest) = split_word(line);
+            match keyword {
+                b"" => {}
+                b"comment" => header.comments.push(text(rest)),
+                b"obj_info" => header.obj_infos.push(text(rest)),
+                b"format" => encoding = Some(self.format(rest)?),
+                b"element" => {
+                    let element = self.element(rest)?;
+                    header.elements.push(element);
+                }
+                b"property" => {
+                    let property = self.property(rest)?;
+                    match header.elements.last_mut() {
+                        Some(element) => element.properties.push(property),
+                        None => return Err(self.bad("a property before the first element")),
+                    }
+                }
+                b"end_header" => break,
+                _ => {
+                    return Err(self.bad(format!(
+                        "'{}' is no keyword of a PLY header",
+                        shorten(&text(keyword))
+                    )));
+                }
+            }
+        }
+        header.encoding = encoding.ok_or_else(|| self.bad("there is no 'format' line"))?;
+        header.body_offset = self.at as u64;
+        header.n_lines = self.line;
+        Ok(Some(header))
+    }
+
+    fn bad(&self, what: impl std::fmt::Display) -> crate::error::Error {
+        self.file.bad(format!("header line {}: {what}", self.line))
+    }
+
+    fn line_end(&self) -> Option<LineEnd> {
+        let at = self.bytes.iter().position(|b| matches!(b, b'\n' | b'\r'))?;
+        match (self.bytes[at], self.bytes.get(at + 1)) {
+            (b'\n', _) => Some(LineEnd::Lf),
+            (_, Some(b'\n')) => Some(LineEnd::CrLf),
+            (_, Some(_)) => Some(LineEnd::Cr),
+            (_, None) => None,
+        }
+    }
+
+    /// The next line without its end. Exactly one line end of the kind of line 1 is consumed, so that a
+    /// binary body that begins with the byte 0x0A stays whole. Where line 1 ends in CRLF, a lone LF
+    /// ends a line too (headers patched by other programs).
+    fn next_line(&mut self, end: LineEnd) -> Option<&'a [u8]> {
+        let rest = &self.bytes[self.at..];
+        let last = if end == LineEnd::Cr { b'\r' } else { b'\n' };
+        let length = rest.iter().position(|&b| b == last)?;
+        self.at += length + 1;
+        self.line += 1;
+        let line = &rest[..length];
+        Some(line.strip_suffix(b"\r").unwrap_or(line))
+    }
+
+    fn format(&self, rest: &[u8]) -> Result<Encoding> {
+        match split_word(rest).0 {
+            b"ascii" => Ok(Encoding::Ascii),
+            b"binary_little_endian" => Ok(Encoding::BinaryLittleEndian),
+            b"binary_big_endian" => Ok(Encoding::BinaryBigEndian),
+            other => Err(self.bad(format!(
+                "format '{}' is none of ascii, binary_little_endian, binary_big_endian",
+                shorten(&text(other))
+            ))),
+        }
+    }
+
+    fn element(&self, rest: &[u8]) -> Result<Element> {
+        let (name, rest) = split_word(rest);
+        let count = text(split_word(rest).0);
+        let digits = !count.is_empty() && count.bytes().all(|b| b.is_ascii_digit());
+        let parsed = if digits { count.parse::<u64>().ok() } else { None };
+        match parsed {
+            Some(count) if !name.is_empty() => {
+                Ok(Element { name: text(name), count, properties: Vec::new() })
+            }
+            _ => Err(self.bad(format!(
+                "element '{}' has the count '{}', which is no number",
+                shorten(&text(name)),
+                shorten(&count)
+            ))),
+        }
+    }
+
+    fn property(&self, rest: &[u8]) -> Result<HeaderProperty> {
+        let (first, rest) = split_word(rest);
+        let (kind, name) = if first == b"list" {
+            let (count, rest) = split_word(rest);
+            let (item, rest) = split_word(rest);
+            let (count, item) = (self.wire(count)?, self.wire(item)?);
+            if !count.is_integer() {
+                return Err(self.bad("the count of a list has a float type"));
+            }
+            (Kind::List { count, item }, rest)
+        } else {
+            (Kind::Scalar(self.wire(first)?), rest)
+        };
+        // A name with blanks is kept as one word, so that our own header stays readable.
+        let name = text(name).split_whitespace().collect::<Vec<_>>().join("_");
+        if name.is_empty() {
+            return Err(self.bad("a property without a name"));
+        }
+        Ok(HeaderProperty { name, kind })
+    }
+
+    fn wire(&self, name: &[u8]) -> Result<Wire> {
+        let name = text(name);
+        Wire::parse(&name)
+            .ok_or_else(|| self.bad(format!("'{}' is no type that PLY knows", shorten(&name))))
+    }
+}
+
+/// The first word and what follows it, without the blanks before either.
+fn split_word(line: &[u8]) -> (&[u8], &[u8]) {
+    let start = line.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(line.len());
+    let line = &line[start..];
+    let end = line.iter().position(|b| b.is_ascii_whitespace()).unwrap_or(line.len());
+    // Exactly one blank parts a keyword from its text; more of them belong to the text of a comment.
+    (&line[..end], line.get(end + 1..).unwrap_or(&[]))
+}
+
+/// Bytes as text: UTF-8, or else Latin-1, which every byte is.
+fn text(bytes: &[u8]) -> String {
+    match std::str::from_utf8(bytes) {
+        Ok(text) => text.to_owned(),
+        Err(_) => bytes.iter().map(|&b| char::from(b)).collect(),
+    }
+}
+
+/// At most 40 characters, for messages about hostile files.
+fn shorten(text: &str) -> String {
+    text.chars().take(40).map(|c| if c.is_control() { '?' } else { c }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(bytes: &[u8]) -> Result<Header> {
+        Header::read(&RawFile::from_bytes("test.ply", bytes.to_vec()))
+    }
+
+    #[test]
+    fn one_line_end_of_the_kind_of_line_one_parts_header_and_body() {
+        for end in ["\n", "\r\n", "\r"] {
+            for body in [&b"\n\n"[..], b"\r\n", b"\x03", b""] {
+                let mut bytes = ["ply", "format binary_little_endian 1.0", "end_header", ""]
+                    .join(end)
+                    .into_bytes();
+                // A lone CR is told from CRLF by what follows line 1, so only there it is unambiguous.
+                let offset = bytes.len() as u64;
+                bytes.extend_from_slice(body);
+                let header = read(&bytes).unwrap();
+                assert_eq!(header.body_offset, offset, "{end:?} {body:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn oddities_of_real_headers_are_read() {
+        let header = read(
+            b"ply  \nformat ascii 1.0\ncomment  two blanks \ncomment\ncomment caf\xe9\n\nobj_info x\n\
+              element  vertex\t0000123456  \nproperty float32 x\nproperty list uchar int a\n\
+              comment TextureFile a b.png\nend_header \n",
+        )
+        .unwrap();
+        assert_eq!(header.comments, [" two blanks ", "", "caf\u{e9}", "TextureFile a b.png"]);
+        assert_eq!(header.obj_infos, ["x"]);
+        assert_eq!(header.elements[0].count, 123_456);
+        assert_eq!(header.elements[0].properties.len(), 2);
+        assert_eq!(header.texture_files(), ["a b.png"]);
+    }
+
+    #[test]
+    fn broken_headers_are_refused_with_their_line() {
+        let cases: [(&str, &str); 8] = [
+            ("plx\n", "no PLY"),
+            ("ply\nformat ascii 1.0\n", "end_header"),
+            ("ply\nend_header\n", "no 'format'"),
+            ("ply\nformat foo 1.0\nend_header\n", "line 2"),
+            ("ply\nformat ascii 1.0\nelement vertex -1\nend_header\n", "line 3"),
+            ("ply\nformat ascii 1.0\nelement vertex 99999999999999999999\nend_header\n", "line 3"),
+            ("ply\nformat ascii 1.0\nproperty float x\nend_header\n", "before the first element"),
+            (
+                "ply\nformat ascii 1.0\nelement v 1\nproperty list float int x\nend_header\n",
+                "float",
+            ),
+        ];
+        for (bytes, wanted) in cases {
+            let message = read(bytes.as_bytes()).unwrap_err().to_string();
+            assert!(message.contains(wanted), "{message}");
+        }
+    }
+}

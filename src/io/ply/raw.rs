@@ -1,0 +1,181 @@
+//! The bytes of a mesh file, readable at any offset from any thread.
+//!
+//! The lowest layer of `ply`: it knows the file's length and nothing of its format. Everything above it
+//! holds sizes against `len` before it allocates.
+
+use crate::error::{Error, Result};
+use crate::system::disk::{open_input, scratch_file};
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+/// A file, or bytes in memory that stand for one (tests, fuzzing).
+pub(crate) struct RawFile {
+    path: PathBuf,
+    data: Data,
+    len: u64,
+}
+
+enum Data {
+    File(File),
+    Memory(Vec<u8>),
+}
+
+impl RawFile {
+    /// Opens a regular file; pipes and folders are refused by name.
+    pub fn open(path: &Path) -> Result<Self> {
+        let file = open_input(path)?;
+        let meta = file.metadata().map_err(|e| Error::reading(path, "cannot stat", e))?;
+        Ok(RawFile { path: path.to_path_buf(), data: Data::File(file), len: meta.len() })
+    }
+
+    /// Takes bytes as if they were the file `name`.
+    pub fn from_bytes(name: &str, bytes: Vec<u8>) -> Self {
+        let len = bytes.len() as u64;
+        RawFile { path: name.into(), data: Data::Memory(bytes), len }
+    }
+
+    /// The file's name, for messages.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The file's length in bytes when it was opened.
+    pub fn len(&self) -> u64 {
+        self.len
+    }
+
+    /// An error about the contents of this file.
+    pub fn bad(&self, what: impl Into<String>) -> Error {
+        Error::bad_input(&self.path, what)
+    }
+
+    /// Fills `buffer` from `offset`; the caller has held the range against `len`.
+    pub fn read_exact_at(&self, buffer: &mut [u8], offset: u64) -> Result<()> {
+        let n = self.read_at_most(buffer, offset)?;
+        if n < buffer.len() {
+            return Err(self.bad(format!(
+                "byte offset {}: the file ends here although it was longer when it was opened; it \
+                 was changed during the run",
+                offset.saturating_add(n as u64)
+            )));
+        }
+        Ok(())
+    }
+
+    /// Reads up to `buffer.len()` bytes from `offset`; less only at the end of the file.
+    pub fn read_at_most(&self, buffer: &mut [u8], offset: u64) -> Result<usize> {
+        match &self.data {
+            Data::Memory(bytes) => {
+                let start = usize::try_from(offset).unwrap_or(usize::MAX).min(bytes.len());
+                let n = buffer.len().min(bytes.len() - start);
+                buffer[..n].copy_from_slice(&bytes[start..start + n]);
+                Ok(n)
+            }
+            Data::File(file) => {
+                let mut filled = 0;
+                while filled < buffer.len() {
+                    match file.read_at(&mut buffer[filled..], offset + filled as u64) {
+                        Ok(0) => break,
+                        Ok(n) => filled += n,
+                        Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
+                        Err(e) => return Err(Error::reading(&self.path, "cannot read", e)),
+                    }
+                }
+                Ok(filled)
+            }
+        }
+    }
+}
+
+/// So many spooled bytes stay in memory; more go to a file.
+const SPOOL_MEMORY_BYTES: usize = 16 << 20;
+
+/// Bytes gathered before they go to the spool's file.
+const SPOOL_WRITE_BYTES: usize = 1 << 20;
+
+/// Bytes written once and read at random afterwards; in memory, or in a nameless file of a folder.
+pub(crate) struct Spool {
+    folder: PathBuf,
+    memory: Vec<u8>,
+    file: Option<File>,
+    len: u64,
+}
+
+impl Spool {
+    /// An empty spool; nothing is created in `folder` before it is needed.
+    pub fn new(folder: &Path) -> Self {
+        Spool { folder: folder.to_path_buf(), memory: Vec::new(), file: None, len: 0 }
+    }
+
+    /// Bytes written so far.
+    pub fn len(&self) -> u64 {
+        self.len
+    }
+
+    /// Keeps no more in memory than one write of the file.
+    pub fn leave_memory(&mut self) -> Result<()> {
+        if self.file.is_none() { self.spill() } else { Ok(()) }
+    }
+
+    /// Appends bytes.
+    pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
+        self.len += bytes.len() as u64;
+        let room = if self.file.is_some() { SPOOL_WRITE_BYTES } else { SPOOL_MEMORY_BYTES };
+        if self.memory.len() + bytes.len() > room {
+            self.spill()?;
+            if bytes.len() > SPOOL_WRITE_BYTES {
+                return self.put_in_file(bytes);
+            }
+        }
+        self.memory.extend_from_slice(bytes);
+        Ok(())
+    }
+
+    /// Appends a whole file of temporary data.
+    pub fn append_file(&mut self, from: &RawFile) -> Result<()> {
+        let mut buffer = vec![0; 1 << 20];
+        let mut at = 0;
+        while at < from.len() {
+            let n = from.read_at_most(&mut buffer, at)?;
+            if n == 0 {
+                return Err(from.bad("temporary data was cut off during the run"));
+            }
+            self.write(&buffer[..n])?;
+            at += n as u64;
+        }
+        Ok(())
+    }
+
+    fn spill(&mut self) -> Result<()> {
+        let memory = std::mem::take(&mut self.memory);
+        self.put_in_file(&memory)?;
+        self.memory = memory;
+        self.memory.clear();
+        self.memory.shrink_to(SPOOL_WRITE_BYTES);
+        Ok(())
+    }
+
+    fn put_in_file(&mut self, bytes: &[u8]) -> Result<()> {
+        let fail = |e| Error::io(&self.folder, "cannot write temporary data", e);
+        let mut file = match self.file.take() {
+            Some(file) => file,
+            None => scratch_file(&self.folder).map_err(fail)?,
+        };
+        std::io::Write::write_all(&mut file, bytes).map_err(fail)?;
+        self.file = Some(file);
+        Ok(())
+    }
+
+    /// The bytes, readable at random, under a name for messages.
+    pub fn finish(mut self, name: &Path) -> Result<RawFile> {
+        if self.file.is_some() {
+            self.spill()?;
+        }
+        let data = match self.file {
+            Some(file) => Data::File(file),
+            None => Data::Memory(self.memory),
+        };
+        Ok(RawFile { path: name.to_path_buf(), data, len: self.len })
+    }
+}

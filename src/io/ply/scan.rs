@@ -1,0 +1,149 @@
+//! Numbers one after another, whatever the encoding of the body.
+//!
+//! `Scan` is what binary and ASCII bodies have in common; rows of varying length, index passes and
+//! triangle strips are written once against it. It knows neither elements nor rows: a `Fault` gets its
+//! row from whoever was reading one.
+
+use super::header::{HeaderProperty, Kind, Wire};
+use super::raw::RawFile;
+use crate::error::Error;
+use crate::mesh::record::Scalar;
+use std::fmt;
+
+/// A place in the body from which reading can begin.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Mark {
+    /// Byte offset in the file.
+    pub offset: u64,
+    /// Line of an ASCII body, from 1; 0 in a binary body.
+    pub line: u64,
+    /// Byte offset of that line's beginning.
+    pub line_start: u64,
+}
+
+impl fmt::Display for Mark {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.line > 0 {
+            let column = self.offset.saturating_sub(self.line_start) + 1;
+            write!(f, "line {}, column {column} (byte offset {})", self.line, self.offset)
+        } else {
+            write!(f, "byte offset {}", self.offset)
+        }
+    }
+}
+
+/// Why a number could not be read.
+#[derive(Debug)]
+pub(crate) enum Fault {
+    /// The file ends.
+    End,
+    /// What stands there is not what the header promises.
+    Text(String),
+    /// The system could not read, or the file changed.
+    Other(Error),
+}
+
+pub(crate) type Scanned<T> = Result<T, Fault>;
+
+/// A body as a stream of numbers of given types.
+pub(crate) trait Scan {
+    /// The place of the next number; in ASCII, at the white space before it.
+    fn mark(&self) -> Mark;
+    /// The place of the last number that was read, for messages.
+    fn last(&self) -> Mark;
+    /// A vertex id; a negative number becomes `u64::MAX`, which no vertex has.
+    fn index(&mut self, wire: Wire) -> Scanned<u64>;
+    /// Writes the number to the beginning of `target` as a little-endian `scalar`.
+    fn store(&mut self, wire: Wire, scalar: Scalar, target: &mut [u8]) -> Scanned<()>;
+    /// Passes over `n` numbers.
+    fn skip(&mut self, wire: Wire, n: u64) -> Scanned<()>;
+
+    /// The count of a list; a negative one is a fault.
+    fn count(&mut self, wire: Wire) -> Scanned<u64> {
+        match self.index(wire)? {
+            u64::MAX => Err(Fault::Text("a list has a negative count".to_owned())),
+            count => Ok(count),
+        }
+    }
+
+    /// Passes over one property.
+    fn skip_property(&mut self, property: &HeaderProperty) -> Scanned<()> {
+        match property.kind {
+            Kind::Scalar(wire) => self.skip(wire, 1),
+            Kind::List { count, item } => {
+                let n = self.count(count)?;
+                self.skip(item, n)
+            }
+        }
+    }
+}
+
+/// A stretch of the file in memory that moves forward.
+pub(crate) struct Window<'a> {
+    pub file: &'a RawFile,
+    /// Offset in the file of the first byte of `bytes`.
+    base: u64,
+    bytes: Vec<u8>,
+    pub at: usize,
+}
+
+impl<'a> Window<'a> {
+    const BYTES: usize = 256 << 10;
+
+    pub fn new(file: &'a RawFile, offset: u64) -> Self {
+        Window { file, base: offset, bytes: Vec::new(), at: 0 }
+    }
+
+    /// Offset in the file of the next byte.
+    pub fn offset(&self) -> u64 {
+        self.base + self.at as u64
+    }
+
+    /// The bytes at hand.
+    #[inline(always)]
+    pub fn rest(&self) -> &[u8] {
+        &self.bytes[self.at..]
+    }
+
+    /// Reads on, keeping what was not consumed; `false` at the end of the file.
+    #[cold]
+    pub fn refill(&mut self) -> Scanned<bool> {
+        self.bytes.drain(..self.at);
+        self.base += self.at as u64;
+        self.at = 0;
+        let kept = self.bytes.len();
+        let from = self.base + kept as u64;
+        let left = self.file.len().saturating_sub(from);
+        let n = left.min(Self::BYTES as u64) as usize;
+        self.bytes.resize(kept + n, 0);
+        self.file.read_exact_at(&mut self.bytes[kept..], from).map_err(Fault::Other)?;
+        Ok(n > 0)
+    }
+
+    /// The next `N` bytes, consumed.
+    #[inline(always)]
+    pub fn take<const N: usize>(&mut self) -> Scanned<[u8; N]> {
+        while self.bytes.len() - self.at < N {
+            if !self.refill()? {
+                return Err(Fault::End);
+            }
+        }
+        let bytes = self.bytes[self.at..self.at + N].try_into();
+        self.at += N;
+        Ok(bytes.expect("N bytes"))
+    }
+
+    /// Passes over `n` bytes, without reading those not at hand.
+    pub fn skip(&mut self, n: u64) -> Scanned<()> {
+        let left = (self.bytes.len() - self.at) as u64;
+        if n <= left {
+            self.at += n as usize;
+            return Ok(());
+        }
+        let to = self.offset().checked_add(n).filter(|&to| to <= self.file.len());
+        let Some(to) = to else { return Err(Fault::End) };
+        self.bytes.clear();
+        (self.base, self.at) = (to, 0);
+        Ok(())
+    }
+}

@@ -1,0 +1,134 @@
+//! STL out: loose triangles of floats, binary or ASCII, with the normal of each.
+
+use crate::error::{Error, Result};
+use crate::io::ply::lookup::Lookup;
+use crate::io::ply::raw::{RawFile, Spool};
+use crate::io::ply::writer::Shortest;
+use crate::io::ply::{Encoding, OutputHeader};
+use crate::system::disk::folder_of;
+use crate::system::pending_file::{PendingFile, Place};
+use std::io::Write;
+
+/// Writes STL; positions are spooled until the faces come.
+pub struct StlWriter {
+    out: PendingFile,
+    header: OutputHeader,
+    ascii: bool,
+    spool: Option<Spool>,
+    positions: Option<RawFile>,
+    faces_left: u64,
+}
+
+impl StlWriter {
+    /// Creates the output; fails above 2^32 - 1 triangles, which binary STL cannot count.
+    pub fn create(
+        place: impl Into<Place>,
+        header: OutputHeader,
+        encoding: Encoding,
+    ) -> Result<Self> {
+        let place = place.into();
+        let path = place.path.clone();
+        let ascii = encoding == Encoding::Ascii;
+        let Ok(n_faces) = u32::try_from(header.n_faces) else {
+            return Err(Error::Usage(format!(
+                "the output would have {} triangles; STL holds at most {}: write PLY",
+                header.n_faces,
+                u32::MAX
+            )));
+        };
+        let mut out = PendingFile::create(place)?;
+        let version = env!("CARGO_PKG_VERSION");
+        if ascii {
+            out.write(b"solid stonecut\n")?;
+        } else {
+            let mut text = format!("stonecut {version} {}", header.settings).into_bytes();
+            text.resize(80, 0);
+            out.write(&text)?;
+            out.write(&n_faces.to_le_bytes())?;
+        }
+        let spool = Some(Spool::new(folder_of(&path)));
+        let faces_left = header.n_faces;
+        Ok(StlWriter { out, header, ascii, spool, positions: None, faces_left })
+    }
+
+    /// Appends packed records of the header's schema.
+    pub fn write_vertices(&mut self, records: &[u8]) -> Result<()> {
+        let Some(spool) = &mut self.spool else { return Ok(()) };
+        for record in records.chunks_exact(self.header.schema.record_bytes()) {
+            let mut bytes = [0u8; 12];
+            let position = self.header.schema.position(record);
+            for (place, value) in bytes.chunks_exact_mut(4).zip(position) {
+                place.copy_from_slice(&(value as f32).to_le_bytes());
+            }
+            spool.write(&bytes)?;
+        }
+        Ok(())
+    }
+
+    /// Appends triangles; all vertices must have been written.
+    pub fn write_faces(&mut self, triangles: &[[u64; 3]]) -> Result<()> {
+        if let Some(spool) = self.spool.take() {
+            assert!(spool.len() == 12 * self.header.n_vertices, "as many vertices as promised");
+            self.positions = Some(spool.finish(self.out.target())?);
+        }
+        let Some(positions) = &self.positions else { return Ok(()) };
+        assert!(triangles.len() as u64 <= self.faces_left, "no more faces than promised");
+        self.faces_left -= triangles.len() as u64;
+        let mut lookup = Lookup::new(positions, 0, 12, |row| {
+            [0, 4, 8].map(|at| {
+                f64::from(f32::from_le_bytes(row[at..at + 4].try_into().expect("4 bytes")))
+            })
+        });
+        let mut rows = Vec::new();
+        for triangle in triangles {
+            let mut corners = [[0.0; 3]; 3];
+            for (place, &vertex) in corners.iter_mut().zip(triangle) {
+                *place = lookup.position(vertex)?;
+            }
+            let n = normal(corners);
+            if self.ascii {
+                put_text(n, corners, &mut rows);
+            } else {
+                for vector in [n].iter().chain(&corners) {
+                    for &value in vector {
+                        rows.extend_from_slice(&(value as f32).to_le_bytes());
+                    }
+                }
+                rows.extend_from_slice(&[0, 0]);
+            }
+            if rows.len() > 1 << 18 {
+                self.out.write(&rows)?;
+                rows.clear();
+            }
+        }
+        self.out.write(&rows)
+    }
+
+    /// Syncs and renames; returns the file's length in bytes.
+    pub fn finish(mut self) -> Result<u64> {
+        assert!(self.faces_left == 0, "as many faces as promised");
+        if self.ascii {
+            self.out.write(b"endsolid stonecut\n")?;
+        }
+        self.out.finish()
+    }
+}
+
+/// The unit normal of a triangle; zero if it has none.
+fn normal([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
+    let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
+    let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];
+    let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+    if length > 0.0 && length.is_finite() { n.map(|x| x / length) } else { [0.0; 3] }
+}
+
+fn put_text(n: [f64; 3], corners: [[f64; 3]; 3], rows: &mut Vec<u8>) {
+    let s = |value: f64| Shortest(value as f32);
+    // Writing into memory cannot fail.
+    let _ = writeln!(rows, "facet normal {} {} {}\n outer loop", s(n[0]), s(n[1]), s(n[2]));
+    for c in corners {
+        let _ = writeln!(rows, "  vertex {} {} {}", s(c[0]), s(c[1]), s(c[2]));
+    }
+    rows.extend_from_slice(b" endloop\nendfacet\n");
+}

@@ -1,0 +1,219 @@
+//! What faces carry goes to vertices: one for every distinct vertex, coordinates in the texture and region.
+//!
+//! A vertex on a seam of the texture, or on the border of a region, is then several vertices in exactly the
+//! same place, which is what the kernel knows how to keep together. Out of core: a sort by vertex,
+//! coordinates and region numbers the new vertices and mixes the values of their faces, a sort by corner puts
+//! them back into faces. The staged mesh has the properties of `FaceCarry::vertex_properties` behind its own.
+
+use super::external_sort::{ExternalSort, halves, whole};
+use super::open::StageOptions;
+use crate::error::{Error, Result};
+use crate::io::ply::header::Encoding;
+use crate::io::ply::raw::Spool;
+use crate::io::ply::source::Staged;
+use crate::io::ply::{BLOCK_ROWS, MeshSource, OutputHeader, VertexBlock};
+use crate::mesh::face_properties::{FaceCarry, FaceMixer, Regions};
+
+/// Words of a corner besides the values of its face: vertex, coordinates, region, number.
+const OWN_WORDS: usize = 7;
+
+/// The same mesh with what `carry` says at vertices; where nothing is to move, as it is.
+///
+/// Memory: a third of the stage's for each sort; disk at peak 44 bytes a corner, what its face carries, and
+/// the staged mesh.
+pub fn faces_to_vertices(
+    mut source: MeshSource,
+    carry: FaceCarry,
+    options: &StageOptions,
+) -> Result<MeshSource> {
+    if !carry.is_moved() {
+        source.note_carried(carry);
+        return Ok(source);
+    }
+    let new = carry.vertex_properties();
+    if let Some(name) =
+        new.iter().find(|p| source.schema().properties.iter().any(|own| own.name == p.name))
+    {
+        let what = match carry.texture {
+            true => {
+                "it has texture coordinates at vertices and at corners; drop the latter with --drop-texture"
+            }
+            false => {
+                "a property of vertices has a name that is needed for faces; drop those with --drop-faces"
+            }
+        };
+        return Err(Error::bad_input(source.path(), format!("{what} (property '{}')", name.name)));
+    }
+    // Records of a sort have a width that the compiler knows.
+    match FaceMixer::new(&carry).value_bytes().div_ceil(4) {
+        0 => split::<OWN_WORDS>(source, carry, options),
+        1 => split::<{ OWN_WORDS + 1 }>(source, carry, options),
+        2 => split::<{ OWN_WORDS + 2 }>(source, carry, options),
+        3..=4 => split::<{ OWN_WORDS + 4 }>(source, carry, options),
+        5..=8 => split::<{ OWN_WORDS + 8 }>(source, carry, options),
+        _ => split::<{ OWN_WORDS + 32 }>(source, carry, options),
+    }
+}
+
+fn split<const N: usize>(
+    source: MeshSource,
+    carry: FaceCarry,
+    options: &StageOptions,
+) -> Result<MeshSource> {
+    let memory_bytes = (options.memory_bytes / 3) as usize;
+    let mut corners = ExternalSort::<N>::new(&options.temp_dir, memory_bytes);
+    let mut counts = Spool::new(&options.temp_dir);
+    let (mut n_corners, mut n_faces) = (0u64, 0u64);
+    let path = source.path().to_path_buf();
+    let mut regions = Regions::default();
+    let (mut moved, mut region) = (Vec::new(), Vec::new());
+    let n_bad = source.each_full_face(|_, face| {
+        if face.is_bad {
+            return Ok(());
+        }
+        let Ok(count) = u8::try_from(face.corners.len()) else {
+            let what = format!(
+                "a face that carries values has {} corners, 255 at most",
+                face.corners.len()
+            );
+            return Err(Error::bad_input(&path, what));
+        };
+        counts.write(&[count])?;
+        n_faces += 1;
+        region.clear();
+        carry.pack_region(&face.values, &mut region);
+        moved.clear();
+        carry.pack(&face.values, &mut moved);
+        let mut record = [0; N];
+        record[4] = if region.is_empty() { 0 } else { regions.number(&region) as u32 };
+        let place = bytemuck::cast_slice_mut::<u32, u8>(&mut record[OWN_WORDS..]);
+        place[..moved.len()].copy_from_slice(&moved);
+        for (&v, uv) in face.corners.iter().zip(&face.texture) {
+            [record[0], record[1]] = halves(v);
+            if carry.texture {
+                // Adding 0 turns -0 into 0.
+                [record[2], record[3]] = uv.map(|x| (x + 0.0).to_bits());
+            }
+            [record[5], record[6]] = halves(n_corners);
+            corners.push(record)?;
+            n_corners += 1;
+        }
+        Ok(())
+    })?;
+
+    let mut schema = source.schema().clone();
+    schema.properties.extend(carry.vertex_properties());
+    let mut writer = Vertices {
+        source: &source,
+        carry: &carry,
+        mixer: FaceMixer::new(&carry),
+        out: Spool::new(&options.temp_dir),
+        block: VertexBlock::default(),
+        loaded: None,
+        row: Vec::new(),
+    };
+    let mut by_corner = ExternalSort::<4>::new(&options.temp_dir, memory_bytes);
+    let (mut n_vertices, mut last) = (0u64, None);
+    corners.drain(|record| {
+        let own: [u32; 5] = std::array::from_fn(|i| record[i]);
+        let values = bytemuck::cast_slice(&record[OWN_WORDS..]);
+        if last == Some(own) {
+            writer.mixer.add(values);
+        } else {
+            if let Some(last) = last {
+                writer.put(last)?;
+            }
+            writer.mixer.begin(values);
+            last = Some(own);
+            n_vertices += 1;
+        }
+        let [id_high, id_low] = halves(n_vertices - 1);
+        by_corner.push([record[5], record[6], id_high, id_low])
+    })?;
+    if let Some(last) = last {
+        writer.put(last)?;
+    }
+    let vertices = writer.out;
+
+    let header = OutputHeader {
+        comments: source.comments().to_vec(),
+        obj_infos: source.obj_infos().to_vec(),
+        ..OutputHeader::new(schema, n_vertices, n_faces)
+    };
+    let index = header.index_type()?;
+    let mut out = Spool::new(&options.temp_dir);
+    out.write(header.text_signed(Encoding::BinaryLittleEndian, index, None).as_bytes())?;
+    let vertices = vertices.finish(&path)?;
+    out.append_file(&vertices)?;
+    drop(vertices);
+    let counts = counts.finish(&path)?;
+    let (mut sizes, mut next_face, mut left) = (Vec::new(), 0u64, 0u8);
+    let mut row = Vec::new();
+    let mut begin = |row: &mut Vec<u8>, left: &mut u8| -> Result<()> {
+        // Faces without corners are rows of their own.
+        while *left == 0 && next_face < n_faces {
+            let at = (next_face % COUNTS) as usize;
+            if at == 0 {
+                sizes.resize((n_faces - next_face).min(COUNTS) as usize, 0);
+                counts.read_exact_at(&mut sizes, next_face)?;
+            }
+            *left = sizes[at];
+            row.push(*left);
+            next_face += 1;
+        }
+        Ok(())
+    };
+    begin(&mut row, &mut left)?;
+    by_corner.drain(|[_, _, _, id]| {
+        row.extend_from_slice(&id.to_le_bytes());
+        left -= 1;
+        if left == 0 {
+            out.write(&row)?;
+            row.clear();
+            begin(&mut row, &mut left)?;
+        }
+        Ok(())
+    })?;
+    out.write(&row)?;
+    let bad_faces = source.faults().bad_faces + n_bad;
+    let staged = Staged { bad_faces, faces: Some(carry), ..Staged::default() };
+    let mut read = options.read.clone();
+    read.temp_dir = Some(options.temp_dir.clone());
+    MeshSource::from_staged(out.finish(&path)?, read, staged)
+}
+
+/// Counts of corners that are read at once.
+const COUNTS: u64 = 1 << 16;
+
+/// Writes the new vertices, in the order of the old ones.
+struct Vertices<'a> {
+    source: &'a MeshSource,
+    carry: &'a FaceCarry,
+    /// Holds the values of the faces of the vertex to come.
+    mixer: FaceMixer,
+    out: Spool,
+    block: VertexBlock,
+    loaded: Option<u64>,
+    row: Vec<u8>,
+}
+
+impl Vertices<'_> {
+    /// Takes the old vertex, and the coordinates and the region that part it from others.
+    fn put(&mut self, [high, low, s, t, region]: [u32; 5]) -> Result<()> {
+        let v = whole(high, low);
+        let index = v / BLOCK_ROWS;
+        if self.loaded != Some(index) {
+            self.source.read_vertices(index, &mut self.block)?;
+            self.loaded = Some(index);
+        }
+        let record_bytes = self.source.schema().record_bytes();
+        let at = (v % BLOCK_ROWS) as usize * record_bytes;
+        self.row.clear();
+        self.row.extend_from_slice(&self.block.records[at..at + record_bytes]);
+        self.mixer.end(&mut self.row);
+        let texture = [s, t].into_iter().filter(|_| self.carry.texture);
+        let region = Some(region).filter(|_| self.carry.has_regions());
+        texture.chain(region).for_each(|bits| self.row.extend_from_slice(&bits.to_le_bytes()));
+        self.out.write(&self.row)
+    }
+}

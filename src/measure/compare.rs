@@ -1,0 +1,322 @@
+//! The program behind `stonecut measure`: two mesh files, and how far they are apart.
+//!
+//! Meshes that fit into the memory budget are read and measured there. A larger original, and if need be
+//! the simplified mesh too, is first cut into cells by the partition stage; the numbers are the same.
+
+use crate::config::DEFAULT_CELL_TRIANGLES;
+use crate::error::{Error, Result};
+use crate::io::ply::MeshSource;
+use crate::measure::heatmap;
+use crate::measure::load;
+use crate::measure::temp_store::{Cutting, Scratch};
+use crate::measure::tree::Tree;
+use crate::measure::{
+    self, Bounds, Carried, Deviation, Measured, Options, Parts, TriangleSizes, Unit,
+};
+use crate::mesh::topology_counts::Topology;
+use crate::stages::partition;
+use crate::store::cells::{VertexLayout, plan_cells};
+use crate::system::progress::Progress;
+use crate::system::units::show_bytes;
+use std::path::{Path, PathBuf};
+
+/// Memory for code, stacks, allocator slack and small things, in bytes.
+const BASE_BYTES: u64 = 40 << 20;
+
+/// What is to be compared, and with what means.
+#[derive(Debug)]
+pub struct Request<'a> {
+    /// The original.
+    pub original: &'a MeshSource,
+    /// The simplified mesh.
+    pub simplified: &'a MeshSource,
+    /// How to measure. Colours are found by themselves.
+    pub options: Options,
+    /// Memory budget, everything included.
+    pub memory_bytes: u64,
+    /// Triangles per cell where cells are needed.
+    pub cell_triangles: u64,
+    /// The folder in which cells are kept for the time being, if they are needed.
+    pub temp_dir: PathBuf,
+    /// Also measure the distance of every vertex of the simplified mesh to the original.
+    pub heat: bool,
+}
+
+/// The outcome.
+#[derive(Clone, Debug, Default)]
+pub struct Comparison {
+    /// Deviation and connectivity.
+    pub measured: Measured,
+    /// Cells that the original was cut into; 0 if it was measured in memory.
+    pub cells: u64,
+    /// Peak bytes of temporary files.
+    pub temp_bytes: u64,
+    /// Distance of every vertex of the simplified mesh to the original in input units, if asked for.
+    pub heat: Vec<f64>,
+}
+
+/// What is known of one of the two files.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct FileReport {
+    /// As given.
+    pub path: PathBuf,
+    /// Length of the file.
+    pub bytes: u64,
+    /// All vertices, used or not.
+    pub vertices: u64,
+    /// All triangles, degenerate ones included.
+    pub triangles: u64,
+    /// How it is connected.
+    pub topology: Topology,
+}
+
+/// The JSON of `measure --report` and of `simplify --verify`; the keys are a contract.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[allow(missing_docs)] // The names are the contract.
+pub struct Report {
+    pub version: &'static str,
+    pub original: FileReport,
+    pub simplified: FileReport,
+    #[serde(flatten)]
+    pub deviation: Deviation,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub triangle_sizes: Option<TriangleSizes>,
+    pub seed: u64,
+    pub cells: u64,
+    pub seconds: f64,
+    pub peak_memory_bytes: u64,
+    pub peak_temp_bytes: u64,
+}
+
+impl Report {
+    /// The report of a comparison that took so many seconds.
+    pub fn new(request: &Request, comparison: &Comparison, seconds: f64) -> Report {
+        let file = |source: &MeshSource, topology: Topology| FileReport {
+            path: source.path().to_path_buf(),
+            bytes: source.file_bytes(),
+            vertices: topology.vertices,
+            triangles: topology.triangles,
+            topology,
+        };
+        let measured = &comparison.measured;
+        Report {
+            version: env!("CARGO_PKG_VERSION"),
+            original: file(request.original, measured.original),
+            simplified: file(request.simplified, measured.simplified),
+            deviation: measured.deviation.clone(),
+            triangle_sizes: None,
+            seed: request.options.seed,
+            cells: comparison.cells,
+            seconds,
+            peak_memory_bytes: crate::system::memory::peak_bytes(),
+            peak_temp_bytes: comparison.temp_bytes,
+        }
+    }
+}
+
+/// The default cell size.
+pub const CELL_TRIANGLES: u64 = DEFAULT_CELL_TRIANGLES;
+
+/// Compares two meshes within the memory budget.
+///
+/// Errors: those of reading; `NoMemory` where not even one cell fits the budget.
+pub fn compare(request: &Request, progress: &Progress) -> Result<Comparison> {
+    let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
+    let meshes = [request.original, request.simplified].map(load::bytes_in_memory);
+    let largest = request.original.n_triangles().max(request.simplified.n_triangles());
+    let tree = Tree::bytes(largest);
+    let values = 24 * request.options.samples;
+    if meshes[0] + meshes[1] + tree.max(60 * largest) + values <= usable {
+        let comparison = in_memory(request, progress)?;
+        refuse_flat(request, &comparison)?;
+        return Ok(comparison);
+    }
+    compare_in_cells(request, progress)
+}
+
+/// Refuses surfaces without area: there is nothing to take a mean over.
+fn refuse_flat(request: &Request, comparison: &Comparison) -> Result<()> {
+    let sources = [request.original, request.simplified];
+    let flat = sources.iter().zip(comparison.measured.is_flat).find(|(_, is_flat)| *is_flat);
+    let Some((source, _)) = flat else { return Ok(()) };
+    let what = format!(
+        "its {} triangles have no area, so no mean deviation exists: every one of them is a point or a line; \
+         check the file with 'stonecut info --check'",
+        source.n_triangles()
+    );
+    Err(Error::bad_input(source.path(), what))
+}
+
+/// The options with what the two files say about colours.
+fn options(request: &Request) -> Options {
+    let colours = Carried::of(request.original.schema())
+        .zip(Carried::of(request.simplified.schema()))
+        .map(|(a, b)| [a, b]);
+    Options { colours, ..request.options.clone() }
+}
+
+/// Compares two meshes by way of cells, even if they would fit into memory; the numbers are the same.
+pub fn compare_in_cells(request: &Request, progress: &Progress) -> Result<Comparison> {
+    let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
+    let original = cut(request.original, request, usable, progress)?;
+    let comparison = with_original(request, &original, options(request), usable, progress)?;
+    refuse_flat(request, &comparison)?;
+    Ok(comparison)
+}
+
+fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
+    let options = options(request);
+    progress.begin("measure", 1, 1, request.original.n_triangles());
+    let threads = options.threads;
+    let mut original = load::load(request.original, threads, progress)?;
+    let mut simplified = load::load(request.simplified, threads, progress)?;
+    let bounds = [&original, &simplified].map(|loaded| Bounds::of(&loaded.mesh));
+    let unit = Unit::around(&bounds[0].joined(&bounds[1]));
+    for loaded in [&mut original, &mut simplified] {
+        unit.turn(&mut loaded.mesh);
+    }
+    let options = Options { region: unit.region(options.region.as_ref()), ..options };
+    let deviation = measure::two_sided(&original.mesh, &simplified.mesh, &options, progress)?;
+    let heat = if request.heat {
+        let other = Parts::in_memory(&original.mesh, None);
+        let points = &simplified.mesh.positions;
+        let distances = measure::distances(points, &other, threads, u64::MAX, progress)?;
+        distances.into_iter().map(|distance| unit.back(distance)).collect()
+    } else {
+        Vec::new()
+    };
+    let is_flat = [&original, &simplified].map(|loaded| measure::is_flat(&loaded.mesh));
+    let measured = Measured {
+        deviation: unit.deviation(deviation),
+        is_flat,
+        original: load::topology_of(&original),
+        simplified: load::topology_of(&simplified),
+    };
+    Ok(Comparison { measured, heat, ..Comparison::default() })
+}
+
+/// The original is in cells; the simplified mesh is read whole if a third of the memory holds it.
+fn with_original(
+    request: &Request,
+    original: &Scratch,
+    options: Options,
+    usable: u64,
+    progress: &Progress,
+) -> Result<Comparison> {
+    let first = parts(original, request.original);
+    let temp_bytes = original.store().info().pack_bytes;
+    let degenerate = original.partition().degenerate_faces;
+    let whole =
+        load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_triangles());
+    if whole <= usable / 3 {
+        let simplified = load::load(request.simplified, options.threads, progress)?;
+        let second = Parts::in_memory(&simplified.mesh, simplified.colours);
+        let mut comparison = run(request, &first, &second, &options, usable - whole, progress)?;
+        add_degenerate(&mut comparison, degenerate, simplified.n_degenerate);
+        if request.heat {
+            let (points, memory) = (&simplified.mesh.positions, usable - whole);
+            comparison.heat =
+                measure::distances(points, &first, options.threads, memory, progress)?;
+        }
+        comparison.temp_bytes = temp_bytes;
+        return Ok(comparison);
+    }
+    if request.heat {
+        return Err(Error::NoMemory(format!(
+            "the simplified mesh needs {} to be coloured; give more --memory, or measure without --heatmap",
+            show_bytes(3 * whole)
+        )));
+    }
+    let cells = cut(request.simplified, request, usable, progress)?;
+    let second = parts(&cells, request.simplified);
+    let mut comparison = run(request, &first, &second, &options, usable, progress)?;
+    add_degenerate(&mut comparison, degenerate, cells.partition().degenerate_faces);
+    comparison.temp_bytes = temp_bytes + cells.store().info().pack_bytes;
+    Ok(comparison)
+}
+
+fn run(
+    request: &Request,
+    original: &Parts,
+    simplified: &Parts,
+    options: &Options,
+    memory_bytes: u64,
+    progress: &Progress,
+) -> Result<Comparison> {
+    // Every cell is loaded for the survey, for its samples and for its tree; the first two are counted.
+    progress.begin("measure", 2, 2, 2 * request.original.n_triangles());
+    let largest = (0..original.n_parts())
+        .map(|part| original.bytes(part) + Tree::bytes(original.n_triangles(part)))
+        .max()
+        .unwrap_or(0);
+    if largest > memory_bytes {
+        return Err(Error::NoMemory(format!(
+            "the budget of {} does not hold the largest cell, which needs {}; give more --memory",
+            show_bytes(request.memory_bytes),
+            show_bytes(largest)
+        )));
+    }
+    let measured = measure::two_sided_parts(original, simplified, options, memory_bytes, progress)?;
+    Ok(Comparison { measured, cells: original.n_parts() as u64, ..Comparison::default() })
+}
+
+/// Writes the original, of any size, coloured by its distance to the simplified mesh, which must fit.
+pub fn heatmap_of_original(request: &Request, path: &Path, progress: &Progress) -> Result<()> {
+    let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
+    let needed =
+        load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_triangles());
+    if needed > usable {
+        return Err(Error::NoMemory(format!(
+            "the simplified mesh needs {} to colour the original by; give more --memory",
+            show_bytes(needed + BASE_BYTES)
+        )));
+    }
+    let threads = request.options.threads;
+    let mut mesh = load::load(request.simplified, threads, progress)?.mesh;
+    let unit = Unit::around(&Bounds::of(&mesh));
+    unit.turn(&mut mesh);
+    let tree = Tree::build_until(mesh.triangles.len(), |i| mesh.corners(i), progress)?;
+    drop(mesh);
+    let places = (path, request.temp_dir.as_path());
+    heatmap::write_streamed(request.original, (&tree, unit), places, threads, progress)
+}
+
+/// Partitioning leaves out faces with repeated corners; they count as triangles all the same.
+fn add_degenerate(comparison: &mut Comparison, original: u64, simplified: u64) {
+    let measured = &mut comparison.measured;
+    for (topology, n) in
+        [(&mut measured.original, original), (&mut measured.simplified, simplified)]
+    {
+        topology.triangles += n;
+        topology.degenerate_triangles += n;
+    }
+}
+
+fn cut(
+    source: &MeshSource,
+    request: &Request,
+    memory_bytes: u64,
+    progress: &Progress,
+) -> Result<Scratch> {
+    let (cell_triangles, threads) = (request.cell_triangles, request.options.threads);
+    let n_cells = plan_cells(source.n_triangles(), cell_triangles);
+    let n_vertices = source.n_vertices();
+    let layout = VertexLayout::new(source.schema(), n_vertices);
+    let store_bytes = partition::store_bytes(n_vertices, source.n_triangles(), &layout);
+    let sizes = partition::Sizes { n_vertices, n_cells, store_bytes, layout: &layout };
+    let needed = partition::Shares::new(sizes, threads, memory_bytes).least_bytes;
+    if needed > memory_bytes {
+        return Err(Error::NoMemory(format!(
+            "cutting {} into cells needs {}; give more --memory",
+            source.path().display(),
+            show_bytes(needed + BASE_BYTES)
+        )));
+    }
+    progress.begin("partition", 1, 2, source.n_triangles());
+    let cutting = Cutting { cell_triangles, temp_dir: &request.temp_dir, threads, memory_bytes };
+    Scratch::cut(source, cutting, progress)
+}
+
+fn parts<'a>(cells: &'a Scratch, source: &MeshSource) -> Parts<'a> {
+    Parts::in_cells(cells.store(), source.n_vertices(), cells.partition().bounds)
+}

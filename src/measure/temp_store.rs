@@ -1,0 +1,100 @@
+//! A mesh cut into cells for a look at it, in a file that vanishes afterwards.
+//!
+//! For commands that read a mesh larger than memory without changing it: `info --check`, `measure`. Nothing
+//! here is resumable: the folder is removed as soon as its store is open, so that only a death during the cutting
+//! leaves it, and the next cutting in the same place sweeps what the dead have left.
+
+use crate::error::Result;
+use crate::io::ply::MeshSource;
+use crate::stages::partition::{Partition, partition};
+use crate::store::cells::{CellStore, VertexLayout};
+use crate::store::job::fingerprint::{input_marks, unchanged};
+use crate::store::job::{Identity, Job, SCRATCH_EXTENSION, sweep_scratch};
+use crate::store::stage_context::Run;
+use crate::system::disk::Disk;
+use crate::system::progress::Progress;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// How a scratch store is made.
+#[derive(Clone, Copy, Debug)]
+pub struct Cutting<'a> {
+    /// Triangles per cell.
+    pub cell_triangles: u64,
+    /// The folder in which the scratch folder is made.
+    pub temp_dir: &'a Path,
+    /// Worker threads.
+    pub threads: usize,
+    /// Memory for tables and buffers, in bytes.
+    pub memory_bytes: u64,
+}
+
+/// A store of cells whose file has no name any more.
+#[derive(Debug)]
+pub struct Scratch {
+    store: CellStore,
+    partition: Partition,
+}
+
+impl Scratch {
+    /// Partitions `source` into a new folder below `cutting.temp_dir`; takes about 20 bytes a triangle there.
+    pub fn cut(source: &MeshSource, cutting: Cutting, progress: &Progress) -> Result<Scratch> {
+        Self::cut_and_look(source, cutting, progress, |_, _| Ok(())).map(|(scratch, ())| scratch)
+    }
+
+    /// The same; `look` sees the store while there still is a folder for files.
+    pub fn cut_and_look<T>(
+        source: &MeshSource,
+        cutting: Cutting,
+        progress: &Progress,
+        look: impl FnOnce(&CellStore, &Run) -> Result<T>,
+    ) -> Result<(Scratch, T)> {
+        let name = source.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
+        // Two files of one name may be cut by one process.
+        static NUMBER: AtomicU64 = AtomicU64::new(0);
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let process = std::process::id();
+        let folder =
+            cutting.temp_dir.join(format!(".{name}.{process}-{number}.{SCRATCH_EXTENSION}"));
+        sweep_scratch(cutting.temp_dir);
+        progress.owe(&folder);
+        let cut = || {
+            let disk = Disk::default();
+            let identity = Identity {
+                input: source.path().display().to_string(),
+                input_marks: BTreeMap::new(),
+                settings: BTreeMap::new(),
+            };
+            let job = Job::open(&folder, &disk, &identity, true)?;
+            let Cutting { threads, memory_bytes, .. } = cutting;
+            // Nothing here is resumed, so nothing need be durable on the way.
+            let checkpoint_every = std::time::Duration::MAX;
+            let run = Run { job: &job, progress, threads, memory_bytes, checkpoint_every };
+            // Standard input, and bytes in memory, have no marks.
+            let marks = input_marks(source.path());
+            let partition = partition(source, cutting.cell_triangles, &run);
+            let partition = match marks {
+                Ok(marks) => unchanged(source.path(), &marks, partition)?,
+                Err(_) => partition?,
+            };
+            let layout = VertexLayout::new(source.schema(), source.n_vertices());
+            let store = CellStore::open(&disk, &folder, partition.store.clone(), layout)?;
+            let seen = look(&store, &run)?;
+            Ok((store, partition, seen))
+        };
+        let cut = cut();
+        progress.settle(&folder);
+        cut.map(|(store, partition, seen)| (Scratch { store, partition }, seen))
+    }
+
+    /// The cells.
+    pub fn store(&self) -> &CellStore {
+        &self.store
+    }
+
+    /// Bounds and faults found on the way.
+    pub fn partition(&self) -> &Partition {
+        &self.partition
+    }
+}

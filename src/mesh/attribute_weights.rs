@@ -1,0 +1,203 @@
+//! What attributes count for: from `--weight color=1,normal=0.5` to one length for each channel.
+//!
+//! A weight of 1 is what measurements showed to be sensible (docs/design/attributes.md): it relates a
+//! channel's own range to the length of an edge of the result. Lengths depend on the input and the target,
+//! so they are found once, before the first round, and hold for every cell. Does not touch vertices.
+
+use crate::error::{Error, Result};
+use crate::mesh::Mesh;
+use crate::mesh::record::Meaning;
+use crate::mesh::vec3;
+
+/// A perceptual colour difference of 1 (black to white) is worth so many edges of the result.
+const COLOUR_EDGES: f64 = 0.3;
+/// A normal that turns by a radian is worth so many edges of the result.
+const NORMAL_EDGES: f64 = 0.1;
+/// A scalar that goes through its whole range is worth so many edges of the result.
+const SCALAR_EDGES: f64 = 0.1;
+/// A shift of the texture on the surface is worth so much of its length.
+const TEXTURE_LENGTHS: f64 = 0.02;
+
+/// Moving a seam of the texture costs this share of what moving a boundary of the surface does.
+const SEAM_SHARE: f64 = 0.002;
+
+/// Of a sampled piece of mesh every so many triangles and vertices are looked at.
+const STRIDE: usize = 8;
+
+/// Weights of kinds of attributes and of named properties.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Weights {
+    /// All colours.
+    pub colour: f64,
+    /// Normals.
+    pub normal: f64,
+    /// Texture coordinates.
+    pub texture: f64,
+    /// Other properties by name; those not named ride along.
+    pub named: Vec<(String, f64)>,
+}
+
+impl Default for Weights {
+    /// Colours and texture coordinates count, the rest rides along.
+    fn default() -> Self {
+        Weights { colour: 1.0, normal: 0.0, texture: 1.0, named: Vec::new() }
+    }
+}
+
+impl std::str::FromStr for Weights {
+    type Err = Error;
+
+    /// Reads `color=W,normal=W,uv=W,NAME=W`; what is not mentioned keeps its default.
+    fn from_str(text: &str) -> Result<Self> {
+        let mut weights = Weights::default();
+        for part in text.split(',').filter(|part| !part.trim().is_empty()) {
+            let bad = || {
+                Error::Usage(format!(
+                    "'{part}' is no weight; write NAME=W with W from 0 upwards, as in color=1,uv=0"
+                ))
+            };
+            let (name, weight) = part.split_once('=').ok_or_else(bad)?;
+            let weight: f64 = weight.trim().parse().map_err(|_| bad())?;
+            if !(0.0..=1e6).contains(&weight) {
+                return Err(bad());
+            }
+            match name.trim() {
+                "color" | "colour" => weights.colour = weight,
+                "normal" => weights.normal = weight,
+                "uv" => weights.texture = weight,
+                "" => return Err(bad()),
+                name => weights.named.push((name.to_owned(), weight)),
+            }
+        }
+        Ok(weights)
+    }
+}
+
+impl std::fmt::Display for Weights {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "color={},normal={},uv={}", self.colour, self.normal, self.texture)?;
+        self.named.iter().try_for_each(|(name, weight)| write!(f, ",{name}={weight}"))
+    }
+}
+
+impl Weights {
+    /// The weight of each channel; 0 for one that rides along.
+    pub fn of_channels(&self, meanings: &[Meaning]) -> Vec<f64> {
+        let named = |name: &str| self.named.iter().rev().find(|(n, _)| n == name).map(|n| n.1);
+        let weight = |meaning: &Meaning| match meaning {
+            Meaning::Colour => self.colour,
+            Meaning::Normal => self.normal,
+            Meaning::Texture => self.texture,
+            Meaning::Scalar(name) => named(name).unwrap_or(0.0),
+            Meaning::Region | Meaning::Rest => 0.0,
+        };
+        meanings.iter().map(weight).collect()
+    }
+
+    /// What moving a seam of the texture costs, as a share of what moving a boundary of the surface does.
+    pub fn seam_share(&self) -> f32 {
+        (SEAM_SHARE * self.texture).min(1.0) as f32
+    }
+
+    /// Refuses the name of a property that is not there, or that is a label.
+    pub fn check(&self, meanings: &[Meaning]) -> Result<()> {
+        let is_scalar = |name: &String| meanings.contains(&Meaning::Scalar(name.clone()));
+        match self.named.iter().find(|(name, _)| !is_scalar(name)) {
+            None => Ok(()),
+            Some((name, _)) => Err(Error::Usage(format!(
+                "--weight {name}: the vertices have no such number that can be averaged"
+            ))),
+        }
+    }
+}
+
+/// What a sample of the mesh tells about its channels.
+#[derive(Clone, Debug, Default)]
+pub struct Sample {
+    n_triangles: u64,
+    area: f64,
+    /// Least and greatest of each channel.
+    ranges: Vec<[f32; 2]>,
+    /// Root of the product of a triangle's areas in texture space and on the surface, summed up, and the
+    /// latter. The few triangles over the edge of a texture, huge there, have no say in that.
+    texture_area: [f64; 2],
+}
+
+impl Sample {
+    /// Takes a piece of the mesh into the sample: every eighth triangle and vertex of it.
+    pub fn add(&mut self, mesh: &Mesh, meanings: &[Meaning]) {
+        self.ranges.resize(mesh.n_channels, [f32::INFINITY, f32::NEG_INFINITY]);
+        for values in mesh.channels.chunks_exact(mesh.n_channels.max(1)).step_by(STRIDE) {
+            for (range, &value) in self.ranges.iter_mut().zip(values) {
+                *range = [range[0].min(value), range[1].max(value)];
+            }
+        }
+        let texture: Vec<usize> =
+            (0..meanings.len()).filter(|&i| meanings[i] == Meaning::Texture).take(2).collect();
+        for (t, corners) in mesh.triangles.iter().enumerate().step_by(STRIDE) {
+            let area = area(mesh.corners(t));
+            self.n_triangles += 1;
+            self.area += area;
+            if let [s, t] = texture[..] {
+                let at = |v: u32| mesh.channels_of(v);
+                let place = corners.map(|v| [f64::from(at(v)[s]), f64::from(at(v)[t]), 0.0]);
+                let flat = self::area(place);
+                if flat.is_finite() {
+                    self.texture_area[0] += (flat * area).sqrt();
+                    self.texture_area[1] += area;
+                }
+            }
+        }
+    }
+
+    /// For each channel the length in input units that a difference of 1 is worth, where the whole mesh of
+    /// `n_triangles` is to become `target`.
+    pub fn lengths(
+        &self,
+        weights: &[f64],
+        meanings: &[Meaning],
+        n_triangles: u64,
+        target: u64,
+    ) -> Vec<f32> {
+        let mean_area = self.area / self.n_triangles.max(1) as f64;
+        let edge = (mean_area * n_triangles as f64 / target.max(1) as f64).sqrt();
+        let [both, curved] = self.texture_area;
+        let per_texture = if both > 0.0 { curved / both } else { 0.0 };
+        let unit = |i: usize| match &meanings[i] {
+            Meaning::Colour => COLOUR_EDGES * edge,
+            Meaning::Normal => NORMAL_EDGES * edge,
+            Meaning::Texture => TEXTURE_LENGTHS * per_texture,
+            Meaning::Scalar(_) => match self.ranges.get(i) {
+                Some([low, high]) if high > low && (high - low).is_finite() => {
+                    SCALAR_EDGES * edge / f64::from(high - low)
+                }
+                _ => 0.0,
+            },
+            Meaning::Region | Meaning::Rest => 0.0,
+        };
+        weights.iter().enumerate().map(|(i, weight)| (weight * unit(i)) as f32).collect()
+    }
+}
+
+fn area(corners: [[f64; 3]; 3]) -> f64 {
+    0.5 * vec3::length_sq(vec3::normal(corners)).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_are_read_shown_and_refused() {
+        let weights: Weights = "color=0.5, quality=2,uv=0".parse().expect("well written");
+        assert_eq!(weights.to_string(), "color=0.5,normal=0,uv=0,quality=2");
+        let meanings = [Meaning::Colour, Meaning::Scalar("quality".into()), Meaning::Rest];
+        assert_eq!(weights.of_channels(&meanings), [0.5, 2.0, 0.0]);
+        assert!(weights.check(&meanings).is_ok());
+        assert!(weights.check(&meanings[..1]).is_err());
+        for bad in ["color", "color=-1", "=1", "color=NaN", "color=x"] {
+            assert!(bad.parse::<Weights>().is_err(), "{bad}");
+        }
+        assert_eq!("".parse::<Weights>().expect("nothing said"), Weights::default());
+    }
+}

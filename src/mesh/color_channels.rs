@@ -1,0 +1,91 @@
+//! Which properties of a vertex are one colour, and what they are to the kernel: OKLab, times alpha.
+//!
+//! Part of `schema::VertexCodec`, which owns the records. A colour is three properties of one type that
+//! belong together by name, with or without an alpha. What is transparent counts less: channels hold the
+//! colour times its alpha, so that averages are those of what is seen.
+
+use crate::mesh::oklab::{linear_of_oklab, linear_of_srgb, oklab_of_linear, srgb_of_linear};
+use crate::mesh::record::{FACE_MEAN, Property, Scalar};
+
+/// Names of red, green, blue and alpha, with what stands before them.
+const NAMES: [[&str; 4]; 5] = [
+    ["red", "green", "blue", "alpha"],
+    ["r", "g", "b", "a"],
+    ["diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_alpha"],
+    ["ambient_red", "ambient_green", "ambient_blue", "ambient_alpha"],
+    ["specular_red", "specular_green", "specular_blue", "specular_alpha"],
+];
+
+/// Alpha below which a mixture has no colour of its own.
+const LEAST_ALPHA: f64 = 1e-4;
+
+/// Properties that are one colour.
+#[derive(Clone, Debug)]
+pub(crate) struct Colour {
+    /// Indices of red, green and blue among the properties.
+    pub(crate) fields: [usize; 3],
+    /// Index of alpha.
+    pub(crate) alpha: Option<usize>,
+    scalar: Scalar,
+    /// Linear light of every value of a byte.
+    bytes: Option<Box<[f64; 256]>>,
+}
+
+impl Colour {
+    /// All colours among the properties, those of faces last.
+    pub(crate) fn find(properties: &[Property]) -> Vec<Colour> {
+        let named = |prefix: &'static str| {
+            NAMES.iter().filter_map(move |names| Colour::named(prefix, names, properties))
+        };
+        named("").chain(named(FACE_MEAN)).collect()
+    }
+
+    fn named(prefix: &str, names: &[&str; 4], properties: &[Property]) -> Option<Colour> {
+        let is = |p: &Property, name: &str| p.name.strip_prefix(prefix) == Some(name);
+        let find = |name: &str| properties.iter().position(|p| is(p, name));
+        let fields = [find(names[0])?, find(names[1])?, find(names[2])?];
+        let scalar = properties[fields[0]].scalar;
+        let one_type = fields.iter().all(|&i| properties[i].scalar == scalar);
+        if !one_type || white_of(scalar).is_none() {
+            return None;
+        }
+        let alpha = find(names[3]).filter(|&i| properties[i].scalar == scalar);
+        let light = |i: usize| linear_of_srgb(i as f64 / 255.0);
+        let bytes = (scalar == Scalar::U8).then(|| Box::new(std::array::from_fn(light)));
+        Some(Colour { fields, alpha, scalar, bytes })
+    }
+
+    /// The value of full intensity.
+    pub(crate) fn white(&self) -> f64 {
+        white_of(self.scalar).unwrap_or(1.0)
+    }
+
+    /// Channels of raw property values: OKLab times alpha.
+    pub(crate) fn channels(&self, rgb: [f64; 3], alpha: f64) -> [f32; 3] {
+        let light = match &self.bytes {
+            Some(table) => rgb.map(|c| table[usize::from(c as u8)]),
+            None => rgb.map(|c| linear_of_srgb(c / self.white())),
+        };
+        let opacity = (alpha / self.white()).clamp(0.0, 1.0);
+        oklab_of_linear(light).map(|x| (x * opacity) as f32)
+    }
+
+    /// Property values of channels; `None` where nothing can be seen.
+    pub(crate) fn values(&self, channels: [f32; 3], alpha: f64) -> Option<[f64; 3]> {
+        let opacity = (alpha / self.white()).clamp(0.0, 1.0);
+        let visible = opacity >= LEAST_ALPHA;
+        visible.then(|| {
+            let light = linear_of_oklab(channels.map(|x| f64::from(x) / opacity));
+            light.map(|x| srgb_of_linear(x.max(0.0)) * self.white())
+        })
+    }
+}
+
+fn white_of(scalar: Scalar) -> Option<f64> {
+    match scalar {
+        Scalar::U8 => Some(255.0),
+        Scalar::U16 => Some(65535.0),
+        Scalar::F32 | Scalar::F64 => Some(1.0),
+        _ => None,
+    }
+}

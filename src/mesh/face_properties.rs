@@ -1,0 +1,275 @@
+//! What faces carry, and what it is while the mesh is simplified.
+//!
+//! The kernel knows values at vertices and seams between them, nothing of faces. So a scalar property of
+//! faces becomes one of vertices and comes back at the end: what names something (labels, flags, the number
+//! of an image) as a region, whose border is an attribute seam; what measures something (quality, a colour
+//! that differs from face to face) as an average; what is the same everywhere is only noted. Decides
+//! that, and turns values of faces into those of vertices and back. Does not read files
+//! (`formats::survey_faces`, `formats::faces_to_vertices`) and does not write them (`write`).
+
+use crate::mesh::record::{
+    FACE_LABEL, FACE_MEAN, Property, REGION, Scalar, VertexCodec, VertexSchema,
+};
+use serde::{Deserialize, Serialize};
+
+/// A colour, and a label, that would make more than so many vertices of one are no region:
+/// docs/design/attributes.md.
+pub(crate) const MAX_COLOUR_VERTICES: f64 = 1.5;
+pub(crate) const MAX_LABEL_VERTICES: f64 = 2.5;
+
+/// Below so many faces everything that may be a region is one: a cube has a colour a side.
+pub(crate) const FEW_FACES: u64 = 1000;
+
+/// What becomes of a property of faces.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum How {
+    /// The same on every face: written back.
+    Constant,
+    /// Constant on regions: their borders are kept as seams, and every face has the value of its region.
+    Region,
+    /// A label that differs nearly everywhere: a face has that of one of the faces near by.
+    Chosen,
+    /// Averaged at the vertices, and from there back to faces.
+    Averaged,
+    /// Left out.
+    Dropped,
+}
+
+/// A property of faces.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FaceProperty {
+    /// Name and type in the input.
+    pub property: Property,
+    /// What becomes of it.
+    pub how: How,
+    /// Its bytes, if it is constant.
+    pub constant: Vec<u8>,
+    /// Why it is dropped, if it is.
+    pub reason: &'static str,
+}
+
+impl FaceProperty {
+    /// Whether it goes to the vertices.
+    fn is_moved(&self) -> bool {
+        matches!(self.how, How::Region | How::Chosen | How::Averaged)
+    }
+}
+
+/// What faces carry besides their corners.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FaceCarry {
+    /// Texture coordinates at the corners.
+    pub texture: bool,
+    /// Scalar properties in the order of the input.
+    pub properties: Vec<FaceProperty>,
+    /// Names of lists, which are not carried.
+    pub lists: Vec<String>,
+}
+
+impl FaceCarry {
+    /// Whether anything goes to the vertices.
+    pub fn is_moved(&self) -> bool {
+        self.texture || self.properties.iter().any(FaceProperty::is_moved)
+    }
+
+    /// Whether there are regions.
+    pub fn has_regions(&self) -> bool {
+        self.properties.iter().any(|p| p.how == How::Region)
+    }
+
+    /// What faces of the output carry.
+    pub fn written(&self) -> impl Iterator<Item = &FaceProperty> {
+        self.properties.iter().filter(|p| p.how != How::Dropped)
+    }
+
+    /// The properties that vertices get, in the order in which they follow their own: values of faces,
+    /// texture coordinates, the number of the region.
+    pub fn vertex_properties(&self) -> Vec<Property> {
+        let mut list: Vec<Property> = self.moved().map(renamed).collect();
+        let texture = ["texture_u", "texture_v"].into_iter().filter(|_| self.texture);
+        list.extend(texture.map(|name| Property { name: name.to_owned(), scalar: Scalar::F32 }));
+        if self.has_regions() {
+            list.push(Property { name: REGION.to_owned(), scalar: Scalar::I32 });
+        }
+        list
+    }
+
+    fn moved(&self) -> impl Iterator<Item = &FaceProperty> {
+        self.properties.iter().filter(|p| p.is_moved())
+    }
+
+    /// Packs the values that go to vertices, of a face's `values` in the order of the input.
+    pub(crate) fn pack(&self, values: &[u8], out: &mut Vec<u8>) {
+        let mut at = 0;
+        for property in &self.properties {
+            let end = at + property.property.scalar.bytes();
+            if property.is_moved() {
+                out.extend_from_slice(&values[at..end]);
+            }
+            at = end;
+        }
+    }
+
+    /// The same of those that make regions.
+    pub(crate) fn pack_region(&self, values: &[u8], out: &mut Vec<u8>) {
+        let mut at = 0;
+        for property in &self.properties {
+            let end = at + property.property.scalar.bytes();
+            if property.how == How::Region {
+                out.extend_from_slice(&values[at..end]);
+            }
+            at = end;
+        }
+    }
+
+    /// The properties of a face of the output from the packed values that went to vertices.
+    pub(crate) fn unpack(&self, moved: &[u8], out: &mut Vec<u8>) {
+        let mut at = 0;
+        for property in self.written() {
+            if property.is_moved() {
+                let end = at + property.property.scalar.bytes();
+                out.extend_from_slice(&moved[at..end]);
+                at = end;
+            } else {
+                out.extend_from_slice(&property.constant);
+            }
+        }
+    }
+}
+
+/// The property of vertices that a property of faces becomes.
+fn renamed(property: &FaceProperty) -> Property {
+    let prefix = if property.how == How::Averaged { FACE_MEAN } else { FACE_LABEL };
+    let name = format!("{prefix}{}", property.property.name);
+    Property { name, scalar: property.property.scalar }
+}
+
+/// Makes one value of several: colours and measures are averaged, labels chosen.
+pub(crate) struct FaceMixer {
+    codec: VertexCodec,
+    position_bytes: usize,
+    value_bytes: usize,
+    /// Bytes of labels.
+    labels: Vec<std::ops::Range<usize>>,
+    sums: Vec<(f64, u32)>,
+    channels: Vec<f32>,
+    record: Vec<u8>,
+    encoded: Vec<u8>,
+}
+
+impl FaceMixer {
+    /// For the values that `carry` moves to vertices.
+    pub(crate) fn new(carry: &FaceCarry) -> FaceMixer {
+        let properties: Vec<Property> = carry.moved().map(renamed).collect();
+        let schema = VertexSchema { coordinate: Scalar::F32, properties };
+        let (mut at, mut labels) = (0, Vec::new());
+        for property in carry.moved() {
+            let end = at + property.property.scalar.bytes();
+            if property.how != How::Averaged {
+                labels.push(at..end);
+            }
+            at = end;
+        }
+        let codec = schema.kernel_codec(&[]);
+        let n = codec.n_channels();
+        FaceMixer {
+            position_bytes: schema.position_bytes(),
+            value_bytes: at,
+            labels,
+            sums: vec![(0.0, 0); n],
+            channels: vec![0.0; n],
+            record: Vec::new(),
+            encoded: Vec::new(),
+            codec,
+        }
+    }
+
+    /// Bytes of the packed values.
+    pub(crate) fn value_bytes(&self) -> usize {
+        self.value_bytes
+    }
+
+    /// Begins with the first of several values; its labels are those of the mixture.
+    pub(crate) fn begin(&mut self, values: &[u8]) {
+        self.sums.fill((0.0, 0));
+        self.record.clear();
+        self.record.resize(self.position_bytes, 0);
+        self.record.extend_from_slice(&values[..self.value_bytes]);
+        self.add(values);
+    }
+
+    /// Takes one more; what is not finite has no say.
+    pub(crate) fn add(&mut self, values: &[u8]) {
+        if self.sums.is_empty() {
+            return;
+        }
+        self.encoded.clear();
+        self.encoded.resize(self.position_bytes, 0);
+        self.encoded.extend_from_slice(&values[..self.value_bytes]);
+        self.codec.decode_channels(&self.encoded, &mut self.channels);
+        for ((sum, n), &value) in self.sums.iter_mut().zip(&self.channels) {
+            if value.is_finite() {
+                *sum += f64::from(value);
+                *n += 1;
+            }
+        }
+    }
+
+    /// Appends the mixture.
+    pub(crate) fn end(&mut self, out: &mut Vec<u8>) {
+        self.codec.decode_channels(&self.record, &mut self.channels);
+        for (channel, &(sum, n)) in self.channels.iter_mut().zip(&self.sums) {
+            if n > 0 {
+                *channel = (sum / f64::from(n)) as f32;
+            }
+        }
+        self.encoded.clear();
+        self.codec.encode([0.0; 3], &self.channels, &self.record, &mut self.encoded);
+        out.extend_from_slice(&self.encoded[self.position_bytes..]);
+    }
+
+    /// Appends the value of a triangle from those of its corners: the mean, and labels that two agree on, or
+    /// else the first's.
+    pub(crate) fn of_corners(&mut self, corners: [&[u8]; 3], out: &mut Vec<u8>) {
+        self.begin(corners[0]);
+        self.add(corners[1]);
+        self.add(corners[2]);
+        for label in &self.labels {
+            let [second, third] = [corners[1], corners[2]].map(|values| &values[label.clone()]);
+            if second == third {
+                let at = self.position_bytes;
+                self.record[at + label.start..at + label.end].copy_from_slice(second);
+            }
+        }
+        self.end(out);
+    }
+}
+
+/// Numbers of regions: dense as long as there are few.
+#[derive(Default)]
+pub(crate) struct Regions {
+    known: std::collections::HashMap<Vec<u8>, i32>,
+}
+
+impl Regions {
+    /// So many regions have numbers of their own.
+    const DENSE: usize = 65_536;
+    /// Numbers are exact as floats.
+    const END: u64 = 1 << 24;
+
+    /// The number of the region with these values. Beyond 65,536 different values it is a hash: two regions
+    /// that touch are taken for one with a probability of 6e-8, and then their border is not kept.
+    pub(crate) fn number(&mut self, values: &[u8]) -> i32 {
+        if let Some(&number) = self.known.get(values) {
+            return number;
+        }
+        let n = self.known.len();
+        if n < Self::DENSE {
+            self.known.insert(values.to_vec(), n as i32);
+            return n as i32;
+        }
+        let rest = Self::END - Self::DENSE as u64;
+        (Self::DENSE as u64 + xxhash_rust::xxh3::xxh3_64(values) % rest) as i32
+    }
+}

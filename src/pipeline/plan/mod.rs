@@ -1,0 +1,419 @@
+//! The plan before the work: cells, rounds, memory, disk. Refuses what cannot succeed, by name.
+
+mod disk;
+
+use crate::config::{Config, Normals, Target};
+use crate::error::{Error, Remedy, Result};
+use crate::io::ply::{FaceSchema, MeshSource, VertexBlock};
+use crate::io::{Expected, OutputKind, expected_bytes};
+use crate::kernel;
+use crate::mesh::face_properties::FaceCarry;
+use crate::mesh::record::{Property, Scalar, VertexSchema};
+use crate::stages::components;
+use crate::stages::partition::{self, Shares, Sizes};
+use crate::stages::simplify::{FREED_AT_A_TIME, frees_sources};
+use crate::stages::stitch::{self, Step};
+use crate::store::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
+use crate::system::disk::folder_of;
+use crate::system::paths::existing_parent;
+use crate::system::units::{show_bytes, show_count};
+use std::path::Path;
+
+/// Memory for code, stacks, allocator slack and small things, in bytes.
+const BASE_BYTES: u64 = 40 << 20;
+
+/// A cell may come out so much larger than planned before it is a surprise.
+const UNEVEN: f64 = 1.25;
+
+/// Temporary bytes for each vertex of an output whose corners get texture coordinates.
+const JOIN_BYTES: f64 = 72.0;
+
+/// Manifest, lock and what file systems add.
+const MANIFEST_BYTES: u64 = 64 << 10;
+
+/// Vertices of the input by which the length of a text is expected.
+const SAMPLED_VERTICES: usize = 512;
+
+/// Temporary bytes for each corner, and for each byte of the input, where what faces carry
+/// goes to vertices: two sorts, and the staged mesh beside its parts.
+const SPLIT_CORNER_BYTES: u64 = 44;
+const SPLIT_FILE_COPIES: u64 = 2;
+
+/// Free inodes the job needs: packs, manifest, lock, output and their temporaries.
+const INODES: u64 = 32;
+
+/// End-to-end speed on one core of the reference machine in triangles/s, for the expected time only.
+const TRIANGLES_PER_SECOND_PER_CORE: f64 = 1.7e6;
+
+/// What a run will do and need.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Plan {
+    /// Triangles of the input.
+    pub triangles_in: u64,
+    /// Triangles wanted.
+    pub target: u64,
+    /// Cells of the first round.
+    pub cells: u32,
+    /// Triangles aimed at after each round; the finish is not a round.
+    pub rounds: Vec<u64>,
+    /// Whether one in-core finish meets the target exactly.
+    pub finish: bool,
+    /// Memory the stages may share, in bytes.
+    pub usable_memory_bytes: u64,
+    /// Memory that the most demanding stage needs at least, in bytes.
+    pub needed_memory_bytes: u64,
+    /// Peak bytes in the job folder.
+    pub temp_bytes: u64,
+    /// Bytes of the output.
+    pub output_bytes: u64,
+    /// Bytes kept in the output's folder while it is written, besides the output.
+    pub spool_bytes: u64,
+    /// Peak bytes where job folder and output share a disk.
+    pub together_bytes: u64,
+    /// Expected seconds.
+    pub seconds: f64,
+}
+
+impl Plan {
+    /// Plans a run; fails with `NoMemory` where the budget cannot hold one cell, the finish or the tables.
+    pub fn new(source: &MeshSource, config: &Config) -> Result<Plan> {
+        let triangles_in = source.n_triangles();
+        if triangles_in == 0 {
+            let what = "has no triangles (element face, row 0): there is nothing to simplify";
+            return Err(Error::bad_input(source.path(), what));
+        }
+        let target = config.target.triangles(triangles_in);
+        let attributes = &config.attributes;
+        let layout = VertexLayout::for_kernel(
+            source.schema(),
+            source.n_vertices(),
+            &attributes.labels,
+            &attributes.weights,
+        );
+        let cells = plan_cells(triangles_in, config.cell_triangles);
+        let (rounds, finish_triangles) = rounds(triangles_in, target, config.cell_triangles);
+        let vertices_per_triangle = source.n_vertices() as f64 / triangles_in.max(1) as f64;
+        let has_seams = layout.codec.has_seams(&layout.schema);
+        let n_channels = layout.codec.n_channels();
+        let stage_bytes = |triangles: u64| {
+            let vertices = (triangles as f64 * vertices_per_triangle.clamp(0.5, 3.0)) as u64;
+            let tally = CellTally { vertices, triangles };
+            let wedges = kernel::wedge_bytes(vertices, triangles, n_channels);
+            load_bytes(tally, &layout)
+                + kernel::peak_bytes(vertices, triangles, n_channels)
+                + kernel::mend_bytes(vertices, triangles)
+                + kernel::attribute_bytes(vertices, layout.n_weighted())
+                + if has_seams { wedges } else { 0 }
+        };
+        let cell = (config.cell_triangles.min(triangles_in) as f64 * UNEVEN) as u64;
+        let threads = config.threads.get();
+        let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
+        let store = partition::store_bytes(source.n_vertices(), triangles_in, &layout);
+        let sizes = Sizes {
+            n_vertices: source.n_vertices(),
+            n_cells: cells,
+            store_bytes: store,
+            layout: &layout,
+        };
+        let shares = Shares::new(sizes, threads, usable);
+        let tables = shares.least_bytes;
+        let fit = config.kernel.fit.decided(triangles_in, target);
+        let fit_bytes = kernel::fit_bytes(fit, finish_triangles, target);
+        let works = stage_bytes(cell).max(stage_bytes(finish_triangles) + fit_bytes);
+        let needed = works.max(tables) + BASE_BYTES;
+        if needed > config.memory_bytes {
+            return Err(too_little(config, needed, works > tables, usable, works));
+        }
+        let job = disk::Job {
+            layout: &layout,
+            vertices_per_triangle,
+            cell_triangles: config.cell_triangles,
+            buffer_bytes: shares.buffer_bytes,
+            threads: threads as u64,
+            freed_at_a_time: FREED_AT_A_TIME,
+        };
+        let steps: Vec<disk::Round> = std::iter::once(&triangles_in)
+            .chain(&rounds)
+            .zip(&rounds)
+            .map(|(&before, &after)| disk::Round {
+                before,
+                after,
+                frees: frees_sources(before, after),
+            })
+            .collect();
+        let finishes_at = (finish_triangles > 0).then_some(target.min(triangles_in));
+        let (most, result) = job.peak(triangles_in, &steps, finishes_at);
+        let output_triangles = target.min(triangles_in);
+        let output_vertices = (output_triangles as f64 * vertices_per_triangle) as u64;
+        // What putting texture coordinates back to corners sorts.
+        let joining = match source.carried() {
+            Some(carry) if carry.is_moved() => output_vertices as f64 * JOIN_BYTES,
+            _ => 0.0,
+        };
+        // While components are joined: a sheet has four such vertices for each root of a cell's triangles.
+        let links = match config.min_component {
+            Some(_) => {
+                let root = (config.cell_triangles.min(triangles_in) as f64).sqrt();
+                4.0 * root * f64::from(cells) * components::LINK_BYTES as f64
+            }
+            None => 0.0,
+        };
+        // What `--max-error` measures against is a copy of the input's geometry.
+        let kept = match (config.min_component, config.target) {
+            (Some(_), Target::MaxError(_)) => {
+                13 * triangles_in + layout.schema.record_bytes() as u64 * source.n_vertices()
+            }
+            _ => 0,
+        };
+        let (output_bytes, spool_bytes) =
+            output(source, config, output_vertices, output_triangles)?;
+        let verifying = if config.verify { 3 * output_bytes } else { 0 };
+        let beside = kept + verifying + MANIFEST_BYTES;
+        let writing = (result + joining) as u64;
+        let most = most.max(job.store(triangles_in, false) + links);
+        let temp_bytes = (most as u64).max(writing) + beside;
+        let together_bytes = temp_bytes.max(writing + output_bytes + spool_bytes + beside);
+        Ok(Plan {
+            triangles_in,
+            target,
+            cells,
+            finish: finish_triangles > 0,
+            usable_memory_bytes: usable,
+            needed_memory_bytes: needed,
+            temp_bytes,
+            output_bytes,
+            spool_bytes,
+            together_bytes,
+            seconds: triangles_in as f64 / (TRIANGLES_PER_SECOND_PER_CORE * threads as f64),
+            rounds,
+        })
+    }
+
+    /// Fails where output or temporary data would not fit, or their folders do not take files.
+    pub fn check_disk(&self, config: &Config) -> Result<()> {
+        let output_folder = folder_of(&config.output);
+        let temp_folder = existing_parent(&config.job_folder);
+        for folder in [output_folder, temp_folder] {
+            use rustix::fs::{Access, access};
+            access(folder, Access::EXISTS)
+                .and_then(|()| access(folder, Access::WRITE_OK | Access::EXEC_OK))
+                .map_err(|e| Error::io(folder, "cannot write into this folder", e.into()))?;
+        }
+        let same = device(output_folder)? == device(temp_folder)?;
+        let needs = if same {
+            vec![(temp_folder, self.together_bytes)]
+        } else {
+            vec![
+                (temp_folder, self.temp_bytes),
+                (output_folder, self.output_bytes + self.spool_bytes),
+            ]
+        };
+        // What an earlier run of this job holds already is not needed again.
+        let held = held_bytes(&config.job_folder);
+        for (folder, bytes) in needs {
+            let stat = rustix::fs::statvfs(folder)
+                .map_err(|e| Error::reading(folder, "cannot ask for free space", e.into()))?;
+            let free = stat.f_bavail * stat.f_frsize + if folder == temp_folder { held } else { 0 };
+            if bytes > free {
+                return Err(Error::NoSpace {
+                    path: folder.into(),
+                    what: format!(
+                        "the run needs {} here, {} are free",
+                        show_bytes(bytes),
+                        show_bytes(free)
+                    ),
+                    remedy: Remedy::MakeSpace,
+                });
+            }
+            // Some file systems have no inode count at all and say 0 of 0.
+            if stat.f_files > 0 && stat.f_favail < INODES {
+                let what = format!("{} inodes are free, the run needs {INODES}", stat.f_favail);
+                let remedy = Remedy::RemoveFiles;
+                return Err(Error::NoSpace { path: folder.into(), what, remedy });
+            }
+        }
+        Ok(())
+    }
+
+    /// The plan for people, one fact a line.
+    pub fn lines(&self, config: &Config) -> Vec<String> {
+        let rounds: Vec<String> = self.rounds.iter().map(|&n| show_count(n)).collect();
+        vec![
+            format!("input    {} triangles", show_count(self.triangles_in)),
+            format!(
+                "target   {} triangles{}",
+                show_count(self.target),
+                if self.finish { ", met exactly" } else { ", at most 0.5 % below" }
+            ),
+            format!(
+                "cells    {} of about {} triangles, locked seams; rounds to {}{}",
+                self.cells,
+                show_count(config.cell_triangles),
+                if rounds.is_empty() { "-".to_owned() } else { rounds.join(", ") },
+                if self.finish { ", then one finish" } else { "" }
+            ),
+            format!(
+                "memory   budget {}, at least {} needed; {} threads",
+                show_bytes(config.memory_bytes),
+                show_bytes(self.needed_memory_bytes),
+                config.threads
+            ),
+            format!(
+                "disk     about {} temporary in {}, {} output",
+                show_bytes(self.temp_bytes),
+                config.job_folder.display(),
+                show_bytes(self.output_bytes)
+            ),
+            format!("time     about {:.0} s", self.seconds.max(1.0)),
+        ]
+    }
+}
+
+/// Fails where the disk cannot hold what it takes to move what faces carry to vertices, which happens before
+/// everything else; sources without any need nothing.
+pub fn check_split(source: &MeshSource, carry: &FaceCarry, config: &Config) -> Result<()> {
+    if !carry.is_moved() {
+        return Ok(());
+    }
+    // Nameless files lie beside the job folder.
+    let folder = existing_parent(&config.job_folder);
+    let corner_bytes = SPLIT_CORNER_BYTES + 4 * carry.vertex_properties().len() as u64;
+    let bytes = corner_bytes * source.n_corners() + SPLIT_FILE_COPIES * source.file_bytes();
+    let stat = rustix::fs::statvfs(folder)
+        .map_err(|e| Error::reading(folder, "cannot ask for free space", e.into()))?;
+    let free = stat.f_bavail * stat.f_frsize;
+    if bytes <= free {
+        return Ok(());
+    }
+    Err(Error::NoSpace {
+        path: folder.into(),
+        what: format!(
+            "splitting the mesh along the seams of what its faces carry needs {} here, {} are free; give it \
+             up with --drop-texture and --drop-faces",
+            show_bytes(bytes),
+            show_bytes(free)
+        ),
+        remedy: Remedy::MakeSpace,
+    })
+}
+
+/// Expected bytes of the output, and of what its folder holds besides while it is written.
+fn output(
+    source: &MeshSource,
+    config: &Config,
+    n_vertices: u64,
+    n_faces: u64,
+) -> Result<(u64, u64)> {
+    let kind = match config.format.kind {
+        Some(kind) => kind,
+        None => OutputKind::of(&config.output)?,
+    };
+    let mut block = VertexBlock::default();
+    source.read_vertices(source.n_vertex_blocks() / 2, &mut block)?;
+    let record_bytes = source.schema().record_bytes();
+    let n_rows = block.records.len() / record_bytes;
+    let step = (n_rows / SAMPLED_VERTICES).max(1);
+    let carry = source.carried().filter(|carry| carry.is_moved());
+    let moved = carry.map_or(0, |carry| carry.vertex_properties().len());
+    // What went from faces to vertices comes last, and goes back.
+    let mut schema = source.schema().clone();
+    schema.properties.truncate(schema.properties.len() - moved);
+    let own_bytes = schema.record_bytes();
+    let rows = block.records.chunks_exact(record_bytes).step_by(step);
+    let mut sample: Vec<u8> = rows.flat_map(|row| &row[..own_bytes]).copied().collect();
+    if config.attributes.normals == Normals::Recompute && !schema.properties.iter().any(is_normal) {
+        (schema, sample) = with_normals(schema, &sample);
+    }
+    let faces = match carry {
+        Some(carry) => FaceSchema {
+            texture: carry.texture,
+            properties: carry.written().map(|p| p.property.clone()).collect(),
+        },
+        None => FaceSchema::default(),
+    };
+    let expected =
+        Expected { schema: &schema, faces: &faces, n_vertices, n_faces, sample: &sample };
+    let (bytes, spool) = expected_bytes(&expected, kind, config.format);
+    let comments = source.comments().iter().chain(source.obj_infos());
+    Ok((bytes + comments.map(|line| line.len() as u64 + 9).sum::<u64>(), spool))
+}
+
+fn is_normal(property: &Property) -> bool {
+    property.name == "nx"
+}
+
+/// The same records with room for a normal behind each.
+fn with_normals(mut schema: VertexSchema, sample: &[u8]) -> (VertexSchema, Vec<u8>) {
+    let component = 1.0 / 3f32.sqrt();
+    let normal: Vec<u8> = [component; 3].iter().flat_map(|x| x.to_le_bytes()).collect();
+    let rows = sample.chunks_exact(schema.record_bytes());
+    let wider = rows.flat_map(|row| [row, &normal].concat()).collect();
+    let new = ["nx", "ny", "nz"];
+    let new = new.map(|name| Property { name: name.to_owned(), scalar: Scalar::F32 });
+    schema.properties.extend(new);
+    (schema, wider)
+}
+
+/// Goals of the rounds, and how many triangles the finish will take in (0: no finish).
+fn rounds(triangles_in: u64, target: u64, cell_triangles: u64) -> (Vec<u64>, u64) {
+    let (mut now, mut goals) = (triangles_in, Vec::new());
+    loop {
+        match stitch::next_step(now, target, cell_triangles, goals.len() as u32) {
+            Step::Finish => return (goals, now),
+            Step::Round(goal) => {
+                goals.push(goal.min(now));
+                now = goal.min(now);
+            }
+            Step::ExactRound => {
+                goals.push(target);
+                return (goals, 0);
+            }
+            Step::Done => return (goals, 0),
+        }
+    }
+}
+
+fn too_little(
+    config: &Config,
+    needed: u64,
+    cells_at_fault: bool,
+    usable: u64,
+    works: u64,
+) -> Error {
+    let budget = show_bytes(config.memory_bytes);
+    let remedy = if cells_at_fault && usable > 0 {
+        let fits =
+            (config.cell_triangles as f64 * usable as f64 / works as f64) as u64 / 1000 * 1000;
+        if fits >= 10_000 {
+            format!(
+                "--cell-triangles {fits} would fit, or give --memory {}",
+                show_bytes(needed).replace(' ', "")
+            )
+        } else {
+            format!("give at least --memory {}", show_bytes(needed).replace(' ', ""))
+        }
+    } else {
+        format!("give at least --memory {}", show_bytes(needed).replace(' ', ""))
+    };
+    Error::NoMemory(format!(
+        "the budget of {budget} is too small, {} are needed: {remedy}",
+        show_bytes(needed)
+    ))
+}
+
+fn device(path: &Path) -> Result<u64> {
+    use std::os::unix::fs::MetadataExt;
+    std::fs::metadata(path)
+        .map(|meta| meta.dev())
+        .map_err(|e| Error::reading(path, "cannot stat", e))
+}
+
+fn held_bytes(folder: &Path) -> u64 {
+    use std::os::unix::fs::MetadataExt;
+    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
+    entries
+        .flatten()
+        .filter_map(|entry| entry.metadata().ok())
+        .map(|meta| meta.blocks() * 512)
+        .sum()
+}

@@ -1,0 +1,478 @@
+//! The stages of one run, one method each: sealed in the job folder, timed, reported.
+//!
+//! `pipeline` says in which order. Opens what a stage needs from the outcome of the one before, removes what
+//! nobody needs any more, and sums up what all of them did. Decides nothing about meshes.
+
+use super::WRITING;
+use super::quality::QualityCurve;
+use crate::config::Config;
+use crate::error::Result;
+use crate::io::ply::{MeshSource, OutputHeader, Place};
+use crate::io::{OutputFormat, OutputKind};
+use crate::kernel;
+use crate::mesh::record::Meaning;
+use crate::pipeline::plan::Plan;
+use crate::pipeline::run_report::{
+    FaceReport, InputReport, OutputReport, RunReport, SeamReport, StageReport,
+};
+use crate::stages::components::{self, Components};
+use crate::stages::partition::{self, Partition};
+use crate::stages::simplify::{self, Goal};
+use crate::stages::stitch::{self, Parts, Step};
+use crate::stages::write::{self, Form, Written};
+use crate::store::cells::{
+    CellStore, Dropped, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout,
+};
+use crate::store::job::Job;
+use crate::store::job::fingerprint::unchanged;
+use crate::store::stage_context::Run;
+use crate::system::parallel::guarded;
+use crate::system::progress::Progress;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// The stages of one run: each is sealed in the job, timed and reported.
+pub(super) struct Stages<'a> {
+    pub(super) run: Run<'a>,
+    config: &'a Config,
+    layout: VertexLayout,
+    kernel: kernel::Options,
+    target: u64,
+    pub(super) rounds_done: u32,
+    shared_by_round: Vec<u64>,
+    charts_vanished: u64,
+    /// What the probes of each round, and of the finish, found.
+    quality: QualityCurve,
+    /// What the finish's fit did.
+    fit: Option<kernel::FitStatistics>,
+    /// Vertices on texture seams after the last round or the finish.
+    seam_vertices: u64,
+    /// Refused collapses, and changes of the topology, by kind, over all rounds and the finish.
+    rejects: BTreeMap<String, u64>,
+    changes: BTreeMap<String, u64>,
+    reports: Vec<StageReport>,
+    n_stages: u32,
+    input_bytes: u64,
+}
+
+impl<'a> Stages<'a> {
+    pub(super) fn new(
+        config: &'a Config,
+        plan: &Plan,
+        job: &'a Job,
+        progress: &'a Progress,
+        source: &MeshSource,
+    ) -> Self {
+        let rounds = plan.rounds.len() as u32;
+        // Partition, perhaps components, write, every round, every recut between rounds, and the finish.
+        let components = u32::from(config.min_component.is_some());
+        let n_stages = 2 + components + rounds + rounds.saturating_sub(1) + u32::from(plan.finish);
+        Stages {
+            run: Run {
+                job,
+                progress,
+                threads: config.threads.get(),
+                memory_bytes: plan.usable_memory_bytes,
+                checkpoint_every: config.checkpoint_every,
+            },
+            config,
+            layout: VertexLayout::for_kernel(
+                source.schema(),
+                source.n_vertices(),
+                &config.attributes.labels,
+                &config.attributes.weights,
+            ),
+            kernel: kernel::Options {
+                confined: confined(source, config),
+                region: region(source, config),
+                seam_share: config.attributes.weights.seam_share(),
+                // Whether it is worth its time is a question of the whole job, not of what the finish sees.
+                fit: config.kernel.fit.decided(plan.triangles_in, plan.target),
+                ..config.kernel.clone()
+            },
+            target: plan.target,
+            rounds_done: 0,
+            shared_by_round: Vec::new(),
+            charts_vanished: 0,
+            seam_vertices: 0,
+            quality: QualityCurve::default(),
+            fit: None,
+            rejects: BTreeMap::new(),
+            changes: BTreeMap::new(),
+            reports: Vec::new(),
+            n_stages,
+            input_bytes: source.file_bytes(),
+        }
+    }
+
+    /// Runs a stage, or takes its outcome from the manifest; `count` tells the triangles of an outcome.
+    fn stage<T: Serialize + DeserializeOwned>(
+        &mut self,
+        key: &str,
+        name: &'static str,
+        triangles_in: u64,
+        count: impl Fn(&T) -> u64,
+        work: impl FnOnce(&Run) -> Result<T>,
+    ) -> Result<T> {
+        let run = self.run;
+        let number = self.reports.len() as u32 + 1;
+        run.progress.begin(name, number, self.n_stages.max(number), triangles_in);
+        run.progress.check()?;
+        let (outcome, report): (T, StageReport) = run.job.sealed(key, || {
+            let (read, written, start) =
+                (run.disk().bytes_read(), run.disk().bytes_written(), Instant::now());
+            let outcome = work(&run)?;
+            let report = StageReport {
+                name: name.to_owned(),
+                seconds: start.elapsed().as_secs_f64(),
+                triangles_in,
+                triangles_out: count(&outcome),
+                bytes_read: run.disk().bytes_read() - read,
+                bytes_written: run.disk().bytes_written() - written,
+                peak_memory_bytes: crate::system::memory::peak_bytes(),
+            };
+            Ok((outcome, report))
+        })?;
+        self.reports.push(report);
+        Ok(outcome)
+    }
+
+    pub(super) fn partition(
+        &mut self,
+        source: &MeshSource,
+        marks: &BTreeMap<String, String>,
+    ) -> Result<Partition> {
+        let config = self.config;
+        let (size, n) = (self.config.cell_triangles, source.n_triangles());
+        let partition = self.stage(
+            "partition",
+            "partition",
+            n,
+            |p: &Partition| p.store.triangles,
+            |run| {
+                // Nothing reads the input after this.
+                let outcome = guarded(|| partition::partition(source, size, run));
+                unchanged(&config.input, marks, outcome)
+            },
+        )?;
+        if let Some(report) = self.reports.last_mut() {
+            report.bytes_read += self.input_bytes;
+        }
+        self.shared_by_round.push(partition.store.shared_vertices);
+        Ok(partition)
+    }
+
+    /// Finds the components and leaves out what is too small, if that was asked for.
+    pub(super) fn components(&mut self, partition: &Partition) -> Result<Option<Components>> {
+        let Some(min) = self.config.min_component else { return Ok(None) };
+        let least = min.least(components::diagonal(partition.bounds));
+        let (info, layout) = (partition.store.clone(), self.layout.clone());
+        let found = self.stage(
+            "components",
+            "components",
+            partition.store.triangles,
+            |c: &Components| c.store.triangles,
+            |run| {
+                let store = CellStore::open(run.disk(), run.job.folder(), info, layout)?;
+                components::find(&store, least, run)
+            },
+        )?;
+        components::tidy_up(&self.run)?;
+        let sizes = &found.sizes;
+        self.run.progress.note(format!(
+            "components {}, {} are dropped; of fewer triangles than {}",
+            sizes.found,
+            sizes.dropped,
+            components::below_list(sizes)
+        ));
+        Ok(Some(found))
+    }
+
+    /// Finds what channels with a weight count for; once, and then the same for every round.
+    pub(super) fn weigh(&mut self, info: &StoreInfo) -> Result<()> {
+        if self.layout.n_weighted() == 0 {
+            return Ok(());
+        }
+        let (run, target) = (self.run, self.target);
+        self.kernel.weights = run.job.sealed("channel lengths", || {
+            simplify::channel_lengths(&self.store(info.clone())?, target, &run)
+        })?;
+        Ok(())
+    }
+
+    pub(super) fn next_step(&self, triangles_now: u64) -> Step {
+        stitch::next_step(triangles_now, self.target, self.config.cell_triangles, self.rounds_done)
+    }
+
+    pub(super) fn store(&self, info: StoreInfo) -> Result<CellStore> {
+        CellStore::open(self.run.disk(), self.run.job.folder(), info, self.layout.clone())
+    }
+
+    fn survivors(&self, info: SurvivorInfo) -> Result<SurvivorPack> {
+        SurvivorPack::open(self.run.disk(), self.run.job.folder(), info, self.layout.clone())
+    }
+
+    /// One round over all cells; the store it came from is removed.
+    pub(super) fn simplify(&mut self, info: StoreInfo, step: Step) -> Result<SurvivorInfo> {
+        let round = self.rounds_done;
+        let (goal, is_exact) = match step {
+            Step::Round(goal) => {
+                (stitch::within_reach(goal, info.triangles, info.shared_vertices), false)
+            }
+            _ => (self.target, true),
+        };
+        let goal = Goal { round, triangles: goal };
+        let name = if round == 0 { "simplify" } else { "stitch" };
+        let (options, layout, n) = (self.kernel.clone(), self.layout.clone(), info.triangles);
+        let pack = self.run.job.path(&info.pack);
+        let left = self.stage(
+            &format!("round {round}"),
+            name,
+            n,
+            |s: &SurvivorInfo| s.triangles,
+            |run| {
+                let store = CellStore::open(run.disk(), run.job.folder(), info, layout)?;
+                match is_exact {
+                    true => simplify::simplify_cells_exactly(&store, goal, &options, run),
+                    false => simplify::simplify_cells(&store, goal, &options, run),
+                }
+            },
+        )?;
+        self.run.disk().remove(&pack)?;
+        self.rounds_done += 1;
+        self.count(&left);
+        Ok(left)
+    }
+
+    /// Cuts survivors into new cells; their pack is removed.
+    pub(super) fn recut(&mut self, info: SurvivorInfo) -> Result<StoreInfo> {
+        let (round, size, n) = (self.rounds_done, self.config.cell_triangles, info.triangles);
+        let pack = self.run.job.path(&info.pack);
+        let layout = self.layout.clone();
+        let store = self.stage(
+            &format!("recut {round}"),
+            "stitch",
+            n,
+            |s: &StoreInfo| s.triangles,
+            |run| {
+                let survivors = SurvivorPack::open(run.disk(), run.job.folder(), info, layout)?;
+                stitch::recut(&survivors, size, round, run)
+            },
+        )?;
+        self.run.disk().remove(&pack)?;
+        self.shared_by_round.push(store.shared_vertices);
+        Ok(store)
+    }
+
+    /// Joins everything in memory and meets the target exactly.
+    pub(super) fn finish(
+        &mut self,
+        store: &StoreInfo,
+        survivors: Option<SurvivorInfo>,
+    ) -> Result<SurvivorInfo> {
+        let (target, options) = (self.target, self.kernel.clone());
+        let n = survivors.as_ref().map_or(store.triangles, |s| s.triangles);
+        let source_pack = survivors.as_ref().map_or(&store.pack, |s| &s.pack);
+        let pack = self.run.job.path(source_pack);
+        let (layout, info) = (self.layout.clone(), store.clone());
+        let result = self.stage(
+            "finish",
+            "stitch",
+            n,
+            |s: &SurvivorInfo| s.triangles,
+            |run| {
+                let (disk, folder) = (run.disk(), run.job.folder());
+                match survivors {
+                    Some(left) => {
+                        let left = SurvivorPack::open(disk, folder, left, layout.clone())?;
+                        let parts = Parts {
+                            cells: &left.info().cells,
+                            layout: &layout,
+                            load: &|c| left.load(c),
+                        };
+                        stitch::finish(parts, target, &options, run)
+                    }
+                    None => {
+                        let store = CellStore::open(disk, folder, info, layout.clone())?;
+                        let load = |cell| store.load_tidy(cell).map(Survivors::from);
+                        let parts =
+                            Parts { cells: &store.info().cells, layout: &layout, load: &load };
+                        stitch::finish(parts, target, &options, run)
+                    }
+                }
+            },
+        )?;
+        self.run.disk().remove(&pack)?;
+        self.count(&result);
+        Ok(result)
+    }
+
+    fn count(&mut self, done: &SurvivorInfo) {
+        let triangles = done.triangles;
+        let done = &done.statistics;
+        self.charts_vanished += done.charts_vanished;
+        self.seam_vertices = done.seam_vertices;
+        self.fit = done.fit;
+        self.quality.add_round(&done.curve, done.quality, triangles);
+        for (sums, counts) in
+            [(&mut self.rejects, &done.rejects), (&mut self.changes, &done.changes)]
+        {
+            for (name, n) in counts {
+                *sums.entry(name.clone()).or_default() += n;
+            }
+        }
+    }
+
+    pub(super) fn write(&mut self, source: &MeshSource, result: &SurvivorInfo) -> Result<Written> {
+        let header = OutputHeader {
+            comments: source.comments().to_vec(),
+            obj_infos: source.obj_infos().to_vec(),
+            settings: self
+                .config
+                .settings()
+                .iter()
+                .map(|(k, v)| format!("{k}={v}"))
+                .collect::<Vec<_>>()
+                .join(" "),
+            ..OutputHeader::new(source.schema().clone(), 0, 0)
+        };
+        let pack = self.survivors(result.clone())?;
+        let place = Place {
+            path: self.config.output.clone(),
+            disk: self.run.disk().clone(),
+            replace: self.config.force,
+        };
+        if self.run.job.outcome::<()>(WRITING)?.is_none() {
+            self.run.job.record(WRITING, &())?;
+        }
+        // Never taken from the manifest: the output may have been moved away since.
+        let run = self.run;
+        let number = self.reports.len() as u32 + 1;
+        run.progress.begin("write", number, self.n_stages.max(number), result.triangles);
+        let (read, start) = (run.disk().bytes_read(), Instant::now());
+        let kind = Some(self.kind()?);
+        let form = Form {
+            format: OutputFormat { kind, ..self.config.format },
+            faces: source.carried().cloned().unwrap_or_default(),
+            normals: self.config.attributes.normals,
+        };
+        let written = write::write(&pack, place, header, form, &run)?;
+        self.reports.push(StageReport {
+            name: "write".to_owned(),
+            seconds: start.elapsed().as_secs_f64(),
+            triangles_in: result.triangles,
+            triangles_out: written.triangles,
+            bytes_read: run.disk().bytes_read() - read,
+            bytes_written: written.bytes,
+            peak_memory_bytes: crate::system::memory::peak_bytes(),
+        });
+        Ok(written)
+    }
+
+    fn kind(&self) -> Result<OutputKind> {
+        self.config.format.kind.map_or_else(|| OutputKind::of(&self.config.output), Ok)
+    }
+
+    pub(super) fn report(
+        &self,
+        source: &MeshSource,
+        config: &Config,
+        partition: &Partition,
+        written: Written,
+        started: Instant,
+    ) -> RunReport {
+        let seconds = started.elapsed().as_secs_f64();
+        let met = written.triangles <= self.target;
+        let has_seams = self.layout.codec.has_seams(source.schema());
+        let quality = self.quality.judge(source.n_triangles());
+        RunReport {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            input: InputReport {
+                path: config.input.display().to_string(),
+                bytes: source.file_bytes(),
+                vertices: source.n_vertices(),
+                triangles: source.n_triangles(),
+                bounds: partition.bounds,
+                ..InputReport::default()
+            },
+            settings: config.settings(),
+            cells: partition.store.cells.len() as u32,
+            rounds: self.rounds_done,
+            seconds,
+            triangles_per_second: source.n_triangles() as f64 / seconds.max(1e-9),
+            peak_memory_bytes: crate::system::memory::peak_bytes(),
+            peak_temp_bytes: self.run.disk().peak_bytes(),
+            output: OutputReport {
+                path: config.output.display().to_string(),
+                vertices: written.vertices,
+                triangles: written.triangles,
+            },
+            rejects: self.rejects.clone(),
+            changes: self.changes.clone(),
+            fit: self.fit,
+            quality: quality.clone(),
+            seams: SeamReport {
+                shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
+                shared_vertices_by_round: self.shared_by_round.clone(),
+                texture_seam_vertices: has_seams.then_some(self.seam_vertices),
+                charts_vanished: has_seams.then_some(self.charts_vanished),
+                place: partition.seam_place,
+            },
+            components: None,
+            face_properties: match (source.carried(), self.kind()) {
+                (Some(carry), Ok(kind)) => FaceReport::list(carry, kind),
+                _ => Vec::new(),
+            },
+            target: self.target,
+            target_met: met,
+            stop_reason: stop_reason(met, quality.bearable),
+            measured: None,
+            stages: self.reports.clone(),
+            max_error: None,
+        }
+    }
+}
+
+fn stop_reason(is_met: bool, is_bearable: bool) -> String {
+    let reason = match (is_met, is_bearable) {
+        (true, true) => "target",
+        (true, false) => "target, below what the input can bear",
+        (false, _) => "nothing legal left to collapse",
+    };
+    reason.to_owned()
+}
+
+/// Faults of the input that were dropped, by name.
+pub(super) fn faults(
+    source: &MeshSource,
+    partition: &Partition,
+    dropped: Dropped,
+) -> BTreeMap<String, u64> {
+    let found = source.faults();
+    BTreeMap::from([
+        ("degenerate_faces".to_owned(), partition.degenerate_faces),
+        ("duplicate_faces".to_owned(), dropped.duplicate_faces),
+        ("unreferenced_vertices".to_owned(), dropped.unreferenced_vertices),
+        ("bad_faces".to_owned(), partition.bad_faces + found.bad_faces),
+        ("bad_vertices".to_owned(), found.bad_vertices),
+        ("missing_faces".to_owned(), found.missing_faces),
+        ("missing_vertices".to_owned(), found.missing_vertices),
+    ])
+}
+
+/// Texture coordinates, and the number of their image or region, mean nothing outside of their chart.
+fn confined(source: &MeshSource, config: &Config) -> Vec<bool> {
+    let codec = source.schema().kernel_codec(&config.attributes.labels);
+    let image = Meaning::Scalar("texnumber".to_owned());
+    let meanings = codec.meanings(source.schema());
+    let confined = |m: &Meaning| [Meaning::Texture, Meaning::Region, image.clone()].contains(m);
+    meanings.iter().map(confined).collect()
+}
+
+/// The channel with the number of the region that a face belongs to.
+fn region(source: &MeshSource, config: &Config) -> Option<usize> {
+    let codec = source.schema().kernel_codec(&config.attributes.labels);
+    codec.meanings(source.schema()).iter().position(|m| *m == Meaning::Region)
+}

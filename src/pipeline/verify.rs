@@ -1,0 +1,95 @@
+//! `simplify --verify`: measures the finished output against the input, for the run's report.
+//!
+//! From the input file: the job's own cells are freed one by one as they are simplified, so at the end
+//! there is nothing left to measure against. Runs before the job folder goes, so that an interrupted
+//! verification is taken up again by the same command. Changes neither input nor output.
+
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::io::ply::{MeshSource, ReadOptions};
+use crate::io::{OutputKind, StageOptions};
+use crate::measure::Options;
+use crate::measure::compare::{self, Report, Request};
+use crate::pipeline::run_report::{RunReport, StageReport};
+use crate::store::stage_context::Run;
+use crate::system::disk::folder_of;
+use std::path::Path;
+use std::time::Instant;
+
+/// Refuses what cannot be read again after the run.
+pub fn refuse_unreadable(config: &Config) -> Result<()> {
+    let standard = Path::new("-");
+    let what = if config.input == standard {
+        "standard input cannot be read again"
+    } else if config.output == standard {
+        "standard output cannot be read"
+    } else if config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?
+        == OutputKind::Glb
+    {
+        "GLB is not read by stonecut, and rounds positions; write a PLY and convert it"
+    } else {
+        return Ok(());
+    };
+    Err(Error::Usage(format!("the result cannot be measured (--verify, --max-error): {what}")))
+}
+
+/// The input and the output of a run, opened anew from their files.
+pub struct Pair {
+    original: MeshSource,
+    simplified: MeshSource,
+}
+
+impl Pair {
+    /// Opens the input as the run did, and what it wrote.
+    pub fn open(config: &Config, output: &Path) -> Result<Pair> {
+        let open = |path: &Path, skip_bad: bool| {
+            let read = ReadOptions { skip_bad, ..ReadOptions::default() };
+            let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+            MeshSource::open_staged(path, &stage)
+        };
+        let (original, simplified) = (open(&config.input, config.skip_bad)?, open(output, false)?);
+        Ok(Pair { original, simplified })
+    }
+
+    /// The comparison of both with the threads and the memory of the run; temporary files go into `temp_dir`.
+    pub fn request(&self, config: &Config, temp_dir: &Path) -> Request<'_> {
+        Request {
+            original: &self.original,
+            simplified: &self.simplified,
+            options: Options { threads: config.threads.get(), ..Options::default() },
+            memory_bytes: config.memory_bytes,
+            cell_triangles: config.cell_triangles,
+            temp_dir: temp_dir.to_path_buf(),
+            heat: false,
+        }
+    }
+
+    fn file_bytes(&self) -> u64 {
+        self.original.file_bytes() + self.simplified.file_bytes()
+    }
+}
+
+/// Measures, and adds what was found to the report as one more stage; its seconds then include it.
+pub fn verify(config: &Config, run: &Run, report: &mut RunReport) -> Result<()> {
+    let start = Instant::now();
+    // What a verification that was killed has left.
+    run.job.clear_scratch()?;
+    let pair = Pair::open(config, &config.output)?;
+    let request = pair.request(config, run.job.folder());
+    let comparison = compare::compare(&request, run.progress)?;
+    let seconds = start.elapsed().as_secs_f64();
+    report.stages.push(StageReport {
+        name: "verify".to_owned(),
+        seconds,
+        triangles_in: report.input.triangles,
+        triangles_out: report.output.triangles,
+        bytes_read: pair.file_bytes() + comparison.temp_bytes,
+        bytes_written: comparison.temp_bytes,
+        peak_memory_bytes: crate::system::memory::peak_bytes(),
+    });
+    report.seconds += seconds;
+    report.peak_memory_bytes = crate::system::memory::peak_bytes();
+    report.peak_temp_bytes = report.peak_temp_bytes.max(comparison.temp_bytes);
+    report.measured = Some(Box::new(Report::new(&request, &comparison, seconds)));
+    Ok(())
+}

@@ -1,0 +1,295 @@
+//! Joins the pieces of all cells to components, decides which of them go, and tells each cell.
+//!
+//! Everything that could grow with the mesh goes through sorts: vertices by place, pairs of pieces to stars,
+//! pieces by component and back by cell. A piece is known as a node: its cell and its number among the open ones.
+
+use super::VERDICTS_NAME;
+use super::found::{Found, Open};
+use super::sizes::{ComponentSizes, Least};
+use super::stars::{Edges, each_edge, edge, stars};
+use crate::error::{Error, Result};
+use crate::io::{ExternalSort, halves, whole};
+use crate::store::cells::{Bounds, CellStore, CellTally, NOWHERE, Pack, PackWriter, around};
+use crate::store::pack_format::ChunkKind;
+use crate::store::stage_context::Run;
+use std::path::Path;
+
+/// Share of the memory for each sort; up to three are at work.
+const SORT_SHARE: u64 = 8;
+
+/// What was joined.
+pub(super) struct Joined {
+    pub sizes: ComponentSizes,
+    /// Rows of the cells without what goes.
+    pub cells: Vec<CellTally>,
+    /// Sealed length of the pack of verdicts; 0 where nothing goes and there is none.
+    pub pack_bytes: u64,
+}
+
+/// Words of a piece that is sorted by component: component, node, triangles, bounds.
+const MEMBER_WORDS: usize = 18;
+
+/// Joins what the cells have noted in `found`.
+pub(super) fn join(found: &Pack, store: &CellStore, least: Least, run: &Run) -> Result<Joined> {
+    let notes = Notes { found, run };
+    let mut sizes = ComponentSizes::none();
+    let stars = {
+        let links = notes.links(store.n_cells(), &mut sizes)?;
+        let new = || notes.sort::<4>();
+        stars(pairs(links, new())?, new, || run.progress.check())?
+    };
+    let members = notes.members(stars, store.n_cells())?;
+    let going = going(members, (notes.sort(), notes.sort()), least, &mut sizes)?;
+    let mut verdicts =
+        VerdictWriter { notes, store, at: None, cells: Vec::new(), pack: None, triangles: 0 };
+    going.drain(|[cell, open, high, low]| {
+        verdicts.reach(cell as usize)?;
+        verdicts.drop_open(open, whole(high, low));
+        Ok(())
+    })?;
+    let (cells, pack_bytes) = verdicts.finish()?;
+    Ok(Joined { sizes, cells, pack_bytes })
+}
+
+fn node(cell: usize, open: usize) -> u64 {
+    whole(cell as u32, open as u32)
+}
+
+/// What the cells have noted, and where sorts may lie.
+#[derive(Clone, Copy)]
+struct Notes<'a> {
+    found: &'a Pack,
+    run: &'a Run<'a>,
+}
+
+impl Notes<'_> {
+    fn sort<const N: usize>(&self) -> ExternalSort<N> {
+        ExternalSort::new(self.run.job.folder(), (self.run.memory_bytes / SORT_SHARE) as usize)
+    }
+
+    fn load(&self, cell: usize) -> Result<Found> {
+        self.run.progress.check()?;
+        let mut payload = Vec::new();
+        let chunk = self.found.chunks_of(cell as u32).last();
+        let note = match chunk {
+            Some(chunk) => {
+                self.found.read(chunk, &mut payload)?;
+                Found::decode(&payload)
+            }
+            None => None,
+        };
+        note.ok_or_else(|| {
+            let what = format!("the note of cell {cell} makes no sense; run again with --restart");
+            Error::corrupt(Path::new(super::FOUND_NAME), what)
+        })
+    }
+
+    /// All open vertices by place, with their nodes; adds up what cells have settled.
+    fn links(&self, n_cells: usize, sizes: &mut ComponentSizes) -> Result<ExternalSort<8>> {
+        let mut links = self.sort::<8>();
+        for cell in 0..n_cells {
+            let found = self.load(cell)?;
+            sizes.add(&found.settled);
+            for ([x, y, z], open) in found.links {
+                let ([a, b], [c, d], [e, f]) = (halves(x), halves(y), halves(z));
+                links.push([a, b, c, d, e, f, cell as u32, open])?;
+            }
+        }
+        Ok(links)
+    }
+
+    /// All open pieces by component. Both stars and notes come in order of nodes.
+    fn members(&self, stars: Edges, n_cells: usize) -> Result<ExternalSort<MEMBER_WORDS>> {
+        let mut members = self.sort::<MEMBER_WORDS>();
+        let mut rows = Rows { notes: *self, n_cells, cell: 0, next: 0, open: None };
+        each_edge(stars, |of, root| {
+            while let Some((node, open)) = rows.next()? {
+                if node == of {
+                    return members.push(member(root, node, &open));
+                }
+                members.push(member(node, node, &open))?;
+            }
+            Err(Error::Internal(format!("node {of} of a star is no piece")))
+        })?;
+        while let Some((node, open)) = rows.next()? {
+            members.push(member(node, node, &open))?;
+        }
+        Ok(members)
+    }
+}
+
+/// Pairs of nodes that hold vertices in one place.
+fn pairs(links: ExternalSort<8>, mut pairs: Edges) -> Result<Edges> {
+    let mut last: Option<([u32; 6], u64)> = None;
+    links.drain(|[a, b, c, d, e, f, cell, open]| {
+        let (place, node) = ([a, b, c, d, e, f], whole(cell, open));
+        match last {
+            Some((same, first)) if same == place => {
+                if first != node {
+                    pairs.push(edge(first, node))?;
+                }
+            }
+            _ => last = Some((place, node)),
+        }
+        Ok(())
+    })?;
+    Ok(pairs)
+}
+
+/// Open pieces of all cells, one after the other.
+struct Rows<'a> {
+    notes: Notes<'a>,
+    n_cells: usize,
+    /// The cell that is read next.
+    cell: usize,
+    /// The piece of the cell before it that comes next.
+    next: usize,
+    open: Option<Vec<Open>>,
+}
+
+impl Rows<'_> {
+    fn next(&mut self) -> Result<Option<(u64, Open)>> {
+        loop {
+            if let Some(open) = self.open.as_ref().and_then(|list| list.get(self.next)) {
+                self.next += 1;
+                return Ok(Some((node(self.cell - 1, self.next - 1), *open)));
+            }
+            if self.cell == self.n_cells {
+                return Ok(None);
+            }
+            self.open = Some(self.notes.load(self.cell)?.open);
+            (self.cell, self.next) = (self.cell + 1, 0);
+        }
+    }
+}
+
+fn member(root: u64, node: u64, open: &Open) -> [u32; MEMBER_WORDS] {
+    let mut words = [0; MEMBER_WORDS];
+    let bounds = open.extent.bounds.as_flattened().iter().map(|x| x.to_bits());
+    let numbers = [root, node, open.extent.triangles].into_iter().chain(bounds);
+    for (place, number) in words.chunks_exact_mut(2).zip(numbers) {
+        place.copy_from_slice(&halves(number));
+    }
+    words
+}
+
+/// A component that is being added up.
+#[derive(Clone, Copy)]
+struct Total {
+    root: u64,
+    triangles: u64,
+    bounds: Bounds,
+}
+
+/// The pieces that go, by cell, with their triangles: `[cell, open, triangles]`.
+///
+/// Whether a component goes is known once its last piece has come, so a second sort puts that before them.
+fn going(
+    members: ExternalSort<MEMBER_WORDS>,
+    (mut marked, mut going): (ExternalSort<7>, ExternalSort<4>),
+    least: Least,
+    sizes: &mut ComponentSizes,
+) -> Result<ExternalSort<4>> {
+    const GOES: u32 = 0;
+    const MEMBER: u32 = 1;
+    let mut total = None::<Total>;
+    let mut close = |total: Option<Total>, marked: &mut ExternalSort<7>| match total {
+        Some(Total { root, triangles, bounds }) if sizes.count(triangles, bounds, least) => {
+            let [high, low] = halves(root);
+            marked.push([high, low, GOES, 0, 0, 0, 0])
+        }
+        _ => Ok(()),
+    };
+    members.drain(|words| {
+        let number = |i: usize| whole(words[2 * i], words[2 * i + 1]);
+        let (root, triangles) = (number(0), number(2));
+        let coordinate = |i: usize| f64::from_bits(number(3 + i));
+        let bounds = [[0, 1, 2].map(coordinate), [3, 4, 5].map(coordinate)];
+        let before = total.filter(|total| total.root == root);
+        if before.is_none() {
+            close(total, &mut marked)?;
+        }
+        let before = before.unwrap_or(Total { root, triangles: 0, bounds: NOWHERE });
+        let (triangles, bounds) = (before.triangles + triangles, around(before.bounds, bounds));
+        total = Some(Total { root, triangles, bounds });
+        marked.push([words[0], words[1], MEMBER, words[2], words[3], words[4], words[5]])
+    })?;
+    close(total, &mut marked)?;
+    let mut goes = None;
+    marked.drain(|[high, low, kind, cell, open, triangles_high, triangles_low]| {
+        let root = whole(high, low);
+        if kind == GOES {
+            goes = Some(root);
+        } else if goes == Some(root) {
+            going.push([cell, open, triangles_high, triangles_low])?;
+        }
+        Ok(())
+    })?;
+    Ok(going)
+}
+
+/// Writes the sets of pieces that go, cell by cell, as soon as there is one.
+struct VerdictWriter<'a> {
+    notes: Notes<'a>,
+    store: &'a CellStore,
+    /// The note of the cell that comes next in `cells`, with what goes of it.
+    at: Option<Found>,
+    /// The cells that are done.
+    cells: Vec<CellTally>,
+    pack: Option<PackWriter>,
+    /// Triangles of the open pieces of `at` that go.
+    triangles: u64,
+}
+
+impl VerdictWriter<'_> {
+    /// Goes on to `cell`, writing all before it.
+    fn reach(&mut self, cell: usize) -> Result<()> {
+        while self.cells.len() < cell {
+            self.write()?;
+        }
+        if self.at.is_none() {
+            self.at = Some(self.notes.load(cell)?);
+        }
+        Ok(())
+    }
+
+    fn drop_open(&mut self, open: u32, triangles: u64) {
+        if let Some(found) = &mut self.at {
+            found.goes.insert(found.open[open as usize].piece);
+            self.triangles += triangles;
+        }
+    }
+
+    /// Writes the next cell.
+    fn write(&mut self) -> Result<()> {
+        let cell = self.cells.len();
+        let found = match self.at.take() {
+            Some(found) => found,
+            None => self.notes.load(cell)?,
+        };
+        let gone = found.settled.dropped_triangles + std::mem::take(&mut self.triangles);
+        let tally = self.store.info().cells[cell];
+        self.cells.push(CellTally { triangles: tally.triangles - gone, ..tally });
+        if found.goes.is_empty() {
+            return Ok(());
+        }
+        let run = self.notes.run;
+        let pack = match &mut self.pack {
+            Some(pack) => pack,
+            none => none.insert(PackWriter::create(run.disk(), &run.job.path(VERDICTS_NAME))?),
+        };
+        pack.append(cell as u32, ChunkKind::Verdict, &found.goes.0)
+    }
+
+    /// Rows of the cells that stay, and the sealed length of the pack.
+    fn finish(mut self) -> Result<(Vec<CellTally>, u64)> {
+        while self.cells.len() < self.store.n_cells() {
+            self.write()?;
+        }
+        let Some(mut pack) = self.pack else { return Ok((self.cells, 0)) };
+        pack.seal()?;
+        let run = self.notes.run;
+        run.disk().sync_folder_of(&run.job.path(VERDICTS_NAME))?;
+        Ok((self.cells, pack.length()))
+    }
+}

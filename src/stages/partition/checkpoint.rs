@@ -1,0 +1,137 @@
+//! Checkpoints within the partition: how far its passes have come, so that a killed run repeats little.
+//!
+//! A checkpoint writes out all scatter buffers, syncs the pack and records the place in the manifest. The
+//! chunks this makes are smaller than others, which no reader notices; within a cell rows keep their order,
+//! so the mesh does not depend on when checkpoints were made.
+
+use crate::error::{Error, Result};
+use crate::store::cells::{CellTally, PackWriter, VertexLayout};
+use crate::store::pack_format::ChunkKind;
+use crate::store::stage_context::Run;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// The name of checkpoints in the manifest.
+const NAME: &str = "partition so far";
+
+/// The passes that write.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Pass {
+    /// Vertices go to their cells.
+    #[default]
+    Vertices,
+    /// Triangles go to their cells.
+    Triangles,
+    /// Vertices go to the foreign cells that use them.
+    Shared,
+}
+
+/// Faces that a pass has left out.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub struct Dropped {
+    /// A corner repeats or is missing.
+    pub degenerate: u64,
+    /// Broken, and dropped on request.
+    pub bad: u64,
+}
+
+/// The vertices that several cells use.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub struct Seams {
+    /// How many there are.
+    pub n_shared: u64,
+    /// The one nearest to the middle of the bounds.
+    pub place: Option<[f64; 3]>,
+}
+
+/// A place between two blocks of a pass. Everything before it is in the pack, durably.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub struct Place {
+    /// The pass.
+    pub pass: Pass,
+    /// First vertex and number of vertices of the window, in the pass over the triangles.
+    pub window: [u64; 2],
+    /// The next block; in the last pass among the blocks that hold shared vertices.
+    pub block: u64,
+    /// Faces left out in this pass.
+    pub dropped: Dropped,
+    /// Shared vertices so far, in the last pass.
+    pub seams: Seams,
+    /// Sealed length of the pack.
+    pub pack_bytes: u64,
+}
+
+/// Decides when a checkpoint is due, and records it.
+pub struct Checkpoints<'a> {
+    run: &'a Run<'a>,
+    last: Instant,
+}
+
+impl<'a> Checkpoints<'a> {
+    /// Checkpoints of this run; the first is due one interval from now.
+    pub fn new(run: &'a Run<'a>) -> Self {
+        Checkpoints { run, last: Instant::now() }
+    }
+
+    /// Whether so much time has passed that a checkpoint is worth its sync.
+    pub fn is_due(&self) -> bool {
+        self.last.elapsed() >= self.run.checkpoint_every
+    }
+
+    /// Syncs the pack, to which the caller has written all its buffers, and records the place.
+    pub fn seal(&mut self, place: Place, pack: &mut PackWriter) -> Result<()> {
+        pack.sync()?;
+        self.run.job.record(NAME, &Some(Place { pack_bytes: pack.length(), ..place }))?;
+        self.last = Instant::now();
+        Ok(())
+    }
+}
+
+/// The pack as an earlier run left it and the place up to which it is whole; or a new pack, from the start.
+///
+/// `window_rows` is what the table may hold today: a place within a larger window cannot be taken up.
+pub fn take_up(run: &Run, pack_name: &str, window_rows: u64) -> Result<(PackWriter, Place)> {
+    let path = run.job.path(pack_name);
+    let recorded = run.job.outcome::<Option<Place>>(NAME)?.flatten();
+    if let Some(place) = recorded
+        && place.window[1] <= window_rows
+    {
+        match PackWriter::continue_at(run.disk(), &path, place.pack_bytes) {
+            Ok(pack) => return Ok((pack, place)),
+            // The input is still there: all of it is simply done again.
+            Err(Error::Corrupt { .. }) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    if recorded.is_some() {
+        run.job.record(NAME, &None::<Place>)?;
+    }
+    let pack = PackWriter::create(run.disk(), &path)?;
+    run.disk().sync_folder_of(&path)?;
+    Ok((pack, Place::default()))
+}
+
+/// Rows per cell of what the pack holds.
+pub fn tally(pack: &PackWriter, layout: &VertexLayout, n_cells: u32) -> Result<Vec<CellTally>> {
+    let mut tally = vec![CellTally::default(); n_cells as usize];
+    for chunk in pack.chunks() {
+        let cell = tally.get_mut(chunk.cell as usize).ok_or_else(|| {
+            let what = format!("byte {}: cell {} of {n_cells}", chunk.offset, chunk.cell);
+            Error::corrupt("the pack of cells", format!("{what}; run again with --restart"))
+        })?;
+        let ids = layout.ids.bytes;
+        match chunk.kind {
+            ChunkKind::Vertices => {
+                cell.vertices += chunk.bytes / (ids + layout.row_bytes(false)) as u64
+            }
+            ChunkKind::Triangles => cell.triangles += chunk.bytes / (3 * ids) as u64,
+            ChunkKind::SharedIds
+            | ChunkKind::Survivors
+            | ChunkKind::Foreign
+            | ChunkKind::Index
+            | ChunkKind::Found
+            | ChunkKind::Verdict => {}
+        }
+    }
+    Ok(tally)
+}

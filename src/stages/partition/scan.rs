@@ -1,0 +1,88 @@
+//! The first pass over the vertices: bounds, and a sample to cut the cells by.
+//!
+//! Reading a block checks every coordinate, so after this pass all of them are known to be finite.
+
+use crate::error::Result;
+use crate::io::ply::{MeshSource, VertexBlock};
+use crate::store::cells::n_samples;
+use crate::system::parallel::in_order;
+use crate::system::progress::Progress;
+
+/// What a pass over the vertices finds.
+#[derive(Clone, Debug)]
+pub struct Scan {
+    /// Lower and upper corner of the bounding box; zeros when there are no vertices.
+    pub bounds: [[f64; 3]; 2],
+    /// One vertex out of each stretch of equal length, chosen by a hash within it.
+    pub samples: Vec<[f64; 3]>,
+}
+
+#[derive(Default)]
+struct BlockScan {
+    block: VertexBlock,
+    bounds: Option<[[f64; 3]; 2]>,
+    samples: Vec<[f64; 3]>,
+}
+
+/// Reads all vertices once. Memory: `n_samples` positions and a few blocks.
+pub fn scan(
+    source: &MeshSource,
+    n_cells: u32,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Scan> {
+    let schema = source.schema();
+    let stretch = (source.n_vertices() / n_samples(source.n_vertices(), n_cells)).max(1);
+    let mut out = Scan { bounds: [[0.0; 3]; 2], samples: Vec::new() };
+    let mut bounds: Option<[[f64; 3]; 2]> = None;
+    in_order(
+        source.n_vertex_blocks(),
+        threads,
+        progress,
+        |index, out: &mut BlockScan| {
+            source.read_vertices(index, &mut out.block)?;
+            out.samples.clear();
+            let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+            let mut wanted = chosen(out.block.first / stretch, stretch);
+            for (row, record) in out.block.records.chunks_exact(schema.record_bytes()).enumerate() {
+                let id = out.block.first + row as u64;
+                let point = schema.position(record);
+                for k in 0..3 {
+                    low[k] = low[k].min(point[k]);
+                    high[k] = high[k].max(point[k]);
+                }
+                if id.is_multiple_of(stretch) {
+                    wanted = chosen(id / stretch, stretch);
+                }
+                if id == wanted {
+                    out.samples.push(point);
+                }
+            }
+            out.bounds = (low[0] <= high[0]).then_some([low, high]);
+            Ok(())
+        },
+        |_, found| {
+            out.samples.append(&mut found.samples);
+            bounds = match (bounds, found.bounds) {
+                (Some([low, high]), Some([l, h])) => Some([
+                    [0, 1, 2].map(|k| low[k].min(l[k])),
+                    [0, 1, 2].map(|k| high[k].max(h[k])),
+                ]),
+                (old, new) => old.or(new),
+            };
+            Ok(())
+        },
+    )?;
+    out.bounds = bounds.unwrap_or_default();
+    Ok(out)
+}
+
+/// The vertex that stands for stretch number `stretch_index`.
+///
+/// Hashed, not the first: a regular step could fall in with the rows of a grid.
+fn chosen(stretch_index: u64, stretch: u64) -> u64 {
+    let mut h =
+        stretch_index.wrapping_add(0x9E37_79B9_7F4A_7C15).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    h ^= h >> 31;
+    stretch_index * stretch + h % stretch
+}

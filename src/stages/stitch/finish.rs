@@ -1,0 +1,93 @@
+//! Joins all cells in memory, by id, and simplifies the whole to the exact target.
+
+use crate::error::Result;
+use crate::kernel::{self, Options, Stop};
+use crate::mesh::Mesh;
+use crate::mesh::attribute_weights::Sample;
+use crate::store::cells::{
+    CellTally, IdMap, SurvivorInfo, SurvivorWriter, Survivors, VertexLayout,
+};
+use crate::store::stage_context::Run;
+
+/// The pack that the finish leaves: one cell, the result.
+const PACK_NAME: &str = "result.survivors";
+
+/// The cells that are joined.
+pub struct Parts<'a> {
+    /// Vertices and triangles of each.
+    pub cells: &'a [CellTally],
+    /// Their row layout.
+    pub layout: &'a VertexLayout,
+    /// Loads one of them.
+    pub load: &'a dyn Fn(usize) -> Result<Survivors>,
+}
+
+/// Joins the survivors and collapses (with `options.weights`, or those that the joined mesh asks for) until
+/// exactly the target is met; seals the result.
+pub fn finish(parts: Parts, target: u64, options: &Options, run: &Run) -> Result<SurvivorInfo> {
+    let layout = parts.layout;
+    let joined = join(&parts, run)?;
+    let n_triangles = joined.mesh.triangles.len() as u64;
+    run.progress.check()?;
+    let mut options = Options { stop: Stop::Triangles(target), estimate: true, ..options.clone() };
+    if options.weights.is_empty() && layout.n_weighted() > 0 {
+        // No round was before that.
+        let meanings = layout.codec.meanings(&layout.schema);
+        let mut sample = Sample::default();
+        sample.add(&joined.mesh, &meanings);
+        options.weights = sample.lengths(&layout.weights, &meanings, n_triangles, target);
+    }
+    let locked = vec![false; joined.ids.len()];
+    let simplified = kernel::simplify_mesh(joined.mesh, &locked, &options);
+    let mut result = Survivors::new(&joined.ids, &locked, &joined.records, simplified, layout);
+    result.statistics.dropped = joined.statistics.dropped;
+    run.progress.add(n_triangles);
+    let path = run.job.path(PACK_NAME);
+    run.disk().remove(&path)?;
+    let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), PACK_NAME, layout)?;
+    writer.append(0, &result)?;
+    writer.finish(run.disk(), run.job.folder(), 1)
+}
+
+/// All cells as one mesh; a vertex that several cells hold becomes one again.
+fn join(parts: &Parts, run: &Run) -> Result<Survivors> {
+    if parts.cells.len() == 1 {
+        return (parts.load)(0);
+    }
+    let layout = parts.layout;
+    let n_vertices: u64 = parts.cells.iter().map(|cell| cell.vertices).sum();
+    let n_triangles: u64 = parts.cells.iter().map(|cell| cell.triangles).sum();
+    let (record_bytes, n_channels) = (layout.schema.record_bytes(), layout.codec.n_channels());
+    let mut map = IdMap::with_capacity(n_vertices as usize);
+    let mut out = Survivors {
+        ids: Vec::with_capacity(n_vertices as usize),
+        records: Vec::with_capacity(n_vertices as usize * record_bytes),
+        mesh: Mesh {
+            positions: Vec::with_capacity(n_vertices as usize),
+            channels: Vec::with_capacity(n_vertices as usize * n_channels),
+            n_channels,
+            triangles: Vec::with_capacity(n_triangles as usize),
+        },
+        ..Survivors::default()
+    };
+    let mut local = Vec::new();
+    for cell in 0..parts.cells.len() {
+        run.progress.check()?;
+        let part = (parts.load)(cell)?;
+        out.statistics.dropped += part.statistics.dropped;
+        local.clear();
+        for (vertex, &id) in part.ids.iter().enumerate() {
+            let (index, is_new) = map.insert(id, &mut out.ids);
+            if is_new {
+                out.records.extend_from_slice(
+                    &part.records[vertex * record_bytes..(vertex + 1) * record_bytes],
+                );
+                out.mesh.positions.push(part.mesh.positions[vertex]);
+                out.mesh.channels.extend_from_slice(part.mesh.channels_of(vertex as u32));
+            }
+            local.push(index);
+        }
+        out.mesh.triangles.extend(part.mesh.triangles.iter().map(|t| t.map(|v| local[v as usize])));
+    }
+    Ok(out)
+}

@@ -1,0 +1,244 @@
+//! Cuts survivors into new cells whose seams run elsewhere.
+//!
+//! The same as partitioning, but every old cell already holds positions for all its corners, so one pass
+//! over the survivors is enough. A vertex interior to an old cell is shared if its triangles go to several
+//! new cells; for a vertex on an old seam that is settled once all old cells are through.
+
+use crate::error::Result;
+use crate::io::{ExternalSort, halves, whole};
+use crate::store::cells::{
+    CellTally, CellTree, Frame, PackWriter, Scatter, StoreInfo, SurvivorPack, Survivors, n_samples,
+    plan_cells, split_overfull,
+};
+use crate::store::pack_format::ChunkKind;
+use crate::store::stage_context::Run;
+use crate::system::parallel::in_order;
+
+/// Share of the memory budget for each of the three sets of scatter buffers.
+const BUFFER_SHARE: u64 = 16;
+
+/// Share of the memory budget to sort the vertices of old seams in, and again to take them out.
+const SORT_SHARE: u64 = 16;
+
+/// Cuts `survivors` into cells of about `cell_triangles`, for round number `round`.
+pub fn recut(
+    survivors: &SurvivorPack,
+    cell_triangles: u64,
+    round: u32,
+    run: &Run,
+) -> Result<StoreInfo> {
+    let info = survivors.info();
+    let n_cells = plan_cells(info.triangles, cell_triangles);
+    let (bounds, samples) = sample(survivors, n_cells, run)?;
+    let tree = CellTree::build(Frame::new(round, bounds), &samples, n_cells);
+    drop(samples);
+    let name = format!("round-{round}.cells");
+    let path = run.job.path(&name);
+    let mut pack = PackWriter::create(run.disk(), &path)?;
+    let mut tally = vec![CellTally::default(); tree.n_cells() as usize];
+    let shared_vertices = scatter(survivors, &tree, &mut tally, &mut pack, run)?;
+    let store = StoreInfo {
+        pack: name,
+        triangles: tally.iter().map(|cell| cell.triangles).sum(),
+        cells: tally,
+        shared_vertices,
+        has_channels: true,
+        ..StoreInfo::default()
+    };
+    let layout = survivors.layout();
+    let store = split_overfull(store, &mut pack, layout, cell_triangles, round, run)?;
+    pack.seal()?;
+    run.disk().sync_folder_of(&path)?;
+    Ok(StoreInfo { pack_bytes: pack.length(), ..store })
+}
+
+/// Lower and upper corner.
+type Bounds = [[f64; 3]; 2];
+
+#[derive(Default)]
+struct CellSample {
+    bounds: Option<Bounds>,
+    samples: Vec<[f64; 3]>,
+}
+
+/// Bounds and an even sample of the survivors' vertices.
+fn sample(survivors: &SurvivorPack, n_cells: u32, run: &Run) -> Result<(Bounds, Vec<[f64; 3]>)> {
+    let info = survivors.info();
+    let n_vertices: u64 = info.cells.iter().map(|cell| cell.vertices).sum();
+    let step = (n_vertices / n_samples(n_vertices, n_cells)).max(1) as usize;
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    let mut all = Vec::new();
+    in_order(
+        info.cells.len() as u64,
+        run.threads,
+        run.progress,
+        |cell, out: &mut CellSample| {
+            let part = survivors.load(cell as usize)?;
+            // The kernel leaves vertices in no order that a regular step could fall in with.
+            out.samples = part.mesh.positions.iter().step_by(step).copied().collect();
+            out.bounds = part.mesh.positions.iter().fold(None, |bounds: Option<Bounds>, p| {
+                let [l, h] = bounds.unwrap_or([*p, *p]);
+                Some([[0, 1, 2].map(|k| l[k].min(p[k])), [0, 1, 2].map(|k| h[k].max(p[k]))])
+            });
+            Ok(())
+        },
+        |_, found| {
+            if let Some([l, h]) = found.bounds {
+                low = [0, 1, 2].map(|k| low[k].min(l[k]));
+                high = [0, 1, 2].map(|k| high[k].max(h[k]));
+            }
+            all.append(&mut found.samples);
+            Ok(())
+        },
+    )?;
+    let bounds = if low[0] <= high[0] { [low, high] } else { [[0.0; 3]; 2] };
+    Ok((bounds, all))
+}
+
+/// An old cell, taken apart into rows for its new cells.
+#[derive(Default)]
+struct Apart {
+    /// Rows by new cell, one set per chunk kind.
+    vertices: Vec<(u32, Vec<u8>)>,
+    triangles: Vec<(u32, Vec<u8>)>,
+    marks: Vec<(u32, Vec<u8>)>,
+    /// Vertices of old seams and the new cells that use them.
+    open: Vec<(u64, u32)>,
+    n_shared: u64,
+}
+
+fn scatter(
+    survivors: &SurvivorPack,
+    tree: &CellTree,
+    tally: &mut [CellTally],
+    pack: &mut PackWriter,
+    run: &Run,
+) -> Result<u64> {
+    let layout = survivors.layout();
+    let id_bytes = layout.ids.bytes;
+    let row_bytes = id_bytes + layout.row_bytes(true);
+    let buffers = |kind| Scatter::new(kind, tree.n_cells(), run.memory_bytes / BUFFER_SHARE);
+    let mut vertices = buffers(ChunkKind::Vertices);
+    let mut triangles = buffers(ChunkKind::Triangles);
+    let mut marks = buffers(ChunkKind::SharedIds);
+    let memory = (run.memory_bytes / SORT_SHARE).clamp(1 << 20, 256 << 20) as usize;
+    let mut open = ExternalSort::<3>::new(run.job.folder(), memory);
+    let mut n_shared = 0;
+    in_order(
+        survivors.info().cells.len() as u64,
+        run.threads,
+        run.progress,
+        |cell, out: &mut Apart| {
+            *out = take_apart(&survivors.load(cell as usize)?, tree, survivors);
+            Ok(())
+        },
+        |cell, apart| {
+            for (cell, rows) in &apart.vertices {
+                tally[*cell as usize].vertices += (rows.len() / row_bytes) as u64;
+                vertices.push(pack, *cell, rows)?;
+            }
+            for (cell, rows) in &apart.triangles {
+                tally[*cell as usize].triangles += (rows.len() / (3 * id_bytes)) as u64;
+                triangles.push(pack, *cell, rows)?;
+            }
+            for (cell, rows) in &apart.marks {
+                marks.push(pack, *cell, rows)?;
+            }
+            for &(id, cell) in &apart.open {
+                let [high, low] = halves(id);
+                open.push([high, low, cell])?;
+            }
+            n_shared += apart.n_shared;
+            run.progress.add(survivors.info().cells[cell as usize].triangles);
+            Ok(())
+        },
+    )?;
+    let mut row = Vec::new();
+    // The vertex before, the last cell that uses it, and whether it is marked there.
+    let mut last: Option<(u64, u32, bool)> = None;
+    open.drain(|[high, low, cell]| {
+        let id = whole(high, low);
+        match last {
+            Some((known, before, _)) if known == id && before == cell => return Ok(()),
+            Some((known, before, is_marked)) if known == id => {
+                row.clear();
+                layout.ids.push(id, &mut row);
+                if !is_marked {
+                    n_shared += 1;
+                    marks.push(pack, before, &row)?;
+                }
+                marks.push(pack, cell, &row)?;
+                last = Some((id, cell, true));
+            }
+            _ => last = Some((id, cell, false)),
+        }
+        Ok(())
+    })?;
+    vertices.finish(pack)?;
+    triangles.finish(pack)?;
+    marks.finish(pack)?;
+    Ok(n_shared)
+}
+
+fn take_apart(part: &Survivors, tree: &CellTree, survivors: &SurvivorPack) -> Apart {
+    let layout = survivors.layout();
+    let record_bytes = layout.schema.record_bytes();
+    let mut out = Apart::default();
+    let mut finder = tree.finder();
+    let cells: Vec<u32> = part.mesh.positions.iter().map(|&p| finder.cell_of(p)).collect();
+    let mut order: Vec<(u32, u32)> = part
+        .mesh
+        .triangles
+        .iter()
+        .enumerate()
+        .map(|(i, t)| (cells[t[0] as usize], i as u32))
+        .collect();
+    order.sort_unstable();
+    // Every vertex with every new cell that uses it, ordered by vertex, then by cell.
+    let mut users: Vec<(u32, u32)> = Vec::with_capacity(part.ids.len() + part.ids.len() / 8);
+    for run in order.chunk_by(|a, b| a.0 == b.0) {
+        let cell = run[0].0;
+        let mut rows = Vec::with_capacity(run.len() * 3 * layout.ids.bytes);
+        for &(_, triangle) in run {
+            for v in part.mesh.triangles[triangle as usize] {
+                layout.ids.push(part.ids[v as usize], &mut rows);
+                users.push((v, cell));
+            }
+        }
+        out.triangles.push((cell, rows));
+    }
+    users.sort_unstable();
+    users.dedup();
+    let mut marked: Vec<(u32, u64)> = Vec::new();
+    for of_vertex in users.chunk_by(|a, b| a.0 == b.0) {
+        let vertex = of_vertex[0].0 as usize;
+        let id = part.ids[vertex];
+        if part.shared[vertex] {
+            out.open.extend(of_vertex.iter().map(|&(_, cell)| (id, cell)));
+        } else if of_vertex.len() > 1 {
+            out.n_shared += 1;
+            marked.extend(of_vertex.iter().map(|&(_, cell)| (cell, id)));
+        }
+    }
+    marked.sort_unstable();
+    for run in marked.chunk_by(|a, b| a.0 == b.0) {
+        let mut rows = Vec::with_capacity(run.len() * layout.ids.bytes);
+        run.iter().for_each(|&(_, id)| layout.ids.push(id, &mut rows));
+        out.marks.push((run[0].0, rows));
+    }
+    users.sort_unstable_by_key(|&(vertex, cell)| (cell, vertex));
+    for run in users.chunk_by(|a, b| a.1 == b.1) {
+        let mut rows = Vec::with_capacity(run.len() * (layout.ids.bytes + layout.row_bytes(true)));
+        for &(vertex, _) in run {
+            let v = vertex as usize;
+            layout.ids.push(part.ids[v], &mut rows);
+            rows.extend_from_slice(&part.records[v * record_bytes..(v + 1) * record_bytes]);
+            part.mesh
+                .channels_of(vertex)
+                .iter()
+                .for_each(|c| rows.extend_from_slice(&c.to_le_bytes()));
+        }
+        out.vertices.push((run[0].1, rows));
+    }
+    out
+}

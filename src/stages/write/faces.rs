@@ -1,0 +1,95 @@
+//! From vertices back to faces: texture coordinates to corners, values to the triangles between them.
+//!
+//! The properties that `formats::faces_to_vertices` has put behind a vertex's own are taken off again. A
+//! triangle has the mean of its corners; where they are of one region they agree.
+
+use super::encode;
+use crate::io::ply::FaceSchema;
+use crate::mesh::face_properties::{FaceCarry, FaceMixer};
+use crate::mesh::record::{Property, VertexSchema};
+use crate::store::cells::{SurvivorPack, Survivors};
+
+/// How vertices' properties become those of faces.
+pub(super) struct BackToFaces<'a> {
+    carry: &'a FaceCarry,
+    /// What faces of the output carry.
+    pub(super) schema: FaceSchema,
+    /// How many of the vertices' last properties are no longer theirs.
+    pub(super) n_properties: usize,
+    /// Bytes of these, and of those that are values of faces.
+    tail_bytes: usize,
+    value_bytes: usize,
+}
+
+/// What some triangles carry.
+pub(super) struct Faces {
+    pub(super) texture: Vec<[[f32; 2]; 3]>,
+    /// Packed as the schema says.
+    pub(super) values: Vec<u8>,
+}
+
+impl BackToFaces<'_> {
+    /// `joins` is false where texture stays at vertices; then everything that went there does, for writers that
+    /// take none of it.
+    pub(super) fn new<'a>(
+        schema: &VertexSchema,
+        carry: &'a FaceCarry,
+        joins: bool,
+    ) -> BackToFaces<'a> {
+        let stays = carry.is_moved() && !joins;
+        let n_properties = if stays { 0 } else { carry.vertex_properties().len() };
+        let tail = &schema.properties[schema.properties.len() - n_properties..];
+        let bytes = |list: &[Property]| list.iter().map(|p| p.scalar.bytes()).sum::<usize>();
+        let properties = carry.written().map(|p| p.property.clone()).filter(|_| !stays).collect();
+        BackToFaces {
+            carry,
+            schema: FaceSchema { texture: carry.texture && !stays, properties },
+            n_properties,
+            tail_bytes: bytes(tail),
+            value_bytes: FaceMixer::new(carry).value_bytes(),
+        }
+    }
+
+    /// Takes the vertices of a cell. Memory: what they get from faces.
+    pub(super) fn of_cell(&self, result: &SurvivorPack, part: &Survivors) -> CellFaces<'_> {
+        let (mut tails, mut encoded) = (Vec::new(), Vec::new());
+        for vertex in (0..part.ids.len()).filter(|_| self.tail_bytes > 0) {
+            encoded.clear();
+            encode(result, part, vertex, &mut encoded);
+            tails.extend_from_slice(&encoded[encoded.len() - self.tail_bytes..]);
+        }
+        CellFaces { back: self, tails, mixer: FaceMixer::new(self.carry) }
+    }
+}
+
+/// The vertices of a cell, as far as faces are concerned.
+pub(super) struct CellFaces<'a> {
+    back: &'a BackToFaces<'a>,
+    /// `tail_bytes` a vertex.
+    tails: Vec<u8>,
+    mixer: FaceMixer,
+}
+
+impl CellFaces<'_> {
+    /// What triangles of the cell carry.
+    pub(super) fn faces(&mut self, triangles: &[[u32; 3]]) -> Faces {
+        let back = self.back;
+        let mut out = Faces { texture: vec![[[0.0; 2]; 3]; triangles.len()], values: Vec::new() };
+        let mut moved = Vec::new();
+        for (t, texture) in triangles.iter().zip(&mut out.texture) {
+            let tails = t.map(|v| &self.tails[v as usize * back.tail_bytes..][..back.tail_bytes]);
+            if back.schema.texture {
+                *texture = tails.map(|tail| {
+                    let words = tail[back.value_bytes..].as_chunks::<4>().0;
+                    [0, 1].map(|i| words.get(i).map_or(0.0, |&bytes| f32::from_le_bytes(bytes)))
+                });
+            }
+            moved.clear();
+            if back.value_bytes > 0 {
+                self.mixer.of_corners(tails, &mut moved);
+            }
+            back.carry.unpack(&moved, &mut out.values);
+        }
+        out
+    }
+}

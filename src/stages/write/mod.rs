@@ -1,0 +1,202 @@
+//! Stage 4: the result becomes one file; vertices once, faces once, by rename.
+//!
+//! Vertices have numbers in the order of the first cell that holds them. Where texture coordinates came
+//! from corners, or values from faces, `join` makes one vertex of what lies in one place, and faces have
+//! them again (`faces`).
+//! `shape` says what of a record is written, `normals` computes it anew if asked.
+
+mod faces;
+mod join;
+mod normals;
+mod shape;
+
+use crate::config::Normals;
+use crate::error::Result;
+use crate::io::ply::{OutputHeader, Place, TexturedTriangle};
+use crate::io::{MeshSink, OutputFormat, OutputKind};
+use crate::mesh::face_properties::FaceCarry;
+use crate::store::cells::{SurvivorPack, Survivors};
+use crate::store::stage_context::Run;
+use faces::BackToFaces;
+use join::Joined;
+use normals::Recomputed;
+use shape::Shape;
+use std::collections::HashMap;
+
+/// Triangles that go to the file together.
+const CHUNK: usize = 65_536;
+
+/// What was written.
+#[derive(Clone, Copy, Debug, Default, serde::Serialize, serde::Deserialize)]
+pub struct Written {
+    /// Vertices in the output.
+    pub vertices: u64,
+    /// Triangles in the output.
+    pub triangles: u64,
+    /// Bytes of the output.
+    pub bytes: u64,
+}
+
+/// In which form a result is written.
+#[derive(Clone, Debug, Default)]
+pub struct Form {
+    /// Kind and encoding of the file.
+    pub format: OutputFormat,
+    /// What goes back from vertices to faces; `texture` if the kind of file takes it at corners.
+    pub faces: FaceCarry,
+    /// What becomes of normals.
+    pub normals: Normals,
+}
+
+impl Form {
+    /// Whether vertices in one place were one in the input. Where texture stays at vertices, they have to
+    /// stay apart.
+    fn joins(&self) -> bool {
+        let kind = self.format.kind;
+        let takes_corners = kind.is_none_or(|k| matches!(k, OutputKind::Ply | OutputKind::Obj));
+        self.faces.is_moved() && (takes_corners || !self.faces.texture)
+    }
+}
+
+/// Writes all cells of `result` as one mesh; a vertex that several cells hold is written once.
+///
+/// Vertices come in the order of their first cell. Where faces carried something, vertices in one place are
+/// one again, with what the first of them carries. Memory: one cell, 48 bytes per shared vertex (twice that
+/// with new normals), and to join a quarter of the run's for sorting; disk then 72 bytes a vertex.
+pub fn write(
+    result: &SurvivorPack,
+    place: Place,
+    header: OutputHeader,
+    form: Form,
+    run: &Run,
+) -> Result<Written> {
+    let layout = result.layout();
+    let info = result.info();
+    let mut uses = index_vertices(result)?;
+    let back = BackToFaces::new(&layout.schema, &form.faces, form.joins());
+    let joined = match form.joins() {
+        true => Some(Joined::new(result, &uses, run)?),
+        false => None,
+    };
+    let n_vertices = joined.as_ref().map_or(uses.n_vertices, |joined| joined.n_vertices);
+    let shape = Shape::new(&layout.schema, back.n_properties, form.normals);
+    let normals = match form.normals {
+        Normals::Recompute => Some(Recomputed::new(result, run)?),
+        Normals::Keep | Normals::Drop => None,
+    };
+    let header = OutputHeader {
+        schema: shape.schema.clone(),
+        n_vertices,
+        n_faces: info.triangles,
+        faces: back.schema.clone(),
+        ..header
+    };
+    let mut writer = MeshSink::create(place, header, form.format)?;
+    let (mut first, mut n_written) = (0, 0);
+    let (mut records, mut encoded) = (Vec::new(), Vec::new());
+    for cell in 0..info.cells.len() {
+        run.progress.check()?;
+        let part = result.load(cell)?;
+        let own = own_vertices(&part, cell as u32, &uses);
+        let numbers = numbers_of(first, own.len(), joined.as_ref())?;
+        let directions = normals.as_ref().map(|normals| normals.of(&part));
+        records.clear();
+        for (&vertex, &number) in own.iter().zip(&numbers) {
+            if number == n_written {
+                n_written += 1;
+                encoded.clear();
+                encode(result, &part, vertex, &mut encoded);
+                let normal = directions.as_ref().map(|list| list[vertex]);
+                shape.put(&encoded, normal, &mut records);
+            }
+            if part.shared[vertex] {
+                uses.shared.insert(part.ids[vertex], (cell as u32, number));
+            }
+        }
+        first += own.len() as u64;
+        writer.write_vertices(&records)?;
+        run.progress.add(info.cells[cell].triangles / 2);
+    }
+    first = 0;
+    for cell in 0..info.cells.len() {
+        run.progress.check()?;
+        let part = result.load(cell)?;
+        let own = own_vertices(&part, cell as u32, &uses);
+        let own_numbers = numbers_of(first, own.len(), joined.as_ref())?;
+        first += own.len() as u64;
+        let mut numbers = vec![0; part.ids.len()];
+        for (id, number) in part.ids.iter().zip(&mut numbers) {
+            *number = uses.shared.get(id).map_or(0, |known| known.1);
+        }
+        for (&vertex, &number) in own.iter().zip(&own_numbers) {
+            numbers[vertex] = number;
+        }
+        let corners = |t: &[u32; 3]| t.map(|v| numbers[v as usize]);
+        let mut of_cell = back.of_cell(result, &part);
+        for chunk in part.mesh.triangles.chunks(CHUNK) {
+            if back.schema.is_empty() {
+                let triangles: Vec<[u64; 3]> = chunk.iter().map(corners).collect();
+                writer.write_faces(&triangles)?;
+            } else {
+                let faces = of_cell.faces(chunk);
+                let textured = chunk
+                    .iter()
+                    .zip(&faces.texture)
+                    .map(|(t, &texture)| TexturedTriangle { corners: corners(t), texture });
+                writer.write_full_faces(&textured.collect::<Vec<_>>(), &faces.values)?;
+            }
+        }
+        run.progress.add(info.cells[cell].triangles.div_ceil(2));
+    }
+    Ok(Written { vertices: n_vertices, triangles: info.triangles, bytes: writer.finish()? })
+}
+
+/// Appends the record of a vertex.
+fn encode(result: &SurvivorPack, part: &Survivors, vertex: usize, out: &mut Vec<u8>) {
+    let layout = result.layout();
+    let record_bytes = layout.schema.record_bytes();
+    let record = &part.records[vertex * record_bytes..(vertex + 1) * record_bytes];
+    let channels = part.mesh.channels_of(vertex as u32);
+    layout.codec.encode(part.mesh.positions[vertex], channels, record, out);
+}
+
+/// For every shared vertex, the first cell that holds it and its number.
+struct FirstUses {
+    shared: HashMap<u64, (u32, u64)>,
+    n_vertices: u64,
+}
+
+fn index_vertices(result: &SurvivorPack) -> Result<FirstUses> {
+    let mut uses = FirstUses { shared: HashMap::new(), n_vertices: 0 };
+    for cell in 0..result.info().cells.len() {
+        let part = result.load(cell)?;
+        for (&id, &shared) in part.ids.iter().zip(&part.shared) {
+            if shared {
+                let mut is_new = false;
+                uses.shared.entry(id).or_insert_with(|| {
+                    is_new = true;
+                    (cell as u32, uses.n_vertices)
+                });
+                uses.n_vertices += u64::from(is_new);
+            } else {
+                uses.n_vertices += 1;
+            }
+        }
+    }
+    Ok(uses)
+}
+
+/// The vertices of a cell that no earlier cell holds, in order: they have consecutive numbers.
+fn own_vertices(part: &Survivors, cell: u32, uses: &FirstUses) -> Vec<usize> {
+    let is_own =
+        |v: &usize| !part.shared[*v] || uses.shared.get(&part.ids[*v]).is_none_or(|u| u.0 == cell);
+    (0..part.ids.len()).filter(is_own).collect()
+}
+
+/// Numbers in the output of `n` vertices from number `first`.
+fn numbers_of(first: u64, n: usize, joined: Option<&Joined>) -> Result<Vec<u64>> {
+    match joined {
+        None => Ok((first..first + n as u64).collect()),
+        Some(joined) => joined.numbers(first, n),
+    }
+}

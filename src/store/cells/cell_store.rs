@@ -1,0 +1,340 @@
+//! A store of cells: what partitioning (or recutting) leaves on disk for the next round.
+//!
+//! Every cell is self-contained: its triangles and all their vertices, those it shares with other cells
+//! included and marked. Ids are the input's vertex indices, so cells join without comparing floats.
+
+use super::deduplicate::Dropped;
+use super::id_map::IdMap;
+use super::pack::Pack;
+use super::pieces::PieceSet;
+use crate::error::{Error, Result};
+use crate::mesh::Mesh;
+use crate::mesh::attribute_weights::Weights;
+use crate::mesh::record::{VertexCodec, VertexSchema};
+use crate::store::pack_format::{Chunk, ChunkKind, IdWidth};
+use crate::system::disk::Disk;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Rows of each kind in one cell.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CellTally {
+    /// Vertex rows; a shared vertex may come more than once.
+    pub vertices: u64,
+    /// Triangles.
+    pub triangles: u64,
+}
+
+/// The sealed description of a store: enough to open it again.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StoreInfo {
+    /// File name of the pack in the job folder.
+    pub pack: String,
+    /// Sealed length of the pack.
+    pub pack_bytes: u64,
+    /// Rows per cell.
+    pub cells: Vec<CellTally>,
+    /// Vertices used by more than one cell.
+    pub shared_vertices: u64,
+    /// Triangles in all cells.
+    pub triangles: u64,
+    /// Whether vertex rows carry kernel channels behind the record (all rounds but the first).
+    pub has_channels: bool,
+    /// Cells that were split: their chunks before `split_at` count no more.
+    #[serde(default)]
+    pub split: Vec<u32>,
+    /// Where in the pack the chunks of split cells begin.
+    #[serde(default)]
+    pub split_at: u64,
+    /// The first of the cells that came behind the others by splitting.
+    #[serde(default)]
+    pub first_part: u32,
+    /// Which pieces of the cells are left out; `cells` and `triangles` count without their triangles.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub verdicts: Option<Verdicts>,
+}
+
+/// The sealed description of a pack that says which pieces of cells are left out: a set for each such cell.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Verdicts {
+    /// File name of the pack in the job folder.
+    pub pack: String,
+    /// Sealed length of the pack.
+    pub pack_bytes: u64,
+}
+
+/// How vertex rows of a store are laid out: id, record as read, and in later rounds the kernel channels.
+#[derive(Clone, Debug)]
+pub struct VertexLayout {
+    /// The input's record.
+    pub schema: VertexSchema,
+    /// Plan for turning records into channels and back.
+    pub codec: VertexCodec,
+    /// Width of ids.
+    pub ids: IdWidth,
+    /// Weight of each channel in the error; empty where nothing is simplified.
+    pub weights: Vec<f64>,
+}
+
+impl VertexLayout {
+    /// The layout for an input of `n_vertices` vertices.
+    pub fn new(schema: &VertexSchema, n_vertices: u64) -> VertexLayout {
+        VertexLayout {
+            codec: schema.codec(),
+            schema: schema.clone(),
+            ids: IdWidth::for_vertices(n_vertices),
+            weights: Vec::new(),
+        }
+    }
+
+    /// The layout for simplifying: perceptual colours, chosen `labels`, channels with weights.
+    pub fn for_kernel(
+        schema: &VertexSchema,
+        n_vertices: u64,
+        labels: &[String],
+        weights: &Weights,
+    ) -> VertexLayout {
+        let codec = schema.kernel_codec(labels);
+        let weights = weights.of_channels(&codec.meanings(schema));
+        VertexLayout { codec, weights, ..VertexLayout::new(schema, n_vertices) }
+    }
+
+    /// How many channels count in the error.
+    pub fn n_weighted(&self) -> usize {
+        self.weights.iter().filter(|weight| **weight > 0.0).count()
+    }
+
+    /// Bytes of one vertex row without its id.
+    pub fn row_bytes(&self, has_channels: bool) -> usize {
+        self.schema.record_bytes() + if has_channels { 4 * self.codec.n_channels() } else { 0 }
+    }
+}
+
+/// One loaded cell.
+#[derive(Clone, Debug, Default)]
+pub struct CellMesh {
+    /// Input vertex index of each local vertex.
+    pub ids: Vec<u64>,
+    /// The record of each local vertex as it was read from the input (position possibly moved since).
+    pub records: Vec<u8>,
+    /// Whether another cell uses this vertex too; such vertices are locked.
+    pub shared: Vec<bool>,
+    /// Geometry and channels.
+    pub mesh: Mesh,
+    /// What tidying left out.
+    pub dropped: Dropped,
+}
+
+/// A store opened for reading; cells load from any thread.
+#[derive(Debug)]
+pub struct CellStore {
+    info: StoreInfo,
+    layout: VertexLayout,
+    pack: Pack,
+    verdicts: Option<Pack>,
+}
+
+/// Peak bytes of loading a cell, beyond the mesh the kernel takes over (counted by the kernel).
+pub fn load_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
+    let per_vertex = 8 + 1 + layout.schema.record_bytes() + 24 + 4 * layout.codec.n_channels();
+    tally.vertices * per_vertex as u64 + tally.triangles * 12 + IdMap::bytes(tally.vertices)
+}
+
+/// Bytes on disk of a vertex row and of a triangle row of a store.
+pub fn store_row_bytes(layout: &VertexLayout, has_channels: bool) -> (usize, usize) {
+    (layout.ids.bytes + layout.row_bytes(has_channels), 3 * layout.ids.bytes)
+}
+
+impl CellStore {
+    /// Opens a sealed store in `folder`.
+    pub fn open(
+        disk: &Disk,
+        folder: &Path,
+        info: StoreInfo,
+        layout: VertexLayout,
+    ) -> Result<CellStore> {
+        let pack =
+            Pack::open(disk, &folder.join(&info.pack), info.cells.len() as u32, info.pack_bytes)?
+                .forget(&info.split, info.split_at);
+        let n_cells = info.cells.len() as u32;
+        let verdicts = match &info.verdicts {
+            Some(Verdicts { pack, pack_bytes }) => {
+                Some(Pack::open(disk, &folder.join(pack), n_cells, *pack_bytes)?)
+            }
+            None => None,
+        };
+        Ok(CellStore { info, layout, pack, verdicts })
+    }
+
+    /// The sealed description.
+    pub fn info(&self) -> &StoreInfo {
+        &self.info
+    }
+
+    /// Number of cells.
+    pub fn n_cells(&self) -> usize {
+        self.info.cells.len()
+    }
+
+    /// The row layout.
+    pub fn layout(&self) -> &VertexLayout {
+        &self.layout
+    }
+
+    /// Rows of a cell as they are loaded, what is left out afterwards included.
+    pub fn rows(&self, cell: usize) -> CellTally {
+        let tally = self.info.cells[cell];
+        if self.verdicts.is_none() {
+            return tally;
+        }
+        let is_rows = |chunk: &&Chunk| chunk.kind == ChunkKind::Triangles;
+        let bytes: u64 =
+            self.pack.chunks_of(cell as u32).iter().filter(is_rows).map(|chunk| chunk.bytes).sum();
+        CellTally { triangles: bytes / (3 * self.layout.ids.bytes as u64), ..tally }
+    }
+
+    /// Whether a cell is a part of one that was split: such cells do not hold all vertices of a place.
+    pub fn is_part(&self, cell: usize) -> bool {
+        let cell = cell as u32;
+        !self.info.split.is_empty()
+            && (cell >= self.info.first_part || self.info.split.binary_search(&cell).is_ok())
+    }
+
+    /// Lets the system begin to read a cell that will soon be loaded.
+    pub fn expect(&self, cell: usize) {
+        self.pack.expect(cell as u32);
+    }
+
+    /// Gives a cell's bytes back to the file system once its survivors are durable.
+    pub fn free(&self, cell: usize) -> Result<()> {
+        self.pack.free(cell as u32)
+    }
+
+    /// Loads one cell for simplification: the first round's without repeated faces and idle vertices.
+    pub fn load_tidy(&self, cell: usize) -> Result<CellMesh> {
+        let mut mesh = self.load(cell)?;
+        if !self.info.has_channels {
+            mesh.dropped = mesh.tidy(self.layout.schema.record_bytes());
+        }
+        Ok(mesh)
+    }
+
+    /// Loads one cell without the pieces that are left out. Vertices are in the order of their first row. Triangles
+    /// of the first round are in the order of their lowest vertex id, those of later rounds in the order of their
+    /// rows.
+    ///
+    /// Triangles of the first round reach a cell window by window, so the order of their rows depends on how many
+    /// vertices a window holds, and that on memory. All triangles of one lowest id come in one window, in the order
+    /// of the file: an order by lowest id is the same for every window.
+    ///
+    /// Errors: `Corrupt` when a chunk is damaged or a triangle names a vertex the cell does not have.
+    pub fn load(&self, cell: usize) -> Result<CellMesh> {
+        let mut mesh = self.load_rows(cell)?;
+        let Some(verdicts) = &self.verdicts else { return Ok(mesh) };
+        for chunk in verdicts.chunks_of(cell as u32) {
+            let mut pieces = PieceSet::default();
+            verdicts.read(chunk, &mut pieces.0)?;
+            if !mesh.leave_out(&pieces, self.layout.schema.record_bytes()) {
+                let what = format!(
+                    "byte {}: cell {cell} has other pieces; run again with --restart",
+                    chunk.offset
+                );
+                let name = self.info.verdicts.as_ref().map_or("", |verdicts| &verdicts.pack);
+                return Err(Error::corrupt(Path::new(name), what));
+            }
+        }
+        Ok(mesh)
+    }
+
+    fn load_rows(&self, cell: usize) -> Result<CellMesh> {
+        let tally = self.rows(cell);
+        let chunks = self.pack.chunks_of(cell as u32);
+        let mut map = IdMap::with_capacity(tally.vertices as usize);
+        let mut payload = Vec::new();
+        let mut out = CellMesh::default();
+        out.mesh.n_channels = self.layout.codec.n_channels();
+        self.load_vertices(tally, chunks, &mut payload, &mut map, &mut out)?;
+        out.shared = vec![false; out.ids.len()];
+        out.mesh.triangles.reserve_exact(tally.triangles as usize);
+        let id_bytes = self.layout.ids.bytes;
+        for chunk in chunks {
+            let missing = |id| {
+                let what = format!("byte {}: no vertex {id} in cell {cell}", chunk.offset);
+                Error::corrupt(Path::new(&self.info.pack), what)
+            };
+            let mut find = |row: &[u8]| {
+                let id = self.layout.ids.read(row);
+                map.get(id, &out.ids).ok_or_else(|| missing(id))
+            };
+            match chunk.kind {
+                ChunkKind::Triangles => {
+                    self.pack.read(chunk, &mut payload)?;
+                    for row in payload.chunks_exact(3 * id_bytes) {
+                        let corners =
+                            [find(row)?, find(&row[id_bytes..])?, find(&row[2 * id_bytes..])?];
+                        out.mesh.triangles.push(corners);
+                    }
+                }
+                ChunkKind::SharedIds => {
+                    self.pack.read(chunk, &mut payload)?;
+                    for row in payload.chunks_exact(id_bytes) {
+                        out.shared[find(row)? as usize] = true;
+                    }
+                }
+                ChunkKind::Vertices
+                | ChunkKind::Survivors
+                | ChunkKind::Foreign
+                | ChunkKind::Index
+                | ChunkKind::Found
+                | ChunkKind::Verdict => {}
+            }
+        }
+        drop((map, payload));
+        if !self.info.has_channels {
+            out.order_by_lowest_id();
+        }
+        Ok(out)
+    }
+
+    fn load_vertices(
+        &self,
+        tally: CellTally,
+        chunks: &[Chunk],
+        payload: &mut Vec<u8>,
+        map: &mut IdMap,
+        out: &mut CellMesh,
+    ) -> Result<()> {
+        let layout = &self.layout;
+        let record_bytes = layout.schema.record_bytes();
+        let row_bytes = layout.ids.bytes + layout.row_bytes(self.info.has_channels);
+        let n_channels = layout.codec.n_channels();
+        let n = tally.vertices as usize;
+        out.ids.reserve_exact(n);
+        out.records.reserve_exact(n * record_bytes);
+        out.mesh.positions.reserve_exact(n);
+        out.mesh.channels.reserve_exact(n * n_channels);
+        for chunk in chunks.iter().filter(|chunk| chunk.kind == ChunkKind::Vertices) {
+            self.pack.read(chunk, payload)?;
+            for row in payload.chunks_exact(row_bytes) {
+                let (_, is_new) = map.insert(layout.ids.read(row), &mut out.ids);
+                if !is_new {
+                    continue;
+                }
+                let (record, channels) = row[layout.ids.bytes..].split_at(record_bytes);
+                out.records.extend_from_slice(record);
+                out.mesh.positions.push(layout.schema.position(record));
+                if self.info.has_channels {
+                    let floats = channels.chunks_exact(4);
+                    out.mesh
+                        .channels
+                        .extend(floats.map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+                } else if n_channels > 0 {
+                    let start = out.mesh.channels.len();
+                    out.mesh.channels.resize(start + n_channels, 0.0);
+                    layout.codec.decode_channels(record, &mut out.mesh.channels[start..]);
+                }
+            }
+        }
+        Ok(())
+    }
+}

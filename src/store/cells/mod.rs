@@ -1,0 +1,25 @@
+//! Cells on disk: packs of chunks, the cells that partitioning fills, and what simplifying leaves of them.
+//!
+//! This layer stores and loads; it does not know why the cells are cut where they are.
+
+mod cell_store;
+mod deduplicate;
+mod id_map;
+mod kd_tree;
+mod pack;
+mod pieces;
+mod scatter;
+mod simplified_cell;
+mod split_oversized;
+
+pub use cell_store::{
+    CellMesh, CellStore, CellTally, StoreInfo, Verdicts, VertexLayout, load_bytes, store_row_bytes,
+};
+pub use deduplicate::Dropped;
+pub use id_map::IdMap;
+pub use kd_tree::{CellTree, Frame, n_samples, plan_cells};
+pub use pack::{Pack, PackWriter};
+pub use pieces::{Bounds, Extent, NOWHERE, PieceSet, Pieces, around, position_bits};
+pub use scatter::Scatter;
+pub use simplified_cell::{SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors, survivor_bytes};
+pub use split_oversized::split_overfull;

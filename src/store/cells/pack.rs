@@ -1,0 +1,337 @@
+//! Packs: few large files of checksummed chunks, appended by one writer, read by many.
+//!
+//! A sealed pack ends with an index of its chunks, so that opening it is one read instead of one for every
+//! chunk. The headers serve where there is no index yet: after a crash.
+
+use crate::error::{Error, Result};
+use crate::store::pack_format::{
+    self, CHUNK_HEADER_BYTES, Chunk, ChunkKind, PACK_END_BYTES, PACK_HEADER_BYTES,
+};
+use crate::system::disk::{Disk, DiskFile};
+use std::path::Path;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Chunks collect here before they go to the file in one write.
+const WRITE_BYTES: usize = 1 << 20;
+
+/// Appends chunks to a new pack.
+#[derive(Debug)]
+pub struct PackWriter {
+    file: DiskFile,
+    pending: Vec<u8>,
+    chunks: Vec<Chunk>,
+    /// A write or sync has failed: what the file holds is unknown, so that nothing may be sealed on it.
+    is_broken: bool,
+}
+
+impl PackWriter {
+    /// Begins a pack at `path`, replacing whatever an interrupted run left there.
+    pub fn create(disk: &Disk, path: &Path) -> Result<PackWriter> {
+        let mut file = disk.create(path)?;
+        file.append(&pack_format::pack_header())?;
+        Ok(PackWriter::at_end_of(file, Vec::new()))
+    }
+
+    /// Continues a pack behind its last whole chunk. Chunks whose payload is damaged do not count.
+    ///
+    /// Reads the pack whole: nothing vouches for it until it is sealed.
+    pub fn reopen(disk: &Disk, path: &Path) -> Result<PackWriter> {
+        let file = disk.open(path)?;
+        let (mut chunks, end) = match scan(&file) {
+            // Not even its first bytes reached the disk before the crash.
+            Err(Error::Corrupt { .. }) => return Self::create(disk, path),
+            found => found?,
+        };
+        let mut payload = Vec::new();
+        let mut unreadable = None;
+        chunks.retain(|chunk| match read_payload(&file, chunk, &mut payload) {
+            Ok(is_whole) => is_whole,
+            Err(error) => {
+                unreadable.get_or_insert(error);
+                false
+            }
+        });
+        if let Some(error) = unreadable {
+            return Err(error);
+        }
+        let file = disk.open_append(path, end)?;
+        disk.adopt(end);
+        Ok(PackWriter::at_end_of(file, chunks))
+    }
+
+    /// Continues a pack of which `bytes` were synced by a checkpoint; what lies behind them is cut off.
+    ///
+    /// Payloads are not read again here: whoever reads a chunk checks it. Errors: `Corrupt` if the chunks do
+    /// not end at `bytes`.
+    pub fn continue_at(disk: &Disk, path: &Path, bytes: u64) -> Result<PackWriter> {
+        let (mut chunks, _) = scan(&disk.open(path)?)?;
+        chunks.retain(|chunk| chunk.offset + chunk.bytes <= bytes);
+        let end = chunks.last().map_or(PACK_HEADER_BYTES, |chunk| chunk.offset + chunk.bytes);
+        if end != bytes {
+            return Err(Error::corrupt(path, format!("has no chunk that ends at byte {bytes}")));
+        }
+        let file = disk.open_append(path, bytes)?;
+        disk.adopt(bytes);
+        Ok(PackWriter::at_end_of(file, chunks))
+    }
+
+    fn at_end_of(file: DiskFile, chunks: Vec<Chunk>) -> PackWriter {
+        PackWriter { file, pending: Vec::with_capacity(WRITE_BYTES * 2), chunks, is_broken: false }
+    }
+
+    /// Appends one chunk.
+    pub fn append(&mut self, cell: u32, kind: ChunkKind, payload: &[u8]) -> Result<()> {
+        let header = pack_format::chunk_header(cell, kind, payload);
+        let at = self.file.length() + self.pending.len() as u64;
+        self.chunks.push(pack_format::parse_chunk_header(&header, at).expect("just made"));
+        self.pending.extend_from_slice(&header);
+        if payload.len() >= WRITE_BYTES {
+            self.flush()?;
+            let outcome = self.file.append(payload);
+            self.is_broken |= outcome.is_err();
+            return outcome;
+        }
+        self.pending.extend_from_slice(payload);
+        if self.pending.len() >= WRITE_BYTES { self.flush() } else { Ok(()) }
+    }
+
+    /// Hands everything pending to the system: a death of the process no longer loses it, one of the machine
+    /// may.
+    pub fn flush(&mut self) -> Result<()> {
+        if self.is_broken {
+            let what = "an earlier write failed; run the same command to continue";
+            let cause = std::io::Error::other(what);
+            return Err(Error::io(self.file.path(), "cannot write", cause));
+        }
+        let outcome = self.file.append(&self.pending);
+        self.pending.clear();
+        self.is_broken = outcome.is_err();
+        outcome
+    }
+
+    /// The chunks appended so far.
+    pub fn chunks(&self) -> &[Chunk] {
+        &self.chunks
+    }
+
+    /// Makes everything appended so far durable.
+    pub fn sync(&mut self) -> Result<()> {
+        self.flush()?;
+        let outcome = self.file.sync();
+        // The system may report a lost write only once; a second sync would falsely succeed.
+        self.is_broken = outcome.is_err();
+        outcome
+    }
+
+    /// Ends the pack with an index of its chunks and makes it durable; nothing may be appended any more.
+    pub fn seal(&mut self) -> Result<()> {
+        let index = pack_format::encode_index(&self.chunks, self.length());
+        self.append(0, ChunkKind::Index, &index)?;
+        self.sync()
+    }
+
+    /// Opens what was appended so far for reading.
+    pub fn reader(&mut self, disk: &Disk, n_cells: u32) -> Result<Pack> {
+        self.flush()?;
+        Pack::from_chunks(disk.open(self.file.path())?, self.chunks.clone(), n_cells)
+    }
+
+    /// Bytes in the pack, once everything pending is written.
+    pub fn length(&self) -> u64 {
+        self.file.length() + self.pending.len() as u64
+    }
+}
+
+/// A pack opened for reading; safe to share between threads.
+#[derive(Debug)]
+pub struct Pack {
+    file: DiskFile,
+    /// All chunks, by cell, within a cell in the order they were appended.
+    chunks: Vec<Chunk>,
+    /// `first[c]..first[c + 1]` are the chunks of cell `c`.
+    first: Vec<u32>,
+}
+
+impl Pack {
+    /// Opens a pack of `n_cells` cells; `bytes` is its sealed length. Memory: 40 bytes a chunk, twice for a
+    /// moment.
+    pub fn open(disk: &Disk, path: &Path, n_cells: u32, bytes: u64) -> Result<Pack> {
+        let file = disk.open(path)?;
+        if file.length() < bytes {
+            let what =
+                format!("has {} of its {bytes} bytes; run again with --restart", file.length());
+            return Err(Error::corrupt(path, what));
+        }
+        match read_index(&file, bytes)? {
+            Some(chunks) => Self::from_chunks(file, chunks, n_cells),
+            None => {
+                let what = "the index of its chunks is damaged; run again with --restart";
+                Err(Error::corrupt(path, what))
+            }
+        }
+    }
+
+    fn from_chunks(file: DiskFile, mut chunks: Vec<Chunk>, n_cells: u32) -> Result<Pack> {
+        if let Some(bad) = chunks.iter().find(|chunk| chunk.cell >= n_cells) {
+            let what = format!(
+                "byte {}: cell {} of {n_cells}; run again with --restart",
+                bad.offset, bad.cell
+            );
+            return Err(Error::corrupt(file.path(), what));
+        }
+        chunks.sort_by_key(|chunk| (chunk.cell, chunk.offset));
+        let first = Self::index(&chunks, n_cells);
+        Ok(Pack { file, chunks, first })
+    }
+
+    /// Leaves out the chunks of some cells (ascending) that lie before a place in the pack.
+    pub fn forget(mut self, cells: &[u32], before: u64) -> Pack {
+        if !cells.is_empty() {
+            self.chunks.retain(|chunk| {
+                chunk.offset >= before || cells.binary_search(&chunk.cell).is_err()
+            });
+            self.first = Self::index(&self.chunks, self.first.len() as u32 - 1);
+        }
+        self
+    }
+
+    fn index(chunks: &[Chunk], n_cells: u32) -> Vec<u32> {
+        let mut first = vec![0u32; n_cells as usize + 1];
+        for chunk in chunks {
+            first[chunk.cell as usize + 1] += 1;
+        }
+        for cell in 0..n_cells as usize {
+            first[cell + 1] += first[cell];
+        }
+        first
+    }
+
+    /// The chunks of one cell, in the order they were written.
+    pub fn chunks_of(&self, cell: u32) -> &[Chunk] {
+        &self.chunks[self.first[cell as usize] as usize..self.first[cell as usize + 1] as usize]
+    }
+
+    /// Reads a chunk's payload into `payload` and checks it.
+    pub fn read(&self, chunk: &Chunk, payload: &mut Vec<u8>) -> Result<()> {
+        if !read_payload(&self.file, chunk, payload)? {
+            let what = format!(
+                "the chunk at byte {} (cell {}) is damaged; run again with --restart",
+                chunk.offset, chunk.cell
+            );
+            return Err(Error::corrupt(self.file.path(), what));
+        }
+        Ok(())
+    }
+
+    /// Lets the system begin to read a cell that will soon be wanted.
+    pub fn expect(&self, cell: u32) {
+        self.chunks_of(cell).iter().for_each(|chunk| self.file.expect(chunk.offset, chunk.bytes));
+    }
+
+    /// Gives the payload bytes of a cell back to the file system; its chunk headers stay readable.
+    pub fn free(&self, cell: u32) -> Result<()> {
+        for chunk in self.chunks_of(cell) {
+            self.file.punch(chunk.offset, chunk.bytes)?;
+        }
+        Ok(())
+    }
+}
+
+/// Reads a chunk's payload; tells whether its checksum holds.
+fn read_payload(file: &DiskFile, chunk: &Chunk, payload: &mut Vec<u8>) -> Result<bool> {
+    payload.clear();
+    payload.resize(chunk.bytes as usize, 0);
+    file.read_at(payload, chunk.offset)?;
+    Ok(xxh3_64(payload) == chunk.checksum)
+}
+
+/// The chunks of a pack sealed at `bytes`; `None` if its index is damaged.
+fn read_index(file: &DiskFile, bytes: u64) -> Result<Option<Vec<Chunk>>> {
+    let mut magic = [0; PACK_HEADER_BYTES as usize];
+    file.read_at(&mut magic, 0)?;
+    pack_format::check_pack_header(file.path(), &magic)?;
+    let Some(end_at) = bytes.checked_sub(PACK_END_BYTES) else { return Ok(None) };
+    let mut end = [0; PACK_END_BYTES as usize];
+    file.read_at(&mut end, end_at)?;
+    let at = u64::from_le_bytes(end);
+    if at.checked_add(CHUNK_HEADER_BYTES).is_none_or(|payload_at| payload_at > bytes) {
+        return Ok(None);
+    }
+    let mut header = [0; CHUNK_HEADER_BYTES as usize];
+    file.read_at(&mut header, at)?;
+    let index = pack_format::parse_chunk_header(&header, at)
+        .filter(|chunk| chunk.kind == ChunkKind::Index)
+        .filter(|chunk| chunk.offset.checked_add(chunk.bytes) == Some(bytes));
+    let Some(index) = index else { return Ok(None) };
+    let mut payload = Vec::new();
+    let is_whole = read_payload(file, &index, &mut payload)?;
+    Ok(pack_format::decode_index(&payload, at).filter(|_| is_whole))
+}
+
+/// Walks over the chunk headers of a pack: its whole chunks but an index, and where the last of them ends.
+fn scan(file: &DiskFile) -> Result<(Vec<Chunk>, u64)> {
+    let mut magic = [0; PACK_HEADER_BYTES as usize];
+    file.read_at(&mut magic, 0)?;
+    pack_format::check_pack_header(file.path(), &magic)?;
+    let mut chunks = Vec::new();
+    let mut at = PACK_HEADER_BYTES;
+    let mut header = [0; CHUNK_HEADER_BYTES as usize];
+    while at + CHUNK_HEADER_BYTES <= file.length() {
+        file.read_at(&mut header, at)?;
+        let chunk = pack_format::parse_chunk_header(&header, at);
+        let Some(chunk) = chunk.filter(|chunk| chunk.kind != ChunkKind::Index) else { break };
+        match chunk.offset.checked_add(chunk.bytes) {
+            Some(end) if end <= file.length() => at = end,
+            _ => break,
+        }
+        chunks.push(chunk);
+    }
+    Ok((chunks, at))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chunks_come_back_by_cell_and_damage_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.cells");
+        let disk = Disk::default();
+        let mut writer = PackWriter::create(&disk, &path).unwrap();
+        for i in 0..100u32 {
+            writer.append(i % 7, ChunkKind::Vertices, &vec![i as u8; i as usize * 31]).unwrap();
+        }
+        writer.seal().unwrap();
+        let bytes = writer.length();
+        drop(writer);
+        let pack = Pack::open(&disk, &path, 7, bytes).unwrap();
+        let mut payload = Vec::new();
+        let lengths: Vec<u64> = pack.chunks_of(3).iter().map(|c| c.bytes / 31).collect();
+        assert_eq!(lengths, (0..100).filter(|i| i % 7 == 3).collect::<Vec<_>>());
+        for chunk in pack.chunks_of(3) {
+            pack.read(chunk, &mut payload).unwrap();
+        }
+        let mut raw = std::fs::read(&path).unwrap();
+        let victim = pack.chunks_of(3)[1];
+        raw[victim.offset as usize] ^= 1;
+        std::fs::write(&path, &raw).unwrap();
+        let error = pack.read(&victim, &mut payload).unwrap_err();
+        assert!(error.to_string().contains(&format!("byte {}", victim.offset)), "{error}");
+        // When the pack is continued, the index and a torn chunk are cut off and the damaged one is forgotten.
+        let index_at = bytes as usize - 100 * 32 - 8 - CHUNK_HEADER_BYTES as usize;
+        assert_eq!(PackWriter::reopen(&disk, &path).unwrap().chunks().len(), 99);
+        assert_eq!(std::fs::metadata(&path).unwrap().len(), index_at as u64);
+        std::fs::write(&path, &raw[..index_at - 5]).unwrap();
+        assert_eq!(PackWriter::reopen(&disk, &path).unwrap().chunks().len(), 98);
+        assert!(Pack::open(&disk, &path, 7, bytes).is_err());
+        // Any damage to the index is found when the pack is opened.
+        raw[victim.offset as usize] ^= 1;
+        for at in (index_at..raw.len()).step_by(13) {
+            raw[at] ^= 0x10;
+            std::fs::write(&path, &raw).unwrap();
+            assert!(Pack::open(&disk, &path, 7, bytes).is_err(), "byte {at}");
+            raw[at] ^= 0x10;
+        }
+    }
+}

@@ -1,0 +1,354 @@
+//! What simplifying leaves of the cells: one chunk a cell, in the order they were finished.
+//!
+//! A chunk holds counts, the cell's statistics, ids, shared marks, vertex rows (record, channels) and local
+//! triangles. Finished cells survive a crash; the writer continues behind the last whole chunk.
+
+use super::cell_store::{CellMesh, CellTally, VertexLayout};
+use super::deduplicate::Dropped;
+use super::pack::{Pack, PackWriter};
+use crate::error::{Error, Result};
+use crate::kernel::{FitStatistics, Quality, QualityAt, Simplified, Statistics};
+use crate::mesh::Mesh;
+use crate::store::pack_format::ChunkKind;
+use crate::system::disk::Disk;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// The sealed description of a pack of survivors.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SurvivorInfo {
+    /// File name of the pack in the job folder.
+    pub pack: String,
+    /// Sealed length of the pack.
+    pub pack_bytes: u64,
+    /// Per cell: vertices and triangles left.
+    pub cells: Vec<CellTally>,
+    /// Triangles left in all cells.
+    pub triangles: u64,
+    /// What the kernel did in all cells together.
+    pub statistics: CellStatistics,
+}
+
+/// One simplified cell.
+#[derive(Clone, Debug, Default)]
+pub struct Survivors {
+    /// Input vertex index of each vertex.
+    pub ids: Vec<u64>,
+    /// Whether another cell of the same round holds the same vertex.
+    pub shared: Vec<bool>,
+    /// The record of each vertex with its present position; further properties as first read.
+    pub records: Vec<u8>,
+    /// Geometry and channels.
+    pub mesh: Mesh,
+    /// What the kernel did.
+    pub statistics: CellStatistics,
+}
+
+/// The kernel's statistics as they are kept with a cell, or the sum of several.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CellStatistics {
+    /// Collapses carried out.
+    pub collapses: u64,
+    /// Refused collapses by reason.
+    pub rejects: Vec<(String, u64)>,
+    /// What was cleaned and changed of the topology, by kind.
+    #[serde(default)]
+    pub changes: Vec<(String, u64)>,
+    /// Whether the stop was reached.
+    pub reached: bool,
+    /// What the fit did, if there was one.
+    #[serde(default)]
+    pub fit: Option<FitStatistics>,
+    /// What was left out of the cell before.
+    #[serde(default)]
+    pub dropped: Dropped,
+    /// Charts of a texture that vanished.
+    #[serde(default)]
+    pub charts_vanished: u64,
+    /// How well the result stands for what was given.
+    #[serde(default)]
+    pub quality: Quality,
+    /// The same on the way down; of a finish only, empty for cells.
+    #[serde(default)]
+    pub curve: Vec<QualityAt>,
+    /// Vertices on attribute seams that are left; one that several cells hold counts in each.
+    #[serde(default)]
+    pub seam_vertices: u64,
+}
+
+impl From<&Statistics> for CellStatistics {
+    fn from(statistics: &Statistics) -> Self {
+        let named = |counts: &[(&str, u64)]| {
+            counts.iter().map(|(name, n)| ((*name).to_owned(), *n)).collect()
+        };
+        CellStatistics {
+            collapses: statistics.collapses,
+            rejects: named(&statistics.rejects),
+            changes: named(&statistics.changes),
+            reached: statistics.reached,
+            fit: statistics.fit,
+            dropped: Dropped::default(),
+            charts_vanished: statistics.charts_vanished,
+            quality: statistics.quality.unwrap_or_default(),
+            curve: statistics.curve.clone(),
+            seam_vertices: statistics.seam_vertices,
+        }
+    }
+}
+
+impl CellStatistics {
+    /// Adds those of another cell.
+    fn add(&mut self, other: CellStatistics) {
+        self.collapses += other.collapses;
+        self.reached &= other.reached;
+        self.fit = self.fit.or(other.fit);
+        self.dropped += other.dropped;
+        self.charts_vanished += other.charts_vanished;
+        self.quality.add(&other.quality);
+        self.curve.extend(other.curve);
+        self.seam_vertices += other.seam_vertices;
+        add_named(&mut self.rejects, other.rejects);
+        add_named(&mut self.changes, other.changes);
+    }
+}
+
+impl From<CellMesh> for Survivors {
+    /// A cell as it was loaded.
+    fn from(cell: CellMesh) -> Self {
+        let CellMesh { ids, records, shared, mesh, dropped } = cell;
+        let statistics = CellStatistics { reached: true, dropped, ..CellStatistics::default() };
+        Survivors { ids, shared, records, mesh, statistics }
+    }
+}
+
+impl Survivors {
+    /// What the kernel left of `cell`; positions go back into the records, in the input's type.
+    pub fn new(
+        ids: &[u64],
+        shared: &[bool],
+        records: &[u8],
+        simplified: Simplified,
+        layout: &VertexLayout,
+    ) -> Survivors {
+        let record_bytes = layout.schema.record_bytes();
+        let position_bytes = layout.schema.position_bytes();
+        let mut out = Survivors {
+            statistics: CellStatistics::from(&simplified.statistics),
+            ids: Vec::with_capacity(simplified.source.len()),
+            shared: Vec::with_capacity(simplified.source.len()),
+            records: Vec::with_capacity(simplified.source.len() * record_bytes),
+            mesh: simplified.mesh,
+        };
+        for (vertex, &source) in simplified.source.iter().enumerate() {
+            let source = source as usize;
+            out.ids.push(ids[source]);
+            out.shared.push(shared[source]);
+            let record = &records[source * record_bytes..(source + 1) * record_bytes];
+            layout.schema.encode_position(out.mesh.positions[vertex], &mut out.records);
+            out.records.extend_from_slice(&record[position_bytes..]);
+        }
+        out
+    }
+
+    fn tally(&self) -> CellTally {
+        CellTally { vertices: self.ids.len() as u64, triangles: self.mesh.triangles.len() as u64 }
+    }
+
+    /// Bytes on disk.
+    fn encode(&self, layout: &VertexLayout) -> Vec<u8> {
+        let statistics = serde_json::to_vec(&self.statistics).expect("plain data");
+        let n_channels = layout.codec.n_channels();
+        let record_bytes = layout.schema.record_bytes();
+        let rows = self.ids.len() * (9 + record_bytes + 4 * n_channels);
+        let mut out =
+            Vec::with_capacity(24 + statistics.len() + rows + 12 * self.mesh.triangles.len());
+        for count in [self.ids.len(), self.mesh.triangles.len(), statistics.len()] {
+            out.extend_from_slice(&(count as u64).to_le_bytes());
+        }
+        out.extend_from_slice(&statistics);
+        self.ids.iter().for_each(|id| out.extend_from_slice(&id.to_le_bytes()));
+        out.extend(self.shared.iter().map(|&shared| u8::from(shared)));
+        out.extend_from_slice(&self.records);
+        self.mesh.channels.iter().for_each(|value| out.extend_from_slice(&value.to_le_bytes()));
+        for triangle in &self.mesh.triangles {
+            triangle.iter().for_each(|v| out.extend_from_slice(&v.to_le_bytes()));
+        }
+        out
+    }
+
+    fn decode(bytes: &[u8], layout: &VertexLayout) -> Option<Survivors> {
+        let mut rest = bytes;
+        let mut take = |n: usize| -> Option<&[u8]> {
+            let (head, tail) = rest.split_at_checked(n)?;
+            rest = tail;
+            Some(head)
+        };
+        let u64_of = |b: &[u8]| u64::from_le_bytes(b.try_into().expect("8 bytes"));
+        let (n_vertices, n_triangles, n_statistics) =
+            (u64_of(take(8)?) as usize, u64_of(take(8)?) as usize, u64_of(take(8)?) as usize);
+        let statistics = serde_json::from_slice(take(n_statistics)?).ok()?;
+        let n_channels = layout.codec.n_channels();
+        let ids = take(n_vertices.checked_mul(8)?)?.chunks_exact(8).map(u64_of).collect();
+        let shared = take(n_vertices)?.iter().map(|&b| b != 0).collect();
+        let records = take(n_vertices.checked_mul(layout.schema.record_bytes())?)?.to_vec();
+        let positions = records
+            .chunks_exact(layout.schema.record_bytes())
+            .map(|record| layout.schema.position(record))
+            .collect();
+        let channels = take(n_vertices.checked_mul(4 * n_channels)?)?
+            .chunks_exact(4)
+            .map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]))
+            .collect();
+        let corner = |b: &[u8]| u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+        let triangles = take(n_triangles.checked_mul(12)?)?
+            .chunks_exact(12)
+            .map(|b| [corner(&b[0..4]), corner(&b[4..8]), corner(&b[8..12])])
+            .collect();
+        let mesh = Mesh { positions, channels, n_channels, triangles };
+        Some(Survivors { ids, shared, records, mesh, statistics })
+    }
+}
+
+/// Bytes on disk of survivors, but for counts and statistics: id, mark, record and channels; three corners.
+pub fn survivor_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
+    tally.vertices * (9 + layout.row_bytes(true)) as u64 + 12 * tally.triangles
+}
+
+/// Writes survivors as cells are finished, from several threads behind one lock.
+#[derive(Debug)]
+pub struct SurvivorWriter {
+    name: String,
+    pack: PackWriter,
+    layout: VertexLayout,
+    /// What is known of the cells that were appended by this process.
+    appended: BTreeMap<u32, (CellTally, CellStatistics)>,
+}
+
+impl SurvivorWriter {
+    /// Begins or continues the pack `name` in `folder`.
+    pub fn open(disk: &Disk, folder: &Path, name: &str, layout: &VertexLayout) -> Result<Self> {
+        let path = folder.join(name);
+        let is_there = std::fs::metadata(&path).is_ok_and(|meta| meta.len() > 16);
+        let pack = if is_there {
+            PackWriter::reopen(disk, &path)?
+        } else {
+            PackWriter::create(disk, &path)?
+        };
+        // Sources are freed as soon as the data is synced, so the name must be durable before that.
+        disk.sync_folder_of(&path)?;
+        let appended = BTreeMap::new();
+        Ok(SurvivorWriter { name: name.to_owned(), pack, layout: layout.clone(), appended })
+    }
+
+    /// The cells that are already in the pack.
+    pub fn finished(&self) -> Vec<u32> {
+        self.pack.chunks().iter().map(|chunk| chunk.cell).collect()
+    }
+
+    /// Appends one cell.
+    pub fn append(&mut self, cell: usize, survivors: &Survivors) -> Result<()> {
+        self.pack.append(cell as u32, ChunkKind::Survivors, &survivors.encode(&self.layout))?;
+        self.appended.insert(cell as u32, (survivors.tally(), survivors.statistics.clone()));
+        self.pack.flush()
+    }
+
+    /// Bytes in the pack so far.
+    pub fn length(&self) -> u64 {
+        self.pack.length()
+    }
+
+    /// Makes the cells appended so far durable.
+    pub fn sync(&mut self) -> Result<()> {
+        self.pack.sync()
+    }
+
+    /// Seals the pack; every one of `n_cells` cells must be in it.
+    pub fn finish(mut self, disk: &Disk, folder: &Path, n_cells: usize) -> Result<SurvivorInfo> {
+        self.pack.seal()?;
+        disk.sync_folder_of(&folder.join(&self.name))?;
+        let mut info = SurvivorInfo {
+            pack: self.name,
+            pack_bytes: self.pack.length(),
+            cells: vec![CellTally::default(); n_cells],
+            statistics: CellStatistics { reached: true, ..CellStatistics::default() },
+            ..SurvivorInfo::default()
+        };
+        drop(self.pack);
+        let pack = SurvivorPack::open(disk, folder, info.clone(), self.layout)?;
+        for cell in 0..n_cells {
+            let (tally, statistics) = match self.appended.remove(&(cell as u32)) {
+                Some(known) => known,
+                None => {
+                    let survivors = pack.load(cell)?;
+                    (survivors.tally(), survivors.statistics)
+                }
+            };
+            info.cells[cell] = tally;
+            info.triangles += tally.triangles;
+            info.statistics.add(statistics);
+        }
+        Ok(info)
+    }
+}
+
+/// Adds counts to those of the same names.
+fn add_named(sums: &mut Vec<(String, u64)>, counts: Vec<(String, u64)>) {
+    for (name, n) in counts {
+        match sums.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, sum)) => *sum += n,
+            None => sums.push((name, n)),
+        }
+    }
+}
+
+/// Survivors opened for reading.
+#[derive(Debug)]
+pub struct SurvivorPack {
+    info: SurvivorInfo,
+    layout: VertexLayout,
+    pack: Pack,
+}
+
+impl SurvivorPack {
+    /// Opens a sealed pack of survivors.
+    pub fn open(
+        disk: &Disk,
+        folder: &Path,
+        info: SurvivorInfo,
+        layout: VertexLayout,
+    ) -> Result<Self> {
+        let pack =
+            Pack::open(disk, &folder.join(&info.pack), info.cells.len() as u32, info.pack_bytes)?;
+        Ok(SurvivorPack { info, layout, pack })
+    }
+
+    /// The sealed description.
+    pub fn info(&self) -> &SurvivorInfo {
+        &self.info
+    }
+
+    /// The row layout.
+    pub fn layout(&self) -> &VertexLayout {
+        &self.layout
+    }
+
+    /// Loads what is left of one cell.
+    pub fn load(&self, cell: usize) -> Result<Survivors> {
+        let chunk = self.pack.chunks_of(cell as u32).last().ok_or_else(|| {
+            Error::corrupt(
+                Path::new(&self.info.pack),
+                format!("cell {cell} is missing; run again with --restart"),
+            )
+        })?;
+        let mut payload = Vec::new();
+        self.pack.read(chunk, &mut payload)?;
+        Survivors::decode(&payload, &self.layout).ok_or_else(|| {
+            let what = format!(
+                "byte {}: cell {cell} makes no sense; run again with --restart",
+                chunk.offset
+            );
+            Error::corrupt(Path::new(&self.info.pack), what)
+        })
+    }
+}

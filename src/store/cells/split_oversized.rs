@@ -1,0 +1,253 @@
+//! Splits cells that came out far larger than planned, so that memory holds whatever the mesh is like.
+//!
+//! Cells are cut by the position of one corner, so triangles around one vertex, or all in one point, end in
+//! one cell. Such a cell is cut again by ids, which tell apart what positions do not; neighbours in a scan have
+//! near ids. The parts are written behind everything else; the rows they come from are forgotten.
+
+use super::cell_store::{CellTally, StoreInfo, VertexLayout};
+use super::pack::{Pack, PackWriter};
+use super::scatter::Scatter;
+use crate::error::Result;
+use crate::store::pack_format::{ChunkKind, IdWidth};
+use crate::store::stage_context::Run;
+use std::collections::BTreeMap;
+
+/// A cell of so many times the planned triangles is split. Even scans stay within 1.25, uneven ones below this.
+const OVERFULL: u64 = 2;
+
+/// Keys that are looked at to find where to cut; parts then agree within some percent.
+const SAMPLES: usize = 1 << 16;
+
+/// Vertices whose users are gathered at a time, 16 bytes for each use. Not a share of the memory budget: the
+/// order of rows, and so the result, must not depend on that.
+const WINDOW_VERTICES: u64 = 1 << 20;
+
+/// Share of the memory budget for each set of scatter buffers.
+const BUFFER_SHARE: u64 = 16;
+
+/// Splits what is overfull in a store whose rows have all been written to `pack`, for round `round`.
+///
+/// Every cell holds all vertices its triangles use, before and after. Memory: buffers within the budget and
+/// some 40 MB. Reads an overfull cell once for each million of its vertices.
+pub fn split_overfull(
+    mut info: StoreInfo,
+    pack: &mut PackWriter,
+    layout: &VertexLayout,
+    planned_triangles: u64,
+    round: u32,
+    run: &Run,
+) -> Result<StoreInfo> {
+    let limit = planned_triangles.saturating_mul(OVERFULL);
+    let overfull: Vec<u32> = (0..info.cells.len() as u32)
+        .filter(|&c| info.cells[c as usize].triangles > limit)
+        .collect();
+    if overfull.is_empty() {
+        return Ok(info);
+    }
+    info.split_at = pack.length();
+    info.first_part = info.cells.len() as u32;
+    let source = pack.reader(run.disk(), info.cells.len() as u32)?;
+    for &cell in &overfull {
+        let old = Old { source: &source, cell, layout, info: &info };
+        let cuts = old.cuts(planned_triangles, round, run)?;
+        // The first part keeps the cell's number; the others come behind all cells.
+        let numbers: Vec<u32> = std::iter::once(cell)
+            .chain((0..cuts.len() as u32).map(|i| info.cells.len() as u32 + i))
+            .collect();
+        let tally = old.write_parts(&cuts, &numbers, pack, run)?;
+        info.cells.resize(info.cells.len() + cuts.len(), CellTally::default());
+        for (&number, part) in numbers.iter().zip(tally) {
+            info.cells[number as usize] = part;
+        }
+        pack.flush()?;
+    }
+    info.split = overfull;
+    Ok(info)
+}
+
+/// What a triangle is told apart by: the sum of its ids and the lowest of them. Repeats of a triangle are not
+/// told apart: they must meet in one cell.
+type Key = (u64, u64);
+
+/// Spreads keys over all numbers, whatever step they come in.
+fn hash((sum, lowest): Key) -> u64 {
+    let mixed = (sum ^ lowest.rotate_left(32)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    (mixed ^ mixed >> 32).wrapping_mul(0xD6E8_FEB8_6659_FD93)
+}
+
+/// A cell that is split.
+struct Old<'a> {
+    source: &'a Pack,
+    cell: u32,
+    layout: &'a VertexLayout,
+    info: &'a StoreInfo,
+}
+
+impl Old<'_> {
+    /// Calls `look` for every row of one kind.
+    fn each_row(
+        &self,
+        kind: ChunkKind,
+        run: &Run,
+        mut look: impl FnMut(&[u8]) -> Result<()>,
+    ) -> Result<()> {
+        let ids = self.layout.ids.bytes;
+        let row_bytes = match kind {
+            ChunkKind::Vertices => ids + self.layout.row_bytes(self.info.has_channels),
+            ChunkKind::Triangles => 3 * ids,
+            _ => ids,
+        };
+        let mut payload = Vec::new();
+        for chunk in self.source.chunks_of(self.cell).iter().filter(|chunk| chunk.kind == kind) {
+            run.progress.check()?;
+            self.source.read(chunk, &mut payload)?;
+            payload.chunks_exact(row_bytes).try_for_each(&mut look)?;
+        }
+        Ok(())
+    }
+
+    fn each_triangle(
+        &self,
+        run: &Run,
+        mut look: impl FnMut(Key, &[u8]) -> Result<()>,
+    ) -> Result<()> {
+        self.each_row(ChunkKind::Triangles, run, |row| {
+            let ids = corners(row, self.layout.ids);
+            look((ids.iter().sum(), ids[0].min(ids[1]).min(ids[2])), row)
+        })
+    }
+
+    /// The keys at which parts begin, without the first. Odd rounds begin with half a part, so that the
+    /// seams of one round lie inside the parts of the next.
+    fn cuts(&self, planned_triangles: u64, round: u32, run: &Run) -> Result<Vec<Key>> {
+        let n_triangles = self.info.cells[self.cell as usize].triangles;
+        // The keys of lowest hash, each with its number of triangles: the same for any order of the rows.
+        let mut lowest: BTreeMap<(u64, Key), u64> = BTreeMap::new();
+        self.each_triangle(run, |key, _| {
+            let hashed = (hash(key), key);
+            let is_full = lowest.len() == SAMPLES;
+            if is_full && lowest.last_key_value().is_some_and(|(highest, _)| *highest < hashed) {
+                return Ok(());
+            }
+            *lowest.entry(hashed).or_default() += 1;
+            if lowest.len() > SAMPLES {
+                lowest.pop_last();
+            }
+            Ok(())
+        })?;
+        let mut keys: Vec<(Key, u64)> = lowest.into_iter().map(|((_, key), n)| (key, n)).collect();
+        keys.sort_unstable();
+        // Behind each key the triangles of the sample up to it.
+        let mut n_sampled = 0;
+        for (_, n) in &mut keys {
+            n_sampled += *n;
+            *n = n_sampled;
+        }
+        let n_parts = n_triangles.div_ceil(planned_triangles.max(1));
+        let half = u64::from(round % 2);
+        let mut cuts: Vec<Key> = (1..=n_parts)
+            .map(|part| {
+                let share = u128::from(2 * part - half) * u128::from(n_sampled);
+                (share / u128::from(2 * n_parts)) as u64
+            })
+            .filter_map(|at| keys.get(keys.partition_point(|&(_, up_to)| up_to <= at)))
+            .map(|&(key, _)| key)
+            .collect();
+        cuts.dedup();
+        Ok(cuts)
+    }
+
+    /// Writes the parts; gives back their rows.
+    fn write_parts(
+        &self,
+        cuts: &[Key],
+        numbers: &[u32],
+        pack: &mut PackWriter,
+        run: &Run,
+    ) -> Result<Vec<CellTally>> {
+        let part_of = |key: Key| cuts.partition_point(|cut| *cut <= key);
+        let ids = self.layout.ids;
+        let n_numbers = numbers.iter().max().map_or(0, |&most| most + 1);
+        let buffers = |kind| Scatter::new(kind, n_numbers, run.memory_bytes / BUFFER_SHARE);
+        let mut vertices = buffers(ChunkKind::Vertices);
+        let mut triangles = buffers(ChunkKind::Triangles);
+        let mut marks = buffers(ChunkKind::SharedIds);
+        let mut tally = vec![CellTally::default(); numbers.len()];
+        self.each_triangle(run, |key, row| {
+            let part = part_of(key);
+            tally[part].triangles += 1;
+            triangles.push(pack, numbers[part], row)
+        })?;
+        triangles.finish(pack)?;
+        let n_windows =
+            self.info.cells[self.cell as usize].vertices.div_ceil(WINDOW_VERTICES).max(1);
+        for window in 0..n_windows {
+            // By a hash, so that windows are even whatever ids the cell holds.
+            let is_in = |id: u64| {
+                ((id.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32) * n_windows) >> 32 == window
+            };
+            let users = self.users(&part_of, &is_in, run)?;
+            let mut marked: Vec<u64> = Vec::new();
+            self.each_row(ChunkKind::SharedIds, run, |row| {
+                let id = ids.read(row);
+                if is_in(id) {
+                    marked.push(id);
+                }
+                Ok(())
+            })?;
+            marked.sort_unstable();
+            self.each_row(ChunkKind::Vertices, run, |row| {
+                let id = ids.read(row);
+                if !is_in(id) {
+                    return Ok(());
+                }
+                let from = users.partition_point(|user| user.0 < id);
+                let n = users[from..].iter().take_while(|user| user.0 == id).count();
+                let is_shared = n > 1 || marked.binary_search(&id).is_ok();
+                for &(_, part) in &users[from..from + n] {
+                    tally[part as usize].vertices += 1;
+                    vertices.push(pack, numbers[part as usize], row)?;
+                    if is_shared {
+                        marks.push(pack, numbers[part as usize], &row[..ids.bytes])?;
+                    }
+                }
+                Ok(())
+            })?;
+        }
+        vertices.finish(pack)?;
+        marks.finish(pack)?;
+        Ok(tally)
+    }
+
+    /// Every vertex of a window with every part that uses it, sorted.
+    fn users(
+        &self,
+        part_of: &impl Fn(Key) -> usize,
+        is_in: &impl Fn(u64) -> bool,
+        run: &Run,
+    ) -> Result<Vec<(u64, u32)>> {
+        let mut users: Vec<(u64, u32)> = Vec::new();
+        let mut sorted_up_to = 0;
+        self.each_triangle(run, |key, row| {
+            for id in corners(row, self.layout.ids) {
+                if is_in(id) {
+                    users.push((id, part_of(key) as u32));
+                }
+            }
+            // The same vertex comes with every triangle around it.
+            if users.len() > 2 * sorted_up_to + 500_000 {
+                users.sort_unstable();
+                users.dedup();
+                sorted_up_to = users.len();
+            }
+            Ok(())
+        })?;
+        users.sort_unstable();
+        users.dedup();
+        Ok(users)
+    }
+}
+
+fn corners(row: &[u8], ids: IdWidth) -> [u64; 3] {
+    [0, 1, 2].map(|k| ids.read(&row[k * ids.bytes..]))
+}

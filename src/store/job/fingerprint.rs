@@ -1,0 +1,137 @@
+//! By what an input is known again: its marks, taken before it is opened and compared after its last reading.
+//!
+//! Marks bind a job to its input (the manifest holds them), and tell when a file was changed while it was
+//! read. They are no proof: somebody who sets the time back and keeps the sampled bytes is not found out.
+
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::io::ply::MeshSource;
+use crate::store::job::Identity;
+use crate::system::disk::open_input;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+use std::time::UNIX_EPOCH;
+
+/// Pages that are sampled besides the beginning of the file.
+const PAGES: u64 = 64;
+const PAGE_BYTES: usize = 4096;
+const HEAD_BYTES: usize = 65_536;
+
+/// Name and value of each mark: bytes, time of the last change, checksum of samples.
+///
+/// Standard input (`-`) has none.
+pub fn input_marks(path: &Path) -> Result<BTreeMap<String, String>> {
+    let mut marks = BTreeMap::new();
+    if path == Path::new("-") {
+        return Ok(marks);
+    }
+    let file = open_input(path)?;
+    let meta = file.metadata().map_err(|e| Error::reading(path, "cannot stat", e))?;
+    let mtime = meta.modified().ok().and_then(|t| t.duration_since(UNIX_EPOCH).ok());
+    let mtime = mtime.map_or_else(|| "unknown".to_owned(), |t| t.as_nanos().to_string());
+    let samples =
+        sample_checksum(&file, meta.len()).map_err(|e| Error::reading(path, "cannot read", e))?;
+    marks.insert("bytes".to_owned(), meta.len().to_string());
+    marks.insert("mtime".to_owned(), mtime);
+    marks.insert("checksum of samples".to_owned(), format!("{samples:016x}"));
+    Ok(marks)
+}
+
+/// xxh3 over the first 64 KiB and 64 pages evenly spread over the file, its last bytes included.
+fn sample_checksum(file: &File, bytes: u64) -> std::io::Result<u64> {
+    let mut hasher = xxhash_rust::xxh3::Xxh3::new();
+    let mut page = vec![0; HEAD_BYTES];
+    for i in 0..=PAGES {
+        let wanted = if i == 0 { HEAD_BYTES } else { PAGE_BYTES };
+        let last = bytes.saturating_sub(PAGE_BYTES as u64);
+        let at = (u128::from(last) * u128::from(i) / u128::from(PAGES)) as u64;
+        let n = file.read_at(&mut page[..wanted], at)?;
+        hasher.update(&page[..n]);
+    }
+    Ok(hasher.digest())
+}
+
+/// What reading `path` gave, unless the file's marks are no longer those taken `before`: then an error that
+/// says so, whatever came out. A file that changes can give rise to any error, and to a mesh that never was.
+pub fn unchanged<T>(
+    path: &Path,
+    before: &BTreeMap<String, String>,
+    outcome: Result<T>,
+) -> Result<T> {
+    // The wish to stop, or a full disk, is no worse for a changed input; the next run will find that.
+    if matches!(outcome, Err(Error::Interrupted { .. } | Error::NoSpace { .. })) {
+        return outcome;
+    }
+    let now = match input_marks(path) {
+        Ok(now) => now,
+        Err(_) => return Err(changed(path, "it can no longer be opened")),
+    };
+    let differences: Vec<String> = now
+        .iter()
+        .filter(|(name, value)| before.get(*name) != Some(value))
+        .map(|(name, value)| {
+            let old = before.get(name).map_or("none", String::as_str);
+            format!("{name} {value}, before {old}")
+        })
+        .collect();
+    if differences.is_empty() { outcome } else { Err(changed(path, &differences.join("; "))) }
+}
+
+fn changed(path: &Path, how: &str) -> Error {
+    let what = format!(
+        "was changed during the run ({how}); run again with --restart once it stays as it is"
+    );
+    Error::bad_input(path, what)
+}
+
+/// What a job's files are only valid for: this input and every setting that changes the result.
+pub fn job_identity(
+    source: &MeshSource,
+    marks: &BTreeMap<String, String>,
+    config: &Config,
+) -> Identity {
+    let mut marks = marks.clone();
+    marks.insert("vertices".to_owned(), source.n_vertices().to_string());
+    marks.insert("faces".to_owned(), source.n_face_rows().to_string());
+    let input = std::path::absolute(&config.input).unwrap_or_else(|_| config.input.clone());
+    let input = input.display().to_string();
+    Identity { input, input_marks: marks, settings: config.settings() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_change_shows_in_the_marks() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a");
+        let bytes = vec![7u8; 3 << 20];
+        std::fs::write(&path, &bytes).unwrap();
+        let before = input_marks(&path).unwrap();
+        assert_eq!(unchanged(&path, &before, Ok(5)).unwrap(), 5);
+        let fault = || Err::<u32, _>(Error::bad_input("a", "row 7 is bad"));
+        assert!(unchanged(&path, &before, fault()).unwrap_err().to_string().contains("row 7"));
+        let told = |how: &str| {
+            for outcome in [Ok(5), fault()] {
+                let error = unchanged(&path, &before, outcome).unwrap_err();
+                assert_eq!(error.exit_code(), 4);
+                let said = error.to_string();
+                assert!(said.contains("changed during the run") && said.contains(how), "{said}");
+            }
+        };
+        std::fs::write(&path, &bytes[1..]).unwrap();
+        told("bytes 3145727, before 3145728");
+        let mut other = bytes;
+        *other.last_mut().unwrap() = 8;
+        std::fs::write(&path, &other).unwrap();
+        told("checksum of samples");
+        std::fs::remove_file(&path).unwrap();
+        told("no longer");
+        // Nothing to compare, and nothing to fail.
+        assert!(input_marks(Path::new("-")).unwrap().is_empty());
+        assert_eq!(unchanged(Path::new("-"), &BTreeMap::new(), Ok(3)).unwrap(), 3);
+    }
+}

@@ -1,0 +1,272 @@
+//! The manifest: what a job belongs to, and the recorded outcomes of its stages.
+//!
+//! A text file of lines, each a JSON object, a tab and the xxh3 checksum of the JSON in hexadecimal. Lines
+//! are only appended, each synced before the next stage may rely on it. A torn last line (power loss) is
+//! cut off; a damaged line before the last is an error.
+
+use crate::error::{Error, Result};
+use crate::system::disk::{Disk, DiskFile};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::ffi::OsStr;
+use std::path::Path;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// The manifest's name in the job folder.
+pub const FILE_NAME: &str = "manifest.jsonl";
+
+/// Version of everything in a job folder; another version is refused.
+const FORMAT_VERSION: u32 = 4;
+
+/// What a job's files are only valid for.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Identity {
+    /// The input as the user named it, for messages.
+    pub input: String,
+    /// Name and value of everything about the input that must not change: bytes, mtime, checksums.
+    pub input_marks: BTreeMap<String, String>,
+    /// Name and value of every setting that changes the result.
+    pub settings: BTreeMap<String, String>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Line {
+    name: String,
+    outcome: serde_json::Value,
+}
+
+/// An open manifest.
+#[derive(Debug)]
+pub struct Manifest {
+    file: DiskFile,
+    outcomes: BTreeMap<String, serde_json::Value>,
+    is_new: bool,
+}
+
+/// What `stonecut status` shows of a manifest.
+#[derive(Clone, Debug)]
+pub struct ManifestView {
+    /// What the job belongs to.
+    pub identity: Identity,
+    /// Recorded outcomes by stage name.
+    pub outcomes: BTreeMap<String, serde_json::Value>,
+}
+
+/// Reads the manifest of a job folder without opening the job.
+pub fn view(folder: &Path) -> Result<ManifestView> {
+    let path = folder.join(FILE_NAME);
+    let bytes = std::fs::read(&path)
+        .map_err(|e| Error::reading(&path, "cannot read (is this a job folder?)", e))?;
+    let (mut outcomes, _) = parse(&path, &bytes)?;
+    let identity =
+        outcomes.remove(IDENTITY).ok_or_else(|| Error::corrupt(&path, "has no identity line"))?;
+    let (_, identity): (u32, Identity) = from_value(&path, IDENTITY, identity)?;
+    Ok(ManifestView { identity, outcomes })
+}
+
+const IDENTITY: &str = "identity";
+
+impl Manifest {
+    /// Opens a job folder's manifest, or begins one for `identity`.
+    pub fn open(folder: &Path, disk: &Disk, identity: &Identity) -> Result<Manifest> {
+        let path = folder.join(FILE_NAME);
+        let bytes = match std::fs::read(&path) {
+            Ok(bytes) => bytes,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => Vec::new(),
+            Err(e) => return Err(Error::reading(&path, "cannot read", e)),
+        };
+        let (outcomes, valid_bytes) = parse(&path, &bytes)?;
+        if let Some(found) = outcomes.get(IDENTITY) {
+            let (version, found): (u32, Identity) = from_value(&path, IDENTITY, found.clone())?;
+            check(folder, version, &found, identity)?;
+            let file = disk.open_append(&path, valid_bytes)?;
+            return Ok(Manifest { file, outcomes, is_new: false });
+        }
+        let file = disk.create(&path)?;
+        let mut manifest = Manifest { file, outcomes: BTreeMap::new(), is_new: true };
+        manifest.record(IDENTITY, &(FORMAT_VERSION, identity))?;
+        disk.sync_folder_of(&path)?;
+        Ok(manifest)
+    }
+
+    /// Whether this run began the manifest.
+    pub fn is_new(&self) -> bool {
+        self.is_new
+    }
+
+    /// The recorded outcome of a stage.
+    pub fn outcome<T: DeserializeOwned>(&self, name: &str) -> Result<Option<T>> {
+        let Some(value) = self.outcomes.get(name) else { return Ok(None) };
+        from_value(self.file.path(), name, value.clone()).map(Some)
+    }
+
+    /// Appends an outcome and syncs it.
+    pub fn record<T: Serialize>(&mut self, name: &str, outcome: &T) -> Result<()> {
+        let outcome = serde_json::to_value(outcome).expect("outcomes are plain data");
+        let line = Line { name: name.to_owned(), outcome };
+        let json = serde_json::to_string(&line).expect("outcomes are plain data");
+        let text = format!("{json}\t{:016x}\n", xxh3_64(json.as_bytes()));
+        self.file.append(text.as_bytes())?;
+        self.file.sync()?;
+        self.outcomes.insert(line.name, line.outcome);
+        Ok(())
+    }
+}
+
+fn from_value<T: DeserializeOwned>(path: &Path, name: &str, value: serde_json::Value) -> Result<T> {
+    serde_json::from_value(value).map_err(|e| {
+        Error::corrupt(
+            path,
+            format!("the record of '{name}' cannot be understood ({e}); run again with --restart"),
+        )
+    })
+}
+
+/// The records of a manifest and how many of its bytes are whole lines.
+fn parse(path: &Path, bytes: &[u8]) -> Result<(BTreeMap<String, serde_json::Value>, u64)> {
+    let mut outcomes = BTreeMap::new();
+    let mut valid = 0;
+    while let Some(length) = bytes[valid..].iter().position(|&b| b == b'\n') {
+        let line = &bytes[valid..valid + length];
+        let Some(record) = parse_line(line) else {
+            if valid + length + 1 == bytes.len() {
+                break;
+            }
+            return Err(Error::corrupt(
+                path,
+                format!("the line at byte {valid} is damaged; run again with --restart"),
+            ));
+        };
+        if let Some(name) = foreign_name(&record.outcome) {
+            return Err(Error::corrupt(
+                path,
+                format!(
+                    "the record of '{}' names the file {name:?}, which is no file of a job folder",
+                    record.name
+                ),
+            ));
+        }
+        outcomes.insert(record.name, record.outcome);
+        valid += length + 1;
+    }
+    Ok((outcomes, valid as u64))
+}
+
+/// A pack's name that is not just a name: joined to the job folder it would lead out of it.
+fn foreign_name(value: &serde_json::Value) -> Option<&str> {
+    match value {
+        serde_json::Value::Object(fields) => fields.iter().find_map(|(key, value)| {
+            let name = value.as_str().filter(|_| key == "pack");
+            name.filter(|name| Path::new(name).file_name() != Some(OsStr::new(name)))
+                .or_else(|| foreign_name(value))
+        }),
+        serde_json::Value::Array(values) => values.iter().find_map(foreign_name),
+        _ => None,
+    }
+}
+
+fn parse_line(line: &[u8]) -> Option<Line> {
+    let text = std::str::from_utf8(line).ok()?;
+    let (json, sum) = text.rsplit_once('\t')?;
+    (u64::from_str_radix(sum, 16).ok()? == xxh3_64(json.as_bytes())).then_some(())?;
+    serde_json::from_str(json).ok()
+}
+
+/// Names what differs between the job's identity and this run's.
+fn check(folder: &Path, version: u32, found: &Identity, wanted: &Identity) -> Result<()> {
+    let mut differences = Vec::new();
+    if version != FORMAT_VERSION {
+        differences.push(format!("format version {version} instead of {FORMAT_VERSION}"));
+    }
+    if found.input != wanted.input {
+        differences.push(format!("input {} instead of {}", found.input, wanted.input));
+    }
+    for (what, old, new) in [
+        ("input ", &found.input_marks, &wanted.input_marks),
+        ("", &found.settings, &wanted.settings),
+    ] {
+        let mut names: Vec<_> = old.keys().chain(new.keys()).collect();
+        names.sort();
+        names.dedup();
+        for name in names {
+            let (old, new) = (old.get(name), new.get(name));
+            if old != new {
+                let show = |v: Option<&String>| v.map_or("nothing".to_owned(), Clone::clone);
+                differences.push(format!("{what}{name} {} instead of {}", show(old), show(new)));
+            }
+        }
+    }
+    if differences.is_empty() {
+        return Ok(());
+    }
+    Err(Error::StateMismatch {
+        path: folder.into(),
+        what: format!(
+            "holds an unfinished job with {}; give the same command to continue it, or --restart to throw it away",
+            differences.join(", ")
+        ),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn identity(cells: &str) -> Identity {
+        Identity {
+            input: "a.ply".into(),
+            input_marks: BTreeMap::from([("bytes".into(), "12".into())]),
+            settings: BTreeMap::from([("cell-triangles".into(), cells.into())]),
+        }
+    }
+
+    #[test]
+    fn outcomes_survive_a_torn_last_line_but_not_a_damaged_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let disk = Disk::default();
+        let mut manifest = Manifest::open(folder.path(), &disk, &identity("5")).unwrap();
+        manifest.record("scan", &7u32).unwrap();
+        manifest.record("partition", &8u32).unwrap();
+        let path = folder.path().join(FILE_NAME);
+        let whole = std::fs::read(&path).unwrap();
+        for cut in 1..20 {
+            std::fs::write(&path, &whole[..whole.len() - cut]).unwrap();
+            let again = Manifest::open(folder.path(), &disk, &identity("5")).unwrap();
+            assert_eq!(again.outcome::<u32>("scan").unwrap(), Some(7));
+            assert_eq!(again.outcome::<u32>("partition").unwrap(), None);
+        }
+        let mut damaged = whole.clone();
+        damaged[whole.len() / 2] ^= 4;
+        std::fs::write(&path, &damaged).unwrap();
+        assert!(matches!(
+            Manifest::open(folder.path(), &disk, &identity("5")),
+            Err(Error::Corrupt { .. })
+        ));
+    }
+
+    #[test]
+    fn a_job_of_other_settings_is_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let disk = Disk::default();
+        Manifest::open(folder.path(), &disk, &identity("5")).unwrap();
+        let error = Manifest::open(folder.path(), &disk, &identity("6")).unwrap_err();
+        assert!(error.to_string().contains("cell-triangles 5 instead of 6"), "{error}");
+    }
+
+    #[test]
+    fn no_record_leads_out_of_the_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let disk = Disk::default();
+        let mut manifest = Manifest::open(folder.path(), &disk, &identity("5")).unwrap();
+        manifest.record("round 0", &[serde_json::json!({"pack": "round-0.cells"})]).unwrap();
+        let again = || Manifest::open(folder.path(), &disk, &identity("5"));
+        assert!(again().is_ok());
+        for name in ["../in.ply", "/etc/passwd", "a/b", "..", ".", ""] {
+            let mut manifest = Manifest::open(folder.path(), &disk, &identity("5")).unwrap();
+            manifest.record("round 0", &[serde_json::json!({"pack": name})]).unwrap();
+            assert!(matches!(again(), Err(Error::Corrupt { .. })), "{name}");
+            std::fs::remove_file(folder.path().join(FILE_NAME)).unwrap();
+        }
+    }
+}

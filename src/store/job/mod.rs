@@ -1,0 +1,177 @@
+//! The job folder: who works in it, what it belongs to, and which stages are done.
+//!
+//! `Job::sealed` is how stages become resumable: it hands back the recorded outcome of a stage, or runs the
+//! stage and records its outcome once everything the stage wrote is durable.
+
+pub mod fingerprint;
+mod lock;
+mod manifest;
+
+pub use manifest::{Identity, ManifestView, view};
+
+use crate::error::{Error, Result};
+use crate::system::disk::Disk;
+use lock::Lock;
+use manifest::Manifest;
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+/// An open job folder, locked against other runs.
+#[derive(Debug)]
+pub struct Job {
+    folder: PathBuf,
+    disk: Disk,
+    manifest: Mutex<Manifest>,
+    /// Held for its destructor, which gives the folder free.
+    _lock: Lock,
+}
+
+impl Job {
+    /// Opens the job in `folder`, or begins it; `restart` throws away what an earlier run left.
+    ///
+    /// Errors: `Locked` when a living run works there, `StateMismatch` when the folder belongs to another
+    /// input, other settings or another format version.
+    pub fn open(folder: &Path, disk: &Disk, identity: &Identity, restart: bool) -> Result<Job> {
+        disk.create_dir(folder)?;
+        let lock = Lock::take(folder)?;
+        if restart {
+            clear(folder, disk)?;
+        }
+        let manifest = Manifest::open(folder, disk, identity)?;
+        if manifest.is_new() {
+            clear_data(folder, disk)?;
+        }
+        Ok(Job {
+            folder: folder.into(),
+            disk: disk.clone(),
+            manifest: Mutex::new(manifest),
+            _lock: lock,
+        })
+    }
+
+    /// A path inside the job folder.
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// The job folder itself.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The file system this job writes through.
+    pub fn disk(&self) -> &Disk {
+        &self.disk
+    }
+
+    /// The recorded outcome of stage `name`, or the outcome of running it now, recorded.
+    ///
+    /// `work` must have synced every file that its outcome names.
+    pub fn sealed<T: Serialize + DeserializeOwned>(
+        &self,
+        name: &str,
+        work: impl FnOnce() -> Result<T>,
+    ) -> Result<T> {
+        if let Some(outcome) = self.outcome(name)? {
+            return Ok(outcome);
+        }
+        let outcome = work()?;
+        self.record(name, &outcome)?;
+        Ok(outcome)
+    }
+
+    /// The recorded outcome of a stage, if it is done.
+    pub fn outcome<T: DeserializeOwned>(&self, name: &str) -> Result<Option<T>> {
+        self.manifest.lock().unwrap_or_else(PoisonError::into_inner).outcome(name)
+    }
+
+    /// Records an outcome; a later record of the same name replaces the earlier one.
+    pub fn record<T: Serialize>(&self, name: &str, outcome: &T) -> Result<()> {
+        self.manifest.lock().unwrap_or_else(PoisonError::into_inner).record(name, outcome)
+    }
+
+    /// Removes scratch folders inside the job folder that a killed run has left.
+    pub fn clear_scratch(&self) -> Result<()> {
+        clear_scratch(&self.folder)
+    }
+
+    /// Removes the whole folder: the run is over and its output stands.
+    pub fn remove(self) -> Result<()> {
+        clear(&self.folder, &self.disk)?;
+        // Removed while held: a run that has just opened the old file sees that it is gone and begins anew.
+        self.disk.remove(&self.folder.join(lock::FILE_NAME))?;
+        self.disk.remove_dir(&self.folder)
+    }
+}
+
+/// Removes every file of a job but its lock.
+fn clear(folder: &Path, disk: &Disk) -> Result<()> {
+    let manifest = folder.join(manifest::FILE_NAME);
+    disk.remove(&manifest)?;
+    // Before the data goes: a manifest that came back after a power loss would name files that are gone.
+    disk.sync_folder_of(&manifest)?;
+    clear_data(folder, disk)
+}
+
+fn clear_scratch(folder: &Path) -> Result<()> {
+    let entries =
+        std::fs::read_dir(folder).map_err(|e| Error::reading(folder, "cannot list", e))?;
+    for entry in entries {
+        let path = entry.map_err(|e| Error::reading(folder, "cannot list", e))?.path();
+        if path.extension().is_some_and(|ext| ext == SCRATCH_EXTENSION) {
+            std::fs::remove_dir_all(&path).map_err(|e| Error::io(&path, "cannot remove", e))?;
+        }
+    }
+    Ok(())
+}
+
+/// Removes scratch folders in `folder` whose process has ended: nobody holds their lock. What cannot be read or
+/// removed is left.
+pub fn sweep_scratch(folder: &Path) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        let is_scratch = path.extension().is_some_and(|ext| ext == SCRATCH_EXTENSION);
+        if is_scratch && entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+            // Without a lock it has nothing yet, and goes only if it is empty; its owner makes it again.
+            let _ = match lock::is_free(&path) {
+                Some(true) => std::fs::remove_dir_all(&path),
+                Some(false) => Ok(()),
+                None => std::fs::remove_dir(&path),
+            };
+        }
+    }
+}
+
+fn clear_data(folder: &Path, disk: &Disk) -> Result<()> {
+    clear_scratch(folder)?;
+    let trials = folder.join(TRIALS);
+    match std::fs::remove_dir_all(&trials) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+            return Err(Error::io(&trials, "cannot remove", e));
+        }
+        _ => {}
+    }
+    let entries =
+        std::fs::read_dir(folder).map_err(|e| Error::reading(folder, "cannot list", e))?;
+    for entry in entries {
+        let name = entry.map_err(|e| Error::reading(folder, "cannot list", e))?.file_name();
+        let ours = Path::new(&name)
+            .extension()
+            .is_some_and(|ext| DATA_EXTENSIONS.iter().any(|ours| ext == *ours));
+        if ours {
+            disk.remove(&folder.join(&name))?;
+        }
+    }
+    Ok(())
+}
+
+/// Extension of the folders of `Scratch`, which nobody continues.
+pub const SCRATCH_EXTENSION: &str = "stonecut-scratch";
+
+/// The folder for the trials of `--max-error` in a job folder: their job, and their results.
+pub const TRIALS: &str = "trials";
+
+/// Extensions of the files that stages write into a job folder; nothing else there is ever removed.
+const DATA_EXTENSIONS: [&str; 4] = ["cells", "survivors", "index", "part"];

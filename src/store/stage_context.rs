@@ -1,0 +1,31 @@
+//! What every stage needs besides its own input: the job, the counters, threads and memory.
+
+use crate::store::job::Job;
+use crate::system::disk::Disk;
+use crate::system::progress::Progress;
+use std::time::Duration;
+
+/// How often, unless a test asks for more: what a death may cost stays well below a minute.
+pub const CHECKPOINT_EVERY: Duration = Duration::from_secs(30);
+
+/// The surroundings of a stage. None of it may reach a result.
+#[derive(Clone, Copy, Debug)]
+pub struct Run<'a> {
+    /// The job folder, its files and its manifest.
+    pub job: &'a Job,
+    /// Counters for the outside, and its request to stop.
+    pub progress: &'a Progress,
+    /// Worker threads.
+    pub threads: usize,
+    /// Memory that the stage may take, in bytes.
+    pub memory_bytes: u64,
+    /// Progress within a stage is made durable so often.
+    pub checkpoint_every: Duration,
+}
+
+impl Run<'_> {
+    /// The file system of the job.
+    pub fn disk(&self) -> &Disk {
+        self.job.disk()
+    }
+}

@@ -1,0 +1,11 @@
+//! The operating system and the user's numbers: files, paths, threads, memory limits, progress, units.
+//!
+//! The lowest room but for `error`: nothing here knows meshes.
+
+pub mod disk;
+pub mod memory;
+pub mod parallel;
+pub(crate) mod paths;
+pub(crate) mod pending_file;
+pub mod progress;
+pub mod units;

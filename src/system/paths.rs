@@ -1,0 +1,358 @@
+//! All paths of a command in one table, checked once before any work and before any byte is written.
+//!
+//! No two paths that name the same file, unless both are only read. Inputs are regular files that can be opened.
+//! What is written goes to a new file, or takes the place of a regular one: of any file for the main output of
+//! a command, with `--force`; for everything else only of an earlier file of the same kind that this program
+//! wrote. docs/design/paths.md gives the reasons. Nothing is created here but nameless files, to see whether a
+//! folder takes files.
+
+use crate::error::{Error, Remedy, Result};
+use crate::system::disk::{folder_of, kind_of, open_input, scratch_file};
+use crate::system::pending_file::refuse_irregular;
+use std::ffi::OsString;
+use std::io::Read;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+
+/// What a command does with a path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// Read; `-` is standard input.
+    Input,
+    /// Read, and never from standard input.
+    InputFile,
+    /// A folder that is read.
+    InputFolder,
+    /// The mesh, picture or page that the command is there for; `-` is standard output.
+    Output,
+    /// Written beside the main output.
+    Side(Kind),
+    /// Appended to.
+    Log,
+    /// A folder for temporary data, made where it is missing.
+    TempDir,
+    /// The folder of a job, made where it is missing; no other path may lie in it.
+    JobFolder,
+}
+
+/// The kinds of files that are written beside a main output; an earlier one is known by its contents.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// JSON of `simplify` or `measure`.
+    Report,
+    /// Points of `simplify --seams`.
+    Seams,
+    /// The mesh of `measure --heatmap`; replaced with `--force` only.
+    Heatmap,
+}
+
+struct Row {
+    role: Role,
+    /// As people type it: `INPUT`, `--report`.
+    name: &'static str,
+    path: PathBuf,
+}
+
+/// The paths of one command.
+#[derive(Default)]
+pub struct Paths {
+    rows: Vec<Row>,
+    force: bool,
+}
+
+/// By what two paths are known to be the same file.
+#[derive(PartialEq, Eq)]
+enum Key {
+    /// There is a file: device and inode.
+    File(u64, u64),
+    /// There is none yet: device and inode of the folder, and the name.
+    Name(u64, u64, OsString),
+    /// Neither the file nor its folder are there; as typed, made absolute.
+    Nowhere(PathBuf),
+    /// `-`.
+    Stream,
+}
+
+impl Paths {
+    /// An empty table; `force` lets the main output be replaced.
+    pub fn new(force: bool) -> Paths {
+        Paths { rows: Vec::new(), force }
+    }
+
+    /// Adds a path under the name that people know it by.
+    pub fn with(mut self, role: Role, name: &'static str, path: impl Into<PathBuf>) -> Paths {
+        self.rows.push(Row { role, name, path: path.into() });
+        self
+    }
+
+    /// Adds the path of an option, if it was given.
+    pub fn with_option(self, role: Role, name: &'static str, path: Option<&PathBuf>) -> Paths {
+        match path {
+            Some(path) => self.with(role, name, path),
+            None => self,
+        }
+    }
+
+    /// Refuses what cannot be meant or cannot succeed.
+    ///
+    /// Errors: `Usage` for paths that clash, may not be replaced or have no folder; `BadInput` for inputs;
+    /// `Device` and `NoSpace` for folders that take no files.
+    pub fn check(&self) -> Result<()> {
+        self.check_clashes()?;
+        for row in self.rows.iter().filter(|row| row.is_read()) {
+            row.check_input()?;
+        }
+        for row in self.rows.iter().filter(|row| !row.is_read()) {
+            row.check_written(self.force)?;
+        }
+        let mut probed: Vec<&Path> = Vec::new();
+        for row in &self.rows {
+            let Some(folder) = row.folder_written() else { continue };
+            if !probed.contains(&folder) {
+                probe(folder)?;
+                probed.push(folder);
+            }
+        }
+        Ok(())
+    }
+
+    fn check_clashes(&self) -> Result<()> {
+        let keys: Vec<Key> = self.rows.iter().map(|row| row.key()).collect();
+        for (i, a) in self.rows.iter().enumerate() {
+            for (j, b) in self.rows.iter().enumerate().skip(i + 1) {
+                let are_folders = a.role == Role::TempDir || b.role == Role::TempDir;
+                // Standard input and standard output are two things, but each can be used only once.
+                let is_once = keys[i] != Key::Stream || a.is_read() == b.is_read();
+                let both_read = a.is_read() && b.is_read() && keys[i] != Key::Stream;
+                if keys[i] == keys[j] && is_once && !both_read && !are_folders {
+                    return Err(Error::Usage(format!(
+                        "{} and {} are the same file, {}; give each a path of its own",
+                        a.name,
+                        b.name,
+                        b.path.display()
+                    )));
+                }
+            }
+        }
+        for job in self.rows.iter().filter(|row| row.role == Role::JobFolder) {
+            let Ok(meta) = std::fs::metadata(&job.path) else { continue };
+            for row in self.rows.iter().filter(|row| row.role != Role::TempDir && !row.is_stream())
+            {
+                let folder = std::fs::metadata(folder_of(&row.path));
+                if folder.is_ok_and(|f| (f.dev(), f.ino()) == (meta.dev(), meta.ino())) {
+                    return Err(Error::Usage(format!(
+                        "{}: {} lies in the job folder, whose files come and go; put it elsewhere",
+                        row.path.display(),
+                        row.name
+                    )));
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Row {
+    fn is_read(&self) -> bool {
+        matches!(self.role, Role::Input | Role::InputFile | Role::InputFolder)
+    }
+
+    fn is_stream(&self) -> bool {
+        matches!(self.role, Role::Input | Role::Output) && self.path == Path::new("-")
+    }
+
+    fn key(&self) -> Key {
+        if self.is_stream() {
+            return Key::Stream;
+        }
+        let identity = |path: &Path| std::fs::metadata(path).map(|m| (m.dev(), m.ino()));
+        if let Ok((device, inode)) = identity(&self.path) {
+            return Key::File(device, inode);
+        }
+        match (identity(folder_of(&self.path)), self.path.file_name()) {
+            (Ok((device, inode)), Some(name)) => Key::Name(device, inode, name.to_owned()),
+            _ => Key::Nowhere(std::path::absolute(&self.path).unwrap_or(self.path.clone())),
+        }
+    }
+
+    fn check_input(&self) -> Result<()> {
+        if self.is_stream() {
+            return Ok(());
+        }
+        if self.role == Role::InputFolder {
+            return match std::fs::metadata(&self.path) {
+                Ok(meta) if meta.is_dir() => Ok(()),
+                Ok(meta) => {
+                    let what = format!("this is {}, not a folder", kind_of(meta.file_type()));
+                    Err(Error::bad_input(&self.path, what))
+                }
+                Err(e) => Err(Error::bad_input(&self.path, format!("cannot open: {e}"))),
+            };
+        }
+        open_input(&self.path).map(drop)
+    }
+
+    fn check_written(&self, force: bool) -> Result<()> {
+        let path = self.path.as_path();
+        if self.is_stream() {
+            return Ok(());
+        }
+        if matches!(self.role, Role::TempDir | Role::JobFolder) {
+            return match std::fs::metadata(path) {
+                Ok(meta) if !meta.is_dir() => Err(Error::Usage(format!(
+                    "{}: {} is {}, not a folder",
+                    path.display(),
+                    self.name,
+                    kind_of(meta.file_type())
+                ))),
+                _ => Ok(()),
+            };
+        }
+        if path.file_name().is_none() || ends_in_slash(path) {
+            return Err(Error::Usage(format!(
+                "{}: {} names a folder; name a file in it",
+                path.display(),
+                self.name
+            )));
+        }
+        refuse_irregular(path)?;
+        if !folder_of(path).is_dir() {
+            return Err(Error::Usage(format!(
+                "{}: the folder of {} does not exist; make it first",
+                path.display(),
+                self.name
+            )));
+        }
+        let Ok(meta) = std::fs::metadata(path) else { return Ok(()) };
+        let refused = |why: &str| {
+            Err(Error::Usage(format!("{} ({}) exists{why}", path.display(), self.name)))
+        };
+        match self.role {
+            Role::Output if !force => refused("; give --force to replace it"),
+            Role::Side(Kind::Heatmap) if !force => refused("; give --force to replace it"),
+            // A script may have made the file for us (mktemp): nothing is lost with it.
+            Role::Side(_) | Role::Log if meta.len() == 0 => Ok(()),
+            Role::Side(kind) if !kind.wrote(path) => {
+                refused(" and is not an earlier one of stonecut; name another file or remove it")
+            }
+            Role::Log if !is_text(path) => {
+                refused(" and is not a text to append to; name another file or remove it")
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The folder that must take files.
+    fn folder_written(&self) -> Option<&Path> {
+        match self.role {
+            Role::Input | Role::InputFile | Role::InputFolder => None,
+            _ if self.is_stream() => None,
+            // What is there needs no room in its folder to be appended to.
+            Role::Log if self.path.exists() => None,
+            Role::TempDir | Role::JobFolder => Some(existing_parent(&self.path)),
+            _ => Some(folder_of(&self.path)),
+        }
+    }
+}
+
+impl Kind {
+    /// Whether the file is an earlier one of this kind.
+    fn wrote(self, path: &Path) -> bool {
+        let head = head(path);
+        let has_line = |words: &str| {
+            let head = String::from_utf8_lossy(&head);
+            let is_own = |line: &str| line.starts_with("comment stonecut ") && line.contains(words);
+            head.starts_with("ply\n")
+                && head.lines().take_while(|line| *line != "end_header").any(is_own)
+        };
+        match self {
+            Kind::Seams => has_line(SEAMS_SETTINGS),
+            Kind::Heatmap => has_line(HEATMAP_SETTINGS),
+            Kind::Report => {
+                head.trim_ascii_start().starts_with(b"{")
+                    && std::fs::metadata(path).is_ok_and(|meta| meta.len() <= MOST_REPORT_BYTES)
+                    && std::fs::read(path).is_ok_and(|text| is_report(&text))
+            }
+        }
+    }
+}
+
+/// What the header of a file of seams says of its making.
+pub const SEAMS_SETTINGS: &str = "simplify --seams";
+/// What the header of a heatmap says of its making.
+pub const HEATMAP_SETTINGS: &str = "measure --heatmap";
+
+/// No report comes near this.
+const MOST_REPORT_BYTES: u64 = 64 << 20;
+
+/// So much of a file is looked at to tell its kind.
+const HEAD_BYTES: u64 = 64 << 10;
+
+fn head(path: &Path) -> Vec<u8> {
+    let mut head = Vec::new();
+    // What cannot be read is of no known kind.
+    let _ = std::fs::File::open(path).and_then(|file| file.take(HEAD_BYTES).read_to_end(&mut head));
+    head
+}
+
+/// A report of `simplify` names input and output, one of `measure` original and simplified mesh.
+fn is_report(text: &[u8]) -> bool {
+    let Ok(serde_json::Value::Object(keys)) = serde_json::from_slice(text) else { return false };
+    let has =
+        |names: [&str; 2]| names.iter().all(|name| keys.get(*name).is_some_and(|v| v.is_object()));
+    has(["input", "output"]) || has(["original", "simplified"])
+}
+
+/// No mesh and nothing binary.
+fn is_text(path: &Path) -> bool {
+    let head = head(path);
+    let is_plain = |&b: &u8| b >= b' ' || matches!(b, b'\t' | b'\n' | b'\r' | 0x1b);
+    head.iter().all(is_plain)
+        && !head.starts_with(b"ply")
+        && !head.starts_with(b"solid")
+        && !head.starts_with(b"# OBJ")
+        && !head.starts_with(b"v ")
+        && !is_report(&head)
+}
+
+fn ends_in_slash(path: &Path) -> bool {
+    path.as_os_str().as_encoded_bytes().ends_with(b"/")
+}
+
+/// The nearest folder above a path, or itself, that is there.
+pub fn existing_parent(path: &Path) -> &Path {
+    let mut folder = path;
+    while !folder.exists() {
+        match folder.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => folder = parent,
+            _ => return Path::new("."),
+        }
+    }
+    folder
+}
+
+/// Makes a nameless file, which is the only sure way to know that a folder takes files.
+fn probe(folder: &Path) -> Result<()> {
+    match scratch_file(folder) {
+        Ok(_) => Ok(()),
+        Err(e) if e.kind() == std::io::ErrorKind::StorageFull => {
+            let inodes = rustix::fs::statvfs(folder).map(|stat| (stat.f_files, stat.f_favail));
+            if inodes.is_ok_and(|(all, free)| all > 0 && free == 0) {
+                let what = "no inodes are free".to_owned();
+                return Err(Error::NoSpace {
+                    path: folder.into(),
+                    what,
+                    remedy: Remedy::RemoveFiles,
+                });
+            }
+            Err(Error::io(folder, "cannot create files in this folder", e))
+        }
+        Err(e) => Err(match Error::io(folder, "cannot write into this folder", e) {
+            Error::Io { path, action, source } => {
+                let what = format!("{action}: {source}");
+                Error::Device { path, what, remedy: Remedy::MendDisk }
+            }
+            other => other,
+        }),
+    }
+}
