@@ -75,6 +75,68 @@ fn an_empty_result_is_never_a_success() {
     }
 }
 
+/// Triangles with three corners each, all on one line, and from `with_area` of them on with an area.
+fn needles(n: usize, with_area: usize, direction: [f64; 3]) -> String {
+    let along = |t: f64| direction.map(|d| (100.0 + d * t) as f32);
+    let mut text = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         element face {n}\nproperty list uchar int vertex_indices\nend_header\n",
+        3 * n
+    );
+    for i in 0..n {
+        for (corner, t) in [0.0, 1.0, 2.5].into_iter().enumerate() {
+            let [x, y, z] = along(3.0 * i as f64 + t);
+            let up = if i < with_area && corner == 1 { 1e-3 } else { 0.0 };
+            let _ = writeln!(text, "{x} {y} {}", z + up);
+        }
+    }
+    for i in 0..n {
+        let _ = writeln!(text, "3 {} {} {}", 3 * i, 3 * i + 1, 3 * i + 2);
+    }
+    text
+}
+
+/// Corners on a line are three, and still no surface: neither as input nor as result.
+#[test]
+fn a_flat_result_is_never_a_success() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    // On an axis, exactly on a line, and on a line but for rounding; alone, and one small triangle among them.
+    for direction in [[1.0, 0.0, 0.0], [1.0, 2.0, -3.0], [0.1, 0.7, 0.3]] {
+        std::fs::write(at.join("flat.ply"), needles(3000, 0, direction)).unwrap();
+        std::fs::write(at.join("hardly.ply"), needles(3000, 1, direction)).unwrap();
+        let before = names(at);
+        for options in [
+            "--ratio 50%",
+            "--ratio 100%",
+            "--ratio 1% --cell-triangles 1000",
+            "--ratio 50% --cell-triangles 1000",
+            "--max-error 1",
+            "--ratio 50% --min-component 1",
+        ] {
+            let said = expect(at, &format!("simplify flat.ply o.ply {options}"), 4);
+            assert!(said.contains("have no area"), "{options}: {said}");
+            assert_eq!(names(at), before, "{options}");
+        }
+        for options in ["--triangles 1", "--triangles 10 --cell-triangles 1000", "--ratio 50%"] {
+            let output = run(at, &format!("simplify hardly.ply o.ply {options}"));
+            let said = String::from_utf8_lossy(&output.stderr);
+            match output.status.code() {
+                Some(0 | 3) if at.join("o.ply").exists() => {
+                    // What is left has an area: it can be measured.
+                    expect(at, "measure o.ply o.ply", 0);
+                    std::fs::remove_file(at.join("o.ply")).unwrap();
+                }
+                code => {
+                    assert_eq!(code, Some(3), "{options}: {said}");
+                    assert!(said.contains("nothing was written"), "{options}: {said}");
+                }
+            }
+            assert_eq!(names(at), before, "{options}");
+        }
+    }
+}
+
 /// Broken inputs of every kind: the first run names the fault, leaves nothing, and both remedies work.
 #[test]
 fn the_advice_for_broken_inputs_works() {

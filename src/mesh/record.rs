@@ -69,6 +69,14 @@ impl VertexSchema {
         self.position_bytes() + self.properties.iter().map(|p| p.scalar.bytes()).sum::<usize>()
     }
 
+    /// Largest relative error of a coordinate.
+    pub fn rounding(&self) -> f64 {
+        match self.coordinate {
+            Scalar::F64 => f64::EPSILON / 2.0,
+            _ => f64::from(f32::EPSILON) / 2.0,
+        }
+    }
+
     /// The position in a record, exactly, as doubles.
     pub fn position(&self, record: &[u8]) -> [f64; 3] {
         match self.coordinate {

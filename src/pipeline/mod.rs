@@ -138,6 +138,14 @@ fn run_stages(
         drop(stages);
         return Err(abandon(job, nothing_left(config, &found.sizes)));
     }
+    if !stages.has_area(&store)? {
+        drop(stages);
+        let what = format!(
+            "all of its {} triangles have no area: their corners lie in one place or on one line; nothing was written",
+            store.triangles
+        );
+        return Err(abandon(job, Error::bad_input(&config.input, what)));
+    }
     if let Some(path) = &config.seams {
         crate::pipeline::seam_points::write(&stages.store(store.clone())?, path, &stages.run)?;
     }
@@ -164,9 +172,13 @@ fn run_stages(
         (_, Some(left)) => left,
         (_, None) => unreachable!("without a finish there was a round"),
     };
-    if result.triangles == 0 {
+    if result.triangles == 0 || result.statistics.is_flat {
+        let left = match result.triangles {
+            0 => "no triangle is left".to_owned(),
+            n => format!("the {n} triangles that are left have no area"),
+        };
         let what = format!(
-            "no triangle is left at a target of {}; ask for more, or look at the input with 'info --check'; \
+            "{left} at a target of {}; ask for more, or look at the input with 'info --check'; \
              nothing was written",
             plan.target
         );

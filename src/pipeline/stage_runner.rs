@@ -214,6 +214,12 @@ impl<'a> Stages<'a> {
         SurvivorPack::open(self.run.disk(), self.run.job.folder(), info, self.layout.clone())
     }
 
+    /// Whether the input has an area; found once, since stores are removed on the way.
+    pub(super) fn has_area(&self, info: &StoreInfo) -> Result<bool> {
+        let run = self.run;
+        run.job.sealed("has area", || self.store(info.clone())?.has_area(run.progress))
+    }
+
     /// One round over all cells; the store it came from is removed.
     pub(super) fn simplify(&mut self, info: StoreInfo, step: Step) -> Result<SurvivorInfo> {
         let round = self.rounds_done;
@@ -296,7 +302,9 @@ impl<'a> Stages<'a> {
                     }
                     None => {
                         let store = CellStore::open(disk, folder, info, layout.clone())?;
-                        let load = |cell| store.load_tidy(cell).map(Survivors::from);
+                        let load = |cell| {
+                            store.load_tidy(cell).map(|cell| Survivors::all_of(cell, &layout))
+                        };
                         let parts =
                             Parts { cells: &store.info().cells, layout: &layout, load: &load };
                         stitch::finish(parts, target, &options, run)

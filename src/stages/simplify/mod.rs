@@ -102,7 +102,7 @@ pub fn simplify_cells(
     let levels = sealed_levels(store, goal, options, run)?;
     run_cells(store, goal, run, |_, cell| {
         if levels.0.is_empty() {
-            return Survivors::from(cell);
+            return Survivors::all_of(cell, store.layout());
         }
         let stop = Stop::Costs { levels: levels.0.clone(), floor_triangles: 0 };
         drain(cell, stop, options, store)
@@ -122,7 +122,7 @@ pub fn simplify_cells_exactly(
 ) -> Result<SurvivorInfo> {
     let levels = sealed_levels(store, goal, options, run)?;
     let Some(&last) = levels.0.last() else {
-        return run_cells(store, goal, run, |_, cell| Survivors::from(cell));
+        return run_cells(store, goal, run, |_, cell| Survivors::all_of(cell, store.layout()));
     };
     // Sealed with the counts: another machine's exp2 may differ in the last bit.
     let plan: ExactLevels =
@@ -140,7 +140,7 @@ pub fn simplify_cells_exactly(
     run_cells(store, goal, run, |index, cell| {
         let depth = n_levels + usize::from(index < n_ahead);
         if depth == 0 {
-            return Survivors::from(cell);
+            return Survivors::all_of(cell, store.layout());
         }
         let stop = Stop::CloseCosts(fine[..depth.min(fine.len())].to_vec());
         drain(cell, stop, options, store)

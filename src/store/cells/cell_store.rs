@@ -13,6 +13,7 @@ use crate::mesh::attribute_weights::Weights;
 use crate::mesh::record::{VertexCodec, VertexSchema};
 use crate::store::pack_format::{Chunk, ChunkKind, IdWidth};
 use crate::system::disk::Disk;
+use crate::system::progress::Progress;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -244,6 +245,53 @@ impl CellStore {
             }
         }
         Ok(mesh)
+    }
+
+    /// Whether any triangle has an area. Looks at the first few before it loads whole cells, one after the other.
+    pub fn has_area(&self, progress: &Progress) -> Result<bool> {
+        let rounding = self.layout.schema.rounding();
+        let is_filled = |&cell: &usize| self.info.cells[cell].triangles > 0;
+        let mut filled = (0..self.n_cells()).filter(is_filled).peekable();
+        if let Some(&first) = filled.peek()
+            && self.first_triangles(first)?.has_area(rounding)
+        {
+            return Ok(true);
+        }
+        for cell in filled {
+            progress.check()?;
+            if self.load(cell)?.mesh.has_area(rounding) {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Some triangles of a cell, without channels. Those whose vertices are missing have none but NaN.
+    fn first_triangles(&self, cell: usize) -> Result<Mesh> {
+        const MOST: usize = 256;
+        let (layout, chunks) = (&self.layout, self.pack.chunks_of(cell as u32));
+        let (id_bytes, mut payload) = (layout.ids.bytes, Vec::new());
+        if let Some(chunk) = chunks.iter().find(|chunk| chunk.kind == ChunkKind::Triangles) {
+            self.pack.read(chunk, &mut payload)?;
+        }
+        let corners = payload.chunks_exact(id_bytes).take(3 * MOST);
+        let corners: Vec<u64> = corners.map(|id| layout.ids.read(id)).collect();
+        let mut ids = corners.clone();
+        ids.sort_unstable();
+        ids.dedup();
+        let mut positions = vec![[f64::NAN; 3]; ids.len()];
+        let row_bytes = id_bytes + layout.row_bytes(self.info.has_channels);
+        for chunk in chunks.iter().filter(|chunk| chunk.kind == ChunkKind::Vertices) {
+            self.pack.read(chunk, &mut payload)?;
+            for row in payload.chunks_exact(row_bytes) {
+                if let Ok(place) = ids.binary_search(&layout.ids.read(row)) {
+                    positions[place] = layout.schema.position(&row[id_bytes..]);
+                }
+            }
+        }
+        let place = |id: &u64| ids.binary_search(id).expect("collected above") as u32;
+        let corners: Vec<u32> = corners.iter().map(place).collect();
+        Ok(Mesh::new(positions, corners.as_chunks().0.to_vec()))
     }
 
     fn load_rows(&self, cell: usize) -> Result<CellMesh> {

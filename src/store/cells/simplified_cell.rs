@@ -75,6 +75,9 @@ pub struct CellStatistics {
     /// Vertices on attribute seams that are left; one that several cells hold counts in each.
     #[serde(default)]
     pub seam_vertices: u64,
+    /// Whether no triangle that is left has an area.
+    #[serde(default)]
+    pub is_flat: bool,
 }
 
 impl From<&Statistics> for CellStatistics {
@@ -93,6 +96,7 @@ impl From<&Statistics> for CellStatistics {
             quality: statistics.quality.unwrap_or_default(),
             curve: statistics.curve.clone(),
             seam_vertices: statistics.seam_vertices,
+            is_flat: false,
         }
     }
 }
@@ -108,21 +112,22 @@ impl CellStatistics {
         self.quality.add(&other.quality);
         self.curve.extend(other.curve);
         self.seam_vertices += other.seam_vertices;
+        self.is_flat &= other.is_flat;
         add_named(&mut self.rejects, other.rejects);
         add_named(&mut self.changes, other.changes);
     }
 }
 
-impl From<CellMesh> for Survivors {
+impl Survivors {
     /// A cell as it was loaded.
-    fn from(cell: CellMesh) -> Self {
+    pub fn all_of(cell: CellMesh, layout: &VertexLayout) -> Survivors {
         let CellMesh { ids, records, shared, mesh, dropped } = cell;
-        let statistics = CellStatistics { reached: true, dropped, ..CellStatistics::default() };
+        let is_flat = !mesh.has_area(layout.schema.rounding());
+        let statistics =
+            CellStatistics { reached: true, dropped, is_flat, ..CellStatistics::default() };
         Survivors { ids, shared, records, mesh, statistics }
     }
-}
 
-impl Survivors {
     /// What the kernel left of `cell`; positions go back into the records, in the input's type.
     pub fn new(
         ids: &[u64],
@@ -148,6 +153,7 @@ impl Survivors {
             layout.schema.encode_position(out.mesh.positions[vertex], &mut out.records);
             out.records.extend_from_slice(&record[position_bytes..]);
         }
+        out.statistics.is_flat = !out.mesh.has_area(layout.schema.rounding());
         out
     }
 
@@ -271,7 +277,11 @@ impl SurvivorWriter {
             pack: self.name,
             pack_bytes: self.pack.length(),
             cells: vec![CellTally::default(); n_cells],
-            statistics: CellStatistics { reached: true, ..CellStatistics::default() },
+            statistics: CellStatistics {
+                reached: true,
+                is_flat: true,
+                ..CellStatistics::default()
+            },
             ..SurvivorInfo::default()
         };
         drop(self.pack);
