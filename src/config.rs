@@ -1,6 +1,5 @@
 //! What was decided for a run of `simplify`: every value final.
 
-use crate::stages::components::Least;
 use crate::system::units::{parse_count, parse_ratio};
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
@@ -68,17 +67,6 @@ pub enum MinComponent {
     Size(f64),
     /// Those whose bounding box has a diagonal below this share of the input's.
     Share(f64),
-}
-
-impl MinComponent {
-    /// What a component must have at least, in a scan with a box of this diagonal.
-    pub fn least(self, diagonal: f64) -> Least {
-        match self {
-            MinComponent::Triangles(triangles) => Least { triangles, ..Least::default() },
-            MinComponent::Size(diameter) => Least { diameter, ..Least::default() },
-            MinComponent::Share(share) => Least { diameter: share * diagonal, ..Least::default() },
-        }
-    }
 }
 
 impl std::fmt::Display for MinComponent {
@@ -230,8 +218,5 @@ mod tests {
         for text in ["300", "size=0.1", "size=12.5%"] {
             assert_eq!(parse(text).unwrap().to_string(), text);
         }
-        let box_of = |m: MinComponent| m.least(50.0).diameter;
-        assert_eq!(box_of(MinComponent::Share(0.01)), 0.5);
-        assert_eq!(box_of(MinComponent::Size(2.0)), 2.0);
     }
 }

@@ -4,7 +4,8 @@
 
 use stonecut::Mesh;
 use stonecut::kernel::{Fit, Options, Simplified, Stop, simplify_mesh};
-use stonecut::measure::{self, Deviation};
+use stonecut::measure;
+use stonecut::measure::Deviation;
 use stonecut::synth::{self, Kind, Settings};
 use stonecut::system::progress::Progress;
 

@@ -6,7 +6,8 @@
 use stonecut::io::ply::{
     BLOCK_ROWS, FaceBlock, MeshSource, OutputHeader, PlyWriter, ReadOptions, VertexBlock,
 };
-use stonecut::mesh::record::{Property, Scalar, VertexSchema};
+use stonecut::mesh::property::{Property, Scalar};
+use stonecut::mesh::record::VertexSchema;
 
 type AnyResult = Result<(), Box<dyn std::error::Error>>;
 

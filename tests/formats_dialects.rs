@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::type_complexity)]
 
 use stonecut::io::ply::{BLOCK_ROWS, FaceBlock, MeshSource, ReadOptions, VertexBlock};
-use stonecut::mesh::record::Scalar;
+use stonecut::mesh::property::Scalar;
 
 type AnyResult = Result<(), Box<dyn std::error::Error>>;
 

@@ -3,7 +3,8 @@
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
 use stonecut::Mesh;
-use stonecut::measure::{ColourChannels, Deviation, Options, Region, two_sided};
+use stonecut::measure::Deviation;
+use stonecut::measure::{ColourChannels, Options, Region, two_sided};
 use stonecut::system::progress::Progress;
 
 fn options(samples: u64, threads: usize) -> Options {

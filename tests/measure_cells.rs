@@ -6,7 +6,8 @@ use std::path::Path;
 use stonecut::io::ply::{MeshSource, OutputHeader, PlyWriter};
 use stonecut::measure::compare::{Request, compare, compare_in_cells};
 use stonecut::measure::{Options, Side};
-use stonecut::mesh::record::{Property, Scalar, VertexSchema};
+use stonecut::mesh::property::{Property, Scalar};
+use stonecut::mesh::record::VertexSchema;
 use stonecut::system::progress::Progress;
 
 /// A bumpy coloured height field with a closed tube through it, `2 n^2` triangles and more, some of its

@@ -8,7 +8,8 @@ use common::{check, count, expect};
 use std::collections::HashMap;
 use std::path::Path;
 use stonecut::io::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
-use stonecut::mesh::record::{Property, Scalar, VertexSchema};
+use stonecut::mesh::property::{Property, Scalar};
+use stonecut::mesh::record::VertexSchema;
 
 /// Doubles and a number a vertex that comes through as a label.
 fn schema() -> VertexSchema {

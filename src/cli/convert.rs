@@ -96,7 +96,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
             let _ = writeln!(log, "  {count} {what}");
         }
     }
-    Ok(if done.n_bad > 0 { super::EXIT_SHORT } else { 0 })
+    Ok(if done.n_bad > 0 { super::log::EXIT_SHORT } else { 0 })
 }
 
 /// Converts; the library's own entry.

@@ -1,12 +1,11 @@
 //! `stonecut demo`: the whole way on a synthetic scan, told command by command.
 
-use super::{Log, Talk, Typed, dispatch};
+use super::log::Log;
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::measure::load;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
-use clap::Parser;
 use std::path::{Path, PathBuf};
 
 /// Makes a synthetic scan, simplifies it out of core, checks the result, and says where everything lies.
@@ -33,16 +32,19 @@ const COMMANDS: [&str; 4] = [
 ];
 
 /// Runs the demo; fails if the result is not as closed as the scan it came from.
-pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
+///
+/// `command` runs a command line, given as words that begin with the program's name.
+pub fn run(
+    args: &Args,
+    log: &mut Log,
+    command: impl Fn(Vec<String>, &mut Log) -> Result<u8>,
+) -> Result<u8> {
     let folder = &args.folder;
     std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "cannot create", e))?;
-    for command in COMMANDS {
-        log.say(format!("\n$ stonecut {command}"));
-        let words = command.split_whitespace().map(|word| in_folder(folder, word));
-        let typed = Typed::try_parse_from(std::iter::once("stonecut".to_owned()).chain(words))
-            .map_err(|e| Error::Usage(e.to_string()))?;
-        typed.command.check_paths(talk)?;
-        let code = dispatch(&typed.command, talk, progress, log)?;
+    for line in COMMANDS {
+        log.say(format!("\n$ stonecut {line}"));
+        let words = line.split_whitespace().map(|word| in_folder(folder, word));
+        let code = command(std::iter::once("stonecut".to_owned()).chain(words).collect(), log)?;
         if code != 0 {
             return Ok(code);
         }

@@ -1,27 +1,12 @@
 //! Progress for people and programs: a bar, lines, JSON, or nothing.
 
-use super::{Log, Talk};
+use super::log::{Log, Show, Talk};
 use crate::system::progress::{Progress, Stage};
 use crate::system::units::{show_bytes, show_count};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
-
-/// The choices of `--progress`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub enum Show {
-    /// A bar on a terminal, else lines.
-    Auto,
-    /// A bar.
-    Bar,
-    /// A line every ten seconds and at every stage.
-    Plain,
-    /// A JSON object a line on standard error.
-    Json,
-    /// Nothing.
-    None,
-}
 
 const BAR_INTERVAL: Duration = Duration::from_millis(100);
 const LINE_INTERVAL: Duration = Duration::from_secs(10);

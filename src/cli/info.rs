@@ -24,7 +24,7 @@ pub struct Args {
     #[arg(long)]
     json: bool,
     /// Memory for --check; a larger mesh is cut into cells on disk [default: 75 % of the tightest limit]
-    #[arg(long, value_name = "SIZE", value_parser = super::parse_memory)]
+    #[arg(long, value_name = "SIZE", value_parser = super::arguments::parse_memory)]
     memory: Option<u64>,
     /// Where those cells lie for the time being [default: the working folder]
     #[arg(long, value_name = "DIR")]
@@ -77,8 +77,8 @@ impl Args {
 
 /// Runs the command; the answer goes to `out`.
 pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> {
-    let threads = super::threads(args.threads).get();
-    let source = super::open_mesh(&args.file, args.temp_dir())?;
+    let threads = super::arguments::threads(args.threads).get();
+    let source = super::arguments::open_mesh(&args.file, args.temp_dir())?;
     let (check, sizes) = match args.check {
         true => {
             let (topology, sizes) = count(args, &source, threads, progress)?;
@@ -126,7 +126,7 @@ fn count(
     threads: usize,
     progress: &Progress,
 ) -> Result<(Topology, ComponentSizes)> {
-    let budget = super::memory_budget(args.memory);
+    let budget = super::arguments::memory_budget(args.memory);
     let whole = load::bytes_in_memory(source).saturating_add(COUNT_BYTES * source.n_triangles());
     if whole > budget / 2 || u32::try_from(source.n_vertices()).is_err() {
         return crate::measure::check::check(

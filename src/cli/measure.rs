@@ -1,7 +1,8 @@
 //! `stonecut measure`: its arguments, its table, its report.
 
+use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
-use super::{Log, Talk, memory_budget, parse_memory};
+use super::log::{Log, Talk};
 use crate::error::{Error, Result};
 use crate::measure::compare::{self, CELL_TRIANGLES, Report, Request};
 use crate::measure::{self, Options, Region, Side, TriangleSizes, heatmap, load};
@@ -52,7 +53,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     temp_dir: Option<PathBuf>,
     /// Triangles per cell if the meshes exceed the memory
-    #[arg(long, value_name = "N", value_parser = super::parse_cell, default_value_t = CELL_TRIANGLES)]
+    #[arg(long, value_name = "N", value_parser = super::arguments::parse_cell, default_value_t = CELL_TRIANGLES)]
     cell_triangles: u64,
     /// Counts samples near the vertices of this mesh apart (to look for seams)
     #[arg(long, value_name = "FILE.ply", requires = "within")]
@@ -74,7 +75,7 @@ enum Which {
 impl Args {
     pub(super) fn paths(&self) -> Result<Paths> {
         if let Some(heatmap) = &self.heatmap {
-            super::require_ending("--heatmap", heatmap, &["ply"])?;
+            super::arguments::require_ending("--heatmap", heatmap, &["ply"])?;
         }
         Ok(Paths::new(self.force)
             .with(Role::Input, "ORIGINAL", &self.original)
@@ -89,12 +90,12 @@ impl Args {
 /// Runs the command; the table or the JSON goes to standard output.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<()> {
     let begin = std::time::Instant::now();
-    super::warn_of_limit(args.memory, log);
-    let threads = super::threads(args.threads).get();
+    super::arguments::warn_of_limit(args.memory, log);
+    let threads = super::arguments::threads(args.threads).get();
     let temp_dir = temp_dir(args);
     let [original, simplified] = [
-        super::open_mesh(&args.original, &temp_dir)?,
-        super::open_mesh(&args.simplified, &temp_dir)?,
+        super::arguments::open_mesh(&args.original, &temp_dir)?,
+        super::arguments::open_mesh(&args.simplified, &temp_dir)?,
     ];
     let region = match (&args.near, args.within) {
         (Some(path), Some(within)) => Some(region((path, &temp_dir), within, threads, progress)?),
@@ -154,7 +155,7 @@ fn region(
     if !(within >= 0.0 && within.is_finite()) {
         return Err(Error::Usage(format!("--within {within} is no distance")));
     }
-    let places = load::load(&super::open_mesh(path, temp_dir)?, threads, progress)?;
+    let places = load::load(&super::arguments::open_mesh(path, temp_dir)?, threads, progress)?;
     Ok(Region::around_points(&places.mesh.positions, within))
 }
 

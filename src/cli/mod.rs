@@ -1,9 +1,11 @@
 //! The command line: what was typed becomes a call into the library; the only place that prints.
 
+mod arguments;
 pub mod convert;
 mod demo;
 mod display;
 mod info;
+mod log;
 pub mod measure;
 mod out_of_memory;
 pub mod render;
@@ -14,21 +16,13 @@ mod status;
 pub mod synth;
 
 use crate::error::{Error, Offers};
-use crate::io::StageOptions;
-use crate::io::ply::MeshSource;
 use crate::system::parallel::guarded;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
-use crate::system::units::show_bytes;
 use clap::Parser;
-use display::Show;
+use log::{Log, Said, Talk, complain};
 pub use out_of_memory::Allocator;
-use std::io::Write;
-use std::num::NonZeroUsize;
 use std::sync::Arc;
-
-/// Exit code of a run that ended, but short of the target or with dropped faces.
-pub const EXIT_SHORT: u8 = 3;
 
 /// Simplifies triangle meshes of any size, out of core, into one connected mesh.
 ///
@@ -43,23 +37,6 @@ struct Typed {
     command: Command,
     #[command(flatten)]
     talk: Talk,
-}
-
-/// How the command talks to people and programs.
-#[derive(Clone, Debug, clap::Args)]
-pub struct Talk {
-    /// How progress is shown on standard error [default: a bar on a terminal, else lines].
-    #[arg(long, value_enum, default_value = "auto", global = true)]
-    progress: Show,
-    /// Say nothing but errors.
-    #[arg(short, long, global = true)]
-    quiet: bool,
-    /// Say more: every stage and its figures.
-    #[arg(short, long, global = true)]
-    verbose: bool,
-    /// Write what is said to this file too.
-    #[arg(long, value_name = "FILE", global = true)]
-    log_file: Option<std::path::PathBuf>,
 }
 
 #[derive(Debug, clap::Subcommand)]
@@ -153,19 +130,12 @@ fn dispatch(
         Command::Render(args) => render::run(args, progress, &mut Said(log)).map(|()| 0),
         Command::Synth(args) => synth::run(args, progress, &mut Said(log)).map(|()| 0),
         Command::Status(args) => status::run(args).map(|()| 0),
-        Command::Demo(args) => demo::run(args, talk, progress, log),
+        Command::Demo(args) => demo::run(args, log, |words, log| {
+            let typed = Typed::try_parse_from(words).map_err(|e| Error::Usage(e.to_string()))?;
+            typed.command.check_paths(talk)?;
+            dispatch(&typed.command, talk, progress, log)
+        }),
     }
-}
-
-/// Says what went wrong and what to do about it; gives the exit code.
-fn complain(log: &mut dyn Write, error: &Error, offers: Offers) -> u8 {
-    // Other commands end without a word where the reader of a pipe has had enough.
-    if !matches!(error, Error::OutputClosed) {
-        let advice = error.advice(offers).map_or(String::new(), |advice| format!("; {advice}"));
-        // Nobody is left to tell if standard error is gone too.
-        let _ = writeln!(log, "stonecut: {error}{advice}");
-    }
-    error.exit_code()
 }
 
 /// Takes as many open files as the hard limit gives; failing that, a run needs only a dozen.
@@ -173,130 +143,4 @@ fn raise_open_files() {
     use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
     let limit = getrlimit(Resource::Nofile);
     let _ = setrlimit(Resource::Nofile, Rlimit { current: limit.maximum, maximum: limit.maximum });
-}
-
-/// Standard error and the log file, if there is one; `--quiet` keeps everything but errors from the former.
-pub struct Log {
-    file: Option<std::fs::File>,
-    quiet: bool,
-}
-
-impl Log {
-    fn new(talk: &Talk) -> crate::Result<Log> {
-        let file = match &talk.log_file {
-            Some(path) => Some(
-                std::fs::OpenOptions::new()
-                    .create(true)
-                    .append(true)
-                    .open(path)
-                    .map_err(|e| Error::io(path, "cannot open log file", e))?,
-            ),
-            None => None,
-        };
-        Ok(Log { file, quiet: talk.quiet })
-    }
-
-    /// Says a line unless `--quiet`; it always reaches the log file.
-    pub fn say(&mut self, line: impl std::fmt::Display) {
-        if !self.quiet {
-            let _ = writeln!(std::io::stderr(), "{line}");
-        }
-        if let Some(file) = &mut self.file {
-            let _ = writeln!(file, "{line}");
-        }
-    }
-}
-
-/// A log to write to that `--quiet` silences.
-struct Said<'a>(&'a mut Log);
-
-impl Write for Said<'_> {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        match (self.0.quiet, &mut self.0.file) {
-            (false, _) => self.0.write_all(bytes)?,
-            (true, Some(file)) => file.write_all(bytes)?,
-            (true, None) => {}
-        }
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        self.0.flush()
-    }
-}
-
-impl Write for Log {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        if let Some(file) = &mut self.file {
-            file.write_all(bytes)?;
-        }
-        std::io::stderr().write_all(bytes)?;
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        std::io::stderr().flush()
-    }
-}
-
-/// Opens a mesh of any format; what is no plain PLY is unpacked into `temp_dir` for the time being.
-fn open_mesh(path: &std::path::Path, temp_dir: &std::path::Path) -> crate::Result<MeshSource> {
-    MeshSource::open_staged(path, &StageOptions::new(temp_dir))
-}
-
-/// The threads to work with: as many as asked for, by default one a core.
-///
-/// More than `MOST_THREADS_PER_CORE` a core would only take memory, each with its own buffers.
-fn threads(given: Option<NonZeroUsize>) -> NonZeroUsize {
-    let cores = NonZeroUsize::new(crate::system::memory::cores()).unwrap_or(NonZeroUsize::MIN);
-    let most = cores.saturating_mul(MOST_THREADS_PER_CORE);
-    given.unwrap_or(cores).min(most)
-}
-
-const MOST_THREADS_PER_CORE: NonZeroUsize = NonZeroUsize::new(4).expect("above 0");
-
-/// Refuses an output whose name says that it is something else.
-fn require_ending(name: &str, path: &std::path::Path, endings: &[&str]) -> crate::Result<()> {
-    let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-    if path == std::path::Path::new("-") || ending.is_some_and(|e| endings.contains(&e.as_str())) {
-        return Ok(());
-    }
-    let endings = endings.join(" or .");
-    Err(Error::Usage(format!("{name} {}: give it a name that ends in .{endings}", path.display())))
-}
-
-/// Parses `--memory`: a size, or a share of the tightest limit in force.
-fn parse_memory(text: &str) -> Result<u64, String> {
-    let limit = crate::system::memory::limit_bytes();
-    match text.strip_suffix('%') {
-        Some(_) => Ok((crate::system::units::parse_ratio(text)? * limit as f64) as u64),
-        None => crate::system::units::parse_bytes(text),
-    }
-}
-
-/// Parses `--cell-triangles`.
-fn parse_cell(text: &str) -> Result<u64, String> {
-    match crate::system::units::parse_count(text)? {
-        0..1000 => Err("cells below 1000 triangles are nothing but seam".to_owned()),
-        count => Ok(count),
-    }
-}
-
-/// The memory budget: as given, but within the tightest limit, or the default share of that.
-fn memory_budget(given: Option<u64>) -> u64 {
-    crate::system::memory::budget_bytes(given, crate::system::memory::limit_bytes())
-}
-
-/// Says so where less is taken than `--memory` asks for.
-fn warn_of_limit(given: Option<u64>, log: &mut Log) {
-    let limit = crate::system::memory::limit_bytes();
-    let taken = crate::system::memory::budget_bytes(given, limit);
-    if let Some(given) = given.filter(|&given| given > taken) {
-        log.say(format!(
-            "warning: --memory {} is more than this process may use (limit {}); {} are taken",
-            show_bytes(given).replace(' ', ""),
-            show_bytes(limit),
-            show_bytes(taken)
-        ));
-    }
 }

@@ -65,7 +65,7 @@ pub struct Args {
 
 impl Args {
     pub(super) fn paths(&self) -> Result<Paths> {
-        super::require_ending("--output", &self.output, &["png"])?;
+        super::arguments::require_ending("--output", &self.output, &["png"])?;
         let paths = Paths::new(self.force).with(Role::Output, "--output", &self.output);
         Ok(self.mesh.iter().fold(paths, |paths, mesh| paths.with(Role::Input, "MESH", mesh)))
     }
@@ -89,7 +89,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         aim: None,
     };
     let memory_bytes = args.memory.unwrap_or_else(|| (DEFAULT_SHARE * limit_bytes() as f64) as u64);
-    let threads = super::threads(args.threads).get();
+    let threads = super::arguments::threads(args.threads).get();
     let resources = Resources { memory_bytes, threads };
     let temp_dir = match args.output == Path::new("-") {
         true => Path::new("."),
@@ -98,7 +98,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
     let mut pictures = Vec::new();
     let mut n_triangles = 0;
     for path in &args.mesh {
-        let source = super::open_mesh(path, temp_dir)?;
+        let source = super::arguments::open_mesh(path, temp_dir)?;
         n_triangles += source.n_triangles();
         if args.mesh.len() > 1 && !args.own_camera && view.aim.is_none() {
             view.aim = Some(aim_source(&source, &view, resources, progress)?);

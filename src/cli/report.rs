@@ -1,6 +1,7 @@
 //! `stonecut report`: a page for people from the JSON of a run.
 
-use super::{Log, memory_budget, parse_memory, require_ending, threads};
+use super::arguments::{memory_budget, parse_memory, require_ending, threads};
+use super::log::Log;
 use crate::error::{Error, Result};
 use crate::io::ply::Place;
 use crate::render::Resources;

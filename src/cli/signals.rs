@@ -4,7 +4,7 @@
 //! cell, a finish, a slow disk, an index being built) the process ends in the middle: a resumable run loses
 //! nothing that is sealed, an unfinished output has no name yet, and scratch folders are removed on the way.
 
-use super::complain;
+use super::log::complain;
 use crate::error::{Error, Offers, Result};
 use crate::system::progress::Progress;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};

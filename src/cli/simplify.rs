@@ -1,7 +1,8 @@
 //! `stonecut simplify`: the main job.
 
+use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
-use super::{EXIT_SHORT, Log, Talk, memory_budget, parse_memory};
+use super::log::{EXIT_SHORT, Log, Talk};
 use crate::config::{
     Attributes, Config, DEFAULT_CELL_TRIANGLES, MinComponent, Normals, Target, Until,
 };
@@ -10,8 +11,8 @@ use crate::io::OutputFormat;
 use crate::kernel;
 use crate::mesh::attribute_weights::Weights;
 use crate::mesh::face_properties::How;
-use crate::pipeline;
 use crate::pipeline::run_report::{BoundReport, FaceReport, QualityReport, RunReport};
+use crate::pipeline::{self, max_error};
 use crate::stages::components::ComponentSizes;
 use crate::stages::stitch::MAX_CELL_TRIANGLES;
 use crate::system::disk::folder_of;
@@ -40,7 +41,7 @@ pub struct Args {
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
     /// Triangles per cell; smaller cells need less memory.
-    #[arg(long, value_name = "N", value_parser = super::parse_cell, default_value_t = DEFAULT_CELL_TRIANGLES)]
+    #[arg(long, value_name = "N", value_parser = super::arguments::parse_cell, default_value_t = DEFAULT_CELL_TRIANGLES)]
     cell_triangles: u64,
     /// Where the job folder lies [default: beside OUTPUT].
     #[arg(long, value_name = "DIR")]
@@ -202,7 +203,7 @@ impl Args {
             output: self.output.clone(),
             target,
             memory_bytes: memory_budget(self.memory),
-            threads: super::threads(self.threads),
+            threads: super::arguments::threads(self.threads),
             cell_triangles: self.cell_triangles,
             job_folder: self.job_folder()?,
             keep_temp: self.keep_temp,
@@ -269,7 +270,7 @@ impl Args {
     pub(super) fn paths(&self) -> Result<Paths> {
         self.format.check(&self.output)?;
         if let Some(seams) = &self.seams {
-            super::require_ending("--seams", seams, &["ply"])?;
+            super::arguments::require_ending("--seams", seams, &["ply"])?;
         }
         let job_folder = self.job_folder()?;
         // What a killed run of the same command has written is found by the run itself.
@@ -305,7 +306,7 @@ pub fn simplify(
     log: &mut Log,
 ) -> Result<Option<RunReport>> {
     let config = args.config()?;
-    super::warn_of_limit(args.memory, log);
+    super::arguments::warn_of_limit(args.memory, log);
     let prepared = pipeline::prepare(&config)?;
     for line in prepared.plan.lines(&config) {
         log.say(line);
@@ -313,7 +314,10 @@ pub fn simplify(
     if args.dry_run {
         return Ok(None);
     }
-    let outcome = watch(talk, progress, log, || pipeline::simplify(prepared, &config, progress));
+    let outcome = watch(talk, progress, log, || match config.target {
+        Target::MaxError(bound) => max_error::simplify(bound, prepared, &config, progress),
+        _ => pipeline::simplify(prepared, &config, progress),
+    });
     let Some(report) = outcome? else {
         log.say(format!(
             "stopped as asked; the same command without --until continues. State: {}",

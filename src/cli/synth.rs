@@ -75,7 +75,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         integer: args.integer,
         pages: args.pages,
     };
-    let threads = super::threads(args.threads).get();
+    let threads = super::arguments::threads(args.threads).get();
     let writing = Writing { threads, force: args.force, format: args.format };
     let counts = synth::write_ply(&args.output, &settings, writing, progress)?;
     let bytes = std::fs::metadata(&args.output).map_or(0, |file| file.len());

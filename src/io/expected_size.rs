@@ -8,7 +8,8 @@ use super::obj::{find_colour, find3};
 use super::sink::{OutputFormat, OutputKind};
 use crate::io::ply::Encoding;
 use crate::io::ply::writer::{FaceSchema, Shortest, put_text};
-use crate::mesh::record::{Scalar, VertexSchema, read_scalar};
+use crate::mesh::property::{Scalar, read_scalar};
+use crate::mesh::record::VertexSchema;
 
 /// Bytes of a header beyond its comments; of the description in a GLB file.
 const HEADER_BYTES: f64 = 700.0;

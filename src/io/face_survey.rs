@@ -5,10 +5,11 @@
 
 use crate::error::Result;
 use crate::io::ply::MeshSource;
+use crate::mesh::codec::colour_groups;
 use crate::mesh::face_properties::{
     FEW_FACES, FaceCarry, FaceProperty, How, MAX_COLOUR_VERTICES, MAX_LABEL_VERTICES,
 };
-use crate::mesh::record::{Property, Scalar, colour_groups};
+use crate::mesh::property::{Property, Scalar};
 use std::collections::HashMap;
 
 /// Vertices around which faces are compared.

@@ -9,7 +9,7 @@ use super::obj::{find_colour, find3, unit_colour};
 use crate::error::{Error, Result};
 use crate::io::ply::OutputHeader;
 use crate::io::ply::raw::Spool;
-use crate::mesh::record::{Scalar, read_scalar};
+use crate::mesh::property::{Scalar, read_scalar};
 use crate::system::disk::folder_of;
 use crate::system::pending_file::{PendingFile, Place};
 use serde_json::{Value, json};

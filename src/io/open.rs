@@ -4,33 +4,14 @@
 //! What an input is, its first bytes say, not its name. Staged data goes to nameless files in the given
 //! folder, so that nothing is left behind however a run ends; a resumed run stages again.
 
+use super::open_options::StageOptions;
 use super::{obj, stl};
 use crate::error::{Error, Result};
+use crate::io::ply::MeshSource;
 use crate::io::ply::raw::{RawFile, Spool};
-use crate::io::ply::{MeshSource, ReadOptions};
 use crate::system::disk::open_input;
 use std::io::{BufReader, Read};
-use std::path::{Path, PathBuf};
-
-/// How an input is staged.
-#[derive(Clone, Debug)]
-pub struct StageOptions {
-    /// The folder for staged data; up to the size of the input, decompressed, and for STL three times
-    /// that for a while.
-    pub temp_dir: PathBuf,
-    /// Memory for sorting the corners of an STL file; at least 3 MiB are sensible.
-    pub memory_bytes: u64,
-    /// How strictly the input is read; its `temp_dir` is set to the one above.
-    pub read: ReadOptions,
-}
-
-impl StageOptions {
-    /// Strict reading with 256 MiB for sorting.
-    pub fn new(temp_dir: impl Into<PathBuf>) -> Self {
-        let temp_dir = temp_dir.into();
-        StageOptions { temp_dir, memory_bytes: 256 << 20, read: ReadOptions::default() }
-    }
-}
+use std::path::Path;
 
 /// How an input is packed.
 #[derive(Clone, Copy, PartialEq)]

@@ -5,7 +5,7 @@ use super::obj::ObjWriter;
 use super::stl::StlWriter;
 use crate::error::{Error, Result};
 use crate::io::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
-use crate::mesh::record::Scalar;
+use crate::mesh::property::Scalar;
 use std::path::Path;
 
 /// What `--format` says: words joined by commas or colons, in any order.

@@ -6,7 +6,7 @@
 //! them back into faces. The staged mesh has the properties of `FaceCarry::vertex_properties` behind its own.
 
 use super::external_sort::{ExternalSort, halves, whole};
-use super::open::StageOptions;
+use super::open_options::StageOptions;
 use crate::error::{Error, Result};
 use crate::io::ply::header::Encoding;
 use crate::io::ply::raw::Spool;

@@ -5,7 +5,8 @@
 
 use super::colour::ColourChannels;
 use crate::mesh::Mesh;
-use crate::mesh::record::{Meaning, VertexSchema};
+use crate::mesh::codec::Meaning;
+use crate::mesh::record::VertexSchema;
 
 /// Where a mesh keeps what is compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

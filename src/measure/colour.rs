@@ -4,7 +4,8 @@
 //! the vertex schema; meshes without colours never come here.
 
 use crate::mesh::Mesh;
-use crate::mesh::record::{Scalar, VertexSchema};
+use crate::mesh::property::Scalar;
+use crate::mesh::record::VertexSchema;
 
 /// Where a mesh keeps its colours.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,7 +84,7 @@ pub fn delta_e(a: [f64; 3], b: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::record::Property;
+    use crate::mesh::property::Property;
 
     #[test]
     fn known_colours() {

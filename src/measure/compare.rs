@@ -6,13 +6,13 @@
 use crate::config::DEFAULT_CELL_TRIANGLES;
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
+use crate::measure::deviation::Deviation;
 use crate::measure::heatmap;
 use crate::measure::load;
 use crate::measure::temp_store::{Cutting, Scratch};
 use crate::measure::tree::Tree;
-use crate::measure::{
-    self, Bounds, Carried, Deviation, Measured, Options, Parts, TriangleSizes, Unit,
-};
+use crate::measure::{self, Carried, Measured, Options, Parts, TriangleSizes, Unit};
+use crate::mesh::bounds::Bounds;
 use crate::mesh::topology_counts::Topology;
 use crate::stages::partition;
 use crate::store::cells::{VertexLayout, plan_cells};
@@ -175,7 +175,8 @@ fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
     for loaded in [&mut original, &mut simplified] {
         unit.turn(&mut loaded.mesh);
     }
-    let options = Options { region: unit.region(options.region.as_ref()), ..options };
+    let options =
+        Options { region: options.region.as_ref().map(|region| region.in_unit(unit)), ..options };
     let deviation = measure::two_sided(&original.mesh, &simplified.mesh, &options, progress)?;
     let heat = if request.heat {
         let other = Parts::in_memory(&original.mesh, None);

@@ -12,6 +12,7 @@ pub mod carried;
 pub mod check;
 pub mod colour;
 pub mod compare;
+mod deviation;
 pub mod heatmap;
 pub mod load;
 mod nearest_in_cells;
@@ -29,6 +30,7 @@ mod unit;
 
 pub use carried::Carried;
 pub use colour::ColourChannels;
+pub use deviation::Deviation;
 pub use out_of_core::{Measured, distances, two_sided_parts};
 pub use parts::{Parts, Place};
 pub use region::{Region, TriangleSizes};
@@ -37,6 +39,7 @@ pub(crate) use unit::Unit;
 
 use crate::error::Result;
 use crate::mesh::Mesh;
+use crate::mesh::bounds::Bounds;
 use crate::system::parallel;
 use crate::system::progress::Progress;
 use carried::Values;
@@ -88,39 +91,6 @@ impl Default for Options {
     }
 }
 
-/// How far a simplified mesh deviates from its original. Lengths are in input units.
-#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
-pub struct Deviation {
-    /// From the original to the simplified mesh.
-    pub forward: Side,
-    /// From the simplified mesh to the original.
-    pub backward: Side,
-    /// Both ways: sqrt((forward.rms^2 + backward.rms^2) / 2).
-    pub rms: f64,
-    /// The diagonal of the original's bounding box.
-    pub diagonal: f64,
-    /// `rms / diagonal`; infinite if the original has no extent and the simplified mesh deviates.
-    pub relative_rms: f64,
-    /// Samples taken, both ways.
-    pub samples: u64,
-}
-
-impl Deviation {
-    pub(crate) fn new(forward: Side, backward: Side, diagonal: f64) -> Self {
-        let (there, back) = (forward.distance.rms, backward.distance.rms);
-        // Scaled, so that neither square overflows nor vanishes.
-        let larger = there.max(back);
-        let rms = if larger > 0.0 && larger.is_finite() {
-            larger * (((there / larger).powi(2) + (back / larger).powi(2)) / 2.0).sqrt()
-        } else {
-            larger
-        };
-        let relative_rms = if rms == 0.0 { 0.0 } else { rms / diagonal };
-        let samples = forward.distance.samples + backward.distance.samples;
-        Deviation { forward, backward, rms, diagonal, relative_rms, samples }
-    }
-}
-
 /// Measures the deviation of `simplified` from `original`, both in memory.
 ///
 /// Memory: about 120 bytes a triangle of either mesh (one at a time), 8 bytes a sample.
@@ -140,7 +110,10 @@ pub fn two_sided(
             unit.turn(&mut mesh);
             mesh
         });
-        let options = Options { region: unit.region(options.region.as_ref()), ..options.clone() };
+        let options = Options {
+            region: options.region.as_ref().map(|region| region.in_unit(unit)),
+            ..options.clone()
+        };
         let deviation = two_sided(&turned[0], &turned[1], &options, progress)?;
         return Ok(unit.deviation(deviation));
     }
@@ -156,64 +129,6 @@ pub fn two_sided(
     let forward = one_sided(surfaces[0], surfaces[1], scale, options, progress)?;
     let backward = one_sided(surfaces[1], surfaces[0], scale, options, progress)?;
     Ok(Deviation::new(forward, backward, boxes[0].diagonal()))
-}
-
-/// The box of the vertices that triangles use.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Bounds {
-    low: Vector,
-    high: Vector,
-}
-
-impl Bounds {
-    pub const EMPTY: Bounds = Bounds { low: [f64::INFINITY; 3], high: [f64::NEG_INFINITY; 3] };
-
-    pub fn of(mesh: &Mesh) -> Self {
-        let mut bounds = Bounds::EMPTY;
-        mesh.triangles.iter().flatten().for_each(|&v| bounds.add(mesh.positions[v as usize]));
-        bounds
-    }
-
-    pub fn around(points: &[Vector]) -> Self {
-        let mut bounds = Bounds::EMPTY;
-        points.iter().for_each(|&point| bounds.add(point));
-        bounds
-    }
-
-    pub fn add(&mut self, point: Vector) {
-        for k in 0..3 {
-            self.low[k] = self.low[k].min(point[k]);
-            self.high[k] = self.high[k].max(point[k]);
-        }
-    }
-
-    pub fn joined(&self, other: &Bounds) -> Bounds {
-        Bounds {
-            low: [0, 1, 2].map(|k| self.low[k].min(other.low[k])),
-            high: [0, 1, 2].map(|k| self.high[k].max(other.high[k])),
-        }
-    }
-
-    /// Squared distance from a point to the box; infinite for an empty box.
-    pub fn distance_sq(&self, point: Vector) -> f64 {
-        let off = [0, 1, 2].map(|k| (self.low[k] - point[k]).max(point[k] - self.high[k]).max(0.0));
-        triangle::length_sq(off)
-    }
-
-    /// Squared distance to another box; a lower bound for the distances between their points.
-    pub fn gap_sq(&self, other: &Bounds) -> f64 {
-        let off = [0, 1, 2]
-            .map(|k| (self.low[k] - other.high[k]).max(other.low[k] - self.high[k]).max(0.0));
-        triangle::length_sq(off)
-    }
-
-    /// The length of the diagonal; 0 for an empty box.
-    pub fn diagonal(&self) -> f64 {
-        if self.low[0] > self.high[0] {
-            return 0.0;
-        }
-        triangle::length_sq(triangle::sub(self.high, self.low)).sqrt()
-    }
 }
 
 /// A mesh and what is known of its colours and the like.

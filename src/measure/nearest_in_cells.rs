@@ -9,8 +9,9 @@ use super::parts::{Means, Parts, Survey};
 use super::side::Look;
 use super::tree::{Nearest, Tree};
 use super::triangle::{self, Vector};
-use super::{Bounds, STOP_QUERIES, Surface};
+use super::{STOP_QUERIES, Surface};
 use crate::error::Result;
+use crate::mesh::bounds::Bounds;
 use std::sync::{Mutex, PoisonError};
 
 /// Queries that are held against the boxes together.

@@ -9,8 +9,10 @@ use super::sample::{self, Density};
 use super::side::{Look, Side, SideSums};
 use super::tree::Tree;
 use super::triangle::Vector;
-use super::{BLOCK_SAMPLES, Bounds, Deviation, Direction, Options, Surface, Unit, used_vertices};
+use super::{BLOCK_SAMPLES, Direction, Options, Surface, Unit, used_vertices};
 use crate::error::{Error, Result};
+use crate::measure::deviation::Deviation;
+use crate::mesh::bounds::Bounds;
 use crate::mesh::topology_counts::Topology;
 use crate::system::progress::Progress;
 use std::sync::atomic::AtomicU64;
@@ -53,7 +55,10 @@ pub fn two_sided_parts(
     if !unit.is_own() {
         let meshes = [original, simplified].map(|parts| parts.turned_mesh(unit));
         let turned = [original.in_unit(unit, &meshes[0]), simplified.in_unit(unit, &meshes[1])];
-        let options = Options { region: unit.region(options.region.as_ref()), ..options.clone() };
+        let options = Options {
+            region: options.region.as_ref().map(|region| region.in_unit(unit)),
+            ..options.clone()
+        };
         let measured = in_own_unit(&turned[0], &turned[1], &options, memory_bytes, progress)?;
         let deviation = unit.deviation(measured.deviation);
         return Ok(Measured { deviation, ..measured });

@@ -6,9 +6,10 @@
 use super::sums::Sum;
 use super::tree::{Nearest, Tree};
 use super::triangle::Vector;
-use super::{Bounds, Carried, Surface, Unit};
+use super::{Carried, Surface, Unit};
 use crate::error::Result;
 use crate::mesh::Mesh;
+use crate::mesh::bounds::Bounds;
 use crate::mesh::topology_counts::{CellCounts, CellPart, Topology, TopologyCounter, count_cell};
 use crate::store::cells::{CellStore, load_bytes};
 use crate::system::parallel::{self, Weighted};

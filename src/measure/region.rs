@@ -3,9 +3,9 @@
 //! A tool for those who look for seams: give it the vertices or edges along which cells met, and the
 //! samples near them are counted apart.
 
-use super::Bounds;
 use super::tree::{Nearest, Tree};
 use super::unit::Unit;
+use crate::mesh::bounds::Bounds;
 
 /// All points within some distance of given points and segments.
 #[derive(Clone, Debug)]
@@ -31,6 +31,9 @@ impl Region {
 
     /// The same region in another unit of length.
     pub(crate) fn in_unit(&self, unit: Unit) -> Self {
+        if unit.is_own() {
+            return self.clone();
+        }
         let corners = |i: usize| self.tree.corners(i as u32).map(|corner| unit.place(corner));
         Region { tree: Tree::build(self.tree.len(), corners), within: unit.of(self.within) }
     }

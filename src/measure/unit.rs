@@ -3,11 +3,11 @@
 //! Areas are products of two lengths and the closest point of a triangle takes products of four, so
 //! coordinates of 1e150 would overflow and those of 1e-150 vanish. Ordinary meshes keep their own unit.
 
-use super::region::Region;
+use super::deviation::Deviation;
 use super::side::{Side, Spread};
 use super::triangle::Vector;
-use super::{Bounds, Deviation};
 use crate::mesh::Mesh;
+use crate::mesh::bounds::Bounds;
 
 /// Powers of two up to which products of four lengths, and of small parts of them, are far from all limits.
 const FREE: i32 = 60;
@@ -64,11 +64,6 @@ impl Unit {
         if !self.is_own() {
             mesh.positions.iter_mut().for_each(|p| *p = self.place(*p));
         }
-    }
-
-    /// A region in this unit.
-    pub fn region(self, region: Option<&Region>) -> Option<Region> {
-        region.map(|region| if self.is_own() { region.clone() } else { region.in_unit(self) })
     }
 
     /// A deviation in input units.

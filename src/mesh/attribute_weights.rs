@@ -6,7 +6,7 @@
 
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
-use crate::mesh::record::Meaning;
+use crate::mesh::codec::Meaning;
 use crate::mesh::vec3;
 
 /// A perceptual colour difference of 1 (black to white) is worth so many edges of the result.

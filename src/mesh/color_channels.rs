@@ -1,11 +1,11 @@
 //! Which properties of a vertex are one colour, and what they are to the kernel: OKLab, times alpha.
 //!
-//! Part of `schema::VertexCodec`, which owns the records. A colour is three properties of one type that
+//! Part of `codec::VertexCodec`. A colour is three properties of one type that
 //! belong together by name, with or without an alpha. What is transparent counts less: channels hold the
 //! colour times its alpha, so that averages are those of what is seen.
 
 use crate::mesh::oklab::{linear_of_oklab, linear_of_srgb, oklab_of_linear, srgb_of_linear};
-use crate::mesh::record::{FACE_MEAN, Property, Scalar};
+use crate::mesh::property::{FACE_MEAN, Property, Scalar};
 
 /// Names of red, green, blue and alpha, with what stands before them.
 const NAMES: [[&str; 4]; 5] = [

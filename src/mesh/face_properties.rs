@@ -7,9 +7,9 @@
 //! that, and turns values of faces into those of vertices and back. Does not read files
 //! (`formats::survey_faces`, `formats::faces_to_vertices`) and does not write them (`write`).
 
-use crate::mesh::record::{
-    FACE_LABEL, FACE_MEAN, Property, REGION, Scalar, VertexCodec, VertexSchema,
-};
+use crate::mesh::codec::VertexCodec;
+use crate::mesh::property::{FACE_LABEL, FACE_MEAN, Property, REGION, Scalar};
+use crate::mesh::record::VertexSchema;
 use serde::{Deserialize, Serialize};
 
 /// A colour, and a label, that would make more than so many vertices of one are no region:

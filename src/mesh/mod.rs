@@ -4,9 +4,12 @@
 //! and `render` work on. It has no connectivity of its own; whoever needs one builds it.
 
 pub mod attribute_weights;
+pub mod bounds;
+pub mod codec;
 mod color_channels;
 pub mod face_properties;
 pub mod oklab;
+pub mod property;
 pub mod record;
 pub mod topology_counts;
 pub(crate) mod union_find;

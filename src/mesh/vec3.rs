@@ -6,7 +6,7 @@
 use std::ops::{Add, Mul, Sub};
 
 /// A point or a direction.
-pub(crate) type Vec3 = [f64; 3];
+pub type Vec3 = [f64; 3];
 
 /// f32 or f64.
 pub(crate) trait Real:

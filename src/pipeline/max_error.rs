@@ -6,6 +6,7 @@
 //! output's name. Components that `--min-component` drops do not count: the measure is a copy of the input
 //! without them. Memory and disk: those of one run, one more output, and that copy.
 
+use super::prepare::{Prepared, WRITING, prepare};
 use crate::config::{Attributes, Config, Normals, Target};
 use crate::error::{Error, Result};
 use crate::io::{OutputFormat, OutputKind};
@@ -13,7 +14,6 @@ use crate::kernel;
 use crate::measure::compare;
 use crate::pipeline::run_report::{BoundReport, RunReport, TrialReport};
 use crate::pipeline::verify::{self, Pair};
-use crate::pipeline::{self, Prepared, WRITING};
 use crate::store::job::fingerprint::job_identity;
 use crate::store::job::{Job, TRIALS};
 use crate::system::disk::Disk;
@@ -68,7 +68,7 @@ pub fn simplify(
         None => None,
         Some(_) => match job.sealed("kept", || write_kept(n_input, config, progress)) {
             Ok(kept) => Some(kept),
-            Err(error) => return Err(pipeline::abandon(job, error)),
+            Err(error) => return Err(super::abandon(job, error)),
         },
     };
     let mut search = Search { bound, n_input, tried: Vec::new() };
@@ -78,7 +78,7 @@ pub fn simplify(
         let kept = kept.as_deref();
         let found = match job.sealed(&name, || run_trial(asked, kept, config, progress)) {
             Ok(found) => found,
-            Err(error) if trials.is_empty() => return Err(pipeline::abandon(job, error)),
+            Err(error) if trials.is_empty() => return Err(super::abandon(job, error)),
             Err(error) => return Err(error),
         };
         search.add(&found);
@@ -182,8 +182,8 @@ fn write_kept(n_input: u64, config: &Config, progress: &Progress) -> Result<Path
         },
         ..config.clone()
     };
-    let prepared = pipeline::prepare(&inner)?;
-    pipeline::simplify(prepared, &inner, progress)?;
+    let prepared = prepare(&inner)?;
+    super::simplify(prepared, &inner, progress)?;
     Ok(output)
 }
 
@@ -205,8 +205,8 @@ fn run_trial(
         verify: false,
         ..config.clone()
     };
-    let prepared = pipeline::prepare(&inner)?;
-    let mut report = match pipeline::simplify(prepared, &inner, progress) {
+    let prepared = prepare(&inner)?;
+    let mut report = match super::simplify(prepared, &inner, progress) {
         Ok(report) => report.unwrap_or_default(),
         // So few triangles are none: no result, but no reason to end the search either.
         Err(Error::Empty { .. }) => {

@@ -2,10 +2,11 @@
 //!
 //! Partition the input into cells on disk, simplify the cells in parallel, stitch until no seam is left,
 //! write. Every stage is sealed in the job folder before the next one begins, so the same command continues
-//! wherever an earlier run stopped. Only this file names two stages.
+//! wherever an earlier run stopped. A bound on the error is a matter of several such runs (`max_error`).
 
 pub mod max_error;
 pub mod plan;
+mod prepare;
 mod quality;
 pub mod run_report;
 pub mod seam_points;
@@ -14,66 +15,17 @@ pub mod verify;
 
 use crate::config::{Config, Target, Until};
 use crate::error::{Error, Result};
-use crate::io::ply::{MeshSource, ReadOptions};
-use crate::io::{StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
 use crate::stages::components::ComponentSizes;
 use crate::stages::stitch::Step;
-use crate::store::job::fingerprint::{input_marks, job_identity, unchanged};
-use crate::store::job::{self, Job};
+use crate::store::job::Job;
+use crate::store::job::fingerprint::job_identity;
 use crate::system::disk::Disk;
-use crate::system::disk::folder_of;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
-use plan::{Plan, check_split};
+pub use prepare::{Prepared, has_begun_to_write, prepare};
 use run_report::RunReport;
 use stage_runner::{Stages, faults};
-use std::collections::BTreeMap;
-use std::path::Path;
 use std::time::Instant;
-
-/// An input that has been opened and planned for; nothing has been written yet.
-#[derive(Debug)]
-pub struct Prepared {
-    /// The open input.
-    pub source: MeshSource,
-    /// What the run will do and need.
-    pub plan: Plan,
-    /// By what the input is known again; taken before it was opened.
-    pub marks: BTreeMap<String, String>,
-}
-
-/// Opens the input and plans the run. What is no plain PLY file is first unpacked beside the output.
-pub fn prepare(config: &Config) -> Result<Prepared> {
-    refuse_to_overwrite(config)?;
-    if config.verify {
-        verify::refuse_unreadable(config)?;
-    }
-    let marks = input_marks(&config.input)?;
-    let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
-    let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
-    stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
-    let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
-        check_labels(&source, &config.attributes.labels)?;
-        let survey = SurveyOptions {
-            drop_texture: config.drop_texture,
-            drop_properties: config.drop_faces,
-            labels: &config.attributes.labels,
-        };
-        let carry = survey_faces(&source, &survey)?;
-        if !config.drop_texture && !carry.texture {
-            source.require_no_texture()?;
-        }
-        check_split(&source, &carry, config)?;
-        faces_to_vertices(source, carry, &stage)
-    });
-    let source = unchanged(&config.input, &marks, source)?;
-    config.target.check(source.n_triangles())?;
-    let codec = source.schema().kernel_codec(&config.attributes.labels);
-    config.attributes.weights.check(&codec.meanings(source.schema()))?;
-    let plan = Plan::new(&source, config)?;
-    plan.check_disk(config)?;
-    Ok(Prepared { source, plan, marks })
-}
 
 /// Simplifies `config.input` into `config.output`; `None` when `--until` ended the run early.
 pub fn simplify(
@@ -81,9 +33,7 @@ pub fn simplify(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
-    if let Target::MaxError(bound) = config.target {
-        return max_error::simplify(bound, prepared, config, progress);
-    }
+    assert!(!matches!(config.target, Target::MaxError(_)), "`max_error` runs trials for a bound");
     simplify_on(&Disk::default(), prepared, config, progress)
 }
 
@@ -222,34 +172,4 @@ fn nothing_left(config: &Config, sizes: &ComponentSizes) -> Error {
         sizes.found, sizes.largest
     );
     Error::Empty { path: config.output.clone(), what }
-}
-
-/// Recorded before the output is written: an output that is found later may be this job's own.
-pub(crate) const WRITING: &str = "writing";
-
-/// Refuses labels that name nothing.
-fn check_labels(source: &MeshSource, labels: &[String]) -> Result<()> {
-    let vertices = source.schema().properties.iter().map(|p| p.name.clone());
-    let known: Vec<String> =
-        vertices.chain(source.face_properties().into_iter().map(|p| p.name)).collect();
-    let Some(unknown) = labels.iter().find(|label| !known.contains(label)) else { return Ok(()) };
-    Err(Error::Usage(format!(
-        "--label {unknown}: neither vertices nor faces have such a property; they have {}",
-        if known.is_empty() { "none".to_owned() } else { known.join(", ") }
-    )))
-}
-
-/// Whether an output that is found may be that of the job in this folder.
-pub fn has_begun_to_write(job_folder: &Path) -> bool {
-    job::view(job_folder).is_ok_and(|view| view.outcomes.contains_key(WRITING))
-}
-
-/// The writer itself compares: a run that died between its rename and its end has left the same bytes.
-fn refuse_to_overwrite(config: &Config) -> Result<()> {
-    let may_be_ours = || !config.restart && has_begun_to_write(&config.job_folder);
-    if config.output.exists() && !config.force && !may_be_ours() {
-        let path = config.output.display();
-        return Err(Error::Usage(format!("{path} exists; give --force to replace it")));
-    }
-    Ok(())
 }

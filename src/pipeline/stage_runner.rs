@@ -3,14 +3,14 @@
 //! `pipeline` says in which order. Opens what a stage needs from the outcome of the one before, removes what
 //! nobody needs any more, and sums up what all of them did. Decides nothing about meshes.
 
-use super::WRITING;
+use super::prepare::WRITING;
 use super::quality::QualityCurve;
 use crate::config::Config;
 use crate::error::Result;
 use crate::io::ply::{MeshSource, OutputHeader, Place};
 use crate::io::{OutputFormat, OutputKind};
 use crate::kernel;
-use crate::mesh::record::Meaning;
+use crate::mesh::codec::Meaning;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::run_report::{
     FaceReport, InputReport, OutputReport, RunReport, SeamReport, StageReport,
@@ -167,7 +167,7 @@ impl<'a> Stages<'a> {
     /// Finds the components and leaves out what is too small, if that was asked for.
     pub(super) fn components(&mut self, partition: &Partition) -> Result<Option<Components>> {
         let Some(min) = self.config.min_component else { return Ok(None) };
-        let least = min.least(components::diagonal(partition.bounds));
+        let least = components::Least::of(min, components::diagonal(partition.bounds));
         let (info, layout) = (partition.store.clone(), self.layout.clone());
         let found = self.stage(
             "components",

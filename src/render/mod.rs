@@ -13,105 +13,18 @@ mod scene;
 mod shade;
 mod vector;
 mod vertices;
+mod view;
 
 pub use picture::{Letters, Picture, text_width};
+pub use view::{Aim, Coloring, Direction, Resources, Sphere, View};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::io::ply::MeshSource;
 use crate::mesh::Mesh;
 use crate::system::progress::Progress;
-use camera::Camera;
 use draw::{aim, render};
-use raster::SAMPLE_BYTES;
 use scene::{InMemory, OnDisk};
-
-/// Samples of a frame may take so many bytes; beyond that each pixel gets fewer.
-const FRAME_BYTES: usize = 400 << 20;
-
-/// Where a picture is taken from.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Direction {
-    /// Chosen by the shape of the mesh, or across the surface for a close-up.
-    #[default]
-    Auto,
-    /// From the mesh towards the viewer, in object space; any length.
-    From([f64; 3]),
-}
-
-/// A place of interest.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sphere {
-    /// Its middle, in object space.
-    pub centre: [f64; 3],
-    /// Its radius in input units; it just fills the picture.
-    pub radius: f64,
-}
-
-/// What a surface is painted with.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Coloring {
-    /// Light clay.
-    #[default]
-    Plain,
-    /// The vertices' own colours: of a file its properties red, green, blue; of a mesh in memory the
-    /// three channels from `channel` on, in [0, 255]. Clay where there are none.
-    Vertex {
-        /// First of three channels.
-        channel: usize,
-    },
-}
-
-/// What a picture shows and how.
-#[derive(Clone, Debug)]
-pub struct View {
-    /// Pixels in a row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// From where.
-    pub direction: Direction,
-    /// A close-up; without, the whole mesh.
-    pub zoom: Option<Sphere>,
-    /// With the edges of triangles.
-    pub edges: bool,
-    /// Shaded smoothly across edges; otherwise facet by facet.
-    pub smooth: bool,
-    /// The paint.
-    pub coloring: Coloring,
-    /// Draws the error quadrics of so many vertices; only of a mesh in memory.
-    pub n_quadrics: usize,
-    /// The camera of another picture, from `aim_mesh` or `aim_source`; overrides direction and zoom.
-    pub aim: Option<Aim>,
-}
-
-impl Default for View {
-    fn default() -> Self {
-        View {
-            width: 1200,
-            height: 900,
-            direction: Direction::Auto,
-            zoom: None,
-            edges: false,
-            smooth: true,
-            coloring: Coloring::Plain,
-            n_quadrics: 0,
-            aim: None,
-        }
-    }
-}
-
-/// A camera in its place, so that several pictures can be taken from there.
-#[derive(Clone, Debug)]
-pub struct Aim(Camera);
-
-/// What rendering may use.
-#[derive(Clone, Copy, Debug)]
-pub struct Resources {
-    /// Memory in bytes, for vertices and picture together; at least some 100 MB are taken anyway.
-    pub memory_bytes: u64,
-    /// Threads.
-    pub threads: usize,
-}
+use view::per_pixel;
 
 /// A picture of a mesh in memory.
 ///
@@ -159,17 +72,4 @@ pub fn aim_source(
     progress: &Progress,
 ) -> Result<Aim> {
     aim(&OnDisk::new(source, false), view, per_pixel(view)?, resources, progress).map(Aim)
-}
-
-/// Samples along each side of a pixel.
-fn per_pixel(view: &View) -> Result<usize> {
-    const LARGEST: u32 = 16_384;
-    let (width, height) = (view.width, view.height);
-    if width == 0 || height == 0 || width > LARGEST || height > LARGEST {
-        return Err(Error::Usage(format!(
-            "a picture of {width}x{height} pixels: each side must be 1 to {LARGEST}"
-        )));
-    }
-    let pixels = width as usize * height as usize;
-    Ok((1..=3).rev().find(|n| pixels * n * n * SAMPLE_BYTES <= FRAME_BYTES).unwrap_or(1))
 }

@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::io::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
 use crate::mesh::Mesh;
-use crate::mesh::record::Scalar;
+use crate::mesh::property::Scalar;
 
 /// A block of vertices as the renderer wants them.
 #[derive(Default)]

@@ -5,7 +5,8 @@
 
 use super::surface::{Surface, Vertex};
 use crate::error::Result;
-use crate::mesh::record::{Property, Scalar, VertexSchema};
+use crate::mesh::property::{Property, Scalar};
+use crate::mesh::record::VertexSchema;
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
 

@@ -5,12 +5,12 @@
 
 use super::texture::{Materials, TexturedFaces};
 use crate::error::Result;
-use crate::io::open::StageOptions;
+use crate::io::open_options::StageOptions;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::ply::rows::MAX_CORNERS;
 use crate::io::ply::source::{Staged, TextureInfo};
 use crate::io::text_lines::{Lines, parse_number, words};
-use crate::mesh::record::Scalar;
+use crate::mesh::property::Scalar;
 use std::path::Path;
 
 /// Whether text begins like an OBJ file: its first word outside of comments is one of OBJ's.

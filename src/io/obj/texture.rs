@@ -6,7 +6,7 @@
 
 use crate::error::{Error, Result};
 use crate::io::external_sort::{ExternalSort, halves, whole};
-use crate::io::open::StageOptions;
+use crate::io::open_options::StageOptions;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::text_lines::{parse_number, words};
 use std::collections::BTreeMap;

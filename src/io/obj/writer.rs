@@ -5,7 +5,9 @@
 use crate::error::Result;
 use crate::io::ply::writer::Shortest;
 use crate::io::ply::{OutputHeader, TexturedTriangle};
-use crate::mesh::record::{Scalar, TEXTURE_NAMES, VertexSchema, read_scalar};
+use crate::mesh::codec::TEXTURE_NAMES;
+use crate::mesh::property::{Scalar, read_scalar};
+use crate::mesh::record::VertexSchema;
 use crate::system::pending_file::{PendingFile, Place};
 use std::collections::HashMap;
 use std::io::Write;

@@ -3,7 +3,7 @@
 use super::header::Wire;
 use super::raw::RawFile;
 use super::scan::{Fault, Mark, Scan, Scanned, Window};
-use crate::mesh::record::Scalar;
+use crate::mesh::property::Scalar;
 
 /// No number is written with more characters than this.
 const MAX_TOKEN_BYTES: usize = 512;

@@ -5,7 +5,7 @@ use super::fixed_faces::wire_index;
 use super::header::{Encoding, Wire};
 use super::raw::RawFile;
 use super::scan::{Fault, Mark, Scan, Scanned, Window};
-use crate::mesh::record::{Scalar, write_scalar};
+use crate::mesh::property::{Scalar, write_scalar};
 
 /// Reads packed numbers of either byte order.
 pub(crate) struct BinaryScan<'a> {

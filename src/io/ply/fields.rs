@@ -5,7 +5,8 @@
 
 use super::header::{Element, Encoding, Kind, Wire};
 use crate::error::Error;
-use crate::mesh::record::{Property, Scalar, VertexSchema, write_scalar};
+use crate::mesh::property::{Property, Scalar, write_scalar};
+use crate::mesh::record::VertexSchema;
 
 /// One number of a row and its place in the record.
 #[derive(Clone, Copy, Debug)]
@@ -163,7 +164,7 @@ pub(crate) fn wire_value(wire: Wire, bytes: &[u8], swap: bool) -> f64 {
         little[..n].reverse();
     }
     match wire {
-        Wire::Plain(scalar) => crate::mesh::record::read_scalar(scalar, &little, 0),
+        Wire::Plain(scalar) => crate::mesh::property::read_scalar(scalar, &little, 0),
         Wire::F16 => half_to_double(u16::from_le_bytes([little[0], little[1]])),
     }
 }

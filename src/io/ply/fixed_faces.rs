@@ -85,7 +85,7 @@ impl FixedFaces {
     ///
     /// With `skip_bad`, faces out of range are left out too, and counted in `n_bad`.
     pub fn decode(&self, rows: &[u8], n_vertices: u64, out: &mut Decoded) -> Result<(), Stop> {
-        use crate::mesh::record::Scalar::{I32, U32};
+        use crate::mesh::property::Scalar::{I32, U32};
         match (self.index, self.swap) {
             (Wire::Plain(U32), false) => self
                 .rows(rows, n_vertices, out, |b| corners4(b, |v| u64::from(u32::from_le_bytes(v)))),
@@ -185,10 +185,10 @@ pub(crate) fn wire_index(wire: Wire, bytes: &[u8], swap: bool) -> u64 {
     let signed = matches!(
         wire,
         Wire::Plain(
-            crate::mesh::record::Scalar::I8
-                | crate::mesh::record::Scalar::I16
-                | crate::mesh::record::Scalar::I32
-                | crate::mesh::record::Scalar::I64
+            crate::mesh::property::Scalar::I8
+                | crate::mesh::property::Scalar::I16
+                | crate::mesh::property::Scalar::I32
+                | crate::mesh::property::Scalar::I64
         )
     );
     if signed && little[n - 1] & 0x80 != 0 { u64::MAX } else { raw }

@@ -9,7 +9,7 @@ use super::rows::{MAX_CORNERS, out_of_range};
 use super::scan::{Fault, Mark, Scan, Scanned};
 use super::source::MeshSource;
 use crate::error::Result;
-use crate::mesh::record::{Property, Scalar};
+use crate::mesh::property::{Property, Scalar};
 
 /// One face.
 #[derive(Debug, Default)]

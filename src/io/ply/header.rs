@@ -6,7 +6,7 @@
 
 use super::raw::RawFile;
 use crate::error::Result;
-use crate::mesh::record::Scalar;
+use crate::mesh::property::Scalar;
 
 /// A header longer than this is no header (16 MiB; the longest seen in the wild has a few KiB).
 const MAX_HEADER_BYTES: u64 = 16 << 20;

@@ -7,7 +7,7 @@
 use super::header::{HeaderProperty, Kind, Wire};
 use super::raw::RawFile;
 use crate::error::Error;
-use crate::mesh::record::Scalar;
+use crate::mesh::property::Scalar;
 use std::fmt;
 
 /// A place in the body from which reading can begin.

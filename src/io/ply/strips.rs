@@ -7,7 +7,7 @@ use super::BLOCK_ROWS;
 use super::fixed_faces::Decoded;
 use super::header::{Element, Kind, Wire};
 use super::scan::{Fault, Mark, Scan, Scanned};
-use crate::mesh::record::Scalar;
+use crate::mesh::property::Scalar;
 
 /// Everything needed to go on reading strips.
 #[derive(Clone, Copy, Debug, Default)]

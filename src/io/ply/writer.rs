@@ -5,7 +5,8 @@
 
 use super::header::Encoding;
 use crate::error::{Error, Result};
-use crate::mesh::record::{Property, Scalar, VertexSchema};
+use crate::mesh::property::{Property, Scalar};
+use crate::mesh::record::VertexSchema;
 use crate::system::pending_file::{PendingFile, Place};
 use std::io::Write;
 

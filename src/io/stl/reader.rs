@@ -2,7 +2,7 @@
 
 use super::weld::Welder;
 use crate::error::Result;
-use crate::io::open::StageOptions;
+use crate::io::open_options::StageOptions;
 use crate::io::ply::raw::RawFile;
 use crate::io::ply::source::Staged;
 use crate::io::text_lines::{Lines, parse_number, words};

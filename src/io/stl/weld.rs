@@ -6,11 +6,12 @@
 
 use crate::error::Result;
 use crate::io::external_sort::{ExternalSort, halves, whole};
-use crate::io::open::StageOptions;
+use crate::io::open_options::StageOptions;
 use crate::io::ply::OutputHeader;
 use crate::io::ply::header::Encoding;
 use crate::io::ply::raw::{RawFile, Spool};
-use crate::mesh::record::{Scalar, VertexSchema};
+use crate::mesh::property::Scalar;
+use crate::mesh::record::VertexSchema;
 use std::path::Path;
 
 /// Takes loose triangles, gives a PLY.

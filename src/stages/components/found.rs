@@ -3,6 +3,9 @@
 use super::sizes::{ComponentSizes, Least};
 use crate::store::cells::{Bounds, CellMesh, Extent, PieceSet, Pieces, position_bits};
 
+/// The pack of what the cells know by themselves.
+pub(super) const FOUND_NAME: &str = "components.cells";
+
 /// A piece that other cells have a say in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Open {

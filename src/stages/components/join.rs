@@ -3,8 +3,7 @@
 //! Everything that could grow with the mesh goes through sorts: vertices by place, pairs of pieces to stars,
 //! pieces by component and back by cell. A piece is known as a node: its cell and its number among the open ones.
 
-use super::VERDICTS_NAME;
-use super::found::{Found, Open};
+use super::found::{FOUND_NAME, Found, Open};
 use super::sizes::{ComponentSizes, Least};
 use super::stars::{Edges, each_edge, edge, stars};
 use crate::error::{Error, Result};
@@ -13,6 +12,9 @@ use crate::store::cells::{Bounds, CellStore, CellTally, NOWHERE, Pack, PackWrite
 use crate::store::pack_format::ChunkKind;
 use crate::store::stage_context::Run;
 use std::path::Path;
+
+/// The pack of what is left out.
+pub(super) const VERDICTS_NAME: &str = "verdicts.cells";
 
 /// Share of the memory for each sort; up to three are at work.
 const SORT_SHARE: u64 = 8;
@@ -80,7 +82,7 @@ impl Notes<'_> {
         };
         note.ok_or_else(|| {
             let what = format!("the note of cell {cell} makes no sense; run again with --restart");
-            Error::corrupt(Path::new(super::FOUND_NAME), what)
+            Error::corrupt(Path::new(FOUND_NAME), what)
         })
     }
 

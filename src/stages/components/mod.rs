@@ -18,14 +18,11 @@ use crate::store::cells::{CellStore, PackWriter, Pieces, StoreInfo, Verdicts, lo
 use crate::store::pack_format::ChunkKind;
 use crate::store::stage_context::Run;
 use crate::system::parallel::{Weighted, largest_first};
-use found::Found;
+use found::{FOUND_NAME, Found};
+use join::VERDICTS_NAME;
 use serde::{Deserialize, Serialize};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
-
-/// The pack of what the cells know by themselves, and the pack of what is left out.
-const FOUND_NAME: &str = "components.cells";
-const VERDICTS_NAME: &str = "verdicts.cells";
 
 /// Bytes a vertex for pieces and their sizes, besides the loaded cell: number, table of places, and a piece of
 /// its own at worst; and for its link, listed and encoded.

@@ -1,5 +1,6 @@
 //! Sizes of components: what is too small to stay, and the numbers that help to decide on that.
 
+use crate::config::MinComponent;
 use crate::mesh::Mesh;
 use crate::store::cells::{Bounds, NOWHERE, Pieces};
 use crate::system::units::show_count;
@@ -15,6 +16,15 @@ pub struct Least {
 }
 
 impl Least {
+    /// What `--min-component` leaves, in a scan with a box of this diagonal.
+    pub fn of(min: MinComponent, diagonal: f64) -> Least {
+        match min {
+            MinComponent::Triangles(triangles) => Least { triangles, ..Least::default() },
+            MinComponent::Size(diameter) => Least { diameter, ..Least::default() },
+            MinComponent::Share(share) => Least { diameter: share * diagonal, ..Least::default() },
+        }
+    }
+
     /// Whether a component of this size goes.
     pub fn drops(&self, triangles: u64, bounds: Bounds) -> bool {
         triangles < self.triangles || diagonal(bounds) < self.diameter
@@ -120,6 +130,13 @@ pub fn sizes_in_memory(mesh: &Mesh) -> ComponentSizes {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_share_is_of_the_diagonal_of_the_scan() {
+        assert_eq!(Least::of(MinComponent::Share(0.01), 50.0).diameter, 0.5);
+        assert_eq!(Least::of(MinComponent::Size(2.0), 50.0).diameter, 2.0);
+        assert_eq!(Least::of(MinComponent::Triangles(7), 50.0).triangles, 7);
+    }
 
     #[test]
     fn a_component_goes_below_either_limit_and_stays_at_it() {

@@ -486,7 +486,8 @@ impl Passes<'_> {
 mod tests {
     use super::*;
     use crate::io::ply::{OutputHeader, PlyWriter};
-    use crate::mesh::record::{Scalar, VertexSchema};
+    use crate::mesh::property::Scalar;
+    use crate::mesh::record::VertexSchema;
     use crate::store::cells::{CellMesh, CellStore};
     use crate::store::job::{Identity, Job};
     use crate::system::disk::Disk;

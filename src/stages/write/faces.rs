@@ -3,10 +3,11 @@
 //! The properties that `formats::faces_to_vertices` has put behind a vertex's own are taken off again. A
 //! triangle has the mean of its corners; where they are of one region they agree.
 
-use super::encode;
+use super::numbering::encode;
 use crate::io::ply::FaceSchema;
 use crate::mesh::face_properties::{FaceCarry, FaceMixer};
-use crate::mesh::record::{Property, VertexSchema};
+use crate::mesh::property::Property;
+use crate::mesh::record::VertexSchema;
 use crate::store::cells::{SurvivorPack, Survivors};
 
 /// How vertices' properties become those of faces.

@@ -3,7 +3,7 @@
 //! Over all cells, by three sorts on disk: by place, by the first vertex of each place, by vertex. So the
 //! joined vertices keep the order of the first of each place, and memory does not grow with the result.
 
-use super::{FirstUses, own_vertices};
+use super::numbering::{FirstUses, own_vertices};
 use crate::error::Result;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::{ExternalSort, halves, whole};

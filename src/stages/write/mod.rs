@@ -8,6 +8,7 @@
 mod faces;
 mod join;
 mod normals;
+mod numbering;
 mod shape;
 
 use crate::config::Normals;
@@ -15,13 +16,13 @@ use crate::error::Result;
 use crate::io::ply::{OutputHeader, Place, TexturedTriangle};
 use crate::io::{MeshSink, OutputFormat, OutputKind};
 use crate::mesh::face_properties::FaceCarry;
-use crate::store::cells::{SurvivorPack, Survivors};
+use crate::store::cells::SurvivorPack;
 use crate::store::stage_context::Run;
 use faces::BackToFaces;
 use join::Joined;
 use normals::Recomputed;
+use numbering::{encode, index_vertices, own_vertices};
 use shape::Shape;
-use std::collections::HashMap;
 
 /// Triangles that go to the file together.
 const CHUNK: usize = 65_536;
@@ -149,48 +150,6 @@ pub fn write(
         run.progress.add(info.cells[cell].triangles.div_ceil(2));
     }
     Ok(Written { vertices: n_vertices, triangles: info.triangles, bytes: writer.finish()? })
-}
-
-/// Appends the record of a vertex.
-fn encode(result: &SurvivorPack, part: &Survivors, vertex: usize, out: &mut Vec<u8>) {
-    let layout = result.layout();
-    let record_bytes = layout.schema.record_bytes();
-    let record = &part.records[vertex * record_bytes..(vertex + 1) * record_bytes];
-    let channels = part.mesh.channels_of(vertex as u32);
-    layout.codec.encode(part.mesh.positions[vertex], channels, record, out);
-}
-
-/// For every shared vertex, the first cell that holds it and its number.
-struct FirstUses {
-    shared: HashMap<u64, (u32, u64)>,
-    n_vertices: u64,
-}
-
-fn index_vertices(result: &SurvivorPack) -> Result<FirstUses> {
-    let mut uses = FirstUses { shared: HashMap::new(), n_vertices: 0 };
-    for cell in 0..result.info().cells.len() {
-        let part = result.load(cell)?;
-        for (&id, &shared) in part.ids.iter().zip(&part.shared) {
-            if shared {
-                let mut is_new = false;
-                uses.shared.entry(id).or_insert_with(|| {
-                    is_new = true;
-                    (cell as u32, uses.n_vertices)
-                });
-                uses.n_vertices += u64::from(is_new);
-            } else {
-                uses.n_vertices += 1;
-            }
-        }
-    }
-    Ok(uses)
-}
-
-/// The vertices of a cell that no earlier cell holds, in order: they have consecutive numbers.
-fn own_vertices(part: &Survivors, cell: u32, uses: &FirstUses) -> Vec<usize> {
-    let is_own =
-        |v: &usize| !part.shared[*v] || uses.shared.get(&part.ids[*v]).is_none_or(|u| u.0 == cell);
-    (0..part.ids.len()).filter(is_own).collect()
 }
 
 /// Numbers in the output of `n` vertices from number `first`.

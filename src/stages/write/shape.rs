@@ -1,7 +1,8 @@
 //! What of a vertex record is written: without texture that is at corners, without or with new normals.
 
 use crate::config::Normals;
-use crate::mesh::record::{Property, Scalar, VertexSchema, write_scalar};
+use crate::mesh::property::{Property, Scalar, write_scalar};
+use crate::mesh::record::VertexSchema;
 use std::ops::Range;
 
 /// The components of a normal.

@@ -3,14 +3,15 @@
 //! Every cell is self-contained: its triangles and all their vertices, those it shares with other cells
 //! included and marked. Ids are the input's vertex indices, so cells join without comparing floats.
 
-use super::deduplicate::Dropped;
+use super::cell_mesh::CellMesh;
 use super::id_map::IdMap;
 use super::pack::Pack;
 use super::pieces::PieceSet;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::attribute_weights::Weights;
-use crate::mesh::record::{VertexCodec, VertexSchema};
+use crate::mesh::codec::VertexCodec;
+use crate::mesh::record::VertexSchema;
 use crate::store::pack_format::{Chunk, ChunkKind, IdWidth};
 use crate::system::disk::Disk;
 use crate::system::progress::Progress;
@@ -109,21 +110,6 @@ impl VertexLayout {
     pub fn row_bytes(&self, has_channels: bool) -> usize {
         self.schema.record_bytes() + if has_channels { 4 * self.codec.n_channels() } else { 0 }
     }
-}
-
-/// One loaded cell.
-#[derive(Clone, Debug, Default)]
-pub struct CellMesh {
-    /// Input vertex index of each local vertex.
-    pub ids: Vec<u64>,
-    /// The record of each local vertex as it was read from the input (position possibly moved since).
-    pub records: Vec<u8>,
-    /// Whether another cell uses this vertex too; such vertices are locked.
-    pub shared: Vec<bool>,
-    /// Geometry and channels.
-    pub mesh: Mesh,
-    /// What tidying left out.
-    pub dropped: Dropped,
 }
 
 /// A store opened for reading; cells load from any thread.

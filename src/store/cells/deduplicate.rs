@@ -3,27 +3,8 @@
 //! Partitioning sends a triangle to the cell of its corner of lowest index, so triangles with the same three
 //! corners always meet in one cell, and each cell can be tidied by itself. Later rounds have nothing to tidy.
 
-use super::cell_store::CellMesh;
+use super::cell_mesh::{CellMesh, Dropped};
 use crate::kernel::repeats::{Repeats, flaps, from_least};
-use serde::{Deserialize, Serialize};
-use std::ops::AddAssign;
-
-/// What was left out.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Dropped {
-    /// Triangles with the same three corners as an earlier one; if turned over, only those that belong to no
-    /// sheet of their own (`kernel::repeats`).
-    pub duplicate_faces: u64,
-    /// Vertices that no triangle of any cell uses.
-    pub unreferenced_vertices: u64,
-}
-
-impl AddAssign for Dropped {
-    fn add_assign(&mut self, other: Dropped) {
-        self.duplicate_faces += other.duplicate_faces;
-        self.unreferenced_vertices += other.unreferenced_vertices;
-    }
-}
 
 impl CellMesh {
     /// Brings the triangles into the order of their lowest vertex id; those that share it keep their order.

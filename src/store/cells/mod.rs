@@ -2,6 +2,7 @@
 //!
 //! This layer stores and loads; it does not know why the cells are cut where they are.
 
+mod cell_mesh;
 mod cell_store;
 mod deduplicate;
 mod id_map;
@@ -12,10 +13,10 @@ mod scatter;
 mod simplified_cell;
 mod split_oversized;
 
+pub use cell_mesh::{CellMesh, Dropped};
 pub use cell_store::{
-    CellMesh, CellStore, CellTally, StoreInfo, Verdicts, VertexLayout, load_bytes, store_row_bytes,
+    CellStore, CellTally, StoreInfo, Verdicts, VertexLayout, load_bytes, store_row_bytes,
 };
-pub use deduplicate::Dropped;
 pub use id_map::IdMap;
 pub use kd_tree::{CellTree, Frame, n_samples, plan_cells};
 pub use pack::{Pack, PackWriter};

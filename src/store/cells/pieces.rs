@@ -5,7 +5,7 @@
 //! there, so each cell settles by itself which of them coincide. Pieces have numbers, in the order of their
 //! least vertex; `components` finds out what they belong to.
 
-use super::cell_store::CellMesh;
+use super::cell_mesh::CellMesh;
 use crate::mesh::Mesh;
 use crate::mesh::union_find::Union;
 use xxhash_rust::xxh3::xxh3_64;

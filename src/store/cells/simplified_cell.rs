@@ -3,12 +3,13 @@
 //! A chunk holds counts, the cell's statistics, ids, shared marks, vertex rows (record, channels) and local
 //! triangles. Finished cells survive a crash; the writer continues behind the last whole chunk.
 
-use super::cell_store::{CellMesh, CellTally, VertexLayout};
-use super::deduplicate::Dropped;
+use super::cell_store::{CellTally, VertexLayout};
 use super::pack::{Pack, PackWriter};
 use crate::error::{Error, Result};
 use crate::kernel::{FitStatistics, Quality, QualityAt, Simplified, Statistics};
 use crate::mesh::Mesh;
+use crate::store::cells::cell_mesh::CellMesh;
+use crate::store::cells::cell_mesh::Dropped;
 use crate::store::pack_format::ChunkKind;
 use crate::system::disk::Disk;
 use serde::{Deserialize, Serialize};

@@ -4,16 +4,21 @@
 //! computed pixel by pixel from the panels its slots show, beyond a chart's own border too, so that filtering finds
 //! nothing foreign there.
 
-use super::super::noise::hash2;
-use super::{REACH, Rooms, chart_start, on_panel};
-use crate::render::Picture;
+use crate::synth::noise::hash2;
+
+/// Squares along a chart, before its borders are made ragged.
+pub(super) const CHART: usize = 11;
+/// Squares by which a border strays at most.
+pub(super) const STRAY: usize = 3;
+/// Squares along the box around a chart.
+pub(super) const REACH: usize = CHART + 2 * STRAY;
 
 /// Pixels along a square of a panel.
 const PIXELS_PER_SQUARE: usize = 4;
 /// Pixels between a slot's rim and the box around its chart.
 const RIM: usize = 2;
 /// Pixels along a slot.
-const SLOT: usize = REACH * PIXELS_PER_SQUARE + 2 * RIM;
+pub(super) const SLOT: usize = REACH * PIXELS_PER_SQUARE + 2 * RIM;
 /// The widest image that programs and graphics cards take.
 const WIDEST: usize = 16_384;
 
@@ -21,9 +26,9 @@ const WIDEST: usize = 16_384;
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) struct Atlas {
     pub(in super::super) n_pages: u64,
-    n_charts: u64,
+    pub(super) n_charts: u64,
     /// Slots along an image.
-    across: u64,
+    pub(super) across: u64,
 }
 
 /// Place of one chart in the atlas.
@@ -31,7 +36,7 @@ pub(in super::super) struct Atlas {
 pub(super) struct Chart {
     pub(super) page: u64,
     /// The slot's upper left pixel.
-    corner: [usize; 2],
+    pub(super) corner: [usize; 2],
     /// Quarter turns.
     turn: u64,
     /// Pixels along the image.
@@ -48,7 +53,7 @@ impl Atlas {
     }
 
     /// Pixels along an image.
-    fn width(&self) -> usize {
+    pub(super) fn width(&self) -> usize {
         self.across as usize * SLOT
     }
 
@@ -83,7 +88,7 @@ impl Chart {
     }
 
     /// The place in squares of the middle of a pixel of the slot.
-    fn local(&self, pixel: [usize; 2]) -> [f64; 2] {
+    pub(super) fn local(&self, pixel: [usize; 2]) -> [f64; 2] {
         let unit =
             pixel.map(|n| (n as f64 + 0.5 - RIM as f64) / (REACH * PIXELS_PER_SQUARE) as f64);
         turned(unit, (4 - self.turn) % 4).map(|x| x * REACH as f64)
@@ -97,30 +102,6 @@ fn turned([x, y]: [f64; 2], quarters: u64) -> [f64; 2] {
         1 => [1.0 - y, x],
         2 => [1.0 - x, 1.0 - y],
         _ => [y, 1.0 - x],
-    }
-}
-
-impl Rooms {
-    /// One image.
-    pub(super) fn image(&self, page: u64) -> Picture {
-        let Atlas { across, n_charts, .. } = self.atlas;
-        let width = self.atlas.width();
-        let mut picture = Picture::new(width as u32, width as u32, [0; 3]);
-        let first = page * across * across;
-        for number in first..(first + across * across).min(n_charts) {
-            let Some((panel, at)) = self.chart(number) else { break };
-            let chart = self.atlas.chart(number, self.seed);
-            let start = chart_start(at);
-            for y in 0..SLOT {
-                for x in 0..SLOT {
-                    let local = chart.local([x, y]);
-                    let place = on_panel(&panel, [0, 1].map(|n| start[n] + local[n]));
-                    let to = 3 * ((chart.corner[1] + y) * width + chart.corner[0] + x);
-                    picture.rgb[to..to + 3].copy_from_slice(&panel.paint.color(place, panel.tag));
-                }
-            }
-        }
-        picture
     }
 }
 

@@ -8,22 +8,16 @@
 
 mod atlas;
 mod house;
+mod images;
 mod paint;
 mod write;
 
 use super::noise::{hash2, noise3, signed3};
 use super::sliced::{BlockCounts, Sliced};
 use super::surface::Vertex;
-use atlas::{Atlas, Chart};
+use atlas::{Atlas, CHART, Chart, REACH, STRAY};
 use house::{House, Panel};
 pub(super) use write::{file_names, write};
-
-/// Squares along a chart, before its borders are made ragged.
-const CHART: usize = 11;
-/// Squares by which a border strays at most.
-const STRAY: usize = 3;
-/// Squares along the box around a chart.
-const REACH: usize = CHART + 2 * STRAY;
 
 /// A house and its atlas.
 pub(super) struct Rooms {

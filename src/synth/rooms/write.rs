@@ -2,15 +2,16 @@
 //!
 //! Images come first and the mesh last, each by rename. A run that fails removes the images it made.
 
-use super::super::shuffle::Shuffler;
-use super::super::sliced::Counted;
-use super::super::surface::{Order, Surface};
-use super::super::write::Stream;
 use super::Rooms;
 use crate::error::{Error, Result};
 use crate::io::ply::{OutputHeader, Place, TexturedTriangle};
 use crate::io::{MeshSink, OutputFormat, OutputKind};
-use crate::mesh::record::{Property, Scalar};
+use crate::mesh::property::{Property, Scalar};
+use crate::synth::shuffle::Shuffler;
+use crate::synth::sliced::Counted;
+use crate::synth::surface::{Order, Surface};
+use crate::synth::write::Stream;
+use crate::synth::write_shuffled::{scratch_folder, shuffle_vertices};
 use crate::system::parallel::in_order;
 use crate::system::pending_file::{refuse_irregular, write_whole};
 use std::io::Read;
@@ -171,8 +172,8 @@ fn write_mesh(
     };
     let (n_vertices, n_faces) = (surface.n_vertices(), surface.n_faces());
     let order = Order::new(n_vertices, n_faces, seed);
-    super::super::shuffle_vertices(file, path, stream, &order)?;
-    let folder = super::super::scratch_folder(path);
+    shuffle_vertices(file, path, stream, &order)?;
+    let folder = scratch_folder(path);
     let mut shuffler = Shuffler::new(folder, n_faces, FACE_BYTES)?;
     let mut row = 0;
     faces(surface, stream, Some(&order), |encoded| {

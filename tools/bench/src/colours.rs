@@ -8,7 +8,8 @@ use crate::Outcome;
 use meshopt::{SimplifyOptions, VertexDataAdapter};
 use std::path::Path;
 use stonecut::io::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
-use stonecut::mesh::record::{Property, Scalar, VertexSchema};
+use stonecut::mesh::property::{Property, Scalar};
+use stonecut::mesh::record::VertexSchema;
 
 const NAMES: [&str; 3] = ["red", "green", "blue"];
 

@@ -1,0 +1,77 @@
+//! Arguments that several commands take: memory, threads, inputs, endings of names.
+
+use super::log::Log;
+use crate::error::Error;
+use crate::io::StageOptions;
+use crate::io::ply::MeshSource;
+use crate::system::units::show_bytes;
+use std::num::NonZeroUsize;
+
+/// Opens a mesh of any format; what is no plain PLY is unpacked into `temp_dir` for the time being.
+pub(super) fn open_mesh(
+    path: &std::path::Path,
+    temp_dir: &std::path::Path,
+) -> crate::Result<MeshSource> {
+    MeshSource::open_staged(path, &StageOptions::new(temp_dir))
+}
+
+/// The threads to work with: as many as asked for, by default one a core.
+///
+/// More than `MOST_THREADS_PER_CORE` a core would only take memory, each with its own buffers.
+pub(super) fn threads(given: Option<NonZeroUsize>) -> NonZeroUsize {
+    let cores = NonZeroUsize::new(crate::system::memory::cores()).unwrap_or(NonZeroUsize::MIN);
+    let most = cores.saturating_mul(MOST_THREADS_PER_CORE);
+    given.unwrap_or(cores).min(most)
+}
+
+const MOST_THREADS_PER_CORE: NonZeroUsize = NonZeroUsize::new(4).expect("above 0");
+
+/// Refuses an output whose name says that it is something else.
+pub(super) fn require_ending(
+    name: &str,
+    path: &std::path::Path,
+    endings: &[&str],
+) -> crate::Result<()> {
+    let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    if path == std::path::Path::new("-") || ending.is_some_and(|e| endings.contains(&e.as_str())) {
+        return Ok(());
+    }
+    let endings = endings.join(" or .");
+    Err(Error::Usage(format!("{name} {}: give it a name that ends in .{endings}", path.display())))
+}
+
+/// Parses `--memory`: a size, or a share of the tightest limit in force.
+pub(super) fn parse_memory(text: &str) -> Result<u64, String> {
+    let limit = crate::system::memory::limit_bytes();
+    match text.strip_suffix('%') {
+        Some(_) => Ok((crate::system::units::parse_ratio(text)? * limit as f64) as u64),
+        None => crate::system::units::parse_bytes(text),
+    }
+}
+
+/// Parses `--cell-triangles`.
+pub(super) fn parse_cell(text: &str) -> Result<u64, String> {
+    match crate::system::units::parse_count(text)? {
+        0..1000 => Err("cells below 1000 triangles are nothing but seam".to_owned()),
+        count => Ok(count),
+    }
+}
+
+/// The memory budget: as given, but within the tightest limit, or the default share of that.
+pub(super) fn memory_budget(given: Option<u64>) -> u64 {
+    crate::system::memory::budget_bytes(given, crate::system::memory::limit_bytes())
+}
+
+/// Says so where less is taken than `--memory` asks for.
+pub(super) fn warn_of_limit(given: Option<u64>, log: &mut Log) {
+    let limit = crate::system::memory::limit_bytes();
+    let taken = crate::system::memory::budget_bytes(given, limit);
+    if let Some(given) = given.filter(|&given| given > taken) {
+        log.say(format!(
+            "warning: --memory {} is more than this process may use (limit {}); {} are taken",
+            show_bytes(given).replace(' ', ""),
+            show_bytes(limit),
+            show_bytes(taken)
+        ));
+    }
+}

@@ -1,0 +1,91 @@
+//! Scalar types, properties of vertices and faces, and the names by which their origin is known.
+
+/// A scalar type of a PLY property.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[allow(missing_docs)]
+pub enum Scalar {
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+    I64,
+    U64,
+    F32,
+    F64,
+}
+
+impl Scalar {
+    /// Size in bytes.
+    pub const fn bytes(self) -> usize {
+        match self {
+            Scalar::I8 | Scalar::U8 => 1,
+            Scalar::I16 | Scalar::U16 => 2,
+            Scalar::I32 | Scalar::U32 | Scalar::F32 => 4,
+            Scalar::I64 | Scalar::U64 | Scalar::F64 => 8,
+        }
+    }
+
+    /// Whether this is an integer type.
+    pub const fn is_integer(self) -> bool {
+        !matches!(self, Scalar::F32 | Scalar::F64)
+    }
+}
+
+/// A carried vertex property, besides x, y and z.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Property {
+    /// The name in the header: `red`, `nx`, `quality`, ...
+    pub name: String,
+    /// The type in the header.
+    pub scalar: Scalar,
+}
+
+/// Before the name of a property that was one of faces and is averaged (`faces`).
+pub(crate) const FACE_MEAN: &str = "face:";
+/// Before the name of one that was one of faces and is a label.
+pub(crate) const FACE_LABEL: &str = "region:";
+/// The property with the number of the region that a vertex belongs to.
+pub(crate) const REGION: &str = "region:";
+
+/// The name of a property without what says that it was one of faces.
+pub(crate) fn own_name(name: &str) -> &str {
+    name.strip_prefix(FACE_MEAN).unwrap_or(name)
+}
+
+/// Reads a scalar at byte `at` of a little-endian record as a double; 64-bit integers are rounded.
+pub(crate) fn read_scalar(scalar: Scalar, record: &[u8], at: usize) -> f64 {
+    fn bytes<const N: usize>(record: &[u8], at: usize) -> [u8; N] {
+        record[at..at + N].try_into().expect("the slice has N bytes")
+    }
+    match scalar {
+        Scalar::I8 => f64::from(record[at] as i8),
+        Scalar::U8 => f64::from(record[at]),
+        Scalar::I16 => f64::from(i16::from_le_bytes(bytes(record, at))),
+        Scalar::U16 => f64::from(u16::from_le_bytes(bytes(record, at))),
+        Scalar::I32 => f64::from(i32::from_le_bytes(bytes(record, at))),
+        Scalar::U32 => f64::from(u32::from_le_bytes(bytes(record, at))),
+        Scalar::I64 => i64::from_le_bytes(bytes(record, at)) as f64,
+        Scalar::U64 => u64::from_le_bytes(bytes(record, at)) as f64,
+        Scalar::F32 => f64::from(f32::from_le_bytes(bytes(record, at))),
+        Scalar::F64 => f64::from_le_bytes(bytes(record, at)),
+    }
+}
+
+/// Writes a value at byte `at` of a little-endian record; integers are rounded and clamped.
+pub(crate) fn write_scalar(scalar: Scalar, record: &mut [u8], at: usize, value: f64) {
+    let place = &mut record[at..at + scalar.bytes()];
+    match scalar {
+        Scalar::I8 => place.copy_from_slice(&(value.round() as i8).to_le_bytes()),
+        Scalar::U8 => place.copy_from_slice(&(value.round() as u8).to_le_bytes()),
+        Scalar::I16 => place.copy_from_slice(&(value.round() as i16).to_le_bytes()),
+        Scalar::U16 => place.copy_from_slice(&(value.round() as u16).to_le_bytes()),
+        Scalar::I32 => place.copy_from_slice(&(value.round() as i32).to_le_bytes()),
+        Scalar::U32 => place.copy_from_slice(&(value.round() as u32).to_le_bytes()),
+        Scalar::I64 => place.copy_from_slice(&(value.round() as i64).to_le_bytes()),
+        Scalar::U64 => place.copy_from_slice(&(value.round() as u64).to_le_bytes()),
+        Scalar::F32 => place.copy_from_slice(&(value as f32).to_le_bytes()),
+        Scalar::F64 => place.copy_from_slice(&value.to_le_bytes()),
+    }
+}

@@ -1,0 +1,37 @@
+//! One cell in memory, and the counts of what was left out of it.
+
+use crate::mesh::Mesh;
+use serde::{Deserialize, Serialize};
+use std::ops::AddAssign;
+
+/// One loaded cell.
+#[derive(Clone, Debug, Default)]
+pub struct CellMesh {
+    /// Input vertex index of each local vertex.
+    pub ids: Vec<u64>,
+    /// The record of each local vertex as it was read from the input (position possibly moved since).
+    pub records: Vec<u8>,
+    /// Whether another cell uses this vertex too; such vertices are locked.
+    pub shared: Vec<bool>,
+    /// Geometry and channels.
+    pub mesh: Mesh,
+    /// What tidying left out.
+    pub dropped: Dropped,
+}
+
+/// What was left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Dropped {
+    /// Triangles with the same three corners as an earlier one; if turned over, only those that belong to no
+    /// sheet of their own (`kernel::repeats`).
+    pub duplicate_faces: u64,
+    /// Vertices that no triangle of any cell uses.
+    pub unreferenced_vertices: u64,
+}
+
+impl AddAssign for Dropped {
+    fn add_assign(&mut self, other: Dropped) {
+        self.duplicate_faces += other.duplicate_faces;
+        self.unreferenced_vertices += other.unreferenced_vertices;
+    }
+}
