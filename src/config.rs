@@ -1,5 +1,6 @@
 //! What was decided for a run of `simplify`: every value final.
 
+use crate::kernel::{Fit, Placement, Topology};
 use crate::system::units::{parse_count, parse_ratio};
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
@@ -27,6 +28,17 @@ impl Target {
             Target::Triangles(count) => count,
             Target::Ratio(ratio) => (n_triangles as f64 * ratio).round() as u64,
             Target::MaxError(_) => n_triangles / 10,
+        }
+    }
+}
+
+impl std::fmt::Display for Target {
+    /// As it is stored: `triangles=10035`, `ratio=0.01`, `max_error=0.5`.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Target::Triangles(count) => write!(f, "triangles={count}"),
+            Target::Ratio(ratio) => write!(f, "ratio={ratio}"),
+            Target::MaxError(bound) => write!(f, "max_error={bound}"),
         }
     }
 }
@@ -116,6 +128,43 @@ pub enum Normals {
     Drop,
 }
 
+impl Normals {
+    /// The name in settings.
+    fn name(self) -> &'static str {
+        match self {
+            Normals::Keep => "keep",
+            Normals::Recompute => "recompute",
+            Normals::Drop => "drop",
+        }
+    }
+}
+
+/// The name in settings.
+fn placement_name(placement: Placement) -> &'static str {
+    match placement {
+        Placement::Optimal => "optimal",
+        Placement::Subset => "subset",
+        Placement::Midpoint => "midpoint",
+    }
+}
+
+/// The name in settings.
+fn topology_name(topology: Topology) -> &'static str {
+    match topology {
+        Topology::Keep => "keep",
+        Topology::Error => "error",
+    }
+}
+
+/// The name in settings.
+fn fit_name(fit: Fit) -> &'static str {
+    match fit {
+        Fit::On => "on",
+        Fit::Off => "off",
+        Fit::Auto => "auto",
+    }
+}
+
 /// What becomes of what vertices carry besides their place.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Attributes {
@@ -175,23 +224,28 @@ pub struct Config {
 }
 
 impl Config {
-    /// Every setting that changes the result.
+    /// Every setting that changes the result, by name.
+    ///
+    /// Names and values are stored: in job folders, which refuse to be continued with others, in headers of outputs and in reports
+    /// (docs/report.md). A test holds them; whoever changes one raises `FORMAT_VERSION` of the manifest.
     pub fn settings(&self) -> BTreeMap<String, String> {
+        let carried = |is_dropped: bool| if is_dropped { "drop" } else { "carry" }.to_owned();
         let mut settings = BTreeMap::from([
-            ("target".to_owned(), format!("{:?}", self.target)),
-            ("cell-triangles".to_owned(), self.cell_triangles.to_string()),
-            ("skip-bad".to_owned(), self.skip_bad.to_string()),
-            ("placement".to_owned(), format!("{:?}", self.kernel.placement).to_lowercase()),
-            ("merge-distance".to_owned(), self.kernel.merge_distance.to_string()),
+            ("target".to_owned(), self.target.to_string()),
+            ("cell_triangles".to_owned(), self.cell_triangles.to_string()),
+            ("skip_bad".to_owned(), self.skip_bad.to_string()),
+            ("placement".to_owned(), placement_name(self.kernel.placement).to_owned()),
+            ("merge_distance".to_owned(), self.kernel.merge_distance.to_string()),
             ("weight".to_owned(), self.attributes.weights.to_string()),
-            ("faces".to_owned(), if self.drop_faces { "drop" } else { "carry" }.to_owned()),
+            ("texture".to_owned(), carried(self.drop_texture)),
+            ("faces".to_owned(), carried(self.drop_faces)),
             ("label".to_owned(), self.attributes.labels.join(",")),
-            ("normals".to_owned(), format!("{:?}", self.attributes.normals).to_lowercase()),
-            ("topology".to_owned(), format!("{:?}", self.kernel.topology).to_lowercase()),
-            ("fit".to_owned(), format!("{:?}", self.kernel.fit).to_lowercase()),
+            ("normals".to_owned(), self.attributes.normals.name().to_owned()),
+            ("topology".to_owned(), topology_name(self.kernel.topology).to_owned()),
+            ("fit".to_owned(), fit_name(self.kernel.fit).to_owned()),
         ]);
         if let Some(least) = self.min_component {
-            settings.insert("min-component".to_owned(), least.to_string());
+            settings.insert("min_component".to_owned(), least.to_string());
         }
         settings
     }
@@ -200,6 +254,87 @@ impl Config {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn config() -> Config {
+        Config {
+            input: "in.ply".into(),
+            output: "out.ply".into(),
+            target: Target::Triangles(10_035),
+            memory_bytes: 1 << 30,
+            threads: NonZeroUsize::MIN,
+            cell_triangles: DEFAULT_CELL_TRIANGLES,
+            job_folder: "job".into(),
+            keep_temp: false,
+            until: None,
+            force: false,
+            restart: false,
+            seams: None,
+            verify: false,
+            format: crate::io::OutputFormat::default(),
+            skip_bad: false,
+            drop_texture: false,
+            drop_faces: false,
+            min_component: None,
+            checkpoint_every: std::time::Duration::from_secs(30),
+            attributes: Attributes::default(),
+            kernel: crate::kernel::Options::default(),
+        }
+    }
+
+    /// Stored in job folders and outputs: see `Config::settings` before you change a line.
+    #[test]
+    fn settings_have_the_names_that_are_stored() {
+        let lines = |config: &Config| -> Vec<String> {
+            config.settings().iter().map(|(name, value)| format!("{name}={value}")).collect()
+        };
+        let expected = [
+            "cell_triangles=256000",
+            "faces=carry",
+            "fit=auto",
+            "label=",
+            "merge_distance=0",
+            "normals=keep",
+            "placement=optimal",
+            "skip_bad=false",
+            "target=triangles=10035",
+            "texture=carry",
+            "topology=error",
+            "weight=color=1,normal=0,uv=1",
+        ];
+        assert_eq!(lines(&config()), expected);
+        let mut other = config();
+        other.target = Target::Ratio(0.01);
+        (other.skip_bad, other.drop_texture, other.drop_faces) = (true, true, true);
+        other.min_component = Some(MinComponent::Share(0.001));
+        other.attributes.normals = Normals::Recompute;
+        other.attributes.labels = vec!["class".to_owned(), "part".to_owned()];
+        other.kernel.placement = Placement::Subset;
+        other.kernel.topology = Topology::Keep;
+        other.kernel.fit = Fit::Off;
+        let expected = [
+            "cell_triangles=256000",
+            "faces=drop",
+            "fit=off",
+            "label=class,part",
+            "merge_distance=0",
+            "min_component=size=0.1%",
+            "normals=recompute",
+            "placement=subset",
+            "skip_bad=true",
+            "target=ratio=0.01",
+            "texture=drop",
+            "topology=keep",
+            "weight=color=1,normal=0,uv=1",
+        ];
+        assert_eq!(lines(&other), expected);
+        assert_eq!(Target::MaxError(0.5).to_string(), "max_error=0.5");
+        other.attributes.normals = Normals::Drop;
+        other.kernel.placement = Placement::Midpoint;
+        other.kernel.fit = Fit::On;
+        let settings = other.settings();
+        let named = ["normals", "placement", "fit"].map(|name| settings[name].as_str());
+        assert_eq!(named, ["drop", "midpoint", "on"]);
+    }
 
     #[test]
     fn counts_and_sizes_of_components_cannot_be_confused() {

@@ -426,7 +426,7 @@ fn threads_and_memory_do_not_show_and_a_ratio_means_the_whole_input() {
     let report = report(out);
     assert_eq!(report["target"], (scan.triangles.len() as f64 * 0.2).round() as u64);
     assert_eq!(report["target_met"], true);
-    assert!(report["settings"]["min-component"] == "100", "{report}");
+    assert!(report["settings"]["min_component"] == "100", "{report}");
 }
 
 #[test]

@@ -164,10 +164,10 @@ fn colours_are_compared_where_the_surfaces_are() {
     let options = Options { colours: Some([channels.into(); 2]), ..options(1000, 1) };
     let white = coloured(4, [255.0; 3]);
     let same = measure(&white, &coloured(7, [255.0; 3]), &options);
-    assert!(same.forward.colour_delta_e.unwrap() < 1e-9);
+    assert!(same.forward.color_delta_e.unwrap() < 1e-9);
     let other = measure(&white, &coloured(7, [0.0; 3]), &options);
-    assert!(near(other.forward.colour_delta_e.unwrap(), 100.0, 1e-9));
-    assert_eq!(other.forward.colour_delta_e, other.backward.colour_delta_e);
+    assert!(near(other.forward.color_delta_e.unwrap(), 100.0, 1e-9));
+    assert_eq!(other.forward.color_delta_e, other.backward.color_delta_e);
 }
 
 #[test]

@@ -87,7 +87,7 @@ fn sources(folder: &Path) -> [MeshSource; 2] {
 fn numbers(side: &Side) -> Vec<f64> {
     let d = &side.distance;
     let mut all = vec![d.mean, d.rms, d.p999, d.max, d.samples as f64, side.vertices as f64];
-    all.extend([side.normal_degrees.unwrap(), side.colour_delta_e.unwrap()]);
+    all.extend([side.normal_degrees.unwrap(), side.color_delta_e.unwrap()]);
     all.extend(side.worst.unwrap());
     all.extend(side.histogram.iter().map(|&n| n as f64));
     all

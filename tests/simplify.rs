@@ -161,7 +161,7 @@ fn a_job_of_other_settings_is_refused_until_restarted() {
     let out = folder.path();
     expect(out, "simplify in.ply o.ply --ratio 4% --cell-triangles 10k --until partition", 0);
     let said = expect(out, "simplify in.ply o.ply --ratio 5% --cell-triangles 10k", 8);
-    assert!(said.contains("target Ratio(0.04) instead of Ratio(0.05)"), "{said}");
+    assert!(said.contains("target ratio=0.04 instead of ratio=0.05"), "{said}");
     expect(out, "simplify in.ply o.ply --ratio 5% --cell-triangles 10k --restart", 0);
 }
 

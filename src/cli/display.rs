@@ -123,7 +123,7 @@ impl<'a> Display<'a> {
                 / (done as f64 * weight(stage.name) + ASSUMED_WEIGHT);
         let memory = crate::system::memory::resident_bytes();
         if self.show == Show::Bar {
-            self.bar.set_prefix(format!("{}/{} {:9}", stage.number, stage.n_stages, stage.name));
+            self.bar.set_prefix(format!("{}/{} {:11}", stage.number, stage.n_stages, stage.name));
             self.bar.set_length(stage.total.max(1));
             self.bar.set_position(done);
             self.bar.set_message(format!(
@@ -149,7 +149,7 @@ impl<'a> Display<'a> {
             let _ = writeln!(self.log, "{line}");
         } else {
             let line = format!(
-                "{elapsed:7.1} s  {}/{} {:9} {:3.0} %  {}/s  {:.0} s left  {}",
+                "{elapsed:7.1} s  {}/{} {:11} {:3.0} %  {}/s  {:.0} s left  {}",
                 stage.number,
                 stage.n_stages,
                 stage.name,

@@ -5,6 +5,7 @@ use crate::io::ply::MeshSource;
 use crate::measure::load;
 use crate::mesh::topology_counts::Topology;
 use crate::stages::components::{Below, ComponentSizes, below_list, sizes_in_memory};
+use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
 use crate::system::units;
@@ -34,24 +35,40 @@ pub struct Args {
     threads: Option<NonZeroUsize>,
 }
 
-/// The JSON of `info`.
+/// The JSON of `info`; docs/report.md describes the keys.
 #[derive(serde::Serialize)]
 struct Report {
+    /// `SCHEMA_VERSION`.
+    schema_version: u32,
+    /// Version of the program.
+    version: &'static str,
+    /// As given.
     path: PathBuf,
+    /// Length of the file.
     bytes: u64,
+    /// Encoding, as `Encoding::name` gives it.
     format: &'static str,
+    /// Rows of the element `face`; a polygon of n corners becomes n - 2 triangles.
     faces: u64,
+    /// Bits of a coordinate: 32 or 64.
     coordinate_bits: usize,
+    /// Properties of vertices besides the position, in the order of the file.
     properties: Vec<String>,
+    /// Scalar properties of faces that are carried.
     face_properties: Vec<String>,
+    /// Properties of faces that are not.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     dropped_face_properties: Vec<String>,
+    /// Vertices by the header; with `--check` counted, in `check`.
     #[serde(skip_serializing_if = "Option::is_none")]
     vertices: Option<u64>,
+    /// Triangles likewise.
     #[serde(skip_serializing_if = "Option::is_none")]
     triangles: Option<u64>,
+    /// Connectivity; only with `--check`.
     #[serde(flatten)]
     check: Option<Topology>,
+    /// Components by size; only with `--check`.
     #[serde(skip_serializing_if = "Option::is_none")]
     component_sizes: Option<Sizes>,
 }
@@ -89,6 +106,8 @@ pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> 
     let list = sizes.as_ref().map(below_list);
     let schema = source.schema();
     let report = Report {
+        schema_version: SCHEMA_VERSION,
+        version: env!("CARGO_PKG_VERSION"),
         path: args.file.clone(),
         bytes: source.file_bytes(),
         format: source.encoding().name(),

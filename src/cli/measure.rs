@@ -197,8 +197,8 @@ pub(super) fn table(report: &Report) -> String {
     row("99.9 %", &|s| Some(s.distance.p999));
     row("max", &|s| Some(s.distance.max));
     row("normals, mean degrees", &|s| s.normal_degrees);
-    row("colour, mean delta E", &|s| s.colour_delta_e);
-    row("colour, rms delta E", &|s| s.colour_rms_delta_e);
+    row("colour, mean delta E", &|s| s.color_delta_e);
+    row("colour, rms delta E", &|s| s.color_rms_delta_e);
     row("carried normals, deg.", &|s| s.carried_normal_degrees);
     row("texture, mean", &|s| s.texture_mean);
     row("texture, rms", &|s| s.texture_rms);

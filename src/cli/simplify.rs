@@ -336,7 +336,7 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     if talk.verbose {
         for stage in &report.stages {
             log.say(format!(
-                "{:9} {:7.2} s  {} -> {} triangles, {} read, {} written",
+                "{:11} {:7.2} s  {} -> {} triangles, {} read, {} written",
                 stage.name,
                 stage.seconds,
                 show_count(stage.triangles_in),
@@ -435,7 +435,7 @@ fn face_line(property: &FaceReport) -> String {
 }
 
 fn write_report(path: &Path, report: &RunReport) -> Result<()> {
-    let mut json = serde_json::to_vec_pretty(report).expect("plain data");
+    let mut json = serde_json::to_vec_pretty(&report.written()).expect("plain data");
     json.push(b'\n');
     crate::system::pending_file::write_whole(path, &json)
 }

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::store::job::view;
+use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
 use crate::system::paths::{Paths, Role};
 use std::io::Write;
 use std::path::PathBuf;
@@ -27,10 +28,17 @@ pub fn run(args: &Args) -> Result<()> {
     let state = view(&args.folder)?;
     let done: Vec<&String> = state.outcomes.keys().collect();
     let text = if args.json {
+        let mut settings = state.identity.settings.clone();
+        let mut marks = state.identity.input_marks.clone();
+        add_old_names(&mut settings);
+        add_old_names(&mut marks);
         let json = serde_json::json!({
+            "schema_version": SCHEMA_VERSION,
+            "version": env!("CARGO_PKG_VERSION"),
             "input": state.identity.input,
-            "input_marks": state.identity.input_marks,
-            "settings": state.identity.settings,
+            "input_fingerprint": state.identity.input_marks,
+            "input_marks": marks,
+            "settings": settings,
             "stages_done": done,
             "outcomes": state.outcomes,
         });

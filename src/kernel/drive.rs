@@ -86,14 +86,14 @@ impl TopologyChanges {
     /// Names and counts, always all of them.
     pub(crate) fn named(&self) -> Vec<(&'static str, u64)> {
         vec![
-            ("specks vanished", self.specks),
-            ("tubes cut", self.cuts),
-            ("ends stripped", self.stripped),
-            ("vertices joined", self.joined),
-            ("vertices split", self.split),
-            ("duplicate triangles dropped", self.duplicates),
-            ("triangles without area removed", self.flat),
-            ("boundary vertices approached", self.approached),
+            ("small_components_removed", self.specks),
+            ("handles_cut", self.cuts),
+            ("ends_stripped", self.stripped),
+            ("vertices_welded", self.joined),
+            ("vertices_split", self.split),
+            ("duplicate_triangles_removed", self.duplicates),
+            ("degenerate_triangles_removed", self.flat),
+            ("boundary_pairs_merged", self.approached),
         ]
     }
 

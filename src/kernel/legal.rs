@@ -23,11 +23,11 @@ impl Reject {
     /// Every reason in the order in which they are reported, with the name users see.
     pub(crate) const NAMED: [(Reject, &'static str); 6] = [
         (Reject::Locked, "locked"),
-        (Reject::LinkCondition, "link condition"),
+        (Reject::LinkCondition, "link_condition"),
         (Reject::Flip, "flip"),
         (Reject::Boundary, "boundary"),
         (Reject::Sliver, "sliver"),
-        (Reject::NonManifold, "non-manifold"),
+        (Reject::NonManifold, "non_manifold"),
     ];
 }
 

@@ -16,6 +16,7 @@ use crate::mesh::bounds::Bounds;
 use crate::mesh::topology_counts::Topology;
 use crate::stages::partition;
 use crate::store::cells::{VertexLayout, plan_cells};
+use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
 use std::path::{Path, PathBuf};
@@ -70,21 +71,32 @@ pub struct FileReport {
     pub topology: Topology,
 }
 
-/// The JSON of `measure --report` and of `simplify --verify`; the keys are a contract.
+/// The JSON of `measure --report` and of `simplify --verify`; the keys are a contract, described in docs/report.md.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
-#[allow(missing_docs)] // The names are the contract.
 pub struct Report {
+    /// `SCHEMA_VERSION`.
+    pub schema_version: u32,
+    /// Version of the program.
     pub version: &'static str,
+    /// The first file.
     pub original: FileReport,
+    /// The second file.
     pub simplified: FileReport,
+    /// Distances both ways; its keys stand beside those of the report.
     #[serde(flatten)]
     pub deviation: Deviation,
+    /// Areas of triangles near and far from the points of `--near`; only with that option.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub triangle_sizes: Option<TriangleSizes>,
+    /// Seed of the samples; the same seed gives the same numbers.
     pub seed: u64,
+    /// Cells that the original was cut into; 0 if it was measured in memory.
     pub cells: u64,
+    /// Wall time.
     pub seconds: f64,
+    /// Peak resident memory of the process, in bytes.
     pub peak_memory_bytes: u64,
+    /// Most bytes that temporary files had at one time.
     pub peak_temp_bytes: u64,
 }
 
@@ -100,6 +112,7 @@ impl Report {
         };
         let measured = &comparison.measured;
         Report {
+            schema_version: SCHEMA_VERSION,
             version: env!("CARGO_PKG_VERSION"),
             original: file(request.original, measured.original),
             simplified: file(request.simplified, measured.simplified),

@@ -45,8 +45,12 @@ pub struct Side {
     /// Mean angle between the normals at a sample and at its nearest point, in degrees.
     pub normal_degrees: Option<f64>,
     /// Mean colour difference between a sample and its nearest point: CIELAB, Delta E 1976.
-    pub colour_delta_e: Option<f64>,
+    pub color_delta_e: Option<f64>,
     /// Its root mean square.
+    pub color_rms_delta_e: Option<f64>,
+    /// `color_delta_e` by the name it had before schema version 1.
+    pub colour_delta_e: Option<f64>,
+    /// `color_rms_delta_e` by the name it had before schema version 1.
     pub colour_rms_delta_e: Option<f64>,
     /// Mean angle between the normals that the vertices carry, in degrees.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -204,6 +208,8 @@ impl SideSums {
             None => [None, None],
         };
         let finite = distance.max.is_finite();
+        let color_delta_e = mean(&self.delta_e, self.n_delta_e);
+        let color_rms_delta_e = mean(&self.delta_e_sq, self.n_delta_e).map(f64::sqrt);
         Side {
             histogram: if finite {
                 self.distances.histogram(HISTOGRAM_BINS, distance.max)
@@ -213,8 +219,10 @@ impl SideSums {
             distance,
             vertices: self.n_vertices,
             normal_degrees: mean(&self.angle, self.n_angles),
-            colour_delta_e: mean(&self.delta_e, self.n_delta_e),
-            colour_rms_delta_e: mean(&self.delta_e_sq, self.n_delta_e).map(f64::sqrt),
+            color_delta_e,
+            color_rms_delta_e,
+            colour_delta_e: color_delta_e,
+            colour_rms_delta_e: color_rms_delta_e,
             carried_normal_degrees: mean(&self.carried_angle, self.n_carried_angles),
             texture_mean: mean(&self.texture, self.n_texture),
             texture_rms: mean(&self.texture_sq, self.n_texture).map(f64::sqrt),

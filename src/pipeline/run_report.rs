@@ -1,29 +1,52 @@
 //! The report of a run, as `--report` writes it; the keys are a contract that scripts rely on.
+//!
+//! docs/report.md describes every key, docs/report.schema.json says the same for machines, and tests/report_schema.rs holds
+//! real reports against both.
 
 use crate::io::OutputKind;
 use crate::io::ply::type_name;
 use crate::mesh::face_properties::{FaceCarry, How};
+use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// One stage of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageReport {
-    /// `partition`, `simplify`, `stitch`, `write` or `verify`.
+    /// `partition`, `components`, `simplify`, `repartition`, `round`, `finish`, `write` or `verify`.
     pub name: String,
-    /// Wall time.
+    /// The part of the run that it belongs to, as `--until` names it: as `name`, but `stitch` for `repartition`, `round` and
+    /// `finish`.
+    #[serde(default)]
+    pub part: String,
+    /// Wall time; of a resumed run, that of the run that did the stage.
     pub seconds: f64,
     /// Triangles that went in.
     pub triangles_in: u64,
     /// Triangles that came out.
     pub triangles_out: u64,
-    /// Bytes read, the input included.
+    /// Bytes read through the job's files, and all of the input in `partition`.
     pub bytes_read: u64,
     /// Bytes written, the output included.
     pub bytes_written: u64,
-    /// Peak memory of the process up to the end of the stage.
+    /// Peak resident memory of the process up to the end of the stage, in bytes.
     #[serde(default)]
     pub peak_memory_bytes: u64,
+}
+
+impl StageReport {
+    /// `part`, also of reports of before schema version 1, which have it as the name.
+    pub fn part(&self) -> &str {
+        if self.part.is_empty() { &self.name } else { &self.part }
+    }
+
+    /// The part of the run that a stage of this name belongs to.
+    pub fn part_of(name: &str) -> &str {
+        match name {
+            "repartition" | "round" | "finish" => "stitch",
+            other => other,
+        }
+    }
 }
 
 /// The input of a run.
@@ -78,7 +101,10 @@ pub struct SeamReport {
     /// triangles connect, each counted once, whatever the cells.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub charts_vanished: Option<u64>,
-    /// One of those of the first round, near the middle of the mesh, to look at.
+    /// One of those of the first round, near the middle of the mesh, for a close-up; in input units.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sample_position: Option<[f64; 3]>,
+    /// The same, by the name it had before schema version 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub place: Option<[f64; 3]>,
 }
@@ -123,22 +149,36 @@ impl FaceReport {
     }
 }
 
-/// The report of `simplify`.
+/// The report of `simplify`; `written` gives the form in which it is written.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[allow(missing_docs)] // The names are the contract.
 pub struct RunReport {
+    /// `SCHEMA_VERSION`; 0 for reports of before it.
+    #[serde(default)]
+    pub schema_version: u32,
+    /// Version of the program.
     pub version: String,
+    /// The input.
     pub input: InputReport,
+    /// Every setting that changes the result (`Config::settings`).
     pub settings: BTreeMap<String, String>,
+    /// Cells of the first round.
     pub cells: u32,
+    /// Rounds over all cells; the finish is not one.
     pub rounds: u32,
+    /// In the order in which they ran.
     pub stages: Vec<StageReport>,
+    /// Wall time of this run from the opened input to the written output, `--verify` included. A run that continues an earlier
+    /// one counts its own time only.
     pub seconds: f64,
+    /// Triangles of the input over `seconds`, without the time of `--verify`.
     pub triangles_per_second: f64,
+    /// Peak resident memory of the process, in bytes.
     pub peak_memory_bytes: u64,
+    /// Most bytes that temporary files had at one time.
     pub peak_temp_bytes: u64,
+    /// The output.
     pub output: OutputReport,
-    /// Refused collapses by reason, over all rounds and the finish.
+    /// Refused collapses by reason, over all rounds and the finish. An edge that is tried again counts again.
     pub rejects: BTreeMap<String, u64>,
     /// What was cleaned and changed of the topology, by kind, over all rounds and the finish.
     #[serde(default)]
@@ -146,6 +186,7 @@ pub struct RunReport {
     /// What moving the vertices to fit the original did; absent where it was not done.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fit: Option<crate::kernel::FitStatistics>,
+    /// What the cells had in common.
     pub seams: SeamReport,
     /// Whether the result can stand for the input, as far as probes on the way tell.
     #[serde(default)]
@@ -156,14 +197,32 @@ pub struct RunReport {
     /// What became of the scalar properties and lists of faces.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub face_properties: Vec<FaceReport>,
+    /// Triangles wanted; with `--max-error` those of the output.
     pub target: u64,
+    /// Whether the output has at most `target` triangles; with `--max-error`, whether the bound is kept.
     pub target_met: bool,
+    /// Why collapsing ended, in words.
     pub stop_reason: String,
-    /// What `measure` says of input and output; only with `--verify`.
+    /// The report of `measure` on input and output; only with `--verify`.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub measured: Option<Box<crate::measure::compare::Report>>,
+    /// How the bound was met; only with `--max-error`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_error: Option<BoundReport>,
+}
+
+impl RunReport {
+    /// The report as it is written: with its versions, and with old names beside the new ones.
+    pub fn written(&self) -> RunReport {
+        let mut report = self.clone();
+        report.schema_version = SCHEMA_VERSION;
+        env!("CARGO_PKG_VERSION").clone_into(&mut report.version);
+        add_old_names(&mut report.rejects);
+        add_old_names(&mut report.changes);
+        add_old_names(&mut report.settings);
+        report.seams.place = report.seams.sample_position;
+        report
+    }
 }
 
 /// How well the result stands for the input, estimated from probes in every round and in the finish.

@@ -26,6 +26,7 @@ use crate::store::cells::{
 use crate::store::job::Job;
 use crate::store::job::fingerprint::unchanged;
 use crate::store::stage_context::Run;
+use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
 use serde::Serialize;
@@ -126,6 +127,7 @@ impl<'a> Stages<'a> {
             let outcome = work(&run)?;
             let report = StageReport {
                 name: name.to_owned(),
+                part: StageReport::part_of(name).to_owned(),
                 seconds: start.elapsed().as_secs_f64(),
                 triangles_in,
                 triangles_out: count(&outcome),
@@ -230,7 +232,7 @@ impl<'a> Stages<'a> {
             _ => (self.target, true),
         };
         let goal = Goal { round, triangles: goal };
-        let name = if round == 0 { "simplify" } else { "stitch" };
+        let name = if round == 0 { "simplify" } else { "round" };
         let (options, layout, n) = (self.kernel.clone(), self.layout.clone(), info.triangles);
         let pack = self.run.job.path(&info.pack);
         let left = self.stage(
@@ -259,7 +261,7 @@ impl<'a> Stages<'a> {
         let layout = self.layout.clone();
         let store = self.stage(
             &format!("recut {round}"),
-            "stitch",
+            "repartition",
             n,
             |s: &StoreInfo| s.triangles,
             |run| {
@@ -285,7 +287,7 @@ impl<'a> Stages<'a> {
         let (layout, info) = (self.layout.clone(), store.clone());
         let result = self.stage(
             "finish",
-            "stitch",
+            "finish",
             n,
             |s: &SurvivorInfo| s.triangles,
             |run| {
@@ -369,6 +371,7 @@ impl<'a> Stages<'a> {
         let written = write::write(&pack, place, header, form, &run)?;
         self.reports.push(StageReport {
             name: "write".to_owned(),
+            part: "write".to_owned(),
             seconds: start.elapsed().as_secs_f64(),
             triangles_in: result.triangles,
             triangles_out: written.triangles,
@@ -396,6 +399,7 @@ impl<'a> Stages<'a> {
         let has_seams = self.layout.codec.has_seams(source.schema());
         let quality = self.quality.judge(source.n_triangles());
         RunReport {
+            schema_version: SCHEMA_VERSION,
             version: env!("CARGO_PKG_VERSION").to_owned(),
             input: InputReport {
                 path: config.input.display().to_string(),
@@ -426,7 +430,8 @@ impl<'a> Stages<'a> {
                 shared_vertices_by_round: self.shared_by_round.clone(),
                 texture_seam_vertices: has_seams.then_some(self.seam_vertices),
                 charts_vanished: has_seams.then_some(self.charts_vanished),
-                place: partition.seam_place,
+                sample_position: partition.seam_place,
+                place: None,
             },
             components: None,
             face_properties: match (source.carried(), self.kind()) {

@@ -80,6 +80,7 @@ pub fn verify(config: &Config, run: &Run, report: &mut RunReport) -> Result<()> 
     let seconds = start.elapsed().as_secs_f64();
     report.stages.push(StageReport {
         name: "verify".to_owned(),
+        part: "verify".to_owned(),
         seconds,
         triangles_in: report.input.triangles,
         triangles_out: report.output.triangles,

@@ -12,6 +12,7 @@ use crate::measure::load;
 use crate::mesh::property::Scalar;
 use crate::mesh::record::VertexSchema;
 use crate::render::{Resources, Sphere, View, aim_source, render_source};
+use crate::system::json_keys::is_old_name;
 use crate::system::progress::Progress;
 use base64::Engine;
 use page::{bars, escape, histogram, show, table};
@@ -164,7 +165,8 @@ fn run(report: &Value, out: &mut String) {
     let rejects: Vec<(String, f64)> = report["rejects"]
         .as_object()
         .map(|all| {
-            all.iter().filter_map(|(k, v)| Some((k.replace('_', " "), v.as_f64()?))).collect()
+            let new = all.iter().filter(|(key, _)| !is_old_name(key));
+            new.filter_map(|(k, v)| Some((k.replace('_', " "), v.as_f64()?))).collect()
         })
         .unwrap_or_default();
     if !rejects.is_empty() {
@@ -175,6 +177,12 @@ fn run(report: &Value, out: &mut String) {
     if !seams.is_empty() {
         let _ = write!(out, "<h3>Seams</h3>{seams}");
     }
+}
+
+/// The position of a shared vertex; reports of before schema version 1 have it under another name.
+fn seam_position(report: &Value) -> &Value {
+    let seams = &report["seams"];
+    if seams["sample_position"].is_null() { &seams["place"] } else { &seams["sample_position"] }
 }
 
 /// What is shown of both meshes: the whole, and close-ups at the worst place and at a seam.
@@ -188,7 +196,7 @@ fn views(report: &Value, deviation: &Value) -> Vec<(&'static str, View)> {
     let diagonal = deviation["diagonal"].as_f64().or(of_box).unwrap_or(0.0);
     let places = [
         ("Close up, at the worst place", &deviation["forward"]["worst"]),
-        ("Close up, at a seam of the first round", &report["seams"]["place"]),
+        ("Close up, at a seam of the first round", seam_position(report)),
     ];
     for (name, place) in places {
         let place: Vec<f64> = place

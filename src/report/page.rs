@@ -1,5 +1,6 @@
 //! The report as one HTML page: text, tables and plots as inline SVG. Knows no files and no pictures.
 
+use crate::system::json_keys::is_old_name;
 use serde_json::Value;
 use std::fmt::Write;
 
@@ -59,7 +60,10 @@ pub fn table(object: &Value) -> String {
     let mut out = String::from("<table>");
     for (name, value) in entries {
         let is_row = |list: &Vec<Value>| list.len() <= 8 && list.iter().all(Value::is_number);
-        if value.is_object() || value.as_array().is_some_and(|list| !is_row(list)) {
+        if is_old_name(name)
+            || value.is_object()
+            || value.as_array().is_some_and(|list| !is_row(list))
+        {
             continue;
         }
         let name = escape(&name.replace('_', " "));

@@ -3,6 +3,7 @@
 //! The lowest room but for `error`: nothing here knows meshes.
 
 pub mod disk;
+pub mod json_keys;
 pub mod memory;
 pub mod parallel;
 pub(crate) mod paths;

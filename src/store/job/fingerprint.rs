@@ -35,7 +35,7 @@ pub fn input_marks(path: &Path) -> Result<BTreeMap<String, String>> {
         sample_checksum(&file, meta.len()).map_err(|e| Error::reading(path, "cannot read", e))?;
     marks.insert("bytes".to_owned(), meta.len().to_string());
     marks.insert("mtime".to_owned(), mtime);
-    marks.insert("checksum of samples".to_owned(), format!("{samples:016x}"));
+    marks.insert("sample_checksum".to_owned(), format!("{samples:016x}"));
     Ok(marks)
 }
 
@@ -127,7 +127,7 @@ mod tests {
         let mut other = bytes;
         *other.last_mut().unwrap() = 8;
         std::fs::write(&path, &other).unwrap();
-        told("checksum of samples");
+        told("sample_checksum");
         std::fs::remove_file(&path).unwrap();
         told("no longer");
         // Nothing to compare, and nothing to fail.

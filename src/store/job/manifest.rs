@@ -17,7 +17,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub const FILE_NAME: &str = "manifest.jsonl";
 
 /// Version of everything in a job folder; another version is refused.
-const FORMAT_VERSION: u32 = 4;
+const FORMAT_VERSION: u32 = 5;
 
 /// What a job's files are only valid for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -175,10 +175,16 @@ fn parse_line(line: &[u8]) -> Option<Line> {
 
 /// Names what differs between the job's identity and this run's.
 fn check(folder: &Path, version: u32, found: &Identity, wanted: &Identity) -> Result<()> {
-    let mut differences = Vec::new();
     if version != FORMAT_VERSION {
-        differences.push(format!("format version {version} instead of {FORMAT_VERSION}"));
+        return Err(Error::StateMismatch {
+            path: folder.into(),
+            what: format!(
+                "holds an unfinished job of format version {version}, this program writes version {FORMAT_VERSION}; \
+                 continue it with the program that began it, or give --restart to discard it"
+            ),
+        });
     }
+    let mut differences = Vec::new();
     if found.input != wanted.input {
         differences.push(format!("input {} instead of {}", found.input, wanted.input));
     }
@@ -217,7 +223,7 @@ mod tests {
         Identity {
             input: "a.ply".into(),
             input_marks: BTreeMap::from([("bytes".into(), "12".into())]),
-            settings: BTreeMap::from([("cell-triangles".into(), cells.into())]),
+            settings: BTreeMap::from([("cell_triangles".into(), cells.into())]),
         }
     }
 
@@ -251,7 +257,7 @@ mod tests {
         let disk = Disk::default();
         Manifest::open(folder.path(), &disk, &identity("5")).unwrap();
         let error = Manifest::open(folder.path(), &disk, &identity("6")).unwrap_err();
-        assert!(error.to_string().contains("cell-triangles 5 instead of 6"), "{error}");
+        assert!(error.to_string().contains("cell_triangles 5 instead of 6"), "{error}");
     }
 
     #[test]

@@ -328,7 +328,11 @@ fn one_run(row: &mut Row, peer: &Peer, input: &Input, settings: &Settings) -> Ou
         keep_report(row, report.clone(), settings)?;
         // The program counts its own files exactly; looking now and then sees less.
         usage.temp_bytes = report.peak_temp_bytes;
-        stages = report.stages.into_iter().map(|stage| (stage.name, stage.seconds)).collect();
+        stages = report
+            .stages
+            .into_iter()
+            .map(|stage| (stage.part().to_owned(), stage.seconds))
+            .collect();
     }
     let ending = usage.ending.clone();
     let inner = serde_json::from_str(said.trim()).ok();

@@ -88,7 +88,7 @@ pub fn tables(reports: &[PathBuf], sizes: &[u64], machine: Machine) -> Outcome<S
 
 /// Wall seconds and bytes moved of a stage; a stage that did not run counts nothing.
 fn stage(run: &RunReport, name: &str) -> (f64, f64) {
-    run.stages.iter().filter(|stage| stage.name == name).fold((0.0, 0.0), |(s, b), stage| {
+    run.stages.iter().filter(|stage| stage.part() == name).fold((0.0, 0.0), |(s, b), stage| {
         (s + stage.seconds, b + (stage.bytes_read + stage.bytes_written) as f64)
     })
 }

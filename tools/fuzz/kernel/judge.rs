@@ -158,7 +158,7 @@ fn change(result: &Simplified, name: &str) -> u64 {
 fn counts(case: &Case, result: &Simplified) -> Result<(), Fault> {
     let (n, before) = (result.mesh.triangles.len() as u64, case.mesh.triangles.len() as u64);
     // Bridges of a gap are new, and the caps of a tube.
-    let caps = 2 * change(result, "tubes cut");
+    let caps = 2 * change(result, "handles_cut");
     if n > before + caps && case.options.merge_distance == 0.0 {
         return fault("no triangles are added", format!("{before} became {n}"));
     }
@@ -171,8 +171,8 @@ fn counts(case: &Case, result: &Simplified) -> Result<(), Fault> {
                     format!("{n} of {target}: {reached}"),
                 );
             }
-            let cleaned = change(result, "duplicate triangles dropped")
-                + change(result, "triangles without area removed");
+            let cleaned = change(result, "duplicate_triangles_removed")
+                + change(result, "degenerate_triangles_removed");
             let improper = Census::of(&case.mesh.triangles, case.mesh.positions.len(), |v| v);
             let proper = improper.n_triangles as u64;
             if n + 2 + cleaned < proper.min(*target) {
@@ -203,7 +203,7 @@ fn topology(case: &Case, result: &Simplified) -> Result<(), Fault> {
     // Charts are joined wherever they touch, if only in one place.
     let is_welded = options.topology == Topology::Keep || options.confined.contains(&true);
     // Taking what is pinched apart needs the source of a vertex that has gone, which there may not be.
-    let is_short = change(result, "duplicate triangles dropped") > 0;
+    let is_short = change(result, "duplicate_triangles_removed") > 0;
     let may_pinch = is_short || is_welded && (has_doubles || options.merge_distance > 0.0);
     if before.is_vertex_manifold && !may_pinch && !after.is_vertex_manifold {
         return fault("vertex-manifold stays so", format!("{before:?} {after:?}"));
@@ -211,8 +211,8 @@ fn topology(case: &Case, result: &Simplified) -> Result<(), Fault> {
     if before.is_edge_manifold && before.is_closed && !after.is_closed {
         return fault("closed stays closed", format!("{before:?} {after:?}"));
     }
-    let cleaned = change(result, "duplicate triangles dropped")
-        + change(result, "triangles without area removed");
+    let cleaned = change(result, "duplicate_triangles_removed")
+        + change(result, "degenerate_triangles_removed");
     let must_stay = options.topology == Topology::Keep && before.is_edge_manifold && !has_doubles;
     let stays = after.euler == before.euler && after.n_components == before.n_components;
     if must_stay && cleaned == 0 && !stays {
