@@ -221,7 +221,7 @@ impl Error {
         Error::Corrupt { path: path.as_ref().to_path_buf(), what: what.into() }
     }
 
-    /// The class of this failure, as documented in the README; never 124-127 or 137.
+    /// The class of this failure, as documented in docs/usage.md; never 124-127 or 137.
     pub fn exit_code(&self) -> u8 {
         match self {
             Error::Io { .. } | Error::Corrupt { .. } => 1,

@@ -288,3 +288,24 @@ fn a_circle_is_found() {
     ]);
     assert_eq!(circles(&found), [["a.rs", "b.rs"]]);
 }
+
+#[test]
+fn files_that_the_algorithm_names_exist() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    for page in ["docs/algorithm.md", "docs/references.md"] {
+        let text = std::fs::read_to_string(root.join(page)).expect("the page");
+        let named = text.split('`').skip(1).step_by(2);
+        let is_path = |name: &&str| {
+            let is_word = |b: u8| b.is_ascii_lowercase() || b == b'_' || b == b'/' || b == b'.';
+            name.contains('/') && name.bytes().all(is_word)
+        };
+        let mut n = 0;
+        for name in named.filter(is_path).map(|name| name.strip_prefix("src/").unwrap_or(name)) {
+            let at = root.join("src").join(name);
+            let file = at.with_extension("rs");
+            assert!(at.exists() || file.exists(), "{page} names {name}, which is not in src/");
+            n += 1;
+        }
+        assert!(n > 15, "{page} names {n} files");
+    }
+}

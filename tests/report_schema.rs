@@ -139,13 +139,13 @@ fn folder_with(kind: &str, more: &str) -> tempfile::TempDir {
 
 #[test]
 fn reports_of_simplify_keep_the_schema() {
-    let folder = folder_with("scans", "--triangles 30k --color");
+    let folder = folder_with("scans", "--triangles 12k --color");
     let out = folder.path();
     for (options, code) in [
         ("--ratio 10%", 0),
-        ("--ratio 10% --cell-triangles 3k --min-component 20 --verify --fit on --keep-temp", 0),
-        ("--triangles 8k --cell-triangles 1k --topology keep --placement subset", 0),
-        ("--max-error 0.05 --cell-triangles 3k", 0),
+        ("--ratio 10% --cell-triangles 1k --min-component 20 --verify --fit on --keep-temp", 0),
+        ("--triangles 6k --cell-triangles 1k --topology keep --placement subset", 0),
+        ("--max-error 0.05 --cell-triangles 1k", 0),
         ("--max-error 1e-30", 3),
     ] {
         let command =
@@ -164,12 +164,12 @@ fn reports_of_simplify_keep_the_schema() {
         for (object, new, old) in old_and_new {
             assert_eq!(object[new], object[old], "{options}: {new}");
         }
-        assert!(report["rejects"]["link_condition"].is_u64() || code == 3, "{report}");
+        assert!(report["rejects"]["link_condition"].is_u64() || options.contains("max-error"));
         let names = |key: &str| -> BTreeSet<&str> {
             let stages = report["stages"].as_array().expect("stages");
             stages.iter().filter_map(|stage| stage[key].as_str()).collect()
         };
-        if options.contains("--triangles 8k") {
+        if options.contains("--triangles 6k") {
             assert!(names("name").is_superset(&BTreeSet::from(["round", "repartition"])));
             assert!(names("part").contains("stitch") && !names("part").contains("round"));
         }
