@@ -1,7 +1,7 @@
 //! The two-sided measurement of surfaces of any size, in bounded memory.
 //!
 //! Samples, nearest points and sums are those of `two_sided`; only their order differs, which does not
-//! show. A surface in memory answers through one tree; one in cells through `settle`.
+//! show. A surface in memory answers through one tree; one in cells through `nearest_in_cells`.
 
 use super::nearest_in_cells::{QUERY_BYTES, settle};
 use super::parts::{Means, Parts, Place, Survey};

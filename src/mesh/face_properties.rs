@@ -5,7 +5,7 @@
 //! of an image) as a region, whose border is an attribute seam; what measures something (quality, a colour
 //! that differs from face to face) as an average; what is the same everywhere is only noted. Decides
 //! that, and turns values of faces into those of vertices and back. Does not read files
-//! (`formats::survey_faces`, `formats::faces_to_vertices`) and does not write them (`write`).
+//! (`io::survey_faces`, `io::faces_to_vertices`) and does not write them (`write`).
 
 use crate::mesh::codec::VertexCodec;
 use crate::mesh::property::{FACE_LABEL, FACE_MEAN, Property, REGION, Scalar};

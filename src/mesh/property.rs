@@ -42,7 +42,7 @@ pub struct Property {
     pub scalar: Scalar,
 }
 
-/// Before the name of a property that was one of faces and is averaged (`faces`).
+/// Before the name of a property that was one of faces and is averaged (`face_properties`).
 pub(crate) const FACE_MEAN: &str = "face:";
 /// Before the name of one that was one of faces and is a label.
 pub(crate) const FACE_LABEL: &str = "region:";

@@ -70,7 +70,7 @@ pub(crate) struct Staged {
     pub bad_faces: u64,
     /// A texture that the PLY no longer mentions.
     pub texture: Option<TextureInfo>,
-    /// What faces carried, where it has been looked at (`formats::survey_faces`).
+    /// What faces carried, where it has been looked at (`io::survey_faces`).
     pub faces: Option<FaceCarry>,
 }
 
@@ -178,7 +178,7 @@ impl MeshSource {
         staged.or_else(|| self.texture().map(|texture| texture.property))
     }
 
-    /// What faces carried and where it is now, where that has been decided (`formats::survey_faces`).
+    /// What faces carried and where it is now, where that has been decided (`io::survey_faces`).
     pub fn carried(&self) -> Option<&FaceCarry> {
         self.staged.faces.as_ref()
     }

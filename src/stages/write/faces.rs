@@ -1,6 +1,6 @@
 //! From vertices back to faces: texture coordinates to corners, values to the triangles between them.
 //!
-//! The properties that `formats::faces_to_vertices` has put behind a vertex's own are taken off again. A
+//! The properties that `io::faces_to_vertices` has put behind a vertex's own are taken off again. A
 //! triangle has the mean of its corners; where they are of one region they agree.
 
 use super::numbering::encode;
