@@ -10,6 +10,7 @@ use crate::io::ply::{
     FaceBlock, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle, VertexBlock,
 };
 use crate::io::{DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions};
+use crate::system::disk::folder_of;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
 use std::path::PathBuf;
@@ -109,10 +110,9 @@ pub fn convert(args: &Args) -> Result<Converted> {
 fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> {
     args.paths()?.check()?;
     let to_stdout = args.output == std::path::Path::new("-");
-    let folder = args.temp_dir.clone().unwrap_or_else(|| match args.output.parent() {
-        Some(folder) if !to_stdout && !folder.as_os_str().is_empty() => folder.to_path_buf(),
-        _ if to_stdout => std::env::temp_dir(),
-        _ => PathBuf::from("."),
+    let folder = args.temp_dir.clone().unwrap_or_else(|| match to_stdout {
+        true => std::env::temp_dir(),
+        false => folder_of(&args.output).to_path_buf(),
     });
     let read = ReadOptions { skip_bad: args.skip_bad, temp_dir: None };
     let stage = StageOptions { read, ..StageOptions::new(folder) };

@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
+use crate::measure::check::{self, COUNT_BYTES};
 use crate::measure::load;
 use crate::mesh::topology_counts::Topology;
 use crate::stages::components::{Below, ComponentSizes, below_list, sizes_in_memory};
@@ -136,9 +137,6 @@ pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> 
     out.write_all(text.as_bytes()).map_err(Error::stdout)
 }
 
-/// Bytes a triangle that counting in memory takes, besides the mesh.
-const COUNT_BYTES: u64 = 64;
-
 fn count(
     args: &Args,
     source: &MeshSource,
@@ -148,13 +146,7 @@ fn count(
     let budget = super::arguments::memory_budget(args.memory);
     let whole = load::bytes_in_memory(source).saturating_add(COUNT_BYTES * source.n_triangles());
     if whole > budget / 2 || u32::try_from(source.n_vertices()).is_err() {
-        return crate::measure::check::check(
-            source,
-            args.temp_dir(),
-            threads,
-            budget * 3 / 4,
-            progress,
-        );
+        return check::check(source, args.temp_dir(), threads, budget * 3 / 4, progress);
     }
     let loaded = load::load(source, threads, progress)?;
     Ok((load::topology_of(&loaded), sizes_in_memory(&loaded.mesh)))

@@ -4,6 +4,7 @@
 //! the input. Inside of a cell the order of the input stays. It moves only indices; the caller moves the
 //! data.
 
+use crate::mesh::morton::spread;
 use crate::mesh::vec3::Vec3;
 
 /// Triangles a cell of the cube holds on average, if the mesh is a surface.
@@ -17,14 +18,6 @@ pub(crate) struct Order {
     pub(crate) triangle_place: Vec<u32>,
     /// For each new place of a vertex the old one.
     pub(crate) source: Vec<u32>,
-}
-
-/// Spreads the lowest ten bits of `x` to every third bit.
-fn spread(x: u32) -> u32 {
-    let x = (x | x << 16) & 0x0300_00FF;
-    let x = (x | x << 8) & 0x0300_F00F;
-    let x = (x | x << 4) & 0x030C_30C3;
-    (x | x << 2) & 0x0924_9249
 }
 
 /// Lower corner and longest side of the box around the points.

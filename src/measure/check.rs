@@ -12,8 +12,8 @@ use crate::system::progress::Progress;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-/// Bytes a triangle that counting one cell takes besides the cell itself: its edges, sorted.
-const COUNT_BYTES: u64 = 64;
+/// Bytes a triangle that counting takes besides the mesh or cell itself: its edges, sorted.
+pub const COUNT_BYTES: u64 = 64;
 
 /// Counts by way of a scratch store in `temp_dir`. Memory: tables and cells within `memory_bytes`, and what
 /// lies on seams.

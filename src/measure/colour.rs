@@ -78,7 +78,7 @@ pub fn lab_of_srgb(rgb: [f64; 3]) -> [f64; 3] {
 
 /// Delta E (CIE 1976): the distance of two colours in CIELAB; about 2.3 is just noticeable.
 pub fn delta_e(a: [f64; 3], b: [f64; 3]) -> f64 {
-    super::triangle::length_sq(super::triangle::sub(a, b)).sqrt()
+    crate::mesh::vec3::length_sq(crate::mesh::vec3::sub(a, b)).sqrt()
 }
 
 #[cfg(test)]

@@ -17,12 +17,10 @@ use crate::mesh::topology_counts::Topology;
 use crate::stages::partition;
 use crate::store::cells::{VertexLayout, plan_cells};
 use crate::system::json_keys::SCHEMA_VERSION;
+use crate::system::memory::BASE_BYTES;
 use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
 use std::path::{Path, PathBuf};
-
-/// Memory for code, stacks, allocator slack and small things, in bytes.
-const BASE_BYTES: u64 = 40 << 20;
 
 /// What is to be compared, and with what means.
 #[derive(Debug)]

@@ -12,7 +12,6 @@ use super::triangle::Vector;
 use super::{BLOCK_SAMPLES, Direction, Options, Surface, Unit, used_vertices};
 use crate::error::{Error, Result};
 use crate::measure::deviation::Deviation;
-use crate::mesh::bounds::Bounds;
 use crate::mesh::topology_counts::Topology;
 use crate::system::progress::Progress;
 use std::sync::atomic::AtomicU64;
@@ -50,8 +49,7 @@ pub fn two_sided_parts(
     memory_bytes: u64,
     progress: &Progress,
 ) -> Result<Measured> {
-    let corners = [original.bounds, simplified.bounds];
-    let unit = Unit::around(&Bounds::around(corners.as_flattened()));
+    let unit = Unit::around(&original.bounds.joined(&simplified.bounds));
     if !unit.is_own() {
         let meshes = [original, simplified].map(|parts| parts.turned_mesh(unit));
         let turned = [original.in_unit(unit, &meshes[0]), simplified.in_unit(unit, &meshes[1])];
@@ -112,7 +110,7 @@ pub fn distances(
     progress: &Progress,
 ) -> Result<Vec<f64>> {
     let means = Means { threads, memory_bytes, progress, is_counted: true };
-    let mut around = Bounds::around(&target.bounds);
+    let mut around = target.bounds;
     points.iter().for_each(|&point| around.add(point));
     let unit = Unit::around(&around);
     let never = vec![-1.0; points.len()];

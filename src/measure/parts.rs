@@ -41,8 +41,8 @@ pub struct Parts<'a> {
     pub colours: Option<Carried>,
     /// All vertices, unused ones included.
     pub n_vertices: u64,
-    /// Lower and upper corner of a box around all vertices.
-    pub bounds: [Vector; 2],
+    /// A box around all vertices.
+    pub bounds: Bounds,
     /// The unit that cells are turned to when they are loaded.
     unit: Unit,
 }
@@ -72,14 +72,13 @@ pub(super) struct Means<'a> {
 impl<'a> Parts<'a> {
     /// A mesh in memory.
     pub fn in_memory(mesh: &'a Mesh, colours: Option<Carried>) -> Self {
-        let mut bounds = Bounds::EMPTY;
-        mesh.positions.iter().for_each(|&point| bounds.add(point));
+        let bounds = Bounds::around(&mesh.positions);
         let (place, n_vertices) = (Place::Memory(mesh), mesh.positions.len() as u64);
-        Parts { place, colours, n_vertices, bounds: [bounds.low, bounds.high], unit: Unit::OWN }
+        Parts { place, colours, n_vertices, bounds, unit: Unit::OWN }
     }
 
     /// The cells of a store, which hold a mesh of `n_vertices` vertices within `bounds`.
-    pub fn in_cells(store: &'a CellStore, n_vertices: u64, bounds: [Vector; 2]) -> Self {
+    pub fn in_cells(store: &'a CellStore, n_vertices: u64, bounds: Bounds) -> Self {
         let colours = Carried::of(&store.layout().schema);
         Parts { place: Place::Cells(store), colours, n_vertices, bounds, unit: Unit::OWN }
     }
@@ -174,7 +173,7 @@ impl<'a> Parts<'a> {
     /// Looks at every part once.
     pub(super) fn survey(&self, means: Means) -> Result<Survey> {
         let n_parts = self.n_parts();
-        let diagonal = self.diagonal();
+        let diagonal = self.bounds.diagonal();
         let n_triangles: u64 = (0..n_parts).map(|part| self.n_triangles(part)).sum();
         let most =
             (means.memory_bytes / SPARSE_SHARE * 1000 / Tree::bytes(1000)).min(SPARSE_POINTS);
@@ -210,12 +209,6 @@ impl<'a> Parts<'a> {
             topology: counter.finish(self.n_vertices),
             sparse: Tree::build_until(points.len(), |i| [points[i]; 3], means.progress)?,
         })
-    }
-
-    fn diagonal(&self) -> f64 {
-        let mut bounds = Bounds::EMPTY;
-        self.bounds.iter().filter(|p| p.iter().all(|x| x.is_finite())).for_each(|&p| bounds.add(p));
-        bounds.diagonal()
     }
 
     fn look(&self, part: usize, diagonal: f64, stride: usize) -> Result<PartLook> {

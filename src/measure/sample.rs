@@ -9,6 +9,8 @@
 
 use super::triangle::{self, Vector};
 use crate::error::Result;
+use crate::mesh::bounds::Bounds;
+use crate::mesh::morton::spread;
 use std::ops::Range;
 
 /// A point on a surface.
@@ -146,14 +148,7 @@ pub fn sort_along_curve(samples: &mut Vec<Sample>) {
 
 /// The order of points along a space-filling curve through their box.
 pub fn order_along_curve(points: &[Vector]) -> Vec<u32> {
-    let mut low = [f64::INFINITY; 3];
-    let mut high = [f64::NEG_INFINITY; 3];
-    for point in points {
-        for k in 0..3 {
-            low[k] = low[k].min(point[k]);
-            high[k] = high[k].max(point[k]);
-        }
-    }
+    let Bounds { low, high } = Bounds::around(points);
     let reach = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
     let scale = if reach > 0.0 { 1023.0 / reach } else { 0.0 };
     let key = |point: &Vector| {
@@ -164,15 +159,6 @@ pub fn order_along_curve(points: &[Vector]) -> Vec<u32> {
         points.iter().enumerate().map(|(i, point)| (key(point), i as u32)).collect();
     order.sort_unstable();
     order.into_iter().map(|(_, i)| i).collect()
-}
-
-/// Puts two zero bits before each of the lower ten bits.
-fn spread(value: u32) -> u32 {
-    let value = value & 0x3ff;
-    let value = (value | value << 16) & 0x0300_00ff;
-    let value = (value | value << 8) & 0x0300_f00f;
-    let value = (value | value << 4) & 0x030c_30c3;
-    (value | value << 2) & 0x0924_9249
 }
 
 #[cfg(test)]

@@ -12,7 +12,8 @@
 // Three axes run through several arrays side by side; an index shows that best.
 #![allow(clippy::needless_range_loop)]
 
-use super::triangle::{self, Vector, dot, length_sq, sub};
+use super::triangle::{self, Vector};
+use crate::mesh::vec3::{dot, length_sq, sub};
 
 /// Most triangles that are looked at one by one below a box.
 const GROUP: usize = 8;

@@ -12,6 +12,7 @@
 use super::tilted::{Inside, Tilted};
 use super::triangle::{self, Vector};
 use crate::error::Result;
+use crate::mesh::bounds::Bounds;
 use crate::system::progress::Progress;
 
 /// Children of a node.
@@ -111,20 +112,14 @@ impl Tree {
         progress: &Progress,
     ) -> Result<Self> {
         assert!(n_triangles < LEAF as usize, "a tree holds fewer than 2^31 triangles");
-        let mut low = [f64::INFINITY; 3];
-        let mut high = [f64::NEG_INFINITY; 3];
+        let mut bounds = Bounds::EMPTY;
         for i in 0..n_triangles {
             if i % STOP_ROWS == 0 {
                 progress.check()?;
             }
-            for corner in corners_of(i) {
-                for k in 0..3 {
-                    low[k] = low[k].min(corner[k]);
-                    high[k] = high[k].max(corner[k]);
-                }
-            }
+            corners_of(i).into_iter().for_each(|corner| bounds.add(corner));
         }
-        let frame = Frame::around(low, high);
+        let frame = Frame::around(bounds.low, bounds.high);
         let mut items = Vec::with_capacity(n_triangles);
         for i in 0..n_triangles {
             if i % STOP_ROWS == 0 {

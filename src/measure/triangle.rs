@@ -4,32 +4,10 @@
 //! works on triangles in canonical order; so a triangle gives the same numbers, bit for bit, wherever it
 //! stands in whichever file or cell. Knows no meshes and no trees.
 
+use crate::mesh::vec3::{cross, dot, length_sq, sub};
+
 /// A position or direction in input units.
 pub type Vector = [f64; 3];
-
-/// `a - b`.
-#[inline]
-pub fn sub(a: Vector, b: Vector) -> Vector {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-/// The inner product.
-#[inline]
-pub fn dot(a: Vector, b: Vector) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// The vector product.
-#[inline]
-pub fn cross(a: Vector, b: Vector) -> Vector {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-/// The squared length.
-#[inline]
-pub fn length_sq(a: Vector) -> f64 {
-    dot(a, a)
-}
 
 /// Where the canonical order begins: the index of the lexicographically smallest corner.
 ///

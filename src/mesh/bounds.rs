@@ -1,15 +1,37 @@
 //! Bounding boxes.
 
 use super::Mesh;
-use super::vec3::{Vec3, length_sq, sub};
+use super::vec3::{Vec3, add, length_sq, scale, sub};
+use serde::{Deserialize, Serialize};
 
 /// An axis-aligned box; empty if no point was added.
-#[derive(Clone, Copy, Debug)]
+///
+/// Stored as its two corners. An empty box cannot be stored: JSON has no infinities.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(from = "[Vec3; 2]", into = "[Vec3; 2]")]
 pub struct Bounds {
     /// The corner of least coordinates.
     pub low: Vec3,
     /// The corner of greatest coordinates.
     pub high: Vec3,
+}
+
+impl Default for Bounds {
+    fn default() -> Bounds {
+        Bounds::EMPTY
+    }
+}
+
+impl From<[Vec3; 2]> for Bounds {
+    fn from([low, high]: [Vec3; 2]) -> Bounds {
+        Bounds { low, high }
+    }
+}
+
+impl From<Bounds> for [Vec3; 2] {
+    fn from(bounds: Bounds) -> [Vec3; 2] {
+        [bounds.low, bounds.high]
+    }
 }
 
 impl Bounds {
@@ -30,10 +52,30 @@ impl Bounds {
         bounds
     }
 
+    /// Whether no point was added.
+    pub fn is_empty(&self) -> bool {
+        self.low[0] > self.high[0]
+    }
+
+    /// The box itself, or that of the origin if it is empty.
+    pub fn or_origin(self) -> Bounds {
+        if self.is_empty() { Bounds { low: [0.0; 3], high: [0.0; 3] } } else { self }
+    }
+
+    /// The middle; not a number for an empty box.
+    pub fn middle(&self) -> Vec3 {
+        scale(add(self.low, self.high), 0.5)
+    }
+
     /// Takes in a point.
     pub fn add(&mut self, point: Vec3) {
         self.low = [0, 1, 2].map(|k| self.low[k].min(point[k]));
         self.high = [0, 1, 2].map(|k| self.high[k].max(point[k]));
+    }
+
+    /// The box between the images of the corners.
+    pub fn map(&self, place: impl Fn(Vec3) -> Vec3) -> Bounds {
+        Bounds { low: place(self.low), high: place(self.high) }
     }
 
     /// The box of both.
@@ -59,7 +101,7 @@ impl Bounds {
 
     /// The length of the diagonal; 0 for an empty box.
     pub fn diagonal(&self) -> f64 {
-        if self.low[0] > self.high[0] {
+        if self.is_empty() {
             return 0.0;
         }
         length_sq(sub(self.high, self.low)).sqrt()

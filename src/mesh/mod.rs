@@ -8,6 +8,7 @@ pub mod bounds;
 pub mod codec;
 mod color_channels;
 pub mod face_properties;
+pub(crate) mod morton;
 pub mod oklab;
 pub mod property;
 pub mod record;

@@ -53,6 +53,12 @@ pub(crate) fn normal<T: Real>(corners: [[T; 3]; 3]) -> [T; 3] {
     cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]))
 }
 
+/// The unit vector along `a`; `None` for one without a direction.
+pub(crate) fn unit(a: Vec3) -> Option<Vec3> {
+    let length = length_sq(a).sqrt();
+    (length > 0.0 && length.is_finite()).then(|| a.map(|x| x / length))
+}
+
 /// Where on the segment from `a` (0) to `b` (1) the point nearest to `p` lies; 0.5 on a point.
 pub(crate) fn along(p: Vec3, a: Vec3, b: Vec3) -> f64 {
     let edge = sub(b, a);

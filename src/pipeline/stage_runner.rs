@@ -169,7 +169,7 @@ impl<'a> Stages<'a> {
     /// Finds the components and leaves out what is too small, if that was asked for.
     pub(super) fn components(&mut self, partition: &Partition) -> Result<Option<Components>> {
         let Some(min) = self.config.min_component else { return Ok(None) };
-        let least = components::Least::of(min, components::diagonal(partition.bounds));
+        let least = components::Least::of(min, partition.bounds.diagonal());
         let (info, layout) = (partition.store.clone(), self.layout.clone());
         let found = self.stage(
             "components",
@@ -406,7 +406,7 @@ impl<'a> Stages<'a> {
                 bytes: source.file_bytes(),
                 vertices: source.n_vertices(),
                 triangles: source.n_triangles(),
-                bounds: partition.bounds,
+                bounds: partition.bounds.into(),
                 ..InputReport::default()
             },
             settings: config.settings(),

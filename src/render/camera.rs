@@ -2,7 +2,10 @@
 //!
 //! Camera space: x right, y up, z towards the viewer, origin at the point looked at.
 
-use super::vector::{V3, add, cross, dot, scale, sub, symmetric_eigen, unit};
+use super::vector::symmetric_eigen;
+use crate::mesh::bounds::Bounds;
+use crate::mesh::vec3::unit;
+use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
 
 /// Tangent of half the vertical angle of view: about 24 degrees in all, a portrait lens.
 const TAN_HALF_VIEW: f64 = 0.21;
@@ -13,13 +16,11 @@ const MARGIN: f64 = 0.06;
 #[derive(Clone, Debug)]
 pub(super) struct Extent {
     n: f64,
-    origin: Option<V3>,
-    sum: V3,
+    origin: Option<Vec3>,
+    sum: Vec3,
     products: [[f64; 3]; 3],
-    /// Smallest coordinates.
-    pub(super) low: V3,
-    /// Largest coordinates.
-    pub(super) high: V3,
+    /// The bounding box.
+    pub(super) bounds: Bounds,
 }
 
 impl Default for Extent {
@@ -29,15 +30,14 @@ impl Default for Extent {
             origin: None,
             sum: [0.0; 3],
             products: [[0.0; 3]; 3],
-            low: [f64::INFINITY; 3],
-            high: [f64::NEG_INFINITY; 3],
+            bounds: Bounds::EMPTY,
         }
     }
 }
 
 impl Extent {
     /// Counts a vertex in.
-    pub(super) fn add(&mut self, point: V3) {
+    pub(super) fn add(&mut self, point: Vec3) {
         // Sums are taken about the first vertex: scans lie far from the origin.
         let p = sub(point, *self.origin.get_or_insert(point));
         self.n += 1.0;
@@ -46,27 +46,22 @@ impl Extent {
             for j in 0..3 {
                 self.products[i][j] += p[i] * p[j];
             }
-            self.low[i] = self.low[i].min(point[i]);
-            self.high[i] = self.high[i].max(point[i]);
         }
+        self.bounds.add(point);
     }
 
     /// Half the diagonal of the bounding box; 0 for an empty mesh.
     pub(super) fn radius(&self) -> f64 {
-        if self.n == 0.0 {
-            return 0.0;
-        }
-        let size = sub(self.high, self.low);
-        0.5 * dot(size, size).sqrt()
+        0.5 * self.bounds.diagonal()
     }
 
     /// The middle of the bounding box; the origin for an empty mesh.
-    pub(super) fn middle(&self) -> V3 {
-        if self.n == 0.0 { [0.0; 3] } else { scale(add(self.low, self.high), 0.5) }
+    pub(super) fn middle(&self) -> Vec3 {
+        if self.n == 0.0 { [0.0; 3] } else { self.bounds.middle() }
     }
 
     /// Standard deviations along the main directions with these, largest first.
-    fn main_directions(&self) -> [(f64, V3); 3] {
+    fn main_directions(&self) -> [(f64, Vec3); 3] {
         let n = self.n.max(1.0);
         let covariance =
             |i: usize, j: usize| self.products[i][j] / n - self.sum[i] / n * self.sum[j] / n;
@@ -81,7 +76,7 @@ impl Extent {
     /// Flat things (terrain, a floor of a building) are looked at from above at a slant. Others stand
     /// upright along y or z, whichever they are longer in, and are seen from the side that has the
     /// least depth, turned by a third of a right angle.
-    pub(super) fn natural_view(&self) -> (V3, V3) {
+    pub(super) fn natural_view(&self) -> (Vec3, Vec3) {
         let main = self.main_directions();
         if main[2].0 < 0.25 * main[1].0 {
             let largest =
@@ -101,7 +96,7 @@ impl Extent {
             let level = add(scale(front, 0.92), scale(side, 0.38));
             return (up, add(scale(level, 0.8), scale(up, 0.6)));
         }
-        let size = sub(self.high, self.low);
+        let size = sub(self.bounds.high, self.bounds.low);
         let (up, front) = if size[1] > size[2] {
             ([0.0, 1.0, 0.0], [0.0, 0.0, 1.0])
         } else {
@@ -109,7 +104,7 @@ impl Extent {
         };
         let side = cross(up, front);
         // A mesh much deeper than wide shows more from its side.
-        let depth = |axis: V3| dot(axis, size).abs();
+        let depth = |axis: Vec3| dot(axis, size).abs();
         let turned = depth(front) > 1.6 * depth(side);
         let (a, b) = if turned { (0.4, 0.9) } else { (0.88, 0.48) };
         let level = add(scale(front, a), scale(side, b));
@@ -121,9 +116,9 @@ impl Extent {
 #[derive(Clone, Debug)]
 pub(super) struct Camera {
     /// What is looked at: the origin of camera space.
-    pub(super) target: V3,
+    pub(super) target: Vec3,
     /// Right, up and towards the viewer.
-    pub(super) axes: [V3; 3],
+    pub(super) axes: [Vec3; 3],
     /// Distance of the eye from the target.
     pub(super) distance: f64,
     /// Nothing nearer to the eye than this is drawn.
@@ -133,12 +128,12 @@ pub(super) struct Camera {
     /// Place of the target in the picture, in samples.
     pub(super) centre: [f64; 2],
     /// What "up" means to the light.
-    pub(super) world_up: V3,
+    pub(super) world_up: Vec3,
 }
 
 impl Camera {
     /// A camera looking at `target` from `direction`, as yet at no distance.
-    pub(super) fn facing(target: V3, direction: V3, up: V3, size: [usize; 2]) -> Self {
+    pub(super) fn facing(target: Vec3, direction: Vec3, up: Vec3, size: [usize; 2]) -> Self {
         let back = unit(direction).unwrap_or([0.0, 0.0, 1.0]);
         // Looking straight along `up` leaves the picture's upright to any other axis.
         let right = unit(cross(up, back))
@@ -160,19 +155,19 @@ impl Camera {
     }
 
     /// Camera space that is object space, moved to `target`; for looking things up, not for drawing.
-    pub(super) fn upright(target: V3) -> Self {
+    pub(super) fn upright(target: Vec3) -> Self {
         let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         Camera { axes, ..Camera::facing(target, axes[2], axes[1], [1, 1]) }
     }
 
     /// A point in camera space.
-    pub(super) fn place(&self, point: V3) -> V3 {
+    pub(super) fn place(&self, point: Vec3) -> Vec3 {
         let p = sub(point, self.target);
         self.axes.map(|axis| dot(axis, p))
     }
 
     /// The point of object space at camera-space `p`.
-    pub(super) fn unplace(&self, p: V3) -> V3 {
+    pub(super) fn unplace(&self, p: Vec3) -> Vec3 {
         let [x, y, z] = self.axes;
         add(self.target, add(scale(x, p[0]), add(scale(y, p[1]), scale(z, p[2]))))
     }
@@ -218,7 +213,7 @@ pub(super) struct Silhouette {
 
 impl Silhouette {
     /// Counts in a vertex given in camera space.
-    pub(super) fn add(&mut self, p: V3) {
+    pub(super) fn add(&mut self, p: Vec3) {
         let [tan_x, tan_y] = self.tangents;
         let sides =
             [p[0] + p[2] * tan_x, p[2] * tan_x - p[0], p[1] + p[2] * tan_y, p[2] * tan_y - p[1]];

@@ -6,10 +6,12 @@ use super::quadrics::Facet;
 use super::raster::{Corner, Frame, SAMPLE_BYTES, Style};
 use super::scene::{Faces, Points, Scene};
 use super::shade;
-use super::vector::{V3, add, dot, normal, scale, smoothstep, unit};
+use super::vector::smoothstep;
 use super::vertices::{Vertices, vertex_bytes};
 use super::view::{Aim, Direction, Resources, Sphere, View, per_pixel};
 use crate::error::Result;
+use crate::mesh::vec3::unit;
+use crate::mesh::vec3::{Vec3, add, dot, normal, scale};
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
 
@@ -182,7 +184,7 @@ fn facing(
     sphere: &Sphere,
     resources: Resources,
     progress: &Progress,
-) -> Result<Option<V3>> {
+) -> Result<Option<Vec3>> {
     let camera = Camera::upright(sphere.centre);
     let threads = resources.threads;
     let budget = resources.memory_bytes.saturating_sub(SLACK_BYTES);
@@ -209,7 +211,7 @@ fn each_point(
     scene: &dyn Scene,
     threads: usize,
     progress: &Progress,
-    mut visit: impl FnMut(&[V3]),
+    mut visit: impl FnMut(&[Vec3]),
 ) -> Result<()> {
     let read = |block: u64, points: &mut Points| scene.points(block, points);
     in_order(scene.n_point_blocks(), threads, progress, read, |_, points| {

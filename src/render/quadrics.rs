@@ -6,8 +6,10 @@
 //! its half-axes sqrt(c / eigenvalue), cut off where there is no resistance at all.
 
 use super::shade::tone;
-use super::vector::{V3, add, cross, dot, normal, scale, sub, symmetric_eigen, unit};
+use super::vector::symmetric_eigen;
 use crate::mesh::Mesh;
+use crate::mesh::vec3::unit;
+use crate::mesh::vec3::{Vec3, add, cross, dot, normal, scale, sub};
 
 /// Half-axes are at most so many mean edge lengths of the vertex.
 const LONGEST: f64 = 0.85;
@@ -21,8 +23,8 @@ const HALVINGS: u32 = 4;
 /// A triangle to be drawn over a mesh, in object space.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Facet {
-    pub(super) corners: [V3; 3],
-    pub(super) normals: [V3; 3],
+    pub(super) corners: [Vec3; 3],
+    pub(super) normals: [Vec3; 3],
     pub(super) color: [f32; 3],
 }
 
@@ -47,7 +49,7 @@ pub(super) fn ellipsoids(mesh: &Mesh, n: usize) -> Vec<Facet> {
     order.sort_by(|&a, &b| {
         quadrics[b].importance.total_cmp(&quadrics[a].importance).then(a.cmp(&b))
     });
-    let mut chosen: Vec<(V3, f64)> = Vec::new();
+    let mut chosen: Vec<(Vec3, f64)> = Vec::new();
     let mut facets = Vec::new();
     for vertex in order {
         if chosen.len() == n {
@@ -55,7 +57,7 @@ pub(super) fn ellipsoids(mesh: &Mesh, n: usize) -> Vec<Facet> {
         }
         let place = mesh.positions[vertex];
         let edge = quadrics[vertex].edge_sum / quadrics[vertex].n_edges;
-        let apart = |(other, reach): &(V3, f64)| {
+        let apart = |(other, reach): &(Vec3, f64)| {
             let d = sub(*other, place);
             dot(d, d).sqrt() > LONGEST * (edge + reach)
         };
@@ -101,7 +103,7 @@ fn quadrics(mesh: &Mesh) -> Vec<Quadric> {
     quadrics
 }
 
-fn ellipsoid(place: V3, quadric: &Quadric, edge: f64, out: &mut Vec<Facet>) {
+fn ellipsoid(place: Vec3, quadric: &Quadric, edge: f64, out: &mut Vec<Facet>) {
     let eigen = symmetric_eigen(quadric.matrix);
     let (eigenvalues, axes) = (eigen.map(|(value, _)| value), eigen.map(|(_, axis)| axis));
     let largest = eigenvalues.into_iter().fold(f64::MIN_POSITIVE, f64::max);
@@ -114,12 +116,12 @@ fn ellipsoid(place: V3, quadric: &Quadric, edge: f64, out: &mut Vec<Facet>) {
     relative.sort_by(f64::total_cmp);
     let (crease, corner) = (relative[1].powf(0.35), relative[0].powf(0.35));
     let [face_blue, orange, red] = [[0.27, 0.51, 0.86], [0.96, 0.62, 0.20], [0.84, 0.22, 0.24]];
-    let blend = |a: V3, b: V3, t: f64| add(a, scale(sub(b, a), t.clamp(0.0, 1.0)));
+    let blend = |a: Vec3, b: Vec3, t: f64| add(a, scale(sub(b, a), t.clamp(0.0, 1.0)));
     let color = tone(blend(blend(face_blue, orange, crease), red, 1.5 * corner), 1.0);
-    let at = |unit_point: V3| {
+    let at = |unit_point: Vec3| {
         let place_at = |i: usize| scale(axes[i], half[i] * unit_point[i]);
         let normal_at = |i: usize| scale(axes[i], unit_point[i] / half[i]);
-        let sum = |f: &dyn Fn(usize) -> V3| add(f(0), add(f(1), f(2)));
+        let sum = |f: &dyn Fn(usize) -> Vec3| add(f(0), add(f(1), f(2)));
         let outward = unit(sum(&normal_at)).unwrap_or([0.0, 0.0, 1.0]);
         (add(place, sum(&place_at)), outward)
     };
@@ -142,13 +144,13 @@ fn ellipsoid(place: V3, quadric: &Quadric, edge: f64, out: &mut Vec<Facet>) {
 }
 
 /// Splits a triangle on the unit sphere into four, `times` times over.
-fn halve(triangle: [V3; 3], times: u32, emit: &mut impl FnMut([V3; 3])) {
+fn halve(triangle: [Vec3; 3], times: u32, emit: &mut impl FnMut([Vec3; 3])) {
     if times == 0 {
         emit(triangle);
         return;
     }
     let [a, b, c] = triangle;
-    let middle = |p: V3, q: V3| unit(add(p, q)).unwrap_or(p);
+    let middle = |p: Vec3, q: Vec3| unit(add(p, q)).unwrap_or(p);
     let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
     for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
         halve(part, times - 1, emit);

@@ -7,8 +7,10 @@
 use super::camera::Camera;
 use super::picture::Picture;
 use super::raster::{Frame, Sample};
-use super::vector::{dot, scale, smoothstep, sub, unit};
+use super::vector::smoothstep;
 use crate::error::Result;
+use crate::mesh::vec3::unit;
+use crate::mesh::vec3::{dot, scale, sub};
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
 

@@ -9,6 +9,7 @@ use crate::error::Result;
 use crate::io::ply::{MeshSource, OutputHeader};
 use crate::io::{GlbWriter, StageOptions};
 use crate::measure::load;
+use crate::mesh::bounds::Bounds;
 use crate::mesh::property::Scalar;
 use crate::mesh::record::VertexSchema;
 use crate::render::{Resources, Sphere, View, aim_source, render_source};
@@ -266,21 +267,14 @@ fn viewer(
 /// The mesh as GLB, about its own middle: browsers compute in single precision.
 fn glb(source: &MeshSource, material: &Material, progress: &Progress) -> Result<Vec<u8>> {
     let mesh = load::load(source, material.resources.threads, progress)?.mesh;
-    let mut least = [f64::INFINITY; 3];
-    let mut most = [f64::NEG_INFINITY; 3];
-    for position in &mesh.positions {
-        for (k, x) in position.iter().enumerate() {
-            least[k] = least[k].min(*x);
-            most[k] = most[k].max(*x);
-        }
-    }
+    let bounds = Bounds::around(&mesh.positions);
     let schema = VertexSchema { coordinate: Scalar::F64, properties: Vec::new() };
     let header =
         OutputHeader::new(schema.clone(), mesh.positions.len() as u64, mesh.triangles.len() as u64);
     let mut writer = GlbWriter::create(material.temp_dir.join("viewer.glb").as_path(), header)?;
     let mut records = Vec::with_capacity(mesh.positions.len() * schema.record_bytes());
     for position in &mesh.positions {
-        let about = [0, 1, 2].map(|k| position[k] - (least[k] + most[k]) / 2.0);
+        let about = [0, 1, 2].map(|k| position[k] - (bounds.low[k] + bounds.high[k]) / 2.0);
         schema.encode_position(about, &mut records);
     }
     writer.write_vertices(&records)?;

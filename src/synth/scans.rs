@@ -7,7 +7,8 @@
 use super::noise::{gauss, hash2, noise3, signed3, unit};
 use super::sculpture::Sculpture;
 use super::sliced::{BlockCounts, Sliced};
-use super::surface::Vertex;
+use super::surface::{Vertex, unit_vector};
+use crate::mesh::vec3::{cross, dot};
 
 /// Triangles of one patch of a large set: about what a structured-light scanner takes at once.
 const PATCH_TRIANGLES: u64 = 800_000;
@@ -254,17 +255,4 @@ fn triangles(pixels: &[Pixel], side: usize, mut emit: impl FnMut([usize; 3])) {
             emit(triangle.map(|n| square[n]));
         }
     }
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn unit_vector(v: [f64; 3]) -> [f64; 3] {
-    let length = dot(v, v).sqrt().max(1e-12);
-    v.map(|x| x / length)
 }

@@ -6,11 +6,18 @@
 
 use super::noise::hash2;
 use super::permutation::Permutation;
+use crate::mesh::vec3::length_sq;
 use std::ops::Range;
 
 /// Rows in a block of an `Indexed` surface: large enough to amortise a thread's start, small enough that
 /// some dozen of them are nothing against any memory budget.
 const BLOCK_ROWS: u64 = 65_536;
+
+/// A direction with length 1; that of a point is 0.
+pub(super) fn unit_vector(v: [f64; 3]) -> [f64; 3] {
+    let length = length_sq(v).sqrt().max(1e-12);
+    v.map(|x| x / length)
+}
 
 /// One vertex as it is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

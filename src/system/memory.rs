@@ -11,6 +11,9 @@ pub const DEFAULT_SHARE: f64 = 0.75;
 /// and the system's own tables need the rest.
 pub const MOST_SHARE: f64 = 0.9;
 
+/// Memory for code, stacks, allocator slack and small things, in bytes.
+pub const BASE_BYTES: u64 = 40 << 20;
+
 /// The budget that a wish comes to: no more than `MOST_SHARE` of `limit_bytes`, `DEFAULT_SHARE` of it without one.
 pub fn budget_bytes(wanted: Option<u64>, limit_bytes: u64) -> u64 {
     let share = |share: f64| (limit_bytes as f64 * share) as u64;

@@ -5,6 +5,7 @@ use crate::io::ply::lookup::Lookup;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::ply::writer::Shortest;
 use crate::io::ply::{Encoding, OutputHeader};
+use crate::mesh::vec3::{normal, unit};
 use crate::system::disk::folder_of;
 use crate::system::pending_file::{PendingFile, Place};
 use std::io::Write;
@@ -85,7 +86,7 @@ impl StlWriter {
             for (place, &vertex) in corners.iter_mut().zip(triangle) {
                 *place = lookup.position(vertex)?;
             }
-            let n = normal(corners);
+            let n = unit(normal(corners)).unwrap_or_default();
             if self.ascii {
                 put_text(n, corners, &mut rows);
             } else {
@@ -112,15 +113,6 @@ impl StlWriter {
         }
         self.out.finish()
     }
-}
-
-/// The unit normal of a triangle; zero if it has none.
-fn normal([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
-    let u = [b[0] - a[0], b[1] - a[1], b[2] - a[2]];
-    let v = [c[0] - a[0], c[1] - a[1], c[2] - a[2]];
-    let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-    let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-    if length > 0.0 && length.is_finite() { n.map(|x| x / length) } else { [0.0; 3] }
 }
 
 fn put_text(n: [f64; 3], corners: [[f64; 3]; 3], rows: &mut Vec<u8>) {

@@ -12,16 +12,14 @@ use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
 use crate::stages::components;
 use crate::stages::partition::{self, Shares, Sizes};
-use crate::stages::simplify::{FREED_AT_A_TIME, frees_sources};
+use crate::stages::simplify::{FREED_AT_A_TIME, frees_sources, kernel_bytes};
 use crate::stages::stitch::{self, Step};
 use crate::store::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
 use crate::system::disk::folder_of;
+use crate::system::memory::BASE_BYTES;
 use crate::system::paths::existing_parent;
 use crate::system::units::{show_bytes, show_count};
 use std::path::Path;
-
-/// Memory for code, stacks, allocator slack and small things, in bytes.
-const BASE_BYTES: u64 = 40 << 20;
 
 /// A cell may come out so much larger than planned before it is a surprise.
 const UNEVEN: f64 = 1.25;
@@ -94,17 +92,10 @@ impl Plan {
         let cells = plan_cells(triangles_in, config.cell_triangles);
         let (rounds, finish_triangles) = rounds(triangles_in, target, config.cell_triangles);
         let vertices_per_triangle = source.n_vertices() as f64 / triangles_in.max(1) as f64;
-        let has_seams = layout.codec.has_seams(&layout.schema);
-        let n_channels = layout.codec.n_channels();
         let stage_bytes = |triangles: u64| {
             let vertices = (triangles as f64 * vertices_per_triangle.clamp(0.5, 3.0)) as u64;
             let tally = CellTally { vertices, triangles };
-            let wedges = kernel::wedge_bytes(vertices, triangles, n_channels);
-            load_bytes(tally, &layout)
-                + kernel::peak_bytes(vertices, triangles, n_channels)
-                + kernel::mend_bytes(vertices, triangles)
-                + kernel::attribute_bytes(vertices, layout.n_weighted())
-                + if has_seams { wedges } else { 0 }
+            load_bytes(tally, &layout) + kernel_bytes(tally, &layout)
         };
         let cell = (config.cell_triangles.min(triangles_in) as f64 * UNEVEN) as u64;
         let threads = config.threads.get();

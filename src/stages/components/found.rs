@@ -1,7 +1,8 @@
 //! What one cell knows of the components: those that are settled within it, and its pieces that touch others.
 
 use super::sizes::{ComponentSizes, Least};
-use crate::store::cells::{Bounds, CellMesh, Extent, PieceSet, Pieces, position_bits};
+use crate::mesh::bounds::Bounds;
+use crate::store::cells::{CellMesh, Extent, PieceSet, Pieces, position_bits};
 
 /// The pack of what the cells know by themselves.
 pub(super) const FOUND_NAME: &str = "components.cells";
@@ -77,7 +78,8 @@ impl Found {
         for open in &self.open {
             out.extend_from_slice(&open.piece.to_le_bytes());
             out.extend_from_slice(&open.extent.triangles.to_le_bytes());
-            for value in open.extent.bounds.as_flattened() {
+            let corners: [[f64; 3]; 2] = open.extent.bounds.into();
+            for value in corners.as_flattened() {
                 out.extend_from_slice(&value.to_le_bytes());
             }
         }
@@ -107,7 +109,7 @@ impl Found {
             .chunks_exact(OPEN_BYTES)
             .map(|row| {
                 let value = |i: usize| f64::from_bits(u64_at(row, 12 + 8 * i));
-                let bounds: Bounds = [[0, 1, 2].map(value), [3, 4, 5].map(value)];
+                let bounds = Bounds::from([[0, 1, 2].map(value), [3, 4, 5].map(value)]);
                 Open { piece: u32_at(row, 0), extent: Extent { triangles: u64_at(row, 4), bounds } }
             })
             .collect();
@@ -149,7 +151,7 @@ mod tests {
         assert_eq!((found.settled.found, found.settled.dropped), (1, 1));
         assert_eq!(found.goes, PieceSet(vec![1]));
         assert_eq!(found.open.iter().map(|o| o.piece).collect::<Vec<_>>(), [1, 2]);
-        assert_eq!(found.open[0].extent.bounds, [[3.0, 0.0, 1.5], [5.0, 0.0, 1.5]]);
+        assert_eq!(found.open[0].extent.bounds, Bounds::from([[3.0, 0.0, 1.5], [5.0, 0.0, 1.5]]));
         assert_eq!(found.links.iter().map(|link| link.1).collect::<Vec<_>>(), [0, 1]);
         let part = Found::new(&cell, &Pieces::find(&cell.mesh), true, least);
         assert_eq!((part.settled.found, part.open.len(), part.links.len()), (0, 3, 7));

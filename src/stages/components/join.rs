@@ -8,7 +8,8 @@ use super::sizes::{ComponentSizes, Least};
 use super::stars::{Edges, each_edge, edge, stars};
 use crate::error::{Error, Result};
 use crate::io::{ExternalSort, halves, whole};
-use crate::store::cells::{Bounds, CellStore, CellTally, NOWHERE, Pack, PackWriter, around};
+use crate::mesh::bounds::Bounds;
+use crate::store::cells::{CellStore, CellTally, Pack, PackWriter};
 use crate::store::pack_format::ChunkKind;
 use crate::store::stage_context::Run;
 use std::path::Path;
@@ -167,7 +168,8 @@ impl Rows<'_> {
 
 fn member(root: u64, node: u64, open: &Open) -> [u32; MEMBER_WORDS] {
     let mut words = [0; MEMBER_WORDS];
-    let bounds = open.extent.bounds.as_flattened().iter().map(|x| x.to_bits());
+    let corners: [[f64; 3]; 2] = open.extent.bounds.into();
+    let bounds = corners.into_iter().flatten().map(f64::to_bits);
     let numbers = [root, node, open.extent.triangles].into_iter().chain(bounds);
     for (place, number) in words.chunks_exact_mut(2).zip(numbers) {
         place.copy_from_slice(&halves(number));
@@ -206,13 +208,13 @@ fn going(
         let number = |i: usize| whole(words[2 * i], words[2 * i + 1]);
         let (root, triangles) = (number(0), number(2));
         let coordinate = |i: usize| f64::from_bits(number(3 + i));
-        let bounds = [[0, 1, 2].map(coordinate), [3, 4, 5].map(coordinate)];
+        let bounds = Bounds::from([[0, 1, 2].map(coordinate), [3, 4, 5].map(coordinate)]);
         let before = total.filter(|total| total.root == root);
         if before.is_none() {
             close(total, &mut marked)?;
         }
-        let before = before.unwrap_or(Total { root, triangles: 0, bounds: NOWHERE });
-        let (triangles, bounds) = (before.triangles + triangles, around(before.bounds, bounds));
+        let before = before.unwrap_or(Total { root, triangles: 0, bounds: Bounds::EMPTY });
+        let (triangles, bounds) = (before.triangles + triangles, before.bounds.joined(&bounds));
         total = Some(Total { root, triangles, bounds });
         marked.push([words[0], words[1], MEMBER, words[2], words[3], words[4], words[5]])
     })?;

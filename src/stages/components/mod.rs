@@ -11,7 +11,7 @@ mod join;
 mod sizes;
 mod stars;
 
-pub use sizes::{Below, ComponentSizes, Least, below_list, diagonal, sizes_in_memory};
+pub use sizes::{Below, ComponentSizes, Least, below_list, sizes_in_memory};
 
 use crate::error::{Error, Result};
 use crate::store::cells::{CellStore, PackWriter, Pieces, StoreInfo, Verdicts, load_bytes};

@@ -2,7 +2,8 @@
 
 use crate::config::MinComponent;
 use crate::mesh::Mesh;
-use crate::store::cells::{Bounds, NOWHERE, Pieces};
+use crate::mesh::bounds::Bounds;
+use crate::store::cells::Pieces;
 use crate::system::units::show_count;
 use serde::{Deserialize, Serialize};
 
@@ -27,13 +28,8 @@ impl Least {
 
     /// Whether a component of this size goes.
     pub fn drops(&self, triangles: u64, bounds: Bounds) -> bool {
-        triangles < self.triangles || diagonal(bounds) < self.diameter
+        triangles < self.triangles || bounds.diagonal() < self.diameter
     }
-}
-
-/// The length of a box from corner to corner; 0 of an empty one.
-pub fn diagonal([low, high]: Bounds) -> f64 {
-    [0, 1, 2].map(|k| (high[k] - low[k]).max(0.0).powi(2)).iter().sum::<f64>().sqrt()
 }
 
 /// The limits of `ComponentSizes::below`.
@@ -122,7 +118,7 @@ pub fn sizes_in_memory(mesh: &Mesh) -> ComponentSizes {
     let mut triangles = vec![0; pieces.n];
     mesh.triangles.iter().for_each(|t| triangles[pieces.of_vertex[t[0] as usize] as usize] += 1);
     for n in triangles {
-        sizes.count(n, NOWHERE, Least::default());
+        sizes.count(n, Bounds::EMPTY, Least::default());
     }
     sizes
 }
@@ -140,9 +136,9 @@ mod tests {
 
     #[test]
     fn a_component_goes_below_either_limit_and_stays_at_it() {
-        let bounds = [[1.0, 1.0, 1.0], [1.0, 4.0, 5.0]];
-        assert_eq!(diagonal(bounds), 5.0);
-        assert_eq!(diagonal(NOWHERE), 0.0);
+        let bounds = Bounds::from([[1.0, 1.0, 1.0], [1.0, 4.0, 5.0]]);
+        assert_eq!(bounds.diagonal(), 5.0);
+        assert_eq!(Bounds::EMPTY.diagonal(), 0.0);
         let drops = |triangles, diameter| Least { triangles, diameter }.drops(30, bounds);
         assert!(!drops(0, 0.0) && !drops(30, 5.0));
         assert!(drops(31, 0.0) && drops(0, 5.1));
@@ -154,8 +150,8 @@ mod tests {
         let (mut all, mut a, mut b) =
             (ComponentSizes::none(), ComponentSizes::none(), ComponentSizes::none());
         for (i, n) in [1, 29, 30, 99, 100, 999, 1000, 5000, 0].into_iter().enumerate() {
-            assert_eq!(all.count(n, NOWHERE, least), n > 0 && n < 100, "{n}");
-            if i % 2 == 0 { &mut a } else { &mut b }.count(n, NOWHERE, least);
+            assert_eq!(all.count(n, Bounds::EMPTY, least), n > 0 && n < 100, "{n}");
+            if i % 2 == 0 { &mut a } else { &mut b }.count(n, Bounds::EMPTY, least);
         }
         a.add(&b);
         assert_eq!(a, all);

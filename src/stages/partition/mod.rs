@@ -16,6 +16,7 @@ pub use scan::{Scan, scan};
 
 use crate::error::{Error, Result};
 use crate::io::ply::{BLOCK_ROWS, MeshSource, VertexBlock};
+use crate::mesh::bounds::Bounds;
 use crate::store::cells::{
     CellTally, CellTree, Frame, IdMap, Pack, PackWriter, Scatter, StoreInfo, VertexLayout,
     plan_cells, split_overfull,
@@ -45,7 +46,7 @@ pub struct Partition {
     /// The store of cells.
     pub store: StoreInfo,
     /// Lower and upper corner of the bounding box.
-    pub bounds: [[f64; 3]; 2],
+    pub bounds: Bounds,
     /// Faces dropped because a corner repeats or is missing.
     pub degenerate_faces: u64,
     /// Broken faces dropped on request.
@@ -98,7 +99,7 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
         Some(table) => passes.triangles(table, &mut pack)?,
         None => passes.halo(Gathering::new(shares.halo_bytes), &mut pack)?,
     };
-    let middle = [0, 1, 2].map(|k| (bounds[0][k] + bounds[1][k]) / 2.0);
+    let middle = bounds.middle();
     let seams = passes.shared(foreign, middle, &mut pack)?;
     let dropped = passes.place.dropped;
     let store = StoreInfo {

@@ -4,6 +4,7 @@
 
 use crate::error::Result;
 use crate::io::ply::{MeshSource, VertexBlock};
+use crate::mesh::bounds::Bounds;
 use crate::store::cells::n_samples;
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
@@ -11,8 +12,8 @@ use crate::system::progress::Progress;
 /// What a pass over the vertices finds.
 #[derive(Clone, Debug)]
 pub struct Scan {
-    /// Lower and upper corner of the bounding box; zeros when there are no vertices.
-    pub bounds: [[f64; 3]; 2],
+    /// The bounding box; that of the origin when there are no vertices.
+    pub bounds: Bounds,
     /// One vertex out of each stretch of equal length, chosen by a hash within it.
     pub samples: Vec<[f64; 3]>,
 }
@@ -20,7 +21,7 @@ pub struct Scan {
 #[derive(Default)]
 struct BlockScan {
     block: VertexBlock,
-    bounds: Option<[[f64; 3]; 2]>,
+    bounds: Bounds,
     samples: Vec<[f64; 3]>,
 }
 
@@ -33,8 +34,7 @@ pub fn scan(
 ) -> Result<Scan> {
     let schema = source.schema();
     let stretch = (source.n_vertices() / n_samples(source.n_vertices(), n_cells)).max(1);
-    let mut out = Scan { bounds: [[0.0; 3]; 2], samples: Vec::new() };
-    let mut bounds: Option<[[f64; 3]; 2]> = None;
+    let mut out = Scan { bounds: Bounds::EMPTY, samples: Vec::new() };
     in_order(
         source.n_vertex_blocks(),
         threads,
@@ -42,15 +42,12 @@ pub fn scan(
         |index, out: &mut BlockScan| {
             source.read_vertices(index, &mut out.block)?;
             out.samples.clear();
-            let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+            out.bounds = Bounds::EMPTY;
             let mut wanted = chosen(out.block.first / stretch, stretch);
             for (row, record) in out.block.records.chunks_exact(schema.record_bytes()).enumerate() {
                 let id = out.block.first + row as u64;
                 let point = schema.position(record);
-                for k in 0..3 {
-                    low[k] = low[k].min(point[k]);
-                    high[k] = high[k].max(point[k]);
-                }
+                out.bounds.add(point);
                 if id.is_multiple_of(stretch) {
                     wanted = chosen(id / stretch, stretch);
                 }
@@ -58,22 +55,15 @@ pub fn scan(
                     out.samples.push(point);
                 }
             }
-            out.bounds = (low[0] <= high[0]).then_some([low, high]);
             Ok(())
         },
         |_, found| {
             out.samples.append(&mut found.samples);
-            bounds = match (bounds, found.bounds) {
-                (Some([low, high]), Some([l, h])) => Some([
-                    [0, 1, 2].map(|k| low[k].min(l[k])),
-                    [0, 1, 2].map(|k| high[k].max(h[k])),
-                ]),
-                (old, new) => old.or(new),
-            };
+            out.bounds = out.bounds.joined(&found.bounds);
             Ok(())
         },
     )?;
-    out.bounds = bounds.unwrap_or_default();
+    out.bounds = out.bounds.or_origin();
     Ok(out)
 }
 

@@ -8,7 +8,8 @@ use crate::kernel::{self, Options, Simplified, Stop};
 use crate::mesh::attribute_weights;
 use crate::mesh::vec3::{length_sq, normal};
 use crate::store::cells::{
-    CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors, load_bytes,
+    CellMesh, CellStore, CellTally, SurvivorInfo, SurvivorWriter, Survivors, VertexLayout,
+    load_bytes,
 };
 use crate::store::stage_context::Run;
 use crate::system::parallel::{Weighted, largest_first};
@@ -62,17 +63,21 @@ pub struct Levels(pub Vec<f64>);
 
 /// Memory in bytes that a cell takes while it is loaded, simplified and encoded.
 pub fn cell_bytes(store: &CellStore, cell: usize) -> u64 {
-    let tally = store.info().cells[cell];
-    let layout = store.layout();
+    load_bytes(store.rows(cell), store.layout())
+        + kernel_bytes(store.info().cells[cell], store.layout())
+}
+
+/// Memory in bytes that the kernel takes for a mesh, besides what it is given.
+pub fn kernel_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
+    let CellTally { vertices, triangles } = tally;
     let n_channels = layout.codec.n_channels();
     let wedges = match layout.codec.has_seams(&layout.schema) {
-        true => kernel::wedge_bytes(tally.vertices, tally.triangles, n_channels),
+        true => kernel::wedge_bytes(vertices, triangles, n_channels),
         false => 0,
     };
-    load_bytes(store.rows(cell), layout)
-        + kernel::peak_bytes(tally.vertices, tally.triangles, n_channels)
-        + kernel::mend_bytes(tally.vertices, tally.triangles)
-        + kernel::attribute_bytes(tally.vertices, layout.n_weighted())
+    kernel::peak_bytes(vertices, triangles, n_channels)
+        + kernel::mend_bytes(vertices, triangles)
+        + kernel::attribute_bytes(vertices, layout.n_weighted())
         + wedges
 }
 

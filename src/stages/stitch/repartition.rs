@@ -6,6 +6,7 @@
 
 use crate::error::Result;
 use crate::io::{ExternalSort, halves, whole};
+use crate::mesh::bounds::Bounds;
 use crate::store::cells::{
     CellTally, CellTree, Frame, PackWriter, Scatter, StoreInfo, SurvivorPack, Survivors, n_samples,
     plan_cells, split_overfull,
@@ -52,12 +53,9 @@ pub fn recut(
     Ok(StoreInfo { pack_bytes: pack.length(), ..store })
 }
 
-/// Lower and upper corner.
-type Bounds = [[f64; 3]; 2];
-
 #[derive(Default)]
 struct CellSample {
-    bounds: Option<Bounds>,
+    bounds: Bounds,
     samples: Vec<[f64; 3]>,
 }
 
@@ -66,7 +64,7 @@ fn sample(survivors: &SurvivorPack, n_cells: u32, run: &Run) -> Result<(Bounds, 
     let info = survivors.info();
     let n_vertices: u64 = info.cells.iter().map(|cell| cell.vertices).sum();
     let step = (n_vertices / n_samples(n_vertices, n_cells)).max(1) as usize;
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    let mut bounds = Bounds::EMPTY;
     let mut all = Vec::new();
     in_order(
         info.cells.len() as u64,
@@ -76,23 +74,16 @@ fn sample(survivors: &SurvivorPack, n_cells: u32, run: &Run) -> Result<(Bounds, 
             let part = survivors.load(cell as usize)?;
             // The kernel leaves vertices in no order that a regular step could fall in with.
             out.samples = part.mesh.positions.iter().step_by(step).copied().collect();
-            out.bounds = part.mesh.positions.iter().fold(None, |bounds: Option<Bounds>, p| {
-                let [l, h] = bounds.unwrap_or([*p, *p]);
-                Some([[0, 1, 2].map(|k| l[k].min(p[k])), [0, 1, 2].map(|k| h[k].max(p[k]))])
-            });
+            out.bounds = Bounds::around(&part.mesh.positions);
             Ok(())
         },
         |_, found| {
-            if let Some([l, h]) = found.bounds {
-                low = [0, 1, 2].map(|k| low[k].min(l[k]));
-                high = [0, 1, 2].map(|k| high[k].max(h[k]));
-            }
+            bounds = bounds.joined(&found.bounds);
             all.append(&mut found.samples);
             Ok(())
         },
     )?;
-    let bounds = if low[0] <= high[0] { [low, high] } else { [[0.0; 3]; 2] };
-    Ok((bounds, all))
+    Ok((bounds.or_origin(), all))
 }
 
 /// An old cell, taken apart into rows for its new cells.

@@ -4,6 +4,7 @@
 //! integers. Frames of successive rounds are turned against each other, so that the seams of one round
 //! cross those of the next instead of lying in them.
 
+use crate::mesh::bounds::Bounds;
 use serde::{Deserialize, Serialize};
 
 /// Quantisation steps along the longest side of the bounding box.
@@ -18,12 +19,11 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// The frame of round `round` for points within `bounds` (lower and upper corner).
-    pub fn new(round: u32, bounds: [[f64; 3]; 2]) -> Frame {
-        let [low, high] = bounds;
+    /// The frame of round `round` for points within `bounds`.
+    pub fn new(round: u32, bounds: Bounds) -> Frame {
+        let Bounds { low, high } = bounds;
         let origin = [0, 1, 2].map(|k| low[k] * 0.5 + high[k] * 0.5);
-        let diagonal =
-            [0, 1, 2].map(|k| high[k] - low[k]).iter().map(|d| d * d).sum::<f64>().sqrt();
+        let diagonal = bounds.diagonal();
         // Turned by any angle, the box stays within its diagonal. A single point still needs a scale.
         let steps_per_unit = if diagonal > 0.0 { STEPS / diagonal } else { 1.0 };
         Frame { axes: rotation(round), origin, steps_per_unit }
@@ -232,7 +232,7 @@ mod tests {
     fn cells_are_even_in_every_frame() {
         let points = scattered(20_000);
         for round in 0..5 {
-            let frame = Frame::new(round, [[0.0; 3], [9.0; 3]]);
+            let frame = Frame::new(round, Bounds::from([[0.0; 3], [9.0; 3]]));
             let tree = CellTree::build(frame, &points, 13);
             assert_eq!(tree.n_cells(), 13);
             let mut counts = vec![0; 13];
@@ -245,7 +245,7 @@ mod tests {
     #[test]
     fn the_order_of_points_does_not_matter() {
         let points = scattered(5_000);
-        let tree = CellTree::build(Frame::new(1, [[0.0; 3], [9.0; 3]]), &points, 40);
+        let tree = CellTree::build(Frame::new(1, Bounds::from([[0.0; 3], [9.0; 3]])), &points, 40);
         let mut finder = tree.finder();
         for p in &points {
             // Twice: once by descent, once in the cell of the point before.
@@ -262,7 +262,7 @@ mod tests {
 
     #[test]
     fn points_that_cannot_be_told_apart_make_one_cell() {
-        let frame = Frame::new(0, [[5.0; 3], [5.0; 3]]);
+        let frame = Frame::new(0, Bounds::from([[5.0; 3], [5.0; 3]]));
         let tree = CellTree::build(frame, &[[5.0; 3]; 100], 8);
         assert_eq!(tree.n_cells(), 1);
         assert_eq!(tree.cell_of([5.0; 3]), 0);

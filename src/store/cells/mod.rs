@@ -20,7 +20,7 @@ pub use cell_store::{
 pub use id_map::IdMap;
 pub use kd_tree::{CellTree, Frame, n_samples, plan_cells};
 pub use pack::{Pack, PackWriter};
-pub use pieces::{Bounds, Extent, NOWHERE, PieceSet, Pieces, around, position_bits};
+pub use pieces::{Extent, PieceSet, Pieces, position_bits};
 pub use scatter::Scatter;
 pub use simplified_cell::{SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors, survivor_bytes};
 pub use split_oversized::split_overfull;

@@ -7,19 +7,9 @@
 
 use super::cell_mesh::CellMesh;
 use crate::mesh::Mesh;
+use crate::mesh::bounds::Bounds;
 use crate::mesh::union_find::Union;
 use xxhash_rust::xxh3::xxh3_64;
-
-/// Lower and upper corner.
-pub type Bounds = [[f64; 3]; 2];
-
-/// A box that holds nothing.
-pub const NOWHERE: Bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
-
-/// The box around two boxes.
-pub fn around(a: Bounds, b: Bounds) -> Bounds {
-    [[0, 1, 2].map(|k| a[0][k].min(b[0][k])), [0, 1, 2].map(|k| a[1][k].max(b[1][k]))]
-}
 
 /// What is connected within a mesh.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,10 +51,9 @@ impl Pieces {
 
     /// The size of each piece.
     pub fn extents(&self, mesh: &Mesh) -> Vec<Extent> {
-        let mut extents = vec![Extent { triangles: 0, bounds: NOWHERE }; self.n];
+        let mut extents = vec![Extent { triangles: 0, bounds: Bounds::EMPTY }; self.n];
         for (&piece, &p) in self.of_vertex.iter().zip(&mesh.positions) {
-            let bounds = &mut extents[piece as usize].bounds;
-            *bounds = around(*bounds, [p, p]);
+            extents[piece as usize].bounds.add(p);
         }
         for triangle in &mesh.triangles {
             extents[self.of_vertex[triangle[0] as usize] as usize].triangles += 1;
@@ -181,8 +170,8 @@ mod tests {
         assert_eq!(pieces.n, 3);
         let extents = pieces.extents(&mesh);
         assert_eq!(extents.iter().map(|e| e.triangles).collect::<Vec<_>>(), [2, 1, 0]);
-        assert_eq!(extents[0].bounds, [[0.0; 3], [1.0, 1.0, 0.0]]);
-        assert_eq!(extents[1].bounds, [[5.0, 0.0, 0.0], [6.0, 1.0, 0.0]]);
+        assert_eq!(extents[0].bounds, Bounds::from([[0.0; 3], [1.0, 1.0, 0.0]]));
+        assert_eq!(extents[1].bounds, Bounds::from([[5.0, 0.0, 0.0], [6.0, 1.0, 0.0]]));
     }
 
     #[test]

@@ -3,8 +3,10 @@
 //! A room is a function of its number. Panels that meet have their lattice points in the same places, so a
 //! weld by position joins what the atlas keeps apart. Walls between rooms are two sheets, a hand's breadth apart.
 
-use super::super::noise::{hash2, signed3, unit};
 use super::paint::Paint;
+use crate::mesh::vec3::cross;
+use crate::synth::noise::{hash2, signed3, unit};
+use crate::synth::surface::unit_vector;
 
 /// Width, depth and height of a room in metres.
 const ROOM: [f64; 3] = [6.0, 5.0, 3.0];
@@ -140,12 +142,3 @@ const Y: [f64; 3] = [0.0, 1.0, 0.0];
 const Z: [f64; 3] = [0.0, 0.0, 1.0];
 const BACK_X: [f64; 3] = [-1.0, 0.0, 0.0];
 const BACK_Y: [f64; 3] = [0.0, -1.0, 0.0];
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-fn unit_vector(v: [f64; 3]) -> [f64; 3] {
-    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt().max(1e-12);
-    v.map(|x| x / length)
-}

@@ -7,7 +7,7 @@ use serde::Deserialize;
 use std::path::Path;
 use std::process::Command;
 use stonecut::measure::tree::{Nearest, Tree};
-use stonecut::measure::triangle::{area_normal, dot};
+use stonecut::measure::triangle::area_normal;
 use stonecut::mesh::topology_counts::Topology;
 
 /// Originals with more triangles are not asked for facing: the tree takes 150 bytes a triangle.
@@ -100,7 +100,9 @@ pub fn facing_against(original: &Path, result: &Path) -> Outcome<u64> {
         nearest = tree.nearest(centroid, guess);
         if nearest.is_found() {
             let there = area_normal(tree.corners(nearest.slot));
-            n_against += u64::from(dot(area_normal(&corners), there) < 0.0);
+            let here = area_normal(&corners);
+            let along: f64 = here.iter().zip(there).map(|(a, b)| a * b).sum();
+            n_against += u64::from(along < 0.0);
         }
     }
     Ok(n_against)
