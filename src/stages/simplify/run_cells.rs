@@ -1,0 +1,182 @@
+//! Runs the kernel on the cells of a round, largest first, and appends what is left of them to a pack.
+//!
+//! Synced every so often, so that an interrupted round goes on with the cells that it lacks.
+
+use crate::error::{Error, Result};
+use crate::kernel::{self, Options, Simplified, Stop};
+use crate::store::cells::{
+    CellMesh, CellStore, CellTally, SurvivorInfo, SurvivorWriter, Survivors, VertexLayout,
+    load_bytes,
+};
+use crate::store::stage_context::Run;
+use crate::system::parallel::{Weighted, largest_first};
+use serde::{Deserialize, Serialize};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+/// Where sources are given back, the survivors that are synced at a time make this part of the store, so that both
+/// never lie side by side.
+pub const FREED_AT_A_TIME: u64 = 16;
+
+/// Sources are kept until the round is over if it leaves less than one triangle in so many.
+const KEEP_SOURCES: u64 = 16;
+
+/// What one round of simplification should reach.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Goal {
+    /// 0 for the first round.
+    pub round: u32,
+    /// Triangles wanted in all cells together; met within some percent.
+    pub triangles: u64,
+}
+
+/// Whether a round gives the source of a cell back to the file system as soon as the cell is done: where the
+/// survivors take so much space that store and survivors would not fit side by side into what the job promises.
+/// Thousands of holes in a file cost time otherwise well spent.
+pub fn frees_sources(triangles_in: u64, goal_triangles: u64) -> bool {
+    goal_triangles > triangles_in / KEEP_SOURCES
+}
+
+/// Memory in bytes that a cell takes while it is loaded, simplified and encoded.
+pub fn cell_bytes(store: &CellStore, cell: usize) -> u64 {
+    load_bytes(store.rows(cell), store.layout())
+        + kernel_bytes(store.info().cells[cell], store.layout())
+}
+
+/// Memory in bytes that the kernel takes for a mesh, besides what it is given.
+pub fn kernel_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
+    let CellTally { vertices, triangles } = tally;
+    let n_channels = layout.codec.n_channels();
+    let wedges = match layout.codec.has_seams(&layout.schema) {
+        true => kernel::wedge_bytes(vertices, triangles, n_channels),
+        false => 0,
+    };
+    kernel::peak_bytes(vertices, triangles, n_channels)
+        + kernel::mend_bytes(vertices, triangles)
+        + kernel::attribute_bytes(vertices, layout.n_weighted())
+        + wedges
+}
+
+/// The kernel on one cell; gives back what identifies its vertices (the cell without its mesh), too.
+pub(super) fn kernel_run(
+    mut cell: CellMesh,
+    stop: Stop,
+    options: &Options,
+) -> (CellMesh, Simplified) {
+    let options = Options { stop, ..options.clone() };
+    let mesh = std::mem::take(&mut cell.mesh);
+    let simplified = kernel::simplify_mesh(mesh, &cell.shared, &options);
+    (cell, simplified)
+}
+
+pub(super) fn drain(cell: CellMesh, stop: Stop, options: &Options, store: &CellStore) -> Survivors {
+    let options = Options { estimate: true, ..options.clone() };
+    let (cell, simplified) = kernel_run(cell, stop, &options);
+    let mut left =
+        Survivors::new(&cell.ids, &cell.shared, &cell.records, simplified, store.layout());
+    left.statistics.dropped = cell.dropped;
+    left
+}
+
+/// Runs `work` on some cells, largest first, as many at once as the memory holds.
+pub(super) fn for_cells(
+    store: &CellStore,
+    cells: impl Iterator<Item = usize>,
+    run: &Run,
+    work: impl Fn(usize) -> Result<()> + Sync,
+) -> Result<()> {
+    let jobs = cells.map(|item| Weighted { item, bytes: cell_bytes(store, item) }).collect();
+    let announce = |cell| store.expect(cell);
+    largest_first(jobs, run.threads, run.memory_bytes, run.progress, announce, work)
+}
+
+/// Runs `work` on every cell without writing anything; outcomes in cell order.
+pub(super) fn run_all<T: Send + Clone + Default>(
+    store: &CellStore,
+    run: &Run,
+    work: impl Fn(CellMesh) -> T + Sync,
+) -> Result<Vec<T>> {
+    let outcomes = Mutex::new(vec![T::default(); store.n_cells()]);
+    for_cells(store, 0..store.n_cells(), run, |cell| {
+        let outcome = work(store.load_tidy(cell)?);
+        outcomes.lock().unwrap_or_else(PoisonError::into_inner)[cell] = outcome;
+        Ok(())
+    })?;
+    Ok(outcomes.into_inner().unwrap_or_else(PoisonError::into_inner))
+}
+
+struct Output {
+    writer: SurvivorWriter,
+    /// Whether sources of cells are given back to the file system.
+    frees: bool,
+    /// Cells appended since the last sync; their sources are still needed.
+    unsynced: Vec<usize>,
+    /// Length of the pack at the last sync.
+    synced_bytes: u64,
+    synced_at: Instant,
+}
+
+/// Runs `work` on the cells that are not yet in the round's pack of survivors, and seals the pack.
+pub(super) fn run_cells(
+    store: &CellStore,
+    goal: Goal,
+    run: &Run,
+    work: impl Fn(usize, CellMesh) -> Survivors + Sync,
+) -> Result<SurvivorInfo> {
+    let name = format!("round-{}.survivors", goal.round);
+    let writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
+    let mut is_done = vec![false; store.n_cells()];
+    for cell in writer.finished() {
+        if let Some(done) = is_done.get_mut(cell as usize) {
+            *done = true;
+            run.progress.add(store.info().cells[cell as usize].triangles);
+        }
+    }
+    let frees = frees_sources(store.info().triangles, goal.triangles);
+    let synced_at = Instant::now();
+    let (unsynced, synced_bytes) = (Vec::new(), writer.length());
+    let output = Mutex::new(Output { writer, frees, unsynced, synced_bytes, synced_at });
+    let freed_bytes = store.info().pack_bytes / FREED_AT_A_TIME;
+    let left = (0..store.n_cells()).filter(|&cell| !is_done[cell]);
+    let outcome = for_cells(store, left, run, |cell| {
+        let survivors = work(cell, store.load_tidy(cell)?);
+        let mut output = output.lock().map_err(half_written)?;
+        output.writer.append(cell, &survivors)?;
+        output.unsynced.push(cell);
+        run.progress.add(store.info().cells[cell].triangles);
+        let is_much = output.writer.length() - output.synced_bytes >= freed_bytes;
+        if output.synced_at.elapsed() >= run.checkpoint_every || (frees && is_much) {
+            output.sync(store)?;
+        }
+        Ok(())
+    });
+    let mut output = match output.into_inner() {
+        Ok(output) => output,
+        // The panic that poisoned it is the outcome.
+        Err(poisoned) => return Err(outcome.err().unwrap_or_else(|| half_written(poisoned))),
+    };
+    // Also after a failure or a signal: what is done stays done.
+    let synced = output.sync(store);
+    outcome.and(synced)?;
+    output.writer.finish(run.disk(), run.job.folder(), store.n_cells())
+}
+
+/// A panic within `append` may have left half a chunk: nothing may follow it, and no source be freed for it.
+fn half_written<T>(_: PoisonError<T>) -> Error {
+    Error::Internal("another worker fell while it wrote".to_owned())
+}
+
+impl Output {
+    /// Makes finished cells durable, then frees what they came from if that is worth it.
+    fn sync(&mut self, store: &CellStore) -> Result<()> {
+        self.writer.sync()?;
+        for cell in self.unsynced.drain(..) {
+            if self.frees {
+                store.free(cell)?;
+            }
+        }
+        self.synced_bytes = self.writer.length();
+        self.synced_at = Instant::now();
+        Ok(())
+    }
+}
