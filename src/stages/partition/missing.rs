@@ -1,0 +1,86 @@
+//! Finds the vertices that triangles of a cell use and the cell does not hold, where no table holds all cells.
+
+use super::halo::{Foreign, Gathering};
+use super::passes::Passes;
+use crate::error::Result;
+use crate::store::cells::{IdMap, Pack, PackWriter};
+use crate::store::pack_format::ChunkKind;
+use crate::system::parallel::in_order;
+
+/// Vertices of a cell that are looked up at a time to find what it misses, 24 bytes each; cells denser than
+/// planned may hold any number.
+const OWN_ROWS: usize = 1 << 20;
+
+/// Rows of missing vertices after which repeats among them are dropped.
+const MISSING_ROWS: usize = 250_000;
+
+impl Passes<'_> {
+    /// Adds the vertices that triangles of each cell use and the cell does not hold.
+    ///
+    /// Memory: 24 bytes for each of `OWN_ROWS` vertices, and some MiB of missing ones, a thread.
+    pub(super) fn missing(&self, foreign: &mut Gathering, pack: &mut PackWriter) -> Result<()> {
+        let run = self.run;
+        let n_cells = self.tally.len() as u32;
+        let reader = pack.reader(run.disk(), n_cells)?;
+        in_order(
+            u64::from(n_cells),
+            self.shares.threads,
+            run.progress,
+            |cell, out: &mut Vec<Foreign>| {
+                out.clear();
+                self.missing_of(&reader, cell as u32, out)
+            },
+            |_, found| foreign.add(found, pack),
+        )
+    }
+
+    /// Adds what one cell misses, sorted: a stretch of its own vertices at a time, which come in ascending order.
+    fn missing_of(&self, reader: &Pack, cell: u32, out: &mut Vec<Foreign>) -> Result<()> {
+        let ids = self.layout.ids;
+        let row_bytes = ids.bytes + self.layout.schema.record_bytes();
+        let chunks = |kind| reader.chunks_of(cell).iter().filter(move |chunk| chunk.kind == kind);
+        let n_own = self.tally[cell as usize].vertices as usize;
+        let mut payload = Vec::new();
+        let mut sorted_up_to = 0;
+        // Ids below it were looked up in an earlier stretch.
+        let mut from = 0u64;
+        for stretch in 0..n_own.div_ceil(OWN_ROWS).max(1) {
+            let rows = stretch * OWN_ROWS..(stretch + 1) * OWN_ROWS;
+            let mut map = IdMap::with_capacity(n_own.min(OWN_ROWS));
+            let mut own: Vec<u64> = Vec::with_capacity(n_own.min(OWN_ROWS));
+            let mut at = 0;
+            for chunk in chunks(ChunkKind::Vertices) {
+                let n = chunk.bytes as usize / row_bytes;
+                if at < rows.end && rows.start < at + n {
+                    reader.read(chunk, &mut payload)?;
+                    let found = (at..).zip(payload.chunks_exact(row_bytes));
+                    for (_, row) in found.filter(|(i, _)| rows.contains(i)) {
+                        map.insert(ids.read(row), &mut own);
+                    }
+                }
+                at += n;
+            }
+            let is_last = rows.end >= n_own;
+            let end = own.last().filter(|_| !is_last).map_or(u64::MAX, |&last| last + 1);
+            for chunk in chunks(ChunkKind::Triangles) {
+                self.run.progress.check()?;
+                reader.read(chunk, &mut payload)?;
+                for corner in payload.chunks_exact(ids.bytes) {
+                    let id = ids.read(corner);
+                    if (from..end).contains(&id) && map.get(id, &own).is_none() {
+                        out.push((id, cell));
+                    }
+                }
+                if out.len() > 2 * sorted_up_to + MISSING_ROWS {
+                    out.sort_unstable();
+                    out.dedup();
+                    sorted_up_to = out.len();
+                }
+            }
+            from = end;
+        }
+        out.sort_unstable();
+        out.dedup();
+        Ok(())
+    }
+}

@@ -1,0 +1,180 @@
+//! Cells are the same bit for bit, however much memory and however many interruptions.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use super::*;
+
+use crate::io::ply::{OutputHeader, PlyWriter};
+use crate::mesh::property::Scalar;
+use crate::mesh::record::VertexSchema;
+use crate::store::cells::{CellMesh, CellStore};
+use crate::store::job::{Identity, Job};
+use crate::system::disk::Disk;
+use crate::system::progress::Progress;
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+/// Writes a mesh as `grid.ply`.
+fn write_mesh(
+    folder: &std::path::Path,
+    positions: impl ExactSizeIterator<Item = [f64; 3]>,
+    faces: &[[u32; 3]],
+) {
+    let schema = VertexSchema { coordinate: Scalar::F32, properties: Vec::new() };
+    let header = OutputHeader::new(schema.clone(), positions.len() as u64, faces.len() as u64);
+    let mut records = Vec::new();
+    positions.for_each(|position| schema.encode_position(position, &mut records));
+    let mut writer = PlyWriter::create(&folder.join("grid.ply"), header).unwrap();
+    writer.write_vertices(&records).unwrap();
+    writer.write_faces_u32(faces).unwrap();
+    writer.finish().unwrap();
+}
+
+/// Writes a grid of `n` x `n` vertices.
+fn write_grid(folder: &std::path::Path, n: u32) {
+    let at = |x: u32, y: u32| y * n + x;
+    let faces: Vec<[u32; 3]> = (0..n - 1)
+        .flat_map(|y| (0..n - 1).map(move |x| (x, y)))
+        .flat_map(|(x, y)| {
+            let (a, b, c, d) = (at(x, y), at(x + 1, y), at(x, y + 1), at(x + 1, y + 1));
+            [[a, b, c], [b, d, c]]
+        })
+        .collect();
+    write_mesh(folder, (0..n * n).map(|i| [f64::from(i % n), f64::from(i / n), 0.0]), &faces);
+}
+
+fn cut(
+    folder: &std::path::Path,
+    memory_bytes: u64,
+    checkpoint_every: Duration,
+) -> (Partition, Vec<CellMesh>) {
+    let source = MeshSource::open(&folder.join("grid.ply")).unwrap();
+    let identity =
+        Identity { input: "grid".into(), input_marks: BTreeMap::new(), settings: BTreeMap::new() };
+    let disk = Disk::default();
+    let job = Job::open(&folder.join("job"), &disk, &identity, true).unwrap();
+    let run = Run {
+        job: &job,
+        progress: &Progress::default(),
+        threads: 2,
+        memory_bytes,
+        checkpoint_every,
+    };
+    let partition = partition(&source, 20_000, &run).unwrap();
+    let layout = VertexLayout::new(source.schema(), source.n_vertices());
+    let store = CellStore::open(&disk, job.folder(), partition.store.clone(), layout).unwrap();
+    let cells = (0..store.n_cells()).map(|cell| store.load_tidy(cell).unwrap()).collect();
+    (partition, cells)
+}
+
+/// All that the kernel sees of cells, and what stays beside it, bit for bit.
+fn assert_same(cells: &[CellMesh], others: &[CellMesh], what: &str) {
+    assert_eq!(cells.len(), others.len(), "{what}");
+    for (cell, (a, b)) in cells.iter().zip(others).enumerate() {
+        let bits = |mesh: &CellMesh| -> Vec<u64> {
+            mesh.mesh.positions.iter().flatten().map(|x| x.to_bits()).collect()
+        };
+        assert!(a.ids == b.ids, "{what}: ids of cell {cell}");
+        assert!(a.shared == b.shared, "{what}: marks of cell {cell}");
+        assert!(a.records == b.records, "{what}: records of cell {cell}");
+        assert!(bits(a) == bits(b), "{what}: positions of cell {cell}");
+        assert!(a.mesh.triangles == b.mesh.triangles, "{what}: triangles of cell {cell}");
+    }
+}
+
+/// A table in windows, small buffers and checkpoints after every block change no bit of what the kernel sees.
+#[test]
+fn a_table_in_windows_gives_the_same_cells_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    // 160,000 vertices: three blocks, so that the smallest window holds less than half of them.
+    write_grid(folder.path(), 400);
+    let (whole, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
+    assert!(cells.len() >= 15, "{}", cells.len());
+    assert_eq!(whole.store.triangles, 399 * 399 * 2);
+    for (memory, every) in
+        [(1 << 10, Duration::ZERO), (1 << 10, Duration::MAX), (600 << 10, Duration::MAX)]
+    {
+        let (windowed, other) = cut(folder.path(), memory, every);
+        assert_eq!(whole.store.shared_vertices, windowed.store.shared_vertices);
+        assert_eq!(whole.seam_place, windowed.seam_place);
+        assert_same(&cells, &other, &format!("{memory} bytes"));
+    }
+}
+
+/// Pairs of a vertex and a foreign cell that exceed their memory go to disk and come back the same.
+#[test]
+fn pairs_on_disk_give_the_same_cells_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    // 160,000 vertices in a square, two far corners to each triangle: nearly 320,000 pairs.
+    let n = 160_000u64;
+    let positions = (0..n as u32).map(|i| [(i % 400) as f64, (i / 400) as f64, 0.0]);
+    let faces: Vec<[u32; 3]> =
+        (0..n).map(|i| [i, 7919 * i + 3, 104_729 * i + 11].map(|v| (v % n) as u32)).collect();
+    write_mesh(folder.path(), positions, &faces);
+    let (whole, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
+    let n_foreign: usize = cells.iter().map(|cell| cell.ids.len()).sum::<usize>() - n as usize;
+    assert!(n_foreign > 150_000, "{n_foreign}");
+    // Room for 65,536 pairs with the table in windows, and for 131,072 with the whole table.
+    for (memory, every) in
+        [(1 << 10, Duration::MAX), (32 << 20, Duration::MAX), (32 << 20, Duration::ZERO)]
+    {
+        let (other, others) = cut(folder.path(), memory, every);
+        assert_eq!(whole.seam_place, other.seam_place);
+        assert_same(&cells, &others, &format!("{memory} bytes"));
+    }
+}
+
+/// Cells that are split by ids, and whose triangles came in several windows, are the same bit for bit.
+#[test]
+fn a_split_cell_in_windows_is_the_same_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    // All vertices but two in one place: positions cannot tell them apart, only ids.
+    let n = 200_000u64;
+    let positions = (0..n as u32).map(|i| if i > 1 { [0.5; 3] } else { [i as f64; 3] });
+    // Steps without a common divisor with `n`: the lowest corner is in any window.
+    let faces: Vec<[u32; 3]> =
+        (0..n).map(|i| [7 * i, 7919 * i + 3, 104_729 * i + 11].map(|v| (v % n) as u32)).collect();
+    write_mesh(folder.path(), positions, &faces);
+    let (whole, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
+    assert!(!whole.store.split.is_empty());
+    let (windowed, other) = cut(folder.path(), 1 << 10, Duration::MAX);
+    assert_eq!(whole.store.cells, windowed.store.cells);
+    assert_same(&cells, &other, "split");
+}
+
+/// A fan around the vertex of lowest index, which would be one cell, comes out as cells of the planned size that
+/// hold all their vertices and share those at their edges.
+#[test]
+fn a_cell_denser_than_planned_is_split() {
+    let folder = tempfile::tempdir().unwrap();
+    let (n, limit) = (100_000u32, 20_000);
+    let positions = (0..n + 1).map(|i| {
+        let angle = f64::from(i) * 1e-4;
+        [angle.cos(), angle.sin(), 0.0]
+    });
+    let faces: Vec<[u32; 3]> = (0..n).map(|i| [1 + i, 1 + (i + 1) % n, 0]).collect();
+    write_mesh(folder.path(), positions, &faces);
+    let (partition, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
+    assert_eq!(partition.store.split.len(), 1);
+    let mut triangles: Vec<[u64; 3]> = Vec::new();
+    let mut users = BTreeMap::<u64, u32>::new();
+    for (cell, tally) in cells.iter().zip(&partition.store.cells) {
+        assert!(tally.triangles <= limit * 11 / 10, "{tally:?}");
+        assert_eq!(tally.triangles as usize, cell.mesh.triangles.len());
+        assert!(tally.vertices as usize >= cell.ids.len());
+        triangles.extend(cell.mesh.triangles.iter().map(|t| t.map(|v| cell.ids[v as usize])));
+        let mut used: Vec<u32> = cell.mesh.triangles.iter().flatten().copied().collect();
+        used.sort_unstable();
+        used.dedup();
+        used.iter().for_each(|&v| *users.entry(cell.ids[v as usize]).or_default() += 1);
+    }
+    triangles.sort_unstable();
+    let mut expected: Vec<[u64; 3]> = faces.iter().map(|t| t.map(u64::from)).collect();
+    expected.sort_unstable();
+    assert!(triangles == expected);
+    for cell in &cells {
+        for (id, shared) in cell.ids.iter().zip(&cell.shared) {
+            assert!(*shared || users.get(id).is_none_or(|&n| n == 1), "vertex {id}");
+        }
+    }
+}

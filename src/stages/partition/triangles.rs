@@ -1,0 +1,132 @@
+//! The passes over the faces: triangles go to their cells, and the corners that lie elsewhere are noted.
+
+use super::cell_table::CellTable;
+use super::checkpoint::{Pass, Place};
+use super::halo::{Gathering, Halo};
+use super::passes::Passes;
+use super::sorted::Sorted;
+use crate::error::Result;
+use crate::store::cells::{PackWriter, Scatter};
+use crate::store::pack_format::ChunkKind;
+use crate::system::parallel::in_order;
+
+impl Passes<'_> {
+    /// Sends every triangle to the cell of its corner of lowest index; finds the corners that lie elsewhere.
+    ///
+    /// While the table holds all vertices that takes one pass over the faces. Otherwise each window takes a
+    /// pass for the triangles whose lowest corner it knows, and the cells tell afterwards what they miss.
+    pub(super) fn triangles(&mut self, table: CellTable, pack: &mut PackWriter) -> Result<Halo> {
+        let mut scatter = self.buffers(ChunkKind::Triangles);
+        let mut foreign = Gathering::new(self.shares.halo_bytes);
+        let n_vertices = self.source.n_vertices();
+        let is_whole = table.first == 0 && table.len() >= n_vertices;
+        let mut table = table;
+        loop {
+            let found = is_whole.then_some(&mut foreign);
+            self.triangles_of(&table, found, &mut scatter, pack)?;
+            let next = table.first + table.len();
+            if next >= n_vertices {
+                break;
+            }
+            drop(table);
+            let rows = self.window_rows.min(n_vertices - next);
+            table = self.window(next, rows)?;
+            self.place = Place { pass: Pass::Triangles, window: [next, rows], ..Place::default() };
+        }
+        drop(table);
+        scatter.finish(pack)?;
+        if !is_whole {
+            self.missing(&mut foreign, pack)?;
+        }
+        self.place = Place { pass: Pass::Shared, dropped: self.place.dropped, ..Place::default() };
+        if self.checkpoints.is_due() {
+            foreign.note(pack)?;
+            self.checkpoints.seal(self.place, pack)?;
+        }
+        self.halo(foreign, pack)
+    }
+
+    /// `foreign` and what has been noted in the pack.
+    pub(super) fn halo(&self, foreign: Gathering, pack: &mut PackWriter) -> Result<Halo> {
+        let is_noted = pack.chunks().iter().any(|chunk| chunk.kind == ChunkKind::Foreign);
+        let reader = match is_noted {
+            true => Some(pack.reader(self.run.disk(), self.tree.n_cells())?),
+            false => None,
+        };
+        foreign.finish(reader.as_ref(), self.run.job.folder())
+    }
+
+    /// Sends the triangles whose lowest corner lies in `table` to their cells. `foreign`, which is given if the
+    /// table is the whole one, takes the corners that lie in another cell.
+    ///
+    /// The lowest, not the first: repeats of a triangle begin anywhere, and must meet in one cell.
+    fn triangles_of(
+        &mut self,
+        table: &CellTable,
+        mut foreign: Option<&mut Gathering>,
+        scatter: &mut Scatter,
+        pack: &mut PackWriter,
+    ) -> Result<()> {
+        let (source, run, ids) = (self.source, self.run, self.layout.ids);
+        let n_cells = self.tree.n_cells();
+        let row_bytes = 3 * ids.bytes;
+        let start = self.place;
+        let mut dropped = start.dropped;
+        let (tally, checkpoints) = (&mut self.tally, &mut self.checkpoints);
+        in_order(
+            source.n_face_blocks() - start.block,
+            self.shares.threads,
+            run.progress,
+            |index, out: &mut Sorted| {
+                let mut faces = std::mem::take(&mut out.faces);
+                source.read_faces(start.block + index, &mut faces)?;
+                out.cells.clear();
+                out.foreign.clear();
+                faces.triangles.retain(|corners| {
+                    let lowest = corners[0].min(corners[1]).min(corners[2]);
+                    let Some(owner) = table.get(lowest) else { return false };
+                    out.cells.push(owner);
+                    for &corner in corners.iter() {
+                        if table.get(corner).is_some_and(|cell| cell != owner) {
+                            out.foreign.push((corner, owner));
+                        }
+                    }
+                    true
+                });
+                out.foreign.sort_unstable();
+                out.foreign.dedup();
+                out.sort(n_cells, row_bytes, |i, row| {
+                    for (k, id) in faces.triangles[i].iter().enumerate() {
+                        let place = &mut row[k * ids.bytes..(k + 1) * ids.bytes];
+                        place.copy_from_slice(&id.to_le_bytes()[..ids.bytes]);
+                    }
+                });
+                out.faces = faces;
+                Ok(())
+            },
+            |index, sorted| {
+                dropped.degenerate += sorted.faces.n_degenerate;
+                dropped.bad += sorted.faces.n_bad;
+                for &(cell, n_rows) in &sorted.runs {
+                    tally[cell as usize].triangles += u64::from(n_rows);
+                }
+                if let Some(foreign) = foreign.as_deref_mut() {
+                    foreign.add(&mut sorted.foreign, pack)?;
+                }
+                run.progress.add(sorted.cells.len() as u64 / 2);
+                sorted.push_runs(row_bytes, scatter, pack)?;
+                if checkpoints.is_due() {
+                    scatter.flush(pack)?;
+                    if let Some(foreign) = foreign.as_deref_mut() {
+                        foreign.note(pack)?;
+                    }
+                    let block = start.block + index + 1;
+                    checkpoints.seal(Place { block, dropped, ..start }, pack)?;
+                }
+                Ok(())
+            },
+        )?;
+        self.place.dropped = dropped;
+        Ok(())
+    }
+}
