@@ -7,6 +7,7 @@
 mod ascii;
 mod binary;
 mod checked;
+mod face_blocks;
 mod fields;
 mod fixed_faces;
 mod full_faces;
@@ -19,6 +20,7 @@ pub(crate) mod scan;
 mod skipped;
 pub(crate) mod source;
 mod strips;
+mod vertex_blocks;
 pub(crate) mod writer;
 
 pub use crate::system::pending_file::Place;
