@@ -201,6 +201,63 @@ fn region([x, _, z]: [f64; 3]) -> f64 {
     }
 }
 
+/// Names say nothing of where a property comes from: those of vertices may be any, also those of faces.
+#[test]
+fn vertices_may_have_the_names_of_faces() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let (points, faces) = sphere(24);
+    let own =
+        ["int label", "float region:label", "int region:", "uchar face:red", "int from_faces_0"];
+    let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", points.len());
+    let vertices = ["float x", "float y", "float z"].iter().chain(&own);
+    vertices.for_each(|p| text += &format!("property {p}\n"));
+    text += &format!("element face {}\nproperty list uchar int vertex_indices\n", faces.len());
+    text += "property int label\nproperty float quality\nend_header\n";
+    for (i, [x, y, z]) in points.iter().enumerate() {
+        text += &format!("{x} {y} {z} {i} {z} {} 7 {}\n", 2 * i, 3 * i);
+    }
+    for t in &faces {
+        let [x, y, z] = centre(&points, *t);
+        let [a, b, c] = t;
+        text += &format!("3 {a} {b} {c} {} {x}\n", region([x, y, z]));
+    }
+    std::fs::write(folder.join("in.ply"), text).unwrap();
+    for cells in ["1M", "1k"] {
+        let options = format!("--ratio 50% --cell-triangles {cells} --force -q --report r.json");
+        expect(folder, &format!("simplify in.ply out.ply {options}"), 0);
+        expect(folder, "convert out.ply text.ply --format ascii --force -q", 0);
+        let text = std::fs::read_to_string(folder.join("text.ply")).unwrap();
+        let (header, body) = text.split_once("end_header\n").unwrap();
+        let (of_vertices, of_faces) = header.split_once("element face").unwrap();
+        for property in own {
+            assert!(of_vertices.contains(&format!("property {property}\n")), "{header}");
+        }
+        assert!(of_faces.contains("property int label\nproperty float quality\n"), "{header}");
+        let n: usize = of_vertices
+            .split("element vertex ")
+            .nth(1)
+            .unwrap()
+            .lines()
+            .next()
+            .unwrap()
+            .parse()
+            .unwrap();
+        let rows: Vec<Vec<f64>> = body
+            .lines()
+            .map(|line| line.split_whitespace().map(|x| x.parse().unwrap()).collect())
+            .collect();
+        let (vertices, faces) = rows.split_at(n);
+        for row in vertices {
+            // Labels are chosen, from one vertex all of them; a float follows the place.
+            assert!(row[5] == 2.0 * row[3] && row[7] == 3.0 * row[3] && row[6] == 7.0, "{row:?}");
+            assert!((row[4] - row[2]).abs() < 1.0, "{row:?}");
+        }
+        let seen: std::collections::BTreeSet<i64> = faces.iter().map(|row| row[4] as i64).collect();
+        assert_eq!(seen, [-5, 9, 70_000].into());
+    }
+}
+
 #[test]
 fn regions_keep_their_areas_and_borders() {
     let folder = tempfile::tempdir().unwrap();

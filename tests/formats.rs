@@ -15,7 +15,7 @@ type AnyResult = Result<(), Box<dyn std::error::Error>>;
 fn grid(side: u64) -> (VertexSchema, Vec<u8>, Vec<[u64; 3]>) {
     let schema = VertexSchema {
         coordinate: Scalar::F32,
-        properties: vec![Property { name: "red".into(), scalar: Scalar::U8 }],
+        properties: vec![Property::new("red", Scalar::U8)],
     };
     let mut records = Vec::new();
     for i in 0..side * side {

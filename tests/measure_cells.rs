@@ -15,7 +15,7 @@ use stonecut::system::progress::Progress;
 fn write_scene(path: &Path, n: u32, noise: f64) {
     let mut records = Vec::new();
     let mut triangles: Vec<[u64; 3]> = Vec::new();
-    let property = |name: &str| Property { name: name.into(), scalar: Scalar::U8 };
+    let property = |name: &str| Property::new(name, Scalar::U8);
     let schema = VertexSchema {
         coordinate: Scalar::F32,
         properties: vec![property("red"), property("green"), property("blue")],

@@ -13,7 +13,7 @@ use stonecut::mesh::record::VertexSchema;
 
 /// Doubles and a number a vertex that comes through as a label.
 fn schema() -> VertexSchema {
-    let label = Property { name: "label".to_owned(), scalar: Scalar::I32 };
+    let label = Property::new("label", Scalar::I32);
     VertexSchema { coordinate: Scalar::F64, properties: vec![label] }
 }
 

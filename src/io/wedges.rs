@@ -13,6 +13,8 @@ use crate::io::ply::raw::Spool;
 use crate::io::ply::source::Staged;
 use crate::io::ply::{BLOCK_ROWS, MeshSource, OutputHeader, VertexBlock};
 use crate::mesh::face_properties::{FaceCarry, FaceMixer, Regions};
+use crate::mesh::property::Property;
+use crate::mesh::record::VertexSchema;
 
 /// Words of a corner besides the values of its face: vertex, coordinates, region, number.
 const OWN_WORDS: usize = 7;
@@ -30,19 +32,12 @@ pub fn faces_to_vertices(
         source.note_carried(carry);
         return Ok(source);
     }
-    let new = carry.vertex_properties();
-    if let Some(name) =
-        new.iter().find(|p| source.schema().properties.iter().any(|own| own.name == p.name))
-    {
-        let what = match carry.texture {
-            true => {
-                "it has texture coordinates at vertices and at corners; drop the latter with --drop-texture"
-            }
-            false => {
-                "a property of vertices has a name that is needed for faces; drop those with --drop-faces"
-            }
-        };
-        return Err(Error::bad_input(source.path(), format!("{what} (property '{}')", name.name)));
+    let own = |name: &&str| source.schema().own_property(name).is_some();
+    if let Some(name) = ["texture_u", "texture_v"].iter().find(|name| carry.texture && own(name)) {
+        let what = format!(
+            "has texture coordinates at vertices (property '{name}') and at corners; drop the latter with --drop-texture"
+        );
+        return Err(Error::bad_input(source.path(), what));
     }
     // Records of a sort have a width that the compiler knows.
     match FaceMixer::new(&carry).value_bytes().div_ceil(4) {
@@ -101,8 +96,6 @@ fn split<const N: usize>(
         Ok(())
     })?;
 
-    let mut schema = source.schema().clone();
-    schema.properties.extend(carry.vertex_properties());
     let mut writer = Vertices {
         source: &source,
         carry: &carry,
@@ -138,7 +131,7 @@ fn split<const N: usize>(
     let header = OutputHeader {
         comments: source.comments().to_vec(),
         obj_infos: source.obj_infos().to_vec(),
-        ..OutputHeader::new(schema, n_vertices, n_faces)
+        ..OutputHeader::new(staged_schema(source.schema(), &carry), n_vertices, n_faces)
     };
     let index = header.index_type()?;
     let mut out = Spool::new(&options.temp_dir);
@@ -180,6 +173,20 @@ fn split<const N: usize>(
     let mut read = options.read.clone();
     read.temp_dir = Some(options.temp_dir.clone());
     MeshSource::from_staged(out.finish(&path)?, read, staged)
+}
+
+/// What vertices of the staged file hold. In its header, the only place where names must differ, properties that come
+/// from faces have others.
+fn staged_schema(own: &VertexSchema, carry: &FaceCarry) -> VertexSchema {
+    let mut schema = own.clone();
+    let mut prefix = "from_faces_".to_owned();
+    while own.properties.iter().any(|p| p.name.starts_with(&prefix)) {
+        prefix.push('_');
+    }
+    for (i, property) in carry.vertex_properties().iter().enumerate() {
+        schema.properties.push(Property::new(&format!("{prefix}{i}"), property.scalar));
+    }
+    schema
 }
 
 /// Counts of corners that are read at once.

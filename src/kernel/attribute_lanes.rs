@@ -6,7 +6,7 @@
 //! which is the trace of the geometric quadric. Attributes are lengths here: scaled by their weights.
 //! Decides nothing about legality.
 //!
-//! Source: the gradient form of Hoppe 1999, memoryless as the geometric part (docs/design/attributes.md).
+//! Source: the gradient form of Hoppe 1999, memoryless as the geometric part (docs/algorithm.md, section 7).
 
 use super::evaluate::{
     Evaluated, Factors, REGULARISATION, Volume, add3, add6, cost, cross3, dot3, first6, last3,

@@ -3,6 +3,8 @@
 //! Exists only while some channel has a weight; without, no other part of the kernel does anything more
 //! than ask whether it is there. What the sums mean, and the cost that follows from them, is in
 //! `attribute_lanes`. Does not choose edges and does not know what a channel stands for.
+//!
+//! docs/algorithm.md, section 7.
 
 use super::attribute_lanes::{AttributeEdges, AttributeRing, AttributeTriangles, Rows, numbers};
 use super::evaluate::Evaluated;

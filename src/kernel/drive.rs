@@ -3,6 +3,8 @@
 //! A level drains every block of a few thousand triangles to one common cost threshold before the next
 //! block begins, so that a block's data stays in cache. Only the seeds are local: collapses reach
 //! across, so there are no borders between blocks. The inner loop is in `drain`.
+//!
+//! docs/algorithm.md, section 5.
 
 use std::ops::Range;
 

@@ -5,8 +5,8 @@
 //! product, and G = sum of n. All planes pass through the vertex, so there is nothing else to store.
 //! Decides nothing about legality.
 //!
-//! Source: memoryless quadrics after Hoppe 1999, volume constraint after Lindstrom & Turk 1998
-//! (docs/references.md).
+//! Source: quadrics of Garland & Heckbert 1997, memoryless and with the volume constraint of Lindstrom & Turk 1998
+//! (docs/references.md; docs/algorithm.md, sections 1 to 3).
 
 use super::clean::MAY_BE_FLAT;
 use super::lanes::{Job, Lanes};

@@ -4,6 +4,9 @@
 //! A sweep finds the triangles, solves the normal equations of all vertices at once, and moves as far as
 //! `bounds` allow. The triangles stay what they are, and vertices that are not interior stay where they are.
 //! What the samples are, `samples` decides; how they are found, `nearest`.
+//!
+//! Source: the vertex step of Hoppe et al. 1993, by the conjugate gradients of Hestenes & Stiefel 1952
+//! (docs/references.md; docs/algorithm.md, section 8).
 
 mod bounds;
 mod normal_equations;

@@ -5,6 +5,8 @@
 //! collapse by collapse the sheet is eaten away. An open boundary would be in the same plight and is held by a
 //! quadric of its edges; a fold is held by the same. It is found anew whenever the quadric of a vertex is, and
 //! not tracked in between.
+//!
+//! docs/algorithm.md, section 1, has the terms.
 
 use super::surface::{Surface, boundary_quadric, others};
 use crate::mesh::vec3::{add, cross, dot, scale};

@@ -11,6 +11,8 @@
 //!
 //! Candidates are found in a pyramid of grids, from the finest on; each cell knows one vertex of its largest
 //! component. The distance is to the triangles around the candidate, an upper bound of the true one.
+//!
+//! docs/algorithm.md, section 6.
 
 use super::surface::{GONE, Surface};
 use crate::mesh::union_find::Union;

@@ -1,6 +1,8 @@
 //! What makes a collapse legal: the classes of vertices, the table over them, and the named refusals.
 //!
 //! The tables are read by every kernel here; the geometric tests live where the geometry is.
+//!
+//! docs/algorithm.md, section 4.
 
 /// Why a collapse was not carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

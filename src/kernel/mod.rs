@@ -2,6 +2,8 @@
 //!
 //! It knows no files, threads, clock or logging, and its result depends on nothing but its arguments.
 //! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
+//!
+//! docs/algorithm.md explains the method with its equations. Read `drive` first, then `drain`, `evaluate` and `collapse`.
 
 mod approach;
 mod attribute_lanes;

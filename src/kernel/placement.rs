@@ -2,6 +2,8 @@
 //!
 //! Takes the place of what `evaluate` found, edge by edge, after its lanes are through, so that the usual
 //! placement pays nothing for it. The costs mean the same: both quadrics at the place.
+//!
+//! docs/algorithm.md, section 2.
 
 use super::Placement;
 use super::evaluate::{Evaluated, LENGTH_COST};

@@ -3,6 +3,8 @@
 //! A probe is the middle of a triangle of the given surface with its normal. It follows a corner of that triangle
 //! from merger to merger, and its distance to the triangles around is summed at the end. Only the
 //! surroundings are searched, and the farthest probes are left out, so the sum is an estimate. Changes nothing.
+//!
+//! docs/algorithm.md, section 9.
 
 use super::surface::{GONE, Ring, Surface};
 use crate::mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub, triangle_distance_sq};

@@ -3,6 +3,8 @@
 //! Buckets are the leading bits of the cost as f32, so there is nothing to configure. Within a bucket the
 //! last entry comes out first. The queue never goes back: what is pushed below the bucket that is being
 //! emptied goes into that one. It knows nothing of meshes; stale entries are its owner's business.
+//!
+//! docs/algorithm.md, section 5.
 
 use super::unchecked::{at, at_mut};
 

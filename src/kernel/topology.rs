@@ -4,6 +4,8 @@
 //! what a collapse may cost that makes as much squared error for each triangle that it sets free; a change
 //! happens when collapses cost as much. Locked, boundary and non-manifold vertices are never touched by a
 //! cut, locked ones by nothing. No change leaves a component that was not there before.
+//!
+//! docs/algorithm.md, section 6, has the prices.
 
 use super::collapse::Collapser;
 use super::evaluate::{Rows, Triangles};

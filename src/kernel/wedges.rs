@@ -8,6 +8,8 @@
 //! A channel in which all wedges of both ends agree (a colour beside the texture) knows no seam and is
 //! interpolated for all of them.
 //! Such a collapse is in `seam_collapse`; the result is split again by `Surface::into_mesh`.
+//!
+//! Source: wedges of Hoppe 1999 (docs/references.md; docs/algorithm.md, section 7).
 
 mod seam_collapse;
 

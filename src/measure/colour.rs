@@ -98,7 +98,7 @@ mod tests {
 
     #[test]
     fn colour_channels_are_found_behind_other_properties() {
-        let property = |name: &str, scalar| Property { name: name.into(), scalar };
+        let property = |name: &str, scalar| Property::new(name, scalar);
         let mut schema = VertexSchema {
             coordinate: Scalar::F32,
             properties: vec![

@@ -183,7 +183,7 @@ fn scale_of_spool(spool: &RawFile) -> Result<f64> {
 }
 
 fn header(mesh: &MeshSource, n_faces: u64, top: f64) -> OutputHeader {
-    let property = |name: &str| Property { name: name.to_owned(), scalar: Scalar::U8 };
+    let property = |name: &str| Property::new(name, Scalar::U8);
     let coordinate = mesh.schema().coordinate;
     let properties = vec![property("red"), property("green"), property("blue")];
     let schema = VertexSchema { coordinate, properties };

@@ -4,7 +4,7 @@
 //! channels are `f32`.
 
 use super::color_channels::Colour;
-use super::property::{FACE_LABEL, Property, REGION, Scalar, own_name, read_scalar, write_scalar};
+use super::property::{Origin, Property, Scalar, read_scalar, write_scalar};
 use super::record::VertexSchema;
 
 /// Names of properties that hold colours when they are `uchar` or `ushort`.
@@ -62,11 +62,12 @@ enum Rule {
 
 impl Rule {
     fn of(property: &Property) -> Rule {
-        let name = own_name(&property.name);
+        let name = property.name.as_str();
         match property.scalar {
+            _ if property.origin == Origin::Region => Rule::Colour,
+            _ if property.origin == Origin::FaceLabel => Rule::Label,
             // Wedges of different images must not be taken for the same; equal ones mix to themselves.
-            Scalar::I32 if name == "texnumber" || name == REGION => Rule::Colour,
-            _ if name.starts_with(FACE_LABEL) => Rule::Label,
+            Scalar::I32 if name == "texnumber" => Rule::Colour,
             Scalar::F32 => Rule::Single,
             Scalar::F64 => Rule::Double,
             Scalar::U8 | Scalar::U16 if COLOUR_NAMES.contains(&name) => Rule::Colour,
@@ -171,15 +172,15 @@ impl VertexCodec {
     fn new(schema: &VertexSchema, labels: &[String], perceptual: bool) -> Self {
         let mut fields = Vec::with_capacity(schema.properties.len());
         let (mut at, mut channel) = (schema.position_bytes(), 0);
-        let is_label = |name: &String| labels.contains(name);
+        let is_label = |p: &Property| p.origin == Origin::Vertex && labels.contains(&p.name);
         let mut colours = if perceptual { Colour::find(&schema.properties) } else { Vec::new() };
-        colours.retain(|c| !c.fields.iter().any(|&i| is_label(&schema.properties[i].name)));
+        colours.retain(|c| !c.fields.iter().any(|&i| is_label(&schema.properties[i])));
         for colour in &mut colours {
-            colour.alpha = colour.alpha.filter(|&i| !is_label(&schema.properties[i].name));
+            colour.alpha = colour.alpha.filter(|&i| !is_label(&schema.properties[i]));
         }
         for (i, property) in schema.properties.iter().enumerate() {
             let in_colour = colours.iter().any(|c| c.fields.contains(&i) || c.alpha == Some(i));
-            let rule = match (is_label(&property.name), in_colour) {
+            let rule = match (is_label(property), in_colour) {
                 (true, _) => Rule::Label,
                 (_, true) => Rule::Colour,
                 _ => Rule::of(property),
@@ -188,9 +189,8 @@ impl VertexCodec {
             at += property.scalar.bytes();
             channel += rule.n_channels();
         }
-        let find = |name: &str| {
-            schema.properties.iter().position(|p| p.name == name && !p.scalar.is_integer())
-        };
+        let is_float = |i: &usize| !schema.properties[*i].scalar.is_integer();
+        let find = |name: &str| schema.own_property(name).filter(is_float);
         let normal = match (find("nx"), find("ny"), find("nz")) {
             (Some(x), Some(y), Some(z)) => Some([x, y, z]),
             _ => None,
@@ -203,22 +203,21 @@ impl VertexCodec {
 
     /// What each channel is. `schema` is the one that the plan was made from.
     pub fn meanings(&self, schema: &VertexSchema) -> Vec<Meaning> {
-        let name = |i: usize| schema.properties[i].name.as_str();
-        let has = |wanted: &str| schema.properties.iter().any(|p| p.name == wanted);
-        let texture = |i: usize| {
-            let pair = TEXTURE_NAMES.iter().find(|pair| pair.contains(&name(i)));
-            pair.is_some_and(|pair| pair.iter().all(|name| has(name)))
+        let texture = |p: &Property| {
+            let pair = TEXTURE_NAMES.iter().find(|pair| pair.contains(&p.name.as_str()));
+            let is_there = |name: &&str| schema.own_property(name).is_some();
+            p.origin == Origin::Vertex && pair.is_some_and(|pair| pair.iter().all(is_there))
         };
         let mut meanings = Vec::with_capacity(self.n_channels);
-        for (i, field) in self.fields.iter().enumerate() {
+        for (i, (field, property)) in self.fields.iter().zip(&schema.properties).enumerate() {
             let colour = self.colours.iter().any(|c| c.fields.contains(&i) || c.alpha == Some(i));
             let normal = self.normal.is_some_and(|normal| normal.contains(&i));
             let own = match (colour, normal) {
                 (true, _) => Meaning::Colour,
                 (_, true) => Meaning::Normal,
-                _ if texture(i) => Meaning::Texture,
-                _ if name(i) == REGION => Meaning::Region,
-                _ => Meaning::Scalar(own_name(name(i)).to_owned()),
+                _ if texture(property) => Meaning::Texture,
+                _ if property.origin == Origin::Region => Meaning::Region,
+                _ => Meaning::Scalar(property.name.clone()),
             };
             match field.rule.n_channels() {
                 0 => {}
@@ -391,8 +390,7 @@ mod tests {
     use super::*;
 
     fn schema(coordinate: Scalar, properties: &[(&str, Scalar)]) -> VertexSchema {
-        let properties =
-            properties.iter().map(|&(name, scalar)| Property { name: name.into(), scalar });
+        let properties = properties.iter().map(|&(name, scalar)| Property::new(name, scalar));
         VertexSchema { coordinate, properties: properties.collect() }
     }
 

@@ -5,7 +5,7 @@
 //! colour times its alpha, so that averages are those of what is seen.
 
 use crate::mesh::oklab::{linear_of_oklab, linear_of_srgb, oklab_of_linear, srgb_of_linear};
-use crate::mesh::property::{FACE_MEAN, Property, Scalar};
+use crate::mesh::property::{Origin, Property, Scalar};
 
 /// Names of red, green, blue and alpha, with what stands before them.
 const NAMES: [[&str; 4]; 5] = [
@@ -34,14 +34,14 @@ pub(crate) struct Colour {
 impl Colour {
     /// All colours among the properties, those of faces last.
     pub(crate) fn find(properties: &[Property]) -> Vec<Colour> {
-        let named = |prefix: &'static str| {
-            NAMES.iter().filter_map(move |names| Colour::named(prefix, names, properties))
+        let named = |origin: Origin| {
+            NAMES.iter().filter_map(move |names| Colour::named(origin, names, properties))
         };
-        named("").chain(named(FACE_MEAN)).collect()
+        named(Origin::Vertex).chain(named(Origin::FaceMean)).collect()
     }
 
-    fn named(prefix: &str, names: &[&str; 4], properties: &[Property]) -> Option<Colour> {
-        let is = |p: &Property, name: &str| p.name.strip_prefix(prefix) == Some(name);
+    fn named(origin: Origin, names: &[&str; 4], properties: &[Property]) -> Option<Colour> {
+        let is = |p: &Property, name: &str| p.origin == origin && p.name == name;
         let find = |name: &str| properties.iter().position(|p| is(p, name));
         let fields = [find(names[0])?, find(names[1])?, find(names[2])?];
         let scalar = properties[fields[0]].scalar;

@@ -8,7 +8,7 @@
 //! (`io::survey_faces`, `io::faces_to_vertices`) and does not write them (`write`).
 
 use crate::mesh::codec::VertexCodec;
-use crate::mesh::property::{FACE_LABEL, FACE_MEAN, Property, REGION, Scalar};
+use crate::mesh::property::{Origin, Property, Scalar};
 use crate::mesh::record::VertexSchema;
 use serde::{Deserialize, Serialize};
 
@@ -54,6 +54,13 @@ impl FaceProperty {
     fn is_moved(&self) -> bool {
         matches!(self.how, How::Region | How::Chosen | How::Averaged)
     }
+
+    /// The property of vertices that it becomes.
+    fn at_vertices(&self) -> Property {
+        let is_mean = self.how == How::Averaged;
+        let origin = if is_mean { Origin::FaceMean } else { Origin::FaceLabel };
+        Property { origin, ..self.property.clone() }
+    }
 }
 
 /// What faces carry besides their corners.
@@ -86,11 +93,12 @@ impl FaceCarry {
     /// The properties that vertices get, in the order in which they follow their own: values of faces,
     /// texture coordinates, the number of the region.
     pub fn vertex_properties(&self) -> Vec<Property> {
-        let mut list: Vec<Property> = self.moved().map(renamed).collect();
+        let mut list: Vec<Property> = self.moved().map(FaceProperty::at_vertices).collect();
         let texture = ["texture_u", "texture_v"].into_iter().filter(|_| self.texture);
-        list.extend(texture.map(|name| Property { name: name.to_owned(), scalar: Scalar::F32 }));
+        list.extend(texture.map(|name| Property::new(name, Scalar::F32)));
         if self.has_regions() {
-            list.push(Property { name: REGION.to_owned(), scalar: Scalar::I32 });
+            let (name, origin) = ("region".to_owned(), Origin::Region);
+            list.push(Property { name, scalar: Scalar::I32, origin });
         }
         list
     }
@@ -138,13 +146,6 @@ impl FaceCarry {
     }
 }
 
-/// The property of vertices that a property of faces becomes.
-fn renamed(property: &FaceProperty) -> Property {
-    let prefix = if property.how == How::Averaged { FACE_MEAN } else { FACE_LABEL };
-    let name = format!("{prefix}{}", property.property.name);
-    Property { name, scalar: property.property.scalar }
-}
-
 /// Makes one value of several: colours and measures are averaged, labels chosen.
 pub(crate) struct FaceMixer {
     codec: VertexCodec,
@@ -161,7 +162,7 @@ pub(crate) struct FaceMixer {
 impl FaceMixer {
     /// For the values that `carry` moves to vertices.
     pub(crate) fn new(carry: &FaceCarry) -> FaceMixer {
-        let properties: Vec<Property> = carry.moved().map(renamed).collect();
+        let properties = carry.moved().map(FaceProperty::at_vertices).collect();
         let schema = VertexSchema { coordinate: Scalar::F32, properties };
         let (mut at, mut labels) = (0, Vec::new());
         for property in carry.moved() {

@@ -1,4 +1,4 @@
-//! Scalar types, properties of vertices and faces, and the names by which their origin is known.
+//! Scalar types, and properties of vertices and faces with what they come from.
 
 /// A scalar type of a PLY property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -33,25 +33,36 @@ impl Scalar {
     }
 }
 
-/// A carried vertex property, besides x, y and z.
+/// What a property of vertices comes from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub enum Origin {
+    /// The input's vertices, or texture coordinates at its corners.
+    #[default]
+    Vertex,
+    /// A property of faces that is averaged (`face_properties`).
+    FaceMean,
+    /// A property of faces that is a label: never averaged.
+    FaceLabel,
+    /// The number of the region of faces that a vertex belongs to; no property of the input.
+    Region,
+}
+
+/// A carried property, besides x, y and z.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Property {
-    /// The name in the header: `red`, `nx`, `quality`, ...
+    /// The name in the header: `red`, `nx`, `quality`, ... Properties of different origins may share one.
     pub name: String,
     /// The type in the header.
     pub scalar: Scalar,
+    /// What it comes from; decides together with name and type what a collapse may do with it.
+    pub origin: Origin,
 }
 
-/// Before the name of a property that was one of faces and is averaged (`face_properties`).
-pub(crate) const FACE_MEAN: &str = "face:";
-/// Before the name of one that was one of faces and is a label.
-pub(crate) const FACE_LABEL: &str = "region:";
-/// The property with the number of the region that a vertex belongs to.
-pub(crate) const REGION: &str = "region:";
-
-/// The name of a property without what says that it was one of faces.
-pub(crate) fn own_name(name: &str) -> &str {
-    name.strip_prefix(FACE_MEAN).unwrap_or(name)
+impl Property {
+    /// A property that the file itself has.
+    pub fn new(name: &str, scalar: Scalar) -> Property {
+        Property { name: name.to_owned(), scalar, origin: Origin::Vertex }
+    }
 }
 
 /// Reads a scalar at byte `at` of a little-endian record as a double; 64-bit integers are rounded.

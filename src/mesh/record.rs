@@ -1,8 +1,10 @@
 //! What one vertex record holds: position and carried properties, as packed little-endian bytes.
 //!
 //! The reader turns every dialect into these records; cells keep them on disk; the writer turns them back.
+//! A loaded cell keeps the records beside its `Mesh`, so a position is in memory twice (12 or 24 bytes a vertex): what a collapse does
+//! not touch comes back from the record bit for bit.
 
-use super::property::{Property, Scalar};
+use super::property::{Origin, Property, Scalar};
 
 /// The layout of a vertex record: x, y, z in `coordinate`, then `properties` in order, packed,
 /// little-endian.
@@ -23,6 +25,20 @@ impl VertexSchema {
     /// Bytes of one record.
     pub fn record_bytes(&self) -> usize {
         self.position_bytes() + self.properties.iter().map(|p| p.scalar.bytes()).sum::<usize>()
+    }
+
+    /// The index of a property that came with the vertices themselves; those that came from faces have the names of faces.
+    pub(crate) fn own_property(&self, name: &str) -> Option<usize> {
+        self.properties.iter().position(|p| p.origin == Origin::Vertex && p.name == name)
+    }
+
+    /// Says what the last properties are. Panics if their types are others than before.
+    pub(crate) fn set_last(&mut self, properties: Vec<Property>) {
+        let own = self.properties.len().checked_sub(properties.len()).expect("there are as many");
+        let types = |list: &[Property]| list.iter().map(|p| p.scalar).collect::<Vec<_>>();
+        assert_eq!(types(&self.properties[own..]), types(&properties), "types stay");
+        self.properties.truncate(own);
+        self.properties.extend(properties);
     }
 
     /// Largest relative error of a coordinate.

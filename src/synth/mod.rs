@@ -49,22 +49,33 @@ pub enum Kind {
     Rooms,
 }
 
+impl Kind {
+    /// All kinds with their names, as they are typed and as they stand in the headers of what is made.
+    const NAMED: [(Kind, &str); 6] = [
+        (Kind::Terrain, "terrain"),
+        (Kind::Statue, "statue"),
+        (Kind::Gyroid, "gyroid"),
+        (Kind::Scans, "scans"),
+        (Kind::Volume, "volume"),
+        (Kind::Rooms, "rooms"),
+    ];
+
+    /// The name.
+    fn name(self) -> &'static str {
+        let named = Kind::NAMED.iter().find(|(kind, _)| *kind == self);
+        named.map_or("", |(_, name)| name)
+    }
+}
+
 impl std::str::FromStr for Kind {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "terrain" => Ok(Kind::Terrain),
-            "statue" => Ok(Kind::Statue),
-            "gyroid" => Ok(Kind::Gyroid),
-            "scans" => Ok(Kind::Scans),
-            "volume" => Ok(Kind::Volume),
-            "rooms" => Ok(Kind::Rooms),
-            _ => Err(format!(
-                "'{text}' is not a kind of mesh; there are terrain, statue, gyroid, scans, volume \
-                 and rooms"
-            )),
-        }
+        let named = Kind::NAMED.iter().find(|(_, name)| *name == text);
+        named.map(|(kind, _)| *kind).ok_or_else(|| {
+            let names: Vec<&str> = Kind::NAMED.iter().map(|(_, name)| *name).collect();
+            format!("unknown kind of mesh '{text}': use {}", names.join(", "))
+        })
     }
 }
 
@@ -173,7 +184,7 @@ fn write_surface(
     let mut header = OutputHeader::new(layout.schema(), counts.n_vertices, counts.n_triangles);
     header.settings = format!(
         "synth {} --triangles {} --seed {}{}{}{}{}",
-        format!("{:?}", settings.kind).to_lowercase(),
+        settings.kind.name(),
         settings.n_triangles,
         settings.seed,
         if settings.shuffle { " --shuffle" } else { "" },

@@ -22,7 +22,7 @@ pub(super) struct Layout {
 impl Layout {
     /// The layout for the writer.
     pub(super) fn schema(&self) -> VertexSchema {
-        let property = |name: &str, scalar| Property { name: name.to_owned(), scalar };
+        let property = Property::new;
         let mut properties = Vec::new();
         if self.color {
             properties.extend(["red", "green", "blue"].map(|name| property(name, Scalar::U8)));

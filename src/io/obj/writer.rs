@@ -36,30 +36,22 @@ pub struct ObjWriter {
     faces_left: u64,
 }
 
+/// Type and place in the record of a property.
+fn place(schema: &VertexSchema, name: &str) -> Option<(Scalar, usize)> {
+    let i = schema.own_property(name)?;
+    let before: usize = schema.properties[..i].iter().map(|p| p.scalar.bytes()).sum();
+    Some((schema.properties[i].scalar, schema.position_bytes() + before))
+}
+
 /// Types and places in the record of three properties, if all are there.
 pub(crate) fn find3(schema: &VertexSchema, names: [&str; 3]) -> Option<[(Scalar, usize); 3]> {
-    let mut at = schema.position_bytes();
-    let mut found = [None; 3];
-    for property in &schema.properties {
-        if let Some(i) = names.iter().position(|n| *n == property.name) {
-            found[i] = Some((property.scalar, at));
-        }
-        at += property.scalar.bytes();
-    }
-    match found {
-        [Some(a), Some(b), Some(c)] => Some([a, b, c]),
-        _ => None,
-    }
+    let [a, b, c] = names.map(|name| place(schema, name));
+    Some([a?, b?, c?])
 }
 
 /// Types and places of texture coordinates at vertices.
 pub(crate) fn find_texture(schema: &VertexSchema) -> Option<[(Scalar, usize); 2]> {
-    let place = |name: &str| {
-        let i = schema.properties.iter().position(|p| p.name == name)?;
-        let before: usize = schema.properties[..i].iter().map(|p| p.scalar.bytes()).sum();
-        Some((schema.properties[i].scalar, schema.position_bytes() + before))
-    };
-    TEXTURE_NAMES.iter().find_map(|[s, t]| Some([place(s)?, place(t)?]))
+    TEXTURE_NAMES.iter().find_map(|[s, t]| Some([place(schema, s)?, place(schema, t)?]))
 }
 
 /// Properties that hold a colour, and what makes it go from 0 to 1.

@@ -77,7 +77,7 @@ impl FieldPlan {
             } else {
                 let scalar = wire.scalar();
                 steps.push(Step::Take(Field { wire, source, target, scalar }));
-                schema.properties.push(Property { name: property.name.clone(), scalar });
+                schema.properties.push(Property::new(&property.name, scalar));
                 target += scalar.bytes();
             }
             source += wire.bytes() as usize;

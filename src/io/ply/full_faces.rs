@@ -34,7 +34,7 @@ impl MeshSource {
     /// The scalar properties of faces, in order; triangle strips have none.
     pub fn face_properties(&self) -> Vec<Property> {
         let scalar = |p: &super::header::HeaderProperty| match p.kind {
-            Kind::Scalar(wire) => Some(Property { name: p.name.clone(), scalar: wire.scalar() }),
+            Kind::Scalar(wire) => Some(Property::new(&p.name, wire.scalar())),
             Kind::List { .. } => None,
         };
         match self.layout.faces {

@@ -93,6 +93,9 @@ impl MeshSource {
     /// Takes a file that stands for a staged input, with what the staging found.
     pub(crate) fn from_staged(file: RawFile, options: ReadOptions, staged: Staged) -> Result<Self> {
         let mut source = Self::new(file, options)?;
+        if let Some(carry) = &staged.faces {
+            source.plan.schema.set_last(carry.vertex_properties());
+        }
         source.staged = staged;
         Ok(source)
     }

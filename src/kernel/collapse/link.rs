@@ -2,6 +2,8 @@
 //!
 //! It looks at what `gather` has sorted, at nothing else, and changes only what it notes for carrying the
 //! collapse out: the open edges that will move, and the hole that will close.
+//!
+//! Source: Dey et al. 1999 (docs/references.md; docs/algorithm.md, section 4).
 
 use super::Collapser;
 use crate::kernel::lanes::Lanes;

@@ -341,7 +341,7 @@ fn with_normals(mut schema: VertexSchema, sample: &[u8]) -> (VertexSchema, Vec<u
     let rows = sample.chunks_exact(schema.record_bytes());
     let wider = rows.flat_map(|row| [row, &normal].concat()).collect();
     let new = ["nx", "ny", "nz"];
-    let new = new.map(|name| Property { name: name.to_owned(), scalar: Scalar::F32 });
+    let new = new.map(|name| Property::new(name, Scalar::F32));
     schema.properties.extend(new);
     (schema, wider)
 }

@@ -3,6 +3,8 @@
 //! A threshold, not a quota per cell: flat cells must end emptier than detailed ones. It comes from a pilot
 //! over a sample of cells (`pilot`). Vertices shared between cells are locked; nothing else ties the cells together.
 //! For results too large for one finish, `exact` meets a total. `run_cells` is the parallel part of both.
+//!
+//! docs/algorithm.md, section 11.
 
 mod exact;
 mod pilot;

@@ -3,6 +3,9 @@
 //! While the survivors are too many for one finish they are cut into new cells whose seams run elsewhere
 //! (`repartition`), so that former seams are interior and simplified like any other place; then one in-core
 //! `finish` meets the target exactly. `next_step` decides which, from counts alone.
+//!
+//! Source: cells with locked borders after Cignoni et al. 2003, cut elsewhere in each round after Cignoni et al. 2005
+//! (docs/references.md; docs/algorithm.md, section 11).
 
 mod finish;
 mod repartition;

@@ -1,7 +1,7 @@
 //! What of a vertex record is written: without texture that is at corners, without or with new normals.
 
 use crate::config::Normals;
-use crate::mesh::property::{Property, Scalar, write_scalar};
+use crate::mesh::property::{Origin, Property, Scalar, write_scalar};
 use crate::mesh::record::VertexSchema;
 use std::ops::Range;
 
@@ -22,13 +22,17 @@ impl Shape {
     /// Leaves out the last `n_texture` properties. New normals take the place of old ones, or come last.
     pub(super) fn new(schema: &VertexSchema, n_texture: usize, normals: Normals) -> Shape {
         let properties = &schema.properties[..schema.properties.len() - n_texture];
-        let float =
-            |name: &&str| properties.iter().any(|p| p.name == **name && !p.scalar.is_integer());
+        let float = |name: &&str| {
+            let found = schema.own_property(name).and_then(|i| properties.get(i));
+            found.is_some_and(|p| !p.scalar.is_integer())
+        };
         let has_floats = NORMAL.iter().all(float);
         let stays = |p: &Property| match normals {
             Normals::Keep => true,
             Normals::Recompute if has_floats => true,
-            Normals::Recompute | Normals::Drop => !NORMAL.contains(&p.name.as_str()),
+            Normals::Recompute | Normals::Drop => {
+                p.origin != Origin::Vertex || !NORMAL.contains(&p.name.as_str())
+            }
         };
         let mut at = schema.position_bytes();
         let mut kept: Vec<_> = std::iter::once(0..at).collect();
@@ -42,11 +46,11 @@ impl Shape {
             at = end;
         }
         if normals == Normals::Recompute && !has_floats {
-            let new = NORMAL.map(|name| Property { name: name.to_owned(), scalar: Scalar::F32 });
+            let new = NORMAL.map(|name| Property::new(name, Scalar::F32));
             out.properties.extend(new);
         }
         let place = |name: &str| {
-            let i = out.properties.iter().position(|p| p.name == name)?;
+            let i = out.own_property(name)?;
             let before: usize = out.properties[..i].iter().map(|p| p.scalar.bytes()).sum();
             Some((out.properties[i].scalar, out.position_bytes() + before))
         };
@@ -77,7 +81,7 @@ mod tests {
     use super::*;
 
     fn schema(names: &[(&str, Scalar)]) -> VertexSchema {
-        let property = |&(name, scalar): &(&str, Scalar)| Property { name: name.into(), scalar };
+        let property = |&(name, scalar): &(&str, Scalar)| Property::new(name, scalar);
         let properties = names.iter().map(property).collect();
         VertexSchema { coordinate: Scalar::F32, properties }
     }

@@ -3,6 +3,8 @@
 //! Points are quantised once to integers in the tree's own frame; every decision after that compares
 //! integers. Frames of successive rounds are turned against each other, so that the seams of one round
 //! cross those of the next instead of lying in them.
+//!
+//! docs/algorithm.md, section 10.
 
 use crate::mesh::bounds::Bounds;
 use serde::{Deserialize, Serialize};

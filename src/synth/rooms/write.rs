@@ -102,7 +102,7 @@ pub(in super::super) fn write(
         return Err(Error::Internal("rooms without images are written like any kind".to_owned()));
     }
     header.faces.texture = true;
-    header.faces.properties = vec![Property { name: "texnumber".to_owned(), scalar: Scalar::I32 }];
+    header.faces.properties = vec![Property::new("texnumber", Scalar::I32)];
     match &library {
         Some(library) => {
             header.comments.push(format!("mtllib {library}"));

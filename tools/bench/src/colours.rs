@@ -84,7 +84,7 @@ pub fn run(name: &str, input: &Path, output: &Path, target: u64, weight: f32) ->
     let (mut triangles, mut records, mut n_vertices) = (Vec::new(), Vec::new(), 0);
     let out = VertexSchema {
         coordinate: schema.coordinate,
-        properties: NAMES.map(|n| Property { name: n.to_owned(), scalar: Scalar::U8 }).to_vec(),
+        properties: NAMES.map(|n| Property::new(n, Scalar::U8)).to_vec(),
     };
     for corners in left.chunks_exact(3) {
         triangles.push([corners[0], corners[1], corners[2]].map(|v| {
