@@ -10,6 +10,9 @@ use std::path::PathBuf;
 /// on each of two cores and the finish fit into a budget of 256 MiB.
 pub const DEFAULT_CELL_TRIANGLES: u64 = 256_000;
 
+/// How often, unless a test asks for more: what a death may cost stays well below a minute.
+pub const CHECKPOINT_EVERY: std::time::Duration = std::time::Duration::from_secs(30);
+
 /// How far to simplify.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {

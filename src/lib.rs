@@ -14,9 +14,9 @@ pub mod measure;
 pub mod mesh;
 pub mod pipeline;
 pub mod render;
-pub mod report;
-pub mod stages;
-pub mod store;
+mod report;
+mod stages;
+mod store;
 pub mod synth;
 pub mod system;
 

@@ -9,11 +9,11 @@ use common::expect;
 use std::num::NonZeroUsize;
 use std::path::Path;
 use std::time::Duration;
+use stonecut::config::CHECKPOINT_EVERY;
 use stonecut::config::{Attributes, Config, DEFAULT_CELL_TRIANGLES, Target};
 use stonecut::kernel::Fit;
 use stonecut::pipeline;
 use stonecut::pipeline::plan::Plan;
-use stonecut::store::stage_context::CHECKPOINT_EVERY;
 use stonecut::system::disk::Disk;
 use stonecut::system::progress::Progress;
 

@@ -32,7 +32,7 @@ fn config(folder: &Path, target: u64) -> Config {
         drop_texture: false,
         drop_faces: false,
         min_component: None,
-        checkpoint_every: stonecut::store::stage_context::CHECKPOINT_EVERY,
+        checkpoint_every: stonecut::config::CHECKPOINT_EVERY,
         attributes: Attributes::default(),
         kernel: Default::default(),
     }
@@ -127,7 +127,7 @@ struct Bench {
 }
 
 fn bench(job: (u32, u64)) -> Bench {
-    bench_with(job, stonecut::store::stage_context::CHECKPOINT_EVERY)
+    bench_with(job, stonecut::config::CHECKPOINT_EVERY)
 }
 
 fn bench_with((triangles, target): (u32, u64), checkpoint_every: Duration) -> Bench {

@@ -6,14 +6,14 @@ mod demo;
 mod display;
 mod info;
 mod log;
-pub mod measure;
+mod measure;
 mod out_of_memory;
-pub mod render;
+mod render;
 mod report;
 mod signals;
 mod simplify;
 mod status;
-pub mod synth;
+mod synth;
 
 use crate::error::{Error, Offers};
 use crate::system::parallel::guarded;

@@ -217,7 +217,7 @@ impl Args {
             drop_texture: self.drop_texture,
             drop_faces: self.drop_faces,
             min_component: self.min_component,
-            checkpoint_every: crate::store::stage_context::CHECKPOINT_EVERY,
+            checkpoint_every: crate::config::CHECKPOINT_EVERY,
             attributes: Attributes {
                 weights: self.weight.clone(),
                 labels: self.label.clone(),

@@ -9,7 +9,6 @@ use super::unit::Unit;
 use crate::error::Result;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
-use crate::mesh::Mesh;
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
 use crate::system::parallel::in_order;
@@ -35,13 +34,6 @@ pub fn colour(distance: f64, top: f64) -> [u8; 3] {
     let share = if share.is_finite() { share } else { 1.0 };
     let colour = colorous::VIRIDIS.eval_continuous(share);
     [colour.r, colour.g, colour.b]
-}
-
-/// Gives a mesh the colours as its only channels, 0 to 255 each; `distances` has one entry a vertex.
-pub fn paint(mesh: &mut Mesh, distances: &[f64], top: f64) {
-    assert_eq!(mesh.positions.len(), distances.len(), "each vertex has a distance");
-    mesh.n_channels = 3;
-    mesh.channels = distances.iter().flat_map(|&d| colour(d, top).map(f32::from)).collect();
 }
 
 /// Writes `mesh`'s geometry with the colours of `distances`, one entry a vertex.

@@ -8,21 +8,21 @@
 // Three axes (and eight lanes) run through several arrays side by side; an index shows that best.
 #![allow(clippy::needless_range_loop)]
 
-pub mod carried;
-pub mod check;
-pub mod colour;
+pub(crate) mod carried;
+pub(crate) mod check;
+pub(crate) mod colour;
 pub mod compare;
 mod deviation;
-pub mod heatmap;
+pub(crate) mod heatmap;
 pub mod load;
 mod nearest_in_cells;
 mod out_of_core;
 mod parts;
-pub mod region;
+pub(crate) mod region;
 mod sample;
 mod side;
 mod sums;
-pub mod temp_store;
+pub(crate) mod temp_store;
 mod tilted;
 pub mod tree;
 pub mod triangle;

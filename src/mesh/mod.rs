@@ -3,13 +3,13 @@
 //! This is what the kernel takes and gives, what a cell becomes when it is loaded, and what `measure`
 //! and `render` work on. It has no connectivity of its own; whoever needs one builds it.
 
-pub mod attribute_weights;
-pub mod bounds;
-pub mod codec;
+pub(crate) mod attribute_weights;
+pub(crate) mod bounds;
+pub(crate) mod codec;
 mod color_channels;
-pub mod face_properties;
+pub(crate) mod face_properties;
 pub(crate) mod morton;
-pub mod oklab;
+pub(crate) mod oklab;
 pub mod property;
 pub mod record;
 pub mod topology_counts;

@@ -4,14 +4,14 @@
 //! write. Every stage is sealed in the job folder before the next one begins, so the same command continues
 //! wherever an earlier run stopped. A bound on the error is a matter of several such runs (`max_error`).
 
-pub mod max_error;
+pub(crate) mod max_error;
 pub mod plan;
 mod prepare;
 mod quality;
 pub mod run_report;
-pub mod seam_points;
+pub(crate) mod seam_points;
 mod stage_runner;
-pub mod verify;
+pub(crate) mod verify;
 
 use crate::config::{Config, Target, Until};
 use crate::error::{Error, Result};

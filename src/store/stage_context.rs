@@ -5,9 +5,6 @@ use crate::system::disk::Disk;
 use crate::system::progress::Progress;
 use std::time::Duration;
 
-/// How often, unless a test asks for more: what a death may cost stays well below a minute.
-pub const CHECKPOINT_EVERY: Duration = Duration::from_secs(30);
-
 /// The surroundings of a stage. None of it may reach a result.
 #[derive(Clone, Copy, Debug)]
 pub struct Run<'a> {

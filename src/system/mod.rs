@@ -3,9 +3,9 @@
 //! The lowest room but for `error`: nothing here knows meshes.
 
 pub mod disk;
-pub mod json_keys;
+pub(crate) mod json_keys;
 pub mod memory;
-pub mod parallel;
+pub(crate) mod parallel;
 pub(crate) mod paths;
 pub(crate) mod pending_file;
 pub mod progress;

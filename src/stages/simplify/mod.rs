@@ -11,7 +11,7 @@ mod pilot;
 mod run_cells;
 
 pub use exact::simplify_cells_exactly;
-pub use run_cells::{FREED_AT_A_TIME, Goal, cell_bytes, frees_sources, kernel_bytes};
+pub use run_cells::{FREED_AT_A_TIME, Goal, frees_sources, kernel_bytes};
 
 use crate::error::Result;
 use crate::kernel::{Options, Stop};

@@ -7,7 +7,7 @@ pub mod fingerprint;
 mod lock;
 mod manifest;
 
-pub use manifest::{Identity, ManifestView, view};
+pub use manifest::{Identity, view};
 
 use crate::error::{Error, Result};
 use crate::system::disk::Disk;
