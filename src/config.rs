@@ -1,4 +1,4 @@
-//! What was decided for a run of `simplify`: every value final.
+//! Decided settings of a run of `simplify`: every value final.
 
 use crate::kernel::{Fit, Placement, Topology};
 use crate::system::units::{parse_count, parse_ratio};
@@ -10,10 +10,10 @@ use std::path::PathBuf;
 /// on each of two cores and the finish fit into a budget of 256 MiB.
 pub const DEFAULT_CELL_TRIANGLES: u64 = 256_000;
 
-/// How often, unless a test asks for more: what a death may cost stays well below a minute.
+/// Time between checkpoints, unless a test asks for another: a killed run loses well below a minute.
 pub const CHECKPOINT_EVERY: std::time::Duration = std::time::Duration::from_secs(30);
 
-/// How far to simplify.
+/// Target of the simplification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
     /// At most so many triangles.
@@ -73,7 +73,7 @@ pub enum Until {
     Stitch,
 }
 
-/// Which components are too small to stay.
+/// Least size of components that stay.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MinComponent {
     /// Those of fewer triangles.
@@ -119,7 +119,7 @@ impl std::str::FromStr for MinComponent {
     }
 }
 
-/// What becomes of normals.
+/// Treatment of normals.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Normals {
     /// The input's, averaged and of length 1; none if it has none.
@@ -168,14 +168,14 @@ fn fit_name(fit: Fit) -> &'static str {
     }
 }
 
-/// What becomes of what vertices carry besides their place.
+/// Treatment of colours, normals and other properties.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Attributes {
-    /// What counts in the error, and how much.
+    /// Weights in the error.
     pub weights: crate::mesh::attribute_weights::Weights,
     /// Properties that are chosen, not averaged.
     pub labels: Vec<String>,
-    /// Whether normals are kept, computed anew, or left out.
+    /// Normals are kept, computed again, or left out.
     pub normals: Normals,
 }
 
@@ -184,9 +184,9 @@ pub struct Attributes {
 pub struct Config {
     /// The mesh to simplify.
     pub input: PathBuf,
-    /// Where the result appears.
+    /// Path of the result.
     pub output: PathBuf,
-    /// How far to simplify.
+    /// Target of the simplification.
     pub target: Target,
     /// Memory budget in bytes.
     pub memory_bytes: u64,
@@ -194,7 +194,7 @@ pub struct Config {
     pub threads: NonZeroUsize,
     /// Triangles per cell.
     pub cell_triangles: u64,
-    /// Where temporary data lies.
+    /// Folder of the temporary data.
     pub job_folder: PathBuf,
     /// Leave the job folder in place after success.
     pub keep_temp: bool,
@@ -204,11 +204,11 @@ pub struct Config {
     pub force: bool,
     /// Throw away what an earlier run left.
     pub restart: bool,
-    /// Where to write the vertices on the first round's seams, as a point set.
+    /// File for the vertices on the first round's seams, as a point set.
     pub seams: Option<PathBuf>,
     /// Measure the result at the end.
     pub verify: bool,
-    /// How the output is written.
+    /// Format of the output.
     pub format: crate::io::OutputFormat,
     /// Drop and count broken faces and vertices instead of failing.
     pub skip_bad: bool,
@@ -220,9 +220,9 @@ pub struct Config {
     pub min_component: Option<MinComponent>,
     /// Progress within a stage is made durable so often; does not change the result.
     pub checkpoint_every: std::time::Duration,
-    /// What becomes of colours, normals and other properties.
+    /// Treatment of colours, normals and other properties.
     pub attributes: Attributes,
-    /// How cells and finish are simplified; the stop is set by the stages.
+    /// Options of the kernel; the stop is set by the stages.
     pub kernel: crate::kernel::Options,
 }
 

@@ -1,7 +1,7 @@
 //! The JSON of the commands against its contract: docs/report.schema.json, and docs/report.md, which says the same for people.
 //!
 //! The checker knows the keywords that the schema uses and fails on any other. It is stricter than a validator: a key
-//! that the schema does not list is an error, so that no key goes undescribed. The crate `jsonschema` would do the same with 64
+//! that the schema does not list is an error, so that no key goes undescribed. The crate `jsonschema` would do the same with 65
 //! packages.
 
 mod common;
@@ -28,7 +28,7 @@ impl Schema {
         self.root["$defs"].as_object().expect("definitions")
     }
 
-    /// What is wrong with `value` under the definition `name`.
+    /// Lists what is wrong with `value` under the definition `name`.
     fn complaints(&self, name: &str, value: &Value) -> Vec<String> {
         let mut out = Vec::new();
         let rules = self.definitions().get(name).unwrap_or_else(|| panic!("no definition {name}"));

@@ -175,7 +175,7 @@ fn split<const N: usize>(
     MeshSource::from_staged(out.finish(&path)?, read, staged)
 }
 
-/// What vertices of the staged file hold. In its header, the only place where names must differ, properties that come
+/// Layout of vertices in the staged file. In its header, the only place where names must differ, properties that come
 /// from faces have others.
 fn staged_schema(own: &VertexSchema, carry: &FaceCarry) -> VertexSchema {
     let mut schema = own.clone();

@@ -22,14 +22,14 @@ use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
 use std::path::{Path, PathBuf};
 
-/// What is to be compared, and with what means.
+/// Two meshes to be compared, and the means.
 #[derive(Debug)]
 pub struct Request<'a> {
     /// The original.
     pub original: &'a MeshSource,
     /// The simplified mesh.
     pub simplified: &'a MeshSource,
-    /// How to measure. Colours are found by themselves.
+    /// Options of the measurement. Colours are found by themselves.
     pub options: Options,
     /// Memory budget, everything included.
     pub memory_bytes: u64,
@@ -54,7 +54,7 @@ pub struct Comparison {
     pub heat: Vec<f64>,
 }
 
-/// What is known of one of the two files.
+/// Size and connectivity of one of the two files.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct FileReport {
     /// As given.
@@ -65,7 +65,7 @@ pub struct FileReport {
     pub vertices: u64,
     /// All triangles, degenerate ones included.
     pub triangles: u64,
-    /// How it is connected.
+    /// Connectivity.
     pub topology: Topology,
 }
 

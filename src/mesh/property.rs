@@ -27,13 +27,13 @@ impl Scalar {
         }
     }
 
-    /// Whether this is an integer type.
+    /// True for an integer type.
     pub const fn is_integer(self) -> bool {
         !matches!(self, Scalar::F32 | Scalar::F64)
     }
 }
 
-/// What a property of vertices comes from.
+/// Origin of a property of vertices.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Origin {
     /// The input's vertices, or texture coordinates at its corners.
@@ -54,7 +54,7 @@ pub struct Property {
     pub name: String,
     /// The type in the header.
     pub scalar: Scalar,
-    /// What it comes from; decides together with name and type what a collapse may do with it.
+    /// Its origin; decides together with name and type what a collapse may do with it.
     pub origin: Origin,
 }
 

@@ -86,7 +86,7 @@ pub struct OutputReport {
     pub triangles: u64,
 }
 
-/// What the cells had in common.
+/// Vertices and charts on seams.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SeamReport {
     /// Vertices on seams of the first round.
@@ -109,7 +109,7 @@ pub struct SeamReport {
     pub place: Option<[f64; 3]>,
 }
 
-/// What became of a property of faces.
+/// Fate of a property of faces.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FaceReport {
     /// Its name in the input.
@@ -117,15 +117,15 @@ pub struct FaceReport {
     /// Its type, or `list`.
     #[serde(rename = "type")]
     pub scalar: String,
-    /// What was done with it.
+    /// Its treatment.
     pub carried: How,
-    /// Why it was dropped.
+    /// Reason why it was dropped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
 }
 
 impl FaceReport {
-    /// What became of everything that faces carried but texture, in an output of this kind.
+    /// Lists everything that faces carried but texture, for an output of this kind.
     pub fn list(carry: &FaceCarry, kind: OutputKind) -> Vec<FaceReport> {
         let properties = carry.properties.iter().map(|p| {
             let name = p.property.name.clone();
@@ -180,33 +180,33 @@ pub struct RunReport {
     pub output: OutputReport,
     /// Refused collapses by reason, over all rounds and the finish. An edge that is tried again counts again.
     pub rejects: BTreeMap<String, u64>,
-    /// What was cleaned and changed of the topology, by kind, over all rounds and the finish.
+    /// Repairs and changes of the topology, by kind, over all rounds and the finish.
     #[serde(default)]
     pub changes: BTreeMap<String, u64>,
-    /// What moving the vertices to fit the original did; absent where it was not done.
+    /// Outcome of moving the vertices to fit the original; absent where that was not done.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fit: Option<crate::kernel::FitStatistics>,
-    /// What the cells had in common.
+    /// Vertices and charts on seams.
     pub seams: SeamReport,
-    /// Whether the result can stand for the input, as far as probes on the way tell.
+    /// Estimate of how well the result stands for the input.
     #[serde(default)]
     pub quality: QualityReport,
     /// Components of the input and what `--min-component` dropped; absent without it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub components: Option<crate::stages::components::ComponentSizes>,
-    /// What became of the scalar properties and lists of faces.
+    /// Fate of the scalar properties and lists of faces.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub face_properties: Vec<FaceReport>,
     /// Triangles wanted; with `--max-error` those of the output.
     pub target: u64,
-    /// Whether the output has at most `target` triangles; with `--max-error`, whether the bound is kept.
+    /// True if the output has at most `target` triangles; with `--max-error`, if the bound is kept.
     pub target_met: bool,
-    /// Why collapsing ended, in words.
+    /// Reason why collapsing ended, in words.
     pub stop_reason: String,
     /// The report of `measure` on input and output; only with `--verify`.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub measured: Option<Box<crate::measure::compare::Report>>,
-    /// How the bound was met; only with `--max-error`.
+    /// Trials of `--max-error`; only with that option.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_error: Option<BoundReport>,
 }
@@ -225,7 +225,7 @@ impl RunReport {
     }
 }
 
-/// How well the result stands for the input, estimated from probes in every round and in the finish.
+/// Estimate of how well the result stands for the input, from probes in every round and in the finish.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct QualityReport {
@@ -237,7 +237,7 @@ pub struct QualityReport {
     pub error_per_edge: f64,
     /// Share of the input's area that faces against the result where it is nearest, 0 to 1.
     pub share_against: f64,
-    /// Whether the result can stand for the input: false where it has come apart into shards.
+    /// True if the result can stand for the input; false where it has come apart into shards.
     pub bearable: bool,
     /// The least count of triangles that can be expected to stand for the input; the result's own if it does.
     pub sensible_triangles: u64,
@@ -257,7 +257,7 @@ impl Default for QualityReport {
     }
 }
 
-/// How a bound on the error was met.
+/// Outcome of a bound on the error.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct BoundReport {
     /// As given, in input units.

@@ -40,7 +40,7 @@ pub fn add_old_names<T: Clone>(map: &mut BTreeMap<String, T>) {
     }
 }
 
-/// Whether a key is an old name, to be left out where all keys are shown or summed up.
+/// True for an old name, which is left out where all keys are shown or summed up.
 pub fn is_old_name(key: &str) -> bool {
     RENAMED.iter().any(|(_, old)| *old == key)
 }
