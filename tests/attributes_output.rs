@@ -141,7 +141,9 @@ fn textures_of_obj_come_back_from_one_cell_and_from_many() {
     assert!(count(&json, "boundary_edges") < 500);
     // And from there to OBJ again.
     expect(folder, "simplify out.ply again.obj --triangles 500 -q", 0);
-    assert_eq!(read_obj(&folder.join("again.obj")).faces.len(), 500);
+    // A collapse inside takes two triangles at once.
+    let left = read_obj(&folder.join("again.obj")).faces.len();
+    assert!((499..=500).contains(&left), "{left}");
 }
 
 /// Vertices of a PLY whose vertex rows are floats only: names, rows; and its triangles.

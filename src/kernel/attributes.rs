@@ -29,6 +29,7 @@ macro_rules! with_eights {
 }
 
 /// The sums of all vertices: 64 bytes a vertex for up to 3 channels, 32 more for each 2 or 3 further ones.
+#[derive(Clone)]
 pub(crate) struct Attributes {
     /// Channel and scaled length per unit of it.
     active: Vec<(usize, f32)>,
@@ -42,7 +43,7 @@ pub(crate) struct Attributes {
 }
 
 /// What a collapse under way has found so far.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Patch {
     /// Numbers after minus before, `eights` for each eight triangles, one [eight] a triangle.
     change: Vec<[[f32; 8]; 8]>,

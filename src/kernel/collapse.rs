@@ -78,6 +78,7 @@ const GONE_AT: usize = ROOM - 16;
 const _: () = assert!(GONE_AT >= MAX_VALENCE as usize + 16);
 
 /// Scratch space of one collapse, re-used.
+#[derive(Clone)]
 pub(crate) struct Collapser {
     /// Triangles of `v0` (first `n0`) and of `v1` that stay (up to `n_kept`), then those that vanish (up
     /// to `n`).

@@ -36,6 +36,7 @@ const LEVEL_SHARE: f64 = 0.25;
 /// Levels end at this multiple of the target; the exact queue does the rest.
 const EXACT_MULTIPLE: f64 = 1.4;
 /// The simplification under way.
+#[derive(Clone)]
 pub(crate) struct Driver {
     pub(crate) surface: Surface,
     pub(super) simd: Simd,

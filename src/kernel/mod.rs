@@ -28,6 +28,7 @@ pub mod reference;
 pub(crate) mod repeats;
 mod samples;
 mod separation;
+mod stepwise;
 mod surface;
 mod topology;
 mod unchecked;
@@ -38,6 +39,7 @@ mod weld;
 pub use attributes::MAX_WEIGHTED;
 pub use fit::{AUTO_FIT_RATIO, Fit, FitStatistics};
 pub use quality::{Quality, QualityAt};
+pub use stepwise::Stepwise;
 
 use crate::mesh::Mesh;
 use quality::Probes;
@@ -195,12 +197,12 @@ pub fn simplify_mesh_portably(mesh: Mesh, locked: &[bool], options: &Options) ->
     run(mesh, locked, options, lanes::Simd::Portable)
 }
 
-fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
+/// Makes a surface of the mesh and mends it.
+fn start(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> drive::Driver {
     let (n, n_triangles) = (mesh.positions.len(), mesh.triangles.len());
     assert!(n_triangles as u64 <= MAX_TRIANGLES, "{n_triangles} triangles are too many at once");
     assert!(n as u64 <= MAX_VERTICES, "{n} vertices are too many at once");
     assert!(locked.len() == n && mesh.channels.len() == n * mesh.n_channels, "lengths agree");
-    let mut statistics = Statistics::default();
     let mut surface =
         surface::Surface::new(mesh, locked, (&options.weights, &options.confined), simd);
     surface.placement = options.placement;
@@ -227,6 +229,12 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
         driver.probes = Some(Probes::take(&driver.surface));
     }
     driver.mend();
+    driver
+}
+
+fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
+    let mut driver = start(mesh, locked, options, simd);
+    let mut statistics = Statistics::default();
     match &options.stop {
         Stop::Triangles(target) => {
             let is_free = options.placement == Placement::Optimal;
@@ -254,6 +262,11 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
             statistics.reached = true;
         }
     }
+    finish(driver, statistics)
+}
+
+/// Sums up what was done and takes the mesh out of the surface.
+fn finish(mut driver: drive::Driver, mut statistics: Statistics) -> Simplified {
     if let Some(mut probes) = driver.probes.take() {
         let removed_error = driver.changes.removed_error;
         statistics.quality = Some(probes.sum_up(&driver.surface, removed_error, 1));

@@ -87,6 +87,7 @@ pub struct QualityAt {
 }
 
 /// A point of the given surface.
+#[derive(Clone)]
 struct Probe {
     at: Vec3,
     /// Twice the area it stands for times the unit normal.
@@ -96,9 +97,15 @@ struct Probe {
 }
 
 /// Points of the given surface, 56 bytes each.
+#[derive(Clone)]
 pub(crate) struct Probes(Vec<Probe>);
 
 impl Probes {
+    /// Memory in bytes.
+    pub(crate) fn bytes(&self) -> u64 {
+        size_of_val(self.0.as_slice()) as u64
+    }
+
     /// Takes evenly spaced triangles of a surface.
     pub(crate) fn take(surface: &Surface) -> Probes {
         let n = surface.triangles.len();

@@ -42,6 +42,7 @@ pub(crate) struct Sample {
 
 /// Points of the original surface. Memory: 20 bytes each, and as much again while they are sorted; there
 /// are half as many as triangles given, or three or six times as many where that would be too few.
+#[derive(Clone)]
 pub(crate) struct Samples {
     /// In input units.
     pub(crate) centre: Vec3,

@@ -66,6 +66,7 @@ impl Ring {
 }
 
 /// The mesh, its rings and what it came from. About 70 bytes a triangle at the start.
+#[derive(Clone)]
 pub(crate) struct Surface {
     pub(crate) vertices: Vec<Vertex>,
     pub(crate) rings: Vec<Ring>,
@@ -475,6 +476,7 @@ fn is_one_fan<L: Lanes>(surface: &Surface, v: u32) -> bool {
 }
 
 /// The triangles of one vertex as pairs of corners; re-used from vertex to vertex.
+#[derive(Clone)]
 pub(crate) struct Fan {
     b: [u32; MAX_VALENCE as usize],
     c: [u32; MAX_VALENCE as usize],

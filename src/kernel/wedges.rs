@@ -20,6 +20,7 @@ use super::surface::{GONE, Surface};
 pub(crate) use seam_collapse::place_on_edge;
 
 /// The wedges of a surface: 12 bytes a triangle, 4 a channel and input vertex, 9 an input vertex.
+#[derive(Clone)]
 pub(crate) struct Wedges {
     /// For each triangle the wedges of its corners.
     pub(crate) corner: Vec<[u32; 3]>,

@@ -1,6 +1,6 @@
 //! Simplifies cells to an exact total, by a trial run of every cell.
 
-use super::pilot::sealed_levels;
+use super::pilot::sealed_thresholds;
 use super::run_cells::{Goal, drain, kernel_run, run_all, run_cells};
 use crate::error::Result;
 use crate::kernel::{Options, Stop};
@@ -19,8 +19,8 @@ pub fn simplify_cells_exactly(
     options: &Options,
     run: &Run,
 ) -> Result<SurvivorInfo> {
-    let levels = sealed_levels(store, goal, options, run)?;
-    let Some(&last) = levels.0.last() else {
+    let (thresholds, _) = sealed_thresholds(store, goal, options, run, false)?;
+    let Some(last) = thresholds.last() else {
         return run_cells(store, goal, run, |_, cell| Survivors::all_of(cell, store.layout()));
     };
     // Sealed with the counts: another machine's exp2 may differ in the last bit.

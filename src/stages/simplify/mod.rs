@@ -15,11 +15,11 @@ pub use run_cells::{FREED_AT_A_TIME, Goal, frees_sources, kernel_bytes};
 
 use crate::error::Result;
 use crate::kernel::{Options, Stop};
-use crate::mesh::attribute_weights;
+use crate::mesh::{Mesh, attribute_weights};
 use crate::store::cells::{CellStore, SurvivorInfo, Survivors};
 use crate::store::stage_context::Run;
-use pilot::{sealed_levels, spread_cells};
-use run_cells::{drain, run_cells};
+use pilot::{sealed_thresholds, spread_cells};
+use run_cells::{drain, run_cells, survivors};
 
 /// What channels count for is found from every 32nd cell, at least 16 and at most 48: cells differ more in
 /// the size of their triangles than in how they fall.
@@ -32,12 +32,17 @@ pub fn simplify_cells(
     options: &Options,
     run: &Run,
 ) -> Result<SurvivorInfo> {
-    let levels = sealed_levels(store, goal, options, run)?;
-    run_cells(store, goal, run, |_, cell| {
-        if levels.0.is_empty() {
+    let (thresholds, begun) = sealed_thresholds(store, goal, options, run, true)?;
+    run_cells(store, goal, run, |index, mut cell| {
+        let Some(last) = thresholds.last() else {
             return Survivors::all_of(cell, store.layout());
+        };
+        if let Some(mut stepwise) = begun.take(index, &thresholds) {
+            cell.mesh = Mesh::default();
+            stepwise.level(last);
+            return survivors(&cell, stepwise.finish(), store);
         }
-        let stop = Stop::Costs { levels: levels.0.clone(), floor_triangles: 0 };
+        let stop = Stop::Costs { levels: thresholds.of(index), floor_triangles: 0 };
         drain(cell, stop, options, store)
     })
 }

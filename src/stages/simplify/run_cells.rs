@@ -72,6 +72,11 @@ pub(super) fn kernel_run(
 pub(super) fn drain(cell: CellMesh, stop: Stop, options: &Options, store: &CellStore) -> Survivors {
     let options = Options { estimate: true, ..options.clone() };
     let (cell, simplified) = kernel_run(cell, stop, &options);
+    survivors(&cell, simplified, store)
+}
+
+/// What the kernel left of a cell, as it is stored.
+pub(super) fn survivors(cell: &CellMesh, simplified: Simplified, store: &CellStore) -> Survivors {
     let mut left =
         Survivors::new(&cell.ids, &cell.shared, &cell.records, simplified, store.layout());
     left.statistics.dropped = cell.dropped;
