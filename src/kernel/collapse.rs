@@ -236,7 +236,11 @@ impl Collapser {
         surface.wedges = Some(wedges);
         if let Some(mut attributes) = surface.attributes.take() {
             attributes.refresh(surface, v1);
-            for &w in self.b[..self.n].iter().chain(&self.c[..self.n]) {
+            // Each neighbour comes up as both corners, as a rule.
+            let mut around = [self.b[..self.n].to_vec(), self.c[..self.n].to_vec()].concat();
+            around.sort_unstable();
+            around.dedup();
+            for w in around {
                 attributes.refresh(surface, w);
             }
             surface.attributes = Some(attributes);

@@ -450,17 +450,24 @@ impl Driver {
         if !is_due(queue, (bucket, entry), least, limits, &mut self.deferred) {
             return;
         }
-        let plan = topology::plan_cut(&self.surface, cycle);
-        let (cost, strip) = match plan {
-            Some(CutPlan::Handle(cost)) => (cost, None),
-            Some(CutPlan::Strip(triangles, cost)) => (cost, Some(triangles)),
-            None => return,
+        let Some(plan) = topology::plan_cut(&self.surface, cycle) else { return };
+        let (cost, n_freed) = match &plan {
+            CutPlan::Handle(cost, _) => (*cost, 0),
+            CutPlan::Strip(triangles, cost) => (*cost, triangles.len() - 1),
         };
-        let n_freed = strip.as_ref().map_or(0, |triangles| triangles.len() - 1);
         let is_due = is_due(queue, (bucket, entry), cost, limits, &mut self.deferred);
         if !is_due || !leaves_enough(&self.surface, n_freed, limits) {
             return;
         }
+        let strip = match plan {
+            CutPlan::Handle(_, sides) => {
+                if !topology::opens_handle(&self.surface, cycle, &sides) {
+                    return;
+                }
+                None
+            }
+            CutPlan::Strip(triangles, _) => Some(triangles),
+        };
         let number = (self.collapses + 1) as u32;
         let n = self.spare_sources.len();
         let Some(&sources) = self.spare_sources.last_chunk::<3>() else { return };

@@ -62,7 +62,6 @@ pub(crate) struct Removal {
 }
 
 /// Components, and where they lie.
-#[derive(Clone)]
 pub(crate) struct Islands {
     /// For each vertex the rank of its component: 0 the smallest.
     rank: Vec<u32>,

@@ -6,9 +6,6 @@
 use super::legal::Class;
 use super::surface::{GONE, MAX_VALENCE, Surface};
 
-/// Vertices that are visited before the search gives up.
-const MAX_VISITED: usize = 1024;
-
 /// The effect of a cut on the component it runs through.
 pub(crate) enum Separation {
     /// It stays in one piece.
@@ -19,12 +16,45 @@ pub(crate) enum Separation {
     Unknown,
 }
 
+/// How far the walks go.
+#[derive(Clone, Copy)]
+pub(crate) struct Reach {
+    /// The search ends when both sides have more vertices than this, ...
+    each: usize,
+    /// ... or both together more than this.
+    both: usize,
+}
+
+/// Enough to find a part of a few triangles; a fan of 24 of them has 26 vertices.
+pub(crate) const NEAR: Reach = Reach { each: 26, both: 192 };
+/// Enough to find out that a cut opens a handle, as a rule.
+pub(crate) const FAR: Reach = Reach { each: usize::MAX, both: 1024 };
+
+/// Slots of the table of reached vertices, twice as many as vertices at most: one more step adds a ring.
+const fn slots(reach: Reach) -> usize {
+    (2 * (reach.both + 4 * MAX_VALENCE as usize)).next_power_of_two()
+}
+
 /// Triangles around the three corners of a cut on one of its sides, corner by corner.
 pub(crate) type Side = [Vec<u32>; 3];
 
-/// Walks from both sides of a cut along `cycle`.
-pub(crate) fn separation(surface: &Surface, cycle: [u32; 3], sides: &[Side; 2]) -> Separation {
-    let mut reached = Reached::new();
+/// Walks from both sides of a cut along `cycle`, a little way.
+pub(crate) fn separation_near(surface: &Surface, cycle: [u32; 3], sides: &[Side; 2]) -> Separation {
+    separation::<{ slots(NEAR) }>(surface, cycle, sides, NEAR)
+}
+
+/// The same as far as it is worth.
+pub(crate) fn separation_far(surface: &Surface, cycle: [u32; 3], sides: &[Side; 2]) -> Separation {
+    separation::<{ slots(FAR) }>(surface, cycle, sides, FAR)
+}
+
+fn separation<const SLOTS: usize>(
+    surface: &Surface,
+    cycle: [u32; 3],
+    sides: &[Side; 2],
+    reach: Reach,
+) -> Separation {
+    let mut reached = Reached::<SLOTS>::new();
     let mut lists: [Vec<u32>; 2] = Default::default();
     for (side, triangles) in sides.iter().enumerate() {
         for &t in triangles.iter().flatten() {
@@ -61,39 +91,37 @@ pub(crate) fn separation(surface: &Surface, cycle: [u32; 3], sides: &[Side; 2]) 
                 }
             }
         }
-        if lists[0].len() + lists[1].len() > MAX_VISITED {
+        let [left, right] = [lists[0].len(), lists[1].len()];
+        if left + right > reach.both || left.min(right) > reach.each {
             return Separation::Unknown;
         }
     }
 }
 
 /// Table of the side that each vertex was reached from, with open addressing, at most half full.
-struct Reached(Vec<u64>);
+struct Reached<const SLOTS: usize>([u32; SLOTS]);
 
-impl Reached {
-    const BITS: u32 = 12;
-    const EMPTY: u64 = u64::MAX;
+impl<const SLOTS: usize> Reached<SLOTS> {
+    const EMPTY: u32 = u32::MAX;
 
     fn new() -> Self {
-        // One more step adds a ring at most.
-        const { assert!((1 << Self::BITS) >= 2 * (MAX_VISITED + 4 * MAX_VALENCE as usize)) };
-        Reached(vec![Self::EMPTY; 1 << Self::BITS])
+        Reached([Self::EMPTY; SLOTS])
     }
 
     /// Notes a vertex; gives back the side that it was reached from before, and leaves it at that.
     fn insert(&mut self, v: u32, side: usize) -> Option<usize> {
-        let mask = self.0.len() - 1;
-        let mut at = (v.wrapping_mul(0x9E37_79B1) >> (32 - Self::BITS)) as usize;
+        let entry = v << 1 | side as u32;
+        let mut at = (v.wrapping_mul(0x9E37_79B1) >> 8) as usize & (SLOTS - 1);
         loop {
             let slot = &mut self.0[at];
             if *slot == Self::EMPTY {
-                *slot = u64::from(v) << 1 | side as u64;
+                *slot = entry;
                 return None;
             }
-            if *slot >> 1 == u64::from(v) {
+            if *slot >> 1 == v {
                 return Some((*slot & 1) as usize);
             }
-            at = (at + 1) & mask;
+            at = (at + 1) & (SLOTS - 1);
         }
     }
 }

@@ -11,7 +11,7 @@ use super::collapse::Collapser;
 use super::evaluate::{Rows, Triangles};
 use super::lanes::Simd;
 use super::legal::Class;
-use super::separation::{Separation, Side, separation};
+use super::separation::{Separation, Side, separation_far, separation_near};
 use super::surface::{Fan, GONE, HUB, Ring, Surface, others};
 use crate::mesh::vec3::{length_sq, normal, sub, triangle_distance_sq};
 
@@ -70,9 +70,15 @@ pub(crate) fn remedy(
     for (i, &v) in cycle.iter().enumerate() {
         let (next, prev) = (cycle[(i + 1) % 3], cycle[(i + 2) % 3]);
         for (from, to) in [(next, prev), (prev, next)] {
-            let sector = sector(surface, v, from, to)?;
-            if sector.len() == 2 {
-                let middle = others(surface.triangles[sector[0] as usize], v).1;
+            let (mut n, mut first) = (0, GONE);
+            each_of_sector(surface, v, from, to, |t| {
+                if n == 0 {
+                    first = t;
+                }
+                n += 1;
+            })?;
+            if n == 2 {
+                let middle = others(surface.triangles[first as usize], v).1;
                 if surface.rings[middle as usize].len == 3 {
                     return None;
                 }
@@ -82,12 +88,12 @@ pub(crate) fn remedy(
     Some(Remedy::Cut(cycle))
 }
 
-/// A cut along three edges, planned and priced.
+/// A cut along three edges, planned and priced in scaled units.
 pub(crate) enum CutPlan {
-    /// Opens a handle; at this cost.
-    Handle(f32),
     /// Strips these triangles off, which vanish; at this cost.
     Strip(Vec<u32>, f32),
+    /// Opens a handle, or separates too much to be made; at this cost in the first case. `opens_handle` tells.
+    Handle(f32, Box<[Side; 2]>),
 }
 
 /// Squared error of the cap of a cut, in scaled units^4: it is as far from the original as the points of a
@@ -104,7 +110,7 @@ pub(crate) fn least_cut_cost(surface: &Surface, cycle: [u32; 3]) -> f32 {
     price(cap_error(surface, cycle), MAX_SPECK - 1)
 }
 
-/// Finds out what a cut along three edges would do, with its cost in scaled units; `None` if it must not be.
+/// Finds out what a cut along three edges would do, and its cost; `None` if it must not be.
 ///
 /// A handle is capped twice. What a cut would separate must vanish with it, and is as far from what stays as
 /// from the cut.
@@ -119,10 +125,10 @@ pub(crate) fn plan_cut(surface: &Surface, cycle: [u32; 3]) -> Option<CutPlan> {
         Some(lists)
     };
     let sides = [side(false)?, side(true)?];
-    match separation(surface, cycle, &sides) {
-        Separation::None => {
+    match separation_near(surface, cycle, &sides) {
+        Separation::None | Separation::Unknown => {
             let cost = price(2.0 * cap_error(surface, cycle), FREED_BY_HANDLE);
-            Some(CutPlan::Handle(cost))
+            Some(CutPlan::Handle(cost, Box::new(sides)))
         }
         Separation::Part(triangles) if triangles.len() <= MAX_SPECK => {
             let corners = cycle.map(|v| surface.edge(cycle[0], v).map(f64::from));
@@ -137,8 +143,13 @@ pub(crate) fn plan_cut(surface: &Surface, cycle: [u32; 3]) -> Option<CutPlan> {
             let cost = price(error, triangles.len() - 1);
             Some(CutPlan::Strip(triangles, cost))
         }
-        _ => None,
+        Separation::Part(_) => None,
     }
+}
+
+/// Whether a cut along three edges leaves the surface in one piece. Takes a longer search: not before it is due.
+pub(crate) fn opens_handle(surface: &Surface, cycle: [u32; 3], sides: &[Side; 2]) -> bool {
+    matches!(separation_far(surface, cycle, sides), Separation::None)
 }
 
 /// All triangles that hang together with a vertex, if they are few and none is locked.
@@ -179,18 +190,35 @@ fn speck(surface: &Surface, start: u32) -> Option<Vec<u32>> {
 
 /// The triangles of `v` from its edge to `from` up to its edge to `to`, in their sense of rotation.
 fn sector(surface: &Surface, v: u32, from: u32, to: u32) -> Option<Vec<u32>> {
+    let mut found = Vec::with_capacity(surface.ring(v).len());
+    each_of_sector(surface, v, from, to, |t| found.push(t))?;
+    Some(found)
+}
+
+/// Hands the same triangles to `take`; `None`, after some of them perhaps, if there is no such sector.
+fn each_of_sector(
+    surface: &Surface,
+    v: u32,
+    from: u32,
+    to: u32,
+    mut take: impl FnMut(u32),
+) -> Option<()> {
     let ring = surface.ring(v);
-    let mut found = Vec::new();
-    let mut at = from;
+    let (mut at, mut n) = (from, 0);
     while at != to {
-        let t = *ring.iter().find(|&&t| others(surface.triangles[t as usize], v).0 == at)?;
-        if found.len() == ring.len() {
+        if n == ring.len() {
             return None;
         }
-        at = others(surface.triangles[t as usize], v).1;
-        found.push(t);
+        let next = ring.iter().find_map(|&t| {
+            let (b, c) = others(surface.triangles[t as usize], v);
+            (b == at).then_some((t, c))
+        });
+        let (t, c) = next?;
+        take(t);
+        at = c;
+        n += 1;
     }
-    (!found.is_empty()).then_some(found)
+    (n > 0).then_some(())
 }
 
 /// Removes triangles and leaves their vertices without any.

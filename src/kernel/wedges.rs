@@ -12,10 +12,11 @@
 //! Source: wedges of Hoppe 1999 (docs/references.md; docs/algorithm.md, section 7).
 
 mod seam_collapse;
+mod seam_cost;
 
-use std::collections::BTreeMap;
-
+use super::lanes::Simd;
 use super::surface::{GONE, Surface};
+use crate::mesh::union_find::Union;
 
 pub(crate) use seam_collapse::place_on_edge;
 
@@ -38,11 +39,12 @@ pub(crate) struct Wedges {
     /// For each wedge one of its chart, the same for all of them.
     chart: Vec<u32>,
     n_charts: u64,
+    simd: Simd,
 }
 
 impl Wedges {
     /// Wedges of a surface that is about to be welded: each vertex is its own.
-    pub(crate) fn new(surface: &Surface) -> Wedges {
+    pub(crate) fn new(surface: &Surface, simd: Simd) -> Wedges {
         Wedges {
             corner: surface.triangles.clone(),
             values: surface.channels.clone(),
@@ -53,31 +55,19 @@ impl Wedges {
             seam_share: 0.0,
             chart: Vec::new(),
             n_charts: 0,
+            simd,
         }
     }
 
     /// Finds the charts: wedges that triangles connect.
     pub(crate) fn find_charts(&mut self, triangles: &[[u32; 3]]) {
-        fn first(chart: &mut [u32], mut wedge: u32) -> u32 {
-            while chart[wedge as usize] != wedge {
-                let next = chart[chart[wedge as usize] as usize];
-                chart[wedge as usize] = next;
-                wedge = next;
-            }
-            wedge
-        }
-        let mut chart: Vec<u32> = (0..self.source.len() as u32).collect();
+        let mut charts = Union::new(self.source.len());
         let alive = self.corner.iter().zip(triangles).filter(|(_, t)| t[0] != GONE);
         for (&[a, b, c], _) in alive {
-            for (a, b) in [(a, b), (b, c)] {
-                let (a, b) = (first(&mut chart, a), first(&mut chart, b));
-                chart[a.max(b) as usize] = a.min(b);
-            }
+            charts.join(a, b);
+            charts.join(b, c);
         }
-        for wedge in 0..chart.len() as u32 {
-            chart[wedge as usize] = first(&mut chart, wedge);
-        }
-        self.chart = chart;
+        self.chart = charts.into_roots();
         self.n_charts = self.count_charts(triangles);
     }
 
@@ -105,27 +95,28 @@ impl Wedges {
     }
 
     /// Makes one of wedges that are to be joined and have the same confined values; lowest first.
-    pub(crate) fn join_equal(&mut self, join: &BTreeMap<u32, u32>, confined: &[bool]) {
+    pub(crate) fn join_equal(&mut self, join: &[(u32, u32)], confined: &[bool]) {
         let alike = |a: &[f32], b: &[f32]| {
             let mut pairs = a.iter().zip(b).zip(confined);
             pairs.all(|((a, b), confined)| !confined || a.to_bits() == b.to_bits())
         };
-        // Groups by the vertex they are joined into, in ascending order of it.
-        let mut groups: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-        for (&v, &into) in join {
-            groups.entry(into).or_insert_with(|| vec![into]).push(v);
-        }
-        let mut same: BTreeMap<u32, u32> = BTreeMap::new();
-        for group in groups.values() {
-            for (i, &v) in group.iter().enumerate() {
-                let equal = |&&w: &&u32| alike(self.values_of(w), self.values_of(v));
-                if let Some(&first) = group[..i].iter().find(equal) {
-                    same.insert(v, first);
+        // Groups by the vertex they are joined into, in ascending order of it, which comes first.
+        let mut groups: Vec<(u32, u32)> = join.iter().map(|&(v, into)| (into, v)).collect();
+        groups.sort_unstable();
+        let mut same: Vec<u32> = (0..self.source.len() as u32).collect();
+        for group in groups.chunk_by(|a, b| a.0 == b.0) {
+            let member = |i: usize| if i == 0 { group[0].0 } else { group[i - 1].1 };
+            for i in 1..=group.len() {
+                let v = member(i);
+                let equal = |&w: &u32| alike(self.values_of(w), self.values_of(v));
+                if let Some(first) = (0..i).map(member).find(equal) {
+                    same[v as usize] = first;
                 }
             }
         }
         for corner in self.corner.iter_mut().flatten() {
-            *corner = same.get(corner).copied().unwrap_or(*corner);
+            // What is gone has no corner.
+            *corner = same.get(*corner as usize).copied().unwrap_or(*corner);
         }
     }
 

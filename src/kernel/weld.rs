@@ -9,8 +9,6 @@
 //! `Topology::Error`, with the channels of the lowest id; if others are to stay apart, they do as wedges
 //! (`wedges`). Without confined channels and under `Topology::Error`, `mend` does more instead.
 
-use std::collections::BTreeMap;
-
 use super::Topology;
 use super::lanes::Simd;
 use super::legal::Class;
@@ -25,24 +23,35 @@ pub(crate) fn coincident(
     simd: Simd,
 ) -> u64 {
     let mut join = candidates(surface);
-    while !join.is_empty() {
-        let bad = conflicts(surface, &join);
+    if join.is_empty() {
+        return 0;
+    }
+    let mut joined: Vec<u32> = (0..surface.vertices.len() as u32).collect();
+    join.iter().for_each(|&(v, into)| joined[v as usize] = into);
+    loop {
+        let bad = conflicts(surface, &join, &joined);
         if bad.is_empty() {
             break;
         }
-        join.retain(|v, into| bad.binary_search(v).is_err() && bad.binary_search(into).is_err());
+        join.retain(|&(v, into)| {
+            let stays = bad.binary_search(&v).is_err() && bad.binary_search(&into).is_err();
+            if !stays {
+                joined[v as usize] = v;
+            }
+            stays
+        });
     }
     if join.is_empty() {
         return 0;
     }
-    let kept_apart = |surface: &Surface, (v, into): (&u32, &u32)| {
-        let (a, b) = (surface.channels_of(*v), surface.channels_of(*into));
+    let kept_apart = |surface: &Surface, &(v, into): &(u32, u32)| {
+        let (a, b) = (surface.channels_of(v), surface.channels_of(into));
         let differ = |channel: usize| a[channel].to_bits() != b[channel].to_bits();
         topology == Topology::Keep
             || (0..a.len()).any(|c| confined.get(c) == Some(&true) && differ(c))
     };
     if join.iter().any(|pair| kept_apart(surface, pair)) {
-        let mut wedges = Box::new(Wedges::new(surface));
+        let mut wedges = Box::new(Wedges::new(surface, simd));
         if topology == Topology::Error {
             wedges.join_equal(&join, confined);
         }
@@ -51,12 +60,13 @@ pub(crate) fn coincident(
     }
     for t in &mut surface.triangles {
         if t[0] != GONE {
-            *t = t.map(|v| join.get(&v).copied().unwrap_or(v));
+            *t = t.map(|v| joined[v as usize]);
         }
     }
-    for &v in join.keys() {
+    for &(v, _) in &join {
         surface.rings[v as usize].len = 0;
     }
+    drop(joined);
     surface.compact(simd);
     join.len() as u64
 }
@@ -68,9 +78,9 @@ pub(crate) fn lock_coincident(surface: &mut Surface) {
     }
 }
 
-/// Vertices with open edges, each with the one of lowest source in the same place. Where one of them is
-/// locked, they all become so instead.
-fn candidates(surface: &mut Surface) -> BTreeMap<u32, u32> {
+/// Vertices with open edges, each with the one of lowest source in the same place, ascending. Where one of them
+/// is locked, they all become so instead.
+fn candidates(surface: &mut Surface) -> Vec<(u32, u32)> {
     // Where several fans of one chart meet in a vertex, the gaps may be what other charts fill.
     let concerned = |v: &u32| {
         let ring = &surface.rings[*v as usize];
@@ -88,7 +98,7 @@ fn candidates(surface: &mut Surface) -> BTreeMap<u32, u32> {
         .map(|v| (place(v), surface.source[v as usize], v))
         .collect();
     found.sort_unstable();
-    let mut join = BTreeMap::new();
+    let mut join = Vec::new();
     for group in found.chunk_by(|a, b| a.0 == b.0).filter(|group| group.len() > 1) {
         let class = |v: u32| surface.rings[v as usize].class;
         if group.iter().any(|&(_, _, v)| class(v) == Some(Class::Locked)) {
@@ -98,16 +108,17 @@ fn candidates(surface: &mut Surface) -> BTreeMap<u32, u32> {
             continue;
         }
         for &(_, _, v) in &group[1..] {
-            join.insert(v, group[0].2);
+            join.push((v, group[0].2));
         }
     }
+    join.sort_unstable();
     join
 }
 
 /// Vertices, ascending, whose joining would repeat a directed edge or a corner.
-fn conflicts(surface: &Surface, join: &BTreeMap<u32, u32>) -> Vec<u32> {
-    let joined = |v: u32| join.get(&v).copied().unwrap_or(v);
-    let mut touched: Vec<u32> = join.iter().flat_map(|(&v, &into)| [v, into]).collect();
+fn conflicts(surface: &Surface, join: &[(u32, u32)], joined: &[u32]) -> Vec<u32> {
+    let joined = |v: u32| joined[v as usize];
+    let mut touched: Vec<u32> = join.iter().flat_map(|&(v, into)| [v, into]).collect();
     touched.sort_unstable();
     touched.dedup();
     let mut triangles: Vec<u32> =

@@ -5,11 +5,24 @@
 //!
 //! Source: Dey et al. 1999 (docs/references.md; docs/algorithm.md, section 4).
 
-use super::Collapser;
+use std::ops::Range;
+
+use super::{Collapser, ROOM};
 use crate::kernel::lanes::Lanes;
 use crate::kernel::legal::{Class, Reject};
 use crate::kernel::surface::Surface;
 use crate::kernel::unchecked::{at, prefetch};
+
+/// Whether a number is among some of a list.
+#[inline(always)]
+fn has<L: Lanes>(list: &[u32; ROOM], range: Range<usize>, number: u32) -> bool {
+    let mut found = 0;
+    for from in range.clone().step_by(8) {
+        let Some(eight) = list[from..].first_chunk::<8>() else { break };
+        found |= L::matches(eight, number) & (0xFF >> (8 - (range.end - from).min(8)));
+    }
+    found != 0
+}
 
 impl Collapser {
     /// The link condition, boundaries and locks.
@@ -27,7 +40,7 @@ impl Collapser {
             self.closes = None;
             self.link_inside::<L>(surface)
         } else {
-            self.link_anywhere(surface, v0, v1)
+            self.link_anywhere::<L>(surface, v0, v1)
         }
     }
 
@@ -74,8 +87,13 @@ impl Collapser {
     }
 
     /// The same wherever a boundary, a lock or a crowd is near.
-    #[inline(never)]
-    fn link_anywhere(&mut self, surface: &Surface, v0: u32, v1: u32) -> Result<(), Reject> {
+    #[inline(always)]
+    fn link_anywhere<L: Lanes>(
+        &mut self,
+        surface: &Surface,
+        v0: u32,
+        v1: u32,
+    ) -> Result<(), Reject> {
         let class = |v: u32| surface.rings[v as usize].class.unwrap_or(Class::Complex);
         let (class0, class1) = (class(v0), class(v1));
         let (n0, n_kept) = (self.n0, self.n_kept);
@@ -86,16 +104,16 @@ impl Collapser {
         }
         // The edges to the third corner become one, which another triangle has to have.
         for &w in &self.opposite[..n_gone] {
-            if !self.b[..n_kept].contains(&w) && !self.c[..n_kept].contains(&w) {
+            if !has::<L>(&self.b, 0..n_kept, w) && !has::<L>(&self.c, 0..n_kept, w) {
                 return Err(Reject::Boundary);
             }
         }
         self.open.clear();
         if class0 == Class::Boundary {
-            self.open_edges(v0, true);
+            self.open_edges::<L>(v0, true);
         }
         if class1 == Class::Boundary {
-            self.open_edges(v1, false);
+            self.open_edges::<L>(v1, false);
         }
         self.closes = None;
         // Every neighbour of v0 that also is one of v1 must be opposite to the edge.
@@ -105,12 +123,16 @@ impl Collapser {
         let stranger = |w: u32| w != opposite[0] && w != opposite[1];
         if class0 == Class::Interior && class1 == Class::Interior {
             // Each neighbour comes up as `b` exactly once.
-            if b0.iter().any(|&w| b1.contains(&w) && stranger(w)) {
+            if b0.iter().any(|&w| stranger(w) && has::<L>(&self.b, n0..n_kept, w)) {
                 return Err(Reject::LinkCondition);
             }
         } else {
-            let common = |w: u32| b1.contains(&w) || c1.contains(&w);
-            for &w in b0.iter().chain(c0).filter(|&&w| stranger(w) && common(w)) {
+            let common =
+                |w: u32| has::<L>(&self.b, n0..n_kept, w) || has::<L>(&self.c, n0..n_kept, w);
+            for &w in b0.iter().chain(c0) {
+                if !stranger(w) || !common(w) {
+                    continue;
+                }
                 let hole = self.open.contains(&(w, v0)) && self.open.contains(&(w, v1));
                 if !(self.may_close && n_gone == 1 && hole && class(w) == Class::Boundary)
                     || self.closes.is_some_and(|other| other != w)
@@ -138,27 +160,28 @@ impl Collapser {
     }
 
     /// Collects the neighbours of an end over its open edges, the other end left out.
-    fn open_edges(&mut self, v: u32, is_v0: bool) {
+    #[inline(always)]
+    fn open_edges<L: Lanes>(&mut self, v: u32, is_v0: bool) {
         let own = if is_v0 { 0..self.n0 } else { self.n0..self.n_kept };
-        let (b, c) = (&self.b[own.clone()], &self.c[own]);
         let n_gone = self.n - self.n_kept;
         // The vanishing triangles are noted as seen from v1: from v0 the third corner changes sides.
         let is_first = |i: usize| (self.b[self.n_kept + i] == self.opposite[i]) != is_v0;
         let vanishing = |w: u32, first: bool| {
             (0..n_gone).any(|i| self.opposite[i] == w && is_first(i) == first)
         };
-        for (&b_i, &c_i) in b.iter().zip(c) {
-            if !c.contains(&b_i) && !vanishing(b_i, false) {
+        for i in own.clone() {
+            let (b_i, c_i) = (self.b[i], self.c[i]);
+            if !has::<L>(&self.c, own.clone(), b_i) && !vanishing(b_i, false) {
                 self.open.push((b_i, v));
             }
-            if !b.contains(&c_i) && !vanishing(c_i, true) {
+            if !has::<L>(&self.b, own.clone(), c_i) && !vanishing(c_i, true) {
                 self.open.push((c_i, v));
             }
         }
         for i in 0..n_gone {
             let w = self.opposite[i];
-            let (facing, first) = if is_first(i) { (c, true) } else { (b, false) };
-            if !facing.contains(&w) && !vanishing(w, !first) {
+            let (facing, first) = if is_first(i) { (&self.c, true) } else { (&self.b, false) };
+            if !has::<L>(facing, own.clone(), w) && !vanishing(w, !first) {
                 self.open.push((w, v));
             }
         }

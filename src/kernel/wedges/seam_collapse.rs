@@ -1,29 +1,22 @@
-//! Collapses at attribute seams: what one costs, where its survivor goes, and which values its wedges get.
+//! Collapses at attribute seams: which wedges become one, and which values they get.
 //!
-//! The survivor stays on the edge, at the place where the attributes' and the geometric error are least
-//! together. What that costs is summed up over the rings directly; there is no sum to keep at a seam. Whether
-//! the collapse is legal is not asked here.
+//! What such a collapse costs is in `seam_cost`. Whether it is legal is decided elsewhere.
 
 use super::Wedges;
-use crate::kernel::attributes::MAX_WEIGHTED;
+use super::seam_cost::Correct;
 use crate::kernel::evaluate::Evaluated;
 use crate::kernel::legal::Class;
-use crate::kernel::surface::{Surface, boundary_quadric, others};
-use crate::mesh::vec3::{along, cross, dot, length_sq, sub};
-
-/// Cost of an edge in a plane, as in `evaluate`.
-const LENGTH_COST: f64 = 1e-6;
-/// As in `attribute_lanes`: where gradients are damped.
-const LEAST_SHAPE_SQ: f64 = 2.5e-4;
+use crate::kernel::surface::{Surface, others};
+use crate::mesh::vec3::along;
 
 /// Which wedges of `v0` become which of `v1`: those of the triangles over the edge.
 #[derive(Clone, Copy, Debug, Default)]
-struct Pairs {
+pub(super) struct Pairs {
     list: [(u32, u32); 2],
-    n: usize,
+    pub(super) n: usize,
     /// One wedge would have to become two, or two would become one.
-    splits: bool,
-    joins: bool,
+    pub(super) splits: bool,
+    pub(super) joins: bool,
 }
 
 impl Pairs {
@@ -39,7 +32,7 @@ impl Pairs {
         pairs
     }
 
-    fn add(&mut self, pair: (u32, u32)) {
+    pub(super) fn add(&mut self, pair: (u32, u32)) {
         for known in &self.list[..self.n] {
             self.splits |= known.0 == pair.0 && known.1 != pair.1;
             self.joins |= known.0 != pair.0 && known.1 == pair.1;
@@ -53,17 +46,14 @@ impl Pairs {
         }
     }
 
-    fn of_v0(&self, wedge: u32) -> Option<(u32, u32)> {
+    pub(super) fn of_v0(&self, wedge: u32) -> Option<(u32, u32)> {
         self.list[..self.n].iter().copied().find(|pair| pair.0 == wedge)
     }
 
-    fn of_v1(&self, wedge: u32) -> Option<(u32, u32)> {
+    pub(super) fn of_v1(&self, wedge: u32) -> Option<(u32, u32)> {
         self.list[..self.n].iter().copied().find(|pair| pair.1 == wedge)
     }
 }
-
-/// Values of a channel at both ends of an edge, if all wedges of either agree.
-type CommonEnds = Option<[f32; 2]>;
 
 /// A collapse at a seam under way.
 pub(crate) struct SeamPlan {
@@ -83,157 +73,8 @@ impl Wedges {
         fixed: &[f32; 8],
         found: &mut Evaluated,
     ) {
-        let active = surface.attributes.as_ref().map_or(&[][..], |a| a.active());
-        for i in 0..8 {
-            if self.concern(v0[i], v1[i]) {
-                let (cost, place) = self.evaluate(surface, (v0[i], v1[i]), fixed[i] > 0.0, active);
-                found.cost[i] = cost;
-                (0..3).for_each(|k| found.place[k][i] = place[k]);
-            }
-        }
-    }
-
-    /// Cost and place (relative to the edge's midpoint) of a collapse at a seam: the best place on the edge
-    /// itself. `active` are the channels that count, with their factors.
-    fn evaluate(
-        &self,
-        surface: &Surface,
-        (v0, v1): (u32, u32),
-        fixed: bool,
-        active: &[(usize, f32)],
-    ) -> (f32, [f32; 3]) {
-        let pairs = Pairs::of(self, surface, v0, v1);
-        let half = surface.edge(v0, v1).map(|x| 0.5 * f64::from(x));
-        let half_f32 = half.map(|x| x as f32);
-        // A seam that ends at v0 may only become shorter by going to v0.
-        if (pairs.splits && fixed) || pairs.n == 0 {
-            return (f32::INFINITY, half_f32);
-        }
-        let edge = half.map(|x| 2.0 * x);
-        // Quadratic in the place on the edge, 0 at v0 and 1 at v1: c0 + 2 c1 s + c2 s^2.
-        let geometric = |v: u32| {
-            let q = surface.vertices[v as usize].quadric.map(f64::from);
-            let product = [
-                q[0] * edge[0] + q[1] * edge[1] + q[2] * edge[2],
-                q[1] * edge[0] + q[3] * edge[1] + q[4] * edge[2],
-                q[2] * edge[0] + q[4] * edge[1] + q[5] * edge[2],
-            ];
-            (dot(edge, product), q[0] + q[3] + q[5])
-        };
-        let ((along0, area0), (along1, area1)) = (geometric(v0), geometric(v1));
-        let mut c = [along1, -along1, along0 + along1];
-        let mut common = [None; MAX_WEIGHTED];
-        for (common, &(channel, _)) in common.iter_mut().zip(active) {
-            let ends = [v0, v1].map(|v| self.common(surface, v, channel));
-            *common = ends[0].zip(ends[1]).map(|(a, b)| [a, b]);
-        }
-        for (end, v) in [v0, v1].into_iter().enumerate() {
-            for &t in surface.ring(v) {
-                self.add_triangle(surface, (t, v, end), (&pairs, edge), (active, &common), &mut c);
-            }
-            if self.is_seam[v as usize] {
-                let away = self.border_cost(surface, v, edge);
-                match end {
-                    0 => c[2] += away,
-                    _ => c = [c[0] + away, c[1] - away, c[2] + away],
-                }
-            }
-        }
-        let free = if c[2] > 0.0 { (-c[1] / c[2]).clamp(0.0, 1.0) } else { 0.5 };
-        let s = match (fixed || pairs.joins, pairs.splits) {
-            (true, _) => 1.0,
-            (_, true) => 0.0,
-            _ => free,
-        };
-        let floor = (area0 + area1) * length_sq(half) * LENGTH_COST;
-        let cost = (c[0] + s * (2.0 * c[1] + s * c[2])).max(0.0) + floor;
-        // NaN is no cost.
-        let cost = if cost < f64::from(f32::MAX) { cost as f32 } else { f32::INFINITY };
-        let place = match s {
-            1.0 => half_f32,
-            0.0 => half_f32.map(|x| -x),
-            _ => half.map(|x| ((2.0 * s - 1.0) * x) as f32),
-        };
-        (cost, place)
-    }
-
-    /// What it costs to take `v` from the seams that end there by the vector `way`: squared length times
-    /// squared distance for each, as at a boundary of the surface; less where it is no border of a region.
-    fn border_cost(&self, surface: &Surface, v: u32, way: [f64; 3]) -> f64 {
-        let ring = surface.ring(v);
-        let region = |w: u32| self.region.map(|channel| self.values_of(w)[channel].to_bits());
-        let share = |a: u32, b: u32| match a == b {
-            true => 0.0,
-            false if region(a) != region(b) => 1.0,
-            false => self.seam_share,
-        };
-        let mut cost = 0.0;
-        for &t in ring {
-            let (b, _) = others(surface.triangles[t as usize], v);
-            let is_next = |n: &&u32| others(surface.triangles[**n as usize], v).1 == b;
-            let Some(&next) = ring.iter().find(is_next) else { continue };
-            let share = share(self.at(surface, t, v), self.at(surface, next, v));
-            if share > 0.0 {
-                let q = boundary_quadric(surface.edge(v, b)).map(f64::from);
-                let product = [
-                    q[0] * way[0] + q[1] * way[1] + q[2] * way[2],
-                    q[1] * way[0] + q[3] * way[1] + q[4] * way[2],
-                    q[2] * way[0] + q[4] * way[1] + q[5] * way[2],
-                ];
-                cost += share * dot(way, product);
-            }
-        }
-        cost
-    }
-
-    /// Adds area times squared difference between what a triangle says of a place on the edge and what its
-    /// corner's wedge will say.
-    fn add_triangle(
-        &self,
-        surface: &Surface,
-        (t, v, end): (u32, u32, usize),
-        (pairs, edge): (&Pairs, [f64; 3]),
-        (active, common): (&[(usize, f32)], &[CommonEnds]),
-        c: &mut [f64; 3],
-    ) {
-        let (b, d) = others(surface.triangles[t as usize], v);
-        let (to_b, to_d) = (surface.edge(v, b).map(f64::from), surface.edge(v, d).map(f64::from));
-        let n = cross(to_b, to_d);
-        let double_area = length_sq(n).sqrt();
-        let edges_sq = length_sq(to_b) + length_sq(to_d) + length_sq(sub(to_d, to_b));
-        let below = length_sq(n).max(edges_sq * edges_sq * LEAST_SHAPE_SQ);
-        // NaN is no triangle either.
-        if below <= 0.0 || below.is_nan() {
-            return;
-        }
-        // What one unit of step at b, and at d, is worth along the whole edge.
-        let (at_b, at_d) = (dot(cross(to_d, n), edge) / below, dot(cross(n, to_b), edge) / below);
-        let own = self.values_at(surface, t, v);
-        let (values_b, values_d) = (self.values_at(surface, t, b), self.values_at(surface, t, d));
-        let wedge = self.at(surface, t, v);
-        let pair = if end == 0 { pairs.of_v0(wedge) } else { pairs.of_v1(wedge) };
-        let other = pair.map(|(w0, w1)| match end {
-            0 => self.values_of(w1),
-            _ => self.values_of(w0),
-        });
-        for (&(channel, factor), common) in active.iter().zip(common) {
-            let value = |list: &[f32]| f64::from(list[channel]) * f64::from(factor);
-            let here = value(own);
-            let per_edge = at_b * (value(values_b) - here) + at_d * (value(values_d) - here);
-            let step = match (common, other) {
-                (Some(ends), _) => f64::from(ends[1 - end]) * f64::from(factor) - here,
-                (None, Some(other)) => value(other) - here,
-                (None, None) => 0.0,
-            };
-            // The residual at either end of the edge.
-            let [r0, r1] = match end {
-                0 => [0.0, per_edge - step],
-                _ => [-per_edge - step, 0.0],
-            };
-            let area = 0.5 * double_area;
-            c[0] += area * r0 * r0;
-            c[1] += area * r0 * (r1 - r0);
-            c[2] += area * (r1 - r0) * (r1 - r0);
+        if (0..8).any(|i| self.concern(v0[i], v1[i])) {
+            self.simd.run(Correct { wedges: self, surface, v0, v1, fixed, found });
         }
     }
 
@@ -320,12 +161,15 @@ impl Wedges {
         self.is_seam[v1 as usize] = true;
         self.look_again(surface, v1);
         // Charts may have vanished from the third corners, too.
-        let around: Vec<u32> = surface.ring(v1).to_vec();
-        for t in around {
+        let mut around: Vec<u32> = Vec::with_capacity(2 * surface.ring(v1).len());
+        for &t in surface.ring(v1) {
             let (b, c) = others(surface.triangles[t as usize], v1);
-            for w in [b, c] {
-                self.look_again(surface, w);
-            }
+            around.extend([b, c]);
+        }
+        around.sort_unstable();
+        around.dedup();
+        for w in around {
+            self.look_again(surface, w);
         }
     }
 
