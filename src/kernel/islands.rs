@@ -30,6 +30,8 @@ const LONGEST_WAY: usize = 4096;
 /// Cost of the dearest collapse over mean squared error times mean area of a triangle: `COST_PER_ERROR` of
 /// `topology` times what the error of all gains by two triangles less, three times its mean for each.
 const COST_PER_SQUARE: f64 = 42.0;
+/// Triangles longer than so many cells are looked at in parts.
+const LONG: f64 = 4.0;
 /// Components farther from others than this many root mean square errors are held, for the sake of the largest
 /// error, ...
 const FAR: f64 = 30.0;
@@ -244,6 +246,7 @@ impl Islands {
         for &t in triangles {
             let t = &surface.triangles[t as usize];
             let own = area_of(surface, t);
+            let mut at_corners = 0.0;
             for &v in t {
                 let known =
                     corners.iter().find(|(w, _)| *w == v).map(|&(_, distance_sq)| distance_sq);
@@ -260,14 +263,28 @@ impl Islands {
                         distance_sq
                     }
                 };
-                error += own * distance_sq / 3.0;
+                at_corners += distance_sq;
             }
+            // Corners alone would not see how far off the middle of a large triangle is.
+            let places = t.map(|v| surface.vertices[v as usize].position);
+            let points = points_of(places, self.to_cell);
+            let mut inside = 0.0;
+            for &point in &points {
+                let (distance_sq, _) = self.nearest(surface, point, rank)?;
+                farthest_sq = farthest_sq.max(distance_sq);
+                inside += distance_sq;
+            }
+            error += own
+                * match points.len() {
+                    // Exact where the squared distance is quadratic, as it is from a plane.
+                    1 => at_corners / 12.0 + 0.75 * inside,
+                    n => inside / n as f64,
+                };
             area += own;
         }
         let to_scaled = surface.scale * surface.scale;
         let ghosts = self.ghosts[rank as usize];
-        let mean =
-            corners.iter().map(|(_, distance_sq)| distance_sq).sum::<f64>() / corners.len() as f64;
+        let mean = if area > 0.0 { error / area } else { 0.0 };
         Some(Removal {
             rank,
             nearest: nearest.1,
@@ -309,6 +326,29 @@ impl Islands {
         }
         None
     }
+}
+
+/// Centroids of the parts of a triangle, none of which is much longer than `LONG` cells; 16 parts at most.
+fn points_of(corners: [Vec3; 3], to_cell: f64) -> Vec<Vec3> {
+    let [a, b, c] = corners;
+    let longest_sq = length_sq(sub(b, a)).max(length_sq(sub(c, b))).max(length_sq(sub(a, c)));
+    let n = [1u32, 2].into_iter().find(|&n| longest_sq.sqrt() * to_cell <= LONG * f64::from(n));
+    let n = n.unwrap_or(4);
+    let at = |u: f64, v: f64| std::array::from_fn(|k| a[k] + u * (b[k] - a[k]) + v * (c[k] - a[k]));
+    let mut points = Vec::with_capacity((n * n) as usize);
+    for i in 0..n {
+        for j in 0..n - i {
+            let place = |third: f64| {
+                let part = |i: u32| (f64::from(i) + third / 3.0) / f64::from(n);
+                at(part(i), part(j))
+            };
+            points.push(place(1.0));
+            if i + j + 1 < n {
+                points.push(place(2.0));
+            }
+        }
+    }
+    points
 }
 
 /// The vertex that a vertex has been merged into, if it still has triangles.

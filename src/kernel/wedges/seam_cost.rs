@@ -199,6 +199,10 @@ impl Wedges {
             away1 += self.border_cost::<L>(surface, v1, &*ring1, edge);
         }
         let c = [away1, -away1, away0 + away1];
+        // Neither infinity nor NaN is a cost.
+        if !c[2].is_finite() {
+            return (f32::INFINITY, half_f32);
+        }
         let free = if c[2] > 0.0 { (-c[1] / c[2]).clamp(0.0, 1.0) } else { 0.5 };
         let s = match (fixed || pairs.joins, pairs.splits) {
             (true, _) => 1.0,
