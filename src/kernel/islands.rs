@@ -64,6 +64,7 @@ pub(crate) struct Removal {
 }
 
 /// Components, and where they lie.
+#[derive(Clone)]
 pub(crate) struct Islands {
     /// For each vertex the rank of its component: 0 the smallest.
     rank: Vec<u32>,
@@ -334,7 +335,9 @@ fn points_of(corners: [Vec3; 3], to_cell: f64) -> Vec<Vec3> {
     let longest_sq = length_sq(sub(b, a)).max(length_sq(sub(c, b))).max(length_sq(sub(a, c)));
     let n = [1u32, 2].into_iter().find(|&n| longest_sq.sqrt() * to_cell <= LONG * f64::from(n));
     let n = n.unwrap_or(4);
-    let at = |u: f64, v: f64| std::array::from_fn(|k| a[k] + u * (b[k] - a[k]) + v * (c[k] - a[k]));
+    let at = |u: f64, v: f64| -> Vec3 {
+        std::array::from_fn(|k| a[k] + u * (b[k] - a[k]) + v * (c[k] - a[k]))
+    };
     let mut points = Vec::with_capacity((n * n) as usize);
     for i in 0..n {
         for j in 0..n - i {
