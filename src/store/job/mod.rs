@@ -134,10 +134,14 @@ pub fn sweep_scratch(folder: &Path) {
         let path = entry.path();
         let is_scratch = path.extension().is_some_and(|ext| ext == SCRATCH_EXTENSION);
         if is_scratch && entry.file_type().is_ok_and(|kind| kind.is_dir()) {
-            // Without a lock it has nothing yet, and goes only if it is empty; its owner makes it again.
+            // Looked at before the lock, which is the first file of a folder.
+            let has_files = std::fs::read_dir(&path).is_ok_and(|mut files| files.next().is_some());
             let _ = match lock::is_free(&path) {
-                Some(true) => std::fs::remove_dir_all(&path),
                 Some(false) => Ok(()),
+                Some(true) => std::fs::remove_dir_all(&path),
+                // The lock is gone again: its owner is removing the folder, or was killed while it did.
+                None if has_files => std::fs::remove_dir_all(&path),
+                // It has no lock yet, and goes only if it is empty; its owner makes it again.
                 None => std::fs::remove_dir(&path),
             };
         }
