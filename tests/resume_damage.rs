@@ -171,7 +171,8 @@ fn write_shape(path: &Path, shape: Shape, n: u32) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// A million triangles around one vertex, or in one point: done in the budget, and not in quadratic time.
+/// A million triangles around one vertex: done in the budget, and not in quadratic time. In one point they are no
+/// surface, and refused.
 #[test]
 fn degenerate_shapes_complete_in_the_budget() {
     let folder = tempfile::tempdir().unwrap();
@@ -184,8 +185,12 @@ fn degenerate_shapes_complete_in_the_budget() {
         let output = run(at, command);
         let said = String::from_utf8_lossy(&output.stderr);
         let code = output.status.code();
-        assert!(matches!(code, Some(0 | 3)), "{shape:?}: {code:?} {said}");
         assert!(!said.contains("panicked"), "{said}");
+        if matches!(shape, Shape::Point) {
+            assert_eq!(code, Some(4), "{said}");
+            continue;
+        }
+        assert!(matches!(code, Some(0 | 3)), "{shape:?}: {code:?} {said}");
         let seconds = started.elapsed().as_secs();
         assert!(seconds < 400, "{shape:?} takes {seconds} s");
         let report: serde_json::Value =
