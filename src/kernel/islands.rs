@@ -15,6 +15,7 @@
 //! docs/algorithm.md, section 6.
 
 use super::surface::{GONE, Surface};
+use crate::mesh::bounds::Bounds;
 use crate::mesh::union_find::Union;
 use crate::mesh::vec3::{Vec3, length_sq, normal, sub, triangle_distance_sq};
 
@@ -95,17 +96,14 @@ impl Islands {
     pub(crate) fn new(surface: &Surface) -> Self {
         let (rank, sizes) = ranks(surface);
         let n_ranks = sizes.len();
-        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        let mut bounds = Bounds::EMPTY;
         for (vertex, _) in surface.vertices.iter().zip(&rank).filter(|(_, rank)| **rank != GONE) {
-            for axis in 0..3 {
-                low[axis] = low[axis].min(vertex.position[axis]);
-                high[axis] = high[axis].max(vertex.position[axis]);
-            }
+            bounds.add(vertex.position);
         }
         let some = surface.triangles.iter().step_by(AREA_STRIDE).filter(|t| t[0] != GONE);
         let (area, n) = some.fold((0.0, 0u32), |(area, n), t| (area + area_of(surface, t), n + 1));
         let mean = area / f64::from(n.max(1));
-        let extent = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
+        let extent = bounds.side();
         // An edge long, if the keys can tell so many cells apart.
         let least = extent / f64::from((1u32 << AXIS_BITS) - 2);
         let side = ((2.0 * mean).sqrt() * surface.unscale).max(least).max(f64::MIN_POSITIVE);
@@ -115,7 +113,7 @@ impl Islands {
             is_gone: vec![false; n_ranks],
             known: vec![None; n_ranks],
             least_error: vec![0.0; n_ranks],
-            origin: low,
+            origin: bounds.low,
             to_cell: 1.0 / side,
             grids: Vec::new(),
             area: mean * surface.n_alive as f64,

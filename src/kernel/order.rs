@@ -4,6 +4,7 @@
 //! the input. Inside of a cell the order of the input stays. It moves only indices; the caller moves the
 //! data.
 
+use crate::mesh::bounds::Bounds;
 use crate::mesh::morton::spread;
 use crate::mesh::vec3::Vec3;
 
@@ -22,15 +23,8 @@ pub(crate) struct Order {
 
 /// Lower corner and longest side of the box around the points.
 pub(crate) fn bounds(positions: &[Vec3]) -> (Vec3, f64) {
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for p in positions {
-        for axis in 0..3 {
-            low[axis] = low[axis].min(p[axis]);
-            high[axis] = high[axis].max(p[axis]);
-        }
-    }
-    let side = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
-    (low, side)
+    let bounds = Bounds::around(positions);
+    (bounds.low, bounds.side())
 }
 
 /// Turns keys into places, in place; keys are less than the length of `starts`, which is overwritten.

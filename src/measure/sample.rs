@@ -148,8 +148,8 @@ pub fn sort_along_curve(samples: &mut Vec<Sample>) {
 
 /// The order of points along a space-filling curve through their box.
 pub fn order_along_curve(points: &[Vector]) -> Vec<u32> {
-    let Bounds { low, high } = Bounds::around(points);
-    let reach = (0..3).map(|k| high[k] - low[k]).fold(0.0, f64::max);
+    let bounds = Bounds::around(points);
+    let (low, reach) = (bounds.low, bounds.side());
     let scale = if reach > 0.0 { 1023.0 / reach } else { 0.0 };
     let key = |point: &Vector| {
         let cell = [0, 1, 2].map(|k| spread(((point[k] - low[k]) * scale) as u32));

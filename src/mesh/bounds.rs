@@ -99,6 +99,11 @@ impl Bounds {
         length_sq(off)
     }
 
+    /// The length of the longest side; 0 for an empty box.
+    pub fn side(&self) -> f64 {
+        (0..3).map(|k| self.high[k] - self.low[k]).fold(0.0, f64::max)
+    }
+
     /// The length of the diagonal; 0 for an empty box.
     pub fn diagonal(&self) -> f64 {
         if self.is_empty() {
