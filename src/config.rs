@@ -51,7 +51,7 @@ impl Target {
     pub fn check(self, n_triangles: u64) -> crate::Result<()> {
         match self {
             Target::Ratio(ratio) if n_triangles > 0 && self.triangles(n_triangles) == 0 => {
-                let ratio = crate::system::units::show_length(ratio);
+                let ratio = crate::system::units::show_share(ratio);
                 Err(crate::Error::Usage(format!(
                     "--ratio {ratio} of {n_triangles} triangles is less than one; ask for at least \
                      --triangles 1"

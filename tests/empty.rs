@@ -51,6 +51,7 @@ fn an_empty_result_is_never_a_success() {
     let before = names(at);
     for (arguments, codes, word) in [
         ("simplify in.ply o.ply --triangles 0", &[2][..], "at least 1"),
+        ("simplify in.ply o.ply --ratio 0.001%", &[2], "--ratio 0.001 % of"),
         ("simplify in.ply o.ply --ratio 0.0001%", &[2], "at least --triangles 1"),
         ("simplify degenerate.ply o.ply --ratio 50%", &[4], "degenerate"),
         ("simplify degenerate.ply o.ply --max-error 1", &[4], "degenerate"),
@@ -219,4 +220,31 @@ fn advice_is_given_only_where_it_helps() {
     assert!(!said.contains("continue"), "{said}");
     let said = expect(at, "simplify . o.ply --ratio 50%", 4);
     assert!(said.contains("folder") && !said.contains("pipe it in"), "{said}");
+}
+
+/// A mesh with hundreds of images is refused in one line that a person can read.
+#[test]
+fn a_message_names_the_first_few_of_many_images() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let (mut mesh, mut materials) = (String::from("mtllib in.mtl\n"), String::new());
+    for i in 0..300 {
+        let v = 3 * i + 1;
+        let _ = write!(
+            mesh,
+            "v {i} 0 0\nv {i} 1 0\nv {i} 0 1\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m{i}\n\
+             f {v}/{v} {}/{} {}/{}\n",
+            v + 1,
+            v + 1,
+            v + 2,
+            v + 2
+        );
+        // Every image twice.
+        let _ = write!(materials, "newmtl m{i}\nmap_Kd image{}.png\n", i / 2);
+    }
+    std::fs::write(at.join("in.obj"), mesh).unwrap();
+    std::fs::write(at.join("in.mtl"), materials).unwrap();
+    let said = expect(at, "convert in.obj o.stl", 4);
+    assert!(said.contains("image4.png and 145 more"), "{said}");
+    assert!(said.len() < 400, "{said}");
 }

@@ -68,6 +68,12 @@ pub fn show_length(length: f64) -> String {
     }
 }
 
+/// A share for people: `0.0001 %`, to six digits.
+pub fn show_share(share: f64) -> String {
+    let percent = 100.0 * share;
+    format!("{} %", show_length(format!("{percent:.5e}").parse().unwrap_or(percent)))
+}
+
 /// A size for people: `512.0 MiB`.
 pub fn show_bytes(bytes: u64) -> String {
     const UNITS: [&str; 5] = ["B", "KiB", "MiB", "GiB", "TiB"];

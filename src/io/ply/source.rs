@@ -202,7 +202,7 @@ impl MeshSource {
         )))
     }
 
-    /// Refuses a file whose texture would be lost, naming the images.
+    /// Refuses a file whose texture would be lost, naming some of the images.
     pub fn require_no_texture(&self) -> Result<()> {
         match self.texture() {
             None => Ok(()),
@@ -211,7 +211,7 @@ impl MeshSource {
                  lose; bake the texture into vertex colours first, or give the texture up with \
                  --drop-texture",
                 texture.property,
-                texture.files.join(", ")
+                some_of(&texture.files)
             ))),
         }
     }
@@ -294,5 +294,17 @@ impl std::fmt::Debug for MeshSource {
             .field("n_vertices", &self.n_vertices())
             .field("n_triangles", &self.n_triangles())
             .finish_non_exhaustive()
+    }
+}
+
+/// Names, each once, the first few of them.
+fn some_of(names: &[String]) -> String {
+    const MOST: usize = 5;
+    let mut seen = std::collections::HashSet::new();
+    let each: Vec<&str> =
+        names.iter().map(String::as_str).filter(|&name| seen.insert(name)).collect();
+    match each.len() {
+        0..=MOST => each.join(", "),
+        n => format!("{} and {} more", each[..MOST].join(", "), n - MOST),
     }
 }
