@@ -87,6 +87,8 @@ fn damage_is_found_or_harmless() {
         }
     }
     println!("{detected} detected, {harmless} harmless");
+    // Most bytes of a job are checked; few damages hit one that no longer counts.
+    assert!(4 * detected > n_damages(), "{detected} detected, {harmless} harmless");
     expect(at, &format!("{COMMAND} --restart"), 0);
     assert!(std::fs::read(at.join("out.ply")).unwrap() == reference);
 }
@@ -128,8 +130,11 @@ fn a_second_run_says_who_works_and_a_dead_holder_is_followed() {
     let mut first = stonecut().current_dir(at).args(command.split(' ')).spawn().unwrap();
     let lock = at.join("out.ply.stonecut-job/lock");
     while !std::fs::read_to_string(&lock).is_ok_and(|holder| holder.contains("process")) {
-        std::thread::sleep(std::time::Duration::from_millis(2));
+        assert!(first.try_wait().unwrap().is_none(), "the first run ended without a lock");
+        std::thread::yield_now();
     }
+    // Stopped, it holds the lock for as long as the second run takes.
+    common::signal(&first, rustix::process::Signal::STOP);
     let said = expect(at, command, 7);
     assert!(said.contains(&format!("process {}", first.id())), "{said}");
     first.kill().unwrap();
@@ -171,32 +176,35 @@ fn write_shape(path: &Path, shape: Shape, n: u32) {
     std::fs::write(path, bytes).unwrap();
 }
 
-/// A million triangles around one vertex: done in the budget, and not in quadratic time. In one point they are no
-/// surface, and refused.
+/// A million triangles around one vertex: done in the budget, and without looking at every edge again and again. In one
+/// point they are no surface, and refused.
 #[test]
 fn degenerate_shapes_complete_in_the_budget() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     for shape in [Shape::Fan, Shape::Hub, Shape::Point] {
         write_shape(&at.join("in.ply"), shape, 1_000_000);
-        let started = std::time::Instant::now();
         let command = "simplify in.ply out.ply --ratio 1% --cell-triangles 50k --memory 128MiB --force \
                        --restart --report r.json";
         let output = run(at, command);
         let said = String::from_utf8_lossy(&output.stderr);
         let code = output.status.code();
         assert!(!said.contains("panicked"), "{said}");
-        if matches!(shape, Shape::Point) {
+        if shape == Shape::Point {
             assert_eq!(code, Some(4), "{said}");
             continue;
         }
         assert!(matches!(code, Some(0 | 3)), "{shape:?}: {code:?} {said}");
-        let seconds = started.elapsed().as_secs();
-        assert!(seconds < 400, "{shape:?} takes {seconds} s");
         let report: serde_json::Value =
             serde_json::from_slice(&std::fs::read(at.join("r.json")).unwrap()).unwrap();
         let peak = report["peak_memory_bytes"].as_u64().unwrap() >> 20;
         assert!(peak < 128, "{shape:?} takes {peak} MiB");
-        println!("{shape:?}: exit {code:?}, {seconds} s, {peak} MiB\n{said}");
+        // Refused and taken collapses: a few for each of 1.5 to 2 million edges, in all rounds together.
+        let counts = ["rejects", "changes"].map(|key| {
+            report[key].as_object().unwrap().values().filter_map(|n| n.as_u64()).sum::<u64>()
+        });
+        let looks = counts[0] + counts[1];
+        println!("{shape:?}: exit {code:?}, {looks} looks, {peak} MiB\n{said}");
+        assert!(looks < 40_000_000, "{shape:?}: {counts:?}");
     }
 }

@@ -439,3 +439,68 @@ fn write_report(path: &Path, report: &RunReport) -> Result<()> {
     json.push(b'\n');
     crate::system::pending_file::write_whole(path, &json)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::pack_format::ALWAYS_WIDE;
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Typed {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    fn simplify(folder: &Path, name: &str, options: &str) -> (Vec<u8>, u64) {
+        let (input, output) = (folder.join("in.ply"), folder.join(name));
+        let words = ["simplify".to_owned()]
+            .into_iter()
+            .chain([input, output.clone()].map(|path| path.display().to_string()));
+        let words = words.chain(options.split_whitespace().map(str::to_owned));
+        let config = Typed::parse_from(words).args.config().unwrap();
+        let prepared = pipeline::prepare(&config).unwrap();
+        let disk = crate::system::disk::Disk::default();
+        pipeline::simplify_on(&disk, prepared, &config, &Progress::default()).unwrap();
+        let mesh = std::fs::read(&output).unwrap();
+        std::fs::remove_file(&output).unwrap();
+        (mesh, disk.bytes_written())
+    }
+
+    /// Ids of 8 bytes, as for inputs of more than 2^32 vertices, change no byte of a result: through rounds, new
+    /// cells, components, the finish and the writer.
+    #[test]
+    fn wide_ids_change_no_byte_of_a_result() {
+        let folder = tempfile::tempdir().unwrap();
+        let n = 130;
+        let mut text = format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+             property uchar red\nproperty uchar green\nproperty uchar blue\n\
+             element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+            (n + 1) * (n + 1),
+            2 * n * n
+        );
+        for v in 0..(n + 1) * (n + 1) {
+            let (x, y) = (f64::from(v % (n + 1)), f64::from(v / (n + 1)));
+            let z = (x * 0.2).sin() * (y * 0.15).cos() * 4.0 + (x * 1.9 + y * 2.7).sin() * 0.1;
+            text += &format!("{x} {y} {z} {} {} {}\n", v % 256, v / 7 % 256, v / 99 % 256);
+        }
+        for quad in 0..n * n {
+            let a = quad / n * (n + 1) + quad % n;
+            text += &format!("3 {a} {} {}\n3 {a} {} {}\n", a + 1, a + n + 2, a + n + 2, a + n + 1);
+        }
+        std::fs::write(folder.path().join("in.ply"), text).unwrap();
+        for options in [
+            "--ratio 60% --cell-triangles 1000",
+            "--ratio 5% --cell-triangles 1000 --min-component 4",
+            "--ratio 10%",
+        ] {
+            let (narrow, n_bytes) = simplify(folder.path(), "narrow.ply", options);
+            ALWAYS_WIDE.set(true);
+            let (wide, n_wide_bytes) = simplify(folder.path(), "wide.ply", options);
+            ALWAYS_WIDE.set(false);
+            assert!(n_wide_bytes > n_bytes, "{options}");
+            assert!(narrow == wide, "{options}");
+        }
+    }
+}

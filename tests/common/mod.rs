@@ -65,3 +65,9 @@ pub fn real_scan(name: &str) -> Option<PathBuf> {
     println!("skipped: no real scan {name} here");
     None
 }
+
+/// Sends a signal to a process that the test has started.
+pub fn signal(child: &std::process::Child, signal: rustix::process::Signal) {
+    let id = rustix::process::Pid::from_child(child);
+    rustix::process::kill_process(id, signal).unwrap();
+}

@@ -9,6 +9,7 @@ use crate::mesh::property::Scalar;
 use crate::mesh::record::VertexSchema;
 use crate::store::cells::{CellMesh, CellStore};
 use crate::store::job::{Identity, Job};
+use crate::store::pack_format::ALWAYS_WIDE;
 use crate::system::disk::Disk;
 use crate::system::progress::Progress;
 use std::collections::BTreeMap;
@@ -48,6 +49,15 @@ fn cut(
     memory_bytes: u64,
     checkpoint_every: Duration,
 ) -> (Partition, Vec<CellMesh>) {
+    cut_in(20_000, folder, memory_bytes, checkpoint_every)
+}
+
+fn cut_in(
+    cell_triangles: u64,
+    folder: &std::path::Path,
+    memory_bytes: u64,
+    checkpoint_every: Duration,
+) -> (Partition, Vec<CellMesh>) {
     let source = MeshSource::open(&folder.join("grid.ply")).unwrap();
     let identity =
         Identity { input: "grid".into(), input_marks: BTreeMap::new(), settings: BTreeMap::new() };
@@ -60,7 +70,7 @@ fn cut(
         memory_bytes,
         checkpoint_every,
     };
-    let partition = partition(&source, 20_000, &run).unwrap();
+    let partition = partition(&source, cell_triangles, &run).unwrap();
     let layout = VertexLayout::new(source.schema(), source.n_vertices());
     let store = CellStore::open(&disk, job.folder(), partition.store.clone(), layout).unwrap();
     let cells = (0..store.n_cells()).map(|cell| store.load_tidy(cell).unwrap()).collect();
@@ -98,6 +108,49 @@ fn a_table_in_windows_gives_the_same_cells_bit_for_bit() {
         assert_eq!(whole.store.shared_vertices, windowed.store.shared_vertices);
         assert_eq!(whole.seam_place, windowed.seam_place);
         assert_same(&cells, &other, &format!("{memory} bytes"));
+    }
+}
+
+/// Ids of 8 bytes, as for inputs of more than 2^32 vertices, give the same cells.
+#[test]
+fn wide_ids_give_the_same_cells_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    write_grid(folder.path(), 300);
+    let (narrow, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
+    ALWAYS_WIDE.set(true);
+    for memory in [1 << 10, 1 << 30] {
+        let (wide, others) = cut(folder.path(), memory, Duration::ZERO);
+        assert!(wide.store.pack_bytes > narrow.store.pack_bytes);
+        assert_eq!(wide.store.cells, narrow.store.cells);
+        assert_same(&cells, &others, &format!("{memory} bytes"));
+    }
+    ALWAYS_WIDE.set(false);
+}
+
+/// More cells than 16 bits can number: every triangle is in one of them, with its own vertices.
+#[test]
+fn more_than_65536_cells_hold_every_triangle() {
+    let folder = tempfile::tempdir().unwrap();
+    let n = 301u64;
+    write_grid(folder.path(), n as u32);
+    for memory in [1 << 30, 1 << 20] {
+        let (partition, cells) = cut_in(2, folder.path(), memory, Duration::MAX);
+        assert!(cells.len() > 1 << 16, "{}", cells.len());
+        assert_eq!(partition.store.triangles, 2 * (n - 1) * (n - 1));
+        let mut triangles: Vec<[u64; 3]> = Vec::new();
+        for cell in &cells {
+            for t in &cell.mesh.triangles {
+                for &v in t {
+                    let (id, at) = (cell.ids[v as usize], cell.mesh.positions[v as usize]);
+                    assert_eq!(at, [(id % n) as f64, (id / n) as f64, 0.0]);
+                }
+                triangles.push(t.map(|v| cell.ids[v as usize]));
+            }
+        }
+        triangles.sort_unstable();
+        triangles.dedup();
+        assert_eq!(triangles.len() as u64, partition.store.triangles);
+        assert!(cells.iter().filter(|cell| !cell.mesh.triangles.is_empty()).count() > 1 << 15);
     }
 }
 

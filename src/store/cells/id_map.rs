@@ -170,6 +170,18 @@ mod tests {
         check(&[&dense[..], &borrowed].concat(), &[2, u64::MAX]);
         let falling: Vec<u64> = (0..1000).map(|i| (1 << 40) - i * i).collect();
         check(&falling, &[0, 1 << 41]);
+        // Across the bounds of 30 and 32 bits, dense, sparse, and borrowed from beyond them.
+        for bound in [1u64 << 30, 1 << 32] {
+            let dense: Vec<u64> = (bound - 500..bound + 500).collect();
+            check(&dense, &[0, bound - 501, bound + 500, bound * 2, bound / 2]);
+            let sparse: Vec<u64> = (0..1000).map(|i| bound - 500_000 + i * 997).collect();
+            check(&sparse, &[bound - 500_001, 1000, u64::MAX]);
+            let borrowed = [bound * 2, bound * 2 - 1, 3, bound + 501, bound - 7_000_000];
+            check(&[&dense[..], &borrowed].concat(), &[bound + 500, bound * 2 + 1, 2]);
+            // Ids that are the same in their lower bits.
+            let alike: Vec<u64> = (1..1000).map(|i| i * bound + 5).collect();
+            check(&alike, &[5, bound, bound + 4]);
+        }
         check(&[], &[0, 5]);
         check(&[9], &[0, 8, 10]);
     }
