@@ -151,3 +151,121 @@ fn a_budget_beyond_the_cgroup_is_taken_down_or_refused() {
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(0), "{said}");
 }
+
+/// The least budget that the plan gives for a command, in MiB, rounded up.
+fn least_mib(folder: &Path, command: &str) -> u64 {
+    let said = expect(folder, &format!("{command} --dry-run --memory 8GiB"), 0);
+    let least = said.split("at least ").nth(1).and_then(|rest| rest.split_once(" MiB")).unwrap().0;
+    // It is rounded to a tenth.
+    (least.parse::<f64>().unwrap() + 0.05).ceil() as u64
+}
+
+fn peak_bytes(folder: &Path) -> u64 {
+    let report = std::fs::read(folder.join("r.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&report).unwrap();
+    report["peak_memory_bytes"].as_u64().unwrap()
+}
+
+/// A bumpy sheet of 2 n^2 triangles whose vertices carry so many further numbers.
+fn write_wide(path: &Path, n: usize, n_further: usize) {
+    let mut bytes = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\n\
+         property float z\n{}element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        (n + 1) * (n + 1),
+        (0..n_further).map(|i| format!("property int further_{i}\n")).collect::<String>(),
+        2 * n * n
+    )
+    .into_bytes();
+    for v in 0..(n + 1) * (n + 1) {
+        let (x, y) = ((v % (n + 1)) as f32, (v / (n + 1)) as f32);
+        let z = (x * 0.05).sin() * (y * 0.07).cos() * 5.0 + (x * 1.7 + y * 2.3).sin() * 0.05;
+        [x, y, z].iter().for_each(|c| bytes.extend(c.to_le_bytes()));
+        (0..n_further).for_each(|i| bytes.extend(((v * i) as i32).to_le_bytes()));
+    }
+    for quad in 0..n * n {
+        let a = (quad / n * (n + 1) + quad % n) as i32;
+        let (b, c, d) = (a + 1, a + n as i32 + 2, a + n as i32 + 1);
+        for triangle in [[a, b, c], [a, c, d]] {
+            bytes.push(3);
+            triangle.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+        }
+    }
+    std::fs::write(path, bytes).unwrap();
+}
+
+/// With no more than the least budget, the peak stays below it; and the least is not out of all proportion.
+#[test]
+fn the_least_budget_is_enough_and_not_twice_the_need() {
+    // How the scan is made, and what is asked of it.
+    let scans = [
+        ("statue", "statue in.ply --triangles 700k", "--ratio 1%"),
+        ("statue", "statue in.ply --triangles 700k", "--ratio 50% --fit on"),
+        ("volume", "volume in.ply --triangles 900k", "--ratio 60% --fit on"),
+        ("volume", "volume in.ply --triangles 900k", "--ratio 5%"),
+        ("colours", "terrain in.ply --triangles 600k --color --uv", "--ratio 10%"),
+        ("fragments", "", "--ratio 5%"),
+        ("wide", "", "--ratio 5%"),
+        ("wide", "", "--ratio 95%"),
+        ("wide", "", "--ratio 95% --cell-triangles 50k"),
+    ];
+    for (name, synth, options) in scans {
+        let folder = tempfile::tempdir().unwrap();
+        let input = folder.path().join("in.ply");
+        match name {
+            "fragments" => write_fragments(&input, 280),
+            "wide" => write_wide(&input, 400, 60),
+            _ => drop(expect(folder.path(), &format!("synth {synth}"), 0)),
+        }
+        let command =
+            format!("simplify in.ply out.ply {options} --threads 1 --restart --report r.json");
+        let least = least_mib(folder.path(), &command);
+        let output = common::run(folder.path(), &format!("{command} --memory {least}MiB"));
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(matches!(output.status.code(), Some(0 | 3)), "{name} {options}: {said}");
+        let peak = peak_bytes(folder.path());
+        println!("{name} {options}: least {least} MiB, peak {} MiB", peak >> 20);
+        assert!(peak <= least << 20, "{name} {options}: peak {} of {least} MiB", peak >> 20);
+        assert!(2 * peak + (40 << 20) > least << 20, "{name} {options}: {peak} of {least} MiB");
+    }
+}
+
+/// What threads have used and freed does not add up: they take turns where the budget is small.
+#[test]
+fn many_threads_stay_within_the_least_budget() {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth statue in.ply --triangles 2M", 0);
+    // Rounds only, whose least budget is little more than that of one cell; and a finish that takes all of it.
+    for options in
+        ["--ratio 30% --cell-triangles 120k --fit off", "--ratio 4% --cell-triangles 80k --fit on"]
+    {
+        let command =
+            format!("simplify in.ply out.ply {options} --threads 8 --force --report r.json");
+        let least = least_mib(folder.path(), &command);
+        let Some(group) = Group::new("threads", (least << 20) * 10 / 9 + (1 << 20)) else {
+            println!("skipped: no cgroup can be made here");
+            return;
+        };
+        let output = group.run(folder.path(), &format!("{command} --memory {least}MiB"));
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{options}: {said}");
+        let peak = peak_bytes(folder.path());
+        println!("{options}: least {least} MiB, peak {} MiB", peak >> 20);
+        assert!(peak <= least << 20, "{options}: peak {} of {least} MiB", peak >> 20);
+    }
+}
+
+/// The memory that a refusal names is enough, and so is the size of cells.
+#[test]
+fn the_advice_of_a_refusal_for_memory_works() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth terrain in.ply --triangles 900k --color", 0);
+    let command = "simplify in.ply out.ply --ratio 30% --until partition --restart";
+    let said = expect(at, &format!("{command} --memory 60MiB"), 6);
+    let word = |start: &str| {
+        let rest = said.split(start).nth(1).unwrap_or_else(|| panic!("no '{start}' in: {said}"));
+        format!("{start}{}", rest.split([',', ' ', '\n']).next().unwrap())
+    };
+    expect(at, &format!("{command} {}", word("--memory ").trim()), 0);
+    expect(at, &format!("{command} --memory 60MiB {}", word("--cell-triangles ").trim()), 0);
+}

@@ -15,6 +15,10 @@ use std::sync::{Mutex, PoisonError};
 /// Bytes a triangle that counting takes besides the mesh or cell itself: its edges, sorted.
 pub const COUNT_BYTES: u64 = 64;
 
+/// Bytes a vertex that cells share: links of each cell that holds it, and edges to other shared vertices, of which a
+/// seam has about three a vertex, once for each cell until equal ones are united; lists grow by doubling.
+const SEAM_BYTES: u64 = 240;
+
 /// Counts by way of a scratch store in `temp_dir`. Memory: tables and cells within `memory_bytes`, and what
 /// lies on seams.
 pub fn check(
@@ -40,10 +44,11 @@ pub fn check(
         Weighted { item, bytes: load_bytes(tally, store.layout()) + COUNT_BYTES * tally.triangles }
     };
     let jobs = (0..store.n_cells()).map(weigh).collect();
+    let seam_bytes = SEAM_BYTES * store.info().shared_vertices;
     largest_first(
         jobs,
         threads,
-        memory_bytes,
+        memory_bytes.saturating_sub(seam_bytes),
         progress,
         |_| (),
         |item| {

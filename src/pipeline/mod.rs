@@ -55,6 +55,10 @@ fn run_stages(
 ) -> Result<Option<RunReport>> {
     let started = Instant::now();
     let Prepared { source, plan, marks } = prepared;
+    // With more memory, what the allocator keeps back does no harm.
+    if config.memory_bytes < 2 * plan.needed_memory_bytes {
+        crate::system::memory::keep_nothing_back();
+    }
     let identity = job_identity(&source, &marks, config);
     let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
     let mut stages = Stages::new(config, &plan, &job, progress, &source);

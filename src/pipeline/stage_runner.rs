@@ -125,6 +125,7 @@ impl<'a> Stages<'a> {
             let (read, written, start) =
                 (run.disk().bytes_read(), run.disk().bytes_written(), Instant::now());
             let outcome = work(&run)?;
+            crate::system::memory::give_back();
             let report = StageReport {
                 name: name.to_owned(),
                 part: StageReport::part_of(name).to_owned(),

@@ -39,6 +39,39 @@ pub fn peak_bytes() -> u64 {
     status_kib("VmHWM:") * 1024
 }
 
+/// Gives memory that was freed back to the system.
+///
+/// The allocator keeps an arena for each thread and holds on to what was freed in it. What eight threads have used, one
+/// after the other, would stay resident eight times.
+pub fn give_back() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    {
+        unsafe extern "C" {
+            fn malloc_trim(pad: usize) -> std::ffi::c_int;
+        }
+        // SAFETY: the C library's own function; it locks what it changes, and changes nothing that is in use.
+        unsafe { malloc_trim(0) };
+    }
+}
+
+/// Makes the allocator give every large piece back as soon as it is freed, from now on, at some cost in time.
+///
+/// By itself it comes to keep pieces of up to 32 MiB for later: a run whose live memory peaks at 98 MiB was seen to have
+/// 150 MiB resident.
+pub fn keep_nothing_back() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    {
+        use std::ffi::c_int;
+        const M_MMAP_THRESHOLD: c_int = -3;
+        const LARGE_BYTES: c_int = 1 << 20;
+        unsafe extern "C" {
+            fn mallopt(parameter: c_int, value: c_int) -> c_int;
+        }
+        // SAFETY: the C library's own function; it locks what it changes, which is a number for later allocations.
+        unsafe { mallopt(M_MMAP_THRESHOLD, LARGE_BYTES) };
+    }
+}
+
 /// Resident memory of this process now, in bytes; 0 where the system does not tell.
 pub fn resident_bytes() -> u64 {
     status_kib("VmRSS:") * 1024

@@ -5,6 +5,7 @@
 //! the work becomes an error here (`guarded`), so that a fault of ours ends a run like any other failure.
 
 use crate::error::{Error, Result};
+use crate::system::memory::give_back;
 use crate::system::progress::Progress;
 use crossbeam::channel::bounded;
 use std::collections::BTreeMap;
@@ -149,7 +150,8 @@ struct Queue {
 ///
 /// A job that exceeds the budget alone still runs, alone: whether it may is decided by the plan. Every job is
 /// announced when about one more round of jobs is to come before it, so that its bytes can be on their way
-/// while others compute. The first failure lets running jobs end and begins no further ones.
+/// while others compute. The first failure lets running jobs end and begins no further ones. Freed memory goes back
+/// to the system after each job that takes more than its thread's share of the budget, and in the end.
 pub fn largest_first(
     mut jobs: Vec<Weighted>,
     threads: usize,
@@ -191,6 +193,9 @@ pub fn largest_first(
                 announce(item);
             }
             let outcome = guarded(|| progress.check().and_then(|()| work(job.item)));
+            if job.bytes > budget_bytes / threads as u64 {
+                give_back();
+            }
             let mut queue = lock();
             queue.running -= 1;
             queue.free_bytes = (queue.free_bytes + job.bytes).min(budget_bytes);
@@ -206,6 +211,7 @@ pub fn largest_first(
         .build()
         .map_err(|e| Error::NoMemory(format!("cannot start {threads} threads: {e}")))?
         .broadcast(|_| worker());
+    give_back();
     match queue.into_inner().unwrap_or_else(PoisonError::into_inner).failed {
         Some(error) => Err(error),
         None => Ok(()),

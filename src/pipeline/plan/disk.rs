@@ -12,6 +12,14 @@ const SHARED_PER_ROOT: f64 = 2.0;
 /// Blocks of a file system: what of a chunk cannot be given back because it shares a block with others.
 const BLOCK_BYTES: f64 = 4096.0;
 
+/// Vertices that cells share with others, each counted in every cell that holds it.
+pub(super) fn shared_vertices(triangles: u64, n_cells: f64) -> f64 {
+    match n_cells > 1.0 {
+        true => n_cells * SHARED_PER_ROOT * (triangles as f64 / n_cells).sqrt(),
+        false => 0.0,
+    }
+}
+
 /// A round, as the plan has it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Round {
@@ -54,10 +62,7 @@ impl Job<'_> {
         let (vertex, triangle) = store_row_bytes(self.layout, has_channels);
         let n_cells = self.n_cells(triangles);
         let rows = tally.vertices as f64 * vertex as f64 + triangles as f64 * triangle as f64;
-        let shared = match n_cells > 1.0 {
-            true => n_cells * SHARED_PER_ROOT * (triangles as f64 / n_cells).sqrt(),
-            false => 0.0,
-        };
+        let shared = shared_vertices(triangles, n_cells);
         let seams = shared * (vertex as f64 / 2.0 + self.layout.ids.bytes as f64);
         let n_chunks = rows / self.chunk_bytes(triangles) + 3.0 * n_cells;
         rows + seams + n_chunks * CHUNK_BYTES

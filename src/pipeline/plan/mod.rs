@@ -6,15 +6,17 @@ use crate::config::{Config, Normals, Target};
 use crate::error::{Error, Remedy, Result};
 use crate::io::ply::{FaceSchema, MeshSource, VertexBlock};
 use crate::io::{Expected, OutputKind, expected_bytes};
-use crate::kernel;
 use crate::mesh::face_properties::FaceCarry;
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
 use crate::stages::components;
 use crate::stages::partition::{self, Shares, Sizes};
-use crate::stages::simplify::{FREED_AT_A_TIME, frees_sources, kernel_bytes};
+use crate::stages::simplify::{
+    FREED_AT_A_TIME, fit_bytes, frees_sources, result_bytes, work_bytes,
+};
 use crate::stages::stitch::{self, Step};
-use crate::store::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
+use crate::stages::write;
+use crate::store::cells::{CellTally, VertexLayout, plan_cells};
 use crate::system::disk::folder_of;
 use crate::system::memory::BASE_BYTES;
 use crate::system::paths::existing_parent;
@@ -92,12 +94,15 @@ impl Plan {
         let cells = plan_cells(triangles_in, config.cell_triangles);
         let (rounds, finish_triangles) = rounds(triangles_in, target, config.cell_triangles);
         let vertices_per_triangle = source.n_vertices() as f64 / triangles_in.max(1) as f64;
-        let stage_bytes = |triangles: u64| {
+        let tally_of = |triangles: u64| {
             let vertices = (triangles as f64 * vertices_per_triangle.clamp(0.5, 3.0)) as u64;
-            let tally = CellTally { vertices, triangles };
-            load_bytes(tally, &layout) + kernel_bytes(tally, &layout)
+            CellTally { vertices, triangles }
         };
-        let cell = (config.cell_triangles.min(triangles_in) as f64 * UNEVEN) as u64;
+        let stage_bytes = |triangles: u64, left: f64| {
+            let tally = tally_of(triangles);
+            work_bytes(tally, tally, left, &layout)
+        };
+        let cell = ((config.cell_triangles as f64 * UNEVEN) as u64).min(triangles_in);
         let threads = config.threads.get();
         let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
         let store = partition::store_bytes(source.n_vertices(), triangles_in, &layout);
@@ -110,8 +115,26 @@ impl Plan {
         let shares = Shares::new(sizes, threads, usable);
         let tables = shares.least_bytes;
         let fit = config.kernel.fit.decided(triangles_in, target);
-        let fit_bytes = kernel::fit_bytes(fit, finish_triangles, target);
-        let works = stage_bytes(cell).max(stage_bytes(finish_triangles) + fit_bytes);
+        // The result is one cell after a finish; otherwise cells that share vertices.
+        let writing_bytes = match finish_triangles {
+            0 => {
+                let n_cells = target.div_ceil(config.cell_triangles).max(1);
+                let shared = disk::shared_vertices(target, n_cells as f64);
+                let tables = match attributes.normals {
+                    Normals::Recompute => 2,
+                    Normals::Keep | Normals::Drop => 1,
+                };
+                result_bytes(tally_of(cell.min(target)), &layout)
+                    + tables * write::shared_bytes(shared as u64)
+            }
+            _ => result_bytes(tally_of(target.min(triangles_in)), &layout),
+        };
+        let fit_bytes = fit_bytes(fit, finish_triangles, target);
+        let finish_left = (target as f64 / finish_triangles.max(1) as f64).min(1.0);
+        // A detailed cell may keep nearly all it has.
+        let works = stage_bytes(cell, 1.0)
+            .max(stage_bytes(finish_triangles, finish_left) + fit_bytes)
+            .max(writing_bytes);
         let needed = works.max(tables) + BASE_BYTES;
         if needed > config.memory_bytes {
             return Err(too_little(config, needed, works > tables, usable, works));
@@ -373,19 +396,18 @@ fn too_little(
     works: u64,
 ) -> Error {
     let budget = show_bytes(config.memory_bytes);
+    // Rounded up: what is advised has to be enough.
+    let least = format!("{}MiB", needed.div_ceil(1 << 20));
     let remedy = if cells_at_fault && usable > 0 {
         let fits =
             (config.cell_triangles as f64 * usable as f64 / works as f64) as u64 / 1000 * 1000;
         if fits >= 10_000 {
-            format!(
-                "--cell-triangles {fits} would fit, or give --memory {}",
-                show_bytes(needed).replace(' ', "")
-            )
+            format!("--cell-triangles {fits} would fit, or give --memory {}", least)
         } else {
-            format!("give at least --memory {}", show_bytes(needed).replace(' ', ""))
+            format!("give at least --memory {}", least)
         }
     } else {
-        format!("give at least --memory {}", show_bytes(needed).replace(' ', ""))
+        format!("give at least --memory {}", least)
     };
     Error::NoMemory(format!(
         "the budget of {budget} is too small, {} are needed: {remedy}",

@@ -28,7 +28,7 @@ pub fn simplify_cells_exactly(
         run.job.sealed(&format!("round {} exact levels", goal.round), || {
             let level = |j| last * (f64::from(j) / FINE_STEPS).exp2();
             let levels: Vec<f64> = (-FINE_LEVELS..=FINE_LEVELS).map(level).collect();
-            let counts = run_all(store, run, |cell| {
+            let counts = run_all((store, goal), run, |cell| {
                 let stop = Stop::CloseCosts(levels.clone());
                 kernel_run(cell, stop, options).1.statistics.level_counts
             })?;

@@ -7,11 +7,13 @@
 //! docs/algorithm.md, section 11.
 
 mod exact;
+mod memory;
 mod pilot;
 mod run_cells;
 
 pub use exact::simplify_cells_exactly;
-pub use run_cells::{FREED_AT_A_TIME, Goal, frees_sources, kernel_bytes};
+pub use memory::{fit_bytes, result_bytes, work_bytes};
+pub use run_cells::{FREED_AT_A_TIME, Goal, frees_sources};
 
 use crate::error::Result;
 use crate::kernel::{Options, Stop};

@@ -4,7 +4,8 @@
 //! known they go on from there, so that the pilot costs little more than its look ahead. What was not kept, for
 //! want of memory or after an interruption, is computed again along the same ladder: the same bytes.
 
-use super::run_cells::{Goal, cell_bytes, for_cells};
+use super::memory::cell_bytes;
+use super::run_cells::{Goal, for_cells};
 use crate::error::Result;
 use crate::kernel::{Options, Stepwise};
 use crate::mesh::vec3::{length_sq, normal};
@@ -125,7 +126,7 @@ fn pilot(
     let curves = Curves::default();
     let free_bytes = AtomicU64::new(bytes_for_copies(store, run));
     let options = Options { estimate: begun.is_some(), ..options.clone() };
-    for_cells(store, sample.iter().copied(), run, |index| {
+    for_cells((store, goal), sample.iter().copied(), run, |index| {
         let mut cell = store.load_tidy(index)?;
         let mesh = std::mem::take(&mut cell.mesh);
         let start = mesh.triangles.len() as u64;
@@ -165,7 +166,7 @@ fn pilot(
 
 /// Memory that copies may take: half of what the largest cells on all threads leave of the budget.
 fn bytes_for_copies(store: &CellStore, run: &Run) -> u64 {
-    let largest = (0..store.n_cells()).map(|cell| cell_bytes(store, cell)).max().unwrap_or(0);
+    let largest = (0..store.n_cells()).map(|cell| cell_bytes(store, cell, 1.0)).max().unwrap_or(0);
     run.memory_bytes.saturating_sub(largest.saturating_mul(run.threads as u64)) / 2
 }
 

@@ -2,12 +2,10 @@
 //!
 //! Synced every so often, so that an interrupted round goes on with the cells that it lacks.
 
+use super::memory::cell_bytes;
 use crate::error::{Error, Result};
 use crate::kernel::{self, Options, Simplified, Stop};
-use crate::store::cells::{
-    CellMesh, CellStore, CellTally, SurvivorInfo, SurvivorWriter, Survivors, VertexLayout,
-    load_bytes,
-};
+use crate::store::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors};
 use crate::store::stage_context::Run;
 use crate::system::parallel::{Weighted, largest_first};
 use serde::{Deserialize, Serialize};
@@ -35,26 +33,6 @@ pub struct Goal {
 /// Thousands of holes in a file cost time otherwise well spent.
 pub fn frees_sources(triangles_in: u64, goal_triangles: u64) -> bool {
     goal_triangles > triangles_in / KEEP_SOURCES
-}
-
-/// Memory in bytes that a cell takes while it is loaded, simplified and encoded.
-pub fn cell_bytes(store: &CellStore, cell: usize) -> u64 {
-    load_bytes(store.rows(cell), store.layout())
-        + kernel_bytes(store.info().cells[cell], store.layout())
-}
-
-/// Memory in bytes that the kernel takes for a mesh, besides what it is given.
-pub fn kernel_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
-    let CellTally { vertices, triangles } = tally;
-    let n_channels = layout.codec.n_channels();
-    let wedges = match layout.codec.has_seams(&layout.schema) {
-        true => kernel::wedge_bytes(vertices, triangles, n_channels),
-        false => 0,
-    };
-    kernel::peak_bytes(vertices, triangles, n_channels)
-        + kernel::mend_bytes(vertices, triangles)
-        + kernel::attribute_bytes(vertices, layout.n_weighted())
-        + wedges
 }
 
 /// The kernel on one cell; gives back what identifies its vertices (the cell without its mesh), too.
@@ -85,24 +63,25 @@ pub(super) fn survivors(cell: &CellMesh, simplified: Simplified, store: &CellSto
 
 /// Runs `work` on some cells, largest first, as many at once as the memory holds.
 pub(super) fn for_cells(
-    store: &CellStore,
+    (store, goal): (&CellStore, Goal),
     cells: impl Iterator<Item = usize>,
     run: &Run,
     work: impl Fn(usize) -> Result<()> + Sync,
 ) -> Result<()> {
-    let jobs = cells.map(|item| Weighted { item, bytes: cell_bytes(store, item) }).collect();
+    let share = goal.triangles as f64 / store.info().triangles.max(1) as f64;
+    let jobs = cells.map(|item| Weighted { item, bytes: cell_bytes(store, item, share) }).collect();
     let announce = |cell| store.expect(cell);
     largest_first(jobs, run.threads, run.memory_bytes, run.progress, announce, work)
 }
 
 /// Runs `work` on every cell without writing anything; outcomes in cell order.
 pub(super) fn run_all<T: Send + Clone + Default>(
-    store: &CellStore,
+    (store, goal): (&CellStore, Goal),
     run: &Run,
     work: impl Fn(CellMesh) -> T + Sync,
 ) -> Result<Vec<T>> {
     let outcomes = Mutex::new(vec![T::default(); store.n_cells()]);
-    for_cells(store, 0..store.n_cells(), run, |cell| {
+    for_cells((store, goal), 0..store.n_cells(), run, |cell| {
         let outcome = work(store.load_tidy(cell)?);
         outcomes.lock().unwrap_or_else(PoisonError::into_inner)[cell] = outcome;
         Ok(())
@@ -143,7 +122,7 @@ pub(super) fn run_cells(
     let output = Mutex::new(Output { writer, frees, unsynced, synced_bytes, synced_at });
     let freed_bytes = store.info().pack_bytes / FREED_AT_A_TIME;
     let left = (0..store.n_cells()).filter(|&cell| !is_done[cell]);
-    let outcome = for_cells(store, left, run, |cell| {
+    let outcome = for_cells((store, goal), left, run, |cell| {
         let survivors = work(cell, store.load_tidy(cell)?);
         let mut output = output.lock().map_err(half_written)?;
         output.writer.append(cell, &survivors)?;

@@ -37,10 +37,13 @@ pub fn finish(parts: Parts, target: u64, options: &Options, run: &Run) -> Result
         sample.add(&joined.mesh, &meanings);
         options.weights = sample.lengths(&layout.weights, &meanings, n_triangles, target);
     }
-    let locked = vec![false; joined.ids.len()];
-    let simplified = kernel::simplify_mesh(joined.mesh, &locked, &options);
-    let mut result = Survivors::new(&joined.ids, &locked, &joined.records, simplified, layout);
-    result.statistics.dropped = joined.statistics.dropped;
+    let Survivors { ids, records, mesh, statistics, .. } = joined;
+    let locked = vec![false; ids.len()];
+    let simplified = kernel::simplify_mesh(mesh, &locked, &options);
+    let mut result = Survivors::new(&ids, &locked, &records, simplified, layout);
+    // The result is encoded next, which takes as much again.
+    drop((ids, locked, records));
+    result.statistics.dropped = statistics.dropped;
     run.progress.add(n_triangles);
     let path = run.job.path(PACK_NAME);
     run.disk().remove(&path)?;

@@ -21,11 +21,15 @@ use crate::store::stage_context::Run;
 use faces::BackToFaces;
 use join::Joined;
 use normals::Recomputed;
+pub use numbering::shared_bytes;
 use numbering::{encode, index_vertices, own_vertices};
 use shape::Shape;
 
 /// Triangles that go to the file together.
 const CHUNK: usize = 65_536;
+
+/// Bytes of records that go to the file together.
+const RECORD_BYTES: usize = 4 << 20;
 
 /// What was written.
 #[derive(Clone, Copy, Debug, Default, serde::Serialize, serde::Deserialize)]
@@ -62,7 +66,7 @@ impl Form {
 /// Writes all cells of `result` as one mesh; a vertex that several cells hold is written once.
 ///
 /// Vertices come in the order of their first cell. Where faces carried something, vertices in one place are
-/// one again, with what the first of them carries. Memory: one cell, 48 bytes per shared vertex (twice that
+/// one again, with what the first of them carries. Memory: one cell, `shared_bytes` for shared vertices (twice that
 /// with new normals), and to join a quarter of the run's for sorting; disk then 72 bytes a vertex.
 pub fn write(
     result: &SurvivorPack,
@@ -109,6 +113,10 @@ pub fn write(
                 encode(result, &part, vertex, &mut encoded);
                 let normal = directions.as_ref().map(|list| list[vertex]);
                 shape.put(&encoded, normal, &mut records);
+                if records.len() >= RECORD_BYTES {
+                    writer.write_vertices(&records)?;
+                    records.clear();
+                }
             }
             if part.shared[vertex] {
                 uses.shared.insert(part.ids[vertex], (cell as u32, number));

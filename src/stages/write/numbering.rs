@@ -13,6 +13,12 @@ pub(super) fn encode(result: &SurvivorPack, part: &Survivors, vertex: usize, out
     layout.codec.encode(part.mesh.positions[vertex], channels, record, out);
 }
 
+/// Memory in bytes for shared vertices, each counted once: a table of rows of 24 bytes and a mark, hardly half full, and
+/// half as large again while it grows.
+pub fn shared_bytes(n_shared: u64) -> u64 {
+    86 * n_shared
+}
+
 /// For every shared vertex, the first cell that holds it and its number.
 pub(super) struct FirstUses {
     pub(super) shared: HashMap<u64, (u32, u64)>,

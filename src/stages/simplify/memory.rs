@@ -1,0 +1,84 @@
+//! The memory of a cell, or of the finish, from loading to what is left of it: for the plan and for the stages.
+//!
+//! Measured over a statue, chest CT, a noisy volume, an interior, both forms of a split scan and soups of loose
+//! triangles (docs/results/real-scans.md, "Memory"). Nothing here allocates.
+
+use crate::kernel::{self, Fit};
+use crate::store::cells::{CellStore, CellTally, VertexLayout, load_bytes};
+
+/// What the kernel takes for a dirty scan beyond `kernel::peak_bytes`, in bytes a triangle.
+const DIRT_BYTES: u64 = 8;
+
+/// What a triangle of a surface takes that is fitted, besides its samples.
+const FITTED_BYTES: u64 = 140;
+
+/// Memory in bytes that a cell takes while it is loaded, simplified and encoded; `share` of its triangles should be
+/// left.
+pub fn cell_bytes(store: &CellStore, cell: usize, share: f64) -> u64 {
+    // Detailed cells keep more than others.
+    let left = (2.0 * share).min(1.0);
+    work_bytes(store.rows(cell), store.info().cells[cell], left, store.layout())
+}
+
+/// Memory in bytes for loading `rows`, simplifying what of them is not left out, and encoding a share `left` of it.
+pub fn work_bytes(rows: CellTally, tally: CellTally, left: f64, layout: &VertexLayout) -> u64 {
+    let kept = tally.vertices * kept_bytes(layout);
+    let left = CellTally {
+        vertices: (tally.vertices as f64 * left) as u64,
+        triangles: (tally.triangles as f64 * left) as u64,
+    };
+    let kernel = kept + kernel_bytes(tally, layout);
+    let taking_over = kept + plain_bytes(left, layout);
+    load_bytes(rows, layout).max(kernel).max(taking_over).max(result_bytes(left, layout))
+}
+
+/// Memory in bytes for a result and its encoded form, side by side when it is written or read.
+pub fn result_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
+    let encoded = tally.vertices * (9 + layout.row_bytes(true)) as u64 + 12 * tally.triangles;
+    plain_bytes(tally, layout) + encoded
+}
+
+/// Memory in bytes for a result.
+fn plain_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
+    let mesh = 24 + 4 * layout.codec.n_channels() as u64;
+    tally.vertices * (kept_bytes(layout) + mesh) + 12 * tally.triangles
+}
+
+/// Bytes that stay with a vertex while the kernel has its mesh: id, mark and record.
+fn kept_bytes(layout: &VertexLayout) -> u64 {
+    8 + 1 + layout.schema.record_bytes() as u64
+}
+
+/// What the fit adds: its samples, and what it takes for each triangle of the result.
+pub fn fit_bytes(fit: Fit, n_triangles: u64, target: u64) -> u64 {
+    match kernel::fit_bytes(fit, n_triangles, target) {
+        0 => 0,
+        samples => samples + FITTED_BYTES * target.min(n_triangles),
+    }
+}
+
+/// Memory in bytes that the kernel takes for a mesh, the mesh it is given included.
+fn kernel_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
+    let CellTally { vertices, triangles } = tally;
+    let n_channels = layout.codec.n_channels();
+    let wedges = match layout.codec.has_seams(&layout.schema) {
+        true => kernel::wedge_bytes(vertices, triangles, n_channels),
+        false => 0,
+    };
+    kernel::peak_bytes(vertices, triangles, n_channels)
+        + DIRT_BYTES * triangles
+        + mend_bytes(vertices, triangles)
+        + kernel::attribute_bytes(vertices, layout.n_weighted())
+        + wedges
+}
+
+/// What mending adds: it grows with the boundaries, of which a mesh has about as many vertices as it has beyond one
+/// for two triangles.
+///
+/// Measured, in bytes for each of these vertices: 535 where the charts of a scan were welded and 0.07 of them come to
+/// a triangle, 385 as the same scan is published (0.46), 155 where every second triangle is loose (1.5), 121 where all
+/// are (2.5). Few long boundaries cost more a vertex than many short ones.
+fn mend_bytes(n_vertices: u64, n_triangles: u64) -> u64 {
+    let excess = n_vertices.saturating_sub(n_triangles / 2);
+    (560 * excess).min(160 * n_triangles + 60 * excess)
+}
