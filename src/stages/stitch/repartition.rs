@@ -9,7 +9,7 @@ use crate::io::{ExternalSort, halves, whole};
 use crate::mesh::bounds::Bounds;
 use crate::store::cells::{
     CellTally, CellTree, Frame, PackWriter, Scatter, StoreInfo, SurvivorPack, Survivors, n_samples,
-    plan_cells, split_overfull,
+    plan_cells, split_overfull, survivor_bytes,
 };
 use crate::store::pack_format::ChunkKind;
 use crate::store::stage_context::Run;
@@ -17,6 +17,10 @@ use crate::system::parallel::in_order;
 
 /// Share of the memory budget for each of the three sets of scatter buffers.
 const BUFFER_SHARE: u64 = 16;
+
+/// Share of the memory budget for old cells that are read, and what reading one takes of what it takes on disk.
+const READ_SHARE: u64 = 2;
+const COPIES: u64 = 5;
 
 /// Share of the memory budget to sort the vertices of old seams in, and again to take them out.
 const SORT_SHARE: u64 = 16;
@@ -53,6 +57,15 @@ pub fn recut(
     Ok(StoreInfo { pack_bytes: pack.length(), ..store })
 }
 
+/// Threads that may read old cells at a time: each has one cell as it lies on disk and as it was read, and rows of two
+/// cells under way.
+fn readers(survivors: &SurvivorPack, run: &Run) -> usize {
+    let cells = survivors.info().cells.iter();
+    let largest = cells.map(|&cell| survivor_bytes(cell, survivors.layout())).max().unwrap_or(0);
+    let share = run.memory_bytes / READ_SHARE;
+    (share / (COPIES * largest).max(1)).clamp(1, run.threads.max(1) as u64) as usize
+}
+
 #[derive(Default)]
 struct CellSample {
     bounds: Bounds,
@@ -68,7 +81,7 @@ fn sample(survivors: &SurvivorPack, n_cells: u32, run: &Run) -> Result<(Bounds, 
     let mut all = Vec::new();
     in_order(
         info.cells.len() as u64,
-        run.threads,
+        readers(survivors, run),
         run.progress,
         |cell, out: &mut CellSample| {
             let part = survivors.load(cell as usize)?;
@@ -117,7 +130,7 @@ fn scatter(
     let mut n_shared = 0;
     in_order(
         survivors.info().cells.len() as u64,
-        run.threads,
+        readers(survivors, run),
         run.progress,
         |cell, out: &mut Apart| {
             *out = take_apart(&survivors.load(cell as usize)?, tree, survivors);
