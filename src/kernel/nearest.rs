@@ -9,6 +9,8 @@ use super::samples::Sample;
 use super::surface::{GONE, Surface, others};
 use crate::mesh::vec3::{cross, dot, sub};
 
+/// Samples around a vertex of more triangles are lost: each of them would look at all of those.
+const MOST_FACES: usize = 1024;
 /// Rings that a sample may be tried against.
 const MAX_RINGS: usize = 5;
 
@@ -156,7 +158,7 @@ pub(crate) fn feet(
         list.clear();
         for v in 0..place.len() {
             let own = &sorted[starts[v] as usize..starts[v + 1] as usize];
-            if own.is_empty() {
+            if own.is_empty() || surface.ring(v as u32).len() > MOST_FACES {
                 continue;
             }
             ring_faces(surface, place, v as u32, &mut faces);

@@ -86,6 +86,9 @@ pub struct QualityAt {
     pub quality: Quality,
 }
 
+/// Triangles that a probe looks at around one vertex, at most.
+const MOST_FACES: usize = 1024;
+
 /// A point of the given surface.
 #[derive(Clone)]
 struct Probe {
@@ -189,7 +192,7 @@ fn nearest(surface: &Surface, probe: &Probe) -> Option<(f64, Vec3)> {
             continue;
         }
         seen.push(v);
-        for &t in surface.ring(v) {
+        for &t in surface.ring(v).iter().take(MOST_FACES) {
             let t = surface.triangles[t as usize];
             // Long rings keep what is gone.
             if t[0] == GONE {
