@@ -54,8 +54,11 @@ const HOMES: [(&str, &[&str]); 13] = [
 ];
 
 /// Files of more than 500 lines, with the most that each may have; they are to shrink.
-const LONG: [(&str, usize); 3] =
-    [("kernel/collapse.rs", 560), ("kernel/drain.rs", 560), ("kernel/surface.rs", 560)];
+const LONG: [(&str, usize); 3] = [
+    ("kernel/collapse/mod.rs", 560),
+    ("kernel/schedule/drain.rs", 560),
+    ("kernel/surface/mod.rs", 560),
+];
 
 /// Files of the kernel that form one circle; to become fewer.
 const KERNEL_CIRCLE: usize = 30;

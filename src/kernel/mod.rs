@@ -3,47 +3,28 @@
 //! It knows no files, threads, clock or logging, and its result depends on nothing but its arguments.
 //! `simplify_mesh` is the whole interface; the stages call it once per cell and once for the finish.
 //!
-//! docs/algorithm.md explains the method with its equations. Read `drive` first, then `drain`, `evaluate` and `collapse`.
+//! docs/algorithm.md explains the method with its equations. Read `schedule::levels` first, then `drain`, `cost::quadric` and `collapse`.
 
-mod approach;
-mod attribute_lanes;
-mod attributes;
-mod clean;
 mod collapse;
-mod drain;
-mod drive;
-mod evaluate;
+mod cost;
 mod fit;
-mod folds;
-mod islands;
-mod lanes;
-mod legal;
-mod mend;
-mod nearest;
-mod order;
-mod placement;
 mod quality;
-mod queue;
+#[doc(hidden)]
 pub mod reference;
-pub(crate) mod repeats;
-mod samples;
-mod separation;
-mod stepwise;
+pub(crate) mod repair;
+mod schedule;
+mod simd;
 mod surface;
 mod topology;
-mod unchecked;
-mod validate;
-mod wedges;
-mod weld;
 
-pub use attributes::MAX_WEIGHTED;
+pub use cost::attributes::MAX_WEIGHTED;
 pub use fit::{AUTO_FIT_RATIO, Fit, FitStatistics};
 pub use quality::{Quality, QualityAt};
-pub use stepwise::Stepwise;
+pub use schedule::stepwise::Stepwise;
 
 use crate::mesh::Mesh;
+use fit::samples::Samples;
 use quality::Probes;
-use samples::Samples;
 
 /// More triangles than this cannot be simplified at once: the numbers of triangles, corners and places in rings
 /// are 32 bits wide, with one bit of a corner taken, and room for what is added.
@@ -187,18 +168,23 @@ pub struct Simplified {
 /// `locked` has one entry a vertex; all of them `false` if nothing is shared with other cells. Panics above
 /// `MAX_TRIANGLES` and `MAX_VERTICES`, and if a corner or a length does not fit the vertices.
 pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplified {
-    run(mesh, locked, options, lanes::Simd::detect())
+    run(mesh, locked, options, simd::Simd::detect())
 }
 
 /// As `simplify_mesh`, without instructions that only some processors have: gives the same result, and is
 /// there for tests that hold both against each other.
 #[doc(hidden)]
 pub fn simplify_mesh_portably(mesh: Mesh, locked: &[bool], options: &Options) -> Simplified {
-    run(mesh, locked, options, lanes::Simd::Portable)
+    run(mesh, locked, options, simd::Simd::Portable)
 }
 
 /// Makes a surface of the mesh and mends it.
-fn start(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> drive::Driver {
+fn start(
+    mesh: Mesh,
+    locked: &[bool],
+    options: &Options,
+    simd: simd::Simd,
+) -> schedule::levels::Driver {
     let (n, n_triangles) = (mesh.positions.len(), mesh.triangles.len());
     assert!(n_triangles as u64 <= MAX_TRIANGLES, "{n_triangles} triangles are too many at once");
     assert!(n as u64 <= MAX_VERTICES, "{n} vertices are too many at once");
@@ -207,23 +193,23 @@ fn start(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> d
         surface::Surface::new(mesh, locked, (&options.weights, &options.confined), simd);
     surface.placement = options.placement;
     let flat = std::mem::take(&mut surface.flat);
-    let cleaned = clean::clean(&mut surface, &flat, simd);
+    let cleaned = repair::clean::clean(&mut surface, &flat, simd);
     drop(flat);
-    validate::validate(&surface);
+    surface::validate::validate(&surface);
     let mut approached = 0;
     if options.merge_distance > 0.0 && options.topology == Topology::Error {
-        approached = approach::approach(&mut surface, options.merge_distance, simd);
+        approached = repair::pair_boundaries::approach(&mut surface, options.merge_distance, simd);
     }
     if options.topology == Topology::Error && !options.confined.contains(&true) {
-        weld::lock_coincident(&mut surface);
+        repair::weld::lock_coincident(&mut surface);
     } else {
-        weld::coincident(&mut surface, options.topology, &options.confined, simd);
+        repair::weld::coincident(&mut surface, options.topology, &options.confined, simd);
     }
     if let Some(wedges) = &mut surface.wedges {
         wedges.region = options.region.filter(|&channel| channel < surface.n_channels);
         wedges.seam_share = f64::from(options.seam_share);
     }
-    let mut driver = drive::Driver::new(surface, simd, options.topology);
+    let mut driver = schedule::levels::Driver::new(surface, simd, options.topology);
     driver.changes.add_cleaned(cleaned, approached);
     if options.estimate {
         driver.probes = Some(Probes::take(&driver.surface));
@@ -232,7 +218,7 @@ fn start(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> d
     driver
 }
 
-fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Simplified {
+fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: simd::Simd) -> Simplified {
     let mut driver = start(mesh, locked, options, simd);
     let mut statistics = Statistics::default();
     match &options.stop {
@@ -266,7 +252,7 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: lanes::Simd) -> Sim
 }
 
 /// Sums up what was done and takes the mesh out of the surface.
-fn finish(mut driver: drive::Driver, mut statistics: Statistics) -> Simplified {
+fn finish(mut driver: schedule::levels::Driver, mut statistics: Statistics) -> Simplified {
     if let Some(mut probes) = driver.probes.take() {
         let removed_error = driver.changes.removed_error;
         statistics.quality = Some(probes.sum_up(&driver.surface, removed_error, 1));
@@ -279,7 +265,7 @@ fn finish(mut driver: drive::Driver, mut statistics: Statistics) -> Simplified {
         statistics.charts_vanished = wedges.n_charts_vanished(&driver.surface.triangles);
         statistics.seam_vertices = wedges.n_seam_vertices(&driver.surface);
     }
-    validate::validate(&driver.surface);
+    surface::validate::validate(&driver.surface);
     let (mesh, source) = driver.surface.into_mesh();
     Simplified { mesh, source, statistics }
 }
@@ -308,7 +294,7 @@ pub fn mend_bytes(n_vertices: u64, n_triangles: u64) -> u64 {
 /// What the fit adds to `peak_bytes`: its samples. The rest of its memory takes the place of what the collapses
 /// have freed by then.
 pub fn fit_bytes(fit: Fit, n_triangles: u64, target: u64) -> u64 {
-    if fit.applies(n_triangles, target) { samples::bytes(n_triangles, target) } else { 0 }
+    if fit.applies(n_triangles, target) { fit::samples::bytes(n_triangles, target) } else { 0 }
 }
 
 /// What weighted channels add to `peak_bytes`.
@@ -318,7 +304,7 @@ pub fn attribute_bytes(n_vertices: u64, n_weighted: usize) -> u64 {
         n => {
             n_vertices
                 * 32
-                * attribute_lanes::numbers(n.min(MAX_WEIGHTED)).div_ceil(8).max(2) as u64
+                * cost::attribute_lanes::numbers(n.min(MAX_WEIGHTED)).div_ceil(8).max(2) as u64
         }
     }
 }
@@ -384,8 +370,8 @@ mod tests {
         for target in [60_000, 3_000] {
             let (stop, fit) = (Stop::Triangles(target), Fit::On);
             let options = Options { stop, fit, ..Options::default() };
-            let portable = run(mesh.clone(), &locked, &options, lanes::Simd::Portable);
-            let fastest = run(mesh.clone(), &locked, &options, lanes::Simd::detect());
+            let portable = run(mesh.clone(), &locked, &options, simd::Simd::Portable);
+            let fastest = run(mesh.clone(), &locked, &options, simd::Simd::detect());
             assert_eq!(portable, fastest);
             assert!(portable.statistics.reached);
         }

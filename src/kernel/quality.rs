@@ -6,7 +6,7 @@
 //!
 //! docs/algorithm.md, section 9.
 
-use super::surface::{GONE, Ring, Surface};
+use crate::kernel::surface::{GONE, Ring, Surface};
 use crate::mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub, triangle_distance_sq};
 
 /// Each probe stands for this many triangles, within `N_PROBES`.

@@ -9,8 +9,8 @@
 use std::cmp::{Ordering, Reverse};
 use std::collections::{BTreeSet, BinaryHeap};
 
-use super::legal::{Class, MAY_COLLAPSE, Reject, RejectCounts};
-use super::{Options, Simplified, Statistics, Stop};
+use crate::kernel::collapse::legality::{Class, MAY_COLLAPSE, Reject, RejectCounts};
+use crate::kernel::{Options, Simplified, Statistics, Stop};
 use crate::mesh::Mesh;
 use crate::mesh::vec3::{Vec3, add, along, cross, dot, length_sq, normal, scale, sub};
 

@@ -8,10 +8,10 @@
 use std::ops::Range;
 
 use super::{Collapser, ROOM};
-use crate::kernel::lanes::Lanes;
-use crate::kernel::legal::{Class, Reject};
+use crate::kernel::collapse::legality::{Class, Reject};
+use crate::kernel::simd::Lanes;
+use crate::kernel::simd::unchecked::{at, prefetch};
 use crate::kernel::surface::Surface;
-use crate::kernel::unchecked::{at, prefetch};
 
 /// Whether a number is among some of a list.
 #[inline(always)]

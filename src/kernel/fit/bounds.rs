@@ -6,8 +6,8 @@
 
 use super::normal_equations::Plate;
 use super::{V, Work};
-use crate::kernel::lanes::Simd;
-use crate::kernel::nearest::off_ring;
+use crate::kernel::fit::nearest::off_ring;
+use crate::kernel::simd::Simd;
 use crate::mesh::vec3::{add, cross, dot, scale, sub};
 
 /// A step squared is at most this share of the area around the vertex: without any bound the fit diverges

@@ -3,7 +3,7 @@
 //! It moves nothing, and knows no bounds.
 
 use super::V;
-use crate::kernel::nearest::Foot;
+use crate::kernel::fit::nearest::Foot;
 use crate::mesh::vec3::{add, dot, scale, sub};
 
 /// Steps of conjugate gradients a sweep. With three the samples are 0.6 % farther off, with six nothing is

@@ -4,7 +4,7 @@
 //! corners always meet in one cell, and each cell can be tidied by itself. Later rounds have nothing to tidy.
 
 use super::cell_mesh::{CellMesh, Dropped};
-use crate::kernel::repeats::{Repeats, flaps, from_least};
+use crate::kernel::repair::duplicate_triangles::{Repeats, flaps, from_least};
 
 impl CellMesh {
     /// Brings the triangles into the order of their lowest vertex id; those that share it keep their order.

@@ -1,0 +1,308 @@
+//! Cost of collapses at attribute seams, and where their survivors go.
+//!
+//! The survivor stays on the edge, at the place where the attributes' and the geometric error are least
+//! together. What that costs is summed up over both rings directly, eight triangles at once; there is no sum to
+//! keep at a seam.
+
+use super::Wedges;
+use super::seam_collapse::Pairs;
+use crate::kernel::cost::attributes::MAX_WEIGHTED;
+use crate::kernel::cost::quadric::{Evaluated, cross3, dot3, sub3};
+use crate::kernel::simd::{Job, Lanes};
+use crate::kernel::surface::{GONE, MAX_VALENCE, Surface, boundary_quadric};
+use crate::mesh::vec3::{dot, length_sq};
+
+/// Cost of an edge in a plane, as in `cost::quadric`.
+const LENGTH_COST: f64 = 1e-6;
+/// As in `attribute_lanes`: where gradients are damped.
+const LEAST_SHAPE_SQ: f32 = 2.5e-4;
+/// Room for a ring, in whole eights. Longer ones do not collapse.
+const ROOM: usize = (MAX_VALENCE as usize).next_multiple_of(8);
+
+/// Eight edges, of which those at a seam get their cost and place here.
+pub(super) struct Correct<'a> {
+    pub(super) wedges: &'a Wedges,
+    pub(super) surface: &'a Surface,
+    pub(super) v0: &'a [u32; 8],
+    pub(super) v1: &'a [u32; 8],
+    pub(super) fixed: &'a [f32; 8],
+    pub(super) found: &'a mut Evaluated,
+}
+
+/// The triangles around a vertex: their other corners in the sense of rotation, and the wedges of all three.
+struct Ring {
+    n: usize,
+    b: [u32; ROOM],
+    c: [u32; ROOM],
+    wedge: [u32; ROOM],
+    wedge_b: [u32; ROOM],
+    wedge_c: [u32; ROOM],
+    /// Bit by bit, the active channels in which all wedges of the vertex agree.
+    common: u32,
+}
+
+impl Ring {
+    fn new() -> Self {
+        let none = [0; ROOM];
+        Ring { n: 0, b: none, c: none, wedge: none, wedge_b: none, wedge_c: none, common: 0 }
+    }
+
+    /// Takes up the ring of a vertex; false if it is too long.
+    #[inline(always)]
+    fn fill(
+        &mut self,
+        wedges: &Wedges,
+        surface: &Surface,
+        v: u32,
+        active: &[(usize, f32)],
+    ) -> bool {
+        let ring = surface.ring(v);
+        self.n = 0;
+        if ring.len() > ROOM || ring.is_empty() {
+            return false;
+        }
+        self.common = (1 << active.len()) - 1;
+        for &t in ring {
+            let (t, corner) = (surface.triangles[t as usize], wedges.corner[t as usize]);
+            // Long rings keep what is gone.
+            if t[0] == GONE {
+                continue;
+            }
+            let i = self.n;
+            self.n += 1;
+            let k = usize::from(t[1] == v) + 2 * usize::from(t[2] == v);
+            let (next, last) = ((k + 1) % 3, (k + 2) % 3);
+            (self.b[i], self.c[i]) = (t[next], t[last]);
+            (self.wedge[i], self.wedge_b[i], self.wedge_c[i]) =
+                (corner[k % 3], corner[next], corner[last]);
+            if self.wedge[i] != self.wedge[0] {
+                let (own, first) =
+                    (wedges.values_of(self.wedge[i]), wedges.values_of(self.wedge[0]));
+                for (bit, &(channel, _)) in active.iter().enumerate() {
+                    let differ = own[channel].to_bits() != first[channel].to_bits();
+                    self.common &= !(u32::from(differ) << bit);
+                }
+            }
+        }
+        self.n > 0
+    }
+
+    /// Where in the ring the triangle is that follows the `i`th: its last corner is that one's next.
+    #[inline(always)]
+    fn across<L: Lanes>(&self, i: usize) -> Option<usize> {
+        for from in (0..self.n).step_by(8) {
+            let Some(eight) = self.c[from..].first_chunk::<8>() else { break };
+            let bits = L::matches(eight, self.b[i]) & (0xFF >> (8 - (self.n - from).min(8)));
+            if bits != 0 {
+                return Some(from + bits.trailing_zeros() as usize);
+            }
+        }
+        None
+    }
+}
+
+impl Job for Correct<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) {
+        let active = self.surface.attributes.as_ref().map_or(&[][..], |a| a.active());
+        let mut rings = [Ring::new(), Ring::new()];
+        for i in 0..8 {
+            let (v0, v1) = (self.v0[i], self.v1[i]);
+            if self.wedges.concern(v0, v1) {
+                let fixed = self.fixed[i] > 0.0;
+                let (cost, place) =
+                    self.wedges.evaluate::<L>(self.surface, (v0, v1), fixed, active, &mut rings);
+                self.found.cost[i] = cost;
+                (0..3).for_each(|k| self.found.place[k][i] = place[k]);
+            }
+        }
+    }
+}
+
+impl Wedges {
+    /// Cost and place (relative to the edge's midpoint) of a collapse at a seam: the best place on the edge
+    /// itself. `active` are the channels that count, with their factors.
+    #[inline(always)]
+    fn evaluate<L: Lanes>(
+        &self,
+        surface: &Surface,
+        (v0, v1): (u32, u32),
+        fixed: bool,
+        active: &[(usize, f32)],
+        rings: &mut [Ring; 2],
+    ) -> (f32, [f32; 3]) {
+        let edge_f32 = surface.edge(v0, v1);
+        let half = edge_f32.map(|x| 0.5 * f64::from(x));
+        let half_f32 = half.map(|x| x as f32);
+        let [ring0, ring1] = rings;
+        if !ring0.fill(self, surface, v0, active) || !ring1.fill(self, surface, v1, active) {
+            return (f32::INFINITY, half_f32);
+        }
+        let mut pairs = Pairs::default();
+        for i in 0..ring0.n {
+            if ring0.b[i] == v1 {
+                pairs.add((ring0.wedge[i], ring0.wedge_b[i]));
+            } else if ring0.c[i] == v1 {
+                pairs.add((ring0.wedge[i], ring0.wedge_c[i]));
+            }
+        }
+        // A seam that ends at v0 may only become shorter by going to v0.
+        if (pairs.splits && fixed) || pairs.n == 0 {
+            return (f32::INFINITY, half_f32);
+        }
+        let edge = half.map(|x| 2.0 * x);
+        // Quadratic in the place on the edge, 0 at v0 and 1 at v1: c0 + 2 c1 s + c2 s^2. An error at the far end
+        // of v0 is c2; one of v1 is at its own far end, s = 0.
+        let geometric = |v: u32| {
+            let q = surface.vertices[v as usize].quadric.map(f64::from);
+            let product = [
+                q[0] * edge[0] + q[1] * edge[1] + q[2] * edge[2],
+                q[1] * edge[0] + q[3] * edge[1] + q[4] * edge[2],
+                q[2] * edge[0] + q[4] * edge[1] + q[5] * edge[2],
+            ];
+            (dot(edge, product), q[0] + q[3] + q[5])
+        };
+        let ((mut away0, area0), (mut away1, area1)) = (geometric(v0), geometric(v1));
+        let common = ring0.common & ring1.common;
+        let ends = [&*ring0, &*ring1];
+        let mut misfit = [0.0; 2];
+        for end in 0..2 {
+            let v = if end == 0 { v0 } else { v1 };
+            let other_end = ends[1 - end];
+            let step = |wedge: u32, bit: usize, channel: usize| {
+                let pair = if end == 0 { pairs.of_v0(wedge) } else { pairs.of_v1(wedge) };
+                let to = match pair {
+                    _ if common >> bit & 1 == 1 => other_end.wedge[0],
+                    Some((w0, w1)) => {
+                        if end == 0 {
+                            w1
+                        } else {
+                            w0
+                        }
+                    }
+                    None => return 0.0,
+                };
+                self.values_of(to)[channel] - self.values_of(wedge)[channel]
+            };
+            let sign = if end == 0 { 1.0 } else { -1.0 };
+            misfit[end] =
+                self.misfit::<L>(surface, (v, ends[end]), edge_f32.map(|x| sign * x), active, step);
+        }
+        away0 += f64::from(misfit[0]);
+        away1 += f64::from(misfit[1]);
+        if self.is_seam[v0 as usize] {
+            away0 += self.border_cost::<L>(surface, v0, &*ring0, edge);
+        }
+        if self.is_seam[v1 as usize] {
+            away1 += self.border_cost::<L>(surface, v1, &*ring1, edge);
+        }
+        let c = [away1, -away1, away0 + away1];
+        // Neither infinity nor NaN is a cost.
+        if !c[2].is_finite() {
+            return (f32::INFINITY, half_f32);
+        }
+        let free = if c[2] > 0.0 { (-c[1] / c[2]).clamp(0.0, 1.0) } else { 0.5 };
+        let s = match (fixed || pairs.joins, pairs.splits) {
+            (true, _) => 1.0,
+            (_, true) => 0.0,
+            _ => free,
+        };
+        let floor = (area0 + area1) * length_sq(half) * LENGTH_COST;
+        let cost = (c[0] + s * (2.0 * c[1] + s * c[2])).max(0.0) + floor;
+        // NaN is no cost.
+        let cost = if cost < f64::from(f32::MAX) { cost as f32 } else { f32::INFINITY };
+        let place = match s {
+            1.0 => half_f32,
+            0.0 => half_f32.map(|x| -x),
+            _ => half.map(|x| ((2.0 * s - 1.0) * x) as f32),
+        };
+        (cost, place)
+    }
+
+    /// Area times squared difference, summed over a ring, between what each triangle says of the other end of
+    /// the edge and what its corner's wedge will say there. `edge` runs to the other end, `step` is how much a
+    /// channel changes on the way for a wedge.
+    #[inline(always)]
+    fn misfit<L: Lanes>(
+        &self,
+        surface: &Surface,
+        (v, ring): (u32, &Ring),
+        edge: [f32; 3],
+        active: &[(usize, f32)],
+        step: impl Fn(u32, usize, usize) -> f32,
+    ) -> f32 {
+        if active.is_empty() {
+            return 0.0;
+        }
+        let mut sum = 0.0;
+        let zero = L::splat(0.0);
+        let edge = edge.map(|x| L::splat(x));
+        let vertex = |v: u32| &surface.vertices[v as usize];
+        let base = [&vertex(v).position; 8];
+        for from in (0..ring.n).step_by(8) {
+            let n = (ring.n - from).min(8);
+            let at = |i: usize| from + i.min(n - 1);
+            let corner = |list: &[u32; ROOM]| std::array::from_fn(|i| vertex(list[at(i)]));
+            let to_b = L::relative(corner(&ring.b), base, surface.scale);
+            let to_c = L::relative(corner(&ring.c), base, surface.scale);
+            let normal = cross3(to_b, to_c);
+            let normal_sq = dot3(normal, normal);
+            let across = sub3(to_c, to_b);
+            let edges_sq = dot3(to_b, to_b).plus(dot3(to_c, to_c)).plus(dot3(across, across));
+            let damped = edges_sq.times(edges_sq).times(L::splat(LEAST_SHAPE_SQ));
+            let below = normal_sq.greater(damped);
+            // What a unit of step at b, and at c, is worth along the whole edge.
+            let at_b = dot3(cross3(to_c, normal), edge).over(below);
+            let at_c = dot3(cross3(normal, to_b), edge).over(below);
+            let mut squares = zero;
+            for (bit, &(channel, factor)) in active.iter().enumerate().take(MAX_WEIGHTED) {
+                let value = |wedge: u32| self.values_of(wedge)[channel];
+                let (mut b, mut c, mut steps) = ([0.0; 8], [0.0; 8], [0.0; 8]);
+                for i in 0..n {
+                    let own = ring.wedge[at(i)];
+                    let here = value(own);
+                    b[i] = value(ring.wedge_b[at(i)]) - here;
+                    c[i] = value(ring.wedge_c[at(i)]) - here;
+                    steps[i] = step(own, bit, channel);
+                }
+                let says = at_b.times(L::load(&b)).plus(at_c.times(L::load(&c)));
+                let off = says.minus(L::load(&steps)).times(L::splat(factor));
+                squares = squares.plus(off.times(off));
+            }
+            let area = L::splat(0.5).times(normal_sq.root());
+            // What is no triangle adds nothing, nor does an empty lane.
+            let lane: [f32; 8] = std::array::from_fn(|i| if i < n { 1.0 } else { 0.0 });
+            let known = L::lt_select(zero, below, area.times(squares), zero);
+            sum += L::lt_select(zero, L::load(&lane), known, zero).sum();
+        }
+        sum
+    }
+
+    /// What it costs to take `v` from the seams that end there by the vector `way`: squared length times
+    /// squared distance for each, as at a boundary of the surface; less where it is no border of a region.
+    #[inline(always)]
+    fn border_cost<L: Lanes>(&self, surface: &Surface, v: u32, ring: &Ring, way: [f64; 3]) -> f64 {
+        let region = |w: u32| self.region.map(|channel| self.values_of(w)[channel].to_bits());
+        let mut cost = 0.0;
+        for i in 0..ring.n {
+            let Some(next) = ring.across::<L>(i) else { continue };
+            let (own, other) = (ring.wedge[i], ring.wedge[next]);
+            if own == other {
+                continue;
+            }
+            let share = if region(own) == region(other) { self.seam_share } else { 1.0 };
+            if share > 0.0 {
+                let q = boundary_quadric(surface.edge(v, ring.b[i])).map(f64::from);
+                let product = [
+                    q[0] * way[0] + q[1] * way[1] + q[2] * way[2],
+                    q[1] * way[0] + q[3] * way[1] + q[4] * way[2],
+                    q[2] * way[0] + q[4] * way[1] + q[5] * way[2],
+                ];
+                cost += share * dot(way, product);
+            }
+        }
+        cost
+    }
+}

@@ -1,0 +1,7 @@
+//! Cost of a collapse and where its survivor goes: geometry, folds, attributes.
+
+pub(crate) mod attribute_lanes;
+pub(crate) mod attributes;
+pub(crate) mod fold_quadric;
+pub(crate) mod placement;
+pub(crate) mod quadric;

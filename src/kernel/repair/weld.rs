@@ -1,0 +1,149 @@
+//! Joins open boundaries that touch: vertices in exactly the same place become one.
+//!
+//! Before anything is collapsed. A scan that was split along texture seams is otherwise a heap of charts,
+//! each with a boundary of its own, and cracks would open between them. Where joining would put two
+//! triangles on the same side of an edge, it is not done. Locked vertices are never joined: another cell
+//! knows them; what coincides with one is locked too, so that both sides stay together.
+//!
+//! Vertices whose confined channels (texture coordinates) are the same become one for good under
+//! `Topology::Error`, with the channels of the lowest id; if others are to stay apart, they do as wedges
+//! (`wedges`). Without confined channels and under `Topology::Error`, `make_manifold` does more instead.
+
+use crate::kernel::Topology;
+use crate::kernel::collapse::legality::Class;
+use crate::kernel::collapse::wedges::Wedges;
+use crate::kernel::simd::Simd;
+use crate::kernel::surface::{GONE, Surface};
+
+/// Joins what coincides; returns how many vertices went. Sorts boundary vertices only.
+pub(crate) fn coincident(
+    surface: &mut Surface,
+    topology: Topology,
+    confined: &[bool],
+    simd: Simd,
+) -> u64 {
+    let mut join = candidates(surface);
+    if join.is_empty() {
+        return 0;
+    }
+    let mut joined: Vec<u32> = (0..surface.vertices.len() as u32).collect();
+    join.iter().for_each(|&(v, into)| joined[v as usize] = into);
+    loop {
+        let bad = conflicts(surface, &join, &joined);
+        if bad.is_empty() {
+            break;
+        }
+        join.retain(|&(v, into)| {
+            let stays = bad.binary_search(&v).is_err() && bad.binary_search(&into).is_err();
+            if !stays {
+                joined[v as usize] = v;
+            }
+            stays
+        });
+    }
+    if join.is_empty() {
+        return 0;
+    }
+    let kept_apart = |surface: &Surface, &(v, into): &(u32, u32)| {
+        let (a, b) = (surface.channels_of(v), surface.channels_of(into));
+        let differ = |channel: usize| a[channel].to_bits() != b[channel].to_bits();
+        topology == Topology::Keep
+            || (0..a.len()).any(|c| confined.get(c) == Some(&true) && differ(c))
+    };
+    if join.iter().any(|pair| kept_apart(surface, pair)) {
+        let mut wedges = Box::new(Wedges::new(surface, simd));
+        if topology == Topology::Error {
+            wedges.join_equal(&join, confined);
+        }
+        wedges.find_charts(&surface.triangles);
+        surface.wedges = Some(wedges);
+    }
+    for t in &mut surface.triangles {
+        if t[0] != GONE {
+            *t = t.map(|v| joined[v as usize]);
+        }
+    }
+    for &(v, _) in &join {
+        surface.rings[v as usize].len = 0;
+    }
+    drop(joined);
+    surface.compact(simd);
+    join.len() as u64
+}
+
+/// Locks what coincides with a locked vertex, and joins nothing.
+pub(crate) fn lock_coincident(surface: &mut Surface) {
+    if surface.rings.iter().any(|ring| ring.class == Some(Class::Locked)) {
+        candidates(surface);
+    }
+}
+
+/// Vertices with open edges, each with the one of lowest source in the same place, ascending. Where one of them
+/// is locked, they all become so instead.
+fn candidates(surface: &mut Surface) -> Vec<(u32, u32)> {
+    // Where several fans of one chart meet in a vertex, the gaps may be what other charts fill.
+    let concerned = |v: &u32| {
+        let ring = &surface.rings[*v as usize];
+        match ring.class {
+            Some(Class::Locked) => true,
+            // Cleaning may have taken all triangles of a vertex: it is gone as far as others can tell.
+            Some(Class::Boundary | Class::Complex) => ring.len > 0,
+            Some(Class::Interior) | None => false,
+        }
+    };
+    // Adding 0 makes -0 and 0 the same place.
+    let place = |v: u32| surface.vertices[v as usize].position.map(|x| (x + 0.0).to_bits());
+    let mut found: Vec<([u64; 3], u32, u32)> = (0..surface.vertices.len() as u32)
+        .filter(concerned)
+        .map(|v| (place(v), surface.source[v as usize], v))
+        .collect();
+    found.sort_unstable();
+    let mut join = Vec::new();
+    for group in found.chunk_by(|a, b| a.0 == b.0).filter(|group| group.len() > 1) {
+        let class = |v: u32| surface.rings[v as usize].class;
+        if group.iter().any(|&(_, _, v)| class(v) == Some(Class::Locked)) {
+            for &(_, _, v) in group {
+                surface.rings[v as usize].class = Some(Class::Locked);
+            }
+            continue;
+        }
+        for &(_, _, v) in &group[1..] {
+            join.push((v, group[0].2));
+        }
+    }
+    join.sort_unstable();
+    join
+}
+
+/// Vertices, ascending, whose joining would repeat a directed edge or a corner.
+fn conflicts(surface: &Surface, join: &[(u32, u32)], joined: &[u32]) -> Vec<u32> {
+    let joined = |v: u32| joined[v as usize];
+    let mut touched: Vec<u32> = join.iter().flat_map(|&(v, into)| [v, into]).collect();
+    touched.sort_unstable();
+    touched.dedup();
+    let mut triangles: Vec<u32> =
+        touched.iter().flat_map(|&v| surface.ring(v).iter().copied()).collect();
+    triangles.sort_unstable();
+    triangles.dedup();
+    // Each directed edge as it would be, and as it is.
+    let mut edges: Vec<([u32; 2], [u32; 2])> = Vec::with_capacity(triangles.len() * 3);
+    let mut bad = Vec::new();
+    for &t in &triangles {
+        let t = surface.triangles[t as usize];
+        for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
+            let edge = [joined(a), joined(b)];
+            if edge[0] == edge[1] {
+                bad.extend([a, b]);
+            }
+            edges.push((edge, [a, b]));
+        }
+    }
+    edges.sort_unstable();
+    for same in edges.chunk_by(|a, b| a.0 == b.0).filter(|same| same.len() > 1) {
+        bad.extend(same.iter().flat_map(|(_, now)| now));
+    }
+    bad.retain(|v| touched.binary_search(v).is_ok());
+    bad.sort_unstable();
+    bad.dedup();
+    bad
+}

@@ -1,0 +1,367 @@
+//! Changes of topology, priced like collapses: small components vanish, thin tubes are cut.
+//!
+//! Called when a collapse was refused for the sake of topology under `Topology::Error`. The price of a change is
+//! what a collapse may cost that makes as much squared error for each triangle that it sets free; a change
+//! happens when collapses cost as much. Locked, boundary and non-manifold vertices are never touched by a
+//! cut, locked ones by nothing. No change leaves a component that was not there before.
+//!
+//! docs/algorithm.md, section 6, has the prices.
+
+pub(crate) mod components;
+pub(crate) mod separation;
+
+use crate::kernel::collapse::Collapser;
+use crate::kernel::collapse::legality::Class;
+use crate::kernel::cost::quadric::{Rows, Triangles};
+use crate::kernel::simd::Simd;
+use crate::kernel::surface::{Fan, GONE, HUB, Ring, Surface, others};
+use crate::kernel::topology::separation::{Separation, Side, separation_far, separation_near};
+use crate::mesh::vec3::{length_sq, normal, sub, triangle_distance_sq};
+
+/// Cost of the dearest collapse over the squared error, integrated over the surface, that a collapse adds at that
+/// moment. Measured at the end of ten runs on five meshes: 13.4 to 18, most near 14
+/// (docs/design/kernel.md, "One currency").
+const COST_PER_ERROR: f64 = 14.0;
+/// A collapse sets two triangles free.
+const FREED_BY_COLLAPSE: f64 = 2.0;
+/// A removal makes an error on one side of a two-sided measure only; collapses make it on both.
+const ONE_SIDE: f64 = 0.5;
+/// Squared side of an equilateral triangle over the mean squared distance of its points from the nearest side.
+const SIDE_SQ_OVER_DEPTH_SQ: f64 = 72.0;
+/// A cut handle sets free what a collapse does, as far as is known: what goes later pays for itself.
+const FREED_BY_HANDLE: usize = 2;
+/// Components of more triangles than this do not vanish: collapses have work to do there first.
+const MAX_SPECK: usize = 24;
+
+/// What can be done about a refusal.
+pub(crate) enum Remedy {
+    /// The component around a vertex may vanish: all of its triangles.
+    Vanish(Vec<u32>),
+    /// The surface may be cut along this triangle of edges and both ends capped.
+    Cut([u32; 3]),
+}
+
+/// Cost of a collapse that is as dear as a change which makes an error on one side, in scaled units, and
+/// sets so many triangles free.
+pub(crate) fn price(error: f64, n_freed: usize) -> f32 {
+    (COST_PER_ERROR * ONE_SIDE * error * FREED_BY_COLLAPSE / n_freed.max(1) as f64) as f32
+}
+
+/// The inverse of `price`: the error that a change may make which collapses of this cost pay for.
+pub(crate) fn error_worth(cost: f32, n_freed: usize) -> f64 {
+    f64::from(cost) * n_freed.max(1) as f64 / (COST_PER_ERROR * ONE_SIDE * FREED_BY_COLLAPSE)
+}
+
+/// Finds the remedy for a refused collapse of `v0` into `v1`. `may_vanish`: whether their component may be small
+/// enough.
+pub(crate) fn remedy(
+    surface: &Surface,
+    (v0, v1): (u32, u32),
+    collapser: &Collapser,
+    may_vanish: bool,
+) -> Option<Remedy> {
+    if may_vanish && let Some(speck) = speck(surface, v0) {
+        return Some(Remedy::Vanish(speck));
+    }
+    let w = collapser.stranger(surface)?;
+    let inner = |v: u32| surface.rings[v as usize].class == Some(Class::Interior);
+    if !(inner(v0) && inner(v1) && inner(w)) {
+        return None;
+    }
+    // Around a vertex of three triangles the cut would only strip that vertex off.
+    let cycle = [v0, v1, w];
+    for (i, &v) in cycle.iter().enumerate() {
+        let (next, prev) = (cycle[(i + 1) % 3], cycle[(i + 2) % 3]);
+        for (from, to) in [(next, prev), (prev, next)] {
+            let (mut n, mut first) = (0, GONE);
+            each_of_sector(surface, v, from, to, |t| {
+                if n == 0 {
+                    first = t;
+                }
+                n += 1;
+            })?;
+            if n == 2 {
+                let middle = others(surface.triangles[first as usize], v).1;
+                if surface.rings[middle as usize].len == 3 {
+                    return None;
+                }
+            }
+        }
+    }
+    Some(Remedy::Cut(cycle))
+}
+
+/// A cut along three edges, planned and priced in scaled units.
+pub(crate) enum CutPlan {
+    /// Strips these triangles off, which vanish; at this cost.
+    Strip(Vec<u32>, f32),
+    /// Opens a handle, or separates too much to be made; at this cost in the first case. `opens_handle` tells.
+    Handle(f32, Box<[Side; 2]>),
+}
+
+/// Squared error of the cap of a cut, in scaled units^4: it is as far from the original as the points of a
+/// triangle are from its sides.
+fn cap_error(surface: &Surface, cycle: [u32; 3]) -> f64 {
+    let corners = cycle.map(|v| surface.edge(cycle[0], v).map(f64::from));
+    let area = 0.5 * length_sq(normal(corners)).sqrt();
+    let sides_sq = (0..3).map(|i| length_sq(sub(corners[i], corners[(i + 1) % 3])));
+    area * sides_sq.fold(0.0, f64::max) / SIDE_SQ_OVER_DEPTH_SQ
+}
+
+/// The least that a cut along three edges can cost, in scaled units, whatever it does.
+pub(crate) fn least_cut_cost(surface: &Surface, cycle: [u32; 3]) -> f32 {
+    price(cap_error(surface, cycle), MAX_SPECK - 1)
+}
+
+/// Finds out what a cut along three edges would do, and its cost; `None` if it must not be.
+///
+/// A handle is capped twice. What a cut would separate must vanish with it, and is as far from what stays as
+/// from the cut.
+pub(crate) fn plan_cut(surface: &Surface, cycle: [u32; 3]) -> Option<CutPlan> {
+    let side = |turned: bool| -> Option<Side> {
+        let mut lists: Side = Default::default();
+        for (i, list) in lists.iter_mut().enumerate() {
+            let (next, prev) = (cycle[(i + 1) % 3], cycle[(i + 2) % 3]);
+            let (from, to) = if turned { (prev, next) } else { (next, prev) };
+            *list = sector(surface, cycle[i], from, to)?;
+        }
+        Some(lists)
+    };
+    let sides = [side(false)?, side(true)?];
+    match separation_near(surface, cycle, &sides) {
+        Separation::None | Separation::Unknown => {
+            let cost = price(2.0 * cap_error(surface, cycle), FREED_BY_HANDLE);
+            Some(CutPlan::Handle(cost, Box::new(sides)))
+        }
+        Separation::Part(triangles) if triangles.len() <= MAX_SPECK => {
+            let corners = cycle.map(|v| surface.edge(cycle[0], v).map(f64::from));
+            let mut error = cap_error(surface, cycle);
+            for &t in &triangles {
+                let t = surface.triangles[t as usize].map(|v| surface.edge(cycle[0], v));
+                let t = t.map(|corner| corner.map(f64::from));
+                let area = 0.5 * length_sq(normal(t)).sqrt();
+                let corner_error = |p| area * triangle_distance_sq(p, corners) / 3.0;
+                error += t.map(corner_error).iter().sum::<f64>();
+            }
+            let cost = price(error, triangles.len() - 1);
+            Some(CutPlan::Strip(triangles, cost))
+        }
+        Separation::Part(_) => None,
+    }
+}
+
+/// Whether a cut along three edges leaves the surface in one piece. Takes a longer search: not before it is due.
+pub(crate) fn opens_handle(surface: &Surface, cycle: [u32; 3], sides: &[Side; 2]) -> bool {
+    matches!(separation_far(surface, cycle, sides), Separation::None)
+}
+
+/// All triangles that hang together with a vertex, if they are few and none is locked.
+fn speck(surface: &Surface, start: u32) -> Option<Vec<u32>> {
+    // Each triangle of a component is in three rings.
+    const MOST_CORNERS: u32 = 3 * MAX_SPECK as u32;
+    let mut vertices = [start; MOST_CORNERS as usize];
+    let mut n = 1;
+    let mut n_corners = surface.rings[start as usize].len;
+    let mut next = 0;
+    while next < n {
+        let v = vertices[next];
+        next += 1;
+        if surface.rings[v as usize].class == Some(Class::Locked) || n_corners > MOST_CORNERS {
+            return None;
+        }
+        for &t in surface.ring(v) {
+            for w in surface.triangles[t as usize] {
+                if !vertices[..n].contains(&w) {
+                    n_corners += surface.rings[w as usize].len.max(1);
+                    if n_corners > MOST_CORNERS {
+                        return None;
+                    }
+                    vertices[n] = w;
+                    n += 1;
+                }
+            }
+        }
+    }
+    let mut triangles = Vec::new();
+    for &v in &vertices[..n] {
+        // Each comes up once as that of its first corner.
+        let of_v = surface.ring(v).iter().filter(|&&t| surface.triangles[t as usize][0] == v);
+        triangles.extend(of_v);
+    }
+    (!triangles.is_empty()).then_some(triangles)
+}
+
+/// The triangles of `v` from its edge to `from` up to its edge to `to`, in their sense of rotation.
+fn sector(surface: &Surface, v: u32, from: u32, to: u32) -> Option<Vec<u32>> {
+    let mut found = Vec::with_capacity(surface.ring(v).len());
+    each_of_sector(surface, v, from, to, |t| found.push(t))?;
+    Some(found)
+}
+
+/// Hands the same triangles to `take`; `None`, after some of them perhaps, if there is no such sector.
+fn each_of_sector(
+    surface: &Surface,
+    v: u32,
+    from: u32,
+    to: u32,
+    mut take: impl FnMut(u32),
+) -> Option<()> {
+    let ring = surface.ring(v);
+    let (mut at, mut n) = (from, 0);
+    while at != to {
+        if n == ring.len() {
+            return None;
+        }
+        let next = ring.iter().find_map(|&t| {
+            let (b, c) = others(surface.triangles[t as usize], v);
+            (b == at).then_some((t, c))
+        });
+        let (t, c) = next?;
+        take(t);
+        at = c;
+        n += 1;
+    }
+    (n > 0).then_some(())
+}
+
+/// Removes triangles and leaves their vertices without any.
+pub(crate) fn vanish(surface: &mut Surface, triangles: &[u32]) {
+    for &t in triangles {
+        for v in surface.triangles[t as usize] {
+            surface.rings[v as usize].len = 0;
+        }
+        surface.triangles[t as usize][0] = GONE;
+        surface.n_alive -= 1;
+    }
+}
+
+/// Cuts along a cycle of three edges and caps both sides. What lies to the right of the cycle gets new
+/// vertices, which take over `sources`; they are returned. `None`, and nothing done, if it cannot be.
+pub(crate) fn cut(
+    surface: &mut Surface,
+    cycle: [u32; 3],
+    sources: [u32; 3],
+    number: u32,
+    simd: Simd,
+) -> Option<[u32; 3]> {
+    let at_seam = |v: u32| surface.wedges.as_ref().is_some_and(|wedges| wedges.is_seam(v));
+    if cycle.into_iter().any(at_seam) {
+        return None;
+    }
+    let mut right: [Vec<u32>; 3] = Default::default();
+    for i in 0..3 {
+        let (next, prev) = (cycle[(i + 1) % 3], cycle[(i + 2) % 3]);
+        right[i] = sector(surface, cycle[i], prev, next)?;
+        sector(surface, cycle[i], next, prev)?;
+    }
+    let first = surface.vertices.len() as u32;
+    let new = [first, first + 1, first + 2];
+    let caps = [surface.triangles.len() as u32, surface.triangles.len() as u32 + 1];
+    let [v0, v1, w] = cycle;
+    surface.triangles.push([v1, v0, w]);
+    surface.triangles.push(new);
+    surface.n_alive += 2;
+    for i in 0..3 {
+        let v = cycle[i];
+        let mut vertex = surface.vertices[v as usize];
+        vertex.stamp = number;
+        surface.vertices.push(vertex);
+        surface.source.push(sources[i]);
+        for channel in 0..surface.n_channels {
+            let value = surface.channels[v as usize * surface.n_channels + channel];
+            surface.channels.push(value);
+        }
+        let mut left: Vec<u32> =
+            surface.ring(v).iter().copied().filter(|t| !right[i].contains(t)).collect();
+        left.push(caps[0]);
+        right[i].push(caps[1]);
+        surface.rings.push(Ring { start: 0, len: 0, room: 0, class: Some(Class::Interior) });
+        set_ring(surface, v, &left);
+        set_ring(surface, new[i], &right[i]);
+    }
+    for i in 0..3 {
+        for &t in &right[i] {
+            let triangle = &mut surface.triangles[t as usize];
+            *triangle = triangle.map(|v| if v == cycle[i] { new[i] } else { v });
+        }
+    }
+    if let Some(mut wedges) = surface.wedges.take() {
+        let old = cycle.map(|v| wedges.single(surface, v).unwrap_or(0));
+        let added: [u32; 3] = std::array::from_fn(|i| wedges.add(surface, cycle[i], sources[i]));
+        wedges.corner.push([old[1], old[0], old[2]]);
+        wedges.corner.push(added);
+        for i in 0..3 {
+            wedges.rename(surface, &right[i], new[i], added[i]);
+        }
+        surface.wedges = Some(wedges);
+    }
+    for v in cycle.into_iter().chain(new) {
+        refresh(surface, v, simd);
+        surface.vertices[v as usize].stamp = number;
+    }
+    if let Some(mut attributes) = surface.attributes.take() {
+        cycle.into_iter().chain(new).for_each(|v| attributes.refresh(surface, v));
+        surface.attributes = Some(attributes);
+    }
+    Some(new)
+}
+
+/// Gives a vertex the triangles of `list` as its ring.
+pub(crate) fn set_ring(surface: &mut Surface, v: u32, list: &[u32]) {
+    let n = list.len() as u32;
+    if n > surface.rings[v as usize].room {
+        let start = surface.append_room(list.len());
+        let ring = &mut surface.rings[v as usize];
+        (ring.start, ring.room) = (start, n);
+    }
+    let ring = &mut surface.rings[v as usize];
+    ring.len = n;
+    let start = ring.start as usize;
+    surface.arena[start..start + list.len()].copy_from_slice(list);
+}
+
+/// Quadrics and classes of vertices whose triangles changed; empties the list. Rings must be right.
+pub(crate) fn settle(surface: &mut Surface, touched: &mut Vec<u32>, simd: Simd) {
+    touched.sort_unstable();
+    touched.dedup();
+    touched.retain(|&v| surface.rings[v as usize].len > 0);
+    let mut fan = Fan::new();
+    for &v in touched.iter() {
+        if surface.ring(v).len() > HUB as usize {
+            // It may still list triangles that are gone.
+            let is_there = |&t: &u32| surface.triangles[t as usize][0] != GONE;
+            let list: Vec<u32> = surface.ring(v).iter().copied().filter(is_there).collect();
+            set_ring(surface, v, &list);
+        }
+        refresh(surface, v, simd);
+        surface.classify(v, &mut fan);
+    }
+    if let Some(mut attributes) = surface.attributes.take() {
+        touched.iter().for_each(|&v| attributes.refresh(surface, v));
+        surface.attributes = Some(attributes);
+    }
+    touched.clear();
+}
+
+/// The quadric of a vertex from its triangles, without its open edges.
+fn refresh(surface: &mut Surface, v: u32, simd: Simd) {
+    let mut quadric = [0.0; 9];
+    let mut rows = Rows::ZERO;
+    for eight in surface.ring(v).chunks(8) {
+        let corner = |i: usize, k: usize| {
+            let t = surface.triangles[eight[i.min(eight.len() - 1)] as usize];
+            &surface.vertices[t[k] as usize]
+        };
+        simd.run(Triangles {
+            a: std::array::from_fn(|i| corner(i, 0)),
+            b: std::array::from_fn(|i| corner(i, 1)),
+            c: std::array::from_fn(|i| corner(i, 2)),
+            scale: surface.scale,
+            out: &mut rows,
+        });
+        for i in 0..eight.len() {
+            rows.add_to(i, &mut quadric);
+        }
+    }
+    surface.vertices[v as usize].quadric = quadric;
+}
