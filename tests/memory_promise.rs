@@ -154,10 +154,17 @@ fn a_budget_beyond_the_cgroup_is_taken_down_or_refused() {
 
 /// The least budget that the plan gives for a command, in MiB, rounded up.
 fn least_mib(folder: &Path, command: &str) -> u64 {
-    let said = expect(folder, &format!("{command} --dry-run --memory 8GiB"), 0);
-    let least = said.split("at least ").nth(1).and_then(|rest| rest.split_once(" MiB")).unwrap().0;
-    // It is rounded to a tenth.
-    (least.parse::<f64>().unwrap() + 0.05).ceil() as u64
+    let least = |memory: &str| {
+        let said = expect(folder, &format!("{command} --dry-run --memory {memory}"), 0);
+        let least =
+            said.split("at least ").nth(1).and_then(|rest| rest.split_once(" MiB")).unwrap().0;
+        // It is rounded to a tenth.
+        (least.parse::<f64>().unwrap() + 0.05).ceil() as u64
+    };
+    let found = least("8GiB");
+    // It is the least for whoever has no more, too.
+    assert_eq!(least(&format!("{found}MiB")), found, "{command}");
+    found
 }
 
 fn peak_bytes(folder: &Path) -> u64 {

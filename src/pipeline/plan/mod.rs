@@ -29,6 +29,9 @@ const UNEVEN: f64 = 1.25;
 /// Temporary bytes for each vertex of an output whose corners get texture coordinates.
 const JOIN_BYTES: f64 = 72.0;
 
+/// Steps in which the least budget is looked for; each comes nearer by a factor of about six.
+const MOST_STEPS: usize = 16;
+
 /// Manifest, lock and what file systems add.
 const MANIFEST_BYTES: u64 = 64 << 10;
 
@@ -135,8 +138,17 @@ impl Plan {
         let works = stage_bytes(cell, 1.0)
             .max(stage_bytes(finish_triangles, finish_left) + fit_bytes)
             .max(writing_bytes);
-        let needed = works.max(tables) + BASE_BYTES;
-        if needed > config.memory_bytes {
+        // Tables take more of a larger budget; the least budget is the one that they fill.
+        let mut least = works.max(tables);
+        for _ in 0..MOST_STEPS {
+            let filled = works.max(Shares::new(sizes, threads, least).least_bytes);
+            if filled == least {
+                break;
+            }
+            least = filled;
+        }
+        let needed = least + BASE_BYTES;
+        if works.max(tables) > usable {
             return Err(too_little(config, needed, works > tables, usable, works));
         }
         let job = disk::Job {
