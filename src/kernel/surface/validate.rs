@@ -6,7 +6,7 @@
 use crate::kernel::surface::Surface;
 #[cfg(debug_assertions)]
 use crate::kernel::{
-    legal::Class,
+    collapse::legality::Class,
     surface::{Fan, GONE, HUB, MAX_VALENCE},
 };
 
