@@ -75,7 +75,7 @@ fn to_one_percent_and_fit(bencher: Bencher, n_triangles: usize) {
 /// Ordering, building and taking apart again, without a single collapse.
 #[divan::bench(args = [262_144, 1_048_576], sample_count = 5, sample_size = 1)]
 fn ordering_and_building(bencher: Bencher, n_triangles: usize) {
-    let stop = Stop::Costs { levels: Vec::new(), floor_triangles: 0 };
+    let stop = Stop::Costs(Vec::new());
     until(bencher, terrain(n_triangles), stop, Fit::Off);
 }
 
@@ -84,5 +84,5 @@ fn ordering_and_building(bencher: Bencher, n_triangles: usize) {
 #[divan::bench(args = [262_144, 1_048_576], sample_count = 5, sample_size = 1)]
 fn and_evaluating_every_edge(bencher: Bencher, n_triangles: usize) {
     let levels = vec![f64::MIN_POSITIVE];
-    until(bencher, terrain(n_triangles), Stop::Costs { levels, floor_triangles: 0 }, Fit::Off);
+    until(bencher, terrain(n_triangles), Stop::Costs(levels), Fit::Off);
 }

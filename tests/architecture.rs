@@ -36,7 +36,7 @@ const ROOMS: [(&str, &[&str]); 14] = [
     ("error", &[]),
 ];
 
-/// Where outside crates are used; those that are not listed may be used anywhere.
+/// Homes of outside crates; those that are not listed may be used anywhere.
 const HOMES: [(&str, &[&str]); 13] = [
     ("base64", &["report/"]),
     ("clap", &["cli/", "config.rs"]),

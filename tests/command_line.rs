@@ -1,4 +1,4 @@
-//! What is typed and what comes back: standard input and output, progress as JSON, the log, the demo, merging.
+//! The command line end to end: standard input and output, progress as JSON, the log, the demo, merging.
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
@@ -34,7 +34,7 @@ fn succeeds(folder: &Path, arguments: &str, input: &[u8]) -> Vec<u8> {
     output.stdout
 }
 
-/// What a text says without the settings and names of files that lines of it may tell.
+/// A text without the settings and file names that its lines may hold.
 fn without_comments(mesh: &[u8]) -> Vec<u8> {
     let end = mesh.windows(11).position(|w| w == b"end_header\n").unwrap() + 11;
     let header = String::from_utf8_lossy(&mesh[..end]);
@@ -141,7 +141,7 @@ fn progress_is_json_line_by_line_if_asked_for() {
             .filter(|line| line.starts_with('{'))
             .map(|line| serde_json::from_str(line).unwrap_or_else(|e| panic!("{line}: {e}")))
             .collect();
-        // A command that is done before the first line is due says nothing; then this proves nothing.
+        assert!(!objects.is_empty(), "{command}: {said}");
         for object in &objects {
             assert!(object["stage"].is_string(), "{object}");
             for key in ["number", "stages", "seconds", "triangles", "triangles_done"] {

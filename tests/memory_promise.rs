@@ -236,7 +236,7 @@ fn the_least_budget_is_enough_and_not_twice_the_need() {
     }
 }
 
-/// What threads have used and freed does not add up: they take turns where the budget is small.
+/// Memory that threads have used and freed does not add up: they take turns where the budget is small.
 #[test]
 fn many_threads_stay_within_the_least_budget() {
     let folder = tempfile::tempdir().unwrap();

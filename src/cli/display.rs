@@ -94,6 +94,12 @@ impl<'a> Display<'a> {
             std::thread::park_timeout(BAR_INTERVAL);
         }
         self.bar.finish_and_clear();
+        let (stage, done) = progress.read();
+        if self.show == Show::Json && !stage.name.is_empty() {
+            // A program that reads gets the last state, however short the run was.
+            self.last_line = None;
+            self.update(stage, done);
+        }
         self.show_notes(progress);
     }
 

@@ -21,10 +21,10 @@ pub enum Show {
     None,
 }
 
-/// How the command talks to people and programs.
+/// Output settings of a command: progress, colour, log.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Talk {
-    /// How progress is shown on standard error [default: a bar on a terminal, else lines].
+    /// Form of the progress on standard error [default: a bar on a terminal, else lines].
     #[arg(long, value_enum, default_value = "auto", global = true)]
     pub(super) progress: Show,
     /// Say nothing but errors.

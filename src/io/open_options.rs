@@ -1,9 +1,9 @@
-//! How an input is opened: where it may be unpacked, in how much memory, how strictly.
+//! Settings for opening an input: folder for unpacking, memory, strictness.
 
 use crate::io::ply::ReadOptions;
 use std::path::PathBuf;
 
-/// How an input is staged.
+/// Settings for staging an input.
 #[derive(Clone, Debug)]
 pub struct StageOptions {
     /// The folder for staged data; up to the size of the input, decompressed, and for STL three times
@@ -11,7 +11,7 @@ pub struct StageOptions {
     pub temp_dir: PathBuf,
     /// Memory for sorting the corners of an STL file; at least 3 MiB are sensible.
     pub memory_bytes: u64,
-    /// How strictly the input is read; its `temp_dir` is set to the one above.
+    /// Strictness of reading; its `temp_dir` is set to the one above.
     pub read: ReadOptions,
 }
 

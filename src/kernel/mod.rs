@@ -40,15 +40,10 @@ pub enum Stop {
     Triangles(u64),
     /// Ascending cost thresholds, drained one after the other; `Statistics::level_counts` tells how many
     /// triangles were left after each. A run over a prefix of the levels gives the same mesh as a longer
-    /// run had at that point. Ends early once at most `floor_triangles` are left after a level.
+    /// run had at that point. `Stepwise` goes the same way level by level.
     ///
     /// Costs are in units^4 (squared distance times area) and mean the same in every cell.
-    Costs {
-        /// Cost thresholds in ascending order.
-        levels: Vec<f64>,
-        /// No further level is begun once the mesh is this small.
-        floor_triangles: u64,
-    },
+    Costs(Vec<f64>),
     /// As `Costs`, for thresholds so close together that seeding a queue for each would cost more than the
     /// collapses: one queue over the whole mesh serves them all.
     CloseCosts(Vec<f64>),
@@ -232,12 +227,8 @@ fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: simd::Simd) -> Simp
                 statistics.fit = Some(fit::fit(&mut driver.surface, samples, simd));
             }
         }
-        Stop::Costs { levels, floor_triangles } => {
+        Stop::Costs(levels) => {
             for &level in levels {
-                if !statistics.level_counts.is_empty() && driver.surface.n_alive <= *floor_triangles
-                {
-                    break;
-                }
                 driver.level(level);
                 statistics.level_counts.push(driver.surface.n_alive);
             }
@@ -272,23 +263,10 @@ fn finish(mut driver: schedule::levels::Driver, mut statistics: Statistics) -> S
 
 /// Peak memory of `simplify_mesh` in bytes, the mesh it is given included.
 ///
-/// Measured: 60 to 63 bytes a triangle beyond the input, 70 on dirty scans (docs/results/kernel.md). Mending
-/// is counted by `mend_bytes`.
+/// Measured: 60 to 63 bytes a triangle beyond the input, 70 on dirty scans (docs/results/kernel.md). What
+/// mending adds is up to the caller, who knows the input.
 pub fn peak_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
     102 * n_triangles + n_vertices * (24 + 8 * n_channels as u64)
-}
-
-/// What mending adds to `peak_bytes` at most: it grows with the vertices on boundaries, of which a mesh has about as
-/// many as it has vertices beyond one for two triangles.
-///
-/// Measured on a scan that is split along its texture into pieces, with 0.96 vertices a triangle: 185 bytes a
-/// triangle beyond the input instead of 70. A soup of loose triangles has 3 vertices a triangle; its mending takes
-/// no more than 164: 40 for the triangle, 41 for each vertex.
-pub fn mend_bytes(n_vertices: u64, n_triangles: u64) -> u64 {
-    const BYTES_PER_EXCESS: u64 = 250;
-    const MOST_BYTES: u64 = 164;
-    let excess = n_vertices.saturating_sub(n_triangles / 2);
-    (BYTES_PER_EXCESS * excess).min(MOST_BYTES * n_triangles)
 }
 
 /// What the fit adds to `peak_bytes`: its samples. The rest of its memory takes the place of what the collapses

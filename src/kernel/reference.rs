@@ -128,17 +128,7 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
             work.drain(f64::INFINITY, *target);
             statistics.reached = work.n_alive <= *target;
         }
-        Stop::Costs { levels, floor_triangles } => {
-            for &level in levels {
-                if !statistics.level_counts.is_empty() && work.n_alive <= *floor_triangles {
-                    break;
-                }
-                work.drain(level, 0);
-                statistics.level_counts.push(work.n_alive);
-            }
-            statistics.reached = true;
-        }
-        Stop::CloseCosts(levels) => {
+        Stop::Costs(levels) | Stop::CloseCosts(levels) => {
             for &level in levels {
                 work.drain(level, 0);
                 statistics.level_counts.push(work.n_alive);

@@ -2,7 +2,7 @@
 
 use super::side::Side;
 
-/// How far a simplified mesh deviates from its original. Lengths are in input units.
+/// Deviation of a simplified mesh from its original. Lengths are in input units.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Deviation {
     /// From the original to the simplified mesh.

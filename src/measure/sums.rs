@@ -79,7 +79,7 @@ impl Distances {
         self.values.len() as u64
     }
 
-    /// Whether there are none.
+    /// True if there are none.
     pub fn is_empty(&self) -> bool {
         self.values.is_empty()
     }

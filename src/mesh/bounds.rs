@@ -52,7 +52,7 @@ impl Bounds {
         bounds
     }
 
-    /// Whether no point was added.
+    /// True if no point was added.
     pub fn is_empty(&self) -> bool {
         self.low[0] > self.high[0]
     }

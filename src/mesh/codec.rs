@@ -117,7 +117,7 @@ struct Field {
 }
 
 impl VertexSchema {
-    /// How many kernel channels a record's properties become; labels become none.
+    /// Number of kernel channels of a record's properties; labels have none.
     pub fn n_channels(&self) -> usize {
         self.properties.iter().map(|p| Rule::of(p).n_channels()).sum()
     }

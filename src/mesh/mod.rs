@@ -25,7 +25,7 @@ pub struct Mesh {
     pub positions: Vec<[f64; 3]>,
     /// `n_channels` values a vertex, vertex by vertex: what is interpolated besides the position.
     pub channels: Vec<f32>,
-    /// How many channels each vertex has; 0 for bare geometry.
+    /// Channels of each vertex; 0 for bare geometry.
     pub n_channels: usize,
     /// Corner indices into `positions`, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
@@ -43,7 +43,7 @@ impl Mesh {
         &self.channels[start..start + self.n_channels]
     }
 
-    /// Whether any triangle has an area, beyond the rounding of coordinates to a share `rounding` of themselves.
+    /// Tells if any triangle has an area, beyond the rounding of coordinates to a share `rounding` of themselves.
     pub fn has_area(&self, rounding: f64) -> bool {
         (0..self.triangles.len()).any(|t| has_area(self.corners(t), rounding))
     }
@@ -61,7 +61,7 @@ const ROUNDINGS: f64 = 4.0;
 /// A triangle that is higher than this share of its longest edge has an area, however coarse its coordinates are.
 const NEEDLE: f64 = 0.01;
 
-/// Whether a triangle has an area, beyond the rounding of its coordinates. Corners on a line in space are hardly ever
+/// Tells if a triangle has an area, beyond the rounding of its coordinates. Corners on a line in space are hardly ever
 /// exactly on a line once they are rounded.
 fn has_area(corners: [[f64; 3]; 3], rounding: f64) -> bool {
     let size = corners.iter().flatten().fold(0f64, |size, x| size.max(x.abs()));

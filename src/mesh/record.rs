@@ -1,4 +1,4 @@
-//! What one vertex record holds: position and carried properties, as packed little-endian bytes.
+//! Layout of a vertex record: position and carried properties, as packed little-endian bytes.
 //!
 //! The reader turns every dialect into these records; cells keep them on disk; the writer turns them back.
 //! A loaded cell keeps the records beside its `Mesh`, so a position is in memory twice (12 or 24 bytes a vertex): what a collapse does
@@ -12,7 +12,7 @@ use super::property::{Origin, Property, Scalar};
 pub struct VertexSchema {
     /// `F32` or `F64`.
     pub coordinate: Scalar,
-    /// What else each vertex carries, in the order of the input's header.
+    /// Further properties of each vertex, in the order of the input's header.
     pub properties: Vec<Property>,
 }
 

@@ -20,9 +20,9 @@ pub(crate) const WRITING: &str = "writing";
 pub struct Prepared {
     /// The open input.
     pub source: MeshSource,
-    /// What the run will do and need.
+    /// Plan of the run: work, memory, disk.
     pub plan: Plan,
-    /// By what the input is known again; taken before it was opened.
+    /// Fingerprint of the input, taken before it was opened.
     pub marks: BTreeMap<String, String>,
 }
 
@@ -71,7 +71,7 @@ fn check_labels(source: &MeshSource, labels: &[String]) -> Result<()> {
     )))
 }
 
-/// Whether an output that is found may be that of the job in this folder.
+/// Tells if an existing output may be that of the job in this folder.
 pub fn has_begun_to_write(job_folder: &Path) -> bool {
     job::view(job_folder).is_ok_and(|view| view.outcomes.contains_key(WRITING))
 }

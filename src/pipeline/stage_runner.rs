@@ -217,7 +217,7 @@ impl<'a> Stages<'a> {
         SurvivorPack::open(self.run.disk(), self.run.job.folder(), info, self.layout.clone())
     }
 
-    /// Whether the input has an area; found once, since stores are removed on the way.
+    /// True if the input has an area; found once, since stores are removed on the way.
     pub(super) fn has_area(&self, info: &StoreInfo) -> Result<bool> {
         let run = self.run;
         run.job.sealed("has area", || self.store(info.clone())?.has_area(run.progress))

@@ -1,4 +1,4 @@
-//! What a picture shows and from where: the settings of a rendering.
+//! Settings of a rendering: camera, paint, limits.
 
 use super::camera::Camera;
 use super::raster::SAMPLE_BYTES;
@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 /// Samples of a frame may take so many bytes; beyond that each pixel gets fewer.
 const FRAME_BYTES: usize = 400 << 20;
 
-/// Where a picture is taken from.
+/// The camera.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Direction {
     /// Chosen by the shape of the mesh, or across the surface for a close-up.
@@ -26,7 +26,7 @@ pub struct Sphere {
     pub radius: f64,
 }
 
-/// What a surface is painted with.
+/// Paint of a surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Coloring {
     /// Light clay.
@@ -40,7 +40,7 @@ pub enum Coloring {
     },
 }
 
-/// What a picture shows and how.
+/// Settings of a picture.
 #[derive(Clone, Debug)]
 pub struct View {
     /// Pixels in a row.
@@ -83,7 +83,7 @@ impl Default for View {
 #[derive(Clone, Debug)]
 pub struct Aim(pub(super) Camera);
 
-/// What rendering may use.
+/// Resources that rendering may use.
 #[derive(Clone, Copy, Debug)]
 pub struct Resources {
     /// Memory in bytes, for vertices and picture together; at least some 100 MB are taken anyway.

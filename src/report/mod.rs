@@ -39,7 +39,7 @@ pub struct Material {
     pub measured: Option<Value>,
     /// Folder for the one temporary file.
     pub temp_dir: PathBuf,
-    /// What rendering may use.
+    /// Resources that rendering may use.
     pub resources: Resources,
 }
 

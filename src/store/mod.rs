@@ -1,4 +1,4 @@
-//! What lies on disk between the stages: the job folder, packs of cells, and what a stage is given of them.
+//! Data on disk between the stages: the job folder, packs of cells, and the context of a stage.
 
 pub mod cells;
 pub mod job;

@@ -56,7 +56,7 @@ pub fn give_back() {
 
 /// Makes the allocator give every large piece back as soon as it is freed, from now on, at some cost in time.
 ///
-/// By itself it comes to keep pieces of up to 32 MiB for later: a run whose live memory peaks at 98 MiB was seen to have
+/// Left to itself it keeps pieces of up to 32 MiB for later: a run whose live memory peaks at 98 MiB was seen to have
 /// 150 MiB resident.
 pub fn keep_nothing_back() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]

@@ -18,7 +18,7 @@ struct Module {
     used: Vec<Names>,
 }
 
-/// What files use.
+/// Imports of files.
 #[derive(Default)]
 pub struct Imports {
     /// Other files of the crate, for each file.

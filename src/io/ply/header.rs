@@ -11,7 +11,7 @@ use crate::mesh::property::Scalar;
 /// A header longer than this is no header (16 MiB; the longest seen in the wild has a few KiB).
 const MAX_HEADER_BYTES: u64 = 16 << 20;
 
-/// How the numbers of the body are written.
+/// Encoding of the numbers in the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Encoding {
     /// Decimal numbers, separated by any white space.

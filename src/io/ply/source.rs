@@ -14,18 +14,18 @@ use crate::mesh::record::VertexSchema;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
 
-/// How a file is read.
+/// Settings for reading a file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ReadOptions {
     /// Drop and count what is broken (indices out of range, positions that are not finite, missing rows
     /// at the end) instead of failing. Costs one more pass over the vertices.
     pub skip_bad: bool,
-    /// Where the positions of a body without fixed rows go if quads ask for them; the system's folder
+    /// Folder for the positions of a body without fixed rows, needed for quads; the system's folder
     /// for temporary files otherwise.
     pub temp_dir: Option<PathBuf>,
 }
 
-/// What `ReadOptions::skip_bad` left out when the file was opened.
+/// Counts of rows that `ReadOptions::skip_bad` left out when the file was opened.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Faults {
     /// Vertices whose position is not finite; faces that use them are dropped.
@@ -60,14 +60,14 @@ pub struct MeshSource {
     staged: Staged,
 }
 
-/// What is known of an input that was turned into PLY before it was opened.
+/// Facts about an input that was turned into PLY before it was opened.
 #[derive(Debug, Default)]
 pub(crate) struct Staged {
     /// Broken faces that were dropped on the way.
     pub bad_faces: u64,
     /// A texture that the PLY no longer mentions.
     pub texture: Option<TextureInfo>,
-    /// What faces carried, where it has been looked at (`io::survey_faces`).
+    /// Face properties, once surveyed (`io::survey_faces`).
     pub faces: Option<FaceCarry>,
 }
 
@@ -123,7 +123,7 @@ impl MeshSource {
         Ok(source)
     }
 
-    /// What a vertex record holds.
+    /// Layout of a vertex record.
     pub fn schema(&self) -> &VertexSchema {
         &self.plan.schema
     }
@@ -138,7 +138,7 @@ impl MeshSource {
         self.file.len()
     }
 
-    /// How the numbers of the body are written.
+    /// Encoding of the numbers in the body.
     pub fn encoding(&self) -> Encoding {
         self.header.encoding
     }
@@ -178,7 +178,7 @@ impl MeshSource {
         staged.or_else(|| self.texture().map(|texture| texture.property))
     }
 
-    /// What faces carried and where it is now, where that has been decided (`io::survey_faces`).
+    /// Face properties and where they are carried, once decided (`io::survey_faces`).
     pub fn carried(&self) -> Option<&FaceCarry> {
         self.staged.faces.as_ref()
     }
@@ -216,7 +216,7 @@ impl MeshSource {
         }
     }
 
-    /// What was left out when the file was opened; all zero without `skip_bad`.
+    /// Counts of rows left out when the file was opened; all zero without `skip_bad`.
     pub fn faults(&self) -> Faults {
         let promised = &self.header.elements[self.layout.vertex_element];
         let faces = self.layout.face_element.map(|i| &self.header.elements[i]);

@@ -68,7 +68,7 @@ impl MeshSource {
         }
     }
 
-    /// Where row `i` of a block of vertices begins.
+    /// Byte offset of row `i` in a block of vertices.
     fn place_of_vertex(&self, block: u64, i: u64) -> Mark {
         match &self.layout.vertices {
             VertexLayout::Fixed { offset, row_bytes } => {

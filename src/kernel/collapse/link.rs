@@ -13,7 +13,7 @@ use crate::kernel::simd::Lanes;
 use crate::kernel::simd::unchecked::{at, prefetch};
 use crate::kernel::surface::Surface;
 
-/// Whether a number is among some of a list.
+/// Tells if a number is in a range of a list.
 #[inline(always)]
 fn has<L: Lanes>(list: &[u32; ROOM], range: Range<usize>, number: u32) -> bool {
     let mut found = 0;

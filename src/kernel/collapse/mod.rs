@@ -242,7 +242,7 @@ impl Collapser {
         if let Some(mut attributes) = surface.attributes.take() {
             attributes.refresh(surface, v1);
             // Each neighbour comes up as both corners, as a rule.
-            let mut around = [self.b[..self.n].to_vec(), self.c[..self.n].to_vec()].concat();
+            let mut around = [&self.b[..self.n], &self.c[..self.n]].concat();
             around.sort_unstable();
             around.dedup();
             for w in around {

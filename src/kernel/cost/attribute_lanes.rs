@@ -17,7 +17,7 @@ use crate::kernel::surface::Vertex;
 
 /// Squared double area over the squared sum of squared edges below which a gradient is damped: a needle's
 /// gradient has no bounds. That of an aspect of about 30.
-const LEAST_SHAPE_SQ: f32 = 2.5e-4;
+pub(crate) const LEAST_SHAPE_SQ: f32 = 2.5e-4;
 
 /// Eight numbers of each of eight vertices or triangles, `K` times.
 pub(crate) type Rows<const K: usize> = [[[f32; 8]; 8]; K];

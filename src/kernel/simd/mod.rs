@@ -7,7 +7,7 @@ pub(crate) mod unchecked;
 
 use crate::kernel::surface::{self, Vertex};
 
-/// Which lanes to use.
+/// The lanes that are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Simd {
     /// Arrays of eight, left to the compiler.

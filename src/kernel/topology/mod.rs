@@ -150,7 +150,7 @@ pub(crate) fn plan_cut(surface: &Surface, cycle: [u32; 3]) -> Option<CutPlan> {
     }
 }
 
-/// Whether a cut along three edges leaves the surface in one piece. Takes a longer search: not before it is due.
+/// Tells if a cut along three edges leaves the surface in one piece. A long search: only once the cut is due.
 pub(crate) fn opens_handle(surface: &Surface, cycle: [u32; 3], sides: &[Side; 2]) -> bool {
     matches!(separation_far(surface, cycle, sides), Separation::None)
 }

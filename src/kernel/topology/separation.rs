@@ -16,7 +16,7 @@ pub(crate) enum Separation {
     Unknown,
 }
 
-/// How far the walks go.
+/// Limits of the walks, in vertices.
 #[derive(Clone, Copy)]
 pub(crate) struct Reach {
     /// The search ends when both sides have more vertices than this, ...

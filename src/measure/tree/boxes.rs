@@ -7,7 +7,7 @@ use crate::measure::triangle::Vector;
 
 /// Children of a node.
 pub(super) const WIDTH: usize = 8;
-/// What rounding may add to a squared bound in `f32` (a difference, a square, two sums), with room to spare.
+/// Relative rounding error of a squared bound in `f32` (a difference, a square, two sums), with a margin.
 const SHRINK: f32 = 1.0 - 1e-6;
 /// Distinguishes a reference to a triangle from one to a node on the query's stack.
 pub(super) const LEAF: u32 = 1 << 31;

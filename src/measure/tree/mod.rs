@@ -29,7 +29,7 @@ pub struct Tree {
     /// For each of `corners`, its number in the list given to `build`.
     ids: Vec<u32>,
     frame: Frame,
-    /// Where every query begins: a node or a tilted box.
+    /// Root of every query: a node or a tilted box.
     root: u32,
     tilted: Tilted,
 }
@@ -47,19 +47,19 @@ impl Nearest {
     /// No triangle yet.
     pub const NONE: Nearest = Nearest { distance_sq: f64::INFINITY, slot: u32::MAX };
 
-    /// Whether a triangle was found.
+    /// True once a triangle was found.
     pub fn is_found(&self) -> bool {
         self.slot != u32::MAX
     }
 }
 
 impl Tree {
-    /// How many triangles there are.
+    /// Number of triangles.
     pub fn len(&self) -> usize {
         self.corners.len()
     }
 
-    /// Whether there are none.
+    /// True if there are none.
     pub fn is_empty(&self) -> bool {
         self.corners.is_empty()
     }
@@ -225,7 +225,7 @@ impl Tree {
         best
     }
 
-    /// Whether a triangle is nearer than the best so far, or as near and first by its corners.
+    /// Tells if a triangle is nearer than the best so far, or as near and first by its corners.
     #[inline(always)]
     fn is_better(&self, distance_sq: f64, slot: u32, best: Nearest) -> bool {
         distance_sq < best.distance_sq

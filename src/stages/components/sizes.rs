@@ -17,7 +17,7 @@ pub struct Least {
 }
 
 impl Least {
-    /// What `--min-component` leaves, in a scan with a box of this diagonal.
+    /// Applies `--min-component` to a scan with a box of this diagonal.
     pub fn of(min: MinComponent, diagonal: f64) -> Least {
         match min {
             MinComponent::Triangles(triangles) => Least { triangles, ..Least::default() },

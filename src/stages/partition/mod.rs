@@ -33,7 +33,7 @@ use serde::{Deserialize, Serialize};
 /// File name of the first round's pack.
 const PACK_NAME: &str = "round-0.cells";
 
-/// What partitioning leaves.
+/// Outcome of partitioning.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Partition {
     /// The store of cells.

@@ -1,4 +1,4 @@
-//! What the passes over the input have in common; the pass over the vertices, and windows of their cells.
+//! Shared parts of the passes over the input; the pass over the vertices, and windows of their cells.
 
 use super::cell_table::CellTable;
 use super::checkpoint::{Checkpoints, Pass, Place};
@@ -21,7 +21,7 @@ pub(super) struct Passes<'a> {
     pub(super) shares: Shares,
     /// Vertices whose cells a table may hold.
     pub(super) window_rows: u64,
-    /// Where the passes are, or are to be taken up.
+    /// Position of the passes, or where they continue.
     pub(super) place: Place,
     pub(super) checkpoints: Checkpoints<'a>,
 }

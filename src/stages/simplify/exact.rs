@@ -51,9 +51,9 @@ pub fn simplify_cells_exactly(
 struct ExactLevels {
     /// Close cost thresholds, ascending.
     levels: Vec<f64>,
-    /// How many of them every cell drains.
+    /// Number of them that every cell drains.
     n_levels: usize,
-    /// How many of the first cells drain one more.
+    /// Number of first cells that drain one more.
     n_ahead: usize,
 }
 
@@ -61,7 +61,7 @@ struct ExactLevels {
 const FINE_LEVELS: i32 = 24;
 const FINE_STEPS: f64 = 16.0;
 
-/// How many levels every cell takes, and how many of the first cells take one more, so that the total is
+/// Chooses the number of levels of every cell, and of first cells that take one more, so that the total is
 /// the largest that does not exceed `target`.
 fn choose_levels(counts: &[Vec<u64>], store: &CellStore, target: u64) -> (usize, usize) {
     let after = |cell: usize, depth: usize| match depth {

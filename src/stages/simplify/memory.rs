@@ -6,10 +6,10 @@
 use crate::kernel::{self, Fit};
 use crate::store::cells::{CellStore, CellTally, VertexLayout, load_bytes};
 
-/// What the kernel takes for a dirty scan beyond `kernel::peak_bytes`, in bytes a triangle.
+/// Memory of the kernel on a dirty scan beyond `kernel::peak_bytes`, in bytes a triangle.
 const DIRT_BYTES: u64 = 8;
 
-/// What a triangle of a surface takes that is fitted, besides its samples.
+/// Memory of a fitted triangle besides its samples, in bytes.
 const FITTED_BYTES: u64 = 140;
 
 /// Memory in bytes that a cell takes while it is loaded, simplified and encoded; `share` of its triangles should be
@@ -49,7 +49,7 @@ fn kept_bytes(layout: &VertexLayout) -> u64 {
     8 + 1 + layout.schema.record_bytes() as u64
 }
 
-/// What the fit adds: its samples, and what it takes for each triangle of the result.
+/// Memory that the fit adds: its samples, and a share for each triangle of the result.
 pub fn fit_bytes(fit: Fit, n_triangles: u64, target: u64) -> u64 {
     match kernel::fit_bytes(fit, n_triangles, target) {
         0 => 0,
@@ -72,7 +72,7 @@ fn kernel_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
         + wedges
 }
 
-/// What mending adds: it grows with the boundaries, of which a mesh has about as many vertices as it has beyond one
+/// Memory that mending adds: it grows with the boundaries, of which a mesh has about as many vertices as it has beyond one
 /// for two triangles.
 ///
 /// Measured, in bytes for each of these vertices: 535 where the charts of a scan were welded and 0.07 of them come to

@@ -23,7 +23,7 @@ use crate::store::stage_context::Run;
 use pilot::{sealed_thresholds, spread_cells};
 use run_cells::{drain, run_cells, survivors};
 
-/// What channels count for is found from every 32nd cell, at least 16 and at most 48: cells differ more in
+/// Weights of channels are found from every 32nd cell, at least 16 and at most 48: cells differ more in
 /// the size of their triangles than in how they fall.
 const LENGTH_CELLS: std::ops::RangeInclusive<usize> = 16..=48;
 
@@ -44,7 +44,7 @@ pub fn simplify_cells(
             stepwise.level(last);
             return survivors(&cell, stepwise.finish(), store);
         }
-        let stop = Stop::Costs { levels: thresholds.of(index), floor_triangles: 0 };
+        let stop = Stop::Costs(thresholds.of(index));
         drain(cell, stop, options, store)
     })
 }

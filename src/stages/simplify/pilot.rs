@@ -46,7 +46,7 @@ pub(super) struct Thresholds {
     levels: Vec<f64>,
     /// Those of the pilot's cells.
     ladder: Vec<f64>,
-    /// By cell, how many of them the pilot's cells take before that of the round.
+    /// Number of rungs that each cell of the pilot takes before the threshold of the round.
     n_taken: BTreeMap<usize, usize>,
 }
 
@@ -96,10 +96,6 @@ pub(super) fn sealed_thresholds(
     Ok((thresholds, begun))
 }
 
-/// How the cells of a pilot fall.
-#[derive(Default)]
-struct Curves(Mutex<BTreeMap<usize, Vec<u64>>>);
-
 /// Finds the thresholds that bring the whole store to `goal`.
 fn pilot(
     store: &CellStore,
@@ -123,7 +119,8 @@ fn pilot(
     let area = mean_area(&store.load_tidy(sample[0])?);
     let ladder: Vec<f64> =
         (0..PILOT_LEVELS).map(|k| PILOT_START * area * area * PILOT_STEP.powi(k)).collect();
-    let curves = Curves::default();
+    // Counts after each level, by cell.
+    let curves = Mutex::new(BTreeMap::new());
     let free_bytes = AtomicU64::new(bytes_for_copies(store, run));
     let options = Options { estimate: begun.is_some(), ..options.clone() };
     for_cells((store, goal), sample.iter().copied(), run, |index| {
@@ -149,10 +146,10 @@ fn pilot(
                 break;
             }
         }
-        curves.0.lock().unwrap_or_else(PoisonError::into_inner).insert(index, counts);
+        curves.lock().unwrap_or_else(PoisonError::into_inner).insert(index, counts);
         Ok(())
     })?;
-    let curves = curves.0.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let curves = curves.into_inner().unwrap_or_else(PoisonError::into_inner);
     let start: u64 = sample.iter().map(|&cell| store.info().cells[cell].triangles).sum();
     let total: Vec<f64> = (0..ladder.len())
         .map(|level| curves.values().map(|curve| count_at(curve, level)).sum::<u64>() as f64)
@@ -177,7 +174,7 @@ fn takes(free_bytes: &AtomicU64, bytes: u64) -> bool {
         .is_ok()
 }
 
-/// Whether a cell that has begun to fall gives no more way.
+/// Tells if a cell that has lost half of its triangles has stopped falling.
 fn is_dead(counts: &[u64], start: u64) -> bool {
     let last = counts.last_chunk::<{ DEAD_LEVELS + 1 }>();
     last.is_some_and(|last| {

@@ -12,14 +12,14 @@ use serde::{Deserialize, Serialize};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-/// Where sources are given back, the survivors that are synced at a time make this part of the store, so that both
+/// Part of the store that is synced at a time where sources are given back, so that sources and survivors
 /// never lie side by side.
 pub const FREED_AT_A_TIME: u64 = 16;
 
 /// Sources are kept until the round is over if it leaves less than one triangle in so many.
 const KEEP_SOURCES: u64 = 16;
 
-/// What one round of simplification should reach.
+/// Goal of one round of simplification.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Goal {
     /// 0 for the first round.
@@ -28,7 +28,7 @@ pub struct Goal {
     pub triangles: u64,
 }
 
-/// Whether a round gives the source of a cell back to the file system as soon as the cell is done: where the
+/// Tells if a round gives the source of a cell back to the file system as soon as the cell is done: where the
 /// survivors take so much space that store and survivors would not fit side by side into what the job promises.
 /// Thousands of holes in a file cost time otherwise well spent.
 pub fn frees_sources(triangles_in: u64, goal_triangles: u64) -> bool {
@@ -53,7 +53,7 @@ pub(super) fn drain(cell: CellMesh, stop: Stop, options: &Options, store: &CellS
     survivors(&cell, simplified, store)
 }
 
-/// What the kernel left of a cell, as it is stored.
+/// Encodes the kernel's result for a cell.
 pub(super) fn survivors(cell: &CellMesh, simplified: Simplified, store: &CellStore) -> Survivors {
     let mut left =
         Survivors::new(&cell.ids, &cell.shared, &cell.records, simplified, store.layout());
@@ -91,7 +91,7 @@ pub(super) fn run_all<T: Send + Clone + Default>(
 
 struct Output {
     writer: SurvivorWriter,
-    /// Whether sources of cells are given back to the file system.
+    /// True if sources of cells are given back to the file system.
     frees: bool,
     /// Cells appended since the last sync; their sources are still needed.
     unsynced: Vec<usize>,

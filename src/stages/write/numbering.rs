@@ -1,4 +1,4 @@
-//! Which cell writes a vertex that several hold: the first; and the record that it writes.
+//! Numbers the vertices of the output: a vertex that several cells hold is written by the first of them.
 
 use crate::error::Result;
 use crate::store::cells::{SurvivorPack, Survivors};

@@ -11,15 +11,15 @@ pub struct CellMesh {
     pub ids: Vec<u64>,
     /// The record of each local vertex as it was read from the input (position possibly moved since).
     pub records: Vec<u8>,
-    /// Whether another cell uses this vertex too; such vertices are locked.
+    /// True if another cell uses this vertex too; such vertices are locked.
     pub shared: Vec<bool>,
     /// Geometry and channels.
     pub mesh: Mesh,
-    /// What tidying left out.
+    /// Counts of what tidying left out.
     pub dropped: Dropped,
 }
 
-/// What was left out.
+/// Counts of what was left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Dropped {
     /// Triangles with the same three corners as an earlier one; if turned over, only those that belong to no

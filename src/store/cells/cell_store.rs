@@ -233,7 +233,7 @@ impl CellStore {
         Ok(mesh)
     }
 
-    /// Whether any triangle has an area. Looks at the first few before it loads whole cells, one after the other.
+    /// Tells if any triangle has an area. Looks at the first few before it loads whole cells, one after the other.
     pub fn has_area(&self, progress: &Progress) -> Result<bool> {
         let rounding = self.layout.schema.rounding();
         let is_filled = |&cell: &usize| self.info.cells[cell].triangles > 0;

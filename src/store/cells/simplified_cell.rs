@@ -76,7 +76,7 @@ pub struct CellStatistics {
     /// Vertices on attribute seams that are left; one that several cells hold counts in each.
     #[serde(default)]
     pub seam_vertices: u64,
-    /// Whether no triangle that is left has an area.
+    /// True if no triangle that is left has an area.
     #[serde(default)]
     pub is_flat: bool,
 }

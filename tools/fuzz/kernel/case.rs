@@ -95,7 +95,7 @@ fn options(mesh: &Mesh, choices: &mut Choices, has_charts: bool) -> Options {
             .collect()
     };
     let stop = match choices.below(12) {
-        0 => Stop::Costs { levels: levels(choices), floor_triangles: choices.of(&[0, 0, 4, 1000]) },
+        0 => Stop::Costs(levels(choices)),
         1 => Stop::CloseCosts(levels(choices)),
         2 => Stop::Triangles(u64::MAX),
         3 => Stop::Triangles(choices.of(&[0, 1, 2, 3, 4])),

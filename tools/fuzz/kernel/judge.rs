@@ -180,7 +180,7 @@ fn counts(case: &Case, result: &Simplified) -> Result<(), Fault> {
             }
             return Ok(());
         }
-        Stop::Costs { levels, .. } | Stop::CloseCosts(levels) => levels,
+        Stop::Costs(levels) | Stop::CloseCosts(levels) => levels,
     };
     let counts = &result.statistics.level_counts;
     if counts.len() > list.len() || counts.last().is_some_and(|&last| last != n) {
@@ -226,9 +226,7 @@ fn levels(case: &Case, result: &Simplified) -> Result<(), Fault> {
     let counts = &result.statistics.level_counts;
     let n = counts.len() / 2;
     let stop = match &case.options.stop {
-        Stop::Costs { levels, floor_triangles } => {
-            Stop::Costs { levels: levels[..n].to_vec(), floor_triangles: *floor_triangles }
-        }
+        Stop::Costs(levels) => Stop::Costs(levels[..n].to_vec()),
         Stop::CloseCosts(levels) => Stop::CloseCosts(levels[..n].to_vec()),
         Stop::Triangles(_) => return Ok(()),
     };

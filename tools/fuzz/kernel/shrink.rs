@@ -108,12 +108,12 @@ fn plainer_options(case: &Case) -> Vec<Case> {
             }
         }),
         with(&|o| {
-            if let Stop::Costs { levels, .. } | Stop::CloseCosts(levels) = &mut o.stop {
+            if let Stop::Costs(levels) | Stop::CloseCosts(levels) = &mut o.stop {
                 levels.pop();
             }
         }),
         with(&|o| {
-            if let Stop::Costs { levels, .. } | Stop::CloseCosts(levels) = &mut o.stop
+            if let Stop::Costs(levels) | Stop::CloseCosts(levels) = &mut o.stop
                 && levels.len() > 1
             {
                 levels.remove(0);

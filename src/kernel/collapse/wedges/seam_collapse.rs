@@ -1,6 +1,6 @@
 //! Collapses at attribute seams: which wedges become one, and which values they get.
 //!
-//! What such a collapse costs is in `seam_cost`. Whether it is legal is decided elsewhere.
+//! Its cost is in `seam_cost`; its legality is decided by the caller.
 
 use super::Wedges;
 use super::seam_cost::Correct;
@@ -9,7 +9,7 @@ use crate::kernel::cost::quadric::Evaluated;
 use crate::kernel::surface::{Surface, others};
 use crate::mesh::vec3::along;
 
-/// Which wedges of `v0` become which of `v1`: those of the triangles over the edge.
+/// Pairs of wedges of `v0` and `v1` that become one: those of the triangles over the edge.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Pairs {
     list: [(u32, u32); 2],
@@ -78,7 +78,7 @@ impl Wedges {
         }
     }
 
-    /// What a collapse at a seam will do, before it is carried out; `s` is its place on the edge, 0 at `v0`.
+    /// Plans a collapse at a seam before it is carried out; `s` is its place on the edge, 0 at `v0`.
     pub(crate) fn plan(&self, surface: &Surface, (v0, v1): (u32, u32), s: f32) -> SeamPlan {
         let pairs = Pairs::of(self, surface, v0, v1);
         let mix = |a: f32, b: f32| match s {
@@ -113,7 +113,7 @@ impl Wedges {
         SeamPlan { pairs, values }
     }
 
-    /// Whether one of these triangles of `v0` will use the wedge that came with `v1`.
+    /// Tells if one of these triangles of `v0` will use the wedge that came with `v1`.
     pub(crate) fn becomes_own(
         &self,
         surface: &Surface,
@@ -173,7 +173,7 @@ impl Wedges {
         }
     }
 
-    /// Whether `v` still has several wedges; if not, their values become the surface's.
+    /// Updates `is_seam` of `v`; off the seams, the values of its wedge become the surface's.
     pub(crate) fn look_again(&mut self, surface: &mut Surface, v: u32) {
         if !self.is_seam[v as usize] {
             return;

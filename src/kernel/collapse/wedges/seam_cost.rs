@@ -6,16 +6,13 @@
 
 use super::Wedges;
 use super::seam_collapse::Pairs;
+use crate::kernel::cost::attribute_lanes::LEAST_SHAPE_SQ;
 use crate::kernel::cost::attributes::MAX_WEIGHTED;
-use crate::kernel::cost::quadric::{Evaluated, cross3, dot3, sub3};
+use crate::kernel::cost::quadric::{Evaluated, LENGTH_COST, cross3, dot3, sub3};
 use crate::kernel::simd::{Job, Lanes};
 use crate::kernel::surface::{GONE, MAX_VALENCE, Surface, boundary_quadric};
 use crate::mesh::vec3::{dot, length_sq};
 
-/// Cost of an edge in a plane, as in `cost::quadric`.
-const LENGTH_COST: f64 = 1e-6;
-/// As in `attribute_lanes`: where gradients are damped.
-const LEAST_SHAPE_SQ: f32 = 2.5e-4;
 /// Room for a ring, in whole eights. Longer ones do not collapse.
 const ROOM: usize = (MAX_VALENCE as usize).next_multiple_of(8);
 
@@ -87,7 +84,7 @@ impl Ring {
         self.n > 0
     }
 
-    /// Where in the ring the triangle is that follows the `i`th: its last corner is that one's next.
+    /// Index in the ring of the triangle across the edge to corner `b` of the `i`th.
     #[inline(always)]
     fn across<L: Lanes>(&self, i: usize) -> Option<usize> {
         for from in (0..self.n).step_by(8) {
@@ -209,7 +206,7 @@ impl Wedges {
             (_, true) => 0.0,
             _ => free,
         };
-        let floor = (area0 + area1) * length_sq(half) * LENGTH_COST;
+        let floor = (area0 + area1) * length_sq(half) * f64::from(LENGTH_COST);
         let cost = (c[0] + s * (2.0 * c[1] + s * c[2])).max(0.0) + floor;
         // NaN is no cost.
         let cost = if cost < f64::from(f32::MAX) { cost as f32 } else { f32::INFINITY };
@@ -280,7 +277,7 @@ impl Wedges {
         sum
     }
 
-    /// What it costs to take `v` from the seams that end there by the vector `way`: squared length times
+    /// Cost of moving `v` off the seams that end there by the vector `way`: squared length times
     /// squared distance for each, as at a boundary of the surface; less where it is no border of a region.
     #[inline(always)]
     fn border_cost<L: Lanes>(&self, surface: &Surface, v: u32, ring: &Ring, way: [f64; 3]) -> f64 {
