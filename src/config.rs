@@ -16,16 +16,16 @@ pub const CHECKPOINT_EVERY: std::time::Duration = std::time::Duration::from_secs
 /// Target of the simplification.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Target {
-    /// At most so many triangles.
+    /// At most this many triangles.
     Triangles(u64),
     /// This share of the input's triangles, in (0, 1].
     Ratio(f64),
-    /// As few as keep the measured two-sided deviation within this, in input units.
+    /// As few as keep the distance both ways within this, in input units.
     MaxError(f64),
 }
 
 impl Target {
-    /// The target as a count, for an input of `n_triangles`; of a bound on the error, that of the first trial.
+    /// The target as a count, for an input of `n_triangles`; of a bound on the error, a guess.
     pub fn triangles(self, n_triangles: u64) -> u64 {
         match self {
             Target::Triangles(count) => count,
@@ -216,6 +216,8 @@ pub struct Config {
     pub drop_texture: bool,
     /// Give up scalar properties of faces.
     pub drop_faces: bool,
+    /// Write the distance from the input with every vertex; only with a bound on it.
+    pub error_field: bool,
     /// Leave out components below this.
     pub min_component: Option<MinComponent>,
     /// Progress within a stage is made durable so often; does not change the result.
@@ -247,6 +249,14 @@ impl Config {
             ("topology".to_owned(), topology_name(self.kernel.topology).to_owned()),
             ("fit".to_owned(), fit_name(self.kernel.fit).to_owned()),
         ]);
+        if let (Some(bound), Target::Triangles(_) | Target::Ratio(_)) =
+            (self.kernel.bound, self.target)
+        {
+            settings.insert("max_error".to_owned(), bound.distance.to_string());
+        }
+        if self.error_field {
+            settings.insert("error_field".to_owned(), "true".to_owned());
+        }
         if let Some(least) = self.min_component {
             settings.insert("min_component".to_owned(), least.to_string());
         }
@@ -277,6 +287,7 @@ mod tests {
             skip_bad: false,
             drop_texture: false,
             drop_faces: false,
+            error_field: false,
             min_component: None,
             checkpoint_every: std::time::Duration::from_secs(30),
             attributes: Attributes::default(),

@@ -1,4 +1,4 @@
-//! What can go wrong, in classes that scripts can tell apart by exit code.
+//! Errors, in classes that scripts can tell apart by exit code.
 //!
 //! A message is one line: what, where (file, element, row, byte offset), and what to do next. What to do about a
 //! fault of the machine depends on the command that meets it: the error carries the remedy as a type, and
@@ -18,7 +18,7 @@ pub enum Error {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What was being done, as a verb phrase: "cannot open".
+        /// Action that failed, as a verb phrase: "cannot open".
         action: &'static str,
         /// The system's own words.
         source: std::io::Error,
@@ -39,7 +39,7 @@ pub enum Error {
     Empty {
         /// The output that was not written.
         path: PathBuf,
-        /// Why nothing is left, and the remedy.
+        /// Reason why nothing is left, and the remedy.
         what: String,
     },
     /// The file system cannot hold what the run would write.
@@ -47,9 +47,9 @@ pub enum Error {
     NoSpace {
         /// The folder on that file system, or the file.
         path: PathBuf,
-        /// What was being done, needed and available bytes.
+        /// Action that failed, needed and available bytes.
         what: String,
-        /// What makes room.
+        /// Ways to make room.
         remedy: Remedy,
     },
     /// The file system does not take files, or its device fails.
@@ -57,9 +57,9 @@ pub enum Error {
     Device {
         /// The file or folder.
         path: PathBuf,
-        /// What was being done, and the system's own words.
+        /// Action that failed, and the system's own words.
         what: String,
-        /// What helps.
+        /// Advice against it.
         remedy: Remedy,
     },
     /// Whoever reads standard output has closed it; other commands die of SIGPIPE there, without a word.
@@ -73,7 +73,7 @@ pub enum Error {
     Locked {
         /// The job folder.
         path: PathBuf,
-        /// Who holds it.
+        /// Process that holds it.
         what: String,
     },
     /// The job folder belongs to another input, other settings or another format version.
@@ -81,7 +81,7 @@ pub enum Error {
     StateMismatch {
         /// The job folder.
         path: PathBuf,
-        /// What differs, and the remedy.
+        /// The difference, and the remedy.
         what: String,
     },
     /// A file of the job folder is not what was written there.
@@ -89,7 +89,7 @@ pub enum Error {
     Corrupt {
         /// The damaged file.
         path: PathBuf,
-        /// Where, and the remedy.
+        /// The place, and the remedy.
         what: String,
     },
     /// A fault of our own (a panic) that was caught; what was sealed before it is kept.
@@ -103,7 +103,7 @@ pub enum Error {
     },
 }
 
-/// What helps against a fault of the machine.
+/// Advice against a fault of the machine.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Remedy {
     /// Room on the file system.
@@ -118,7 +118,7 @@ pub enum Remedy {
     Redirect,
 }
 
-/// What a command offers against a failure; advice names nothing else.
+/// Options of a command that help against a failure; advice names no others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Offers {
     /// The same command continues where an earlier one stopped.
@@ -182,7 +182,7 @@ impl Error {
         }
     }
 
-    /// What to do next, in words that hold for a command with these `offers`; `None` where the message itself
+    /// Returns advice that fits a command with these `offers`; `None` where the message itself
     /// says it all.
     pub fn advice(&self, offers: Offers) -> Option<String> {
         let again = if offers.resumes {

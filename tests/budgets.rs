@@ -36,6 +36,7 @@ fn config(folder: &Path, ratio: f64) -> Config {
         skip_bad: false,
         drop_texture: false,
         drop_faces: false,
+        error_field: false,
         min_component: None,
         checkpoint_every: CHECKPOINT_EVERY,
         attributes: Attributes::default(),

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use std::path::Path;
 use stonecut::config::{Attributes, Config, MinComponent, Target};
 use stonecut::pipeline;
-use stonecut::system::disk::{Disk, Loss};
+use stonecut::system::disk::{Disk, PowerLoss};
 use stonecut::system::progress::Progress;
 
 #[derive(Clone, Default)]
@@ -515,6 +515,7 @@ fn config(folder: &Path) -> Config {
         skip_bad: false,
         drop_texture: false,
         drop_faces: false,
+        error_field: false,
         min_component: Some(MinComponent::Triangles(100)),
         checkpoint_every: std::time::Duration::ZERO,
         attributes: Attributes::default(),
@@ -540,7 +541,7 @@ fn a_run_that_died_anywhere_ends_with_the_same_bytes() {
     let changes = disk.changes();
     assert!(changes > 40, "{changes}");
     for k in 1..=changes {
-        for loss in [Loss::Nothing, Loss::Unsynced] {
+        for loss in [PowerLoss::Nothing, PowerLoss::Unsynced] {
             std::fs::remove_file(&config.output).unwrap();
             let disk = Disk::for_crash_tests();
             disk.freeze_at(k);

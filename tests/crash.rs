@@ -9,7 +9,7 @@ use std::time::Duration;
 use stonecut::Result;
 use stonecut::config::{Attributes, Config, Target, Until};
 use stonecut::pipeline;
-use stonecut::system::disk::{Disk, Loss};
+use stonecut::system::disk::{Disk, PowerLoss};
 use stonecut::system::progress::Progress;
 
 fn config(folder: &Path, target: u64) -> Config {
@@ -31,6 +31,7 @@ fn config(folder: &Path, target: u64) -> Config {
         skip_bad: false,
         drop_texture: false,
         drop_faces: false,
+        error_field: false,
         min_component: None,
         checkpoint_every: stonecut::config::CHECKPOINT_EVERY,
         attributes: Attributes::default(),
@@ -203,7 +204,7 @@ fn a_death_between_any_two_changes_costs_nothing() {
     for job in JOBS {
         let bench = bench(job);
         for k in 1..=bench.changes + 1 {
-            for loss in [Loss::Nothing, Loss::Unsynced, Loss::UnsyncedData] {
+            for loss in [PowerLoss::Nothing, PowerLoss::Unsynced, PowerLoss::UnsyncedData] {
                 let what = format!("{job:?}, death at change {k} of {}, {loss:?}", bench.changes);
                 let disk = Disk::for_crash_tests();
                 disk.freeze_at(k);
@@ -227,7 +228,7 @@ fn a_death_between_checkpoints_costs_nothing() {
         assert!(bench.changes > without.changes + 5, "{} {}", bench.changes, without.changes);
         let mut taken_up = 0;
         for k in (1..=bench.changes + 1).step_by(step) {
-            for loss in [Loss::Nothing, Loss::Unsynced, Loss::UnsyncedData] {
+            for loss in [PowerLoss::Nothing, PowerLoss::Unsynced, PowerLoss::UnsyncedData] {
                 let what = format!("{job:?}, death at change {k} of {}, {loss:?}", bench.changes);
                 let disk = Disk::for_crash_tests();
                 disk.freeze_at(k);
@@ -281,7 +282,7 @@ fn deaths_one_after_the_other_cost_nothing() {
             let k = random % (bench.changes / 2) + 1;
             let disk = Disk::for_crash_tests();
             disk.freeze_at(k);
-            let loss = [Loss::Nothing, Loss::Unsynced, Loss::UnsyncedData];
+            let loss = [PowerLoss::Nothing, PowerLoss::Unsynced, PowerLoss::UnsyncedData];
             died += u32::from(simplify(&disk, &bench.config).is_err());
             disk.lose(loss[(random >> 33) as usize % 3]).unwrap();
             bench.output_is_absent_or_whole(&what);
@@ -320,7 +321,7 @@ fn a_panic_at_any_operation_costs_nothing() {
             } else {
                 assert!(is_there, "{what}: success without output");
             }
-            disk.lose(Loss::Unsynced).unwrap();
+            disk.lose(PowerLoss::Unsynced).unwrap();
             bench.rerun(&what);
         }
     }

@@ -238,7 +238,7 @@ fn obj_with_polygons_negative_indices_and_colours() -> AnyResult {
         ("v 0 0 0\nv 1 0 0\nf 1 2 -3\n", "the corner '-3'"),
         ("v 0 0\n", "line 1 (byte offset 0): a vertex has fewer"),
         ("v 0 0 nan\nf 1 1 1\n", "not finite"),
-        ("v 0 0 zero\n", "no number"),
+        ("v 0 0 zero\n", "is not a number"),
     ] {
         let message = staged("bad.obj", body, false).map(|_| ()).unwrap_err().to_string();
         assert!(message.contains(wanted), "{message} lacks {wanted}");

@@ -2,10 +2,13 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
+#[path = "reference_kernel/mod.rs"]
+mod reference;
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use stonecut::Mesh;
-use stonecut::kernel::{Options, Simplified, Stop, reference, simplify_mesh};
+use stonecut::kernel::{Options, Simplified, Stop, simplify_mesh};
 
 /// A height field of `n` x `n` quads with a bump pattern, seen from `offset`.
 fn sheet(n: usize, offset: f64) -> Mesh {

@@ -319,6 +319,8 @@ fn the_kind_of_an_output_is_known_before_the_work() {
         "simplify in.ply o.ply --ratio 50% --seams s.obj",
         "simplify in.ply o.ply --max-error 1 --until simplify",
         "simplify in.ply o.ply --max-error 1 --seams s.ply",
+        "simplify in.ply o.stl --max-error 1 --error-field",
+        "simplify in.ply o.ply --ratio 50% --error-field",
         "simplify in.ply o.ply --ratio 50% --temp-dir /etc/passwd",
         "convert in.ply o.stl --temp-dir in.ply",
         "info in.ply --check --temp-dir in.ply",

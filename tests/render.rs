@@ -7,8 +7,8 @@ use stonecut::Mesh;
 use stonecut::io::OutputFormat;
 use stonecut::io::ply::MeshSource;
 use stonecut::render::{
-    Coloring, Direction, Letters, Picture, Resources, Sphere, View, aim_mesh, render_mesh,
-    render_source,
+    Coloring, Direction, Letters, Picture, Resources, Scale, Sphere, View, aim_mesh, render_mesh,
+    render_source, top_of,
 };
 use stonecut::synth::{Kind, Settings, Writing, mesh, write_ply};
 use stonecut::system::progress::Progress;
@@ -212,4 +212,51 @@ fn pictures_become_png_files_and_stand_side_by_side() {
     let info = reader.info();
     assert_eq!((info.width, info.height), (72, 60));
     assert!(Picture::new(0, 0, [0; 3]).to_png().is_err());
+}
+
+/// A square whose left side carries 0 and whose right side carries `right`.
+fn scalar_square(path: &std::path::Path, right: &str) {
+    let text = format!(
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+         property float error\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n\
+         0 0 0 0\n1 0 0 {right}\n1 1 0 {right}\n0 1 0 0\n3 0 1 2\n3 0 2 3\n"
+    );
+    std::fs::write(path, text).unwrap();
+}
+
+#[test]
+fn a_number_of_vertices_paints_with_a_legend() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("field.ply");
+    scalar_square(&path, "0.123");
+    let source = MeshSource::open(&path).unwrap();
+    let progress = Progress::default();
+    let top = top_of(&source, "error", &progress).unwrap();
+    assert_eq!(top, 0.13);
+    let missing = top_of(&source, "quality", &progress).unwrap_err().to_string();
+    assert!(missing.contains("no property 'quality'") && missing.contains("error"), "{missing}");
+    let direction = Direction::From([0.0, 0.0, 1.0]);
+    let plain = View { width: 300, height: 240, direction, ..View::default() };
+    let scale = Some(Scale { property: "error".to_owned(), top });
+    let painted = View { scale, ..plain.clone() };
+    let draw = |view: &View| render_source(&source, view, BOTH, &progress).unwrap();
+    let (clay, field) = (draw(&plain), draw(&painted));
+    // Viridis: dark violet where there is no error, yellow where there is most; clay is grey.
+    let (left, right) = (pixel(&field, 100, 120), pixel(&field, 200, 120));
+    assert!(left[2] > left[1] && right[1] > right[2], "{left:?} {right:?}");
+    assert!(i32::from(right[1]) > i32::from(left[1]) + 60, "{left:?} {right:?}");
+    // The legend stands where clay has nothing but the background.
+    let corner = |picture: &Picture| -> Vec<[u8; 3]> {
+        (20..230).map(|x| pixel(picture, x, picture.height - 16 - 18 - 6)).collect()
+    };
+    assert!(corner(&field) != corner(&clay));
+    let bar = corner(&field);
+    assert!(bar[2][2] > bar[2][1] && bar[205][1] > bar[205][2], "{:?} {:?}", bar[2], bar[205]);
+    // A scale of its own, and values that are all 0: nothing divides by it.
+    scalar_square(&path, "0");
+    let source = MeshSource::open(&path).unwrap();
+    assert_eq!(top_of(&source, "error", &progress).unwrap(), 0.0);
+    let scale = Some(Scale { property: "error".to_owned(), top: 0.0 });
+    let dark = render_source(&source, &View { scale, ..plain }, BOTH, &progress).unwrap();
+    assert!(pixel(&dark, 200, 120)[2] > pixel(&dark, 200, 120)[1]);
 }

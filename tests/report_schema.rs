@@ -145,7 +145,8 @@ fn reports_of_simplify_keep_the_schema() {
         ("--ratio 10%", 0),
         ("--ratio 10% --cell-triangles 1k --min-component 20 --verify --fit on --keep-temp", 0),
         ("--triangles 6k --cell-triangles 1k --topology keep --placement subset", 0),
-        ("--max-error 0.05 --cell-triangles 1k", 0),
+        ("--max-error 0.05 --cell-triangles 1k --error-field", 0),
+        ("--max-error 0.05 --ratio 30%", 3),
         ("--max-error 1e-30", 3),
     ] {
         let command =
@@ -196,13 +197,20 @@ fn measurements_keep_the_schema() {
     let folder = folder_with("statue", "--triangles 20k --color --uv");
     let out = folder.path();
     expect(out, "simplify in.ply out.ply --ratio 20% -q --seams seams.ply --cell-triangles 2k", 0);
-    for options in ["", "--near seams.ply --within 0.1", "--memory 64MiB --cell-triangles 2k"] {
+    for options in [
+        "",
+        "--near seams.ply --within 0.1",
+        "--memory 64MiB --cell-triangles 2k",
+        "--certify --tolerance 5%",
+        "--memory 64MiB --cell-triangles 2k --certify",
+    ] {
         let samples = "--samples 5k --report m.json --json";
         let answer = printed(out, &format!("measure in.ply out.ply {options} {samples}"));
         assert_keeps("measure_report", &answer);
         assert_eq!(answer, read(&out.join("m.json")));
         assert_eq!(answer["forward"]["color_delta_e"], answer["forward"]["colour_delta_e"]);
         assert!(answer["forward"]["color_delta_e"].is_number(), "{answer}");
+        assert_eq!(answer["hausdorff"].is_object(), options.contains("--certify"), "{options}");
     }
 }
 

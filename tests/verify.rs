@@ -30,6 +30,7 @@ fn verified_in_the_run_is_what_measure_says_afterwards() {
     for memory in ["2GiB", "96MiB"] {
         let said = expect(out, &format!("{simplify} --memory {memory} --report run.json"), 0);
         assert!(said.contains("rms both ways"), "{said}");
+        assert!(said.contains("Hausdorff distance from "), "{said}");
         let run = json(out, "run.json");
         let verified = &run["measured"];
         assert_eq!(verified["cells"].as_u64().unwrap() > 0, memory == "96MiB", "{memory}");
@@ -42,6 +43,16 @@ fn verified_in_the_run_is_what_measure_says_afterwards() {
             assert_eq!(verified[mesh]["topology"], measured[mesh]["topology"], "{memory}: {mesh}");
         }
         assert!(verified["forward"]["rms"].as_f64().unwrap() > 0.0);
+        let enclosed = &run["hausdorff"];
+        assert_eq!(
+            (enclosed, &enclosed["certified"]),
+            (&verified["hausdorff"], &Value::Bool(true))
+        );
+        let [lower, upper] = ["lower", "upper"].map(|end| enclosed[end].as_f64().unwrap());
+        let max = |side: &str| verified[side]["max"].as_f64().unwrap();
+        let sampled = max("forward").max(max("backward"));
+        assert!(lower >= sampled * (1.0 - 1e-9) && upper >= lower, "{sampled} {enclosed}");
+        assert!(upper - lower <= 0.01 * upper, "{enclosed}");
         let stages = run["stages"].as_array().unwrap();
         assert_eq!(stages.last().unwrap()["name"], "verify");
         assert!(

@@ -7,7 +7,7 @@ use crate::io::ply::MeshSource;
 use crate::system::units::show_bytes;
 use std::num::NonZeroUsize;
 
-/// Opens a mesh of any format; what is no plain PLY is unpacked into `temp_dir` for the time being.
+/// Opens a mesh of any format; other files than plain PLY are unpacked into `temp_dir` for the time being.
 pub(super) fn open_mesh(
     path: &std::path::Path,
     temp_dir: &std::path::Path,

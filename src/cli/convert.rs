@@ -41,7 +41,7 @@ pub struct Args {
     /// Keep vertices that no face uses.
     #[arg(long)]
     pub keep_unreferenced: bool,
-    /// Where temporary data goes [default: the output's folder].
+    /// Folder for temporary data [default: the output's folder].
     #[arg(long, value_name = "DIR")]
     pub temp_dir: Option<PathBuf>,
 }
@@ -56,7 +56,7 @@ impl Args {
     }
 }
 
-/// What a conversion did.
+/// Result of a conversion.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Converted {
     /// Vertices written.
@@ -78,7 +78,7 @@ pub struct Converted {
 /// Converts and says on `log` what was done; the exit code tells whether broken faces were dropped.
 pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<u8> {
     let done = convert_until_stopped(args, progress)?;
-    // A closed standard error is no reason to fail: the mesh is there.
+    // A closed standard error is not a reason to fail: the mesh is there.
     let _ = writeln!(
         log,
         "{}: {} vertices, {} triangles, {}",
@@ -107,7 +107,7 @@ pub fn convert(args: &Args) -> Result<Converted> {
     convert_until_stopped(args, &Progress::default())
 }
 
-fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> {
+pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> {
     args.paths()?.check()?;
     let to_stdout = args.output == std::path::Path::new("-");
     let folder = args.temp_dir.clone().unwrap_or_else(|| match to_stdout {
@@ -141,7 +141,7 @@ fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> 
     done.n_triangles -= done.n_duplicate;
     if done.n_triangles == 0 && source.n_face_rows() > 0 {
         let what = format!(
-            "none of its {} faces is a triangle with three corners of its own; nothing was written",
+            "none of its {} faces has three different corners; nothing was written",
             source.n_face_rows()
         );
         return Err(Error::bad_input(&args.input, what));
@@ -155,7 +155,7 @@ fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> 
 /// Memory to sort triangles in.
 const DUPLICATES_MEMORY_BYTES: usize = 64 << 20;
 
-/// Which vertices the output has, and their new ids.
+/// The vertices that the output has, and their new ids.
 struct Used {
     /// A bit a vertex.
     bits: Vec<u64>,

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 /// Makes a synthetic scan, simplifies it out of core, checks the result, and says where everything lies.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Where to put the demo's files (about 200 MB).
+    /// Folder for the demo's files (about 200 MB).
     #[arg(default_value = "stonecut-demo")]
     folder: PathBuf,
 }

@@ -1,6 +1,7 @@
 //! Progress for people and programs: a bar, lines, JSON, or nothing.
 
 use super::log::{Log, Show, Talk};
+use super::pace::{Figures, Pace};
 use crate::system::progress::{Progress, Stage};
 use crate::system::units::{show_bytes, show_count};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -10,20 +11,6 @@ use std::time::{Duration, Instant};
 
 const BAR_INTERVAL: Duration = Duration::from_millis(100);
 const LINE_INTERVAL: Duration = Duration::from_secs(10);
-
-/// What the estimate starts from: so many weighted triangles, taken to have been done in so many seconds before
-/// the run began. Without it, the first second's estimate would be any number.
-const ASSUMED_WEIGHT: f64 = 4e6;
-const ASSUMED_SECONDS: f64 = 1.5;
-
-/// Relative cost of a triangle in each stage, for the overall estimate only.
-fn weight(stage: &str) -> f64 {
-    match stage {
-        "partition" => 0.25,
-        "components" | "write" => 0.1,
-        _ => 1.0,
-    }
-}
 
 /// Shows `progress` while `work` runs.
 pub fn watch<T>(talk: &Talk, progress: &Progress, log: &mut Log, work: impl FnOnce() -> T) -> T {
@@ -58,12 +45,8 @@ struct Display<'a> {
     show: Show,
     log: &'a mut Log,
     bar: ProgressBar,
-    started: Instant,
-    stage: Stage,
-    stage_started: Instant,
+    pace: Pace,
     last_line: Option<Instant>,
-    /// Weighted triangles of stages that are over.
-    weight_done: f64,
 }
 
 impl<'a> Display<'a> {
@@ -71,17 +54,7 @@ impl<'a> Display<'a> {
         let bar = if show == Show::Bar { ProgressBar::new(0) } else { ProgressBar::hidden() };
         let style = ProgressStyle::with_template("{prefix} [{bar:32}] {percent:>3}% {msg}");
         bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-        let now = Instant::now();
-        Display {
-            show,
-            log,
-            bar,
-            started: now,
-            stage: Stage::default(),
-            stage_started: now,
-            last_line: None,
-            weight_done: 0.0,
-        }
+        Display { show, log, bar, pace: Pace::default(), last_line: None }
     }
 
     fn run(mut self, progress: &Progress, is_over: &AtomicBool) {
@@ -114,19 +87,11 @@ impl<'a> Display<'a> {
     }
 
     fn update(&mut self, stage: Stage, done: u64) {
-        if stage.number != self.stage.number {
-            self.weight_done += self.stage.total as f64 * weight(self.stage.name);
-            self.stage_started = Instant::now();
+        let (figures, is_new) = self.pace.update(stage.clone(), done);
+        if is_new {
             self.last_line = None;
         }
-        self.stage = stage;
-        let stage = &self.stage;
-        let seconds = self.stage_started.elapsed().as_secs_f64();
-        let done = done.min(stage.total);
-        let per_second = done as f64 / seconds.max(1e-3);
-        let stage_eta =
-            (stage.total - done) as f64 * weight(stage.name) * (seconds + ASSUMED_SECONDS)
-                / (done as f64 * weight(stage.name) + ASSUMED_WEIGHT);
+        let Figures { done, per_second, seconds, seconds_left, stage_seconds_left, .. } = figures;
         let memory = crate::system::memory::resident_bytes();
         if self.show == Show::Bar {
             self.bar.set_prefix(format!("{}/{} {:11}", stage.number, stage.n_stages, stage.name));
@@ -135,7 +100,7 @@ impl<'a> Display<'a> {
             self.bar.set_message(format!(
                 "{}/s, {:.0} s left, {}",
                 show_count(per_second as u64),
-                self.eta(done),
+                seconds_left,
                 show_bytes(memory)
             ));
             return;
@@ -144,43 +109,26 @@ impl<'a> Display<'a> {
             return;
         }
         self.last_line = Some(Instant::now());
-        let elapsed = self.started.elapsed().as_secs_f64();
         if self.show == Show::Json {
             let line = serde_json::json!({
                 "stage": stage.name, "number": stage.number, "stages": stage.n_stages,
                 "triangles_done": done, "triangles": stage.total, "triangles_per_second": per_second,
-                "stage_seconds_left": stage_eta, "seconds_left": self.eta(done), "seconds": elapsed,
+                "stage_seconds_left": stage_seconds_left, "seconds_left": seconds_left, "seconds": seconds,
                 "memory_bytes": memory,
             });
             let _ = writeln!(self.log, "{line}");
         } else {
             let line = format!(
-                "{elapsed:7.1} s  {}/{} {:11} {:3.0} %  {}/s  {:.0} s left  {}",
+                "{seconds:7.1} s  {}/{} {:11} {:3.0} %  {}/s  {:.0} s left  {}",
                 stage.number,
                 stage.n_stages,
                 stage.name,
                 100.0 * done as f64 / stage.total.max(1) as f64,
                 show_count(per_second as u64),
-                self.eta(done),
+                seconds_left,
                 show_bytes(memory)
             );
             self.log.say(line);
         }
-    }
-
-    /// Seconds left of the run: stages to come are taken to be as small as this one is, weighted by kind.
-    fn eta(&self, done: u64) -> f64 {
-        let stage = &self.stage;
-        let own = weight(stage.name) * stage.total as f64;
-        let ahead = match stage.name {
-            // Everything is still to come: the cells, and a little for stitching and writing.
-            "partition" | "components" => 1.2 * stage.total as f64,
-            "simplify" => 0.15 * stage.total as f64,
-            _ => own * 0.2 * f64::from(stage.n_stages.saturating_sub(stage.number)),
-        };
-        let so_far = self.weight_done + weight(stage.name) * done as f64;
-        let left = own - weight(stage.name) * done as f64 + ahead;
-        let seconds = self.started.elapsed().as_secs_f64() + ASSUMED_SECONDS;
-        seconds * left / (so_far + ASSUMED_WEIGHT)
     }
 }

@@ -28,7 +28,7 @@ pub struct Args {
     /// Memory for --check; a larger mesh is cut into cells on disk [default: 75 % of the tightest limit]
     #[arg(long, value_name = "SIZE", value_parser = super::arguments::parse_memory)]
     memory: Option<u64>,
-    /// Where those cells lie for the time being [default: the working folder]
+    /// Folder for those cells [default: the working folder]
     #[arg(long, value_name = "DIR")]
     temp_dir: Option<PathBuf>,
     /// Threads to use [default: all cores]
@@ -38,7 +38,7 @@ pub struct Args {
 
 /// The JSON of `info`; docs/report.md describes the keys.
 #[derive(serde::Serialize)]
-struct Report {
+pub(super) struct Report {
     /// `SCHEMA_VERSION`.
     schema_version: u32,
     /// Version of the program.
@@ -95,6 +95,22 @@ impl Args {
 
 /// Runs the command; the answer goes to `out`.
 pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> {
+    let (source, report, list) = look(args, progress)?;
+    let text = if args.json {
+        serde_json::to_string_pretty(&report)
+            .map_err(|e| Error::Usage(format!("the answer cannot be written as JSON: {e}")))?
+            + "\n"
+    } else {
+        table(&source, &report, list)
+    };
+    out.write_all(text.as_bytes()).map_err(Error::stdout)
+}
+
+/// Looks at the file; the last part of the answer is a line about sizes of components.
+pub(super) fn look(
+    args: &Args,
+    progress: &Progress,
+) -> Result<(MeshSource, Report, Option<String>)> {
     let threads = super::arguments::threads(args.threads).get();
     let source = super::arguments::open_mesh(&args.file, args.temp_dir())?;
     let (check, sizes) = match args.check {
@@ -127,14 +143,7 @@ pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> 
             below: s.below,
         }),
     };
-    let text = if args.json {
-        serde_json::to_string_pretty(&report)
-            .map_err(|e| Error::Usage(format!("the answer cannot be written as JSON: {e}")))?
-            + "\n"
-    } else {
-        table(&source, &report, list)
-    };
-    out.write_all(text.as_bytes()).map_err(Error::stdout)
+    Ok((source, report, list))
 }
 
 fn count(

@@ -43,7 +43,7 @@ pub(super) fn complain(log: &mut dyn Write, error: &Error, offers: Offers) -> u8
     // Other commands end without a word where the reader of a pipe has had enough.
     if !matches!(error, Error::OutputClosed) {
         let advice = error.advice(offers).map_or(String::new(), |advice| format!("; {advice}"));
-        // Nobody is left to tell if standard error is gone too.
+        // Nothing can be reported if standard error is closed too.
         let _ = writeln!(log, "stonecut: {error}{advice}");
     }
     error.exit_code()

@@ -4,8 +4,11 @@ use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
 use super::log::{Log, Talk};
 use crate::error::{Error, Result};
-use crate::measure::compare::{self, CELL_TRIANGLES, Report, Request};
-use crate::measure::{self, Options, Region, Side, TriangleSizes, heatmap, load};
+use crate::measure::compare::{self, CELL_TRIANGLES, Comparison, Report, Request};
+use crate::measure::{
+    self, Certificate, Certify, LEAST_TOLERANCE, On, Options, Region, Side, TriangleSizes, heatmap,
+    load,
+};
 use crate::mesh::topology_counts::Topology;
 use crate::system::disk::folder_of;
 use crate::system::paths::{Kind, Paths, Role};
@@ -40,7 +43,7 @@ pub struct Args {
     /// Writes a mesh coloured by its distance to the other one
     #[arg(long, value_name = "OUT.ply")]
     heatmap: Option<PathBuf>,
-    /// Which mesh the heatmap shows
+    /// Mesh that the heatmap shows
     #[arg(long, value_enum, value_name = "WHICH", default_value = "simplified")]
     heatmap_of: Which,
     /// Replaces the heatmap if it exists
@@ -49,7 +52,7 @@ pub struct Args {
     /// Prints all numbers as JSON instead of the table
     #[arg(long)]
     json: bool,
-    /// Where cells are kept if the meshes exceed the memory [default: beside SIMPLIFIED]
+    /// Folder for cells if the meshes exceed the memory [default: beside SIMPLIFIED]
     #[arg(long, value_name = "DIR")]
     temp_dir: Option<PathBuf>,
     /// Triangles per cell if the meshes exceed the memory
@@ -58,9 +61,26 @@ pub struct Args {
     /// Counts samples near the vertices of this mesh apart (to look for seams)
     #[arg(long, value_name = "FILE.ply", requires = "within")]
     near: Option<PathBuf>,
-    /// What is near, in input units
+    /// Distance that counts as near, in input units
     #[arg(long, value_name = "D", requires = "near")]
     within: Option<f64>,
+    /// Also encloses the largest distance either way (Hausdorff) in an interval that is proven, not sampled
+    #[arg(long)]
+    certify: bool,
+    /// Width of that interval, relative to its upper end
+    #[arg(long, value_name = "SHARE", requires = "certify", value_parser = parse_tolerance, default_value = "1%")]
+    tolerance: f64,
+}
+
+/// A tolerance from a percentage or a share.
+fn parse_tolerance(text: &str) -> std::result::Result<f64, String> {
+    let tolerance = units::parse_ratio(text)?;
+    match (LEAST_TOLERANCE..1.0).contains(&tolerance) {
+        true => Ok(tolerance),
+        false => {
+            Err(format!("'{text}' is not a tolerance from {} to below 1: 1%", LEAST_TOLERANCE))
+        }
+    }
 }
 
 /// The choices of `--heatmap-of`.
@@ -89,8 +109,39 @@ impl Args {
 
 /// Runs the command; the table or the JSON goes to standard output.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<()> {
-    let begin = std::time::Instant::now();
     super::arguments::warn_of_limit(args.memory, log);
+    let report = report(args, progress, |request| {
+        watch(talk, progress, log, || compare::compare(request, progress))
+    })?;
+    let json = write_report(args, &report, progress)?;
+    let mut out = std::io::stdout().lock();
+    let printed =
+        if args.json { writeln!(out, "{json}") } else { write!(out, "{}", table(&report)) };
+    printed.map_err(Error::stdout)
+}
+
+/// Writes the report where that was asked for; gives it back as JSON.
+pub(super) fn write_report(
+    args: &Args,
+    report: &impl serde::Serialize,
+    progress: &Progress,
+) -> Result<String> {
+    let json = serde_json::to_string_pretty(report)
+        .map_err(|e| Error::Usage(format!("the report cannot be written as JSON: {e}")))?;
+    if let Some(path) = &args.report {
+        progress.check()?;
+        crate::system::pending_file::write_whole(path, json.as_bytes())?;
+    }
+    Ok(json)
+}
+
+/// Measures by means of `compare`, and writes the heatmap; the report is left to the caller.
+pub(super) fn report(
+    args: &Args,
+    progress: &Progress,
+    compare: impl FnOnce(&Request) -> Result<Comparison>,
+) -> Result<Report> {
+    let begin = std::time::Instant::now();
     let threads = super::arguments::threads(args.threads).get();
     let temp_dir = temp_dir(args);
     let [original, simplified] = [
@@ -110,13 +161,20 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     let request = Request {
         original: &original,
         simplified: &simplified,
-        options: Options { samples: args.samples, seed: args.seed, threads, colours: None, region },
+        options: Options {
+            samples: args.samples,
+            seed: args.seed,
+            threads,
+            colours: None,
+            region,
+            certify: args.certify.then_some(Certify { tolerance: args.tolerance, bound: None }),
+        },
         memory_bytes: memory_budget(args.memory),
         cell_triangles: args.cell_triangles,
         temp_dir: temp_dir.clone(),
         heat: args.heatmap.is_some() && args.heatmap_of == Which::Simplified,
     };
-    let comparison = watch(talk, progress, log, || compare::compare(&request, progress))?;
+    let comparison = compare(&request)?;
     if let Some(path) = &args.heatmap {
         match args.heatmap_of {
             Which::Original => compare::heatmap_of_original(&request, path, progress)?,
@@ -125,23 +183,13 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
             }
         }
     }
-    let report = Report {
+    Ok(Report {
         triangle_sizes,
         ..Report::new(&request, &comparison, begin.elapsed().as_secs_f64())
-    };
-    let json = serde_json::to_string_pretty(&report)
-        .map_err(|e| Error::Usage(format!("the report cannot be written as JSON: {e}")))?;
-    if let Some(path) = &args.report {
-        progress.check()?;
-        crate::system::pending_file::write_whole(path, json.as_bytes())?;
-    }
-    let mut out = std::io::stdout().lock();
-    let printed =
-        if args.json { writeln!(out, "{json}") } else { write!(out, "{}", table(&report)) };
-    printed.map_err(Error::stdout)
+    })
 }
 
-/// Where cells and unpacked meshes go: beside the simplified mesh, unless told otherwise.
+/// Returns the folder for cells and unpacked meshes: beside the simplified mesh, unless another is given.
 fn temp_dir(args: &Args) -> PathBuf {
     args.temp_dir.clone().unwrap_or_else(|| folder_of(&args.simplified).to_path_buf())
 }
@@ -153,7 +201,7 @@ fn region(
     progress: &Progress,
 ) -> Result<Region> {
     if !(within >= 0.0 && within.is_finite()) {
-        return Err(Error::Usage(format!("--within {within} is no distance")));
+        return Err(Error::Usage(format!("invalid distance --within {within}")));
     }
     let places = load::load(&super::arguments::open_mesh(path, temp_dir)?, threads, progress)?;
     Ok(Region::around_points(&places.mesh.positions, within))
@@ -216,6 +264,10 @@ pub(super) fn table(report: &Report) -> String {
         number(deviation.relative_rms),
         deviation.diagonal
     ));
+    if let Some(certificate) = &report.hausdorff {
+        text.push_str(&certificate_line(certificate));
+        text.push('\n');
+    }
     if let Some(sizes) = &report.triangle_sizes {
         text.push_str(&format!(
             "mean area of simplified triangles: near {:.6e} ({}), far {:.6e} ({})\n",
@@ -223,6 +275,43 @@ pub(super) fn table(report: &Report) -> String {
         ));
     }
     text
+}
+
+/// The line for people about a certificate; digits are cut off away from the distance.
+fn certificate_line(certificate: &Certificate) -> String {
+    let Certificate { lower, upper, tolerance, certified, .. } = certificate;
+    if !upper.is_finite() {
+        return "Hausdorff distance: no surface on one side".to_owned();
+    }
+    let on = match certificate.witness_on {
+        Some(On::Original) => ", reached on the original",
+        Some(On::Simplified) => ", reached on the simplified mesh",
+        None => "",
+    };
+    let short = if *certified { "" } else { "; wider than the tolerance" };
+    format!(
+        "Hausdorff distance from {} to {}, proven (tolerance {} %){on}{short}",
+        show_outward(*lower, -1),
+        show_outward(*upper, 1),
+        100.0 * tolerance,
+    )
+}
+
+/// Six digits of a length, not above it (`direction` -1) or not below it (1).
+fn show_outward(length: f64, direction: i64) -> String {
+    let text = format!("{length:.6e}");
+    let shown: f64 = text.parse().unwrap_or(length);
+    if (shown - length) * direction as f64 >= 0.0 || length == 0.0 {
+        return text;
+    }
+    let (digits, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+    let last = digits.replace('.', "").parse::<i64>().unwrap_or(0) + direction;
+    let (last, exponent) = match (last, exponent.parse::<i64>().unwrap_or(0)) {
+        (999_999, exponent) => (9_999_999, exponent - 1),
+        (10_000_000, exponent) => (1_000_000, exponent + 1),
+        both => both,
+    };
+    format!("{}.{:06}e{exponent}", last / 1_000_000, last % 1_000_000)
 }
 
 fn near(side: &Side) -> Option<&measure::Spread> {

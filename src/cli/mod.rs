@@ -1,6 +1,8 @@
 //! The command line: what was typed becomes a call into the library; the only place that prints.
 
+mod answer;
 mod arguments;
+pub mod call;
 pub mod convert;
 mod demo;
 mod display;
@@ -8,6 +10,8 @@ mod info;
 mod log;
 mod measure;
 mod out_of_memory;
+pub mod pace;
+mod pages;
 mod render;
 mod report;
 mod signals;
@@ -19,7 +23,7 @@ use crate::error::{Error, Offers};
 use crate::system::parallel::guarded;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
-use clap::Parser;
+use clap::{CommandFactory, Parser};
 use log::{Log, Said, Talk, complain};
 pub use out_of_memory::Allocator;
 use std::sync::Arc;
@@ -50,11 +54,20 @@ enum Command {
     Synth(synth::Args),
     Status(status::Args),
     Demo(demo::Args),
+    Completions(pages::Completions),
+    Man(pages::Man),
 }
 
 /// Runs the command line of this process and gives its exit code.
 pub fn main() -> u8 {
-    let typed = match Typed::try_parse() {
+    main_from(std::env::args_os())
+}
+
+/// Runs a command line, the name of the program first, as the only work of this process; gives its exit code.
+///
+/// SIGINT and SIGTERM are listened to from then on.
+pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
+    let typed = match Typed::try_parse_from(words) {
         Ok(typed) => typed,
         Err(error) => {
             // Help and version are answers, not errors; clap knows which stream each belongs to.
@@ -91,6 +104,8 @@ impl Command {
             Command::Synth(args) => args.paths(),
             Command::Status(args) => Ok(args.paths()),
             Command::Demo(args) => Ok(args.paths()),
+            Command::Completions(_) => Ok(Paths::default()),
+            Command::Man(args) => Ok(args.paths()),
         }
     }
 
@@ -99,7 +114,7 @@ impl Command {
         self.paths()?.with_option(Role::Log, "--log-file", talk.log_file.as_ref()).check()
     }
 
-    /// What can be done about a failure of this command.
+    /// Returns the options that can help against a failure of this command.
     fn offers(&self) -> Offers {
         match self {
             Command::Simplify(_) => Offers { resumes: true, temp_dir: true },
@@ -110,7 +125,9 @@ impl Command {
             | Command::Report(_)
             | Command::Synth(_)
             | Command::Status(_)
-            | Command::Demo(_) => Offers::default(),
+            | Command::Demo(_)
+            | Command::Completions(_)
+            | Command::Man(_) => Offers::default(),
         }
     }
 }
@@ -130,6 +147,8 @@ fn dispatch(
         Command::Render(args) => render::run(args, progress, &mut Said(log)).map(|()| 0),
         Command::Synth(args) => synth::run(args, progress, &mut Said(log)).map(|()| 0),
         Command::Status(args) => status::run(args).map(|()| 0),
+        Command::Completions(args) => pages::completions(args, Typed::command()).map(|()| 0),
+        Command::Man(args) => pages::man(args, Typed::command()).map(|()| 0),
         Command::Demo(args) => demo::run(args, log, |words, log| {
             let typed = Typed::try_parse_from(words).map_err(|e| Error::Usage(e.to_string()))?;
             typed.command.check_paths(talk)?;

@@ -25,7 +25,7 @@ fn give_up(bytes: usize) -> ! {
             break;
         }
     }
-    // Standard error has no buffer of its own, so this allocates nothing.
+    // Standard error is not buffered, so this allocates nothing.
     let _ = std::io::stderr().write_all(&line);
     signal_hook::low_level::exit(6)
 }

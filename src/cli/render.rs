@@ -4,7 +4,8 @@ use crate::error::{Error, Result};
 use crate::io::ply::{FaceBlock, MeshSource, Place, VertexBlock};
 use crate::mesh::Mesh;
 use crate::render::{
-    Coloring, Direction, Picture, Resources, Sphere, View, aim_source, render_mesh, render_source,
+    Coloring, Direction, Picture, Resources, Scale, Sphere, View, aim_source, render_mesh,
+    render_source, top_of,
 };
 use crate::system::disk::folder_of;
 use crate::system::memory::{DEFAULT_SHARE, limit_bytes};
@@ -23,10 +24,10 @@ pub struct Args {
     /// The PNG file to write.
     #[arg(short, long, value_name = "PNG")]
     pub output: PathBuf,
-    /// What stands above a picture; once for each mesh.
+    /// Lines above a picture; once for each mesh.
     #[arg(long, value_name = "TEXT")]
     pub caption: Vec<String>,
-    /// With several meshes: each seen by a camera of its own.
+    /// With several meshes: each seen by its own camera.
     #[arg(long)]
     pub own_camera: bool,
     /// Pixels of each picture.
@@ -48,6 +49,13 @@ pub struct Args {
     /// Paint: vertex colours or plain clay.
     #[arg(long, value_name = "PAINT", default_value = "plain", value_parser = ["vertex", "plain"])]
     pub color: String,
+    /// Paint by a number that the vertices carry, with a legend: 'error' for what 'simplify --error-field' wrote
+    /// (a distance in the mesh's units), or any other property of vertices; several meshes share one scale.
+    #[arg(long, value_name = "PROPERTY", conflicts_with_all = ["color", "quadrics"])]
+    pub color_by: Option<String>,
+    /// Upper end of the scale of --color-by [default: what 99.9 % of the vertices do not exceed].
+    #[arg(long, value_name = "VALUE", requires = "color_by", value_parser = parse_scale_end)]
+    pub scale_to: Option<f64>,
     /// Draw the error quadrics of the N most important vertices as ellipsoids (reads the mesh into
     /// memory).
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -65,29 +73,59 @@ pub struct Args {
 
 impl Args {
     pub(super) fn paths(&self) -> Result<Paths> {
+        let inputs = |paths, mesh| Paths::with(paths, Role::Input, "MESH", mesh);
+        self.output_paths(self.mesh.iter().fold(Paths::new(self.force), inputs))
+    }
+
+    /// The same with these in place of the meshes.
+    pub(super) fn output_paths(&self, paths: Paths) -> Result<Paths> {
         super::arguments::require_ending("--output", &self.output, &["png"])?;
-        let paths = Paths::new(self.force).with(Role::Output, "--output", &self.output);
-        Ok(self.mesh.iter().fold(paths, |paths, mesh| paths.with(Role::Input, "MESH", mesh)))
+        Ok(paths.with(Role::Output, "--output", &self.output))
     }
 }
 
 /// Renders and writes the picture, and tells on `log` what was done.
 pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<()> {
     args.paths()?.check()?;
-    let mut view = View {
-        width: args.size.0,
-        height: args.size.1,
-        direction: args.view,
-        zoom: args.zoom,
-        edges: args.edges,
-        smooth: !args.flat,
-        coloring: match args.color.as_str() {
-            "vertex" => Coloring::Vertex { channel: 0 },
-            _ => Coloring::Plain,
-        },
-        n_quadrics: args.quadrics,
-        aim: None,
-    };
+    let (picture, n_triangles) = picture(args, progress)?;
+    progress.check()?;
+    write(args, &picture)?;
+    let (output, n) = (args.output.display(), show_count(n_triangles));
+    // A closed standard error is not a reason to fail: the picture is there.
+    let _ = writeln!(log, "{output}: {}x{} pixels, {n} triangles", picture.width, picture.height);
+    Ok(())
+}
+
+/// Writes the picture where that was asked for.
+pub(super) fn write(args: &Args, picture: &Picture) -> Result<()> {
+    let place = Place { replace: args.force, ..Place::from(&args.output) };
+    crate::system::pending_file::write_whole(place, &picture.to_png()?)
+}
+
+impl Args {
+    /// The view that was typed.
+    pub(super) fn view(&self) -> View {
+        View {
+            width: self.size.0,
+            height: self.size.1,
+            direction: self.view,
+            zoom: self.zoom,
+            edges: self.edges,
+            smooth: !self.flat,
+            coloring: match self.color.as_str() {
+                "vertex" => Coloring::Vertex { channel: 0 },
+                _ => Coloring::Plain,
+            },
+            scale: None,
+            n_quadrics: self.quadrics,
+            aim: None,
+        }
+    }
+}
+
+/// The picture of all meshes side by side, and the number of their triangles.
+pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)> {
+    let mut view = args.view();
     let memory_bytes = args.memory.unwrap_or_else(|| (DEFAULT_SHARE * limit_bytes() as f64) as u64);
     let threads = super::arguments::threads(args.threads).get();
     let resources = Resources { memory_bytes, threads };
@@ -95,6 +133,15 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         true => Path::new("."),
         false => folder_of(&args.output),
     };
+    if let Some(property) = &args.color_by {
+        let mut top = 0f64;
+        for path in &args.mesh {
+            let source = super::arguments::open_mesh(path, temp_dir)?;
+            top = top.max(top_of(&source, property, progress)?);
+        }
+        let top = args.scale_to.unwrap_or(top);
+        view.scale = Some(Scale { property: property.clone(), top });
+    }
     let mut pictures = Vec::new();
     let mut n_triangles = 0;
     for path in &args.mesh {
@@ -111,14 +158,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
     }
     let captions = args.caption.iter().map(String::as_str).chain(std::iter::repeat(""));
     let parts: Vec<(&Picture, &str)> = pictures.iter().zip(captions).collect();
-    let picture = Picture::side_by_side(&parts);
-    progress.check()?;
-    let place = Place { replace: args.force, ..Place::from(&args.output) };
-    crate::system::pending_file::write_whole(place, &picture.to_png()?)?;
-    let (output, n) = (args.output.display(), show_count(n_triangles));
-    // A closed standard error is no reason to fail: the picture is there.
-    let _ = writeln!(log, "{output}: {}x{} pixels, {n} triangles", picture.width, picture.height);
-    Ok(())
+    Ok((Picture::side_by_side(&parts), n_triangles))
 }
 
 /// The whole mesh, for pictures that need its connectivity; positions only.
@@ -144,7 +184,7 @@ fn read_whole(source: &MeshSource, progress: &Progress) -> Result<Mesh> {
 }
 
 fn parse_size(text: &str) -> Result<(u32, u32), String> {
-    let complaint = || format!("'{text}' is no size; write 1200x900");
+    let complaint = || format!("invalid size '{text}': write 1200x900");
     let (width, height) = text.split_once(['x', 'X']).ok_or_else(complaint)?;
     let number = |text: &str| text.trim().parse::<u32>().map_err(|_| complaint());
     Ok((number(width)?, number(height)?))
@@ -152,7 +192,7 @@ fn parse_size(text: &str) -> Result<(u32, u32), String> {
 
 fn parse_direction(text: &str) -> Result<Direction, String> {
     let complaint = || {
-        format!("'{text}' is no view; write auto, front, back, left, right, top, bottom or x,y,z")
+        format!("invalid view '{text}': write auto, front, back, left, right, top, bottom or x,y,z")
     };
     Ok(match text {
         "auto" => Direction::Auto,
@@ -177,8 +217,13 @@ fn parse_sphere(text: &str) -> Result<Sphere, String> {
     let numbers: Option<[f64; 4]> = parse_numbers(text).and_then(|n| n.try_into().ok());
     match numbers {
         Some([x, y, z, radius]) if radius > 0.0 => Ok(Sphere { centre: [x, y, z], radius }),
-        _ => Err(format!("'{text}' is no sphere; write x,y,z,r with a radius r above 0")),
+        _ => Err(format!("invalid sphere '{text}': write x,y,z,r with a radius r above 0")),
     }
+}
+
+fn parse_scale_end(text: &str) -> Result<f64, String> {
+    let end = text.parse().ok().filter(|x: &f64| x.is_finite() && *x > 0.0);
+    end.ok_or_else(|| format!("'{text}' is not the end of a scale; write a number above 0"))
 }
 
 fn parse_numbers(text: &str) -> Option<Vec<f64>> {

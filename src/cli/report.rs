@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 pub struct Args {
     /// The JSON of the run.
     report: PathBuf,
-    /// Where the page appears.
+    /// File that the page is written to.
     #[arg(short, long, value_name = "FILE.html")]
     output: PathBuf,
     /// The JSON of `measure --report`, to show the error of a simplification.

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-/// How long workers have to reach the end of a block or cell after the first signal.
+/// Time that workers have to reach the end of a block or cell after the first signal.
 const GRACE: Duration = Duration::from_millis(500);
 
 /// Listens to SIGINT and SIGTERM from now on; a file that grows too large (`ulimit -f`) becomes an error of the
@@ -20,7 +20,7 @@ const GRACE: Duration = Duration::from_millis(500);
 pub fn listen(progress: &Arc<Progress>, offers: Offers) -> Result<()> {
     let fail = |e| Error::reading(".", "cannot listen to signals", e);
     let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM]).map_err(fail)?;
-    // Any handler will do; the flag is looked at by nobody.
+    // Any handler will do; the flag is never read.
     signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false))).map_err(fail)?;
     let progress = Arc::clone(progress);
     let listen = move || {
@@ -37,7 +37,7 @@ pub fn listen(progress: &Arc<Progress>, offers: Offers) -> Result<()> {
                 complain(&mut std::io::stderr(), &Error::Interrupted { signal }, offers);
                 end(&progress, signal);
             };
-            // Without memory for a thread there is no grace; the next signal ends the process.
+            // Without memory for a thread the time is not granted; the next signal ends the process.
             let _ = std::thread::Builder::new().spawn(wait_and_end);
         }
     };

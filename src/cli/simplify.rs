@@ -1,5 +1,6 @@
 //! `stonecut simplify`: the main job.
 
+use super::answer::{Answer, json_of};
 use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
 use super::log::{EXIT_SHORT, Log, Talk};
@@ -10,9 +11,9 @@ use crate::error::{Error, Result};
 use crate::io::OutputFormat;
 use crate::kernel;
 use crate::mesh::attribute_weights::Weights;
-use crate::mesh::face_properties::How;
+use crate::mesh::face_properties::FacePolicy;
 use crate::pipeline::run_report::{BoundReport, FaceReport, QualityReport, RunReport};
-use crate::pipeline::{self, max_error};
+use crate::pipeline::{self, Prepared, max_error};
 use crate::stages::components::ComponentSizes;
 use crate::stages::stitch::MAX_CELL_TRIANGLES;
 use crate::system::disk::folder_of;
@@ -30,7 +31,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub struct Args {
     /// The mesh to simplify.
     pub input: PathBuf,
-    /// Where the result appears.
+    /// File that the result is written to.
     pub output: PathBuf,
     #[command(flatten)]
     target: TypedTarget,
@@ -43,7 +44,7 @@ pub struct Args {
     /// Triangles per cell; smaller cells need less memory.
     #[arg(long, value_name = "N", value_parser = super::arguments::parse_cell, default_value_t = DEFAULT_CELL_TRIANGLES)]
     cell_triangles: u64,
-    /// Where the job folder lies [default: beside OUTPUT].
+    /// Folder in which the job folder is made [default: beside OUTPUT].
     #[arg(long, value_name = "DIR")]
     temp_dir: Option<PathBuf>,
     /// Keep the job folder after success.
@@ -76,7 +77,10 @@ pub struct Args {
     /// Give up properties of faces (colours, labels, flags), which saves moving them to vertices and back.
     #[arg(long)]
     drop_faces: bool,
-    /// How much attributes count against the shape: color=W,normal=W,uv=W,NAME=W; 0 rides along, 1 is
+    /// With --max-error: write the distance from the input, at most, with every vertex, as property `error` (PLY).
+    #[arg(long, requires = "max_error")]
+    error_field: bool,
+    /// Weights of attributes against the shape: color=W,normal=W,uv=W,NAME=W; 0 rides along, 1 is
     /// sensible [default: color=1,normal=0,uv=1].
     #[arg(long, value_name = "NAME=W,...", default_value = "", hide_default_value = true)]
     weight: Weights,
@@ -84,19 +88,19 @@ pub struct Args {
     /// always are.
     #[arg(long, value_name = "NAME")]
     label: Vec<String>,
-    /// What becomes of normals: keep (those of the input, averaged), recompute (from the result's triangles) or
+    /// Normals of the result: keep (those of the input, averaged), recompute (from the result's triangles) or
     /// drop.
     #[arg(long, value_enum, value_name = "WHAT", default_value = "keep")]
     normals: Normals,
-    /// Whether specks, three-edge holes and thin tubes smaller than the error may go (error) or must stay
+    /// Fate of small components, three-edge holes and thin tubes below the error: removed (error) or left as they are
     /// (keep).
     #[arg(long, value_enum, value_name = "POLICY", default_value = "error")]
     topology: TypedTopology,
-    /// Whether the vertices of the result are moved to fit the original: less error for more time; auto does so
+    /// Moves the vertices of the result to fit the original: less error for more time; auto does so
     /// where at most 1 % of the triangles are left.
     #[arg(long, value_enum, value_name = "WHEN", default_value = "auto")]
     fit: TypedFit,
-    /// Where the vertex goes that survives a collapse: optimal, subset (only vertices of the input) or
+    /// Position of the vertex that survives a collapse: optimal, subset (only vertices of the input) or
     /// midpoint.
     #[arg(long, value_enum, value_name = "PLACE", default_value = "optimal")]
     placement: TypedPlacement,
@@ -123,7 +127,7 @@ pub struct Args {
 enum TypedTopology {
     /// Components, holes and handles stay as they are.
     Keep,
-    /// What is smaller than the error may go.
+    /// Details smaller than the error may be removed.
     Error,
 }
 
@@ -134,14 +138,14 @@ enum TypedFit {
     On,
     /// Never.
     Off,
-    /// Where it is cheap.
+    /// Only if it costs little time.
     Auto,
 }
 
 /// The choices of `--placement`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum TypedPlacement {
-    /// Where the error is least, the volume preserved.
+    /// The point of least error, the volume preserved.
     Optimal,
     /// At an end of the edge.
     Subset,
@@ -150,16 +154,16 @@ enum TypedPlacement {
 }
 
 #[derive(Clone, Debug, clap::Args)]
-#[group(required = true, multiple = false)]
+#[group(required = true, multiple = true)]
 struct TypedTarget {
     /// Triangles wanted, at most: 20000, 500k, 4M.
     #[arg(long, value_name = "N", value_parser = parse_target)]
     triangles: Option<u64>,
     /// Share of the input's triangles: 1% or 0.01.
-    #[arg(long, value_name = "R", value_parser = parse_ratio)]
+    #[arg(long, value_name = "R", value_parser = parse_ratio, conflicts_with = "triangles")]
     ratio: Option<f64>,
-    /// Largest deviation either way, in input units, as `stonecut measure` finds it; as few triangles as
-    /// that allows. Takes several runs.
+    /// Largest distance from the input to the result and back, in input units; as few triangles as that allows, or
+    /// as many as --triangles or --ratio say, if those come first.
     #[arg(long, value_name = "E", value_parser = parse_length)]
     max_error: Option<f64>,
 }
@@ -177,7 +181,7 @@ fn parse_length(text: &str) -> std::result::Result<f64, String> {
 }
 
 impl Args {
-    /// What was typed becomes what was decided.
+    /// Turns the options that were typed into decided settings.
     pub fn config(&self) -> Result<Config> {
         let TypedTarget { triangles, ratio, max_error } = self.target;
         let target = (triangles.map(Target::Triangles))
@@ -195,7 +199,7 @@ impl Args {
             return Err(Error::Usage(what.to_owned()));
         }
         if max_error.is_some() && (self.until.is_some() || self.seams.is_some()) {
-            let what = "--max-error takes several runs: not with --until or --seams";
+            let what = "--max-error may take several runs: not with --until or --seams";
             return Err(Error::Usage(what.to_owned()));
         }
         Ok(Config {
@@ -216,6 +220,7 @@ impl Args {
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
             drop_faces: self.drop_faces,
+            error_field: self.error_field,
             min_component: self.min_component,
             checkpoint_every: crate::config::CHECKPOINT_EVERY,
             attributes: Attributes {
@@ -239,6 +244,11 @@ impl Args {
                     TypedPlacement::Midpoint => kernel::Placement::Midpoint,
                 },
                 merge_distance: self.merge_distance,
+                bound: max_error.map(|distance| kernel::Bound {
+                    distance,
+                    channel: None,
+                    patience: 1.0,
+                }),
                 ..kernel::Options::default()
             },
         })
@@ -293,9 +303,32 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     }
 }
 
-/// Whether the result is not all that was asked for.
+/// Returns whether the result is not all that was asked for.
 fn is_short(report: &RunReport) -> bool {
     !report.target_met || !report.quality.bearable || report.input.lost_rows() > 0
+}
+
+/// Runs the job, or only plans it, without a word.
+pub(super) fn call(args: &Args, progress: &Progress) -> Result<Answer> {
+    let config = args.config()?;
+    let prepared = pipeline::prepare(&config)?;
+    if args.dry_run {
+        return Ok(Answer { report: json_of(&prepared.plan)?, is_short: false });
+    }
+    let Some(report) = run_job(prepared, &config, progress)? else {
+        return Ok(Answer { report: serde_json::Value::Null, is_short: false });
+    };
+    if let Some(path) = &args.report {
+        write_report(path, &report)?;
+    }
+    Ok(Answer { report: json_of(&report.written())?, is_short: is_short(&report) })
+}
+
+fn run_job(prepared: Prepared, config: &Config, progress: &Progress) -> Result<Option<RunReport>> {
+    match config.kernel.bound {
+        Some(bound) => max_error::simplify(bound.distance, prepared, config, progress),
+        None => pipeline::simplify(prepared, config, progress),
+    }
 }
 
 /// Prints the plan, runs the job, prints and writes the report.
@@ -314,10 +347,7 @@ pub fn simplify(
     if args.dry_run {
         return Ok(None);
     }
-    let outcome = watch(talk, progress, log, || match config.target {
-        Target::MaxError(bound) => max_error::simplify(bound, prepared, &config, progress),
-        _ => pipeline::simplify(prepared, &config, progress),
-    });
+    let outcome = watch(talk, progress, log, || run_job(prepared, &config, progress));
     let Some(report) = outcome? else {
         log.say(format!(
             "stopped as asked; the same command without --until continues. State: {}",
@@ -382,13 +412,13 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
         super::measure::table(measured).lines().for_each(|line| log.say(line));
     }
     if let Some(BoundReport { bound, measured_max: Some(max), trials, .. }) = &report.max_error {
-        let n = trials.len();
-        let bound = show_length(*bound);
-        log.say(format!("deviates by at most {max:.4e}, measured; the bound is {bound}; {n} runs"));
+        let (bound, n) = (show_length(*bound), trials.len());
+        let runs = if n == 1 { "1 run".to_owned() } else { format!("{n} runs") };
+        log.say(format!(
+            "at most {max:.4e} from the input, measured; the bound is {bound}; {runs}"
+        ));
     }
-    if report.max_error.is_some() && !report.target_met {
-        log.say(report.stop_reason.clone());
-    } else if !report.target_met {
+    if !report.target_met {
         log.say(format!(
             "short of the target of {} triangles: {}",
             report.target, report.stop_reason
@@ -424,11 +454,11 @@ fn component_line(sizes: &ComponentSizes) -> String {
 
 fn face_line(property: &FaceReport) -> String {
     let what = match property.carried {
-        How::Constant => "the same everywhere, kept",
-        How::Region => "kept as regions",
-        How::Chosen => "differs nearly everywhere, chosen from faces near by",
-        How::Averaged => "averaged",
-        How::Dropped => "dropped",
+        FacePolicy::Constant => "the same everywhere, kept",
+        FacePolicy::Region => "kept as regions",
+        FacePolicy::Chosen => "differs nearly everywhere, chosen from faces near by",
+        FacePolicy::Averaged => "averaged",
+        FacePolicy::Dropped => "dropped",
     };
     let reason = property.reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
     format!("  faces' {} ({}): {what}{reason}", property.name, property.scalar)

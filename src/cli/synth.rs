@@ -12,11 +12,11 @@ use std::path::PathBuf;
 /// Makes a synthetic scan of any size: closed-form, the same for the same seed.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Which mesh: terrain, statue, gyroid, scans, volume or rooms.
+    /// Kind of mesh: terrain, statue, gyroid, scans, volume or rooms.
     pub kind: Kind,
     /// The file to write.
     pub output: PathBuf,
-    /// At least so many triangles: 20000, 500k, 4M, 1.5G.
+    /// Least number of triangles: 20000, 500k, 4M, 1.5G.
     #[arg(long, value_name = "N", value_parser = parse_count)]
     pub triangles: u64,
     /// Another seed gives another mesh.
@@ -37,7 +37,7 @@ pub struct Args {
     /// volume: whole voxel values, which meet the level exactly: triangles of no area, coinciding vertices.
     #[arg(long)]
     pub integer: bool,
-    /// rooms: at most so many texture images, written beside OUTPUT [default: one for 25k triangles, at most 1000].
+    /// rooms: largest number of texture images, written beside OUTPUT [default: one for 25k triangles, at most 1000].
     ///
     /// PLY names them in its comments (texcoord and texnumber at faces), OBJ by a material library; STL and GLB
     /// carry no textures and get none.
@@ -64,22 +64,9 @@ impl Args {
 
 /// Makes the mesh and tells on standard error what was made.
 pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<()> {
-    let settings = Settings {
-        kind: args.kind,
-        n_triangles: args.triangles,
-        seed: args.seed,
-        shuffle: args.shuffle,
-        color: args.color,
-        uv: args.uv,
-        noise: args.noise,
-        integer: args.integer,
-        pages: args.pages,
-    };
-    let threads = super::arguments::threads(args.threads).get();
-    let writing = Writing { threads, force: args.force, format: args.format };
-    let counts = synth::write_ply(&args.output, &settings, writing, progress)?;
+    let counts = make(args, progress)?;
     let bytes = std::fs::metadata(&args.output).map_or(0, |file| file.len());
-    // A closed standard error is no reason to fail: the mesh is there.
+    // A closed standard error is not a reason to fail: the mesh is there.
     let _ = writeln!(
         log,
         "{}: {} triangles ({}), {} vertices, {}{}",
@@ -97,4 +84,22 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         },
     );
     Ok(())
+}
+
+/// Makes the mesh.
+pub(super) fn make(args: &Args, progress: &Progress) -> Result<synth::Counts> {
+    let settings = Settings {
+        kind: args.kind,
+        n_triangles: args.triangles,
+        seed: args.seed,
+        shuffle: args.shuffle,
+        color: args.color,
+        uv: args.uv,
+        noise: args.noise,
+        integer: args.integer,
+        pages: args.pages,
+    };
+    let threads = super::arguments::threads(args.threads).get();
+    let writing = Writing { threads, force: args.force, format: args.format };
+    synth::write_ply(&args.output, &settings, writing, progress)
 }

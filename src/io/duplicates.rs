@@ -57,12 +57,12 @@ impl DuplicateFinder {
 }
 
 impl Duplicates {
-    /// How many there are.
+    /// Returns their number.
     pub fn count(&self) -> u64 {
         self.count
     }
 
-    /// Whether the triangle at this place is one.
+    /// Returns whether the triangle at this place is one.
     pub fn contains(&self, place: u64) -> bool {
         let word = self.bits.get((place / 64) as usize).copied().unwrap_or(0);
         word >> (place % 64) & 1 == 1

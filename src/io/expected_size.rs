@@ -19,11 +19,11 @@ const DESCRIPTION_BYTES: f64 = 1600.0;
 const UNIT_TEXT: f64 = 11.0;
 const SHARE_TEXT: f64 = 10.4;
 
-/// What is known of an output.
+/// Known properties of an output before it is written.
 pub(crate) struct Expected<'a> {
     /// Its vertices.
     pub(crate) schema: &'a VertexSchema,
-    /// What its faces carry.
+    /// Properties of its faces.
     pub(crate) faces: &'a FaceSchema,
     /// Counts.
     pub(crate) n_vertices: u64,

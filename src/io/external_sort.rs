@@ -14,7 +14,7 @@ pub(crate) struct ExternalSort<const N: usize> {
     records: Vec<[u32; N]>,
     max_records: usize,
     spool: Spool,
-    /// Where each run begins.
+    /// First place of each run.
     runs: Vec<u64>,
     name: std::path::PathBuf,
 }
@@ -65,7 +65,7 @@ impl<const N: usize> ExternalSort<N> {
             .runs
             .iter()
             .zip(self.runs[1..].iter().chain([&end]))
-            .map(|(&start, &end)| Run::<N> { at: start, end, buffer: Vec::new(), next: 0 })
+            .map(|(&start, &end)| SortedRun::<N> { at: start, end, buffer: Vec::new(), next: 0 })
             .collect();
         let mut heap = BinaryHeap::new();
         for (i, run) in runs.iter_mut().enumerate() {
@@ -83,15 +83,15 @@ impl<const N: usize> ExternalSort<N> {
     }
 }
 
-/// What is left of a sorted run.
-struct Run<const N: usize> {
+/// The unread rest of a sorted run.
+struct SortedRun<const N: usize> {
     at: u64,
     end: u64,
     buffer: Vec<[u32; N]>,
     next: usize,
 }
 
-impl<const N: usize> Run<N> {
+impl<const N: usize> SortedRun<N> {
     fn pop(&mut self, file: &RawFile, buffer_bytes: usize) -> Result<Option<[u32; N]>> {
         if self.next == self.buffer.len() {
             let n = (self.end - self.at).min(buffer_bytes as u64) as usize;

@@ -1,4 +1,4 @@
-//! Looks at what faces carry, once, and decides what becomes of each property (`faces::How`).
+//! Looks at what faces carry, once, and decides what becomes of each property (`faces::FacePolicy`).
 //!
 //! One pass over the faces, none where they carry nothing. What is constant is known exactly; how many
 //! vertices a label would make of one is counted on a sample of 20,000 vertices. Changes nothing.
@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::io::ply::MeshSource;
 use crate::mesh::codec::colour_groups;
 use crate::mesh::face_properties::{
-    FEW_FACES, FaceCarry, FaceProperty, How, MAX_COLOUR_VERTICES, MAX_LABEL_VERTICES,
+    FEW_FACES, FacePolicy, FaceProperty, FacePropertyPlan, MAX_COLOUR_VERTICES, MAX_LABEL_VERTICES,
 };
 use crate::mesh::property::{Property, Scalar};
 use std::collections::HashMap;
@@ -22,7 +22,7 @@ const MAX_BYTES: usize = 32 << 20;
 /// More bytes of properties than these do not go to vertices.
 const MAX_VALUE_BYTES: usize = 128;
 
-/// What is to be given up, and what is a label whatever its type.
+/// Properties to leave out, and properties that are labels whatever their type.
 #[derive(Clone, Debug, Default)]
 pub struct SurveyOptions<'a> {
     /// Texture coordinates at corners are left out.
@@ -33,15 +33,15 @@ pub struct SurveyOptions<'a> {
     pub labels: &'a [String],
 }
 
-/// What the faces of `source` carry and what becomes of it.
+/// Surveys the faces of `source`: the properties that they carry and the fate of each.
 ///
 /// Memory: some megabytes, 64 at most. Time: a pass over the faces if they have scalar properties.
-pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<FaceCarry> {
+pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<FacePropertyPlan> {
     let properties = source.face_properties();
     let texture = source.has_corner_texture() && !options.drop_texture;
     let lists = source.dropped_face_properties();
-    let carry = |properties| FaceCarry { texture, properties, lists };
-    let with = |how: How, property: &Property, constant: &[u8], reason| {
+    let carry = |properties| FacePropertyPlan { texture, properties, lists };
+    let with = |how: FacePolicy, property: &Property, constant: &[u8], reason| {
         let (property, constant) = (property.clone(), constant.to_vec());
         FaceProperty { property, how, constant, reason }
     };
@@ -50,10 +50,10 @@ pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<Face
     let is_dropped = |p: &Property| if is_image(p) { !texture } else { options.drop_properties };
     let why = |p: &Property| if is_image(p) { "goes with the texture" } else { "as asked" };
     if properties.iter().all(is_dropped) {
-        let dropped = properties.iter().map(|p| with(How::Dropped, p, &[], why(p)));
+        let dropped = properties.iter().map(|p| with(FacePolicy::Dropped, p, &[], why(p)));
         return Ok(carry(dropped.collect()));
     }
-    let found = Found::look(source, &properties)?;
+    let found = SurveyFindings::look(source, &properties)?;
     let is_label = |p: &Property| options.labels.contains(&p.name);
     let groups = colour_groups(&properties);
     let mut decided = Vec::new();
@@ -70,35 +70,35 @@ pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<Face
         let is_float = matches!(property.scalar, Scalar::F32 | Scalar::F64);
         let mut reason = if is_dropped(property) { why(property) } else { "" };
         let mut how = match () {
-            () if is_dropped(property) => How::Dropped,
-            () if together.iter().all(|&i| found.is_constant(i)) => How::Constant,
-            () if is_image(property) => How::Region,
+            () if is_dropped(property) => FacePolicy::Dropped,
+            () if together.iter().all(|&i| found.is_constant(i)) => FacePolicy::Constant,
+            () if is_image(property) => FacePolicy::Region,
             () if group.is_some() && !named => {
                 if each <= MAX_COLOUR_VERTICES {
-                    How::Region
+                    FacePolicy::Region
                 } else {
-                    How::Averaged
+                    FacePolicy::Averaged
                 }
             }
-            () if is_float && !named => How::Averaged,
-            () if each <= MAX_LABEL_VERTICES => How::Region,
-            () => How::Chosen,
+            () if is_float && !named => FacePolicy::Averaged,
+            () if each <= MAX_LABEL_VERTICES => FacePolicy::Region,
+            () => FacePolicy::Chosen,
         };
-        if !matches!(how, How::Constant | How::Dropped) {
+        if !matches!(how, FacePolicy::Constant | FacePolicy::Dropped) {
             moved_bytes += property.scalar.bytes();
             if moved_bytes > MAX_VALUE_BYTES {
-                (how, reason) = (How::Dropped, "faces carry more than 128 bytes");
+                (how, reason) = (FacePolicy::Dropped, "faces carry more than 128 bytes");
             }
         }
-        let constant = if how == How::Constant { found.first(i) } else { &[] };
+        let constant = if how == FacePolicy::Constant { found.first(i) } else { &[] };
         decided.push(with(how, property, constant, reason));
     }
     Ok(carry(decided))
 }
 
-/// What the pass over the faces finds.
-struct Found {
-    /// Where each property lies among a face's values.
+/// Findings of the pass over the faces.
+struct SurveyFindings {
+    /// Place of each property among a face's values.
     places: Vec<std::ops::Range<usize>>,
     first: Vec<u8>,
     constant: Vec<bool>,
@@ -106,14 +106,14 @@ struct Found {
     around: HashMap<u64, Vec<Vec<u8>>>,
 }
 
-impl Found {
-    fn look(source: &MeshSource, properties: &[Property]) -> Result<Found> {
+impl SurveyFindings {
+    fn look(source: &MeshSource, properties: &[Property]) -> Result<SurveyFindings> {
         let mut at = 0;
         let place = |p: &Property| {
             at += p.scalar.bytes();
             at - p.scalar.bytes()..at
         };
-        let mut found = Found {
+        let mut found = SurveyFindings {
             places: properties.iter().map(place).collect(),
             first: Vec::new(),
             constant: vec![true; properties.len()],
@@ -161,7 +161,7 @@ impl Found {
         &self.first[self.places[i].clone()]
     }
 
-    /// How many vertices would become of one if these properties were a region's.
+    /// Estimates how many vertices each vertex would become if these properties were a region's.
     fn vertices_each(&self, together: &[usize]) -> f64 {
         let mut sum = 0u64;
         for around in self.around.values() {

@@ -153,7 +153,7 @@ impl GlbWriter {
         assert!(self.vertices_left == 0, "all vertices come before the first face");
         let extent = (0..3).map(|i| self.most[i] - self.least[i]).fold(0.0, f64::max);
         let scale = if extent > 0.0 { extent / 65_535.0 } else { 1.0 };
-        let layout = Layout::new(&self.header, self.has_colour_and_normal());
+        let layout = ChunkLayout::new(&self.header, self.has_colour_and_normal());
         let mut text =
             layout.description(&self.header, self.least, self.most, scale).to_string().into_bytes();
         text.resize(text.len().next_multiple_of(4), b' ');
@@ -193,8 +193,8 @@ impl GlbWriter {
     }
 }
 
-/// Where things are in the binary chunk: vertices interleaved, then indices.
-struct Layout {
+/// Places of the parts of the binary chunk: vertices interleaved, then indices.
+struct ChunkLayout {
     vertex_bytes: u64,
     colour_at: Option<u64>,
     normal_at: Option<u64>,
@@ -202,7 +202,7 @@ struct Layout {
     total: u64,
 }
 
-impl Layout {
+impl ChunkLayout {
     fn new(header: &OutputHeader, [colour, normal]: [bool; 2]) -> Self {
         let colour_at = colour.then_some(POSITION_BYTES);
         let after_colour = POSITION_BYTES + if colour { EXTRA_BYTES } else { 0 };
@@ -210,7 +210,7 @@ impl Layout {
         let vertex_bytes = after_colour + if normal { EXTRA_BYTES } else { 0 };
         let indices_at = vertex_bytes * header.n_vertices;
         let total = indices_at + 12 * header.n_faces;
-        Layout { vertex_bytes, colour_at, normal_at, indices_at, total }
+        ChunkLayout { vertex_bytes, colour_at, normal_at, indices_at, total }
     }
 
     /// Describes the binary chunk as glTF 2.0 (Khronos, sections 3.6 and 5), in JSON.

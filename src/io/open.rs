@@ -13,7 +13,7 @@ use crate::system::disk::open_input;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
-/// How an input is packed.
+/// Compression of an input.
 #[derive(Clone, Copy, PartialEq)]
 enum Packing {
     Plain,

@@ -8,7 +8,7 @@ use crate::io::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter, Textur
 use crate::mesh::property::Scalar;
 use std::path::Path;
 
-/// What `--format` says: words joined by commas or colons, in any order.
+/// Parsed `--format`: words joined by commas or colons, in any order.
 ///
 /// `ascii`, `binary`, `binary_little_endian`, `binary_big_endian`; `float` or `double` coordinates; `int`
 /// or `uint` indices; `ply`, `stl`, `obj`, `glb` where the file's name does not say it (standard output).
@@ -16,7 +16,7 @@ use std::path::Path;
 pub struct OutputFormat {
     /// The kind of file; by its name if `None`.
     pub kind: Option<OutputKind>,
-    /// How numbers are written; binary, least significant byte first, if `None`.
+    /// Encoding of numbers; binary, least significant byte first, if `None`.
     pub encoding: Option<Encoding>,
     /// The type of coordinates; the input's if `None`.
     pub coordinate: Option<Scalar>,

@@ -4,7 +4,7 @@ use crate::error::Result;
 use crate::io::ply::raw::RawFile;
 use crate::io::ply::scan::{Fault, Window};
 
-/// A line longer than this is no text of a mesh (16 MiB: a polygon of a million corners).
+/// A line longer than this is rejected (16 MiB: a polygon of a million corners).
 const MAX_LINE_BYTES: usize = 16 << 20;
 
 /// Reads a file line by line.
@@ -47,7 +47,7 @@ impl<'a> Lines<'a> {
             line.extend_from_slice(rest);
             self.window.at += rest.len();
             if line.len() > MAX_LINE_BYTES {
-                return Err(self.bad("the line does not end; this is no text file"));
+                return Err(self.bad("the line does not end; this is not a text file"));
             }
             match self.window.refill() {
                 Ok(true) => {}

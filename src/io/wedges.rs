@@ -1,9 +1,9 @@
-//! What faces carry goes to vertices: one for every distinct vertex, coordinates in the texture and region.
+//! Moves data of face corners to vertices: one vertex for each distinct pair of texture coordinates and region.
 //!
 //! A vertex on a seam of the texture, or on the border of a region, is then several vertices in exactly the
 //! same place, which is what the kernel knows how to keep together. Out of core: a sort by vertex,
 //! coordinates and region numbers the new vertices and mixes the values of their faces, a sort by corner puts
-//! them back into faces. The staged mesh has the properties of `FaceCarry::vertex_properties` behind its own.
+//! them back into faces. The staged mesh has the properties of `FacePropertyPlan::vertex_properties` behind its own.
 
 use super::external_sort::{ExternalSort, halves, whole};
 use super::open_options::StageOptions;
@@ -12,7 +12,7 @@ use crate::io::ply::header::Encoding;
 use crate::io::ply::raw::Spool;
 use crate::io::ply::source::Staged;
 use crate::io::ply::{BLOCK_ROWS, MeshSource, OutputHeader, VertexBlock};
-use crate::mesh::face_properties::{FaceCarry, FaceMixer, Regions};
+use crate::mesh::face_properties::{FaceMixer, FacePropertyPlan, Regions};
 use crate::mesh::property::Property;
 use crate::mesh::record::VertexSchema;
 
@@ -25,7 +25,7 @@ const OWN_WORDS: usize = 7;
 /// the staged mesh.
 pub fn faces_to_vertices(
     mut source: MeshSource,
-    carry: FaceCarry,
+    carry: FacePropertyPlan,
     options: &StageOptions,
 ) -> Result<MeshSource> {
     if !carry.is_moved() {
@@ -52,7 +52,7 @@ pub fn faces_to_vertices(
 
 fn split<const N: usize>(
     source: MeshSource,
-    carry: FaceCarry,
+    carry: FacePropertyPlan,
     options: &StageOptions,
 ) -> Result<MeshSource> {
     let memory_bytes = (options.memory_bytes / 3) as usize;
@@ -143,7 +143,7 @@ fn split<const N: usize>(
     let (mut sizes, mut next_face, mut left) = (Vec::new(), 0u64, 0u8);
     let mut row = Vec::new();
     let mut begin = |row: &mut Vec<u8>, left: &mut u8| -> Result<()> {
-        // Faces without corners are rows of their own.
+        // Faces without corners are separate rows.
         while *left == 0 && next_face < n_faces {
             let at = (next_face % COUNTS) as usize;
             if at == 0 {
@@ -177,7 +177,7 @@ fn split<const N: usize>(
 
 /// Layout of vertices in the staged file. In its header, the only place where names must differ, properties that come
 /// from faces have others.
-fn staged_schema(own: &VertexSchema, carry: &FaceCarry) -> VertexSchema {
+fn staged_schema(own: &VertexSchema, carry: &FacePropertyPlan) -> VertexSchema {
     let mut schema = own.clone();
     let mut prefix = "from_faces_".to_owned();
     while own.properties.iter().any(|p| p.name.starts_with(&prefix)) {
@@ -195,7 +195,7 @@ const COUNTS: u64 = 1 << 16;
 /// Writes the new vertices, in the order of the old ones.
 struct Vertices<'a> {
     source: &'a MeshSource,
-    carry: &'a FaceCarry,
+    carry: &'a FacePropertyPlan,
     /// Holds the values of the faces of the vertex to come.
     mixer: FaceMixer,
     out: Spool,

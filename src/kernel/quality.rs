@@ -6,7 +6,8 @@
 //!
 //! docs/algorithm.md, section 9.
 
-use crate::kernel::surface::{GONE, Ring, Surface};
+use crate::kernel::surface::{Ring, Surface};
+use crate::kernel::vertex::GONE;
 use crate::mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub, triangle_distance_sq};
 
 /// Each probe stands for this many triangles, within `N_PROBES`.
@@ -77,7 +78,7 @@ impl Quality {
     }
 }
 
-/// How well the mesh stood for the given surface when so many triangles were left.
+/// Estimated quality of the mesh at one number of triangles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct QualityAt {
     /// Triangles left.

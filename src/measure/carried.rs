@@ -1,14 +1,14 @@
-//! What surfaces carry, compared where they are next to each other: colour, texture coordinate, normal.
+//! Attributes of two surfaces, compared at nearest points: colour, texture coordinate, normal.
 //!
 //! Interpolates linearly within a triangle, as viewers do. Which channels these are is said by the vertex
 //! schema.
 
 use super::colour::ColourChannels;
 use crate::mesh::Mesh;
-use crate::mesh::codec::Meaning;
+use crate::mesh::codec::ChannelKind;
 use crate::mesh::record::VertexSchema;
 
-/// Where a mesh keeps what is compared.
+/// Channels of a mesh that are compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Carried {
     /// Red, green and blue.
@@ -19,7 +19,7 @@ pub struct Carried {
     pub normal: Option<[usize; 3]>,
 }
 
-/// What a surface carries at one point of it, as precise as channels are.
+/// Attributes of a surface at one point, as precise as channels are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
 pub(crate) struct Values {
     /// CIELAB.
@@ -36,14 +36,14 @@ impl From<ColourChannels> for Carried {
 }
 
 impl Carried {
-    /// What the vertices of a schema carry; `None` if it is nothing.
+    /// Finds the compared channels of a schema; `None` if there are none.
     pub fn of(schema: &VertexSchema) -> Option<Carried> {
-        let meanings = schema.codec().meanings(schema);
+        let channel_kinds = schema.codec().channel_kinds(schema);
         let mut channels = [Vec::new(), Vec::new()];
-        for (channel, meaning) in meanings.iter().enumerate() {
+        for (channel, meaning) in channel_kinds.iter().enumerate() {
             match meaning {
-                Meaning::Texture => channels[0].push(channel),
-                Meaning::Normal => channels[1].push(channel),
+                ChannelKind::Texture => channels[0].push(channel),
+                ChannelKind::Normal => channels[1].push(channel),
                 _ => {}
             }
         }

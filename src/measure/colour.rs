@@ -7,7 +7,7 @@ use crate::mesh::Mesh;
 use crate::mesh::property::Scalar;
 use crate::mesh::record::VertexSchema;
 
-/// Where a mesh keeps its colours.
+/// Channels of a mesh that hold its colours.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ColourChannels {
     /// The channels of red, green and blue.

@@ -11,7 +11,9 @@ use crate::measure::heatmap;
 use crate::measure::load;
 use crate::measure::temp_store::{Cutting, Scratch};
 use crate::measure::tree::Tree;
-use crate::measure::{self, Carried, Measured, Options, Parts, TriangleSizes, Unit};
+use crate::measure::{
+    self, Carried, Certificate, Measured, Options, Parts, TriangleSizes, Unit, Verdict,
+};
 use crate::mesh::bounds::Bounds;
 use crate::mesh::topology_counts::Topology;
 use crate::stages::partition;
@@ -83,6 +85,9 @@ pub struct Report {
     /// Distances both ways; its keys stand beside those of the report.
     #[serde(flatten)]
     pub deviation: Deviation,
+    /// The Hausdorff distance enclosed; only with `--certify`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub hausdorff: Option<Certificate>,
     /// Areas of triangles near and far from the points of `--near`; only with that option.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub triangle_sizes: Option<TriangleSizes>,
@@ -99,7 +104,7 @@ pub struct Report {
 }
 
 impl Report {
-    /// The report of a comparison that took so many seconds.
+    /// The report of a comparison that took `seconds`.
     pub fn new(request: &Request, comparison: &Comparison, seconds: f64) -> Report {
         let file = |source: &MeshSource, topology: Topology| FileReport {
             path: source.path().to_path_buf(),
@@ -115,6 +120,7 @@ impl Report {
             original: file(request.original, measured.original),
             simplified: file(request.simplified, measured.simplified),
             deviation: measured.deviation.clone(),
+            hausdorff: measured.certificate.clone(),
             triangle_sizes: None,
             seed: request.options.seed,
             cells: comparison.cells,
@@ -143,6 +149,36 @@ pub fn compare(request: &Request, progress: &Progress) -> Result<Comparison> {
         return Ok(comparison);
     }
     compare_in_cells(request, progress)
+}
+
+/// Finds out if two meshes are within `bound` (input units) of each other, both ways, without sampling: stops as soon
+/// as that is certain.
+///
+/// Memory and errors: those of `compare`.
+pub fn within(request: &Request, bound: f64, progress: &Progress) -> Result<Verdict> {
+    let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
+    let threads = request.options.threads;
+    let meshes = [request.original, request.simplified].map(load::bytes_in_memory);
+    let largest = request.original.n_triangles().max(request.simplified.n_triangles());
+    let load = |source: &MeshSource| load::load(source, threads, progress).map(|mesh| mesh.mesh);
+    let second_bytes = meshes[1] + Tree::bytes(request.simplified.n_triangles());
+    progress.begin("measure", 1, 3, largest);
+    if meshes[0] + meshes[1] + Tree::bytes(largest) <= usable {
+        let both = [load(request.original)?, load(request.simplified)?];
+        let [first, second] = both.each_ref().map(|mesh| Parts::in_memory(mesh, None));
+        return measure::within(&first, &second, bound, (threads, usable), progress);
+    }
+    let original = cut(request.original, request, usable, progress)?;
+    let first = parts(&original, request.original);
+    if second_bytes <= usable / 3 {
+        let simplified = load(request.simplified)?;
+        let second = Parts::in_memory(&simplified, None);
+        let left = usable - second_bytes;
+        return measure::within(&first, &second, bound, (threads, left), progress);
+    }
+    let simplified = cut(request.simplified, request, usable, progress)?;
+    let second = parts(&simplified, request.simplified);
+    measure::within(&first, &second, bound, (threads, usable), progress)
 }
 
 /// Refuses surfaces without area: there is nothing to take a mean over.
@@ -188,7 +224,12 @@ fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
     }
     let options =
         Options { region: options.region.as_ref().map(|region| region.in_unit(unit)), ..options };
+    let options =
+        Options { certify: options.certify.map(|certify| certify.in_unit(unit)), ..options };
     let deviation = measure::two_sided(&original.mesh, &simplified.mesh, &options, progress)?;
+    let meshes = [&original.mesh, &simplified.mesh];
+    let certificate = measure::certificate_in_memory(meshes, &deviation, &options, progress)?;
+    let certificate = certificate.map(|certificate| certificate.back(unit));
     let heat = if request.heat {
         let other = Parts::in_memory(&original.mesh, None);
         let points = &simplified.mesh.positions;
@@ -201,6 +242,7 @@ fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
     let measured = Measured {
         deviation: unit.deviation(deviation),
         is_flat,
+        certificate,
         original: load::topology_of(&original),
         simplified: load::topology_of(&simplified),
     };

@@ -11,6 +11,7 @@ use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
+pub use crate::mesh::viridis::viridis as colour;
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
 use std::path::Path;
@@ -26,14 +27,6 @@ pub fn scale(distances: &[f64]) -> f64 {
     }
     let at = ((finite.len() as f64 * COVERED) as usize).min(finite.len() - 1);
     *finite.select_nth_unstable_by(at, f64::total_cmp).1
-}
-
-/// The colour of a distance on a scale from 0 to `top`.
-pub fn colour(distance: f64, top: f64) -> [u8; 3] {
-    let share = if top > 0.0 { (distance / top).clamp(0.0, 1.0) } else { 0.0 };
-    let share = if share.is_finite() { share } else { 1.0 };
-    let colour = colorous::VIRIDIS.eval_continuous(share);
-    [colour.r, colour.g, colour.b]
 }
 
 /// Writes `mesh`'s geometry with the colours of `distances`, one entry a vertex.
@@ -138,7 +131,7 @@ fn to_f64(bytes: &[u8]) -> f64 {
     f64::from_le_bytes(bytes.try_into().expect("8 bytes"))
 }
 
-/// What `scale` gives for the distances in a spool, which are not negative: 16 bits of the answer a pass.
+/// Finds the result of `scale` for the distances in a spool, which are not negative: 16 bits of the answer a pass.
 fn scale_of_spool(spool: &RawFile) -> Result<f64> {
     let (mut known, mut rank) = (0u64, 0);
     for pass in 0..4 {

@@ -15,7 +15,7 @@ use crate::system::progress::Progress;
 pub struct Loaded {
     /// The mesh, in input units, with its carried properties as channels.
     pub mesh: Mesh,
-    /// Where its colours are among the channels.
+    /// Channels with its colours.
     pub colours: Option<Carried>,
     /// Faces left out because a corner repeats or there are fewer than three.
     pub n_degenerate: u64,

@@ -1,4 +1,4 @@
-//! How far two surfaces are apart, both ways: the error of a simplification, measured.
+//! Distance of two surfaces, both ways: the error of a simplification, measured.
 //!
 //! Points spread evenly over one surface, and all its vertices, look for the exactly nearest point of the
 //! other. `two_sided` does so for meshes in memory. Results depend on the two surfaces, the number of
@@ -9,10 +9,13 @@
 #![allow(clippy::needless_range_loop)]
 
 pub(crate) mod carried;
+mod certificate;
+mod certify;
 pub(crate) mod check;
 pub(crate) mod colour;
 pub mod compare;
 mod deviation;
+mod enclose;
 pub(crate) mod heatmap;
 pub mod load;
 mod nearest_in_cells;
@@ -29,8 +32,11 @@ pub mod triangle;
 mod unit;
 
 pub use carried::Carried;
+pub use certificate::{Certificate, Certify, LEAST_TOLERANCE, On, Verdict};
 pub use colour::ColourChannels;
 pub use deviation::Deviation;
+pub(crate) use enclose::certificate_in_memory;
+pub use enclose::{enclose, within};
 pub use out_of_core::{Measured, distances, two_sided_parts};
 pub use parts::{Parts, Place};
 pub use region::{Region, TriangleSizes};
@@ -51,7 +57,7 @@ use sums::Sum;
 use tree::Tree;
 use triangle::Vector;
 
-/// Samples a side if nobody says otherwise.
+/// Samples a side by default.
 pub const DEFAULT_SAMPLES: u64 = 1_000_000;
 
 /// Samples worked on at a time by one thread: 3 MiB with all that is known of them, and enough to sort them
@@ -64,7 +70,7 @@ const BLOCK_ROWS: u64 = 65_536;
 /// Queries between two looks at the wish to stop.
 const STOP_QUERIES: usize = 256;
 
-/// How to measure; every value is final.
+/// Options of a measurement; every value is final.
 #[derive(Clone, Debug)]
 pub struct Options {
     /// Samples on each surface; the true number deviates by less than its square root.
@@ -73,10 +79,12 @@ pub struct Options {
     pub seed: u64,
     /// Threads to work on; they do not show in the result.
     pub threads: usize,
-    /// Where colours and the like are, if both meshes have some: of the original, of the simplified.
+    /// Channels of colours and the like, if both meshes have some: of the original, of the simplified.
     pub colours: Option<[Carried; 2]>,
     /// Counts the samples within it apart.
     pub region: Option<Region>,
+    /// Also enclose the Hausdorff distance; `two_sided` alone does not.
+    pub certify: Option<Certify>,
 }
 
 impl Default for Options {
@@ -87,6 +95,7 @@ impl Default for Options {
             threads: crate::system::memory::cores(),
             colours: None,
             region: None,
+            certify: None,
         }
     }
 }
@@ -149,12 +158,12 @@ impl Surface<'_> {
         area
     }
 
-    /// What a point of a triangle given in canonical order carries.
+    /// Returns the attributes at a point of a triangle given in canonical order.
     fn values(&self, vertices: [u32; 3], weights: [f64; 3]) -> Values {
         self.colour.map_or(Values::default(), |c| c.at(self.mesh, vertices, weights))
     }
 
-    /// What is carried at the point of `nearest` (the triangle at `slot` of `tree`, over this mesh) next to `point`.
+    /// Returns the attributes at the point of `nearest` (the triangle at `slot` of `tree`, over this mesh) next to `point`.
     fn values_next_to(&self, tree: &Tree, slot: u32, point: Vector) -> Values {
         if self.colour.is_none() {
             return Values::default();
@@ -180,7 +189,7 @@ impl Surface<'_> {
     }
 }
 
-/// Whether a mesh has triangles, and none of them an area.
+/// Returns whether a mesh has triangles, and none of them an area.
 pub(crate) fn is_flat(mesh: &Mesh) -> bool {
     let area = Surface { mesh, colour: None }.area(Bounds::of(mesh).diagonal());
     !mesh.triangles.is_empty() && area.value() == 0.0
@@ -197,7 +206,7 @@ struct Direction<'a> {
     /// Bits of the largest squared distance so far, of all threads: lets vertices be passed over early.
     worst_sq: &'a AtomicU64,
     progress: &'a Progress,
-    /// Work that a sample counts for: so many units for so many samples.
+    /// Work that a sample counts for: units of work, and the number of samples that they are for.
     units: (u64, u64),
 }
 

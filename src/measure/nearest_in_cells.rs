@@ -1,6 +1,6 @@
 //! Nearest points on a surface that is on disk in cells.
 //!
-//! Every query visits just the cells whose boxes are no farther than a bound that a sparse set of surface
+//! Every query visits just the cells whose boxes are not farther than a bound that a sparse set of surface
 //! points gives; each such cell is loaded once for all its queries. The nearest answer of all cells is the
 //! exact one: whatever lies in other cells is farther than the bound.
 

@@ -3,6 +3,9 @@
 //! Samples, nearest points and sums are those of `two_sided`; only their order differs, which does not
 //! show. A surface in memory answers through one tree; one in cells through `nearest_in_cells`.
 
+use super::certificate::Certificate;
+use super::certify;
+use super::enclose::begin_certificate;
 use super::nearest_in_cells::{QUERY_BYTES, settle};
 use super::parts::{Means, Parts, Place, Survey};
 use super::sample::{self, Density};
@@ -19,10 +22,10 @@ use std::sync::atomic::AtomicU64;
 /// Bytes a gathered sample takes besides its query: what was seen there; point, place and bound in order.
 const SAMPLE_BYTES: u64 = size_of::<Seen>() as u64 + 24 + 4 + 24 + 8;
 
-/// Queries under way may take at least one in so many bytes of the budget.
+/// Queries under way may take at least one in this many bytes of the budget.
 const QUERY_SHARE: u64 = 3;
 
-/// What out-of-core measurement finds.
+/// Findings of an out-of-core measurement.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Measured {
     /// The deviation.
@@ -31,10 +34,13 @@ pub struct Measured {
     pub original: Topology,
     /// Connectivity of the simplified mesh.
     pub simplified: Topology,
-    /// Whether the triangles of the original, of the simplified mesh, have no area, so that nothing can be
+    /// True if the triangles of the original, of the simplified mesh, have no area, so that nothing can be
     /// sampled; false for a mesh without triangles.
     #[serde(skip)]
     pub is_flat: [bool; 2],
+    /// The Hausdorff distance enclosed, if asked for.
+    #[serde(skip)]
+    pub certificate: Option<Certificate>,
 }
 
 /// Measures the deviation of `simplified` from `original`, wherever they are.
@@ -55,11 +61,13 @@ pub fn two_sided_parts(
         let turned = [original.in_unit(unit, &meshes[0]), simplified.in_unit(unit, &meshes[1])];
         let options = Options {
             region: options.region.as_ref().map(|region| region.in_unit(unit)),
+            certify: options.certify.map(|certify| certify.in_unit(unit)),
             ..options.clone()
         };
         let measured = in_own_unit(&turned[0], &turned[1], &options, memory_bytes, progress)?;
         let deviation = unit.deviation(measured.deviation);
-        return Ok(Measured { deviation, ..measured });
+        let certificate = measured.certificate.map(|certificate| certificate.back(unit));
+        return Ok(Measured { deviation, certificate, ..measured });
     }
     in_own_unit(original, simplified, options, memory_bytes, progress)
 }
@@ -91,8 +99,17 @@ fn in_own_unit(
     let forward = Way { source: (original, first), target: (simplified, second), reach, options };
     let backward = Way { source: (simplified, second), target: (original, first), reach, options };
     let (forward, backward) = (forward.measure(means)?, backward.measure(means)?);
+    let certificate = match options.certify {
+        Some(certify) => {
+            begin_certificate(original, simplified, progress);
+            let pair = certify::Pair::new([original, simplified], [Some(first), Some(second)]);
+            Some(pair.enclose([&forward, &backward], certify, means)?)
+        }
+        None => None,
+    };
     Ok(Measured {
         deviation: Deviation::new(forward, backward, first.bounds.diagonal()),
+        certificate,
         original: first.topology,
         simplified: second.topology,
         is_flat: [first, second].map(|survey| !survey.is_empty() && survey.area == 0.0),
@@ -133,7 +150,7 @@ struct Way<'a> {
     options: &'a Options,
 }
 
-/// A sample and the looks of its own surface there, or a vertex, which has none.
+/// A sample and the attributes of its surface there, or a vertex, which has none.
 struct Seen {
     point: Vector,
     look: Option<Look>,
@@ -254,7 +271,7 @@ impl Way<'_> {
         Ok(sums)
     }
 
-    /// What the largest cell of the target takes with its tree.
+    /// Returns the memory of the largest cell of the target with its tree.
     fn largest_cell_bytes(&self) -> u64 {
         let target = self.target.0;
         let bytes = |part| target.bytes(part) + Tree::bytes(target.n_triangles(part));

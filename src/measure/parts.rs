@@ -23,7 +23,7 @@ const SPARSE_POINTS: u64 = 200_000;
 /// Share of the memory that their tree may take; fewer points bound a search less tightly, no less truly.
 const SPARSE_SHARE: u64 = 8;
 
-/// Where a surface is.
+/// Place of a surface: in memory or on disk.
 #[derive(Clone, Copy)]
 pub enum Place<'a> {
     /// In memory, as one part.
@@ -35,9 +35,9 @@ pub enum Place<'a> {
 /// A surface to be measured, wherever it is.
 #[derive(Clone, Copy)]
 pub struct Parts<'a> {
-    /// Where it is.
+    /// Place of its data.
     pub place: Place<'a>,
-    /// Where its colours are among the channels.
+    /// Channels with its colours.
     pub colours: Option<Carried>,
     /// All vertices, unused ones included.
     pub n_vertices: u64,
@@ -47,7 +47,7 @@ pub struct Parts<'a> {
     unit: Unit,
 }
 
-/// What is known of a surface after one look at it.
+/// Findings of one pass over a surface.
 pub(super) struct Survey {
     /// The box of each part's used vertices.
     pub boxes: Vec<Bounds>,
@@ -100,7 +100,7 @@ impl<'a> Parts<'a> {
         Parts { place, bounds: self.bounds.map(|point| unit.place(point)), unit, ..*self }
     }
 
-    /// How many parts there are.
+    /// Returns the number of parts.
     pub fn n_parts(&self) -> usize {
         match self.place {
             Place::Memory(_) => 1,
@@ -235,7 +235,7 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// What one look at a part tells.
+/// Findings of one pass over a part.
 struct PartLook {
     bounds: Bounds,
     area: Sum,
@@ -244,7 +244,7 @@ struct PartLook {
 }
 
 impl Survey {
-    /// Whether there is no surface at all.
+    /// Returns whether nothing of a surface is there.
     pub fn is_empty(&self) -> bool {
         self.sparse.is_empty()
     }

@@ -38,7 +38,7 @@ impl Region {
         Region { tree: Tree::build(self.tree.len(), corners), within: unit.of(self.within) }
     }
 
-    /// Whether `point` lies in the region.
+    /// Returns whether `point` lies in the region.
     pub fn contains(&self, point: [f64; 3]) -> bool {
         let within_sq = self.within * self.within;
         let found = self.tree.nearest_unless_within(point, Nearest::NONE, within_sq);

@@ -1,6 +1,6 @@
 //! Area-uniform samples of a surface, the same whatever the order of its triangles.
 //!
-//! How many samples a triangle gets, and where, follows from a hash of its own corners, the seed and the
+//! How many samples a triangle gets, and where, follows from a hash of its corners, the seed and the
 //! density. So a shuffled file, or a surface cut into cells, yields the same set of samples. Knows
 //! nothing of what is measured at them.
 
@@ -16,7 +16,7 @@ use std::ops::Range;
 /// A point on a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Where it is.
+    /// Position of the sample.
     pub point: Vector,
     /// Its barycentric coordinates in the canonical corners of its triangle; they sum to 1.
     pub weights: [f32; 2],
@@ -24,7 +24,7 @@ pub struct Sample {
     pub triangle: u32,
 }
 
-/// How densely a surface is sampled.
+/// Density of the samples of a surface.
 #[derive(Clone, Copy, Debug)]
 pub struct Density {
     per_area: f64,
@@ -70,7 +70,7 @@ impl Density {
         if run.is_empty() { Ok(()) } else { work(&mut run) }
     }
 
-    /// How many samples a triangle gets and where they begin.
+    /// Returns the number of samples of a triangle and the first of them.
     ///
     /// Several samples of one triangle are spread by the R2 sequence, which covers it more evenly than
     /// independent points would, from a start that differs from triangle to triangle.

@@ -1,4 +1,4 @@
-//! What is gathered about one direction of a measurement, and what it comes to.
+//! Results of one direction of a measurement.
 //!
 //! Sums are added to sample by sample, in any order, by any number of threads; `finish` turns them into
 //! the numbers of the report. Does not search anything itself.
@@ -25,11 +25,11 @@ pub struct Spread {
     pub mean: f64,
     /// The root mean square.
     pub rms: f64,
-    /// What 99.9 % of the samples do not exceed.
+    /// The 99.9th percentile of the distances of the samples.
     pub p999: f64,
     /// The maximum.
     pub max: f64,
-    /// How many samples there were.
+    /// Number of samples.
     pub samples: u64,
 }
 
@@ -40,7 +40,7 @@ pub struct Side {
     /// vertices would bias towards fine triangles; the maximum is over samples and vertices.
     #[serde(flatten)]
     pub distance: Spread,
-    /// How many vertices were held against the maximum.
+    /// Number of vertices that the maximum includes.
     pub vertices: u64,
     /// Mean angle between the normals at a sample and at its nearest point, in degrees.
     pub normal_degrees: Option<f64>,

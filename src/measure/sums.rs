@@ -74,7 +74,7 @@ impl Distances {
         self.sum_sq.merge(&other.sum_sq);
     }
 
-    /// How many distances there are.
+    /// Returns the number of distances.
     pub fn len(&self) -> u64 {
         self.values.len() as u64
     }

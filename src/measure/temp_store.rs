@@ -10,14 +10,14 @@ use crate::stages::partition::{Partition, partition};
 use crate::store::cells::{CellStore, VertexLayout};
 use crate::store::job::fingerprint::{input_marks, unchanged};
 use crate::store::job::{Identity, Job, SCRATCH_EXTENSION, sweep_scratch};
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use crate::system::disk::Disk;
 use crate::system::progress::Progress;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// How a scratch store is made.
+/// Settings of a temporary store of cells.
 #[derive(Clone, Copy, Debug)]
 pub struct Cutting<'a> {
     /// Triangles per cell.
@@ -48,7 +48,7 @@ impl Scratch {
         source: &MeshSource,
         cutting: Cutting,
         progress: &Progress,
-        look: impl FnOnce(&CellStore, &Run) -> Result<T>,
+        look: impl FnOnce(&CellStore, &StageContext) -> Result<T>,
     ) -> Result<(Scratch, T)> {
         let name = source.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
         // Two files of one name may be cut by one process.
@@ -70,7 +70,7 @@ impl Scratch {
             let Cutting { threads, memory_bytes, .. } = cutting;
             // Nothing here is resumed, so nothing need be durable on the way.
             let checkpoint_every = std::time::Duration::MAX;
-            let run = Run { job: &job, progress, threads, memory_bytes, checkpoint_every };
+            let run = StageContext { job: &job, progress, threads, memory_bytes, checkpoint_every };
             // Standard input, and bytes in memory, have no marks.
             let marks = input_marks(source.path());
             let partition = partition(source, cutting.cell_triangles, &run);

@@ -3,9 +3,9 @@
 //! Needles that meet in one corner, pages along one edge, the strips of a slanted tube: the upright box of
 //! each holds a good part of all the others, and a query would have to look at all of them. Boxes of any
 //! orientation follow the triangles; where those below a box are alike, the distance to one of them, less
-//! what the others are away from it, says more than the box. Where all triangles below a box have a corner (or an edge) in common
-//! and turn away from the query, that corner (a point of that edge) is the nearest point of every one of
-//! them: the first of them by corners is the answer, and nothing below is looked at. Triangles that repeat
+//! what the others are away from it, says more than the box. Where all triangles below a box have a corner (or an
+//! edge) in common and turn away from the query, that corner (a point of that edge) is the nearest point of every one
+//! of them: the first of them by corners is the answer, and nothing below is looked at. Triangles that repeat
 //! another one, corner for corner, are left out. Called by `tree`; decides how fast an answer is found,
 //! never which. docs/design/measure.md has the reasons and figures.
 
@@ -21,13 +21,13 @@ const GROUP: usize = 8;
 /// Fewer triangles than this are looked at sooner than their common corner.
 const ANCHORED: usize = 16;
 
-/// A box is given this much room on each side, in its longest side: the rounding of its own making.
+/// A box is given this much room on each side, in its longest side: the rounding that it makes itself.
 const PAD: f64 = 1e-14;
 
-/// What rounding may add to a place along an axis, in the distance from the middle.
+/// Bound on the rounding of a place along an axis, in the distance from the middle.
 const SLACK: f64 = 1e-14;
 
-/// What axes that are rounded to `f32` may add to a squared distance, with room to spare.
+/// Bound on the error of a squared distance by axes that are rounded to `f32`, with room to spare.
 const SHRINK: f64 = 1.0 - 1e-6;
 
 /// Triangles are alike that are apart by less than this, in the longest side of their box.
@@ -77,7 +77,7 @@ struct Anchor {
     within: f64,
 }
 
-/// What a box has to say about a query.
+/// Result of testing a query against a box.
 pub(super) enum Inside {
     /// Every triangle is this far away (squared); the one at the slot is first by its corners.
     AllAt(f64, u32),
@@ -303,7 +303,7 @@ impl Anchor {
         least * least * SHRINK
     }
 
-    /// Whether every direction of the cone makes an angle of more than 90 degrees with `direction`.
+    /// Returns whether every direction of the cone makes an angle of more than 90 degrees with `direction`.
     fn turns_away(&self, direction: Vector) -> bool {
         let cosine = dot(direction, self.axis) / length_sq(direction).sqrt();
         let sine = (1.0 - cosine * cosine).max(0.0).sqrt();

@@ -9,7 +9,7 @@ use crate::mesh::vec3::{cross, dot, length_sq, sub};
 /// A position or direction in input units.
 pub type Vector = [f64; 3];
 
-/// Where the canonical order begins: the index of the lexicographically smallest corner.
+/// Returns the first corner of the canonical order: the index of the lexicographically smallest corner.
 ///
 /// Orientation is kept, so this is a rotation. Of equal corners the first counts; such a triangle is
 /// degenerate, and its rotation shows in nothing but the choice between equal numbers.

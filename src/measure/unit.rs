@@ -39,7 +39,7 @@ impl Unit {
         }
     }
 
-    /// Whether lengths stay what they are.
+    /// Returns whether lengths stay what they are.
     pub fn is_own(self) -> bool {
         self == Unit::OWN
     }

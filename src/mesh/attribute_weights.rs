@@ -1,4 +1,4 @@
-//! What attributes count for: from `--weight color=1,normal=0.5` to one length for each channel.
+//! Weights of attributes: from `--weight color=1,normal=0.5` to one length for each channel.
 //!
 //! A weight of 1 is what measurements showed to be sensible (docs/design/attributes.md): it relates a
 //! channel's own range to the length of an edge of the result. Lengths depend on the input and the target,
@@ -6,22 +6,22 @@
 
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
-use crate::mesh::codec::Meaning;
+use crate::mesh::codec::ChannelKind;
 use crate::mesh::vec3;
 
-/// A perceptual colour difference of 1 (black to white) is worth so many edges of the result.
+/// A perceptual colour difference of 1 (black to white) is worth this many edges of the result.
 const COLOUR_EDGES: f64 = 0.3;
-/// A normal that turns by a radian is worth so many edges of the result.
+/// A normal that turns by a radian is worth this many edges of the result.
 const NORMAL_EDGES: f64 = 0.1;
-/// A scalar that goes through its whole range is worth so many edges of the result.
+/// A scalar that goes through its whole range is worth this many edges of the result.
 const SCALAR_EDGES: f64 = 0.1;
-/// A shift of the texture on the surface is worth so much of its length.
+/// A shift of the texture on the surface is worth this share of its length.
 const TEXTURE_LENGTHS: f64 = 0.02;
 
 /// Moving a seam of the texture costs this share of what moving a boundary of the surface does.
 const SEAM_SHARE: f64 = 0.002;
 
-/// Of a sampled piece of mesh every so many triangles and vertices are looked at.
+/// Stride over the triangles and vertices of a sampled piece of mesh.
 const STRIDE: usize = 8;
 
 /// Weights of kinds of attributes and of named properties.
@@ -53,7 +53,7 @@ impl std::str::FromStr for Weights {
         for part in text.split(',').filter(|part| !part.trim().is_empty()) {
             let bad = || {
                 Error::Usage(format!(
-                    "'{part}' is no weight; write NAME=W with W from 0 upwards, as in color=1,uv=0"
+                    "invalid weight '{part}': write NAME=W with W from 0 upwards, as in color=1,uv=0"
                 ))
             };
             let (name, weight) = part.split_once('=').ok_or_else(bad)?;
@@ -82,26 +82,26 @@ impl std::fmt::Display for Weights {
 
 impl Weights {
     /// The weight of each channel; 0 for one that rides along.
-    pub fn of_channels(&self, meanings: &[Meaning]) -> Vec<f64> {
+    pub fn of_channels(&self, channel_kinds: &[ChannelKind]) -> Vec<f64> {
         let named = |name: &str| self.named.iter().rev().find(|(n, _)| n == name).map(|n| n.1);
-        let weight = |meaning: &Meaning| match meaning {
-            Meaning::Colour => self.colour,
-            Meaning::Normal => self.normal,
-            Meaning::Texture => self.texture,
-            Meaning::Scalar(name) => named(name).unwrap_or(0.0),
-            Meaning::Region | Meaning::Rest => 0.0,
+        let weight = |meaning: &ChannelKind| match meaning {
+            ChannelKind::Colour => self.colour,
+            ChannelKind::Normal => self.normal,
+            ChannelKind::Texture => self.texture,
+            ChannelKind::Scalar(name) => named(name).unwrap_or(0.0),
+            ChannelKind::Region | ChannelKind::LowBits => 0.0,
         };
-        meanings.iter().map(weight).collect()
+        channel_kinds.iter().map(weight).collect()
     }
 
-    /// What moving a seam of the texture costs, as a share of what moving a boundary of the surface does.
+    /// Cost of moving a seam of the texture, as a share of that of moving a boundary of the surface.
     pub fn seam_share(&self) -> f32 {
         (SEAM_SHARE * self.texture).min(1.0) as f32
     }
 
     /// Refuses the name of a property that is not there, or that is a label.
-    pub fn check(&self, meanings: &[Meaning]) -> Result<()> {
-        let is_scalar = |name: &String| meanings.contains(&Meaning::Scalar(name.clone()));
+    pub fn check(&self, channel_kinds: &[ChannelKind]) -> Result<()> {
+        let is_scalar = |name: &String| channel_kinds.contains(&ChannelKind::Scalar(name.clone()));
         match self.named.iter().find(|(name, _)| !is_scalar(name)) {
             None => Ok(()),
             Some((name, _)) => Err(Error::Usage(format!(
@@ -111,29 +111,31 @@ impl Weights {
     }
 }
 
-/// What a sample of the mesh tells about its channels.
+/// Statistics of the channels over a sample of the mesh.
 #[derive(Clone, Debug, Default)]
-pub struct Sample {
+pub struct ChannelSample {
     n_triangles: u64,
     area: f64,
     /// Least and greatest of each channel.
     ranges: Vec<[f32; 2]>,
     /// Root of the product of a triangle's areas in texture space and on the surface, summed up, and the
-    /// latter. The few triangles over the edge of a texture, huge there, have no say in that.
+    /// latter. The few triangles over the edge of a texture, huge there, are left out of that.
     texture_area: [f64; 2],
 }
 
-impl Sample {
+impl ChannelSample {
     /// Takes a piece of the mesh into the sample: every eighth triangle and vertex of it.
-    pub fn add(&mut self, mesh: &Mesh, meanings: &[Meaning]) {
+    pub fn add(&mut self, mesh: &Mesh, channel_kinds: &[ChannelKind]) {
         self.ranges.resize(mesh.n_channels, [f32::INFINITY, f32::NEG_INFINITY]);
         for values in mesh.channels.chunks_exact(mesh.n_channels.max(1)).step_by(STRIDE) {
             for (range, &value) in self.ranges.iter_mut().zip(values) {
                 *range = [range[0].min(value), range[1].max(value)];
             }
         }
-        let texture: Vec<usize> =
-            (0..meanings.len()).filter(|&i| meanings[i] == Meaning::Texture).take(2).collect();
+        let texture: Vec<usize> = (0..channel_kinds.len())
+            .filter(|&i| channel_kinds[i] == ChannelKind::Texture)
+            .take(2)
+            .collect();
         for (t, corners) in mesh.triangles.iter().enumerate().step_by(STRIDE) {
             let area = area(mesh.corners(t));
             self.n_triangles += 1;
@@ -155,7 +157,7 @@ impl Sample {
     pub fn lengths(
         &self,
         weights: &[f64],
-        meanings: &[Meaning],
+        channel_kinds: &[ChannelKind],
         n_triangles: u64,
         target: u64,
     ) -> Vec<f32> {
@@ -163,17 +165,17 @@ impl Sample {
         let edge = (mean_area * n_triangles as f64 / target.max(1) as f64).sqrt();
         let [both, curved] = self.texture_area;
         let per_texture = if both > 0.0 { curved / both } else { 0.0 };
-        let unit = |i: usize| match &meanings[i] {
-            Meaning::Colour => COLOUR_EDGES * edge,
-            Meaning::Normal => NORMAL_EDGES * edge,
-            Meaning::Texture => TEXTURE_LENGTHS * per_texture,
-            Meaning::Scalar(_) => match self.ranges.get(i) {
+        let unit = |i: usize| match &channel_kinds[i] {
+            ChannelKind::Colour => COLOUR_EDGES * edge,
+            ChannelKind::Normal => NORMAL_EDGES * edge,
+            ChannelKind::Texture => TEXTURE_LENGTHS * per_texture,
+            ChannelKind::Scalar(_) => match self.ranges.get(i) {
                 Some([low, high]) if high > low && (high - low).is_finite() => {
                     SCALAR_EDGES * edge / f64::from(high - low)
                 }
                 _ => 0.0,
             },
-            Meaning::Region | Meaning::Rest => 0.0,
+            ChannelKind::Region | ChannelKind::LowBits => 0.0,
         };
         weights.iter().enumerate().map(|(i, weight)| (weight * unit(i)) as f32).collect()
     }
@@ -191,10 +193,11 @@ mod tests {
     fn weights_are_read_shown_and_refused() {
         let weights: Weights = "color=0.5, quality=2,uv=0".parse().expect("well written");
         assert_eq!(weights.to_string(), "color=0.5,normal=0,uv=0,quality=2");
-        let meanings = [Meaning::Colour, Meaning::Scalar("quality".into()), Meaning::Rest];
-        assert_eq!(weights.of_channels(&meanings), [0.5, 2.0, 0.0]);
-        assert!(weights.check(&meanings).is_ok());
-        assert!(weights.check(&meanings[..1]).is_err());
+        let channel_kinds =
+            [ChannelKind::Colour, ChannelKind::Scalar("quality".into()), ChannelKind::LowBits];
+        assert_eq!(weights.of_channels(&channel_kinds), [0.5, 2.0, 0.0]);
+        assert!(weights.check(&channel_kinds).is_ok());
+        assert!(weights.check(&channel_kinds[..1]).is_err());
         for bad in ["color", "color=-1", "=1", "color=NaN", "color=x"] {
             assert!(bad.parse::<Weights>().is_err(), "{bad}");
         }

@@ -31,14 +31,15 @@ const COLOUR_NAMES: [&str; 20] = [
     "specular_alpha",
 ];
 
-/// Which properties are components of one colour; a component without the others is one by itself.
+/// Groups the properties that are components of one colour; a component without the others is a group by itself.
 pub(crate) fn colour_groups(properties: &[Property]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Colour::find(properties)
         .iter()
         .map(|colour| colour.fields.into_iter().chain(colour.alpha).collect())
         .collect();
     for (i, property) in properties.iter().enumerate() {
-        let is_colour = Rule::of(property) == Rule::Colour && property.scalar != Scalar::I32;
+        let is_colour =
+            MergeRule::of(property) == MergeRule::Colour && property.scalar != Scalar::I32;
         if is_colour && !groups.iter().any(|group| group.contains(&i)) {
             groups.push(vec![i]);
         }
@@ -46,9 +47,9 @@ pub(crate) fn colour_groups(properties: &[Property]) -> Vec<Vec<usize>> {
     groups
 }
 
-/// What a collapse may do with a property.
+/// Effect of a collapse on a property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Rule {
+enum MergeRule {
     /// A float: one channel.
     Single,
     /// A double: two channels, the nearest float and the float nearest to what is left.
@@ -60,33 +61,33 @@ enum Rule {
     Label,
 }
 
-impl Rule {
-    fn of(property: &Property) -> Rule {
+impl MergeRule {
+    fn of(property: &Property) -> MergeRule {
         let name = property.name.as_str();
         match property.scalar {
-            _ if property.origin == Origin::Region => Rule::Colour,
-            _ if property.origin == Origin::FaceLabel => Rule::Label,
+            _ if property.origin == Origin::Region => MergeRule::Colour,
+            _ if property.origin == Origin::FaceLabel => MergeRule::Label,
             // Wedges of different images must not be taken for the same; equal ones mix to themselves.
-            Scalar::I32 if name == "texnumber" => Rule::Colour,
-            Scalar::F32 => Rule::Single,
-            Scalar::F64 => Rule::Double,
-            Scalar::U8 | Scalar::U16 if COLOUR_NAMES.contains(&name) => Rule::Colour,
-            _ => Rule::Label,
+            Scalar::I32 if name == "texnumber" => MergeRule::Colour,
+            Scalar::F32 => MergeRule::Single,
+            Scalar::F64 => MergeRule::Double,
+            Scalar::U8 | Scalar::U16 if COLOUR_NAMES.contains(&name) => MergeRule::Colour,
+            _ => MergeRule::Label,
         }
     }
 
     const fn n_channels(self) -> usize {
         match self {
-            Rule::Single | Rule::Colour => 1,
-            Rule::Double => 2,
-            Rule::Label => 0,
+            MergeRule::Single | MergeRule::Colour => 1,
+            MergeRule::Double => 2,
+            MergeRule::Label => 0,
         }
     }
 }
 
-/// What a channel is, for those who weigh it.
+/// Kind of a channel, for its weight.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Meaning {
+pub enum ChannelKind {
     /// One of three perceptual coordinates of a colour, or its alpha.
     Colour,
     /// One of three components of a normal.
@@ -95,10 +96,10 @@ pub enum Meaning {
     Texture,
     /// The number of the region of faces; the same all over it.
     Region,
-    /// A number of its own: the property's name.
+    /// A plain number: the property's name.
     Scalar(String),
-    /// What a float cannot hold of the double in the channel before.
-    Rest,
+    /// The low bits of the double in the channel before, which a float cannot hold.
+    LowBits,
 }
 
 /// Names of texture coordinates at vertices.
@@ -108,7 +109,7 @@ pub(crate) const TEXTURE_NAMES: [[&str; 2]; 4] =
 /// One property of a record, with its places in the record and among the channels.
 #[derive(Clone, Copy, Debug)]
 struct Field {
-    rule: Rule,
+    rule: MergeRule,
     scalar: Scalar,
     /// Byte offset in the record.
     at: usize,
@@ -119,7 +120,7 @@ struct Field {
 impl VertexSchema {
     /// Number of kernel channels of a record's properties; labels have none.
     pub fn n_channels(&self) -> usize {
-        self.properties.iter().map(|p| Rule::of(p).n_channels()).sum()
+        self.properties.iter().map(|p| MergeRule::of(p).n_channels()).sum()
     }
 
     /// The plan for turning records into channels and back; make it once, outside the loop.
@@ -181,9 +182,9 @@ impl VertexCodec {
         for (i, property) in schema.properties.iter().enumerate() {
             let in_colour = colours.iter().any(|c| c.fields.contains(&i) || c.alpha == Some(i));
             let rule = match (is_label(property), in_colour) {
-                (true, _) => Rule::Label,
-                (_, true) => Rule::Colour,
-                _ => Rule::of(property),
+                (true, _) => MergeRule::Label,
+                (_, true) => MergeRule::Colour,
+                _ => MergeRule::of(property),
             };
             fields.push(Field { rule, scalar: property.scalar, at, channel });
             at += property.scalar.bytes();
@@ -195,46 +196,47 @@ impl VertexCodec {
             (Some(x), Some(y), Some(z)) => Some([x, y, z]),
             _ => None,
         };
-        let averaged = |i: &usize| fields[*i].rule != Rule::Label;
+        let averaged = |i: &usize| fields[*i].rule != MergeRule::Label;
         let normal = normal.filter(|fields| fields.iter().all(averaged));
         let coordinate = schema.coordinate;
         VertexCodec { coordinate, record_bytes: at, n_channels: channel, fields, normal, colours }
     }
 
-    /// What each channel is. `schema` is the one that the plan was made from.
-    pub fn meanings(&self, schema: &VertexSchema) -> Vec<Meaning> {
+    /// Returns the kind of each channel. `schema` is the one that the plan was made from.
+    pub fn channel_kinds(&self, schema: &VertexSchema) -> Vec<ChannelKind> {
         let texture = |p: &Property| {
             let pair = TEXTURE_NAMES.iter().find(|pair| pair.contains(&p.name.as_str()));
             let is_there = |name: &&str| schema.own_property(name).is_some();
             p.origin == Origin::Vertex && pair.is_some_and(|pair| pair.iter().all(is_there))
         };
-        let mut meanings = Vec::with_capacity(self.n_channels);
+        let mut channel_kinds = Vec::with_capacity(self.n_channels);
         for (i, (field, property)) in self.fields.iter().zip(&schema.properties).enumerate() {
             let colour = self.colours.iter().any(|c| c.fields.contains(&i) || c.alpha == Some(i));
             let normal = self.normal.is_some_and(|normal| normal.contains(&i));
             let own = match (colour, normal) {
-                (true, _) => Meaning::Colour,
-                (_, true) => Meaning::Normal,
-                _ if texture(property) => Meaning::Texture,
-                _ if property.origin == Origin::Region => Meaning::Region,
-                _ => Meaning::Scalar(property.name.clone()),
+                (true, _) => ChannelKind::Colour,
+                (_, true) => ChannelKind::Normal,
+                _ if texture(property) => ChannelKind::Texture,
+                _ if property.origin == Origin::Region => ChannelKind::Region,
+                _ => ChannelKind::Scalar(property.name.clone()),
             };
             match field.rule.n_channels() {
                 0 => {}
-                1 => meanings.push(own),
-                _ => meanings.extend([own, Meaning::Rest]),
+                1 => channel_kinds.push(own),
+                _ => channel_kinds.extend([own, ChannelKind::LowBits]),
             }
         }
-        meanings
+        channel_kinds
     }
 
-    /// Whether there are texture coordinates or regions, so that there may be attribute seams.
+    /// Returns whether there are texture coordinates or regions, so that there may be attribute seams.
     pub fn has_seams(&self, schema: &VertexSchema) -> bool {
-        let meanings = self.meanings(schema);
-        meanings.contains(&Meaning::Texture) || meanings.contains(&Meaning::Region)
+        let channel_kinds = self.channel_kinds(schema);
+        channel_kinds.contains(&ChannelKind::Texture)
+            || channel_kinds.contains(&ChannelKind::Region)
     }
 
-    /// How many channels `decode_channels` fills and `encode` takes.
+    /// Returns the number of channels that `decode_channels` fills and `encode` takes.
     pub fn n_channels(&self) -> usize {
         self.n_channels
     }
@@ -243,11 +245,11 @@ impl VertexCodec {
     pub fn decode_channels(&self, record: &[u8], channels: &mut [f32]) {
         for field in &self.fields {
             match field.rule {
-                Rule::Label => {}
-                Rule::Single | Rule::Colour => {
+                MergeRule::Label => {}
+                MergeRule::Single | MergeRule::Colour => {
                     channels[field.channel] = read_scalar(field.scalar, record, field.at) as f32;
                 }
-                Rule::Double => {
+                MergeRule::Double => {
                     let value = read_scalar(Scalar::F64, record, field.at);
                     let (high, low) = split_double(value);
                     channels[field.channel] = high;
@@ -341,9 +343,9 @@ impl VertexCodec {
         let same = |a: f32, b: f32| a.to_bits() == b.to_bits();
         let original = read_scalar(field.scalar, label_record, field.at);
         match field.rule {
-            Rule::Label => true,
-            Rule::Single | Rule::Colour => same(channels[field.channel], original as f32),
-            Rule::Double => {
+            MergeRule::Label => true,
+            MergeRule::Single | MergeRule::Colour => same(channels[field.channel], original as f32),
+            MergeRule::Double => {
                 let (high, low) = split_double(original);
                 same(channels[field.channel], high) && same(channels[field.channel + 1], low)
             }
@@ -353,7 +355,7 @@ impl VertexCodec {
     fn value(&self, field: &Field, channels: &[f32]) -> f64 {
         let first = f64::from(channels[field.channel]);
         match field.rule {
-            Rule::Double => first + f64::from(channels[field.channel + 1]),
+            MergeRule::Double => first + f64::from(channels[field.channel + 1]),
             _ => first,
         }
     }
@@ -529,8 +531,8 @@ mod tests {
             ],
         );
         let codec = schema.kernel_codec(&["scalar_class".to_owned()]);
-        use Meaning::{Colour, Normal, Rest, Texture};
-        let scalar = |name: &str| Meaning::Scalar(name.to_owned());
+        use ChannelKind::{Colour, LowBits, Normal, Texture};
+        let scalar = |name: &str| ChannelKind::Scalar(name.to_owned());
         let expected = [
             Texture,
             Colour,
@@ -541,10 +543,10 @@ mod tests {
             Normal,
             Normal,
             scalar("time"),
-            Rest,
+            LowBits,
             scalar("u"),
         ];
-        assert_eq!(codec.meanings(&schema), expected);
+        assert_eq!(codec.channel_kinds(&schema), expected);
         assert_eq!(codec.n_channels(), expected.len());
     }
 }

@@ -1,4 +1,4 @@
-//! Which properties of a vertex are one colour, and what they are to the kernel: OKLab, times alpha.
+//! Groups of vertex properties that are one colour, and their channels in the kernel: OKLab, times alpha.
 //!
 //! Part of `codec::VertexCodec`. A colour is three properties of one type that
 //! belong together by name, with or without an alpha. What is transparent counts less: channels hold the
@@ -16,7 +16,7 @@ const NAMES: [[&str; 4]; 5] = [
     ["specular_red", "specular_green", "specular_blue", "specular_alpha"],
 ];
 
-/// Alpha below which a mixture has no colour of its own.
+/// Alpha below which a mixture has no colour.
 const LEAST_ALPHA: f64 = 1e-4;
 
 /// Properties that are one colour.

@@ -1,29 +1,29 @@
-//! What faces carry, and what it is while the mesh is simplified.
+//! Properties of faces, and their form while the mesh is simplified.
 //!
-//! The kernel knows values at vertices and seams between them, nothing of faces. So a scalar property of
-//! faces becomes one of vertices and comes back at the end: what names something (labels, flags, the number
-//! of an image) as a region, whose border is an attribute seam; what measures something (quality, a colour
-//! that differs from face to face) as an average; what is the same everywhere is only noted. Decides
-//! that, and turns values of faces into those of vertices and back. Does not read files
-//! (`io::survey_faces`, `io::faces_to_vertices`) and does not write them (`write`).
+//! The kernel works with values at vertices and seams between them; it has no values of faces. So a scalar property
+//! of faces becomes one of vertices, and comes back at the end. Names (labels, flags, the number of an image) become
+//! regions, whose borders are attribute seams. Measurements (quality, a colour that differs from face to face) become
+//! averages. A value that is the same everywhere is only noted. Decides that, and turns values of faces into those of
+//! vertices and back. Does not read files (`io::survey_faces`, `io::faces_to_vertices`) and does not write them
+//! (`write`).
 
 use crate::mesh::codec::VertexCodec;
 use crate::mesh::property::{Origin, Property, Scalar};
 use crate::mesh::record::VertexSchema;
 use serde::{Deserialize, Serialize};
 
-/// A colour, and a label, that would make more than so many vertices of one are no region:
+/// A colour, and a label, that would make more than this many vertices of one are not a region:
 /// docs/design/attributes.md.
 pub(crate) const MAX_COLOUR_VERTICES: f64 = 1.5;
 pub(crate) const MAX_LABEL_VERTICES: f64 = 2.5;
 
-/// Below so many faces everything that may be a region is one: a cube has a colour a side.
+/// Below this many faces everything that may be a region is one: a cube has a colour a side.
 pub(crate) const FEW_FACES: u64 = 1000;
 
-/// What becomes of a property of faces.
+/// Fate of a property of faces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum How {
+pub enum FacePolicy {
     /// The same on every face: written back.
     Constant,
     /// Constant on regions: their borders are kept as seams, and every face has the value of its region.
@@ -41,31 +41,31 @@ pub enum How {
 pub struct FaceProperty {
     /// Name and type in the input.
     pub property: Property,
-    /// What becomes of it.
-    pub how: How,
+    /// Fate of the property.
+    pub how: FacePolicy,
     /// Its bytes, if it is constant.
     pub constant: Vec<u8>,
-    /// Why it is dropped, if it is.
+    /// Reason why it is dropped, if it is.
     pub reason: &'static str,
 }
 
 impl FaceProperty {
-    /// Whether it goes to the vertices.
+    /// Returns whether it goes to the vertices.
     fn is_moved(&self) -> bool {
-        matches!(self.how, How::Region | How::Chosen | How::Averaged)
+        matches!(self.how, FacePolicy::Region | FacePolicy::Chosen | FacePolicy::Averaged)
     }
 
     /// The property of vertices that it becomes.
     fn at_vertices(&self) -> Property {
-        let is_mean = self.how == How::Averaged;
+        let is_mean = self.how == FacePolicy::Averaged;
         let origin = if is_mean { Origin::FaceMean } else { Origin::FaceLabel };
         Property { origin, ..self.property.clone() }
     }
 }
 
-/// What faces carry besides their corners.
+/// Properties of faces besides their corners, with the fate of each.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct FaceCarry {
+pub struct FacePropertyPlan {
     /// Texture coordinates at the corners.
     pub texture: bool,
     /// Scalar properties in the order of the input.
@@ -74,20 +74,20 @@ pub struct FaceCarry {
     pub lists: Vec<String>,
 }
 
-impl FaceCarry {
-    /// Whether anything goes to the vertices.
+impl FacePropertyPlan {
+    /// Returns whether anything goes to the vertices.
     pub fn is_moved(&self) -> bool {
         self.texture || self.properties.iter().any(FaceProperty::is_moved)
     }
 
-    /// Whether there are regions.
+    /// Returns whether there are regions.
     pub fn has_regions(&self) -> bool {
-        self.properties.iter().any(|p| p.how == How::Region)
+        self.properties.iter().any(|p| p.how == FacePolicy::Region)
     }
 
-    /// What faces of the output carry.
+    /// Returns the properties of the faces of the output.
     pub fn written(&self) -> impl Iterator<Item = &FaceProperty> {
-        self.properties.iter().filter(|p| p.how != How::Dropped)
+        self.properties.iter().filter(|p| p.how != FacePolicy::Dropped)
     }
 
     /// The properties that vertices get, in the order in which they follow their own: values of faces,
@@ -124,7 +124,7 @@ impl FaceCarry {
         let mut at = 0;
         for property in &self.properties {
             let end = at + property.property.scalar.bytes();
-            if property.how == How::Region {
+            if property.how == FacePolicy::Region {
                 out.extend_from_slice(&values[at..end]);
             }
             at = end;
@@ -161,13 +161,13 @@ pub(crate) struct FaceMixer {
 
 impl FaceMixer {
     /// For the values that `carry` moves to vertices.
-    pub(crate) fn new(carry: &FaceCarry) -> FaceMixer {
+    pub(crate) fn new(carry: &FacePropertyPlan) -> FaceMixer {
         let properties = carry.moved().map(FaceProperty::at_vertices).collect();
         let schema = VertexSchema { coordinate: Scalar::F32, properties };
         let (mut at, mut labels) = (0, Vec::new());
         for property in carry.moved() {
             let end = at + property.property.scalar.bytes();
-            if property.how != How::Averaged {
+            if property.how != FacePolicy::Averaged {
                 labels.push(at..end);
             }
             at = end;
@@ -200,7 +200,7 @@ impl FaceMixer {
         self.add(values);
     }
 
-    /// Takes one more; what is not finite has no say.
+    /// Adds one value; non-finite values are ignored.
     pub(crate) fn add(&mut self, values: &[u8]) {
         if self.sums.is_empty() {
             return;
@@ -254,7 +254,7 @@ pub(crate) struct Regions {
 }
 
 impl Regions {
-    /// So many regions have numbers of their own.
+    /// Number of regions that are counted in an array.
     const DENSE: usize = 65_536;
     /// Numbers are exact as floats.
     const END: u64 = 1 << 24;

@@ -1,7 +1,7 @@
 //! An indexed triangle mesh in memory, with per-vertex channels.
 //!
 //! This is what the kernel takes and gives, what a cell becomes when it is loaded, and what `measure`
-//! and `render` work on. It has no connectivity of its own; whoever needs one builds it.
+//! and `render` work on. It holds no connectivity; its users build what they need.
 
 pub(crate) mod attribute_weights;
 pub(crate) mod bounds;
@@ -15,6 +15,7 @@ pub mod record;
 pub mod topology_counts;
 pub(crate) mod union_find;
 pub(crate) mod vec3;
+pub(crate) mod viridis;
 
 /// An indexed triangle mesh: positions, further per-vertex channels, triangles.
 ///

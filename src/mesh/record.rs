@@ -1,8 +1,8 @@
 //! Layout of a vertex record: position and carried properties, as packed little-endian bytes.
 //!
-//! The reader turns every dialect into these records; cells keep them on disk; the writer turns them back.
-//! A loaded cell keeps the records beside its `Mesh`, so a position is in memory twice (12 or 24 bytes a vertex): what a collapse does
-//! not touch comes back from the record bit for bit.
+//! The reader turns every dialect into these records, cells keep them on disk, and the writer turns them back.
+//! A loaded cell keeps the records beside its `Mesh`, so a position is in memory twice (12 or 24 bytes a vertex):
+//! what a collapse does not touch comes back from the record bit for bit.
 
 use super::property::{Origin, Property, Scalar};
 

@@ -1,4 +1,4 @@
-//! How a mesh is connected, in numbers; one cell at a time, for meshes of any size.
+//! Counts of the topology of a mesh; one cell at a time, for meshes of any size.
 //!
 //! `count_cell` settles everything that one cell can know by itself; what touches a seam is handed to a
 //! `TopologyCounter`, which settles it once all cells have come. `of_triangles` does both for a mesh in
@@ -38,7 +38,7 @@ pub struct CellPart<'a> {
     pub triangles: &'a [[u32; 3]],
     /// The id in the whole mesh of each vertex of the cell.
     pub global: &'a [u64],
-    /// Whether triangles of other cells use this vertex too. True is always safe, and only costs memory.
+    /// True if triangles of other cells use this vertex too. True is always safe, and only costs memory.
     pub shared: &'a [bool],
 }
 
@@ -49,7 +49,7 @@ struct Uses {
     descending: u8,
 }
 
-/// What one cell knows: numbers that are final, and lists of what other cells have a say in.
+/// Findings in one cell: numbers that are final, and lists for what other cells contribute to.
 ///
 /// Memory: 24 bytes for each edge between two shared vertices, 16 for each shared vertex.
 #[derive(Clone, Debug, Default)]

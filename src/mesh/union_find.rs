@@ -1,4 +1,4 @@
-//! What hangs together: a forest over numbers whose roots stand for their sets, in arrays of 4 bytes a number.
+//! Union-find over `u32` ids (4 bytes each).
 //!
 //! The root of a set is the least number in it: deterministic, and shallow on meshes whose neighbours stand
 //! together. Used for components of surfaces and for corners of one vertex. It knows nothing of meshes.
@@ -17,7 +17,7 @@ impl Union {
         Union { parent: (0..n as u32).collect() }
     }
 
-    /// Begins anew with `n` numbers, keeping the memory.
+    /// Starts again with `n` numbers, keeping the memory.
     pub(crate) fn reset(&mut self, n: usize) {
         self.parent.clear();
         self.parent.extend(0..n as u32);

@@ -59,7 +59,7 @@ pub(crate) fn unit(a: Vec3) -> Option<Vec3> {
     (length > 0.0 && length.is_finite()).then(|| a.map(|x| x / length))
 }
 
-/// Where on the segment from `a` (0) to `b` (1) the point nearest to `p` lies; 0.5 on a point.
+/// Returns the place of the nearest point to `p` on the segment from `a` (0) to `b` (1); 0.5 on a point.
 pub(crate) fn along(p: Vec3, a: Vec3, b: Vec3) -> f64 {
     let edge = sub(b, a);
     let edge_sq = length_sq(edge);

@@ -1,14 +1,15 @@
-//! `--max-error`: as few triangles as a bound on the measured deviation allows.
+//! `--max-error`: as few triangles as a bound on the distance allows, the bound measured.
 //!
-//! Costs of collapses are no bound, so whole runs are tried: simplify to a count, measure the written file
-//! against the input as `stonecut measure` does, choose the next count. Every trial is recorded in the job
-//! folder, so the same command continues. Only a result that was measured to keep the bound ever gets the
-//! output's name. Components that `--min-component` drops do not count: the measure is a copy of the input
-//! without them. Memory and disk: those of one run, one more output, and that copy.
+//! The kernel keeps the bound collapse by collapse (`kernel::bound`), so that one run is enough as a rule. Between the
+//! points that it looks at the surface can still be a little farther away, so the written file is measured as
+//! `stonecut measure` does; where it is beyond the bound, the run is repeated with a bound that is tighter by as much.
+//! Every trial is recorded in the job folder, so the same command continues. Only a result that was measured to keep
+//! the bound ever gets the output's name. Components that `--min-component` drops do not count: the measure is a copy
+//! of the input without them. Memory and disk: those of one run, one more output, and that copy.
 
 use super::prepare::{Prepared, WRITING, prepare};
 use crate::config::{Attributes, Config, Normals, Target};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::io::{OutputFormat, OutputKind};
 use crate::kernel;
 use crate::measure::compare;
@@ -24,21 +25,20 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// Trials never go beyond this; most searches end after three to six.
-const MOST_TRIALS: usize = 16;
-/// From this trial on the bracket is halved, in case the deviation follows no law.
-const HALVE_FROM: usize = 7;
-/// What is aimed at, as a share of the bound: between 1/2 and 1 is good enough.
-const AIM: f64 = 0.75;
-/// The largest deviation falls about with the count to the power of -0.8 (measured: -0.6 to -1).
-const COUNT_EXPONENT: f64 = 1.0 / 0.8;
-/// A bracket as narrow as this holds nothing better.
-const NARROW: f64 = 1.03;
+/// Trials at most; the second one keeps the bound as a rule.
+const MOST_TRIALS: usize = 5;
+/// A tighter bound aims at this share of the one that was asked for.
+const AIM: f64 = 0.98;
+/// No trial tightens the bound by more than this: one place does not say much of another.
+const MOST_TIGHTENING: f64 = 0.5;
 
 /// A trial as the job records it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 struct Trial {
-    asked: u64,
+    /// Number of the trial, from 1.
+    number: usize,
+    /// Share of the bound that the run was given.
+    share: f64,
     report: RunReport,
     max: f64,
     rms: f64,
@@ -71,45 +71,51 @@ pub fn simplify(
             Err(error) => return Err(super::abandon(job, error)),
         },
     };
-    let mut search = Search { bound, n_input, tried: Vec::new() };
     let mut trials: Vec<Trial> = Vec::new();
-    while let Some(asked) = search.next() {
-        let name = format!("trial {}", trials.len() + 1);
+    while trials.len() < MOST_TRIALS && !trials.last().is_some_and(|trial| trial.keeps(bound)) {
+        let number = trials.len() + 1;
+        let share = trials.last().map_or(1.0, |trial| trial.next_share(bound));
         let kept = kept.as_deref();
-        let found = match job.sealed(&name, || run_trial(asked, kept, config, progress)) {
+        let found = job.sealed(&format!("trial {number}"), || {
+            run_trial((number, share), (bound, kept), config, progress)
+        });
+        let found = match found {
             Ok(found) => found,
             Err(error) if trials.is_empty() => return Err(super::abandon(job, error)),
             Err(error) => return Err(error),
         };
-        search.add(&found);
-        trials.push(found);
-        if let Some(loser) = search.loser() {
-            disk.remove(&trial_path(config, loser))?;
+        if !found.keeps(bound) {
+            disk.remove(&trial_path(config, number))?;
+            progress.note(format!(
+                "{} away at one place, beyond the bound of {}: again, tighter",
+                show_length(found.max),
+                show_length(bound)
+            ));
         }
+        trials.push(found);
     }
-    let best = search.best().and_then(|asked| trials.iter().find(|trial| trial.asked == asked));
+    let best = trials.last().filter(|trial| trial.keeps(bound));
     let mut report = match best {
         Some(best) => {
             keep(&job, &disk, config, best)?;
-            RunReport {
-                target: best.report.output.triangles,
-                target_met: true,
-                stop_reason: "within the bound".to_owned(),
-                ..best.report.clone()
-            }
+            best.report.clone()
         }
         None => {
-            let last = trials.last().map_or(f64::INFINITY, |trial| trial.max);
-            let report = trials.last().map(|trial| trial.report.clone()).unwrap_or_default();
+            let (max, last) = match trials.last() {
+                Some(last) => (last.max, last.report.clone()),
+                None => unreachable!("the first trial has ended, or its error was given back"),
+            };
             let output = crate::pipeline::run_report::OutputReport {
                 path: config.output.display().to_string(),
                 ..Default::default()
             };
-            let bound = show_length(bound);
             let stop_reason = format!(
-                "no result keeps the bound of {bound}: with {n_input} triangles, the input as it would be written, the deviation is {last}; nothing was written"
+                "no result keeps the bound of {}: the last of {} trials was {} away at one place; nothing was written",
+                show_length(bound),
+                trials.len(),
+                show_length(max)
             );
-            RunReport { target: n_input, target_met: false, stop_reason, output, ..report }
+            RunReport { target_met: false, stop_reason, output, ..last }
         }
     };
     report.output.path = config.output.display().to_string();
@@ -119,6 +125,7 @@ pub fn simplify(
     report.peak_memory_bytes = crate::system::memory::peak_bytes();
     report.max_error = Some(BoundReport {
         bound,
+        tracked_max: best.and_then(|trial| trial.report.max_error.as_ref()?.tracked_max),
         measured_max: best.map(|trial| trial.max),
         measured_rms: best.map(|trial| trial.rms),
         trials: trials
@@ -138,7 +145,7 @@ pub fn simplify(
 
 /// The winner becomes the output; a run that was stopped in between finds that it has it already.
 fn keep(job: &Job, disk: &Disk, config: &Config, best: &Trial) -> Result<()> {
-    let path = trial_path(config, best.asked);
+    let path = trial_path(config, best.number);
     let was_writing = job.outcome::<()>(WRITING)?.is_some();
     if !was_writing {
         job.record(WRITING, &())?;
@@ -150,9 +157,9 @@ fn keep(job: &Job, disk: &Disk, config: &Config, best: &Trial) -> Result<()> {
     pending_file::adopt(&path, place)
 }
 
-/// Where a trial writes: in the job folder, with the output's extension, which decides the format.
-fn trial_path(config: &Config, asked: u64) -> PathBuf {
-    let mut name = std::ffi::OsString::from(asked.to_string());
+/// Path that a trial writes to: in the job folder, with the output's extension, which decides the format.
+fn trial_path(config: &Config, number: usize) -> PathBuf {
+    let mut name = std::ffi::OsString::from(number.to_string());
     if let Some(extension) = config.output.extension() {
         name.push(".");
         name.push(extension);
@@ -169,6 +176,7 @@ fn write_kept(n_input: u64, config: &Config, progress: &Progress) -> Result<Path
         job_folder: config.job_folder.join(TRIALS).join("kept"),
         keep_temp: false,
         verify: false,
+        error_field: false,
         force: true,
         restart: false,
         format: OutputFormat { kind: Some(OutputKind::Ply), ..OutputFormat::default() },
@@ -189,14 +197,15 @@ fn write_kept(n_input: u64, config: &Config, progress: &Progress) -> Result<Path
 
 /// Runs and measures one trial: against `kept`, if that is another mesh than the input.
 fn run_trial(
-    asked: u64,
-    kept: Option<&Path>,
+    (number, share): (usize, f64),
+    (bound, kept): (f64, Option<&Path>),
     config: &Config,
     progress: &Progress,
 ) -> Result<Trial> {
+    let tighter = kernel::Bound { distance: share * bound, channel: None, patience: 1.0 };
     let inner = Config {
-        target: Target::Triangles(asked),
-        output: trial_path(config, asked),
+        kernel: kernel::Options { bound: Some(tighter), ..config.kernel.clone() },
+        output: trial_path(config, number),
         job_folder: config.job_folder.join(TRIALS).join("job"),
         keep_temp: false,
         force: true,
@@ -206,15 +215,8 @@ fn run_trial(
         ..config.clone()
     };
     let prepared = prepare(&inner)?;
-    let mut report = match super::simplify(prepared, &inner, progress) {
-        Ok(report) => report.unwrap_or_default(),
-        // So few triangles are none: no result, but no reason to end the search either.
-        Err(Error::Empty { .. }) => {
-            let report = RunReport::default();
-            return Ok(Trial { asked, report, max: f64::MAX, rms: f64::MAX });
-        }
-        Err(error) => return Err(error),
-    };
+    let report = super::simplify(prepared, &inner, progress)?;
+    let Some(mut report) = report else { unreachable!("a trial is not to end early") };
     let started = Instant::now();
     let measured = match kept {
         Some(kept) => Config { input: kept.to_path_buf(), ..config.clone() },
@@ -230,93 +232,18 @@ fn run_trial(
         let seconds = started.elapsed().as_secs_f64();
         report.measured = Some(Box::new(compare::Report::new(&request, &comparison, seconds)));
     }
-    Ok(Trial { asked, report, max, rms })
+    Ok(Trial { number, share, report, max, rms })
 }
 
-/// Which count to try next; knows nothing of meshes.
-struct Search {
-    bound: f64,
-    n_input: u64,
-    tried: Vec<Tried>,
-}
-
-#[derive(Clone, Copy)]
-struct Tried {
-    asked: u64,
-    got: u64,
-    max: f64,
-    /// Whether the kernel came down to what was asked.
-    is_met: bool,
-}
-
-impl Search {
-    fn add(&mut self, trial: &Trial) {
-        let (got, is_met) = (trial.report.output.triangles, trial.report.target_met);
-        self.tried.push(Tried { asked: trial.asked, got, max: trial.max, is_met });
-    }
-
+impl Trial {
     /// Written so that NaN does not keep it.
-    fn keeps(&self, tried: &Tried) -> bool {
-        tried.max <= self.bound && tried.got > 0
+    fn keeps(&self, bound: f64) -> bool {
+        self.max <= bound
     }
 
-    fn best_tried(&self) -> Option<Tried> {
-        let kept = self.tried.iter().filter(|tried| self.keeps(tried));
-        kept.min_by_key(|tried| (tried.got, tried.asked)).copied()
-    }
-
-    /// The trial with the fewest triangles of those that keep the bound.
-    fn best(&self) -> Option<u64> {
-        self.best_tried().map(|tried| tried.asked)
-    }
-
-    /// The trial whose file the last one made useless: its own, or that of the best before it.
-    fn loser(&self) -> Option<u64> {
-        let (last, earlier) = self.tried.split_last()?;
-        let before = Search { tried: earlier.to_vec(), ..*self }.best();
-        if self.best() == Some(last.asked) { before } else { Some(last.asked) }
-    }
-
-    fn next(&self) -> Option<u64> {
-        let n = self.tried.len();
-        let high = self.best_tried();
-        let below = |tried: &&Tried| high.is_none_or(|high| tried.asked < high.asked);
-        let low = self.tried.iter().filter(|tried| !self.keeps(tried)).filter(below);
-        let low = low.max_by_key(|tried| tried.asked).copied();
-        let aim = AIM * self.bound;
-        let guess = |from: Tried, least: f64, most: f64| {
-            let factor = (from.max / aim).powf(COUNT_EXPONENT);
-            let factor = if from.max > 0.0 { factor.clamp(least, most) } else { least };
-            from.asked as f64 * factor
-        };
-        let wanted = match (low, high) {
-            (None, None) => self.n_input as f64 / 10.0,
-            (Some(low), None) if low.asked >= self.n_input => return None,
-            (Some(low), None) => {
-                // Out of trials is no reason to give nothing at all: the input itself comes last.
-                if n + 1 >= MOST_TRIALS { f64::INFINITY } else { guess(low, 1.2, 16.0) }
-            }
-            (low, Some(high)) => {
-                let enough = high.max >= 0.5 * self.bound && high.max > 0.0 || !high.is_met;
-                if enough || n >= MOST_TRIALS || high.asked <= 2 {
-                    return None;
-                }
-                match low {
-                    None => guess(high, 1.0 / 16.0, 1.0 / 1.2),
-                    Some(low) => {
-                        let (a, b) = (low.asked.max(1) as f64, high.asked as f64);
-                        if b / a <= NARROW || high.asked - low.asked <= 2 {
-                            return None;
-                        }
-                        let share = (low.max / aim).ln() / (low.max / high.max).ln();
-                        let share = if n >= HALVE_FROM || share.is_nan() { 0.5 } else { share };
-                        a * (b / a).powf(share.clamp(0.15, 0.85))
-                    }
-                }
-            }
-        };
-        let next = (wanted.min(self.n_input as f64) as u64).max(2);
-        self.tried.iter().all(|tried| tried.asked != next).then_some(next)
+    /// Share of the bound to try next, if this one was beyond it.
+    fn next_share(&self, bound: f64) -> f64 {
+        self.share * (AIM * bound / self.max).max(MOST_TIGHTENING)
     }
 }
 
@@ -324,47 +251,18 @@ impl Search {
 mod tests {
     use super::*;
 
-    /// Follows a law of the deviation to the end; what it settled on, and the number of trials.
-    fn settle(bound: f64, law: impl Fn(u64) -> f64) -> (Option<Tried>, usize) {
-        let mut search = Search { bound, n_input: 1_000_000, tried: Vec::new() };
-        while let Some(asked) = search.next() {
-            let max = law(asked);
-            search.tried.push(Tried { asked, got: asked, max, is_met: true });
-            assert!(search.tried.len() <= MOST_TRIALS);
-        }
-        (search.best_tried(), search.tried.len())
-    }
-
     #[test]
-    fn the_search_ends_between_half_the_bound_and_the_bound() {
-        for exponent in [-0.5, -0.8, -1.3] {
-            for bound in [1e-5, 1e-3, 0.3] {
-                // The input itself does not deviate.
-                let law = |count| match count {
-                    1_000_000 => 0.0,
-                    _ => (count as f64 / 1000.0_f64).powf(exponent) * 0.01,
-                };
-                let (best, n) = settle(bound, law);
-                let best = best.unwrap();
-                assert!(best.max <= bound, "{exponent} {bound}");
-                let dense = best.max < 0.5 * bound;
-                let is_least = best.asked <= 2 || best.asked as f64 > 1e6 / NARROW;
-                assert!(
-                    !dense || is_least || law(best.asked - best.asked / 20) > bound,
-                    "{exponent} {bound}: {} {n}",
-                    best.max
-                );
-                assert!(n <= 9 || is_least, "{exponent} {bound}: {n} trials");
-            }
-        }
-    }
-
-    #[test]
-    fn a_leap_is_narrowed_down_and_the_impossible_given_up() {
-        let (best, _) = settle(1.0, |count| if count < 123_456 { 9.0 } else { 0.1 });
-        let asked = best.unwrap().asked;
-        assert!((123_456..127_500).contains(&asked), "{asked}");
-        assert!(settle(0.0, |_| 1e-9).0.is_none());
-        assert_eq!(settle(0.0, |_| 0.0).0.unwrap().asked, 2);
+    fn what_is_beyond_the_bound_is_tightened_by_as_much() {
+        let trial = |share: f64, max: f64| Trial {
+            number: 1,
+            share,
+            report: RunReport::default(),
+            max,
+            rms: 0.0,
+        };
+        assert!(trial(1.0, 2.0).keeps(2.0) && !trial(1.0, 2.1).keeps(2.0));
+        assert!(!trial(1.0, f64::NAN).keeps(2.0));
+        assert!((trial(1.0, 1.25).next_share(1.0) - 0.784).abs() < 1e-12);
+        assert!((trial(0.8, 1e9).next_share(1.0) - 0.4).abs() < 1e-12);
     }
 }

@@ -2,18 +2,20 @@
 //!
 //! Partition the input into cells on disk, simplify the cells in parallel, stitch until no seam is left,
 //! write. Every stage is sealed in the job folder before the next one begins, so the same command continues
-//! wherever an earlier run stopped. A bound on the error is a matter of several such runs (`max_error`).
+//! wherever an earlier run stopped.
 
+pub mod in_memory;
 pub(crate) mod max_error;
 pub mod plan;
 mod prepare;
 mod quality;
 pub mod run_report;
 pub(crate) mod seam_points;
+mod source_facts;
 mod stage_runner;
 pub(crate) mod verify;
 
-use crate::config::{Config, Target, Until};
+use crate::config::{Config, Until};
 use crate::error::{Error, Result};
 use crate::stages::components::ComponentSizes;
 use crate::stages::stitch::Step;
@@ -24,7 +26,8 @@ use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
 pub use prepare::{Prepared, has_begun_to_write, prepare};
 use run_report::RunReport;
-use stage_runner::{Stages, faults};
+use source_facts::faults;
+use stage_runner::Stages;
 use std::time::Instant;
 
 /// Simplifies `config.input` into `config.output`; `None` when `--until` ended the run early.
@@ -33,7 +36,6 @@ pub fn simplify(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
-    assert!(!matches!(config.target, Target::MaxError(_)), "`max_error` runs trials for a bound");
     simplify_on(&Disk::default(), prepared, config, progress)
 }
 
@@ -66,7 +68,7 @@ fn run_stages(
     let partition = match stages.partition(&source, &marks) {
         Ok(partition) if partition.store.triangles == 0 => {
             let what = format!(
-                "all of its {} faces are degenerate: there is no triangle with three corners of its own",
+                "all of its {} faces are degenerate: no triangle has three different corners",
                 source.n_face_rows()
             );
             Err(Error::bad_input(&config.input, what))

@@ -5,7 +5,8 @@ use super::verify;
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::io::ply::{MeshSource, ReadOptions};
-use crate::io::{StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
+use crate::io::{OutputKind, StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
+use crate::stages::write::REACH;
 use crate::store::job;
 use crate::store::job::fingerprint::{input_marks, unchanged};
 use crate::system::disk::folder_of;
@@ -26,7 +27,7 @@ pub struct Prepared {
     pub marks: BTreeMap<String, String>,
 }
 
-/// Opens the input and plans the run. What is no plain PLY file is first unpacked beside the output.
+/// Opens the input and plans the run. Other files than plain PLY are first unpacked beside the output.
 pub fn prepare(config: &Config) -> Result<Prepared> {
     refuse_to_overwrite(config)?;
     if config.verify {
@@ -53,10 +54,31 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let source = unchanged(&config.input, &marks, source)?;
     config.target.check(source.n_triangles())?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
-    config.attributes.weights.check(&codec.meanings(source.schema()))?;
+    config.attributes.weights.check(&codec.channel_kinds(source.schema()))?;
+    check_error_field(&source, config)?;
     let plan = Plan::new(&source, config)?;
     plan.check_disk(config)?;
     Ok(Prepared { source, plan, marks })
+}
+
+/// Refuses a distance with every vertex where it has no place.
+fn check_error_field(source: &MeshSource, config: &Config) -> Result<()> {
+    if !config.error_field {
+        return Ok(());
+    }
+    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
+    if kind != OutputKind::Ply {
+        let what = "--error-field: only PLY holds a number with every vertex; give an output that ends with .ply";
+        return Err(Error::Usage(what.to_owned()));
+    }
+    if source.schema().properties.iter().any(|p| p.name == REACH) {
+        let what = format!(
+            "--error-field: the vertices of {} already have a property '{REACH}'; rename it, or leave the option out",
+            source.path().display()
+        );
+        return Err(Error::Usage(what));
+    }
+    Ok(())
 }
 
 /// Refuses labels that name nothing.

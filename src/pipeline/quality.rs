@@ -7,8 +7,8 @@ use crate::kernel::{Quality, QualityAt};
 use crate::pipeline::run_report::QualityReport;
 
 /// A result no longer stands for its input from this root mean square error over mean edge on. Clean scans stay
-/// below 0.05 down to some hundred triangles; a chest CT has 0.05 at 1 %, 0.07 at 0.2 %, and 0.085 at 0.1 %, where a
-/// fifth of it faces the wrong way; scans that were pressed until they were shards, 0.3 and more
+/// below 0.05 down to some hundred triangles. A chest CT has 0.05 at 1 %, 0.07 at 0.2 %, and 0.085 at 0.1 %, where a
+/// fifth of it faces the wrong way. Scans that were simplified down to shards have 0.3 and more
 /// (docs/results/real-scans.md, "What a scan can bear").
 const MOST_ERROR_PER_EDGE: f64 = 0.08;
 

@@ -5,7 +5,7 @@
 
 use crate::io::OutputKind;
 use crate::io::ply::type_name;
-use crate::mesh::face_properties::{FaceCarry, How};
+use crate::mesh::face_properties::{FacePolicy, FacePropertyPlan};
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -63,7 +63,7 @@ pub struct InputReport {
     /// Lower and upper corner of the bounding box of all vertices.
     #[serde(default)]
     pub bounds: [[f64; 3]; 2],
-    /// Faults found, by name; what is concerned was dropped.
+    /// Faults found, by name; the faulty rows were dropped.
     pub faults: BTreeMap<String, u64>,
 }
 
@@ -118,7 +118,7 @@ pub struct FaceReport {
     #[serde(rename = "type")]
     pub scalar: String,
     /// Its treatment.
-    pub carried: How,
+    pub carried: FacePolicy,
     /// Reason why it was dropped.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
@@ -126,23 +126,23 @@ pub struct FaceReport {
 
 impl FaceReport {
     /// Lists everything that faces carried but texture, for an output of this kind.
-    pub fn list(carry: &FaceCarry, kind: OutputKind) -> Vec<FaceReport> {
+    pub fn list(carry: &FacePropertyPlan, kind: OutputKind) -> Vec<FaceReport> {
         let properties = carry.properties.iter().map(|p| {
             let name = p.property.name.clone();
             let reason = match kind {
-                _ if p.how == How::Dropped => Some(p.reason),
+                _ if p.how == FacePolicy::Dropped => Some(p.reason),
                 OutputKind::Ply => None,
                 OutputKind::Obj if name == "texnumber" => None,
                 _ => Some("the output's format has no place for it"),
             };
-            let carried = if reason.is_some() { How::Dropped } else { p.how };
+            let carried = if reason.is_some() { FacePolicy::Dropped } else { p.how };
             let reason = reason.map(str::to_owned);
             FaceReport { name, scalar: type_name(p.property.scalar).to_owned(), carried, reason }
         });
         let lists = carry.lists.iter().map(|name| FaceReport {
             name: name.clone(),
             scalar: "list".to_owned(),
-            carried: How::Dropped,
+            carried: FacePolicy::Dropped,
             reason: Some("neither corners nor texture coordinates with an image".to_owned()),
         });
         properties.chain(lists).collect()
@@ -206,9 +206,47 @@ pub struct RunReport {
     /// The report of `measure` on input and output; only with `--verify`.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub measured: Option<Box<crate::measure::compare::Report>>,
+    /// The Hausdorff distance between input and output, enclosed; only with `--verify`.
+    #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
+    pub hausdorff: Option<crate::measure::Certificate>,
     /// Trials of `--max-error`; only with that option.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_error: Option<BoundReport>,
+}
+
+/// Reason why collapsing ended; its words are those of `RunReport::stop_reason`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StopReason {
+    /// The target was met.
+    Target,
+    /// The target was met, but is smaller than what still stands for the input.
+    TargetBelowBearable,
+    /// Every edge that is left was rejected.
+    NothingLegal,
+    /// Every edge that is left would lead beyond the bound on the error.
+    WithinBound,
+}
+
+impl StopReason {
+    /// The reason of a run to a count.
+    pub fn of(is_met: bool, is_bearable: bool) -> Self {
+        match (is_met, is_bearable) {
+            (true, true) => StopReason::Target,
+            (true, false) => StopReason::TargetBelowBearable,
+            (false, _) => StopReason::NothingLegal,
+        }
+    }
+}
+
+impl std::fmt::Display for StopReason {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        f.write_str(match self {
+            StopReason::Target => "target",
+            StopReason::TargetBelowBearable => "target, below what the input can bear",
+            StopReason::NothingLegal => "nothing legal left to collapse",
+            StopReason::WithinBound => "within the bound",
+        })
+    }
 }
 
 impl RunReport {
@@ -262,6 +300,9 @@ impl Default for QualityReport {
 pub struct BoundReport {
     /// As given, in input units.
     pub bound: f64,
+    /// Largest distance that the run itself saw, from either mesh to the other.
+    #[serde(default)]
+    pub tracked_max: Option<f64>,
     /// Largest two-sided distance between input and output, as `stonecut measure` finds it.
     pub measured_max: Option<f64>,
     /// The same for the root mean square.

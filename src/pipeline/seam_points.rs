@@ -6,11 +6,11 @@ use crate::error::Result;
 use crate::io::ply::{OutputHeader, PlyWriter};
 use crate::mesh::record::VertexSchema;
 use crate::store::cells::CellStore;
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use std::path::Path;
 
 /// Writes the shared vertices of all cells; memory: 32 bytes per shared vertex.
-pub fn write(store: &CellStore, path: &Path, run: &Run) -> Result<()> {
+pub fn write(store: &CellStore, path: &Path, run: &StageContext) -> Result<()> {
     let mut points: Vec<(u64, [f64; 3])> = Vec::new();
     for cell in 0..store.n_cells() {
         run.progress.check()?;

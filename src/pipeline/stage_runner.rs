@@ -1,19 +1,20 @@
 //! The stages of one run, one method each: sealed in the job folder, timed, reported.
 //!
 //! `pipeline` says in which order. Opens what a stage needs from the outcome of the one before, removes what
-//! nobody needs any more, and sums up what all of them did. Decides nothing about meshes.
+//! is not needed any more, and sums up what all of them did. Decides nothing about meshes.
 
 use super::prepare::WRITING;
 use super::quality::QualityCurve;
-use crate::config::Config;
+use super::source_facts::{confined, region};
+use crate::config::{Config, Target};
 use crate::error::Result;
 use crate::io::ply::{MeshSource, OutputHeader, Place};
 use crate::io::{OutputFormat, OutputKind};
 use crate::kernel;
-use crate::mesh::codec::Meaning;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::run_report::{
-    FaceReport, InputReport, OutputReport, RunReport, SeamReport, StageReport,
+    BoundReport, FaceReport, InputReport, OutputReport, RunReport, SeamReport, StageReport,
+    StopReason,
 };
 use crate::stages::components::{self, Components};
 use crate::stages::partition::{self, Partition};
@@ -21,11 +22,11 @@ use crate::stages::simplify::{self, Goal};
 use crate::stages::stitch::{self, Parts, Step};
 use crate::stages::write::{self, Form, Written};
 use crate::store::cells::{
-    CellStore, Dropped, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout,
+    CellStore, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout,
 };
 use crate::store::job::Job;
 use crate::store::job::fingerprint::unchanged;
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
@@ -36,18 +37,24 @@ use std::time::Instant;
 
 /// The stages of one run: each is sealed in the job, timed and reported.
 pub(super) struct Stages<'a> {
-    pub(super) run: Run<'a>,
+    pub(super) run: StageContext<'a>,
     config: &'a Config,
     layout: VertexLayout,
     kernel: kernel::Options,
     target: u64,
+    /// True if only a bound on the error ends the run.
+    is_bound_only: bool,
+    /// Triangles before the last round.
+    before: u64,
     pub(super) rounds_done: u32,
     shared_by_round: Vec<u64>,
     charts_vanished: u64,
-    /// What the probes of each round, and of the finish, found.
+    /// Estimates from the probes of each round and of the finish.
     quality: QualityCurve,
-    /// What the finish's fit did.
+    /// Statistics of the finish's fit.
     fit: Option<kernel::FitStatistics>,
+    /// Largest distance from the input, as the bound saw it.
+    reach: f64,
     /// Vertices on texture seams after the last round or the finish.
     seam_vertices: u64,
     /// Refused collapses, and changes of the topology, by kind, over all rounds and the finish.
@@ -70,8 +77,18 @@ impl<'a> Stages<'a> {
         // Partition, perhaps components, write, every round, every recut between rounds, and the finish.
         let components = u32::from(config.min_component.is_some());
         let n_stages = 2 + components + rounds + rounds.saturating_sub(1) + u32::from(plan.finish);
+        let layout = VertexLayout {
+            has_reach: config.kernel.bound.is_some(),
+            ..VertexLayout::for_kernel(
+                source.schema(),
+                source.n_vertices(),
+                &config.attributes.labels,
+                &config.attributes.weights,
+            )
+        };
+        let (bound, channel) = (config.kernel.bound, layout.reach_channel());
         Stages {
-            run: Run {
+            run: StageContext {
                 job,
                 progress,
                 threads: config.threads.get(),
@@ -79,27 +96,26 @@ impl<'a> Stages<'a> {
                 checkpoint_every: config.checkpoint_every,
             },
             config,
-            layout: VertexLayout::for_kernel(
-                source.schema(),
-                source.n_vertices(),
-                &config.attributes.labels,
-                &config.attributes.weights,
-            ),
+            layout,
             kernel: kernel::Options {
                 confined: confined(source, config),
                 region: region(source, config),
                 seam_share: config.attributes.weights.seam_share(),
                 // Whether it is worth its time is a question of the whole job, not of what the finish sees.
                 fit: config.kernel.fit.decided(plan.triangles_in, plan.target),
+                bound: bound.map(|bound| kernel::Bound { channel, ..bound }),
                 ..config.kernel.clone()
             },
             target: plan.target,
+            is_bound_only: matches!(config.target, Target::MaxError(_)),
+            before: u64::MAX,
             rounds_done: 0,
             shared_by_round: Vec::new(),
             charts_vanished: 0,
             seam_vertices: 0,
             quality: QualityCurve::default(),
             fit: None,
+            reach: 0.0,
             rejects: BTreeMap::new(),
             changes: BTreeMap::new(),
             reports: Vec::new(),
@@ -115,7 +131,7 @@ impl<'a> Stages<'a> {
         name: &'static str,
         triangles_in: u64,
         count: impl Fn(&T) -> u64,
-        work: impl FnOnce(&Run) -> Result<T>,
+        work: impl FnOnce(&StageContext) -> Result<T>,
     ) -> Result<T> {
         let run = self.run;
         let number = self.reports.len() as u32 + 1;
@@ -206,7 +222,19 @@ impl<'a> Stages<'a> {
     }
 
     pub(super) fn next_step(&self, triangles_now: u64) -> Step {
-        stitch::next_step(triangles_now, self.target, self.config.cell_triangles, self.rounds_done)
+        let (cell, rounds) = (self.config.cell_triangles, self.rounds_done);
+        if self.is_bound_only {
+            return stitch::next_step_within_bound(triangles_now, self.before, cell, rounds);
+        }
+        let step = stitch::next_step(triangles_now, self.target, cell, rounds);
+        // A bound may hold where the target does not.
+        let is_stuck = triangles_now as f64 > 0.97 * self.before as f64;
+        match step {
+            Step::Round(_) | Step::ExactRound if self.kernel.bound.is_some() && is_stuck => {
+                Step::Done
+            }
+            step => step,
+        }
     }
 
     pub(super) fn store(&self, info: StoreInfo) -> Result<CellStore> {
@@ -233,8 +261,16 @@ impl<'a> Stages<'a> {
             _ => (self.target, true),
         };
         let goal = Goal { round, triangles: goal };
+        let is_bound_only = self.is_bound_only;
+        self.before = info.triangles;
         let name = if round == 0 { "simplify" } else { "round" };
-        let (options, layout, n) = (self.kernel.clone(), self.layout.clone(), info.triangles);
+        let mut options = self.kernel.clone();
+        if let Some(bound) = &mut options.bound {
+            let bound_share = stitch::bound_share(round);
+            bound.distance *= bound_share;
+            bound.patience = if bound_share < 1.0 { stitch::PATIENCE } else { 1.0 };
+        }
+        let (layout, n) = (self.layout.clone(), info.triangles);
         let pack = self.run.job.path(&info.pack);
         let left = self.stage(
             &format!("round {round}"),
@@ -244,6 +280,9 @@ impl<'a> Stages<'a> {
             |run| {
                 let store = CellStore::open(run.disk(), run.job.folder(), info, layout)?;
                 match is_exact {
+                    _ if is_bound_only => {
+                        simplify::simplify_cells_within_bound(&store, goal, &options, run)
+                    }
                     true => simplify::simplify_cells_exactly(&store, goal, &options, run),
                     false => simplify::simplify_cells(&store, goal, &options, run),
                 }
@@ -281,7 +320,8 @@ impl<'a> Stages<'a> {
         store: &StoreInfo,
         survivors: Option<SurvivorInfo>,
     ) -> Result<SurvivorInfo> {
-        let (target, options) = (self.target, self.kernel.clone());
+        let target = if self.is_bound_only { 0 } else { self.target };
+        let options = self.kernel.clone();
         let n = survivors.as_ref().map_or(store.triangles, |s| s.triangles);
         let source_pack = survivors.as_ref().map_or(&store.pack, |s| &s.pack);
         let pack = self.run.job.path(source_pack);
@@ -326,6 +366,7 @@ impl<'a> Stages<'a> {
         self.charts_vanished += done.charts_vanished;
         self.seam_vertices = done.seam_vertices;
         self.fit = done.fit;
+        self.reach = done.reach;
         self.quality.add_round(&done.curve, done.quality, triangles);
         for (sums, counts) in
             [(&mut self.rejects, &done.rejects), (&mut self.changes, &done.changes)]
@@ -368,6 +409,7 @@ impl<'a> Stages<'a> {
             format: OutputFormat { kind, ..self.config.format },
             faces: source.carried().cloned().unwrap_or_default(),
             normals: self.config.attributes.normals,
+            has_reach: self.config.error_field,
         };
         let written = write::write(&pack, place, header, form, &run)?;
         self.reports.push(StageReport {
@@ -396,7 +438,7 @@ impl<'a> Stages<'a> {
         started: Instant,
     ) -> RunReport {
         let seconds = started.elapsed().as_secs_f64();
-        let met = written.triangles <= self.target;
+        let met = self.is_bound_only || written.triangles <= self.target;
         let has_seams = self.layout.codec.has_seams(source.schema());
         let quality = self.quality.judge(source.n_triangles());
         RunReport {
@@ -439,54 +481,20 @@ impl<'a> Stages<'a> {
                 (Some(carry), Ok(kind)) => FaceReport::list(carry, kind),
                 _ => Vec::new(),
             },
-            target: self.target,
+            target: if self.is_bound_only { written.triangles } else { self.target },
             target_met: met,
-            stop_reason: stop_reason(met, quality.bearable),
+            stop_reason: match self.is_bound_only {
+                true => StopReason::WithinBound.to_string(),
+                false => StopReason::of(met, quality.bearable).to_string(),
+            },
             measured: None,
+            hausdorff: None,
             stages: self.reports.clone(),
-            max_error: None,
+            max_error: self.config.kernel.bound.map(|bound| BoundReport {
+                bound: bound.distance,
+                tracked_max: Some(self.reach),
+                ..BoundReport::default()
+            }),
         }
     }
-}
-
-fn stop_reason(is_met: bool, is_bearable: bool) -> String {
-    let reason = match (is_met, is_bearable) {
-        (true, true) => "target",
-        (true, false) => "target, below what the input can bear",
-        (false, _) => "nothing legal left to collapse",
-    };
-    reason.to_owned()
-}
-
-/// Faults of the input that were dropped, by name.
-pub(super) fn faults(
-    source: &MeshSource,
-    partition: &Partition,
-    dropped: Dropped,
-) -> BTreeMap<String, u64> {
-    let found = source.faults();
-    BTreeMap::from([
-        ("degenerate_faces".to_owned(), partition.degenerate_faces),
-        ("duplicate_faces".to_owned(), dropped.duplicate_faces),
-        ("unreferenced_vertices".to_owned(), dropped.unreferenced_vertices),
-        ("bad_faces".to_owned(), partition.bad_faces + found.bad_faces),
-        ("bad_vertices".to_owned(), found.bad_vertices),
-        ("missing_faces".to_owned(), found.missing_faces),
-        ("missing_vertices".to_owned(), found.missing_vertices),
-    ])
-}
-
-/// Texture coordinates, and the number of their image or region, mean nothing outside of their chart.
-fn confined(source: &MeshSource, config: &Config) -> Vec<bool> {
-    let codec = source.schema().kernel_codec(&config.attributes.labels);
-    let image = Meaning::Scalar("texnumber".to_owned());
-    let meanings = codec.meanings(source.schema());
-    let confined = |m: &Meaning| [Meaning::Texture, Meaning::Region, image.clone()].contains(m);
-    meanings.iter().map(confined).collect()
-}
-
-/// The channel with the number of the region that a face belongs to.
-fn region(source: &MeshSource, config: &Config) -> Option<usize> {
-    let codec = source.schema().kernel_codec(&config.attributes.labels);
-    codec.meanings(source.schema()).iter().position(|m| *m == Meaning::Region)
 }

@@ -1,20 +1,24 @@
-//! `simplify --verify`: measures the finished output against the input, for the run's report.
+//! `simplify --verify`: measures the finished output against the input and certifies how far they are apart at most,
+//! for the run's report.
 //!
 //! From the input file: the job's own cells are freed one by one as they are simplified, so at the end
 //! there is nothing left to measure against. Runs before the job folder goes, so that an interrupted
 //! verification is taken up again by the same command. Changes neither input nor output.
 
-use crate::config::Config;
+use crate::config::{Config, Target};
 use crate::error::{Error, Result};
 use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::{OutputKind, StageOptions};
-use crate::measure::Options;
 use crate::measure::compare::{self, Report, Request};
+use crate::measure::{Certify, Options};
 use crate::pipeline::run_report::{RunReport, StageReport};
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use crate::system::disk::folder_of;
 use std::path::Path;
 use std::time::Instant;
+
+/// Width of the certificate, relative to its upper end.
+const TOLERANCE: f64 = 0.01;
 
 /// Refuses what cannot be read again after the run.
 pub fn refuse_unreadable(config: &Config) -> Result<()> {
@@ -33,7 +37,7 @@ pub fn refuse_unreadable(config: &Config) -> Result<()> {
     Err(Error::Usage(format!("the result cannot be measured (--verify, --max-error): {what}")))
 }
 
-/// The input and the output of a run, opened anew from their files.
+/// The input and the output of a run, opened again from their files.
 pub struct Pair {
     original: MeshSource,
     simplified: MeshSource,
@@ -70,12 +74,17 @@ impl Pair {
 }
 
 /// Measures, and adds what was found to the report as one more stage; its seconds then include it.
-pub fn verify(config: &Config, run: &Run, report: &mut RunReport) -> Result<()> {
+pub fn verify(config: &Config, run: &StageContext, report: &mut RunReport) -> Result<()> {
     let start = Instant::now();
     // What a verification that was killed has left.
     run.job.clear_scratch()?;
     let pair = Pair::open(config, &config.output)?;
-    let request = pair.request(config, run.job.folder());
+    let mut request = pair.request(config, run.job.folder());
+    let bound = match config.target {
+        Target::MaxError(bound) => Some(bound),
+        _ => None,
+    };
+    request.options.certify = Some(Certify { tolerance: TOLERANCE, bound });
     let comparison = compare::compare(&request, run.progress)?;
     let seconds = start.elapsed().as_secs_f64();
     report.stages.push(StageReport {
@@ -91,6 +100,7 @@ pub fn verify(config: &Config, run: &Run, report: &mut RunReport) -> Result<()> 
     report.seconds += seconds;
     report.peak_memory_bytes = crate::system::memory::peak_bytes();
     report.peak_temp_bytes = report.peak_temp_bytes.max(comparison.temp_bytes);
+    report.hausdorff = comparison.measured.certificate.clone();
     report.measured = Some(Box::new(Report::new(&request, &comparison, seconds)));
     Ok(())
 }

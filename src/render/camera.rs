@@ -1,4 +1,4 @@
-//! Where the viewer stands: from a direction, a sphere of interest, or the mesh's own shape.
+//! Position of the viewer: from a direction, a sphere of interest, or the mesh's own shape.
 //!
 //! Camera space: x right, y up, z towards the viewer, origin at the point looked at.
 
@@ -71,7 +71,7 @@ impl Extent {
         main
     }
 
-    /// Which way is up, and from where (a direction towards the viewer) the mesh shows most of itself.
+    /// Returns the direction up, and the direction towards the viewer from which the mesh shows most of itself.
     ///
     /// Flat things (terrain, a floor of a building) are looked at from above at a slant. Others stand
     /// upright along y or z, whichever they are longer in, and are seen from the side that has the
@@ -115,7 +115,7 @@ impl Extent {
 /// A perspective view. Lengths in the picture are samples (pixels times the supersampling).
 #[derive(Clone, Debug)]
 pub(super) struct Camera {
-    /// What is looked at: the origin of camera space.
+    /// Point that is looked at: the origin of camera space.
     pub(super) target: Vec3,
     /// Right, up and towards the viewer.
     pub(super) axes: [Vec3; 3],
@@ -127,7 +127,7 @@ pub(super) struct Camera {
     pub(super) focal: f64,
     /// Place of the target in the picture, in samples.
     pub(super) centre: [f64; 2],
-    /// What "up" means to the light.
+    /// Direction up for the light.
     pub(super) world_up: Vec3,
 }
 
@@ -204,7 +204,7 @@ impl Camera {
     }
 }
 
-/// How far a mesh reaches to the four sides of a picture, perspective included.
+/// Extent of a mesh towards the four sides of a picture, perspective included.
 #[derive(Clone, Debug)]
 pub(super) struct Silhouette {
     tangents: [f64; 2],

@@ -178,7 +178,7 @@ pub(super) fn aim(
     Ok(camera)
 }
 
-/// Which way the surface inside a sphere faces on the whole; `None` if nothing is there.
+/// Returns the mean normal of the surface inside a sphere; `None` if nothing is there.
 fn facing(
     scene: &dyn Scene,
     sphere: &Sphere,

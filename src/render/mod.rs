@@ -6,6 +6,7 @@
 
 mod camera;
 mod draw;
+mod legend;
 mod picture;
 mod quadrics;
 mod raster;
@@ -15,8 +16,9 @@ mod vector;
 mod vertices;
 mod view;
 
+pub use legend::top_of;
 pub use picture::{Letters, Picture, text_width};
-pub use view::{Aim, Coloring, Direction, Resources, Sphere, View};
+pub use view::{Aim, Coloring, Direction, Resources, Scale, Sphere, View};
 
 use crate::error::Result;
 use crate::io::ply::MeshSource;
@@ -54,8 +56,11 @@ pub fn render_source(
     resources: Resources,
     progress: &Progress,
 ) -> Result<Picture> {
-    let scene = OnDisk::new(source, view.coloring != Coloring::Plain);
-    render(&scene, view, &[], resources, progress)
+    let mut picture = render(&OnDisk::new(source, view), view, &[], resources, progress)?;
+    if let Some(scale) = &view.scale {
+        legend::draw(scale, &mut picture);
+    }
+    Ok(picture)
 }
 
 /// The camera that `view` gives a mesh; put it into the `aim` of other views.
@@ -71,5 +76,5 @@ pub fn aim_source(
     resources: Resources,
     progress: &Progress,
 ) -> Result<Aim> {
-    aim(&OnDisk::new(source, false), view, per_pixel(view)?, resources, progress).map(Aim)
+    aim(&OnDisk::plain(source), view, per_pixel(view)?, resources, progress).map(Aim)
 }

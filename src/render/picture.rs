@@ -127,7 +127,7 @@ impl Letters {
     }
 }
 
-/// How wide a line of text is, in pixels.
+/// Returns the width of a line of text, in pixels.
 pub fn text_width(text: &str, letters: Letters) -> u32 {
     let one = get_raster('?', FontWeight::Regular, letters.raster()).map_or(0, |g| g.width());
     (text.chars().count() * one) as u32

@@ -1,9 +1,9 @@
 //! Error quadrics made visible: level sets of a vertex's quadric are ellipsoids.
 //!
 //! The quadric of a vertex is that of its present triangles, A = sum of n n^T / (2 |n|) with n the cross
-//! product; x^T A x = c is an ellipsoid about the vertex, flat where the surface is flat (moving along
+//! product. x^T A x = c is an ellipsoid about the vertex, flat where the surface is flat (moving along
 //! it costs nothing), long along a crease, small and round at a corner. Its axes are A's eigenvectors,
-//! its half-axes sqrt(c / eigenvalue), cut off where there is no resistance at all.
+//! its half-axes sqrt(c / eigenvalue), cut off where nothing resists.
 
 use super::shade::tone;
 use super::vector::symmetric_eigen;
@@ -11,9 +11,9 @@ use crate::mesh::Mesh;
 use crate::mesh::vec3::unit;
 use crate::mesh::vec3::{Vec3, add, cross, dot, normal, scale, sub};
 
-/// Half-axes are at most so many mean edge lengths of the vertex.
+/// Half-axes are at most this many mean edge lengths of the vertex.
 const LONGEST: f64 = 0.85;
-/// Half-axes are at least so many mean edge lengths, or flat ones could not be seen.
+/// Half-axes are at least this many mean edge lengths, or flat ones could not be seen.
 const SHORTEST: f64 = 0.06;
 /// The level: cost of moving against the surface by this share of a mean edge length.
 const LEVEL: f64 = 0.30;

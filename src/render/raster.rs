@@ -12,10 +12,10 @@ use super::vector::smoothstep;
 pub(super) const SAMPLE_BYTES: usize = std::mem::size_of::<Sample>();
 /// Sides of the bounding box, in samples, up to which a triangle is averaged into its samples.
 const SMALL: f32 = 2.0;
-/// Depths that differ by at most so many samples' width count as the same surface for averaging.
+/// Depths that differ by at most this many samples' width count as the same surface for averaging.
 const SAME_SURFACE: f32 = 3.0;
 
-/// What is seen at one sample.
+/// Surface that is seen at one sample.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Sample {
     /// 1 / distance from the eye; 0 where nothing is seen.
@@ -28,7 +28,7 @@ pub(super) struct Sample {
     pub(super) weight: f32,
     /// Cover by edge lines in [0, 1].
     pub(super) ink: f32,
-    /// Whether the back of the surface is seen.
+    /// True if the back of the surface is seen.
     pub(super) back: bool,
 }
 
@@ -43,7 +43,7 @@ pub(super) struct Corner {
     pub(super) color: [f32; 3],
 }
 
-/// How triangles are drawn.
+/// Style in which triangles are drawn.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Style {
     /// Half the width of edge lines in samples; 0: no lines.
@@ -97,7 +97,7 @@ impl Frame {
         })
     }
 
-    /// Whether any part of a triangle may lie within the picture; cheap, for faces of huge meshes.
+    /// Returns whether any part of a triangle may lie within the picture; cheap, for faces of huge meshes.
     pub(super) fn may_show(&self, corners: &[Corner; 3]) -> bool {
         let mut low = [f32::INFINITY; 2];
         let mut high = [f32::NEG_INFINITY; 2];
@@ -260,7 +260,7 @@ impl Sample {
     }
 }
 
-/// Whether a triangle covers a point of the picture.
+/// Returns whether a triangle covers a point of the picture.
 fn inside(p: &[Projected; 3], area: f32, x: f32, y: f32) -> bool {
     (0..3).all(|i| {
         let (a, b) = (&p[(i + 1) % 3], &p[(i + 2) % 3]);

@@ -1,9 +1,11 @@
-//! What is rendered, block by block: a mesh in memory or one on disk.
+//! Meshes to render, block by block: in memory or on disk.
 
+use super::view::{Coloring, View};
 use crate::error::Result;
 use crate::io::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
 use crate::mesh::Mesh;
-use crate::mesh::property::Scalar;
+use crate::mesh::property::{Origin, Scalar, read_scalar};
+use crate::mesh::viridis::viridis;
 
 /// A block of vertices as the renderer wants them.
 #[derive(Default)]
@@ -33,7 +35,7 @@ pub(super) trait Scene: Sync {
     fn points(&self, block: u64, out: &mut Points) -> Result<()>;
     /// Reads a block of triangles.
     fn faces(&self, block: u64, out: &mut Faces) -> Result<()>;
-    /// Whether vertices have colours.
+    /// Returns whether vertices have colours.
     fn is_colored(&self) -> bool;
 
     /// Number of vertex blocks.
@@ -91,33 +93,57 @@ impl Scene for InMemory<'_> {
 /// A mesh on disk.
 pub(super) struct OnDisk<'a> {
     source: &'a MeshSource,
+    paint: Paint,
+}
+
+/// Place of the colour in a vertex record.
+enum Paint {
+    None,
     /// Byte offsets of red, green and blue in a vertex record, and their type.
-    color: Option<([usize; 3], Scalar)>,
+    Rgb([usize; 3], Scalar),
+    /// Byte offset and type of a number, and the end of its scale.
+    Number(usize, Scalar, f64),
+}
+
+/// Byte offset and type of a property in the vertex records of a source.
+pub(super) fn find(source: &MeshSource, name: &str) -> Option<(usize, Scalar)> {
+    let schema = source.schema();
+    let mut offset = schema.position_bytes();
+    for property in &schema.properties {
+        if property.origin == Origin::Vertex && property.name == name {
+            return Some((offset, property.scalar));
+        }
+        offset += property.scalar.bytes();
+    }
+    None
 }
 
 impl<'a> OnDisk<'a> {
-    /// The scene of a source; without its colours unless they are wanted.
-    pub(super) fn new(source: &'a MeshSource, colored: bool) -> Self {
-        let find = |name: &str| {
-            let schema = source.schema();
-            let mut offset = schema.position_bytes();
-            for property in &schema.properties {
-                if property.name == name || property.name == format!("diffuse_{name}") {
-                    return Some((offset, property.scalar));
+    /// The scene of a source without colours.
+    pub(super) fn plain(source: &'a MeshSource) -> Self {
+        OnDisk { source, paint: Paint::None }
+    }
+
+    /// The scene of a source with the colours that `view` wants, as far as it has them.
+    pub(super) fn new(source: &'a MeshSource, view: &View) -> Self {
+        let rgb =
+            |name: &str| find(source, name).or_else(|| find(source, &format!("diffuse_{name}")));
+        let paint = match (&view.scale, view.coloring) {
+            (Some(scale), _) => match find(source, &scale.property) {
+                Some((at, scalar)) => Paint::Number(at, scalar, scale.top),
+                None => Paint::None,
+            },
+            (None, Coloring::Plain) => Paint::None,
+            (None, Coloring::Vertex { .. }) => match (rgb("red"), rgb("green"), rgb("blue")) {
+                (Some((r, scalar)), Some((g, _)), Some((b, _)))
+                    if matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::F32) =>
+                {
+                    Paint::Rgb([r, g, b], scalar)
                 }
-                offset += property.scalar.bytes();
-            }
-            None
+                _ => Paint::None,
+            },
         };
-        let color = match (find("red"), find("green"), find("blue")) {
-            (Some((r, scalar)), Some((g, _)), Some((b, _)))
-                if colored && matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::F32) =>
-            {
-                Some(([r, g, b], scalar))
-            }
-            _ => None,
-        };
-        OnDisk { source, color }
+        OnDisk { source, paint }
     }
 }
 
@@ -141,8 +167,13 @@ impl Scene for OnDisk<'_> {
         out.positions.clear();
         out.positions.extend(records.clone().map(|record| schema.position(record)));
         out.colors.clear();
-        if let Some((offsets, scalar)) = self.color {
-            out.colors.extend(records.map(|record| {
+        match self.paint {
+            Paint::None => {}
+            Paint::Number(at, scalar, top) => {
+                out.colors
+                    .extend(records.map(|record| viridis(read_scalar(scalar, record, at), top)));
+            }
+            Paint::Rgb(offsets, scalar) => out.colors.extend(records.map(|record| {
                 offsets.map(|at| match scalar {
                     Scalar::U8 => record[at],
                     Scalar::U16 => record[at + 1],
@@ -151,7 +182,7 @@ impl Scene for OnDisk<'_> {
                         (255.0 * f32::from_le_bytes(bytes)).clamp(0.0, 255.0) as u8
                     }
                 })
-            }));
+            })),
         }
         Ok(())
     }
@@ -163,7 +194,7 @@ impl Scene for OnDisk<'_> {
     }
 
     fn is_colored(&self) -> bool {
-        self.color.is_some()
+        !matches!(self.paint, Paint::None)
     }
 }
 

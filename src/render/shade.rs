@@ -19,7 +19,7 @@ const BAND: usize = 16;
 /// Directions and steps of the occlusion estimate: 12 x 7 looks a pixel.
 const DIRECTIONS: usize = 12;
 const STEPS: usize = 7;
-/// How dark full occlusion makes sky light.
+/// Strength of full occlusion on sky light.
 const OCCLUSION: f32 = 1.45;
 /// Directions of the key and fill light in camera space, normalised on use.
 const KEY: [f64; 3] = [-0.64, 0.56, 0.46];
@@ -29,7 +29,7 @@ const KEY_LIGHT: [f32; 3] = [0.98, 0.92, 0.83];
 const FILL_LIGHT: [f32; 3] = [0.10, 0.13, 0.17];
 const SKY: [f32; 3] = [0.34, 0.37, 0.42];
 const GROUND: [f32; 3] = [0.15, 0.125, 0.10];
-/// What backs of surfaces are mixed with, linear.
+/// Colour that backs of surfaces are mixed with, linear.
 const BACK: [f32; 3] = [0.13, 0.20, 0.33];
 /// Edge lines, linear.
 const INK: [f32; 3] = [0.018, 0.028, 0.05];
@@ -233,7 +233,7 @@ impl Surface {
                 let v = [q[0] - p[0], q[1] - p[1], q[2] - p[2]];
                 let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
                 let rise = (v[0] * n[0] + v[1] * n[1] + v[2] * n[2]) / length.max(1e-30) - 0.06;
-                // Things far in front of the surface are no part of its hollow.
+                // Things far in front of the surface are not part of its hollow.
                 let span = self.reach * self.pixel * self.distance;
                 let near = 1.0 / (1.0 + (length / (0.8 * span)).powi(2));
                 horizon = horizon.max(rise * near);

@@ -14,7 +14,7 @@ use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
 
-/// How often, on average, a vertex block may be read before the file counts as shuffled.
+/// Mean number of reads of a vertex block above which the file counts as shuffled.
 const MOST_READS: u64 = 12;
 
 /// Blocks that are held however small the budget: some rows of neighbouring patches.
@@ -36,7 +36,7 @@ pub(super) struct Vertices<'a> {
     /// For each vertex block its place among `held`.
     slots: Vec<Option<u32>>,
     held: Vec<Placed>,
-    /// Which block each of `held` is, and when it was used last.
+    /// Block number of each of `held`, and the time of its last use.
     used: Vec<(u64, u64)>,
     clock: u64,
     /// Blocks that may be held.
@@ -89,7 +89,7 @@ impl<'a> Vertices<'a> {
         Ok(vertices)
     }
 
-    /// Whether every vertex is in memory.
+    /// Returns whether every vertex is in memory.
     pub(super) fn all_held(&self) -> bool {
         self.held.len() == self.slots.len()
     }

@@ -4,7 +4,7 @@ use super::camera::Camera;
 use super::raster::SAMPLE_BYTES;
 use crate::error::{Error, Result};
 
-/// Samples of a frame may take so many bytes; beyond that each pixel gets fewer.
+/// Limit in bytes of the samples of a frame; beyond it each pixel gets fewer.
 const FRAME_BYTES: usize = 400 << 20;
 
 /// The camera.
@@ -40,6 +40,15 @@ pub enum Coloring {
     },
 }
 
+/// A number that vertices carry, and its colours: viridis from 0 to `top`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scale {
+    /// The name of the property of vertices, `error` for instance.
+    pub property: String,
+    /// The value at the end of the scale.
+    pub top: f64,
+}
+
 /// Settings of a picture.
 #[derive(Clone, Debug)]
 pub struct View {
@@ -57,7 +66,9 @@ pub struct View {
     pub smooth: bool,
     /// The paint.
     pub coloring: Coloring,
-    /// Draws the error quadrics of so many vertices; only of a mesh in memory.
+    /// Painted by a number of the vertices instead, with a legend; only of a file.
+    pub scale: Option<Scale>,
+    /// Draws the error quadrics of this many vertices; only of a mesh in memory.
     pub n_quadrics: usize,
     /// The camera of another picture, from `aim_mesh` or `aim_source`; overrides direction and zoom.
     pub aim: Option<Aim>,
@@ -73,6 +84,7 @@ impl Default for View {
             edges: false,
             smooth: true,
             coloring: Coloring::Plain,
+            scale: None,
             n_quadrics: 0,
             aim: None,
         }

@@ -30,7 +30,7 @@ const MOST_EMBEDDED: u64 = 1_000_000;
 /// Side of a close-up, as a share of the original's diagonal.
 const CLOSE_UP: f64 = 0.03;
 
-/// What the page is made of.
+/// Material of the page.
 #[derive(Clone, Debug)]
 pub struct Material {
     /// The JSON of `simplify --report` or `measure --report`.
@@ -43,7 +43,7 @@ pub struct Material {
     pub resources: Resources,
 }
 
-/// The whole page as text. A mesh that is no longer there costs its pictures, not the page.
+/// The whole page as text. Without a mesh that was removed, its pictures are left out.
 pub fn html(material: &Material, progress: &Progress) -> Result<String> {
     let report = &material.report;
     // Measured apart, by `simplify --verify`, or the report is one of `measure`.
@@ -110,11 +110,20 @@ fn error(deviation: &Value, out: &mut String) {
     out.push_str("<h2>Measured error</h2>");
     let _ = write!(
         out,
-        "<p>RMS both ways <b>{}</b>, which is {} of the diagonal {}.</p><div class=\"columns\">",
+        "<p>RMS both ways <b>{}</b>, which is {} of the diagonal {}.</p>",
         show(&deviation["rms"]),
         show(&deviation["relative_rms"]),
         show(&deviation["diagonal"])
     );
+    if let enclosed @ Value::Object(_) = &deviation["hausdorff"] {
+        let _ = write!(
+            out,
+            "<p>Largest distance (Hausdorff), proven: at least <b>{}</b>, at most <b>{}</b>.</p>",
+            show(&enclosed["lower"]),
+            show(&enclosed["upper"])
+        );
+    }
+    out.push_str("<div class=\"columns\">");
     for (side, name) in
         [("forward", "original to simplified"), ("backward", "simplified to original")]
     {
@@ -186,7 +195,7 @@ fn seam_position(report: &Value) -> &Value {
     if seams["sample_position"].is_null() { &seams["place"] } else { &seams["sample_position"] }
 }
 
-/// What is shown of both meshes: the whole, and close-ups at the worst place and at a seam.
+/// Chooses the views of both meshes: the whole, and close-ups at the worst place and at a seam.
 fn views(report: &Value, deviation: &Value) -> Vec<(&'static str, View)> {
     let whole = View { width: 800, height: 600, ..View::default() };
     let edges = View { edges: true, smooth: false, ..whole.clone() };

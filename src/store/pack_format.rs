@@ -17,7 +17,7 @@ pub const PACK_HEADER_BYTES: u64 = 16;
 /// Bytes of a chunk header.
 pub const CHUNK_HEADER_BYTES: u64 = 32;
 
-/// What a chunk holds.
+/// Content of a chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum ChunkKind {
     /// Rows of vertex id and vertex record.
@@ -33,9 +33,9 @@ pub enum ChunkKind {
     Foreign = 5,
     /// All chunks of a sealed pack, behind them; under cell 0.
     Index = 6,
-    /// What a cell knows of the components, see `components::found`.
+    /// Findings of a cell on components, see `components::found`.
     Found = 7,
-    /// Which pieces of a cell are left out: a bit for each, in the order of their least vertices.
+    /// Pieces of a cell that are left out: a bit for each, in the order of their least vertices.
     Verdict = 8,
 }
 
@@ -50,12 +50,12 @@ impl ChunkKind {
     }
 }
 
-/// Where a chunk lies in its pack, and what it must contain.
+/// Place of a chunk in its pack, and its expected content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Chunk {
     /// The cell it belongs to.
     pub cell: u32,
-    /// What it holds.
+    /// Kind of its content.
     pub kind: ChunkKind,
     /// Byte offset of the payload in the pack.
     pub offset: u64,

@@ -1,4 +1,4 @@
-//! What every stage needs besides its own input: the job, the counters, threads and memory.
+//! Context of every stage besides its own input: the job, the counters, threads and memory.
 
 use crate::store::job::Job;
 use crate::system::disk::Disk;
@@ -7,7 +7,7 @@ use std::time::Duration;
 
 /// The surroundings of a stage. None of it may reach a result.
 #[derive(Clone, Copy, Debug)]
-pub struct Run<'a> {
+pub struct StageContext<'a> {
     /// The job folder, its files and its manifest.
     pub job: &'a Job,
     /// Counters for the outside, and its request to stop.
@@ -20,7 +20,7 @@ pub struct Run<'a> {
     pub checkpoint_every: Duration,
 }
 
-impl Run<'_> {
+impl StageContext<'_> {
     /// The file system of the job.
     pub fn disk(&self) -> &Disk {
         self.job.disk()

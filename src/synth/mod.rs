@@ -1,7 +1,7 @@
 //! Synthetic scans of any size: closed-form, seeded, streamed.
 //!
 //! `write_ply` is the way in for files, `mesh` for tests. A `Surface` says what vertex and face number i
-//! are; `write` turns it into records; `shuffle` puts into random order what cannot be computed in one.
+//! are. `write` turns it into records; `shuffle` puts into random order what cannot be computed in one.
 //! Nothing here simplifies, measures or reads a mesh.
 
 mod gyroid;
@@ -29,7 +29,7 @@ use sliced::Counted;
 use std::path::Path;
 use surface::{InOrder, Indexed, Order, Shuffled, Surface};
 use volume::{Scanner, Volume};
-use write::{Layout, Stream};
+use write::{FileProperties, Stream};
 use write_shuffled::write_shuffled;
 
 /// The synthetic meshes.
@@ -79,12 +79,12 @@ impl std::str::FromStr for Kind {
     }
 }
 
-/// What to make; every value is final.
+/// Settings of a synthetic mesh; every value is final.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// Which mesh.
+    /// Kind of mesh.
     pub kind: Kind,
-    /// At least so many triangles; each kind documents how many more it may get.
+    /// Least number of triangles; each kind documents how many more it may get.
     pub n_triangles: u64,
     /// Another seed gives another mesh of the same kind and size.
     pub seed: u64,
@@ -98,7 +98,7 @@ pub struct Settings {
     pub noise: f64,
     /// Whole voxel values that meet the level exactly; `volume` alone has voxels.
     pub integer: bool,
-    /// At most so many texture images; `rooms` alone has any. One for 25,000 triangles, at most 1000, if `None`.
+    /// Largest number of texture images; `rooms` alone has any. One for 25,000 triangles, at most 1000, if `None`.
     pub pages: Option<u64>,
 }
 
@@ -119,18 +119,18 @@ impl Settings {
     }
 }
 
-/// How a mesh is written.
+/// Settings of writing a mesh.
 #[derive(Clone, Copy, Debug)]
 pub struct Writing {
     /// Threads to compute with; they change no byte.
     pub threads: usize,
-    /// Whether an existing file may be replaced.
+    /// True if an existing file may be replaced.
     pub force: bool,
     /// As which kind of file; binary little-endian PLY by default.
     pub format: OutputFormat,
 }
 
-/// How large the finished mesh is.
+/// Sizes of the finished mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Counts {
     /// Number of vertices.
@@ -146,8 +146,8 @@ pub struct Counts {
 /// `rooms` as PLY or OBJ writes its images beside the file, `STEM_000.png` and so on, and an OBJ's `STEM.mtl`; STL and
 /// GLB get the mesh alone.
 ///
-/// The bytes depend on `settings` and the format alone; memory is a few megabytes a thread, and some 100 MB when anything
-/// but `terrain` and `statue` is shuffled. The file appears by rename.
+/// The bytes depend on `settings` and the format alone; memory is a few megabytes a thread, and some 100 MB when
+/// anything but `terrain` and `statue` is shuffled. The file appears by rename.
 /// Errors: an existing `path` without `force`, more than 2^32 vertices, whatever the system refuses.
 pub fn write_ply(
     path: &Path,
@@ -180,7 +180,7 @@ fn write_surface(
     let mut counts =
         Counts { n_vertices: surface.n_vertices(), n_triangles: surface.n_faces(), n_images: 0 };
     progress.begin("synth", 1, 1, counts.n_triangles);
-    let layout = Layout { uv: settings.uv && rooms.is_none(), ..layout(settings) };
+    let layout = FileProperties { uv: settings.uv && rooms.is_none(), ..layout(settings) };
     let mut header = OutputHeader::new(layout.schema(), counts.n_vertices, counts.n_triangles);
     header.settings = format!(
         "synth {} --triangles {} --seed {}{}{}{}{}",
@@ -308,9 +308,9 @@ fn ordered(surface: impl Indexed + 'static, settings: &Settings) -> Box<dyn Surf
     }
 }
 
-fn layout(settings: &Settings) -> Layout {
+fn layout(settings: &Settings) -> FileProperties {
     let color = settings.color || matches!(settings.kind, Kind::Scans | Kind::Rooms);
-    Layout { color, uv: settings.uv }
+    FileProperties { color, uv: settings.uv }
 }
 
 fn check(settings: &Settings) -> Result<()> {

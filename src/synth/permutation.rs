@@ -27,7 +27,7 @@ impl Permutation {
         Permutation { n, side, key }
     }
 
-    /// Where element `element` goes.
+    /// Returns the position of element `element`.
     pub(super) fn apply(&self, element: u64) -> u64 {
         assert!(element < self.n, "an element of the permuted range");
         let mut at = element;
@@ -43,7 +43,7 @@ impl Permutation {
         }
     }
 
-    /// Which element came to `position`.
+    /// Returns the element at `position`.
     pub(super) fn invert(&self, position: u64) -> u64 {
         assert!(position < self.n, "a position of the permuted range");
         let mut at = position;

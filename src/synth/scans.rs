@@ -18,7 +18,7 @@ const LEAST_PATCHES: u64 = 14;
 const BLOCK_PIXELS: usize = 32_768;
 /// Triangles per pixel: two, times the share of the square that is valid.
 const TRIANGLES_PER_PIXEL: f64 = 1.53;
-/// How often the statue is covered on average.
+/// Mean number of patches over a point of the statue.
 const COVERAGE: f64 = 2.5;
 /// Side of the squares of pixels that have at most one speck each.
 const SPECK_SQUARE: usize = 16;
@@ -38,7 +38,7 @@ pub(super) struct Scans {
     noise: f64,
 }
 
-/// Where one patch was taken from.
+/// Position and shape of one patch.
 struct Patch {
     /// View direction and the image's two axes.
     axes: [[f64; 3]; 3],
@@ -49,12 +49,12 @@ struct Patch {
     exposure: [f64; 3],
 }
 
-/// What a pixel is.
+/// State of a pixel.
 #[derive(Clone, Copy, PartialEq)]
 enum Pixel {
     Lost,
     Surface,
-    /// Part of a floating speck, so many millimetres above the surface.
+    /// Part of a floating speck, this many millimetres above the surface.
     Speck(u16),
 }
 
@@ -93,7 +93,7 @@ impl Scans {
         2.0 * pixel as f64 / (self.side - 1) as f64 - 1.0
     }
 
-    /// A number of its own for each pixel of each patch.
+    /// A different number for each pixel of each patch.
     fn random(&self, patch: usize, row: usize, column: usize) -> u64 {
         hash2(((patch * self.side + row) * self.side + column) as u64, self.seed)
     }

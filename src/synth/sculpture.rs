@@ -29,7 +29,7 @@ const FACE: [Feature; 9] = [
 /// A seeded stone head about two metres tall.
 pub(super) struct Sculpture {
     seed: u32,
-    /// How strongly tool marks show: they fade where the mesh is too coarse to sample them.
+    /// Strength of tool marks: they fade where the mesh is too coarse to sample them.
     marks: f64,
 }
 

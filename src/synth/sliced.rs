@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
 
-/// What one block holds.
+/// Counts of one block.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct BlockCounts {
     /// Vertices of the first and of the second section of the block.
@@ -18,7 +18,7 @@ pub(super) struct BlockCounts {
     pub(super) faces: u64,
 }
 
-/// A surface in blocks; a block's faces use vertices of its own and of some later blocks.
+/// A surface in blocks; a block's faces use vertices of that block and of some later blocks.
 pub(super) trait Sliced: Sync {
     /// Number of blocks.
     fn n_blocks(&self) -> u64;
@@ -59,7 +59,7 @@ impl<S: Sliced> Counted<S> {
         Ok(Counted { surface, first_vertex, first_face, n_vertices, n_faces })
     }
 
-    /// What was counted.
+    /// Returns the surface that was counted.
     pub(super) fn surface(&self) -> &S {
         &self.surface
     }

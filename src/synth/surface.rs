@@ -1,4 +1,4 @@
-//! What a synthetic mesh is to its writer: blocks of vertices and blocks of faces, each computable alone.
+//! A synthetic mesh as its writer sees it: blocks of vertices and blocks of faces, each computable alone.
 //!
 //! `Indexed` surfaces know every vertex and face by its number, so their blocks are plain ranges, and a
 //! shuffled mesh is the same surface read through a permutation. `Sliced` ones (sliced.rs) have counts
@@ -24,7 +24,7 @@ pub(super) fn unit_vector(v: [f64; 3]) -> [f64; 3] {
 pub(super) struct Vertex {
     /// Position in input units.
     pub(super) position: [f32; 3],
-    /// Red, green, blue; left at 0 where nobody asked.
+    /// Red, green, blue; left at 0 without `--color`.
     pub(super) color: [u8; 3],
     /// Texture coordinates in [0, 1].
     pub(super) uv: [f32; 2],
@@ -46,7 +46,7 @@ pub(super) trait Surface: Sync {
     fn vertices(&self, block: u64, out: &mut Vec<Vertex>);
     /// Appends the triangles of one block.
     fn faces(&self, block: u64, out: &mut Vec<[u64; 3]>);
-    /// Whether the order is already the one asked for with `--shuffle`.
+    /// Returns whether the order is already the one asked for with `--shuffle`.
     fn is_shuffled(&self) -> bool {
         false
     }

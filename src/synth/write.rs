@@ -10,16 +10,16 @@ use crate::mesh::record::VertexSchema;
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
 
-/// What a vertex looks like in the file, besides its position in floats.
+/// Properties of a vertex in the file, besides its position in floats.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Layout {
+pub(super) struct FileProperties {
     /// `uchar red green blue` after the position.
     pub(super) color: bool,
     /// `float s t` after the colour.
     pub(super) uv: bool,
 }
 
-impl Layout {
+impl FileProperties {
     /// The layout for the writer.
     pub(super) fn schema(&self) -> VertexSchema {
         let property = Property::new;
@@ -49,14 +49,14 @@ impl Layout {
     }
 }
 
-/// How a surface is streamed.
+/// Settings of streaming a surface.
 #[derive(Clone, Copy)]
 pub(super) struct Stream<'a> {
     /// What.
     pub(super) surface: &'a dyn Surface,
     /// As which records.
-    pub(super) layout: Layout,
-    /// On so many threads.
+    pub(super) layout: FileProperties,
+    /// Number of threads.
     pub(super) threads: usize,
     /// Counts faces, and may ask to stop.
     pub(super) progress: &'a Progress,

@@ -1,4 +1,4 @@
-//! How much memory this process may use, and how much it has used.
+//! Memory that this process may use, and memory that it has used.
 //!
 //! The default budget is a share of the tightest limit in force: physical memory, cgroup v1, cgroup v2.
 

@@ -119,7 +119,7 @@ fn numbers_in_order(
             };
             outcome?;
             consume(index, slot)?;
-            // Workers that have ended no longer take spares; that is no fault.
+            // Workers that have ended no longer take spares; that is not a fault.
             let _ = give.send(slot);
         }
         Ok(())

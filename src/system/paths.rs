@@ -14,7 +14,7 @@ use std::io::Read;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// What a command does with a path.
+/// Role of a path in a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Role {
     /// Read; `-` is standard input.
@@ -60,7 +60,7 @@ pub struct Paths {
     force: bool,
 }
 
-/// By what two paths are known to be the same file.
+/// Key that is equal for two paths to the same file.
 #[derive(PartialEq, Eq)]
 enum Key {
     /// There is a file: device and inode.
@@ -126,7 +126,7 @@ impl Paths {
                 let both_read = a.is_read() && b.is_read() && keys[i] != Key::Stream;
                 if keys[i] == keys[j] && is_once && !both_read && !are_folders {
                     return Err(Error::Usage(format!(
-                        "{} and {} are the same file, {}; give each a path of its own",
+                        "{} and {} are the same file, {}; give each its own path",
                         a.name,
                         b.name,
                         b.path.display()
@@ -256,7 +256,7 @@ impl Row {
 }
 
 impl Kind {
-    /// Whether the file is an earlier one of this kind.
+    /// Returns whether the file is an earlier one of this kind.
     fn wrote(self, path: &Path) -> bool {
         let head = head(path);
         let has_line = |words: &str| {
@@ -277,15 +277,15 @@ impl Kind {
     }
 }
 
-/// What the header of a file of seams says of its making.
+/// Settings in the header of a file of seams.
 pub const SEAMS_SETTINGS: &str = "simplify --seams";
-/// What the header of a heatmap says of its making.
+/// Settings in the header of a heatmap.
 pub const HEATMAP_SETTINGS: &str = "measure --heatmap";
 
 /// No report comes near this.
 const MOST_REPORT_BYTES: u64 = 64 << 20;
 
-/// So much of a file is looked at to tell its kind.
+/// Length of the beginning of a file that is read to find its kind.
 const HEAD_BYTES: u64 = 64 << 10;
 
 fn head(path: &Path) -> Vec<u8> {

@@ -1,7 +1,7 @@
 //! Files that appear whole or not at all: every file that a user named and a command writes.
 //!
 //! Until it is finished an output has no name at all where the file system knows such files (`O_TMPFILE`), so
-//! that no death of the process leaves anything; elsewhere it has a hidden name of its own, locked by its
+//! that no death of the process leaves anything; elsewhere it has its own hidden name, locked by its
 //! writer, and what dead writers have left is removed by the next one. Only a regular file is ever replaced.
 //! Which paths a command may write at all is decided before, in `paths`.
 
@@ -16,14 +16,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Bytes gathered before they go to the system; 1 MiB writes run at disk speed.
 const BUFFER_BYTES: usize = 1 << 20;
 
-/// Where an output appears, and through which disk.
+/// Path of an output, and the disk that it is written through.
 #[derive(Clone, Debug)]
 pub struct Place {
     /// The name of the finished file; `-` is standard output.
     pub path: PathBuf,
     /// The disk that it is written through.
     pub disk: Disk,
-    /// Whether another file of that name is replaced; otherwise only one with the same bytes is.
+    /// True if another file of that name is replaced; otherwise only one with the same bytes is.
     pub replace: bool,
 }
 
@@ -226,7 +226,7 @@ impl Drop for PendingFile {
     }
 }
 
-/// Whether a nameless file can be given a name here, which takes /proc.
+/// Returns whether a nameless file can be given a name here, which takes /proc.
 fn can_link() -> bool {
     Path::new("/proc/self/fd").is_dir()
 }
@@ -252,7 +252,7 @@ fn create_hidden(disk: &Disk, target: &Path, name: &OsStr) -> Result<(DiskFile, 
     }
 }
 
-/// Removes what dead writers of the same target have left: hidden names whose lock nobody holds.
+/// Removes what dead writers of the same target have left: hidden names whose lock is free.
 fn sweep(disk: &Disk, target: &Path, name: &OsStr) {
     let (name, folder) = (name.as_encoded_bytes(), folder_of(target));
     let is_tag = |tag: &[u8]| {
@@ -327,7 +327,7 @@ mod tests {
             drop(file);
             assert!(names(folder.path()).is_empty());
             write_whole(place(false), b"two").unwrap();
-            // The same bytes again are no conflict, others are.
+            // The same bytes again are not a conflict, others are.
             write_whole(place(false), b"two").unwrap();
             assert_eq!(write_whole(place(false), b"three").unwrap_err().exit_code(), 2);
             assert_eq!(std::fs::read(&path).unwrap(), b"two");

@@ -1,6 +1,6 @@
-//! What a running stage tells the outside, and how the outside tells it to stop.
+//! Progress counters and cooperative cancellation of a running stage.
 //!
-//! Stages only count; they never print. The command line reads the counters from a thread of its own and
+//! Stages only count; they never print. The command line reads the counters from a separate thread and
 //! draws a bar, writes lines or JSON, or does nothing.
 
 use crate::error::{Error, Result};
@@ -26,7 +26,7 @@ pub struct Stage {
     pub name: &'static str,
     /// 1 for the first stage of the run.
     pub number: u32,
-    /// How many stages the run is expected to have.
+    /// Number of stages that the run is expected to have.
     pub n_stages: u32,
     /// Work units of the stage, in input triangles.
     pub total: u64,

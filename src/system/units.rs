@@ -8,12 +8,12 @@ pub fn parse_count(text: &str) -> Result<u64, String> {
         "k" | "K" => 1e3,
         "m" | "M" => 1e6,
         "g" | "G" => 1e9,
-        _ => return Err(format!("'{text}' is no count; write 20000, 500k, 4M or 1.5G")),
+        _ => return Err(format!("invalid count '{text}': write 20000, 500k, 4M or 1.5G")),
     };
     number_times(number, factor)
         .filter(|value| (value - value.round()).abs() <= 1e-9 * value)
         .map(|value| value.round() as u64)
-        .ok_or_else(|| format!("'{text}' is no count; write 20000, 500k, 4M or 1.5G"))
+        .ok_or_else(|| format!("invalid count '{text}': write 20000, 500k, 4M or 1.5G"))
 }
 
 /// Parses a size in bytes: `512MiB`, `4GiB`, `2G`, `100kB`. KiB/MiB/GiB/TiB are powers of 1024.
@@ -29,18 +29,18 @@ pub fn parse_bytes(text: &str) -> Result<u64, String> {
         "MiB" | "Mi" => 1024.0 * 1024.0,
         "GiB" | "Gi" => 1024.0 * 1024.0 * 1024.0,
         "TiB" | "Ti" => 1024.0 * 1024.0 * 1024.0 * 1024.0,
-        _ => return Err(format!("'{text}' is no size; write 512MiB, 4GiB or 2G")),
+        _ => return Err(format!("invalid size '{text}': write 512MiB, 4GiB or 2G")),
     };
     number_times(number, factor)
         // Half a byte is a slip; the rest of 0.1GiB is not.
         .filter(|value| factor > 1.0 || value.fract() == 0.0)
         .map(|value| value.round() as u64)
-        .ok_or_else(|| format!("'{text}' is no size; write 512MiB, 4GiB or 2G"))
+        .ok_or_else(|| format!("invalid size '{text}': write 512MiB, 4GiB or 2G"))
 }
 
 /// Parses a ratio in (0, 1]: `1%`, `0.01`.
 pub fn parse_ratio(text: &str) -> Result<f64, String> {
-    let complaint = || format!("'{text}' is no ratio; write 1% or 0.01 (above 0, at most 1)");
+    let complaint = || format!("invalid ratio '{text}': write 1% or 0.01 (above 0, at most 1)");
     let (number, factor) = match text.strip_suffix('%') {
         Some(number) => (number, 0.01),
         None => (text, 1.0),

@@ -13,7 +13,7 @@ use crate::io::text_lines::{Lines, parse_number, words};
 use crate::mesh::property::Scalar;
 use std::path::Path;
 
-/// Whether text begins like an OBJ file: its first word outside of comments is one of OBJ's.
+/// Returns whether text begins like an OBJ file: its first word outside of comments is one of OBJ's.
 pub(crate) fn looks_like(first: &[u8]) -> bool {
     const WORDS: [&[u8]; 12] =
         [b"v", b"vn", b"vt", b"vp", b"f", b"o", b"g", b"s", b"mtllib", b"usemtl", b"l", b"p"];
@@ -24,7 +24,7 @@ pub(crate) fn looks_like(first: &[u8]) -> bool {
     line.and_then(|line| words(line).next()).is_some_and(|word| WORDS.contains(&word))
 }
 
-/// What the first pass learns.
+/// Findings of the first pass.
 #[derive(Default)]
 struct Summary {
     n_vertices: u64,
@@ -94,7 +94,7 @@ fn vertex<'a>(words: impl Iterator<Item = &'a [u8]>) -> Result<Vertex, &'static 
     let mut values = [0.0; 7];
     let mut n = 0;
     for (place, word) in values.iter_mut().zip(words) {
-        *place = parse_number(word).ok_or("a coordinate of a vertex is no number")?;
+        *place = parse_number(word).ok_or("a coordinate of a vertex is not a number")?;
         n += 1;
     }
     if n < 3 {
@@ -237,13 +237,13 @@ fn face<'a>(
         n += 1;
     }
     if u64::from(n) > MAX_CORNERS {
-        return Err(format!("a face has {n} corners, more than any polygon of a scan"));
+        return Err(format!("a face has {n} corners; at most {MAX_CORNERS} are supported"));
     }
     row[..4].copy_from_slice(&n.to_le_bytes());
     Ok(())
 }
 
-/// Whether ids need 8 bytes.
+/// Returns whether ids need 8 bytes.
 fn wide(n_vertices: u64) -> bool {
     n_vertices > 1 << 32
 }

@@ -77,7 +77,7 @@ impl Materials {
         self.names.iter().map(image).collect()
     }
 
-    /// What is kept of them in a header.
+    /// Returns the comments that a header keeps of them.
     pub(super) fn comments(&self, obj: &Path) -> Vec<String> {
         let libraries = self.libraries.iter().map(|name| format!("mtllib {name}"));
         let names = self.names.iter().map(|name| format!("usemtl {name}"));
@@ -87,7 +87,7 @@ impl Materials {
     }
 }
 
-/// What follows a line's first word of `n` bytes.
+/// Returns the text after a line's first word of `n` bytes.
 fn after(n: usize, line: &[u8]) -> String {
     let name = line.trim_ascii().get(n..).unwrap_or_default().trim_ascii();
     String::from_utf8_lossy(name).into_owned()
@@ -109,7 +109,7 @@ pub(super) struct TexturedFaces<'a> {
     n_corners: u64,
 }
 
-/// What a corner without coordinates names.
+/// Name of a corner without coordinates.
 const NONE: u64 = u64::MAX;
 
 impl<'a> TexturedFaces<'a> {
@@ -133,7 +133,7 @@ impl<'a> TexturedFaces<'a> {
     ) -> Result<Result<()>, &'static str> {
         let mut uv = [0.0f32; 2];
         for (place, word) in uv.iter_mut().zip(words) {
-            *place = parse_number(word).ok_or("a texture coordinate is no number")? as f32;
+            *place = parse_number(word).ok_or("a texture coordinate is not a number")? as f32;
         }
         self.n_coordinates += 1;
         Ok(self.coordinates.write(uv.map(f32::to_le_bytes).as_flattened()))

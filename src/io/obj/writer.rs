@@ -23,7 +23,7 @@ pub struct ObjWriter {
     normal: Option<[(Scalar, usize); 3]>,
     /// Texture coordinates at vertices.
     texture: Option<[(Scalar, usize); 2]>,
-    /// Whether the corners have coordinates of their own.
+    /// True if each corner has its own coordinates.
     corner_texture: bool,
     /// Names of materials by number; faces have one if there are any.
     materials: Vec<String>,
@@ -178,7 +178,7 @@ impl ObjWriter {
             self.faces_left.checked_sub(n as u64).expect("no more faces than promised");
     }
 
-    /// A face whose corners have nothing of their own.
+    /// A face whose corners have no data besides the vertex.
     fn put_face(&self, triangle: [u64; 3], rows: &mut Vec<u8>) {
         let [a, b, c] = triangle.map(|v| v + 1);
         // Writing into memory cannot fail.

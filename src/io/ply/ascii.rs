@@ -14,11 +14,11 @@ pub(crate) struct AsciiScan<'a> {
     line: u64,
     line_start: u64,
     last: Mark,
-    /// Whether the byte before the next was a CR, so that CRLF counts as one line.
+    /// True if the byte before the next was a CR, so that CRLF counts as one line.
     after_cr: bool,
 }
 
-/// What a byte means between and within numbers.
+/// Classes of bytes between and within numbers.
 const SPACE: u8 = 1;
 const LINE: u8 = 2;
 const CLASS: [u8; 256] = {
@@ -94,7 +94,7 @@ impl<'a> AsciiScan<'a> {
         let value = parse(token);
         if value.is_none() {
             let text: String = token.iter().take(40).map(|&b| printable(b)).collect();
-            return Err(Fault::Text(format!("'{text}' is no {wanted}")));
+            return Err(Fault::Text(format!("'{text}' is not {wanted}")));
         }
         self.window.at += length;
         value.ok_or(Fault::End)

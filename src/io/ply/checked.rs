@@ -1,4 +1,4 @@
-//! Which blocks of rows of one size have had all their list counts checked.
+//! Set of blocks of rows of one size all of whose list counts have been checked.
 //!
 //! A block that begins between two rows can still look right: a corner that reads 3 where a count belongs.
 //! Rows are where they seem to be only if all rows before them are; this keeps account of that, for blocks

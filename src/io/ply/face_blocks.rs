@@ -1,6 +1,6 @@
 //! Reads blocks of faces as triangles, however the file holds them.
 
-use super::fixed_faces::{Decoded, Stop};
+use super::fixed_faces::{BlockEnd, Decoded};
 use super::layout::{FaceLayout, explain, index_faces, with_scan};
 use super::rows::{FaceContext, RowIndex, face_row, out_of_range};
 use super::scan::{Fault, Mark, Scan};
@@ -80,14 +80,14 @@ impl MeshSource {
         out.triangles.reserve(n);
         let mut found = rows.decode(&block.scratch, self.n_vertices(), out);
         // These rows are where they seem to be only if all before them are triangles.
-        while found != Err(Stop::OtherLayout)
+        while found != Err(BlockEnd::OtherLayout)
             && let Some(earlier) = checked.gap_before(index)
         {
             self.read_fixed_rows(earlier, &mut block.scratch)?;
             if block.scratch.chunks_exact(rows.stride).all(|row| rows.matches(row)) {
                 checked.add(earlier);
             } else {
-                found = Err(Stop::OtherLayout);
+                found = Err(BlockEnd::OtherLayout);
             }
         }
         if found == Ok(()) {
@@ -95,13 +95,13 @@ impl MeshSource {
         }
         match found {
             Ok(()) => Ok(()),
-            Err(Stop::OutOfRange(i)) => {
+            Err(BlockEnd::OutOfRange(i)) => {
                 let row = block.first_row + i as u64;
                 let at = Mark { offset: offset + row * rows.stride as u64, ..Mark::default() };
                 let what = Fault::Text(out_of_range(self.n_vertices()));
                 Err(explain(&self.file, self.face(), row, at, what))
             }
-            Err(Stop::OtherLayout) => {
+            Err(BlockEnd::OtherLayout) => {
                 *out = Decoded {
                     triangles: std::mem::take(&mut out.triangles),
                     rows: std::mem::take(&mut out.rows),

@@ -20,23 +20,23 @@ pub(crate) struct Field {
     pub scalar: Scalar,
 }
 
-/// What happens to a property of the vertex element, in header order.
+/// One step from a property of the vertex element to the record, in header order.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Step {
+pub(crate) enum FieldStep {
     /// The number goes to this field.
     Take(Field),
     /// A list is left out: records have a fixed size.
     SkipList { count: Wire, item: Wire },
 }
 
-/// How rows of the vertex element become records.
+/// Plan of turning rows of the vertex element into records.
 #[derive(Debug)]
 pub(crate) struct FieldPlan {
     pub schema: VertexSchema,
-    pub steps: Vec<Step>,
+    pub steps: Vec<FieldStep>,
     /// Names of list properties that are not carried.
     pub dropped_lists: Vec<String>,
-    /// Whether a row and its record are the same bytes.
+    /// True if a row and its record are the same bytes.
     identity: bool,
     swap: bool,
 }
@@ -66,32 +66,32 @@ impl FieldPlan {
             let wire = match property.kind {
                 Kind::List { count, item } => {
                     dropped_lists.push(property.name.clone());
-                    steps.push(Step::SkipList { count, item });
+                    steps.push(FieldStep::SkipList { count, item });
                     continue;
                 }
                 Kind::Scalar(wire) => wire,
             };
             if let Some(axis) = axis(&property.name) {
                 let target = axis * coordinate.bytes();
-                steps.push(Step::Take(Field { wire, source, target, scalar: coordinate }));
+                steps.push(FieldStep::Take(Field { wire, source, target, scalar: coordinate }));
             } else {
                 let scalar = wire.scalar();
-                steps.push(Step::Take(Field { wire, source, target, scalar }));
+                steps.push(FieldStep::Take(Field { wire, source, target, scalar }));
                 schema.properties.push(Property::new(&property.name, scalar));
                 target += scalar.bytes();
             }
             source += wire.bytes() as usize;
         }
         let swap = encoding == Encoding::BinaryBigEndian;
-        let same = |step: &Step| {
-            matches!(step, Step::Take(f)
+        let same = |step: &FieldStep| {
+            matches!(step, FieldStep::Take(f)
             if f.source == f.target && f.wire == Wire::Plain(f.scalar))
         };
         let identity = encoding == Encoding::BinaryLittleEndian && steps.iter().all(same);
         Ok(FieldPlan { schema, steps, dropped_lists, identity, swap })
     }
 
-    /// Whether rows can be read straight into records.
+    /// Returns whether rows can be read straight into records.
     pub fn is_identity(&self) -> bool {
         self.identity
     }
@@ -100,7 +100,7 @@ impl FieldPlan {
     pub fn convert(&self, rows: &[u8], row_bytes: usize, records: &mut [u8]) {
         let record_bytes = self.schema.record_bytes();
         for step in &self.steps {
-            let Step::Take(field) = *step else { continue };
+            let FieldStep::Take(field) = *step else { continue };
             let rows = rows.chunks_exact(row_bytes);
             let records = records.chunks_exact_mut(record_bytes);
             let column = Column { field, swap: self.swap };
@@ -149,7 +149,7 @@ impl Column {
     }
 }
 
-/// Whether every value of the type is a float exactly.
+/// Returns whether every value of the type is a float exactly.
 fn fits_float(wire: Wire) -> bool {
     use Scalar::{F32, I8, I16, U8, U16};
     matches!(wire, Wire::F16 | Wire::Plain(F32 | I8 | U8 | I16 | U16))
@@ -212,7 +212,7 @@ fn is_finite_f64(record: &[u8]) -> bool {
         .all(|b| f64::from_le_bytes(b.try_into().expect("8 bytes")).is_finite())
 }
 
-/// The message for a coordinate that is no number.
+/// The message for a coordinate that is not a number.
 pub(crate) fn not_finite(
     path: &std::path::Path,
     row: u64,

@@ -14,7 +14,7 @@ struct Count {
     value: u64,
 }
 
-/// Where the corners of a triangle lie in a row.
+/// Places of the corners of a triangle in a row of fixed size.
 #[derive(Clone, Debug)]
 pub(crate) struct FixedFaces {
     /// Bytes a row.
@@ -27,9 +27,9 @@ pub(crate) struct FixedFaces {
     counts: Vec<Count>,
 }
 
-/// What stopped a block.
+/// Reason why a block ended early.
 #[derive(Debug, PartialEq, Eq)]
-pub(crate) enum Stop {
+pub(crate) enum BlockEnd {
     /// A row's lists have other lengths than the first row's.
     OtherLayout,
     /// This row of the block names a vertex that does not exist.
@@ -48,7 +48,7 @@ impl FixedFaces {
                 Kind::List { count, item } => {
                     let end = at.checked_add(count.bytes() as usize)?;
                     let value = wire_value(count, first_row.get(at..end)?, swap);
-                    // Longer lists than this are no layout to rely on.
+                    // Longer lists than this are not a layout to rely on.
                     if !(0.0..=1024.0).contains(&value) || (i == list && value != 3.0) {
                         return None;
                     }
@@ -68,12 +68,12 @@ impl FixedFaces {
         Some(FixedFaces { stride: at, corners_at, index, swap, single, counts })
     }
 
-    /// Whether the corners are the only list, so that the length of a row tells how many there are.
+    /// Returns whether the corners are the only list, so that the length of a row tells how many there are.
     pub fn has_one_list(&self) -> bool {
         self.counts.len() == 1
     }
 
-    /// Whether the list counts of `row` are those of the layout.
+    /// Returns whether the list counts of `row` are those of the layout.
     pub fn matches(&self, row: &[u8]) -> bool {
         if let Some(at) = self.single {
             return row[at] == 3;
@@ -84,7 +84,7 @@ impl FixedFaces {
     /// Appends the triangles of `rows`; those with repeated corners are left out and counted.
     ///
     /// With `skip_bad`, faces out of range are left out too, and counted in `n_bad`.
-    pub fn decode(&self, rows: &[u8], n_vertices: u64, out: &mut Decoded) -> Result<(), Stop> {
+    pub fn decode(&self, rows: &[u8], n_vertices: u64, out: &mut Decoded) -> Result<(), BlockEnd> {
         use crate::mesh::property::Scalar::{I32, U32};
         match (self.index, self.swap) {
             (Wire::Plain(U32), false) => self
@@ -113,16 +113,16 @@ impl FixedFaces {
         n_vertices: u64,
         out: &mut Decoded,
         load: impl Fn(&[u8]) -> [u64; 3],
-    ) -> Result<(), Stop> {
+    ) -> Result<(), BlockEnd> {
         for (i, row) in rows.chunks_exact(self.stride).enumerate() {
             if !self.matches(row) {
-                return Err(Stop::OtherLayout);
+                return Err(BlockEnd::OtherLayout);
             }
             out.row = i as u32;
             let corners = load(&row[self.corners_at..]);
             if corners[0].max(corners[1]).max(corners[2]) >= n_vertices {
                 if !out.skip_bad {
-                    return Err(Stop::OutOfRange(i));
+                    return Err(BlockEnd::OutOfRange(i));
                 }
                 out.n_bad += 1;
                 continue;

@@ -24,7 +24,7 @@ pub(crate) struct FullFace {
 }
 
 impl MeshSource {
-    /// Whether the faces have lists of texture coordinates.
+    /// Returns whether the faces have lists of texture coordinates.
     pub(crate) fn has_corner_texture(&self) -> bool {
         let Some(property) = self.texture_property() else { return false };
         let is_list = |kind: &Kind| matches!(kind, Kind::List { .. });
@@ -110,7 +110,7 @@ impl MeshSource {
     }
 }
 
-/// What a list of a face is.
+/// Role of a list of a face.
 #[derive(Clone, Copy)]
 enum Role {
     Corners,

@@ -1,14 +1,14 @@
 //! The header of a PLY file, read by tokens.
 //!
 //! Tolerates what programs really write: LF, CRLF and CR line ends, padded counts, blank lines, trailing
-//! blanks, every name of every type, text that is no UTF-8. Says nothing about the body beyond where it
+//! blanks, every name of every type, text that is not UTF-8. Says nothing about the body beyond where it
 //! begins; docs/design/formats.md tells why this is not `ply-rs-bw`.
 
 use super::raw::RawFile;
 use crate::error::Result;
 use crate::mesh::property::Scalar;
 
-/// A header longer than this is no header (16 MiB; the longest seen in the wild has a few KiB).
+/// A header longer than this is rejected (16 MiB; the longest seen in the wild has a few KiB).
 const MAX_HEADER_BYTES: u64 = 16 << 20;
 
 /// Encoding of the numbers in the body.
@@ -82,7 +82,7 @@ impl Wire {
         }
     }
 
-    /// Whether this is an integer type.
+    /// Returns whether this is an integer type.
     pub const fn is_integer(self) -> bool {
         match self {
             Wire::Plain(scalar) => scalar.is_integer(),
@@ -99,7 +99,7 @@ impl Wire {
     }
 }
 
-/// What a property is.
+/// Type of a property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// One number.
@@ -155,13 +155,13 @@ pub(crate) struct Header {
     /// The text of `obj_info` lines, in order.
     pub obj_infos: Vec<String>,
     pub elements: Vec<Element>,
-    /// Where the body begins.
+    /// First byte of the body.
     pub body_offset: u64,
-    /// How many lines the header has; an ASCII body begins on the next.
+    /// Number of lines of the header; an ASCII body begins on the next.
     pub n_lines: u64,
 }
 
-/// What ends a line, as line 1 has it.
+/// End of a line, as line 1 has it.
 #[derive(Clone, Copy, PartialEq)]
 enum LineEnd {
     Lf,
@@ -186,7 +186,7 @@ impl Header {
                 }
                 None if size >= MAX_HEADER_BYTES => {
                     return Err(file.bad(format!(
-                        "no 'end_header' within {MAX_HEADER_BYTES} bytes; this is no PLY file"
+                        "no 'end_header' within {MAX_HEADER_BYTES} bytes; this is not a PLY file"
                     )));
                 }
                 None => size *= 8,
@@ -194,7 +194,7 @@ impl Header {
         }
     }
 
-    /// Whether per-corner or per-vertex texture coordinates refer to an image: its names.
+    /// Returns the names of the images that per-corner or per-vertex texture coordinates refer to.
     pub fn texture_files(&self) -> Vec<String> {
         let names = self.comments.iter().filter_map(|c| {
             let mut words = c.trim_start().splitn(2, char::is_whitespace);
@@ -221,12 +221,12 @@ impl<'a> Parser<'a> {
     fn parse(mut self) -> Result<Option<Header>> {
         let word = &self.bytes[..self.bytes.len().min(3)];
         if word != b"ply" {
-            return Err(self.file.bad("this is no PLY file: it does not begin with 'ply'"));
+            return Err(self.file.bad("this is not a PLY file: it does not begin with 'ply'"));
         }
         let Some(end) = self.line_end() else { return Ok(None) };
         let Some(first) = self.next_line(end) else { return Ok(None) };
         if !first.trim_ascii_end().eq(b"ply") {
-            return Err(self.file.bad("this is no PLY file: line 1 is not 'ply'"));
+            return Err(self.file.bad("this is not a PLY file: line 1 is not 'ply'"));
         }
         let mut encoding = None;
         let mut header = Header {
@@ -259,13 +259,13 @@ impl<'a> Parser<'a> {
                 b"end_header" => break,
                 _ => {
                     return Err(self.bad(format!(
-                        "'{}' is no keyword of a PLY header",
+                        "'{}' is not a keyword of a PLY header",
                         shorten(&text(keyword))
                     )));
                 }
             }
         }
-        header.encoding = encoding.ok_or_else(|| self.bad("there is no 'format' line"))?;
+        header.encoding = encoding.ok_or_else(|| self.bad("the line 'format' is missing"))?;
         header.body_offset = self.at as u64;
         header.n_lines = self.line;
         Ok(Some(header))
@@ -320,7 +320,7 @@ impl<'a> Parser<'a> {
                 Ok(Element { name: text(name), count, properties: Vec::new() })
             }
             _ => Err(self.bad(format!(
-                "element '{}' has the count '{}', which is no number",
+                "element '{}' has the count '{}', which is not a number",
                 shorten(&text(name)),
                 shorten(&count)
             ))),
@@ -351,7 +351,7 @@ impl<'a> Parser<'a> {
     fn wire(&self, name: &[u8]) -> Result<Wire> {
         let name = text(name);
         Wire::parse(&name)
-            .ok_or_else(|| self.bad(format!("'{}' is no type that PLY knows", shorten(&name))))
+            .ok_or_else(|| self.bad(format!("'{}' is not a type of PLY", shorten(&name))))
     }
 }
 
@@ -419,7 +419,7 @@ mod tests {
     #[test]
     fn broken_headers_are_refused_with_their_line() {
         let cases: [(&str, &str); 8] = [
-            ("plx\n", "no PLY"),
+            ("plx\n", "not a PLY file"),
             ("ply\nformat ascii 1.0\n", "end_header"),
             ("ply\nend_header\n", "no 'format'"),
             ("ply\nformat foo 1.0\nend_header\n", "line 2"),

@@ -1,4 +1,4 @@
-//! Where the rows of vertices and faces lie in the body.
+//! Layout of the body: places of the rows of vertices and faces.
 //!
 //! Walks through the elements in file order, by arithmetic as far as rows have one size and by scanning
 //! otherwise, and stops once vertices and faces are found. Nothing is allocated for what a header claims;
@@ -32,7 +32,7 @@ pub(crate) use with_scan;
 /// Rows of faces probed before their layout is taken to be fixed.
 const PROBES: u64 = 64;
 
-/// Where the rows of the vertex element are.
+/// Layout of the rows of the vertex element.
 pub(crate) enum VertexLayout {
     /// Rows of one size from `offset`.
     Fixed { offset: u64, row_bytes: u64 },
@@ -40,7 +40,7 @@ pub(crate) enum VertexLayout {
     Indexed(RowIndex),
 }
 
-/// Where the faces are.
+/// Layout of the faces.
 pub(crate) enum FaceLayout {
     /// The file holds points only.
     None,
@@ -57,7 +57,7 @@ pub(crate) enum FaceLayout {
     Strips(StripIndex),
 }
 
-/// What was found in the body.
+/// Layout of the body as found.
 pub(crate) struct Layout {
     pub vertices: VertexLayout,
     pub faces: FaceLayout,
@@ -66,7 +66,7 @@ pub(crate) struct Layout {
     pub n_face_rows: u64,
     /// Triangles that the faces make, degenerate ones included.
     pub n_triangles: u64,
-    /// Which element holds the vertices, and which the faces.
+    /// Index of the element that holds the vertices, and of that with the faces.
     pub vertex_element: usize,
     pub face_element: Option<usize>,
 }
@@ -75,7 +75,7 @@ pub(crate) struct Layout {
 pub(crate) fn locate(file: &RawFile, header: &Header, skip_bad: bool) -> Result<Layout> {
     let vertex_element =
         header.elements.iter().position(|e| e.name == "vertex").ok_or_else(|| {
-            file.bad("there is no element 'vertex'; stonecut needs vertices and faces")
+            file.bad("the element 'vertex' is missing; stonecut needs vertices and faces")
         })?;
     let face_element = choose_faces(file, header)?;
     let (line, line_start) = match header.encoding {
@@ -297,7 +297,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Passes over an element that nobody needs.
+    /// Passes over an element that is not used.
     fn pass(&mut self, element: &Element) -> Result<()> {
         match self.fixed_bytes(element) {
             Some(row_bytes) => {

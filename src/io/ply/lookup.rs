@@ -14,7 +14,7 @@ const PAGE_BYTES: u64 = 4096;
 /// Reads the position from the bytes of a row.
 type Decode<'a> = Box<dyn Fn(&[u8]) -> [f64; 3] + 'a>;
 
-/// Where rows with positions are, and how to read one.
+/// Random access to positions: places of their rows, and how a row is read.
 pub(crate) struct Lookup<'a> {
     file: &'a RawFile,
     offset: u64,

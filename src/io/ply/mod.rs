@@ -39,7 +39,7 @@ pub struct VertexBlock {
     pub first: u64,
     /// `record_bytes` bytes a vertex.
     pub records: Vec<u8>,
-    /// Bytes of the file as they came, where they are no records yet; kept for its memory.
+    /// Bytes of the file as they came, before they are records; kept for its memory.
     pub(crate) scratch: Vec<u8>,
 }
 

@@ -88,7 +88,7 @@ impl RawFile {
     }
 }
 
-/// So many spooled bytes stay in memory; more go to a file.
+/// Bytes of a spool that stay in memory; further ones go to a file.
 const SPOOL_MEMORY_BYTES: usize = 16 << 20;
 
 /// Bytes gathered before they go to the spool's file.

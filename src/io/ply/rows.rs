@@ -4,19 +4,19 @@
 //! polygons as a fan around their first corner.
 
 use super::BLOCK_ROWS;
-use super::fields::{FieldPlan, Step};
+use super::fields::{FieldPlan, FieldStep};
 use super::fixed_faces::Decoded;
 use super::header::{Element, Kind};
 use super::lookup::Lookup;
 use super::scan::{Fault, Mark, Scan, Scanned};
 
-/// A polygon of more corners is no face of a scan; a block of faces would outgrow its memory.
+/// Most corners of a polygon that are supported; with more, a block of faces would outgrow its memory.
 pub(crate) const MAX_CORNERS: u64 = 1 << 20;
 
 /// A block of faces ends early once it holds this many triangles.
 const MAX_BLOCK_TRIANGLES: u64 = 2 * BLOCK_ROWS;
 
-/// Where each block of rows begins.
+/// Index of the places at which blocks of rows begin.
 #[derive(Debug, Default)]
 pub(crate) struct RowIndex {
     /// Place and first row of every block.
@@ -25,13 +25,13 @@ pub(crate) struct RowIndex {
     pub n_rows: u64,
     /// Triangles that their corner lists make, degenerate ones included.
     pub n_triangles: u64,
-    /// Where the rows end.
+    /// Place after the last row.
     pub end: Mark,
-    /// What stopped the pass, with its place.
+    /// Fault that stopped the pass, with its place.
     pub fault: Option<(Fault, Mark)>,
 }
 
-/// When a block of an index is full.
+/// Rule for the size of the blocks of an index.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Blocks {
     /// After `BLOCK_ROWS` rows exactly.
@@ -99,10 +99,10 @@ pub(crate) fn vertex_row<S: Scan>(
 ) -> Scanned<()> {
     for step in &plan.steps {
         match *step {
-            Step::Take(field) => {
+            FieldStep::Take(field) => {
                 scan.store(field.wire, field.scalar, &mut record[field.target..])?;
             }
-            Step::SkipList { count, item } => {
+            FieldStep::SkipList { count, item } => {
                 let n = scan.count(count)?;
                 scan.skip(item, n)?;
             }
@@ -111,7 +111,7 @@ pub(crate) fn vertex_row<S: Scan>(
     Ok(())
 }
 
-/// What `face_row` needs besides the numbers.
+/// Input of `face_row` besides the numbers.
 pub(crate) struct FaceContext<'a, 'b> {
     pub element: &'a Element,
     pub n_vertices: u64,
@@ -144,8 +144,7 @@ pub(crate) fn face_row<S: Scan>(
                     _ if n > MAX_CORNERS => Err((
                         0,
                         Fault::Text(format!(
-                            "a face has {n} corners, more than any polygon of a scan \
-                             ({MAX_CORNERS} at most)"
+                            "a face has {n} corners; at most {MAX_CORNERS} are supported"
                         )),
                     )),
                     _ => fan(scan, item, n, context.n_vertices, out).map(|()| n),
@@ -228,7 +227,7 @@ fn quad<S: Scan>(
         Ok([distance_sq(a, c), distance_sq(b, d)])
     };
     let [first, second] = diagonals().map_err(|e| (4, Fault::Other(e)))?;
-    // Equal diagonals, and those that are no numbers, split along the first.
+    // Equal diagonals, and those that are not numbers, split along the first.
     if second < first {
         out.push([q[0], q[1], q[3]]);
         out.push([q[1], q[2], q[3]]);

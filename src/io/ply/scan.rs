@@ -32,12 +32,12 @@ impl fmt::Display for Mark {
     }
 }
 
-/// Why a number could not be read.
+/// Reason why a number could not be read.
 #[derive(Debug)]
 pub(crate) enum Fault {
     /// The file ends.
     End,
-    /// What stands there is not what the header promises.
+    /// Text that is not what the header promises.
     Text(String),
     /// The system could not read, or the file changed.
     Other(Error),

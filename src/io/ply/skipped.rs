@@ -20,12 +20,12 @@ pub(crate) struct BadVertices {
 }
 
 impl BadVertices {
-    /// How many there are.
+    /// Returns their number.
     pub fn len(&self) -> u64 {
         self.count
     }
 
-    /// Whether a vertex is one of them.
+    /// Returns whether a vertex is one of them.
     pub fn contains(&self, vertex: u64) -> bool {
         let within = (vertex % BLOCK_ROWS) as usize;
         self.blocks

@@ -9,7 +9,7 @@ use super::layout::{FaceLayout, Layout, locate};
 use super::raw::RawFile;
 use super::skipped::BadVertices;
 use crate::error::Result;
-use crate::mesh::face_properties::FaceCarry;
+use crate::mesh::face_properties::FacePropertyPlan;
 use crate::mesh::record::VertexSchema;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
@@ -68,7 +68,7 @@ pub(crate) struct Staged {
     /// A texture that the PLY no longer mentions.
     pub texture: Option<TextureInfo>,
     /// Face properties, once surveyed (`io::survey_faces`).
-    pub faces: Option<FaceCarry>,
+    pub faces: Option<FacePropertyPlan>,
 }
 
 impl MeshSource {
@@ -179,12 +179,12 @@ impl MeshSource {
     }
 
     /// Face properties and where they are carried, once decided (`io::survey_faces`).
-    pub fn carried(&self) -> Option<&FaceCarry> {
+    pub fn carried(&self) -> Option<&FacePropertyPlan> {
         self.staged.faces.as_ref()
     }
 
     /// Notes what faces carry, where nothing of it had to be moved to vertices.
-    pub(crate) fn note_carried(&mut self, carry: FaceCarry) {
+    pub(crate) fn note_carried(&mut self, carry: FacePropertyPlan) {
         self.staged.faces = Some(carry);
     }
 

@@ -21,7 +21,7 @@ pub(crate) struct StripState {
     /// The last two corners of the strip, as far as there are any.
     previous: [u64; 2],
     n_previous: u8,
-    /// Whether the next triangle of the strip is reversed.
+    /// True if the next triangle of the strip is reversed.
     odd: bool,
 }
 
@@ -31,7 +31,7 @@ impl StripState {
     }
 }
 
-/// Where each block of strip triangles begins.
+/// Index of the places at which blocks of strip triangles begin.
 #[derive(Debug, Default)]
 pub(crate) struct StripIndex {
     pub blocks: Vec<StripState>,

@@ -1,6 +1,6 @@
 //! Reads blocks of vertices, and positions in any order for the diagonals of quads.
 
-use super::fields::{FieldPlan, Step, first_not_finite, not_finite, wire_value};
+use super::fields::{FieldPlan, FieldStep, first_not_finite, not_finite, wire_value};
 use super::header::{Encoding, Wire};
 use super::layout::{VertexLayout, explain, with_scan};
 use super::lookup::Lookup;
@@ -154,7 +154,7 @@ impl FieldPlan {
         let size = self.schema.coordinate.bytes();
         let mut axes = [(Wire::F16, 0); 3];
         for step in &self.steps {
-            if let Step::Take(field) = step
+            if let FieldStep::Take(field) = step
                 && field.target < 3 * size
             {
                 axes[field.target / size] = (field.wire, field.source);

@@ -16,7 +16,7 @@ const MAX_INT_VERTICES: u64 = 1 << 31;
 /// Above this many vertices corner indices would need 8 bytes, which hardly any program reads.
 const MAX_UINT_VERTICES: u64 = 1 << 32;
 
-/// What the header of an output says.
+/// Content of the header of an output.
 #[derive(Clone, Debug)]
 pub struct OutputHeader {
     /// The layout of the vertex records.
@@ -29,7 +29,7 @@ pub struct OutputHeader {
     pub comments: Vec<String>,
     /// `obj_info` lines of the input, kept.
     pub obj_infos: Vec<String>,
-    /// What faces carry besides their corners.
+    /// Properties of faces besides their corners.
     pub faces: FaceSchema,
     /// The settings of this run, for the line `comment stonecut <version> <settings>`.
     pub settings: String,
@@ -62,7 +62,7 @@ impl OutputHeader {
         self.text_signed(encoding, index, Some(own.trim_end()))
     }
 
-    /// The header's text; staged data is signed by nobody.
+    /// The header's text; staged files carry no program comment.
     pub(crate) fn text_signed(
         &self,
         encoding: Encoding,
@@ -119,10 +119,10 @@ fn one_line(text: &str) -> String {
     text.replace(['\n', '\r'], " ")
 }
 
-/// How a PLY file is written.
+/// Settings of a PLY file that is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PlyFormat {
-    /// How numbers are written.
+    /// Encoding of numbers.
     pub encoding: Encoding,
     /// `F32` or `F64`; the input's type if `None`.
     pub coordinate: Option<Scalar>,
@@ -153,7 +153,7 @@ pub struct PlyWriter {
     rows: Vec<u8>,
 }
 
-/// What faces carry besides their corners.
+/// Properties of faces besides their corners.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct FaceSchema {
     /// Texture coordinates at the corners.
@@ -163,7 +163,7 @@ pub struct FaceSchema {
 }
 
 impl FaceSchema {
-    /// Whether there is nothing.
+    /// Returns whether there is nothing.
     pub fn is_empty(&self) -> bool {
         !self.texture && self.properties.is_empty()
     }

@@ -10,7 +10,7 @@ use crate::io::text_lines::{Lines, parse_number, words};
 const HEADER_BYTES: u64 = 84;
 const FACET_BYTES: u64 = 50;
 
-/// Whether a file that begins with `first` and has `len` bytes is a binary STL.
+/// Returns whether a file that begins with `first` and has `len` bytes is a binary STL.
 ///
 /// Many binary files begin with `solid` too, so the length decides.
 pub(crate) fn is_binary(first: &[u8], len: u64) -> bool {
@@ -19,7 +19,7 @@ pub(crate) fn is_binary(first: &[u8], len: u64) -> bool {
     len == HEADER_BYTES + n * FACET_BYTES || !is_ascii(first)
 }
 
-/// Whether the text begins like an ASCII STL.
+/// Returns whether the text begins like an ASCII STL.
 pub(crate) fn is_ascii(first: &[u8]) -> bool {
     let text = first.trim_ascii_start();
     text.len() >= 5 && text[..5].eq_ignore_ascii_case(b"solid") && !first.contains(&0)
@@ -100,7 +100,7 @@ pub(crate) fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawF
         while let Some(token) = tokens.next() {
             if awaited > 0 {
                 let Some(value) = parse_number(token) else {
-                    return Err(lines.bad("a coordinate of a vertex is no number"));
+                    return Err(lines.bad("a coordinate of a vertex is not a number"));
                 };
                 position[3 - awaited] = value as f32;
                 awaited -= 1;

@@ -1,10 +1,10 @@
-//! What makes a collapse legal: the classes of vertices, the table over them, and the named refusals.
+//! Legality by classes: the table of allowed pairs, and the named reasons of a rejection.
 //!
 //! The tables are read by every kernel here; the geometric tests live where the geometry is.
 //!
 //! docs/algorithm.md, section 4.
 
-/// Why a collapse was not carried out.
+/// Reason why a collapse was rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Reject {
     /// Both ends are locked, or an edge between two locked vertices would arise.
@@ -19,27 +19,34 @@ pub(crate) enum Reject {
     Sliver,
     /// The input is non-manifold there; it is left as found.
     NonManifold,
+    /// The surface would be farther from the original than it may.
+    Bound,
 }
 
 impl Reject {
     /// Every reason in the order in which they are reported, with the name users see.
-    pub(crate) const NAMED: [(Reject, &'static str); 6] = [
+    pub(crate) const NAMED: [(Reject, &'static str); 7] = [
         (Reject::Locked, "locked"),
         (Reject::LinkCondition, "link_condition"),
         (Reject::Flip, "flip"),
         (Reject::Boundary, "boundary"),
         (Reject::Sliver, "sliver"),
         (Reject::NonManifold, "non_manifold"),
+        (Reject::Bound, "bound"),
     ];
 }
 
-/// How often each reason was given.
+/// Number of rejections by reason.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct RejectCounts([u64; 6]);
+pub(crate) struct RejectCounts([u64; 7]);
 
 impl RejectCounts {
     pub(crate) fn add(&mut self, reason: Reject) {
         self.0[reason as usize] += 1;
+    }
+
+    pub(crate) fn of(&self, reason: Reject) -> u64 {
+        self.0[reason as usize]
     }
 
     /// Refusals that no waiting will mend.
@@ -51,19 +58,6 @@ impl RejectCounts {
     pub(crate) fn named(&self) -> Vec<(&'static str, u64)> {
         Reject::NAMED.iter().map(|&(reason, name)| (name, self.0[reason as usize])).collect()
     }
-}
-
-/// What a vertex is, as far as collapses are concerned.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Class {
-    /// Its triangles form one closed fan.
-    Interior,
-    /// Its triangles form one open fan.
-    Boundary,
-    /// Neither: on a non-manifold edge, or several fans meet in it.
-    Complex,
-    /// The caller holds it fixed.
-    Locked,
 }
 
 /// Rows: class of the removed vertex. Columns: class of the kept vertex.
@@ -81,10 +75,3 @@ pub(crate) const MAY_COLLAPSE: [[Result<(), Reject>; 4]; 4] = {
         [LOCKED, LOCKED, LOCKED, LOCKED],     // Locked
     ]
 };
-
-impl Class {
-    /// Whether a vertex of this class may be moved.
-    pub(crate) fn is_fixed(self) -> bool {
-        matches!(self, Class::Complex | Class::Locked)
-    }
-}

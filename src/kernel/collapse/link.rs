@@ -7,11 +7,12 @@
 
 use std::ops::Range;
 
-use super::{Collapser, ROOM};
-use crate::kernel::collapse::legality::{Class, Reject};
+use super::collapser::{Collapser, ROOM};
+use crate::kernel::collapse::legality::Reject;
 use crate::kernel::simd::Lanes;
-use crate::kernel::simd::unchecked::{at, prefetch};
+use crate::kernel::simd::unchecked::{KnownIds, prefetch};
 use crate::kernel::surface::Surface;
+use crate::kernel::surface::class::Class;
 
 /// Tells if a number is in a range of a list.
 #[inline(always)]
@@ -29,16 +30,17 @@ impl Collapser {
     #[inline(always)]
     pub(super) fn link<L: Lanes>(
         &mut self,
+        known: KnownIds,
         surface: &Surface,
         v0: u32,
         v1: u32,
     ) -> Result<(), Reject> {
-        let inner = |v: u32| at(&surface.rings, v).class == Some(Class::Interior);
+        let inner = |v: u32| known.at(&surface.rings, v).class == Some(Class::Interior);
         let usual = self.n - self.n_kept == 2 && (1..64).contains(&self.n_kept);
         if inner(v0) && inner(v1) && usual {
             self.open.clear();
             self.closes = None;
-            self.link_inside::<L>(surface)
+            self.link_inside::<L>(known, surface)
         } else {
             self.link_anywhere::<L>(surface, v0, v1)
         }
@@ -46,10 +48,10 @@ impl Collapser {
 
     /// The link condition of an edge between interior vertices.
     #[inline(always)]
-    fn link_inside<L: Lanes>(&self, surface: &Surface) -> Result<(), Reject> {
+    fn link_inside<L: Lanes>(&self, known: KnownIds, surface: &Surface) -> Result<(), Reject> {
         let [first, second] = self.opposite;
         let len = |v: u32| {
-            let ring = at(&surface.rings, v);
+            let ring = known.at(&surface.rings, v);
             // A triangle is taken out of it soon.
             prefetch(&surface.arena, ring.start);
             ring.len
@@ -120,17 +122,17 @@ impl Collapser {
         let (b0, c0) = (&self.b[..n0], &self.c[..n0]);
         let (b1, c1) = (&self.b[n0..n_kept], &self.c[n0..n_kept]);
         let opposite = self.opposite;
-        let stranger = |w: u32| w != opposite[0] && w != opposite[1];
+        let common_neighbour = |w: u32| w != opposite[0] && w != opposite[1];
         if class0 == Class::Interior && class1 == Class::Interior {
             // Each neighbour comes up as `b` exactly once.
-            if b0.iter().any(|&w| stranger(w) && has::<L>(&self.b, n0..n_kept, w)) {
+            if b0.iter().any(|&w| common_neighbour(w) && has::<L>(&self.b, n0..n_kept, w)) {
                 return Err(Reject::LinkCondition);
             }
         } else {
             let common =
                 |w: u32| has::<L>(&self.b, n0..n_kept, w) || has::<L>(&self.c, n0..n_kept, w);
             for &w in b0.iter().chain(c0) {
-                if !stranger(w) || !common(w) {
+                if !common_neighbour(w) || !common(w) {
                     continue;
                 }
                 let hole = self.open.contains(&(w, v0)) && self.open.contains(&(w, v1));
@@ -144,14 +146,14 @@ impl Collapser {
         }
         if class1 == Class::Locked {
             for &w in b0.iter().chain(c0) {
-                if class(w) == Class::Locked && stranger(w) {
+                if class(w) == Class::Locked && common_neighbour(w) {
                     return Err(Reject::Locked);
                 }
             }
         }
         if n_gone == 2 {
             // A triangle over both opposite corners at either end: the two would fall together.
-            let over = |(&b, &c): (&u32, &u32)| !stranger(b) && !stranger(c);
+            let over = |(&b, &c): (&u32, &u32)| !common_neighbour(b) && !common_neighbour(c);
             if b0.iter().zip(c0).any(over) && b1.iter().zip(c1).any(over) {
                 return Err(Reject::LinkCondition);
             }
@@ -188,7 +190,7 @@ impl Collapser {
     }
 
     /// After a refusal: a common neighbour of both ends that no vanishing triangle explains.
-    pub(crate) fn stranger(&self, surface: &Surface) -> Option<u32> {
+    pub(crate) fn common_neighbour(&self, surface: &Surface) -> Option<u32> {
         if self.n - self.n_kept != 2 {
             return None;
         }

@@ -13,7 +13,7 @@ use crate::kernel::cost::quadric::{
     positions, product, scale3, store3, sub3, sub6,
 };
 use crate::kernel::simd::{Job, Lanes};
-use crate::kernel::surface::Vertex;
+use crate::kernel::vertex::Vertex;
 
 /// Squared double area over the squared sum of squared edges below which a gradient is damped: a needle's
 /// gradient has no bounds. That of an aspect of about 30.
@@ -218,7 +218,7 @@ pub(crate) struct AttributeRing<'a, const K: usize> {
     pub(crate) place: [f32; 3],
     pub(crate) centre: &'a [f64; 3],
     pub(crate) scale: f64,
-    /// The moving corner was `v0` in so many lanes, then `v1`.
+    /// The moving corner was `v0` in this many lanes, then `v1`.
     pub(crate) n0: f32,
     /// Lanes from here on vanish in the collapse; from `n_used` on they are empty.
     pub(crate) n_kept: f32,

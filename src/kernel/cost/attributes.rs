@@ -9,9 +9,11 @@
 use crate::kernel::cost::attribute_lanes::{
     AttributeEdges, AttributeRing, AttributeTriangles, Rows, numbers,
 };
+use crate::kernel::cost::placement::place_on_edge;
 use crate::kernel::cost::quadric::Evaluated;
 use crate::kernel::simd::Simd;
 use crate::kernel::surface::Surface;
+use crate::kernel::surface::wedges::Corners;
 use crate::mesh::vec3::Vec3;
 
 /// Channels that can be weighted at once.
@@ -35,18 +37,18 @@ macro_rules! with_eights {
 pub(crate) struct Attributes {
     /// Channel and scaled length per unit of it.
     active: Vec<(usize, f32)>,
-    /// Whether an active channel is interpolated along the edge, and never leaves what the ends have.
+    /// True if an active channel is interpolated along the edge, and never leaves what the ends have.
     confined: Vec<bool>,
     eights: usize,
     simd: Simd,
     /// `eights` a vertex: M, then an L for each active channel.
     sums: Vec<[f32; 8]>,
-    patch: Patch,
+    patch: PendingChange,
 }
 
-/// What a collapse under way has found so far.
+/// Intermediate results of a collapse under way.
 #[derive(Clone, Default)]
-struct Patch {
+struct PendingChange {
     /// Numbers after minus before, `eights` for each eight triangles, one [eight] a triangle.
     change: Vec<[[f32; 8]; 8]>,
     /// The survivor's numbers.
@@ -65,7 +67,7 @@ pub(crate) struct RingLists<'a> {
     pub(crate) c: &'a [u32],
     /// The triangles themselves; places beyond `n` mean nothing.
     pub(crate) ids: &'a [u32],
-    /// So many triangles of `v0` come first, then those of `v1`.
+    /// Number of triangles of `v0`, which come first; then those of `v1`.
     pub(crate) n0: usize,
     pub(crate) n_kept: usize,
     pub(crate) n: usize,
@@ -79,14 +81,14 @@ impl Attributes {
             .enumerate()
             .filter(|(_, weight)| **weight > 0.0)
             .map(|(channel, &weight)| (channel, (f64::from(weight) * scale) as f32))
-            // What rounds to nothing beside the extent of the mesh has no say.
+            // Weights that round to nothing beside the extent of the mesh are ignored.
             .filter(|(_, factor)| factor.is_normal())
             .take(MAX_WEIGHTED)
             .collect();
         let eights = numbers(active.len()).div_ceil(8).max(2);
         let none = active.is_empty();
         let confined = active.iter().map(|&(c, _)| confined.get(c) == Some(&true)).collect();
-        let (sums, patch) = (Vec::new(), Patch::default());
+        let (sums, patch) = (Vec::new(), PendingChange::default());
         (!none).then_some(Attributes { active, confined, eights, simd, sums, patch })
     }
 
@@ -95,20 +97,20 @@ impl Attributes {
         &self.active
     }
 
-    /// Sums up all triangles anew; none of them may be gone.
-    pub(crate) fn build(&mut self, surface: &Surface) {
+    /// Sums up all triangles again; none of them may be gone.
+    pub(crate) fn build(&mut self, corners: Corners) {
         self.sums.clear();
-        self.sums.resize(surface.vertices.len() * self.eights, [0.0; 8]);
-        with_eights!(self.eights, self.add_all(surface));
+        self.sums.resize(corners.surface.vertices.len() * self.eights, [0.0; 8]);
+        with_eights!(self.eights, self.add_all(corners));
     }
 
-    fn add_all<const K: usize>(&mut self, surface: &Surface) {
+    fn add_all<const K: usize>(&mut self, corners: Corners) {
         let mut rows = [[[0.0; 8]; 8]; K];
         let mut sums = std::mem::take(&mut self.sums);
         let by_vertex = sums.as_chunks_mut::<K>().0;
-        for (block, eight) in surface.triangles.chunks(8).enumerate() {
+        for (block, eight) in corners.surface.triangles.chunks(8).enumerate() {
             let ids = std::array::from_fn(|i| (block * 8 + i.min(eight.len() - 1)) as u32);
-            self.triangles(surface, ids, &mut rows);
+            self.triangles(corners, ids, &mut rows);
             for (i, t) in eight.iter().enumerate() {
                 for &v in t {
                     add(&mut by_vertex[v as usize], &rows, i);
@@ -118,7 +120,7 @@ impl Attributes {
         self.sums = sums;
     }
 
-    /// What is out of step with the surface, in words.
+    /// Checks the lengths against those of the surface; the contradiction in words.
     #[cfg(debug_assertions)]
     pub(crate) fn check(&self, surface: &Surface) -> Result<(), String> {
         match self.sums.len() == surface.vertices.len() * self.eights {
@@ -128,17 +130,17 @@ impl Attributes {
     }
 
     /// The sums of one vertex from its ring.
-    pub(crate) fn refresh(&mut self, surface: &Surface, v: u32) {
-        self.sums.resize(surface.vertices.len() * self.eights, [0.0; 8]);
-        with_eights!(self.eights, self.add_ring(surface, v));
+    pub(crate) fn refresh(&mut self, corners: Corners, v: u32) {
+        self.sums.resize(corners.surface.vertices.len() * self.eights, [0.0; 8]);
+        with_eights!(self.eights, self.add_ring(corners, v));
     }
 
-    fn add_ring<const K: usize>(&mut self, surface: &Surface, v: u32) {
+    fn add_ring<const K: usize>(&mut self, corners: Corners, v: u32) {
         let mut rows = [[[0.0; 8]; 8]; K];
         let mut sum = [[0.0; 8]; K];
-        for eight in surface.ring(v).chunks(8) {
+        for eight in corners.surface.ring(v).chunks(8) {
             let id = |i: usize| eight[i.min(eight.len() - 1)];
-            self.triangles(surface, std::array::from_fn(id), &mut rows);
+            self.triangles(corners, std::array::from_fn(id), &mut rows);
             for i in 0..eight.len() {
                 add(&mut sum, &rows, i);
             }
@@ -147,18 +149,19 @@ impl Attributes {
     }
 
     /// Rows of eight triangles.
-    fn triangles<const K: usize>(&self, surface: &Surface, ids: [u32; 8], out: &mut Rows<K>) {
-        let corners: [[u32; 3]; 8] = std::array::from_fn(|i| surface.triangles[ids[i] as usize]);
+    fn triangles<const K: usize>(&self, corners: Corners, ids: [u32; 8], out: &mut Rows<K>) {
+        let surface = corners.surface;
+        let eight: [[u32; 3]; 8] = std::array::from_fn(|i| surface.triangles[ids[i] as usize]);
         let mut values = [[[0.0; 8]; 3]; MAX_WEIGHTED];
-        for (i, t) in corners.iter().enumerate() {
+        for (i, t) in eight.iter().enumerate() {
             for k in 0..3 {
-                let at_corner = surface.values_at(ids[i], t[k]);
+                let at_corner = corners.values_at(ids[i], t[k]);
                 for (values, &(channel, factor)) in values.iter_mut().zip(&self.active) {
                     values[k][i] = at_corner[channel] * factor;
                 }
             }
         }
-        let vertex = |i: usize, k: usize| &surface.vertices[corners[i][k] as usize];
+        let vertex = |i: usize, k: usize| &surface.vertices[eight[i][k] as usize];
         self.simd.run(AttributeTriangles {
             a: std::array::from_fn(|i| vertex(i, 0)),
             b: std::array::from_fn(|i| vertex(i, 1)),
@@ -211,21 +214,22 @@ impl Attributes {
     /// to the edge's midpoint `centre`, scaled): its own if it is `fixed`, else the best.
     pub(crate) fn before(
         &mut self,
-        surface: &Surface,
+        corners: Corners,
         ring: RingLists,
         (centre, place): (&Vec3, [f32; 3]),
         fixed: bool,
     ) {
-        with_eights!(self.eights, self.prepare(surface, ring, (centre, place), fixed));
+        with_eights!(self.eights, self.prepare(corners, ring, (centre, place), fixed));
     }
 
     fn prepare<const K: usize>(
         &mut self,
-        surface: &Surface,
+        corners: Corners,
         ring: RingLists,
         (centre, place): (&Vec3, [f32; 3]),
         fixed: bool,
     ) {
+        let surface = corners.surface;
         let half = surface.edge(ring.v0, ring.v1).map(|x| 0.5 * x);
         let mut corner = [[0.0; 2]; MAX_WEIGHTED];
         let mut middle = [0.0; MAX_WEIGHTED];
@@ -237,10 +241,10 @@ impl Attributes {
         changes.resize(parts * K, [[0.0; 8]; 8]);
         let (bs, cs) = (ring.b.as_chunks::<8>().0, ring.c.as_chunks::<8>().0);
         for (part, change) in changes.as_chunks_mut::<K>().0.iter_mut().enumerate() {
-            for (k, corners) in [&bs[part], &cs[part]].into_iter().enumerate() {
-                for (i, &v) in corners.iter().enumerate() {
+            for (k, list) in [&bs[part], &cs[part]].into_iter().enumerate() {
+                for (i, &v) in list.iter().enumerate() {
                     let at_corner = match part * 8 + i < ring.n {
-                        true => surface.values_at(ring.ids[part * 8 + i], v),
+                        true => corners.values_at(ring.ids[part * 8 + i], v),
                         false => surface.channels_of(v),
                     };
                     for (j, &(channel, factor)) in self.active.iter().enumerate() {
@@ -296,7 +300,7 @@ impl Attributes {
         };
         let from0: [f32; 3] = std::array::from_fn(|k| place[k] + half[k]);
         let from1: [f32; 3] = std::array::from_fn(|k| place[k] - half[k]);
-        let on_edge = crate::kernel::collapse::wedges::place_on_edge(half, place);
+        let on_edge = place_on_edge(half, place);
         self.patch.values.clear();
         for (j, &(channel, factor)) in self.active.iter().enumerate() {
             let at = |v: usize| surface.channels[v * surface.n_channels + channel];
@@ -358,7 +362,9 @@ fn add<const K: usize>(sum: &mut [[f32; 8]; K], rows: &Rows<K>, triangle: usize)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernel::{Options, Stop, run, tests::sheet};
+    use crate::kernel::schedule::driver::Driver;
+    use crate::kernel::state::MeshState;
+    use crate::kernel::{Options, Stop, run::run, tests::sheet};
     use crate::mesh::Mesh;
 
     /// A sheet with a smooth channel, a rough one and a step.
@@ -384,15 +390,11 @@ mod tests {
         let locked: Vec<bool> = (0..mesh.positions.len()).map(|v| v % 97 == 0).collect();
         let simd = Simd::detect();
         let weights = [0.02, 0.01, 0.02, 0.0];
-        let surface = Surface::new(mesh, &locked, (&weights, &[]), simd);
-        let mut driver = crate::kernel::schedule::levels::Driver::new(
-            surface,
-            simd,
-            crate::kernel::Topology::Error,
-        );
+        let (state, _) = MeshState::new(mesh, &locked, (&weights, &[]), simd);
+        let mut driver = Driver::new(state, simd, crate::kernel::Topology::Error);
         assert!(driver.reach(900));
-        let surface = &mut driver.surface;
-        let kept = surface.attributes.take().expect("there are weights");
+        let kept = driver.state.attributes.take().expect("there are weights");
+        let surface = &driver.state.surface;
         let mut fresh =
             Attributes::new(&weights, &[], surface.scale, simd).expect("there are weights");
         fresh.sums.resize(surface.vertices.len() * fresh.eights, [0.0; 8]);
@@ -400,7 +402,7 @@ mod tests {
         let mut n = 0;
         for v in 0..surface.vertices.len() as u32 {
             if surface.rings[v as usize].class.is_some() && surface.rings[v as usize].len > 0 {
-                fresh.refresh(surface, v);
+                fresh.refresh(driver.state.corners(), v);
                 let own = v as usize * kept.eights..(v as usize + 1) * kept.eights;
                 for (a, b) in kept.sums[own.clone()].iter().zip(&fresh.sums[own]) {
                     assert!(a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4 * largest));

@@ -5,3 +5,4 @@ pub(crate) mod attributes;
 pub(crate) mod fold_quadric;
 pub(crate) mod placement;
 pub(crate) mod quadric;
+pub(crate) mod seam;

@@ -5,9 +5,11 @@
 //!
 //! docs/algorithm.md, section 2.
 
-use crate::kernel::Placement;
 use crate::kernel::cost::quadric::{Evaluated, LENGTH_COST};
-use crate::kernel::surface::{Surface, Vertex};
+use crate::kernel::options::Placement;
+use crate::kernel::surface::Surface;
+use crate::kernel::vertex::Vertex;
+use crate::mesh::vec3;
 
 /// Replaces places and costs of eight edges; where `fixed` is not 0, the survivor stays at `v1`.
 #[inline(never)]
@@ -65,4 +67,16 @@ pub(crate) fn keep_an_end(surface: &mut Surface, (v0, v1): (u32, u32), place: &[
         let n = surface.n_channels;
         surface.channels.copy_within(i0 * n..(i0 + 1) * n, i1 * n);
     }
+}
+
+/// Place on an edge (0 at `v0`) of a place relative to its midpoint, in f64 for either end exactly.
+pub(crate) fn place_on_edge(half: [f32; 3], place: [f32; 3]) -> f32 {
+    if place == half {
+        return 1.0;
+    }
+    if place == half.map(|x| -x) {
+        return 0.0;
+    }
+    let (half, place) = (half.map(f64::from), place.map(f64::from));
+    vec3::along(place, half.map(|x| -x), half) as f32
 }

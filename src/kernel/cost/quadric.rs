@@ -8,9 +8,8 @@
 //! Source: quadrics of Garland & Heckbert 1997, memoryless and with the volume constraint of Lindstrom & Turk 1998
 //! (docs/references.md; docs/algorithm.md, sections 1 to 3).
 
-use crate::kernel::repair::clean::MAY_BE_FLAT;
 use crate::kernel::simd::{Job, Lanes};
-use crate::kernel::surface::Vertex;
+use crate::kernel::vertex::Vertex;
 
 /// Share of the trace added to the diagonal when the best position is solved for; 1e-2 costs error,
 /// 1e-4 to 1e-6 are alike.
@@ -23,7 +22,10 @@ const VOLUME_SHARE: f32 = 0.2;
 /// The survivor lies at most this many half lengths from the midpoint.
 const MAX_REACH: f32 = 4.0;
 
-/// What `Edges` finds: cost and place of the survivor, relative to the midpoint, for each edge.
+/// Triangles that may be without area by a double area of f32, as a share of the squares of two edges.
+pub(crate) const MAY_BE_FLAT: f32 = 1e-5;
+
+/// Result of `edges`: cost and place of the survivor, relative to the midpoint, for each edge.
 pub(crate) struct Evaluated {
     pub(crate) cost: [f32; 8],
     pub(crate) place: [[f32; 8]; 3],
@@ -155,7 +157,7 @@ pub(crate) fn edges<L: Lanes>(
     Evaluated { cost: cost(error, trace, half).store(), place: store3(place) }
 }
 
-/// What keeps the enclosed volume: the sums of normals at both ends, and the trace of their quadrics.
+/// Volume constraint of eight edges: the sums of normals at both ends, and the trace of their quadrics.
 pub(crate) struct Volume<L> {
     pub(crate) g0: [L; 3],
     pub(crate) g1: [L; 3],
@@ -163,7 +165,7 @@ pub(crate) struct Volume<L> {
 }
 
 impl<L: Lanes> Volume<L> {
-    /// Where the survivors go that would be best at `free`: so far along the metric of the quadric that the
+    /// Moves the survivors from `free`, where they would be best, along the metric of the quadric, until the
     /// volume stays. On the midpoint if that runs away, on `v1`, at `half`, where `fixed` is 1.
     #[inline(always)]
     pub(crate) fn place(
@@ -198,7 +200,7 @@ pub(crate) fn cost<L: Lanes>(error: L, trace: L, half: [L; 3]) -> L {
     error.greater(L::splat(0.0)).plus(floor)
 }
 
-/// What a change of some triangles does to the quadrics of their corners, a row a triangle.
+/// Change of the quadrics of the corners of some triangles, a row a triangle.
 #[derive(Clone)]
 pub(crate) struct Rows {
     /// A (6 numbers) and the first two of G.
@@ -237,7 +239,7 @@ pub(crate) struct Triangles<'a> {
     pub(crate) out: &'a mut Rows,
 }
 
-/// Where eight vertices lie.
+/// Returns the positions of eight vertices.
 #[inline(always)]
 pub(crate) fn positions(v: [&Vertex; 8]) -> [&[f64; 3]; 8] {
     let [a, b, c, d, e, f, g, h] = v;
@@ -277,12 +279,12 @@ pub(crate) struct Around {
     pub(crate) scale: f64,
     /// From the midpoint to `v1`, scaled.
     pub(crate) half: [f32; 3],
-    /// Where the survivor goes, relative to the midpoint, scaled.
+    /// Place of the survivor, relative to the midpoint, scaled.
     pub(crate) after: [f32; 3],
 }
 
-/// What is found over all triangles of both rings, lane by lane.
-pub(crate) struct Found<L> {
+/// Sums and extremes over all triangles of both rings, lane by lane.
+pub(crate) struct RingSums<L> {
     /// Quadrics after, summed up.
     total: [L; 9],
     cosine: L,
@@ -290,11 +292,11 @@ pub(crate) struct Found<L> {
     shape_after: L,
 }
 
-impl<L: Lanes> Found<L> {
+impl<L: Lanes> RingSums<L> {
     #[inline(always)]
     pub(crate) fn new() -> Self {
         let (zero, one) = (L::splat(0.0), L::splat(1.0));
-        Found { total: [zero; 9], cosine: one, shape_before: one, shape_after: one }
+        RingSums { total: [zero; 9], cosine: one, shape_before: one, shape_after: one }
     }
 
     /// The quadric of the survivor, but for its open edges.

@@ -1,11 +1,11 @@
-//! How far vertices may go in a fit.
+//! Bounds on the steps of vertices in a fit.
 //!
 //! The normal equations know the original from where the samples are, and there only: between them a vertex
 //! could run away from a crease, or turn a triangle over, and they would not notice. Bounds are relative to
 //! the surface as it was before the fit, so that two sweeps do not do what one may not.
 
-use super::normal_equations::Plate;
-use super::{V, Work};
+use super::Work;
+use super::normal_equations::{FaceTerm, V};
 use crate::kernel::fit::nearest::off_ring;
 use crate::kernel::simd::Simd;
 use crate::mesh::vec3::{add, cross, dot, scale, sub};
@@ -26,12 +26,12 @@ const MIN_SHAPE: f32 = 0.02;
 /// Times that steps are cut in half where triangles would turn or become needles; then they are left out. Not
 /// measured.
 const HALVINGS: usize = 3;
-/// Where nothing moves nothing is unsound, so holding back ends long before that.
+/// Limit of the rounds of holding back; each halves or drops a step, so that it ends long before that.
 const MAX_ROUNDS: usize = 64;
 
 impl Work<'_> {
     /// Moves the vertices by `steps` as far as they may; `mean_sq`: squared RMS of the samples.
-    pub(super) fn go(&mut self, plates: &[Plate], mut steps: Vec<V>, mean_sq: f64, simd: Simd) {
+    pub(super) fn go(&mut self, terms: &[FaceTerm], mut steps: Vec<V>, mean_sq: f64, simd: Simd) {
         let most_off_sq = (MAX_OFF * MAX_OFF * mean_sq) as f32;
         let mut moved = self.place.clone();
         for (v, step) in steps.iter_mut().enumerate() {
@@ -51,7 +51,7 @@ impl Work<'_> {
             moved[v] = add(self.place[v], *step);
         }
         for round in 0..MAX_ROUNDS {
-            let touched = unsound(plates, &self.before, &moved);
+            let touched = unsound(terms, &self.before, &moved);
             if touched.is_empty() {
                 break;
             }
@@ -69,21 +69,22 @@ impl Work<'_> {
         let share = |i: usize| 1.0 - i as f32 / 8.0;
         let points: [[f32; 8]; 3] =
             std::array::from_fn(|k| std::array::from_fn(|i| from[k] + step[k] * share(i)));
-        let off_sq = off_ring(self.surface, &self.before, v as u32, &points, simd, &mut self.faces);
+        let off_sq =
+            off_ring(&self.state.surface, &self.before, v as u32, &points, simd, &mut self.faces);
         (0..8).find(|&i| off_sq[i] <= most_off_sq).map_or(0.0, share)
     }
 }
 
 /// Corners of triangles that turn too far or become needles on the way from one place to the other: those
 /// that do move.
-fn unsound(plates: &[Plate], from: &[V], to: &[V]) -> Vec<u32> {
+fn unsound(terms: &[FaceTerm], from: &[V], to: &[V]) -> Vec<u32> {
     let mut corners = Vec::new();
-    for plate in plates {
-        let before = plate.corners.map(|v| from[v as usize]);
-        let after = plate.corners.map(|v| to[v as usize]);
+    for term in terms {
+        let before = term.corners.map(|v| from[v as usize]);
+        let after = term.corners.map(|v| to[v as usize]);
         if before != after && !stays_sound(before, after) {
             let moves = |v: &&u32| from[**v as usize] != to[**v as usize];
-            corners.extend(plate.corners.iter().filter(moves));
+            corners.extend(term.corners.iter().filter(moves));
         }
     }
     corners.sort_unstable();
@@ -91,7 +92,7 @@ fn unsound(plates: &[Plate], from: &[V], to: &[V]) -> Vec<u32> {
     corners
 }
 
-/// Whether a triangle neither turns too far nor becomes a needle.
+/// Returns whether a triangle neither turns too far nor becomes a needle.
 fn stays_sound(before: [V; 3], after: [V; 3]) -> bool {
     let shape = |t: [V; 3]| {
         let e = [sub(t[1], t[0]), sub(t[2], t[0]), sub(t[2], t[1])];

@@ -8,75 +8,27 @@
 //! Source: the vertex step of Hoppe et al. 1993, by the conjugate gradients of Hestenes & Stiefel 1952
 //! (docs/references.md; docs/algorithm.md, section 8).
 
-pub(crate) mod nearest;
+mod bounds;
+mod nearest;
+mod normal_equations;
 pub(crate) mod samples;
 
-mod bounds;
-mod normal_equations;
-
-use crate::kernel::collapse::legality::Class;
-use crate::kernel::fit::nearest::{Face, Foot, feet, nearest_around};
+use crate::kernel::fit::nearest::{Foot, feet, nearest_around};
 use crate::kernel::fit::samples::{Sample, Samples};
 use crate::kernel::simd::Simd;
-use crate::kernel::surface::{GONE, Surface};
+use crate::kernel::state::MeshState;
+use crate::kernel::statistics::FitStatistics;
+use crate::kernel::surface::class::Class;
+use crate::kernel::surface::faces::Face;
+use crate::kernel::vertex::GONE;
 use crate::mesh::vec3::{dot, normal, scale, sub};
-use normal_equations::{Element, Plate, solve};
+use normal_equations::{Element, FaceTerm, V, solve};
 
 /// Times that the nearest triangles are found and the vertices moved. One leaves 5 % more error on the
 /// samples, a third gains 1 to 3 % for half as much time again (docs/results/kernel.md, "The fit").
 const SWEEPS: u64 = 2;
-/// One in so many samples tells whether the fit was one.
+/// Share of the samples (one in this many) that check whether the fit lowered the error.
 const CHECKED_STEP: usize = 4;
-
-type V = [f32; 3];
-
-/// Whether the vertices of the result are fitted to the original; only where the stop is a count.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Fit {
-    /// Always.
-    On,
-    /// Never.
-    Off,
-    /// Where it is cheap against the collapses: at most `AUTO_FIT_RATIO` of the triangles are left.
-    #[default]
-    Auto,
-}
-
-/// `Fit::Auto` fits where at most this share of the triangles is left: 1 %, with room for targets that were
-/// rounded up. There it costs 13 % of a run in memory and 5 % of one through cells
-/// (docs/results/kernel.md).
-pub const AUTO_FIT_RATIO: f64 = 0.011;
-
-impl Fit {
-    /// Whether to fit a mesh that goes from `n_triangles` to `target`.
-    pub fn applies(self, n_triangles: u64, target: u64) -> bool {
-        match self {
-            Fit::On => target < n_triangles,
-            Fit::Off => false,
-            Fit::Auto => target as f64 <= n_triangles as f64 * AUTO_FIT_RATIO,
-        }
-    }
-
-    /// The same, decided: for a part of a job whose counts are not those of the whole.
-    pub fn decided(self, n_triangles: u64, target: u64) -> Fit {
-        if self.applies(n_triangles, target) { Fit::On } else { Fit::Off }
-    }
-}
-
-/// What the fit did.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct FitStatistics {
-    /// Points of the original that the mesh was fitted to.
-    pub samples: u64,
-    /// Times that the nearest triangles were found and the vertices moved.
-    pub sweeps: u64,
-    /// Vertices that lie elsewhere than before.
-    pub moved: u64,
-    /// Root mean square distance of the samples before, in input units.
-    pub rms_before: f64,
-    /// The same of a quarter of them afterwards.
-    pub rms_after: f64,
-}
 
 /// Area-weighted squared distances.
 #[derive(Default)]
@@ -103,27 +55,28 @@ impl Energy {
 /// Fits the surface to the samples; vertices that are not interior keep their bits.
 ///
 /// Memory: about 140 bytes a triangle of the surface and 40 a sample, those that are given included.
-pub(crate) fn fit(surface: &mut Surface, mut samples: Samples, simd: Simd) -> FitStatistics {
+pub(crate) fn fit(state: &mut MeshState, mut samples: Samples, simd: Simd) -> FitStatistics {
+    let surface = &mut state.surface;
     samples.follow(&surface.rings);
     surface.vertices.shrink_to_fit();
     surface.rings.shrink_to_fit();
     surface.arena.shrink_to_fit();
     surface.triangles.shrink_to_fit();
-    let mut work = Work::new(surface, &samples);
+    let mut work = Work::new(state, &samples);
     let mut statistics = FitStatistics { sweeps: SWEEPS, ..FitStatistics::default() };
     for sweep in 0..SWEEPS {
-        let (plates, energy) = work.plates(&mut samples.list, simd);
+        let (terms, energy) = work.terms(&mut samples.list, simd);
         if sweep == 0 {
-            statistics.rms_before = energy.rms(work.surface.scale);
+            statistics.rms_before = energy.rms(work.state.surface.scale);
             statistics.samples = samples.list.len() as u64;
         }
-        let steps = solve(&plates, &work.free);
-        work.go(&plates, steps, energy.mean(), simd);
+        let steps = solve(&terms, &work.free);
+        work.go(&terms, steps, energy.mean(), simd);
     }
     samples.thin_out(CHECKED_STEP);
     let energy = work.energy(&mut samples.list, simd);
-    statistics.rms_after = energy.rms(work.surface.scale);
-    // Written so that NaN is no gain.
+    statistics.rms_after = energy.rms(work.state.surface.scale);
+    // Written so that NaN is not a gain.
     if statistics.rms_after < statistics.rms_before {
         statistics.moved = work.write_back(simd);
     }
@@ -132,10 +85,10 @@ pub(crate) fn fit(surface: &mut Surface, mut samples: Samples, simd: Simd) -> Fi
 
 /// The surface in f32, relative to the centre of the samples.
 struct Work<'a> {
-    surface: &'a mut Surface,
+    state: &'a mut MeshState,
     place: Vec<V>,
     before: Vec<V>,
-    /// Whether each vertex may move.
+    /// True if each vertex may move.
     free: Vec<bool>,
     /// Double area around each vertex.
     around: Vec<f32>,
@@ -144,7 +97,8 @@ struct Work<'a> {
 }
 
 impl<'a> Work<'a> {
-    fn new(surface: &'a mut Surface, samples: &Samples) -> Self {
+    fn new(state: &'a mut MeshState, samples: &Samples) -> Self {
+        let surface = &state.surface;
         let local = |position: &[f64; 3]| -> V {
             std::array::from_fn(|k| ((position[k] - samples.centre[k]) * surface.scale) as f32)
         };
@@ -153,20 +107,20 @@ impl<'a> Work<'a> {
             |r: &crate::kernel::surface::Ring| r.class == Some(Class::Interior) && r.len > 0;
         let free = surface.rings.iter().map(is_free).collect();
         let around = vec![0.0; place.len()];
-        Work { surface, before: place.clone(), place, free, around, faces: Vec::new() }
+        Work { state, before: place.clone(), place, free, around, faces: Vec::new() }
     }
 
-    /// What the samples ask of each triangle, and their error.
-    fn plates(&mut self, samples: &mut Vec<Sample>, simd: Simd) -> (Vec<Plate>, Energy) {
-        let mut elements = vec![Element::ZERO; self.surface.triangles.len()];
+    /// Returns the terms of each triangle from its samples, and the error of the samples.
+    fn terms(&mut self, samples: &mut Vec<Sample>, simd: Simd) -> (Vec<FaceTerm>, Energy) {
+        let mut elements = vec![Element::ZERO; self.state.surface.triangles.len()];
         let mut energy = Energy::default();
-        feet(self.surface, &self.place, samples, simd, |sample, foot| {
+        feet(&self.state.surface, &self.place, samples, simd, |sample, foot| {
             elements[foot.triangle as usize].add(sample.weight, &foot);
             energy.add(sample, &foot);
         });
-        let mut plates = Vec::with_capacity(self.surface.n_alive as usize);
+        let mut terms = Vec::with_capacity(self.state.surface.n_alive as usize);
         self.around.fill(0.0);
-        for (&corners, &element) in self.surface.triangles.iter().zip(&elements) {
+        for (&corners, &element) in self.state.surface.triangles.iter().zip(&elements) {
             if corners[0] == GONE {
                 continue;
             }
@@ -174,15 +128,17 @@ impl<'a> Work<'a> {
             let length = dot(n, n).sqrt();
             corners.iter().for_each(|&v| self.around[v as usize] += length);
             let normal = if length > 0.0 { scale(n, 1.0 / length) } else { [0.0; 3] };
-            plates.push(Plate { corners, normal, element });
+            terms.push(FaceTerm { corners, normal, element });
         }
-        (plates, energy)
+        (terms, energy)
     }
 
     /// The error of the samples.
     fn energy(&self, samples: &mut Vec<Sample>, simd: Simd) -> Energy {
         let mut energy = Energy::default();
-        feet(self.surface, &self.place, samples, simd, |sample, foot| energy.add(sample, &foot));
+        feet(&self.state.surface, &self.place, samples, simd, |sample, foot| {
+            energy.add(sample, &foot)
+        });
         energy
     }
 
@@ -193,9 +149,9 @@ impl<'a> Work<'a> {
         for (v, (now, before)) in self.place.iter().zip(&self.before).enumerate() {
             if self.free[v] && now != before {
                 moved += 1;
-                let position = &mut self.surface.vertices[v].position;
+                let position = &mut self.state.surface.vertices[v].position;
                 for k in 0..3 {
-                    position[k] += f64::from(now[k] - before[k]) / self.surface.scale;
+                    position[k] += f64::from(now[k] - before[k]) / self.state.surface.scale;
                 }
             }
         }
@@ -204,36 +160,36 @@ impl<'a> Work<'a> {
 
     /// Gives the vertices that move the channels of the place that they move to; those on seams keep theirs.
     fn carry_channels(&mut self, simd: Simd) {
-        let n = self.surface.n_channels;
+        let n = self.state.surface.n_channels;
         if n == 0 {
             return;
         }
-        let mut channels = self.surface.channels.clone();
+        let mut channels = self.state.surface.channels.clone();
         let mut faces = std::mem::take(&mut self.faces);
         for v in (0..self.place.len()).filter(|&v| self.place[v] != self.before[v]) {
-            let surface = &*self.surface;
-            if surface.wedges.as_ref().is_some_and(|wedges| wedges.is_seam(v as u32)) {
+            let corners = self.state.corners();
+            let surface = corners.surface;
+            if corners.wedges.is_some_and(|wedges| wedges.is_seam(v as u32)) {
                 continue;
             }
             let point = sub(self.place[v], self.before[v]);
             let near = nearest_around(surface, &self.before, v as u32, point, simd, &mut faces);
             let Some((t, weights)) = near else { continue };
             let triangle = surface.triangles[t as usize];
-            let own = surface.values_at(t, v as u32);
+            let own = corners.values_at(t, v as u32);
             // Relative to its own values, so that what is the same everywhere stays so exactly: labels do.
             for (w, weight) in triangle.into_iter().zip(weights).filter(|&(w, _)| w != v as u32) {
-                let values = surface.values_at(t, w);
+                let values = corners.values_at(t, w);
                 for (k, channel) in channels[v * n..][..n].iter_mut().enumerate() {
                     *channel += weight * (values[k] - own[k]);
                 }
             }
         }
-        self.surface.channels = channels;
-        if let Some(mut wedges) = self.surface.wedges.take() {
+        self.state.surface.channels = channels;
+        if let Some(wedges) = &mut self.state.wedges {
             for v in (0..self.place.len()).filter(|&v| self.place[v] != self.before[v]) {
-                wedges.set_single(self.surface, v as u32);
+                wedges.set_single(&self.state.surface, v as u32);
             }
-            self.surface.wedges = Some(wedges);
         }
     }
 }

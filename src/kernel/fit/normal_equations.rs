@@ -2,9 +2,11 @@
 //!
 //! It moves nothing, and knows no bounds.
 
-use super::V;
 use crate::kernel::fit::nearest::Foot;
 use crate::mesh::vec3::{add, dot, scale, sub};
+
+/// A vector in scaled units, relative to the centre of the samples.
+pub(super) type V = [f32; 3];
 
 /// Steps of conjugate gradients a sweep. With three the samples are 0.6 % farther off, with six nothing is
 /// gained (docs/results/kernel.md, "The fit").
@@ -13,7 +15,7 @@ const STEPS: usize = 4;
 /// %; 1e-4 gains 0.2 % at most (docs/results/kernel.md, "The fit").
 const DAMPING: f32 = 3e-4;
 
-/// What the samples of one triangle ask for: sums of weight times products of barycentric weights (00, 01,
+/// Terms of one triangle from its samples: sums of weight times products of barycentric weights (00, 01,
 /// 02, 11, 12, 22), and of weight times barycentric weight times height.
 #[derive(Clone, Copy)]
 pub(super) struct Element {
@@ -40,27 +42,27 @@ impl Element {
 }
 
 /// An element in its place.
-pub(super) struct Plate {
+pub(super) struct FaceTerm {
     pub(super) corners: [u32; 3],
     pub(super) normal: V,
     pub(super) element: Element,
 }
 
-/// How far each vertex should go; those that are not `free` stay.
-pub(super) fn solve(plates: &[Plate], free: &[bool]) -> Vec<V> {
+/// Solves for the step of each vertex; those that are not `free` stay.
+pub(super) fn solve(terms: &[FaceTerm], free: &[bool]) -> Vec<V> {
     let n = free.len();
     let mut blocks = vec![[0.0f32; 6]; n];
     let mut rest = vec![[0.0f32; 3]; n];
-    for plate in plates {
-        let m = plate.normal;
+    for term in terms {
+        let m = term.normal;
         let outer = [m[0] * m[0], m[0] * m[1], m[0] * m[2], m[1] * m[1], m[1] * m[2], m[2] * m[2]];
         for (k, diagonal) in [0, 3, 5].into_iter().enumerate() {
-            let v = plate.corners[k] as usize;
-            let mass = plate.element.mass[diagonal];
+            let v = term.corners[k] as usize;
+            let mass = term.element.mass[diagonal];
             for (sum, x) in blocks[v].iter_mut().zip(outer) {
                 *sum += mass * x;
             }
-            rest[v] = add(rest[v], scale(m, plate.element.pull[k]));
+            rest[v] = add(rest[v], scale(m, term.element.pull[k]));
         }
     }
     let mut damping = vec![0.0f32; n];
@@ -77,7 +79,7 @@ pub(super) fn solve(plates: &[Plate], free: &[bool]) -> Vec<V> {
         }
         blocks[v] = inverse(blocks[v]);
     }
-    conjugate_gradients(plates, &damping, &blocks, rest)
+    conjugate_gradients(terms, &damping, &blocks, rest)
 }
 
 /// The inverse of a symmetric positive definite matrix (xx, xy, xz, yy, yz, zz).
@@ -99,10 +101,10 @@ fn product(m: [f32; 6], x: V) -> V {
     [dot([m[0], m[1], m[2]], x), dot([m[1], m[3], m[4]], x), dot([m[2], m[4], m[5]], x)]
 }
 
-/// Solves (sum over plates + damping) x = `rest`, with inverse blocks as preconditioner; where a block is zero,
+/// Solves (sum over the terms + damping) x = `rest`, with inverse blocks as preconditioner; where a block is zero,
 /// x stays zero. Sums run in f64 and in one order.
 fn conjugate_gradients(
-    plates: &[Plate],
+    terms: &[FaceTerm],
     damping: &[f32],
     blocks: &[[f32; 6]],
     mut rest: Vec<V>,
@@ -118,17 +120,17 @@ fn conjugate_gradients(
         for v in 0..n {
             image[v] = scale(way[v], damping[v]);
         }
-        for plate in plates {
-            let h = plate.corners.map(|v| dot(plate.normal, way[v as usize]));
-            let m = &plate.element.mass;
+        for term in terms {
+            let h = term.corners.map(|v| dot(term.normal, way[v as usize]));
+            let m = &term.element.mass;
             let g = [
                 m[0] * h[0] + m[1] * h[1] + m[2] * h[2],
                 m[1] * h[0] + m[3] * h[1] + m[4] * h[2],
                 m[2] * h[0] + m[4] * h[1] + m[5] * h[2],
             ];
-            for (&v, g) in plate.corners.iter().zip(g) {
+            for (&v, g) in term.corners.iter().zip(g) {
                 let image = &mut image[v as usize];
-                *image = add(*image, scale(plate.normal, g));
+                *image = add(*image, scale(term.normal, g));
             }
         }
         let along = total(&way, &image);

@@ -1,4 +1,4 @@
-//! What the fit aims at: points of the surface as it was given, each with a hint where it belongs now.
+//! Samples that the fit aims at: points of the surface as it was given, each with a vertex near it as a hint.
 //!
 //! A sample stands for the surface around one vertex: the mean of the second-order quadrature points that
 //! its triangles have next to it. Where vertices are too few, edges or triangles are sampled. A sample
@@ -7,22 +7,23 @@
 //! become one: their mean stands for all of them, since the distance to a plane is linear. It moves
 //! nothing; `fit` does.
 
-use crate::kernel::collapse::legality::Class;
 use crate::kernel::simd::unchecked::prefetch;
-use crate::kernel::surface::{AHEAD, GONE, Ring, Surface};
+use crate::kernel::surface::class::Class;
+use crate::kernel::surface::{AHEAD, Ring, Surface};
+use crate::kernel::vertex::GONE;
 use crate::mesh::vec3::{self, Vec3};
 
-/// Samples are merged only as long as so many are left for a triangle of the result.
+/// Samples are merged only as long as this many are left for a triangle of the result.
 const MERGED_PER_TRIANGLE: f64 = 8.0;
-/// Where vertices are fewer than this for a triangle of the result, edges are sampled instead: there are three
+/// Least number of vertices for one triangle of the result; with fewer, edges are sampled: there are three
 /// times as many. With 5 vertices a triangle the error on igea fell to 0.96x only, with 15 edges to 0.85x.
 const VERTICES_PER_TRIANGLE: f64 = 8.0;
-/// Where triangles are fewer than this for one of the result, each gets three points inside instead of its
+/// Least number of triangles for one of the result; with fewer, each gets three points inside instead of its
 /// edges: what cells leave for the finish has been thinned before.
 const TRIANGLES_PER_TRIANGLE: f64 = 8.0;
 /// Weights of two of the three corners at those points, which integrate to second order, as edges do.
 const INSIDE: f64 = 1.0 / 6.0;
-/// How far from the middle of a triangle towards the corner its quadrature point lies: a half is exact to
+/// Distance of the quadrature point from the middle of a triangle towards the corner, as a share: a half is exact to
 /// second order. Between 0.35 and 0.65 it makes no difference at 1 %.
 const SHIFT: f32 = 0.5;
 
@@ -61,7 +62,7 @@ pub(crate) fn bytes(n_triangles: u64, target: u64) -> u64 {
         }
 }
 
-/// What gets a sample.
+/// Elements of the surface that get a sample each.
 enum Density {
     Vertices,
     Edges,
@@ -207,7 +208,7 @@ impl Samples {
         }
     }
 
-    /// Keeps one in so many samples.
+    /// Keeps one in `step` samples.
     pub(crate) fn thin_out(&mut self, step: usize) {
         let mut at = 0;
         self.list.retain(|_| {

@@ -1,9 +1,9 @@
 //! Cleans a surface before anything is collapsed: repeated triangles go, and triangles without area.
 //!
 //! Whatever the topology policy: nothing of the surface changes by it. Of triangles over the same three
-//! vertices the first stays; one that is turned over stays, too, where it belongs to another sheet (`duplicate_triangles`).
-//! A triangle without area whose longest edge is open is dropped; otherwise that edge is flipped, so that its
-//! neighbour is split by the vertex that lay on the edge.
+//! vertices the first stays; one that is turned over stays, too, where it belongs to another sheet
+//! (`duplicate_triangles`). A triangle without area whose longest edge is open is dropped; otherwise that edge is
+//! flipped, so that its neighbour is split by the vertex that lay on the edge.
 //! Two corners in one place make an edge whose collapse costs nothing: that is left to the queue, which takes
 //! it first. What cannot be done (no manifold neighbour, a lock, an attribute seam, a fan that would fall apart)
 //! is left as found.
@@ -11,14 +11,17 @@
 //! Costs next to nothing where there is nothing to clean: repeats are looked for around non-manifold vertices
 //! only, and building the surface notes the triangles that may be without area.
 
-use crate::kernel::collapse::legality::Class;
 use crate::kernel::repair::duplicate_triangles::{Repeats, flaps, from_least};
 use crate::kernel::simd::Simd;
-use crate::kernel::surface::{Fan, GONE, MAX_VALENCE, Surface, others};
-use crate::kernel::topology::{set_ring, settle};
+use crate::kernel::state::MeshState;
+use crate::kernel::state::recompute::recompute_vertices;
+use crate::kernel::surface::class::Class;
+use crate::kernel::surface::fan::Fan;
+use crate::kernel::surface::{MAX_VALENCE, Surface};
+use crate::kernel::vertex::{GONE, others};
 use crate::mesh::vec3::{dot, length_sq, normal, sub};
 
-/// What was cleaned.
+/// Counts of a cleaning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Cleaned {
     /// Triangles over the three vertices of another.
@@ -34,19 +37,20 @@ const FLAT: f64 = 1e-9;
 const PASSES: usize = 8;
 
 /// Cleans; `flat`: triangles that may be without area, of which all that are so are among them.
-pub(crate) fn clean(surface: &mut Surface, flat: &[u32], simd: Simd) -> Cleaned {
+pub(crate) fn clean(state: &mut MeshState, flat: &[u32], simd: Simd) -> Cleaned {
     let mut touched = Vec::new();
-    let mut cleaned = Cleaned { duplicates: drop_repeats(surface, &mut touched), flat: 0 };
-    settle(surface, &mut touched, simd);
+    let mut cleaned =
+        Cleaned { duplicates: drop_repeats(&mut state.surface, &mut touched), flat: 0 };
+    recompute_vertices(state, &mut touched, simd);
     // The wedges of a seam would have to be cut with the triangles.
-    if !flat.is_empty() && surface.wedges.is_none() {
+    if !flat.is_empty() && state.wedges.is_none() {
         let mut waiting: Vec<u32> = flat.to_vec();
         for _ in 0..PASSES {
             let before = waiting.len();
-            waiting.retain(|&t| match remove(surface, t, &mut touched) {
+            waiting.retain(|&t| match remove(&mut state.surface, t, &mut touched) {
                 Outcome::Done => {
                     cleaned.flat += 1;
-                    settle(surface, &mut touched, simd);
+                    recompute_vertices(state, &mut touched, simd);
                     false
                 }
                 Outcome::Later => true,
@@ -59,9 +63,6 @@ pub(crate) fn clean(surface: &mut Surface, flat: &[u32], simd: Simd) -> Cleaned 
     }
     cleaned
 }
-
-/// Triangles that may be without area by a double area of f32, as a share of the squares of two edges.
-pub(crate) const MAY_BE_FLAT: f32 = 1e-5;
 
 fn drop_repeats(surface: &mut Surface, touched: &mut Vec<u32>) -> u64 {
     let mut known: Vec<([u32; 3], u32)> = Vec::new();
@@ -193,7 +194,7 @@ fn remove(surface: &mut Surface, t: u32, touched: &mut Vec<u32>) -> Outcome {
     for (v, t) in [(opposite, t), (middle, u)] {
         let mut ring = surface.ring(v).to_vec();
         ring.push(t);
-        set_ring(surface, v, &ring);
+        surface.set_ring(v, &ring);
     }
     touched.extend([a, b, middle, opposite]);
     Outcome::Done

@@ -1,4 +1,4 @@
-//! Which triangles repeat another, and which of those that lie back to back with another are too many.
+//! Finds duplicate triangles and surplus back-to-back pairs.
 //!
 //! A triangle over the three vertices of another, turned over, may be a flap in a sheet, or belong to a
 //! second sheet that touches the first one there. The edges tell: a sheet brings neighbours that run

@@ -5,25 +5,29 @@
 //! other's nearest meet in their middle, and vertices that have no partner between two that have are cut off by
 //! triangles, so that the same edges run on both sides; `make_manifold` or `weld` then join them. Vertices of
 //! different components may meet across the whole distance, those of one component across no more than their
-//! shortest open edge, lest a boundary be pinched. Locked vertices never move and are nobody's nearest.
+//! shortest open edge, lest a boundary be pinched. Locked vertices never move and are never paired.
 //!
 //! Source: Garland & Heckbert 1997 (docs/references.md).
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::kernel::Placement;
-use crate::kernel::collapse::legality::Class;
+use crate::kernel::options::Placement;
 use crate::kernel::simd::Simd;
-use crate::kernel::surface::{Fan, Surface, others};
+use crate::kernel::state::MeshState;
+use crate::kernel::surface::Surface;
+use crate::kernel::surface::class::Class;
+use crate::kernel::surface::fan::Fan;
 use crate::kernel::topology::components::components;
+use crate::kernel::vertex::others;
 use crate::mesh::vec3::{Vec3, add, length_sq, scale, sub};
 
-/// No gap is bridged that is wider than so many mean open edges: boundaries are lines, so this bounds how
+/// No gap is bridged that is wider than this many mean open edges: boundaries are lines, so this bounds how
 /// many vertices are near one.
 const MOST_EDGES: f64 = 16.0;
 
 /// Moves vertices in pairs; gives back how many pairs. `distance` in input units.
-pub(crate) fn approach(surface: &mut Surface, distance: f64, simd: Simd) -> u64 {
+pub(crate) fn pair_boundaries(state: &mut MeshState, distance: f64, simd: Simd) -> u64 {
+    let surface = &mut state.surface;
     let shortest = open_edges(surface);
     let mean = shortest.values().sum::<f64>() / shortest.len().max(1) as f64;
     let reach = distance.min(MOST_EDGES * mean);
@@ -78,7 +82,7 @@ pub(crate) fn approach(surface: &mut Surface, distance: f64, simd: Simd) -> u64 
         return 0;
     }
     fill(surface, &partner);
-    surface.compact(simd);
+    state.compact(simd);
     partner.len() as u64 / 2
 }
 
@@ -149,7 +153,7 @@ fn open_edges(surface: &Surface) -> BTreeMap<u32, f64> {
     shortest
 }
 
-/// Whether an edge joins two vertices, or each to a common neighbour.
+/// Returns whether an edge joins two vertices, or each to a common neighbour.
 fn are_close_by_edges(surface: &Surface, v: u32, w: u32) -> bool {
     let around = |v: u32| surface.ring(v).iter().flat_map(|&t| surface.triangles[t as usize]);
     around(v).any(|x| around(w).any(|y| x == y))

@@ -1,7 +1,7 @@
 //! Joins open boundaries that touch: vertices in exactly the same place become one.
 //!
 //! Before anything is collapsed. A scan that was split along texture seams is otherwise a heap of charts,
-//! each with a boundary of its own, and cracks would open between them. Where joining would put two
+//! each with its boundary, and cracks would open between them. Where joining would put two
 //! triangles on the same side of an edge, it is not done. Locked vertices are never joined: another cell
 //! knows them; what coincides with one is locked too, so that both sides stay together.
 //!
@@ -9,19 +9,22 @@
 //! `Topology::Error`, with the channels of the lowest id; if others are to stay apart, they do as wedges
 //! (`wedges`). Without confined channels and under `Topology::Error`, `make_manifold` does more instead.
 
-use crate::kernel::Topology;
-use crate::kernel::collapse::legality::Class;
-use crate::kernel::collapse::wedges::Wedges;
+use crate::kernel::options::Topology;
 use crate::kernel::simd::Simd;
-use crate::kernel::surface::{GONE, Surface};
+use crate::kernel::state::MeshState;
+use crate::kernel::surface::Surface;
+use crate::kernel::surface::class::Class;
+use crate::kernel::surface::wedges::Wedges;
+use crate::kernel::vertex::GONE;
 
 /// Joins what coincides; returns how many vertices went. Sorts boundary vertices only.
 pub(crate) fn coincident(
-    surface: &mut Surface,
+    state: &mut MeshState,
     topology: Topology,
     confined: &[bool],
     simd: Simd,
 ) -> u64 {
+    let surface = &mut state.surface;
     let mut join = candidates(surface);
     if join.is_empty() {
         return 0;
@@ -56,7 +59,7 @@ pub(crate) fn coincident(
             wedges.join_equal(&join, confined);
         }
         wedges.find_charts(&surface.triangles);
-        surface.wedges = Some(wedges);
+        state.wedges = Some(wedges);
     }
     for t in &mut surface.triangles {
         if t[0] != GONE {
@@ -67,7 +70,7 @@ pub(crate) fn coincident(
         surface.rings[v as usize].len = 0;
     }
     drop(joined);
-    surface.compact(simd);
+    state.compact(simd);
     join.len() as u64
 }
 
@@ -82,7 +85,7 @@ pub(crate) fn lock_coincident(surface: &mut Surface) {
 /// is locked, they all become so instead.
 fn candidates(surface: &mut Surface) -> Vec<(u32, u32)> {
     // Where several fans of one chart meet in a vertex, the gaps may be what other charts fill.
-    let concerned = |v: &u32| {
+    let may_join = |v: &u32| {
         let ring = &surface.rings[*v as usize];
         match ring.class {
             Some(Class::Locked) => true,
@@ -94,7 +97,7 @@ fn candidates(surface: &mut Surface) -> Vec<(u32, u32)> {
     // Adding 0 makes -0 and 0 the same place.
     let place = |v: u32| surface.vertices[v as usize].position.map(|x| (x + 0.0).to_bits());
     let mut found: Vec<([u64; 3], u32, u32)> = (0..surface.vertices.len() as u32)
-        .filter(concerned)
+        .filter(may_join)
         .map(|v| (place(v), surface.source[v as usize], v))
         .collect();
     found.sort_unstable();

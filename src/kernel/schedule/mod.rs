@@ -1,6 +1,10 @@
 //! Order of the collapses: levels, the queue, the inner loop.
 
 pub(crate) mod drain;
+pub(crate) mod driver;
+mod evaluate;
 pub(crate) mod levels;
 pub(crate) mod queue;
-pub(crate) mod stepwise;
+mod seeds;
+mod topology_changes;
+mod within_bound;

@@ -6,8 +6,6 @@
 //!
 //! docs/algorithm.md, section 5.
 
-use crate::kernel::simd::unchecked::{at, at_mut};
-
 /// An edge waiting to be collapsed, and how often it has failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Entry {
@@ -17,7 +15,7 @@ pub(crate) struct Entry {
     pub(crate) failures: u8,
 }
 
-/// Where an entry lies in the pool: its ends, its failures, the entry below it.
+/// An entry in the pool: its ends, its failures, the entry below it.
 #[derive(Clone, Copy)]
 struct Slot {
     v0: u32,
@@ -27,14 +25,19 @@ struct Slot {
 }
 
 const NONE: u32 = u32::MAX;
+/// Finest division of an octave: 32 buckets.
+const MOST_OCTAVE_BITS: u32 = 5;
+/// Buckets of the finest division.
+const MOST_BUCKETS: usize = 1 << (8 + MOST_OCTAVE_BITS);
 const FAILURE_SHIFT: u32 = 30;
 
 /// The queue; 12 bytes an entry, 4 a bucket.
 pub(crate) struct BucketQueue {
     shift: u32,
-    heads: Vec<u32>,
+    /// The first `2^(31 - shift)` are used.
+    heads: Box<[u32; MOST_BUCKETS]>,
     /// One bit a bucket: something may be in it.
-    filled: Vec<u64>,
+    filled: Box<[u64; MOST_BUCKETS / 64]>,
     /// The bucket that is being emptied.
     current: u32,
     /// Nothing comes out of buckets dearer than this one.
@@ -42,7 +45,7 @@ pub(crate) struct BucketQueue {
     pool: Vec<Slot>,
     free: u32,
     /// Edges that were put back, to know their doubles by.
-    seen: Vec<Seen>,
+    seen: Box<[Seen; 1 << SEEN_BITS]>,
     epoch: u32,
 }
 
@@ -58,25 +61,32 @@ struct Seen {
 /// Bits of the number of edges put back that are remembered; 16 bytes each.
 const SEEN_BITS: u32 = 12;
 
+/// Index of a bucket. The mask changes nothing, and spares the check.
 #[inline(always)]
-fn seen_slot(v0: u32, v1: u32) -> u32 {
-    (v0.wrapping_mul(0x9E37_79B1) ^ v1.wrapping_mul(0x85EB_CA77)) >> (32 - SEEN_BITS)
+fn place_of(bucket: u32) -> usize {
+    debug_assert!((bucket as usize) < MOST_BUCKETS);
+    bucket as usize & (MOST_BUCKETS - 1)
+}
+
+#[inline(always)]
+fn seen_slot(v0: u32, v1: u32) -> usize {
+    ((v0.wrapping_mul(0x9E37_79B1) ^ v1.wrapping_mul(0x85EB_CA77)) >> (32 - SEEN_BITS)) as usize
 }
 
 impl BucketQueue {
     /// A queue of 2^`octave_bits` buckets an octave.
     pub(crate) fn new(octave_bits: u32) -> Self {
+        assert!(octave_bits <= MOST_OCTAVE_BITS, "{octave_bits} bits an octave");
         let shift = 23 - octave_bits;
-        let n_buckets = 1usize << (31 - shift);
         BucketQueue {
             shift,
-            heads: vec![NONE; n_buckets],
-            filled: vec![0; n_buckets.div_ceil(64)],
+            heads: Box::new([NONE; MOST_BUCKETS]),
+            filled: Box::new([0; MOST_BUCKETS / 64]),
             current: 0,
             ceiling: u32::MAX,
             pool: Vec::new(),
             free: NONE,
-            seen: vec![Seen::default(); 1 << SEEN_BITS],
+            seen: Box::new([Seen::default(); 1 << SEEN_BITS]),
             epoch: 1,
         }
     }
@@ -123,15 +133,15 @@ impl BucketQueue {
     #[inline(always)]
     pub(crate) fn put_back(&mut self, bucket: u32, entry: Entry) {
         let seen = Seen { v0: entry.v0, v1: entry.v1, bucket, epoch: self.epoch };
-        *at_mut(&mut self.seen, seen_slot(entry.v0, entry.v1)) = seen;
+        self.seen[seen_slot(entry.v0, entry.v1)] = seen;
         self.push(bucket, entry);
     }
 
-    /// Whether the same edge waits in a dearer bucket: two edges become one when a triangle vanishes,
+    /// Returns whether the same edge waits in a dearer bucket: two edges become one when a triangle vanishes,
     /// and one entry is enough. May miss some.
     #[inline(always)]
     pub(crate) fn is_double(&self, bucket: u32, v0: u32, v1: u32) -> bool {
-        let seen = at(&self.seen, seen_slot(v0, v1));
+        let seen = &self.seen[seen_slot(v0, v1)];
         (seen.v0 == v0) & (seen.v1 == v1) & (seen.epoch == self.epoch) & (seen.bucket > bucket)
     }
 
@@ -140,9 +150,9 @@ impl BucketQueue {
         debug_assert!(entry.v1 >> FAILURE_SHIFT == 0 && entry.failures < 4);
         let bucket = bucket.max(self.current);
         let v1 = entry.v1 | u32::from(entry.failures) << FAILURE_SHIFT;
-        let slot = Slot { v0: entry.v0, v1, next: *at(&self.heads, bucket) };
+        let slot = Slot { v0: entry.v0, v1, next: self.heads[place_of(bucket)] };
         let free = self.free;
-        *at_mut(&mut self.heads, bucket) = if let Some(place) = self.pool.get_mut(free as usize) {
+        self.heads[place_of(bucket)] = if let Some(place) = self.pool.get_mut(free as usize) {
             self.free = place.next;
             *place = slot;
             free
@@ -150,21 +160,21 @@ impl BucketQueue {
             self.pool.push(slot);
             self.pool.len() as u32 - 1
         };
-        *at_mut(&mut self.filled, bucket / 64) |= 1 << (bucket % 64);
+        self.filled[place_of(bucket) / 64] |= 1 << (bucket % 64);
     }
 
     /// The cheapest entry with its bucket.
     #[inline(always)]
     pub(crate) fn pop(&mut self) -> Option<(u32, Entry)> {
-        let mut first = *at(&self.heads, self.current);
+        let mut first = self.heads[place_of(self.current)];
         if first == NONE {
             first = self.advance()?;
         }
-        let place = at_mut(&mut self.pool, first);
+        let place = &mut self.pool[first as usize];
         let slot = *place;
         place.next = self.free;
         self.free = first;
-        *at_mut(&mut self.heads, self.current) = slot.next;
+        self.heads[place_of(self.current)] = slot.next;
         let v1 = slot.v1 & !(3 << FAILURE_SHIFT);
         let failures = (slot.v1 >> FAILURE_SHIFT) as u8;
         Some((self.current, Entry { v0: slot.v0, v1, failures }))
@@ -186,7 +196,7 @@ impl BucketQueue {
             return None;
         }
         self.current = next;
-        Some(self.heads[self.current as usize])
+        Some(self.heads[place_of(self.current)])
     }
 }
 

@@ -1,20 +1,42 @@
-//! The eight lanes in one 256-bit register. Only `run` names the type, and only behind the token of `Simd`.
+//! The eight lanes in one 256-bit register.
+//!
+//! `Avx2` is private to this file, and nothing but `run_with_avx2` names it; that is only called with a `Token`. So
+//! wherever code of this file runs with `Avx2` for its lanes, the processor has AVX2: the argument of every
+//! `unsafe` block below.
 
 use std::arch::x86_64::*;
 
-use super::{Job, Lanes};
-use crate::kernel::surface::Vertex;
+use super::lanes::{Job, Lanes, PACKING};
+use crate::kernel::vertex::Vertex;
+
+/// Proof that the processor has AVX2; only made by `detect`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Token(());
+
+impl Token {
+    /// Asks the processor; `None` if it has no AVX2.
+    pub(super) fn detect() -> Option<Self> {
+        std::arch::is_x86_feature_detected!("avx2").then_some(Token(()))
+    }
+}
+
+/// Runs a job with AVX2 allowed.
+#[inline(always)]
+pub(super) fn run<J: Job>(_: Token, job: J) -> J::Output {
+    // SAFETY: the token is only made after AVX2 was detected.
+    unsafe { run_with_avx2(job) }
+}
 
 /// Runs a job with AVX2 allowed.
 ///
 /// # Safety
 /// The processor must have AVX2.
 #[target_feature(enable = "avx2")]
-pub(crate) unsafe fn run<J: Job>(job: J) -> J::Output {
+unsafe fn run_with_avx2<J: Job>(job: J) -> J::Output {
     job.run::<Avx2>()
 }
 
-/// Eight numbers in a register; exists only inside of `run`, which vouches for AVX2.
+/// Eight numbers in a register; exists only inside of `run_with_avx2`, whose caller vouches for AVX2.
 #[derive(Clone, Copy)]
 struct Avx2(__m256);
 
@@ -70,8 +92,6 @@ fn transposed(r: [__m256; 8]) -> [__m256; 8] {
     ]
 }
 
-// `Avx2` is private to this module, and nothing but `run` names it: whoever calls one of these has got there
-// through `run`, whose caller has made sure of AVX2.
 impl Lanes for Avx2 {
     #[inline(always)]
     fn splat(x: f32) -> Self {
@@ -229,7 +249,7 @@ impl Lanes for Avx2 {
     }
     #[inline(always)]
     fn packed(list: &[u32; 8], bits: u32) -> [u32; 8] {
-        let lanes = &super::PACKING[bits as usize & 0xFF];
+        let lanes = &PACKING[bits as usize & 0xFF];
         let mut packed = [0; 8];
         // SAFETY: AVX2 is there (see above); eight numbers, or the eight bytes of an entry, are read and written.
         unsafe {

@@ -14,7 +14,8 @@
 //!
 //! docs/algorithm.md, section 6.
 
-use crate::kernel::surface::{GONE, Surface};
+use crate::kernel::surface::Surface;
+use crate::kernel::vertex::GONE;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::union_find::Union;
 use crate::mesh::vec3::{Vec3, length_sq, normal, sub, triangle_distance_sq};
@@ -31,7 +32,7 @@ const LONGEST_WAY: usize = 4096;
 /// Cost of the dearest collapse over mean squared error times mean area of a triangle: `COST_PER_ERROR` of
 /// `topology` times what the error of all gains by two triangles less, three times its mean for each.
 const COST_PER_SQUARE: f64 = 42.0;
-/// Triangles longer than so many cells are looked at in parts.
+/// Length in cells above which triangles are looked at in parts.
 const LONG: f64 = 4.0;
 /// Components farther from others than this many root mean square errors are held, for the sake of the largest
 /// error, ...
@@ -66,16 +67,16 @@ pub(crate) struct Removal {
 
 /// Components, and where they lie.
 #[derive(Clone)]
-pub(crate) struct Islands {
+pub(crate) struct SmallComponents {
     /// For each vertex the rank of its component: 0 the smallest.
     rank: Vec<u32>,
-    /// By rank: area of components that were removed next to it, scaled.
+    /// Area of components that were removed next to it, scaled, by rank.
     ghosts: Vec<f64>,
-    /// By rank: whether it was removed.
+    /// True if it was removed, by rank.
     is_gone: Vec<bool>,
-    /// By rank: what its removal does, once it is known.
+    /// Effect of its removal, once it is known, by rank.
     known: Vec<Option<Removal>>,
-    /// By rank: what it does at least.
+    /// Lower bound of the error of its removal, by rank.
     least_error: Vec<f64>,
     origin: [f64; 3],
     /// Of the finest cells, 1 / side, in input units.
@@ -84,14 +85,14 @@ pub(crate) struct Islands {
     grids: Vec<Vec<Cell>>,
     /// Area of the surface when it was looked at, scaled.
     area: f64,
-    /// By rank: whether it may come down to a few triangles before the surface is looked at again.
+    /// True if it may come down to a few triangles before the surface is looked at again, by rank.
     is_small: Vec<bool>,
-    /// By rank: whether it is held for its distance; and their triangles.
+    /// True if it is held for its distance, by rank; and the number of triangles of those.
     is_held: Vec<bool>,
     n_held: u64,
 }
 
-impl Islands {
+impl SmallComponents {
     /// Finds the components of what is left of a surface.
     pub(crate) fn new(surface: &Surface) -> Self {
         let (rank, sizes) = ranks(surface);
@@ -104,10 +105,10 @@ impl Islands {
         let (area, n) = some.fold((0.0, 0u32), |(area, n), t| (area + area_of(surface, t), n + 1));
         let mean = area / f64::from(n.max(1));
         let extent = bounds.side();
-        // An edge long, if the keys can tell so many cells apart.
+        // An edge long, if the keys have bits enough.
         let least = extent / f64::from((1u32 << AXIS_BITS) - 2);
         let side = ((2.0 * mean).sqrt() * surface.unscale).max(least).max(f64::MIN_POSITIVE);
-        let mut islands = Islands {
+        let mut small_components = SmallComponents {
             rank,
             ghosts: vec![0.0; n_ranks],
             is_gone: vec![false; n_ranks],
@@ -121,8 +122,8 @@ impl Islands {
             is_held: vec![false; n_ranks],
             n_held: 0,
         };
-        islands.build(surface);
-        islands
+        small_components.build(surface);
+        small_components
     }
 
     fn build(&mut self, surface: &Surface) {
@@ -155,7 +156,7 @@ impl Islands {
         at(0) | at(1) << AXIS_BITS | at(2) << (2 * AXIS_BITS)
     }
 
-    /// Whether the component of a vertex may have become small; what a cut has added may be.
+    /// Returns whether the component of a vertex may have become small; what a cut has added may be.
     pub(crate) fn is_small(&self, v: u32) -> bool {
         let rank = self.rank.get(v as usize).copied().unwrap_or(GONE);
         self.is_small.get(rank as usize).copied().unwrap_or(true)

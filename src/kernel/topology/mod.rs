@@ -8,14 +8,14 @@
 //! docs/algorithm.md, section 6, has the prices.
 
 pub(crate) mod components;
+pub(crate) mod cut;
 pub(crate) mod separation;
 
-use crate::kernel::collapse::Collapser;
-use crate::kernel::collapse::legality::Class;
-use crate::kernel::cost::quadric::{Rows, Triangles};
-use crate::kernel::simd::Simd;
-use crate::kernel::surface::{Fan, GONE, HUB, Ring, Surface, others};
+use crate::kernel::collapse::collapser::Collapser;
+use crate::kernel::surface::Surface;
+use crate::kernel::surface::class::Class;
 use crate::kernel::topology::separation::{Separation, Side, separation_far, separation_near};
+use crate::kernel::vertex::{GONE, others};
 use crate::mesh::vec3::{length_sq, normal, sub, triangle_distance_sq};
 
 /// Cost of the dearest collapse over the squared error, integrated over the surface, that a collapse adds at that
@@ -33,8 +33,8 @@ const FREED_BY_HANDLE: usize = 2;
 /// Components of more triangles than this do not vanish: collapses have work to do there first.
 const MAX_SPECK: usize = 24;
 
-/// What can be done about a refusal.
-pub(crate) enum Remedy {
+/// Change of topology after a rejection.
+pub(crate) enum TopologyChange {
     /// The component around a vertex may vanish: all of its triangles.
     Vanish(Vec<u32>),
     /// The surface may be cut along this triangle of edges and both ends capped.
@@ -42,7 +42,7 @@ pub(crate) enum Remedy {
 }
 
 /// Cost of a collapse that is as dear as a change which makes an error on one side, in scaled units, and
-/// sets so many triangles free.
+/// sets `n_freed` triangles free.
 pub(crate) fn price(error: f64, n_freed: usize) -> f32 {
     (COST_PER_ERROR * ONE_SIDE * error * FREED_BY_COLLAPSE / n_freed.max(1) as f64) as f32
 }
@@ -52,18 +52,18 @@ pub(crate) fn error_worth(cost: f32, n_freed: usize) -> f64 {
     f64::from(cost) * n_freed.max(1) as f64 / (COST_PER_ERROR * ONE_SIDE * FREED_BY_COLLAPSE)
 }
 
-/// Finds the remedy for a refused collapse of `v0` into `v1`. `may_vanish`: whether their component may be small
+/// Finds a change of topology for a rejected collapse of `v0` into `v1`. `may_vanish`: whether their component may be small
 /// enough.
-pub(crate) fn remedy(
+pub(crate) fn find_change(
     surface: &Surface,
     (v0, v1): (u32, u32),
     collapser: &Collapser,
     may_vanish: bool,
-) -> Option<Remedy> {
+) -> Option<TopologyChange> {
     if may_vanish && let Some(speck) = speck(surface, v0) {
-        return Some(Remedy::Vanish(speck));
+        return Some(TopologyChange::Vanish(speck));
     }
-    let w = collapser.stranger(surface)?;
+    let w = collapser.common_neighbour(surface)?;
     let inner = |v: u32| surface.rings[v as usize].class == Some(Class::Interior);
     if !(inner(v0) && inner(v1) && inner(w)) {
         return None;
@@ -88,7 +88,7 @@ pub(crate) fn remedy(
             }
         }
     }
-    Some(Remedy::Cut(cycle))
+    Some(TopologyChange::Cut(cycle))
 }
 
 /// A cut along three edges, planned and priced in scaled units.
@@ -192,13 +192,13 @@ fn speck(surface: &Surface, start: u32) -> Option<Vec<u32>> {
 }
 
 /// The triangles of `v` from its edge to `from` up to its edge to `to`, in their sense of rotation.
-fn sector(surface: &Surface, v: u32, from: u32, to: u32) -> Option<Vec<u32>> {
+pub(super) fn sector(surface: &Surface, v: u32, from: u32, to: u32) -> Option<Vec<u32>> {
     let mut found = Vec::with_capacity(surface.ring(v).len());
     each_of_sector(surface, v, from, to, |t| found.push(t))?;
     Some(found)
 }
 
-/// Hands the same triangles to `take`; `None`, after some of them perhaps, if there is no such sector.
+/// Hands the same triangles to `take`; `None`, after some of them perhaps, if the sector does not exist.
 fn each_of_sector(
     surface: &Surface,
     v: u32,
@@ -233,135 +233,4 @@ pub(crate) fn vanish(surface: &mut Surface, triangles: &[u32]) {
         surface.triangles[t as usize][0] = GONE;
         surface.n_alive -= 1;
     }
-}
-
-/// Cuts along a cycle of three edges and caps both sides. What lies to the right of the cycle gets new
-/// vertices, which take over `sources`; they are returned. `None`, and nothing done, if it cannot be.
-pub(crate) fn cut(
-    surface: &mut Surface,
-    cycle: [u32; 3],
-    sources: [u32; 3],
-    number: u32,
-    simd: Simd,
-) -> Option<[u32; 3]> {
-    let at_seam = |v: u32| surface.wedges.as_ref().is_some_and(|wedges| wedges.is_seam(v));
-    if cycle.into_iter().any(at_seam) {
-        return None;
-    }
-    let mut right: [Vec<u32>; 3] = Default::default();
-    for i in 0..3 {
-        let (next, prev) = (cycle[(i + 1) % 3], cycle[(i + 2) % 3]);
-        right[i] = sector(surface, cycle[i], prev, next)?;
-        sector(surface, cycle[i], next, prev)?;
-    }
-    let first = surface.vertices.len() as u32;
-    let new = [first, first + 1, first + 2];
-    let caps = [surface.triangles.len() as u32, surface.triangles.len() as u32 + 1];
-    let [v0, v1, w] = cycle;
-    surface.triangles.push([v1, v0, w]);
-    surface.triangles.push(new);
-    surface.n_alive += 2;
-    for i in 0..3 {
-        let v = cycle[i];
-        let mut vertex = surface.vertices[v as usize];
-        vertex.stamp = number;
-        surface.vertices.push(vertex);
-        surface.source.push(sources[i]);
-        for channel in 0..surface.n_channels {
-            let value = surface.channels[v as usize * surface.n_channels + channel];
-            surface.channels.push(value);
-        }
-        let mut left: Vec<u32> =
-            surface.ring(v).iter().copied().filter(|t| !right[i].contains(t)).collect();
-        left.push(caps[0]);
-        right[i].push(caps[1]);
-        surface.rings.push(Ring { start: 0, len: 0, room: 0, class: Some(Class::Interior) });
-        set_ring(surface, v, &left);
-        set_ring(surface, new[i], &right[i]);
-    }
-    for i in 0..3 {
-        for &t in &right[i] {
-            let triangle = &mut surface.triangles[t as usize];
-            *triangle = triangle.map(|v| if v == cycle[i] { new[i] } else { v });
-        }
-    }
-    if let Some(mut wedges) = surface.wedges.take() {
-        let old = cycle.map(|v| wedges.single(surface, v).unwrap_or(0));
-        let added: [u32; 3] = std::array::from_fn(|i| wedges.add(surface, cycle[i], sources[i]));
-        wedges.corner.push([old[1], old[0], old[2]]);
-        wedges.corner.push(added);
-        for i in 0..3 {
-            wedges.rename(surface, &right[i], new[i], added[i]);
-        }
-        surface.wedges = Some(wedges);
-    }
-    for v in cycle.into_iter().chain(new) {
-        refresh(surface, v, simd);
-        surface.vertices[v as usize].stamp = number;
-    }
-    if let Some(mut attributes) = surface.attributes.take() {
-        cycle.into_iter().chain(new).for_each(|v| attributes.refresh(surface, v));
-        surface.attributes = Some(attributes);
-    }
-    Some(new)
-}
-
-/// Gives a vertex the triangles of `list` as its ring.
-pub(crate) fn set_ring(surface: &mut Surface, v: u32, list: &[u32]) {
-    let n = list.len() as u32;
-    if n > surface.rings[v as usize].room {
-        let start = surface.append_room(list.len());
-        let ring = &mut surface.rings[v as usize];
-        (ring.start, ring.room) = (start, n);
-    }
-    let ring = &mut surface.rings[v as usize];
-    ring.len = n;
-    let start = ring.start as usize;
-    surface.arena[start..start + list.len()].copy_from_slice(list);
-}
-
-/// Quadrics and classes of vertices whose triangles changed; empties the list. Rings must be right.
-pub(crate) fn settle(surface: &mut Surface, touched: &mut Vec<u32>, simd: Simd) {
-    touched.sort_unstable();
-    touched.dedup();
-    touched.retain(|&v| surface.rings[v as usize].len > 0);
-    let mut fan = Fan::new();
-    for &v in touched.iter() {
-        if surface.ring(v).len() > HUB as usize {
-            // It may still list triangles that are gone.
-            let is_there = |&t: &u32| surface.triangles[t as usize][0] != GONE;
-            let list: Vec<u32> = surface.ring(v).iter().copied().filter(is_there).collect();
-            set_ring(surface, v, &list);
-        }
-        refresh(surface, v, simd);
-        surface.classify(v, &mut fan);
-    }
-    if let Some(mut attributes) = surface.attributes.take() {
-        touched.iter().for_each(|&v| attributes.refresh(surface, v));
-        surface.attributes = Some(attributes);
-    }
-    touched.clear();
-}
-
-/// The quadric of a vertex from its triangles, without its open edges.
-fn refresh(surface: &mut Surface, v: u32, simd: Simd) {
-    let mut quadric = [0.0; 9];
-    let mut rows = Rows::ZERO;
-    for eight in surface.ring(v).chunks(8) {
-        let corner = |i: usize, k: usize| {
-            let t = surface.triangles[eight[i.min(eight.len() - 1)] as usize];
-            &surface.vertices[t[k] as usize]
-        };
-        simd.run(Triangles {
-            a: std::array::from_fn(|i| corner(i, 0)),
-            b: std::array::from_fn(|i| corner(i, 1)),
-            c: std::array::from_fn(|i| corner(i, 2)),
-            scale: surface.scale,
-            out: &mut rows,
-        });
-        for i in 0..eight.len() {
-            rows.add_to(i, &mut quadric);
-        }
-    }
-    surface.vertices[v as usize].quadric = quadric;
 }

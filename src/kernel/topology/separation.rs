@@ -3,14 +3,15 @@
 //! Both sides of the cut are walked in turn, so that the smaller one sets the price. If the walks meet, the cut
 //! opens a handle and separates nothing. Changes nothing; `topology` decides what may be cut.
 
-use crate::kernel::collapse::legality::Class;
-use crate::kernel::surface::{GONE, MAX_VALENCE, Surface};
+use crate::kernel::surface::class::Class;
+use crate::kernel::surface::{MAX_VALENCE, Surface};
+use crate::kernel::vertex::GONE;
 
 /// The effect of a cut on the component it runs through.
 pub(crate) enum Separation {
     /// It stays in one piece.
     None,
-    /// These triangles would be a component of their own.
+    /// These triangles would be a separate component.
     Part(Vec<u32>),
     /// Neither was found out; both sides are large, or a locked vertex may join them elsewhere.
     Unknown,

@@ -26,11 +26,11 @@ pub(super) struct Round {
     /// Triangles before and after it.
     pub(super) before: u64,
     pub(super) after: u64,
-    /// Whether sources of cells are given back as they are simplified.
+    /// True if sources of cells are given back as they are simplified.
     pub(super) frees: bool,
 }
 
-/// What the disk use depends on.
+/// Input of the estimate of disk use.
 pub(super) struct Job<'a> {
     pub(super) layout: &'a VertexLayout,
     pub(super) vertices_per_triangle: f64,

@@ -6,7 +6,7 @@ use crate::config::{Config, Normals, Target};
 use crate::error::{Error, Remedy, Result};
 use crate::io::ply::{FaceSchema, MeshSource, VertexBlock};
 use crate::io::{Expected, OutputKind, expected_bytes};
-use crate::mesh::face_properties::FaceCarry;
+use crate::mesh::face_properties::FacePropertyPlan;
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
 use crate::stages::components;
@@ -23,7 +23,7 @@ use crate::system::paths::existing_parent;
 use crate::system::units::{show_bytes, show_count};
 use std::path::Path;
 
-/// A cell may come out so much larger than planned before it is a surprise.
+/// Safety factor: largest accepted cell relative to the planned size.
 const UNEVEN: f64 = 1.25;
 
 /// Temporary bytes for each vertex of an output whose corners get texture coordinates.
@@ -49,7 +49,7 @@ const INODES: u64 = 32;
 /// End-to-end speed on one core of the reference machine in triangles/s, for the expected time only.
 const TRIANGLES_PER_SECOND_PER_CORE: f64 = 1.7e6;
 
-/// What a run will do and need.
+/// Forecast of a run: its steps, memory and disk use.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Plan {
     /// Triangles of the input.
@@ -60,7 +60,7 @@ pub struct Plan {
     pub cells: u32,
     /// Triangles aimed at after each round; the finish is not a round.
     pub rounds: Vec<u64>,
-    /// Whether one in-core finish meets the target exactly.
+    /// True if one in-core finish meets the target exactly.
     pub finish: bool,
     /// Memory the stages may share, in bytes.
     pub usable_memory_bytes: u64,
@@ -88,14 +88,21 @@ impl Plan {
         }
         let target = config.target.triangles(triangles_in);
         let attributes = &config.attributes;
-        let layout = VertexLayout::for_kernel(
-            source.schema(),
-            source.n_vertices(),
-            &attributes.labels,
-            &attributes.weights,
-        );
+        let layout = VertexLayout {
+            has_reach: config.kernel.bound.is_some(),
+            ..VertexLayout::for_kernel(
+                source.schema(),
+                source.n_vertices(),
+                &attributes.labels,
+                &attributes.weights,
+            )
+        };
         let cells = plan_cells(triangles_in, config.cell_triangles);
-        let (rounds, finish_triangles) = rounds(triangles_in, target, config.cell_triangles);
+        let is_bound_only = matches!(config.target, Target::MaxError(_));
+        let (rounds, finish_triangles) = match is_bound_only {
+            true => rounds_within_bound(triangles_in, config.cell_triangles),
+            false => rounds(triangles_in, target, config.cell_triangles),
+        };
         let vertices_per_triangle = source.n_vertices() as f64 / triangles_in.max(1) as f64;
         let tally_of = |triangles: u64| {
             let vertices = (triangles as f64 * vertices_per_triangle.clamp(0.5, 3.0)) as u64;
@@ -133,7 +140,11 @@ impl Plan {
             _ => result_bytes(tally_of(target.min(triangles_in)), &layout),
         };
         let fit_bytes = fit_bytes(fit, finish_triangles, target);
-        let finish_left = (target as f64 / finish_triangles.max(1) as f64).min(1.0);
+        let finish_left = if is_bound_only {
+            1.0
+        } else {
+            (target as f64 / finish_triangles.max(1) as f64).min(1.0)
+        };
         // A detailed cell may keep nearly all it has.
         let works = stage_bytes(cell, 1.0)
             .max(stage_bytes(finish_triangles, finish_left) + fit_bytes)
@@ -298,7 +309,7 @@ impl Plan {
 
 /// Fails where the disk cannot hold what it takes to move what faces carry to vertices, which happens before
 /// everything else; sources without any need nothing.
-pub fn check_split(source: &MeshSource, carry: &FaceCarry, config: &Config) -> Result<()> {
+pub fn check_split(source: &MeshSource, carry: &FacePropertyPlan, config: &Config) -> Result<()> {
     if !carry.is_moved() {
         return Ok(());
     }
@@ -351,6 +362,11 @@ fn output(
     if config.attributes.normals == Normals::Recompute && !schema.properties.iter().any(is_normal) {
         (schema, sample) = with_normals(schema, &sample);
     }
+    if config.error_field {
+        let rows = sample.chunks_exact(schema.record_bytes());
+        sample = rows.flat_map(|row| [row, &1f32.to_le_bytes()].concat()).collect();
+        schema.properties.push(Property::new(write::REACH, Scalar::F32));
+    }
     let faces = match carry {
         Some(carry) => FaceSchema {
             texture: carry.texture,
@@ -379,6 +395,13 @@ fn with_normals(mut schema: VertexSchema, sample: &[u8]) -> (VertexSchema, Vec<u
     let new = new.map(|name| Property::new(name, Scalar::F32));
     schema.properties.extend(new);
     (schema, wider)
+}
+
+/// The same for a bound on the error, which tells nothing of counts: a round that leaves half, and as many as a finish
+/// may take.
+fn rounds_within_bound(triangles_in: u64, cell_triangles: u64) -> (Vec<u64>, u64) {
+    let most = cell_triangles.saturating_mul(stitch::FINISH_CELLS);
+    if triangles_in <= most { (Vec::new(), triangles_in) } else { (vec![triangles_in / 2], most) }
 }
 
 /// Goals of the rounds, and how many triangles the finish will take in (0: no finish).

@@ -1,4 +1,4 @@
-//! What one cell knows of the components: those that are settled within it, and its pieces that touch others.
+//! Findings of one cell on components: those that are settled within it, and its pieces that touch others.
 
 use super::sizes::{ComponentSizes, Least};
 use crate::mesh::bounds::Bounds;
@@ -7,7 +7,7 @@ use crate::store::cells::{CellMesh, Extent, PieceSet, Pieces, position_bits};
 /// The pack of what the cells know by themselves.
 pub(super) const FOUND_NAME: &str = "components.cells";
 
-/// A piece that other cells have a say in.
+/// A piece that touches other cells.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Open {
     /// Its number in the cell.

@@ -11,7 +11,7 @@ use crate::io::{ExternalSort, halves, whole};
 use crate::mesh::bounds::Bounds;
 use crate::store::cells::{CellStore, CellTally, Pack, PackWriter};
 use crate::store::pack_format::ChunkKind;
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use std::path::Path;
 
 /// The pack of what is left out.
@@ -20,7 +20,7 @@ pub(super) const VERDICTS_NAME: &str = "verdicts.cells";
 /// Share of the memory for each sort; up to three are at work.
 const SORT_SHARE: u64 = 8;
 
-/// What was joined.
+/// Counts of the joining.
 pub(super) struct Joined {
     pub sizes: ComponentSizes,
     /// Rows of the cells without what goes.
@@ -33,7 +33,12 @@ pub(super) struct Joined {
 const MEMBER_WORDS: usize = 18;
 
 /// Joins what the cells have noted in `found`.
-pub(super) fn join(found: &Pack, store: &CellStore, least: Least, run: &Run) -> Result<Joined> {
+pub(super) fn join(
+    found: &Pack,
+    store: &CellStore,
+    least: Least,
+    run: &StageContext,
+) -> Result<Joined> {
     let notes = Notes { found, run };
     let mut sizes = ComponentSizes::none();
     let stars = {
@@ -58,11 +63,11 @@ fn node(cell: usize, open: usize) -> u64 {
     whole(cell as u32, open as u32)
 }
 
-/// What the cells have noted, and where sorts may lie.
+/// Notes of the cells, and the folder for sorts.
 #[derive(Clone, Copy)]
 struct Notes<'a> {
     found: &'a Pack,
-    run: &'a Run<'a>,
+    run: &'a StageContext<'a>,
 }
 
 impl Notes<'_> {
@@ -112,7 +117,7 @@ impl Notes<'_> {
                 }
                 members.push(member(node, node, &open))?;
             }
-            Err(Error::Internal(format!("node {of} of a star is no piece")))
+            Err(Error::Internal(format!("node {of} of a star is not a piece")))
         })?;
         while let Some((node, open)) = rows.next()? {
             members.push(member(node, node, &open))?;

@@ -16,7 +16,7 @@ pub use sizes::{Below, ComponentSizes, Least, below_list, sizes_in_memory};
 use crate::error::{Error, Result};
 use crate::store::cells::{CellStore, PackWriter, Pieces, StoreInfo, Verdicts, load_bytes};
 use crate::store::pack_format::ChunkKind;
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use crate::system::parallel::{Weighted, largest_first};
 use found::{FOUND_NAME, Found};
 use join::VERDICTS_NAME;
@@ -28,10 +28,10 @@ use std::time::Instant;
 /// its own at worst; and for its link, listed and encoded.
 const PIECE_BYTES: u64 = 72 + 60;
 
-/// What was found, and the store without what is too small.
+/// Sizes of the components, and the store without those that are too small.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Components {
-    /// How large they are, and what was left out.
+    /// Sizes of the components, and what was left out.
     pub sizes: ComponentSizes,
     /// The same cells, without the small components.
     pub store: StoreInfo,
@@ -44,7 +44,7 @@ pub const LINK_BYTES: u64 = 64;
 ///
 /// Memory: cells as the budget holds them, then sorts within it. Disk: `LINK_BYTES` for each vertex that a cell
 /// shares, 120 bytes for each piece that touches another cell. An interrupted run keeps the cells it has seen.
-pub fn find(store: &CellStore, least: Least, run: &Run) -> Result<Components> {
+pub fn find(store: &CellStore, least: Least, run: &StageContext) -> Result<Components> {
     let mut pack = see_cells(store, least, run)?;
     let found = pack.reader(run.disk(), store.n_cells() as u32)?;
     let joined = join::join(&found, store, least, run)?;
@@ -58,7 +58,7 @@ pub fn find(store: &CellStore, least: Least, run: &Run) -> Result<Components> {
 }
 
 /// Removes what only `find` needs, once its outcome is sealed.
-pub fn tidy_up(run: &Run) -> Result<()> {
+pub fn tidy_up(run: &StageContext) -> Result<()> {
     run.disk().remove(&run.job.path(FOUND_NAME))
 }
 
@@ -68,7 +68,7 @@ struct Output {
 }
 
 /// Notes what each cell knows by itself, but for those that an earlier run has noted.
-fn see_cells(store: &CellStore, least: Least, run: &Run) -> Result<PackWriter> {
+fn see_cells(store: &CellStore, least: Least, run: &StageContext) -> Result<PackWriter> {
     let path = run.job.path(FOUND_NAME);
     let pack = match path.exists() {
         true => PackWriter::reopen(run.disk(), &path)?,

@@ -7,7 +7,7 @@ use crate::store::cells::Pieces;
 use crate::system::units::show_count;
 use serde::{Deserialize, Serialize};
 
-/// What a component must have at least; zeros leave every component.
+/// Least size of a component that stays; zeros leave every component.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Least {
     /// Triangles.
@@ -26,7 +26,7 @@ impl Least {
         }
     }
 
-    /// Whether a component of this size goes.
+    /// Returns whether a component of this size goes.
     pub fn drops(&self, triangles: u64, bounds: Bounds) -> bool {
         triangles < self.triangles || bounds.diagonal() < self.diameter
     }
@@ -35,7 +35,7 @@ impl Least {
 /// The limits of `ComponentSizes::below`.
 const LIMITS: [u64; 4] = [30, 100, 300, 1000];
 
-/// How many components there are below a size, and what they hold.
+/// Number of components below a size, and their contents.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Below {
     /// Components of fewer triangles than this.
@@ -53,7 +53,7 @@ pub struct ComponentSizes {
     pub found: u64,
     /// Triangles of the largest.
     pub largest: u64,
-    /// How many are below 30, 100, 300 and 1000 triangles.
+    /// Numbers of those below 30, 100, 300 and 1000 triangles.
     pub below: Vec<Below>,
     /// Components that were dropped because they are too small.
     #[serde(default)]

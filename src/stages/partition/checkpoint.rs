@@ -7,7 +7,7 @@
 use crate::error::{Error, Result};
 use crate::store::cells::{CellTally, PackWriter, VertexLayout};
 use crate::store::pack_format::ChunkKind;
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
@@ -38,7 +38,7 @@ pub struct Dropped {
 /// The vertices that several cells use.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 pub struct Seams {
-    /// How many there are.
+    /// Number of shared vertices.
     pub n_shared: u64,
     /// The one nearest to the middle of the bounds.
     pub place: Option<[f64; 3]>,
@@ -46,7 +46,7 @@ pub struct Seams {
 
 /// A place between two blocks of a pass. Everything before it is in the pack, durably.
 #[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
-pub struct Place {
+pub struct ResumePoint {
     /// The pass.
     pub pass: Pass,
     /// First vertex and number of vertices of the window, in the pass over the triangles.
@@ -63,25 +63,25 @@ pub struct Place {
 
 /// Decides when a checkpoint is due, and records it.
 pub struct Checkpoints<'a> {
-    run: &'a Run<'a>,
+    run: &'a StageContext<'a>,
     last: Instant,
 }
 
 impl<'a> Checkpoints<'a> {
     /// Checkpoints of this run; the first is due one interval from now.
-    pub fn new(run: &'a Run<'a>) -> Self {
+    pub fn new(run: &'a StageContext<'a>) -> Self {
         Checkpoints { run, last: Instant::now() }
     }
 
-    /// Whether so much time has passed that a checkpoint is worth its sync.
+    /// Returns whether enough time has passed that a checkpoint is worth its sync.
     pub fn is_due(&self) -> bool {
         self.last.elapsed() >= self.run.checkpoint_every
     }
 
     /// Syncs the pack, to which the caller has written all its buffers, and records the place.
-    pub fn seal(&mut self, place: Place, pack: &mut PackWriter) -> Result<()> {
+    pub fn seal(&mut self, place: ResumePoint, pack: &mut PackWriter) -> Result<()> {
         pack.sync()?;
-        self.run.job.record(NAME, &Some(Place { pack_bytes: pack.length(), ..place }))?;
+        self.run.job.record(NAME, &Some(ResumePoint { pack_bytes: pack.length(), ..place }))?;
         self.last = Instant::now();
         Ok(())
     }
@@ -90,9 +90,13 @@ impl<'a> Checkpoints<'a> {
 /// The pack as an earlier run left it and the place up to which it is whole; or a new pack, from the start.
 ///
 /// `window_rows` is what the table may hold today: a place within a larger window cannot be taken up.
-pub fn take_up(run: &Run, pack_name: &str, window_rows: u64) -> Result<(PackWriter, Place)> {
+pub fn take_up(
+    run: &StageContext,
+    pack_name: &str,
+    window_rows: u64,
+) -> Result<(PackWriter, ResumePoint)> {
     let path = run.job.path(pack_name);
-    let recorded = run.job.outcome::<Option<Place>>(NAME)?.flatten();
+    let recorded = run.job.outcome::<Option<ResumePoint>>(NAME)?.flatten();
     if let Some(place) = recorded
         && place.window[1] <= window_rows
     {
@@ -104,11 +108,11 @@ pub fn take_up(run: &Run, pack_name: &str, window_rows: u64) -> Result<(PackWrit
         }
     }
     if recorded.is_some() {
-        run.job.record(NAME, &None::<Place>)?;
+        run.job.record(NAME, &None::<ResumePoint>)?;
     }
     let pack = PackWriter::create(run.disk(), &path)?;
     run.disk().sync_folder_of(&path)?;
-    Ok((pack, Place::default()))
+    Ok((pack, ResumePoint::default()))
 }
 
 /// Rows per cell of what the pack holds.

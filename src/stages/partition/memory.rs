@@ -9,7 +9,7 @@ use crate::store::cells::{Scatter, VertexLayout, n_samples};
 /// Share of the budget that one set of scatter buffers may take.
 const BUFFER_SHARE: u64 = 6;
 
-/// Share of the budget for pairs of a vertex and a foreign cell, at least and at most so many bytes.
+/// Share of the budget for pairs of a vertex and a foreign cell, with a least and a largest number of bytes.
 const HALO_SHARE: u64 = 16;
 const HALO_BYTES: std::ops::RangeInclusive<u64> = 1 << 20..=256 << 20;
 
@@ -22,7 +22,7 @@ const BLOCKS_PER_THREAD: u64 = 2;
 /// Bytes a sample takes: its position, and the same as integers.
 const SAMPLE_BYTES: u64 = 36;
 
-/// What the terms depend on.
+/// Sizes that the terms depend on.
 #[derive(Clone, Copy, Debug)]
 pub struct Sizes<'a> {
     /// Vertices of the input.
@@ -35,7 +35,7 @@ pub struct Sizes<'a> {
     pub layout: &'a VertexLayout,
 }
 
-/// How the budget is shared.
+/// Shares of the budget.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shares {
     /// Threads that read blocks; no more than were given.

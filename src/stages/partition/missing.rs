@@ -34,7 +34,7 @@ impl Passes<'_> {
         )
     }
 
-    /// Adds what one cell misses, sorted: a stretch of its own vertices at a time, which come in ascending order.
+    /// Adds what one cell misses, sorted: a stretch of that cell's vertices at a time, which come in ascending order.
     fn missing_of(&self, reader: &Pack, cell: u32, out: &mut Vec<Foreign>) -> Result<()> {
         let ids = self.layout.ids;
         let row_bytes = ids.bytes + self.layout.schema.record_bytes();

@@ -18,13 +18,15 @@ mod tests;
 mod triangles;
 
 pub use memory::{Shares, Sizes};
-pub use scan::{Scan, scan};
+pub use scan::{Scan, chosen, scan};
 
 use crate::error::Result;
 use crate::io::ply::MeshSource;
 use crate::mesh::bounds::Bounds;
-use crate::store::cells::{CellTree, Frame, StoreInfo, VertexLayout, plan_cells, split_overfull};
-use crate::store::stage_context::Run;
+use crate::store::cells::{
+    CellTree, StoreInfo, TurnedFrame, VertexLayout, plan_cells, split_overfull,
+};
+use crate::store::stage_context::StageContext;
 use checkpoint::{Checkpoints, Pass, take_up, tally};
 use halo::Gathering;
 use passes::Passes;
@@ -60,7 +62,11 @@ pub fn store_bytes(n_vertices: u64, n_triangles: u64, layout: &VertexLayout) -> 
 }
 
 /// Cuts `source` into cells of about `cell_triangles` triangles.
-pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<Partition> {
+pub fn partition(
+    source: &MeshSource,
+    cell_triangles: u64,
+    run: &StageContext,
+) -> Result<Partition> {
     let n_cells = plan_cells(source.n_triangles(), cell_triangles);
     let layout = VertexLayout::new(source.schema(), source.n_vertices());
     let shares = |n_cells| {
@@ -73,7 +79,7 @@ pub fn partition(source: &MeshSource, cell_triangles: u64, run: &Run) -> Result<
     let (bounds, tree) = run.job.sealed("partition tree", || {
         let shares = shares(n_cells);
         let Scan { bounds, samples } = scan(source, n_cells, shares.threads, run.progress)?;
-        Ok((bounds, CellTree::build(Frame::new(0, bounds), &samples, n_cells)))
+        Ok((bounds, CellTree::build(TurnedFrame::new(0, bounds), &samples, n_cells)))
     })?;
     run.progress.add(source.n_triangles() / 8);
     let shares = shares(tree.n_cells());

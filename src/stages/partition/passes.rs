@@ -1,20 +1,20 @@
 //! Shared parts of the passes over the input; the pass over the vertices, and windows of their cells.
 
 use super::cell_table::CellTable;
-use super::checkpoint::{Checkpoints, Pass, Place};
+use super::checkpoint::{Checkpoints, Pass, ResumePoint};
 use super::memory::Shares;
 use super::sorted::Sorted;
 use crate::error::Result;
 use crate::io::ply::{BLOCK_ROWS, MeshSource};
 use crate::store::cells::{CellTally, CellTree, PackWriter, Scatter, VertexLayout};
 use crate::store::pack_format::ChunkKind;
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use crate::system::parallel::in_order;
 
 /// The passes over the input, and how far they are.
 pub(super) struct Passes<'a> {
     pub(super) source: &'a MeshSource,
-    pub(super) run: &'a Run<'a>,
+    pub(super) run: &'a StageContext<'a>,
     pub(super) layout: VertexLayout,
     pub(super) tree: CellTree,
     pub(super) tally: Vec<CellTally>,
@@ -22,7 +22,7 @@ pub(super) struct Passes<'a> {
     /// Vertices whose cells a table may hold.
     pub(super) window_rows: u64,
     /// Position of the passes, or where they continue.
-    pub(super) place: Place,
+    pub(super) place: ResumePoint,
     pub(super) checkpoints: Checkpoints<'a>,
 }
 
@@ -77,14 +77,15 @@ impl Passes<'_> {
                 if checkpoints.is_due() {
                     scatter.flush(pack)?;
                     let block = first_block + index + 1;
-                    checkpoints.seal(Place { block, ..Place::default() }, pack)?;
+                    checkpoints.seal(ResumePoint { block, ..ResumePoint::default() }, pack)?;
                 }
                 Ok(())
             },
         )?;
         scatter.finish(pack)?;
         run.progress.add(source.n_triangles() / 4);
-        self.place = Place { pass: Pass::Triangles, window: [0, window], ..Place::default() };
+        self.place =
+            ResumePoint { pass: Pass::Triangles, window: [0, window], ..ResumePoint::default() };
         Ok(table)
     }
 

@@ -9,7 +9,7 @@ use crate::store::cells::n_samples;
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
 
-/// What a pass over the vertices finds.
+/// Findings of a pass over the vertices.
 #[derive(Clone, Debug)]
 pub struct Scan {
     /// The bounding box; that of the origin when there are no vertices.
@@ -70,7 +70,7 @@ pub fn scan(
 /// The vertex that stands for stretch number `stretch_index`.
 ///
 /// Hashed, not the first: a regular step could fall in with the rows of a grid.
-fn chosen(stretch_index: u64, stretch: u64) -> u64 {
+pub fn chosen(stretch_index: u64, stretch: u64) -> u64 {
     let mut h =
         stretch_index.wrapping_add(0x9E37_79B9_7F4A_7C15).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     h ^= h >> 31;

@@ -1,6 +1,6 @@
 //! The last pass: vertices go to all cells that use them, and are marked there.
 
-use super::checkpoint::{Place, Seams};
+use super::checkpoint::{ResumePoint, Seams};
 use super::halo::Halo;
 use super::passes::Passes;
 use crate::error::{Error, Result};
@@ -74,7 +74,7 @@ impl Passes<'_> {
                     rows.flush(pack)?;
                     marks.flush(pack)?;
                     let block = first_block as u64 + index + 1;
-                    self.checkpoints.seal(Place { block, seams, ..start }, pack)?;
+                    self.checkpoints.seal(ResumePoint { block, seams, ..start }, pack)?;
                 }
                 Ok(())
             },

@@ -63,7 +63,7 @@ fn cut_in(
         Identity { input: "grid".into(), input_marks: BTreeMap::new(), settings: BTreeMap::new() };
     let disk = Disk::default();
     let job = Job::open(&folder.join("job"), &disk, &identity, true).unwrap();
-    let run = Run {
+    let run = StageContext {
         job: &job,
         progress: &Progress::default(),
         threads: 2,

@@ -1,7 +1,7 @@
 //! The passes over the faces: triangles go to their cells, and the corners that lie elsewhere are noted.
 
 use super::cell_table::CellTable;
-use super::checkpoint::{Pass, Place};
+use super::checkpoint::{Pass, ResumePoint};
 use super::halo::{Gathering, Halo};
 use super::passes::Passes;
 use super::sorted::Sorted;
@@ -31,14 +31,22 @@ impl Passes<'_> {
             drop(table);
             let rows = self.window_rows.min(n_vertices - next);
             table = self.window(next, rows)?;
-            self.place = Place { pass: Pass::Triangles, window: [next, rows], ..Place::default() };
+            self.place = ResumePoint {
+                pass: Pass::Triangles,
+                window: [next, rows],
+                ..ResumePoint::default()
+            };
         }
         drop(table);
         scatter.finish(pack)?;
         if !is_whole {
             self.missing(&mut foreign, pack)?;
         }
-        self.place = Place { pass: Pass::Shared, dropped: self.place.dropped, ..Place::default() };
+        self.place = ResumePoint {
+            pass: Pass::Shared,
+            dropped: self.place.dropped,
+            ..ResumePoint::default()
+        };
         if self.checkpoints.is_due() {
             foreign.note(pack)?;
             self.checkpoints.seal(self.place, pack)?;
@@ -121,7 +129,7 @@ impl Passes<'_> {
                         foreign.note(pack)?;
                     }
                     let block = start.block + index + 1;
-                    checkpoints.seal(Place { block, dropped, ..start }, pack)?;
+                    checkpoints.seal(ResumePoint { block, dropped, ..start }, pack)?;
                 }
                 Ok(())
             },

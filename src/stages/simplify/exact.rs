@@ -5,7 +5,7 @@ use super::run_cells::{Goal, drain, kernel_run, run_all, run_cells};
 use crate::error::Result;
 use crate::kernel::{Options, Stop};
 use crate::store::cells::{CellStore, SurvivorInfo, Survivors};
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use serde::{Deserialize, Serialize};
 
 /// Simplifies every cell to an exact total, at most `goal.triangles`: for results too large for one finish.
@@ -17,7 +17,7 @@ pub fn simplify_cells_exactly(
     store: &CellStore,
     goal: Goal,
     options: &Options,
-    run: &Run,
+    run: &StageContext,
 ) -> Result<SurvivorInfo> {
     let (thresholds, _) = sealed_thresholds(store, goal, options, run, false)?;
     let Some(last) = thresholds.last() else {

@@ -40,7 +40,7 @@ pub fn result_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
 
 /// Memory in bytes for a result.
 fn plain_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
-    let mesh = 24 + 4 * layout.codec.n_channels() as u64;
+    let mesh = 24 + 4 * layout.n_channels() as u64;
     tally.vertices * (kept_bytes(layout) + mesh) + 12 * tally.triangles
 }
 
@@ -60,7 +60,7 @@ pub fn fit_bytes(fit: Fit, n_triangles: u64, target: u64) -> u64 {
 /// Memory in bytes that the kernel takes for a mesh, the mesh it is given included.
 fn kernel_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
     let CellTally { vertices, triangles } = tally;
-    let n_channels = layout.codec.n_channels();
+    let n_channels = layout.n_channels();
     let wedges = match layout.codec.has_seams(&layout.schema) {
         true => kernel::wedge_bytes(vertices, triangles, n_channels),
         false => 0,
@@ -70,6 +70,7 @@ fn kernel_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
         + mend_bytes(vertices, triangles)
         + kernel::attribute_bytes(vertices, layout.n_weighted())
         + wedges
+        + if layout.has_reach { kernel::bound_bytes(vertices, triangles) } else { 0 }
 }
 
 /// Memory that mending adds: it grows with the boundaries, of which a mesh has about as many vertices as it has beyond one

@@ -1,17 +1,19 @@
 //! Stage 2: simplifies all cells of a store, each by itself, to one common cost threshold.
 //!
 //! A threshold, not a quota per cell: flat cells must end emptier than detailed ones. It comes from a pilot
-//! over a sample of cells (`pilot`). Vertices shared between cells are locked; nothing else ties the cells together.
+//! over a sample of cells (`pilot`, down a `ladder`). Vertices shared between cells are locked; nothing else ties the cells together.
 //! For results too large for one finish, `exact` meets a total. `run_cells` is the parallel part of both.
 //!
 //! docs/algorithm.md, section 11.
 
 mod exact;
+mod ladder;
 mod memory;
 mod pilot;
 mod run_cells;
 
 pub use exact::simplify_cells_exactly;
+pub use ladder::{Thresholds, descend, ladder, pilot_cells};
 pub use memory::{fit_bytes, result_bytes, work_bytes};
 pub use run_cells::{FREED_AT_A_TIME, Goal, frees_sources};
 
@@ -19,8 +21,9 @@ use crate::error::Result;
 use crate::kernel::{Options, Stop};
 use crate::mesh::{Mesh, attribute_weights};
 use crate::store::cells::{CellStore, SurvivorInfo, Survivors};
-use crate::store::stage_context::Run;
-use pilot::{sealed_thresholds, spread_cells};
+use crate::store::stage_context::StageContext;
+use ladder::spread_cells;
+use pilot::sealed_thresholds;
 use run_cells::{drain, run_cells, survivors};
 
 /// Weights of channels are found from every 32nd cell, at least 16 and at most 48: cells differ more in
@@ -32,7 +35,7 @@ pub fn simplify_cells(
     store: &CellStore,
     goal: Goal,
     options: &Options,
-    run: &Run,
+    run: &StageContext,
 ) -> Result<SurvivorInfo> {
     let (thresholds, begun) = sealed_thresholds(store, goal, options, run, true)?;
     run_cells(store, goal, run, |index, mut cell| {
@@ -49,18 +52,34 @@ pub fn simplify_cells(
     })
 }
 
+/// Simplifies every cell of `store` by itself as far as `options.bound` allows, and seals what is left of them.
+/// `goal.triangles`: the count to expect, for the memory.
+pub fn simplify_cells_within_bound(
+    store: &CellStore,
+    goal: Goal,
+    options: &Options,
+    run: &StageContext,
+) -> Result<SurvivorInfo> {
+    let is_last = options.bound.is_none_or(|bound| bound.patience >= 1.0);
+    let stop = match is_last {
+        true => Stop::Triangles(0),
+        false => Stop::Costs(pilot::whole_ladder(store)?),
+    };
+    run_cells(store, goal, run, |_, cell| drain(cell, stop.clone(), options, store))
+}
+
 /// For each channel the length that a difference of 1 is worth, from a sample of cells; empty if no channel
 /// counts.
-pub fn channel_lengths(store: &CellStore, target: u64, run: &Run) -> Result<Vec<f32>> {
+pub fn channel_lengths(store: &CellStore, target: u64, run: &StageContext) -> Result<Vec<f32>> {
     let layout = store.layout();
     if layout.n_weighted() == 0 {
         return Ok(Vec::new());
     }
-    let meanings = layout.codec.meanings(&layout.schema);
-    let mut sample = attribute_weights::Sample::default();
+    let channel_kinds = layout.codec.channel_kinds(&layout.schema);
+    let mut sample = attribute_weights::ChannelSample::default();
     for cell in spread_cells(store.n_cells(), LENGTH_CELLS) {
         run.progress.check()?;
-        sample.add(&store.load(cell)?.mesh, &meanings);
+        sample.add(&store.load(cell)?.mesh, &channel_kinds);
     }
-    Ok(sample.lengths(&layout.weights, &meanings, store.info().triangles, target))
+    Ok(sample.lengths(&layout.weights, &channel_kinds, store.info().triangles, target))
 }

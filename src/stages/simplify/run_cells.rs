@@ -6,7 +6,7 @@ use super::memory::cell_bytes;
 use crate::error::{Error, Result};
 use crate::kernel::{self, Options, Simplified, Stop};
 use crate::store::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors};
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use crate::system::parallel::{Weighted, largest_first};
 use serde::{Deserialize, Serialize};
 use std::sync::{Mutex, PoisonError};
@@ -16,7 +16,7 @@ use std::time::Instant;
 /// never lie side by side.
 pub const FREED_AT_A_TIME: u64 = 16;
 
-/// Sources are kept until the round is over if it leaves less than one triangle in so many.
+/// Sources are kept until the round is over if it leaves less than one triangle in this many.
 const KEEP_SOURCES: u64 = 16;
 
 /// Goal of one round of simplification.
@@ -29,7 +29,7 @@ pub struct Goal {
 }
 
 /// Tells if a round gives the source of a cell back to the file system as soon as the cell is done: where the
-/// survivors take so much space that store and survivors would not fit side by side into what the job promises.
+/// simplified cells take more space, so that store and survivors would not fit side by side into what the job promises.
 /// Thousands of holes in a file cost time otherwise well spent.
 pub fn frees_sources(triangles_in: u64, goal_triangles: u64) -> bool {
     goal_triangles > triangles_in / KEEP_SOURCES
@@ -65,7 +65,7 @@ pub(super) fn survivors(cell: &CellMesh, simplified: Simplified, store: &CellSto
 pub(super) fn for_cells(
     (store, goal): (&CellStore, Goal),
     cells: impl Iterator<Item = usize>,
-    run: &Run,
+    run: &StageContext,
     work: impl Fn(usize) -> Result<()> + Sync,
 ) -> Result<()> {
     let share = goal.triangles as f64 / store.info().triangles.max(1) as f64;
@@ -77,7 +77,7 @@ pub(super) fn for_cells(
 /// Runs `work` on every cell without writing anything; outcomes in cell order.
 pub(super) fn run_all<T: Send + Clone + Default>(
     (store, goal): (&CellStore, Goal),
-    run: &Run,
+    run: &StageContext,
     work: impl Fn(CellMesh) -> T + Sync,
 ) -> Result<Vec<T>> {
     let outcomes = Mutex::new(vec![T::default(); store.n_cells()]);
@@ -104,7 +104,7 @@ struct Output {
 pub(super) fn run_cells(
     store: &CellStore,
     goal: Goal,
-    run: &Run,
+    run: &StageContext,
     work: impl Fn(usize, CellMesh) -> Survivors + Sync,
 ) -> Result<SurvivorInfo> {
     let name = format!("round-{}.survivors", goal.round);

@@ -3,11 +3,11 @@
 use crate::error::Result;
 use crate::kernel::{self, Options, Stop};
 use crate::mesh::Mesh;
-use crate::mesh::attribute_weights::Sample;
+use crate::mesh::attribute_weights::ChannelSample;
 use crate::store::cells::{
     CellTally, IdMap, SurvivorInfo, SurvivorWriter, Survivors, VertexLayout,
 };
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 
 /// The pack that the finish leaves: one cell, the result.
 const PACK_NAME: &str = "result.survivors";
@@ -24,7 +24,12 @@ pub struct Parts<'a> {
 
 /// Joins the survivors and collapses (with `options.weights`, or those that the joined mesh asks for) until
 /// exactly the target is met; seals the result.
-pub fn finish(parts: Parts, target: u64, options: &Options, run: &Run) -> Result<SurvivorInfo> {
+pub fn finish(
+    parts: Parts,
+    target: u64,
+    options: &Options,
+    run: &StageContext,
+) -> Result<SurvivorInfo> {
     let layout = parts.layout;
     let joined = join(&parts, run)?;
     let n_triangles = joined.mesh.triangles.len() as u64;
@@ -32,10 +37,10 @@ pub fn finish(parts: Parts, target: u64, options: &Options, run: &Run) -> Result
     let mut options = Options { stop: Stop::Triangles(target), estimate: true, ..options.clone() };
     if options.weights.is_empty() && layout.n_weighted() > 0 {
         // No round was before that.
-        let meanings = layout.codec.meanings(&layout.schema);
-        let mut sample = Sample::default();
-        sample.add(&joined.mesh, &meanings);
-        options.weights = sample.lengths(&layout.weights, &meanings, n_triangles, target);
+        let channel_kinds = layout.codec.channel_kinds(&layout.schema);
+        let mut sample = ChannelSample::default();
+        sample.add(&joined.mesh, &channel_kinds);
+        options.weights = sample.lengths(&layout.weights, &channel_kinds, n_triangles, target);
     }
     let Survivors { ids, records, mesh, statistics, .. } = joined;
     let locked = vec![false; ids.len()];
@@ -53,14 +58,14 @@ pub fn finish(parts: Parts, target: u64, options: &Options, run: &Run) -> Result
 }
 
 /// All cells as one mesh; a vertex that several cells hold becomes one again.
-fn join(parts: &Parts, run: &Run) -> Result<Survivors> {
+fn join(parts: &Parts, run: &StageContext) -> Result<Survivors> {
     if parts.cells.len() == 1 {
         return (parts.load)(0);
     }
     let layout = parts.layout;
     let n_vertices: u64 = parts.cells.iter().map(|cell| cell.vertices).sum();
     let n_triangles: u64 = parts.cells.iter().map(|cell| cell.triangles).sum();
-    let (record_bytes, n_channels) = (layout.schema.record_bytes(), layout.codec.n_channels());
+    let (record_bytes, n_channels) = (layout.schema.record_bytes(), layout.n_channels());
     let mut map = IdMap::with_capacity(n_vertices as usize);
     let mut out = Survivors {
         ids: Vec::with_capacity(n_vertices as usize),
@@ -87,6 +92,10 @@ fn join(parts: &Parts, run: &Run) -> Result<Survivors> {
                 );
                 out.mesh.positions.push(part.mesh.positions[vertex]);
                 out.mesh.channels.extend_from_slice(part.mesh.channels_of(vertex as u32));
+            }
+            if let (false, Some(at)) = (is_new, layout.reach_channel()) {
+                let reach = &mut out.mesh.channels[index as usize * n_channels + at];
+                *reach = reach.max(part.mesh.channels_of(vertex as u32)[at]);
             }
             local.push(index);
         }

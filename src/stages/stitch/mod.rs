@@ -1,4 +1,4 @@
-//! Stage 3: until one connected mesh remains in which nobody can find the cells.
+//! Stage 3: merges the simplified cells and removes every trace of their borders.
 //!
 //! While the survivors are too many for one finish they are cut into new cells whose seams run elsewhere
 //! (`repartition`), so that former seams are interior and simplified like any other place; then one in-core
@@ -31,25 +31,25 @@ const COARSE: (f64, f64) = (4.0, 1.3);
 const MEDIUM: (f64, f64) = (2.0, 1.3);
 const FINE: (f64, f64) = (1.08, 1.06);
 
-/// A round leaves at least so many triangles for each vertex that cells share, so that what is locked stays well
+/// A round leaves at least this many triangles for each vertex that cells share, so that what is locked stays well
 /// below half of a cell. Where less was left, the costs that the goal asked for flattened the inside of the
 /// cells: 11 times the error on the dragon to 1 % through cells of 12k (1.7 triangles a shared vertex), 4.9
 /// times on the chest CT through cells of 40k (1.9).
 const LEFT_PER_SHARED: f64 = 4.0;
 
-/// What that means before the cells are cut: so many times the square root of a cell's triangles in a cell (of
+/// The same before the cells are cut: times the square root of a cell's triangles in a cell (of
 /// 256k: 4,000). A sheet has about two shared vertices for that root.
 const LEFT_PER_ROOT: f64 = 8.0;
 
 /// No run needs more rounds than this; a mesh that does has stopped giving way.
 const MOST_ROUNDS: u32 = 12;
 
-/// What happens to the survivors next.
+/// Next step after a round.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Step {
     /// All cells join in memory and are simplified to the exact target.
     Finish,
-    /// New cells, simplified until about so many triangles are left.
+    /// New cells, simplified until about this many triangles are left.
     Round(u64),
     /// New cells, simplified until at most the target is left, within a fraction of a percent.
     ExactRound,
@@ -79,7 +79,42 @@ pub fn next_step(now: u64, target: u64, cell_triangles: u64, rounds_done: u32) -
     Step::ExactRound
 }
 
-/// How far a round towards `goal` really goes, once it is known how many vertices the cells share. It halves
+/// The next step of a run that goes as far as a bound on the error allows; `before` is the count before the last
+/// round.
+pub fn next_step_within_bound(
+    now: u64,
+    before: u64,
+    cell_triangles: u64,
+    rounds_done: u32,
+) -> Step {
+    if now <= cell_triangles.saturating_mul(FINISH_CELLS) {
+        return Step::Finish;
+    }
+    // The last shares of the bound: once for the cells, once more for what were their seams.
+    let is_at_an_end = rounds_done > BOUND_SHARES.len() as u32
+        && (rounds_done >= MOST_ROUNDS || now as f64 > 0.97 * before as f64);
+    if is_at_an_end { Step::Done } else { Step::Round((now as f64 * EXPECTED_SHARE) as u64) }
+}
+
+/// Of the bound, what each round may use; later ones and the finish: all.
+///
+/// Errors grow about as the area of a triangle, so that the first round leaves about four times the triangles of
+/// the result, as towards a count.
+const BOUND_SHARES: [f64; 2] = [0.12, 0.5];
+
+/// A round before the last ones ends where the bound refuses more collapses, at one level, than this share of the
+/// triangles.
+pub const PATIENCE: f64 = 0.03;
+
+/// Share that a round is expected to leave, for its memory: nothing is known of the scan.
+const EXPECTED_SHARE: f64 = 0.5;
+
+/// Share of the bound that a round may use.
+pub fn bound_share(round: u32) -> f64 {
+    BOUND_SHARES.get(round as usize).copied().unwrap_or(1.0)
+}
+
+/// Returns the attainable goal of a round towards `goal`, once the number of shared vertices is known. It halves
 /// the mesh at least, unless the goal is nearer.
 pub fn within_reach(goal: u64, now: u64, shared_vertices: u64) -> u64 {
     goal.max(((LEFT_PER_SHARED * shared_vertices as f64) as u64).min(now / 2))

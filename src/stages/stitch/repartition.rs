@@ -8,11 +8,11 @@ use crate::error::Result;
 use crate::io::{ExternalSort, halves, whole};
 use crate::mesh::bounds::Bounds;
 use crate::store::cells::{
-    CellTally, CellTree, Frame, PackWriter, Scatter, StoreInfo, SurvivorPack, Survivors, n_samples,
-    plan_cells, split_overfull, survivor_bytes,
+    CellTally, CellTree, PackWriter, Scatter, StoreInfo, SurvivorPack, Survivors, TurnedFrame,
+    n_samples, plan_cells, split_overfull, survivor_bytes,
 };
 use crate::store::pack_format::ChunkKind;
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use crate::system::parallel::in_order;
 
 /// Share of the memory budget for each of the three sets of scatter buffers.
@@ -30,12 +30,12 @@ pub fn recut(
     survivors: &SurvivorPack,
     cell_triangles: u64,
     round: u32,
-    run: &Run,
+    run: &StageContext,
 ) -> Result<StoreInfo> {
     let info = survivors.info();
     let n_cells = plan_cells(info.triangles, cell_triangles);
     let (bounds, samples) = sample(survivors, n_cells, run)?;
-    let tree = CellTree::build(Frame::new(round, bounds), &samples, n_cells);
+    let tree = CellTree::build(TurnedFrame::new(round, bounds), &samples, n_cells);
     drop(samples);
     let name = format!("round-{round}.cells");
     let path = run.job.path(&name);
@@ -59,7 +59,7 @@ pub fn recut(
 
 /// Threads that may read old cells at a time: each has one cell as it lies on disk and as it was read, and rows of two
 /// cells under way.
-fn readers(survivors: &SurvivorPack, run: &Run) -> usize {
+fn readers(survivors: &SurvivorPack, run: &StageContext) -> usize {
     let cells = survivors.info().cells.iter();
     let largest = cells.map(|&cell| survivor_bytes(cell, survivors.layout())).max().unwrap_or(0);
     let share = run.memory_bytes / READ_SHARE;
@@ -73,7 +73,11 @@ struct CellSample {
 }
 
 /// Bounds and an even sample of the survivors' vertices.
-fn sample(survivors: &SurvivorPack, n_cells: u32, run: &Run) -> Result<(Bounds, Vec<[f64; 3]>)> {
+fn sample(
+    survivors: &SurvivorPack,
+    n_cells: u32,
+    run: &StageContext,
+) -> Result<(Bounds, Vec<[f64; 3]>)> {
     let info = survivors.info();
     let n_vertices: u64 = info.cells.iter().map(|cell| cell.vertices).sum();
     let step = (n_vertices / n_samples(n_vertices, n_cells)).max(1) as usize;
@@ -116,7 +120,7 @@ fn scatter(
     tree: &CellTree,
     tally: &mut [CellTally],
     pack: &mut PackWriter,
-    run: &Run,
+    run: &StageContext,
 ) -> Result<u64> {
     let layout = survivors.layout();
     let id_bytes = layout.ids.bytes;

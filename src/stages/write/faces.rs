@@ -5,24 +5,24 @@
 
 use super::numbering::encode;
 use crate::io::ply::FaceSchema;
-use crate::mesh::face_properties::{FaceCarry, FaceMixer};
+use crate::mesh::face_properties::{FaceMixer, FacePropertyPlan};
 use crate::mesh::property::Property;
 use crate::mesh::record::VertexSchema;
 use crate::store::cells::{SurvivorPack, Survivors};
 
-/// How vertices' properties become those of faces.
+/// Plan of turning properties of vertices into those of faces.
 pub(super) struct BackToFaces<'a> {
-    carry: &'a FaceCarry,
-    /// What faces of the output carry.
+    carry: &'a FacePropertyPlan,
+    /// Properties of the faces of the output.
     pub(super) schema: FaceSchema,
-    /// How many of the vertices' last properties are no longer theirs.
+    /// Number of the vertices' last properties that go to the faces.
     pub(super) n_properties: usize,
     /// Bytes of these, and of those that are values of faces.
     tail_bytes: usize,
     value_bytes: usize,
 }
 
-/// What some triangles carry.
+/// Properties of some triangles.
 pub(super) struct Faces {
     pub(super) texture: Vec<[[f32; 2]; 3]>,
     /// Packed as the schema says.
@@ -34,7 +34,7 @@ impl BackToFaces<'_> {
     /// take none of it.
     pub(super) fn new<'a>(
         schema: &VertexSchema,
-        carry: &'a FaceCarry,
+        carry: &'a FacePropertyPlan,
         joins: bool,
     ) -> BackToFaces<'a> {
         let stays = carry.is_moved() && !joins;
@@ -63,7 +63,7 @@ impl BackToFaces<'_> {
     }
 }
 
-/// The vertices of a cell, as far as faces are concerned.
+/// The vertices of a cell with the values that its faces need.
 pub(super) struct CellFaces<'a> {
     back: &'a BackToFaces<'a>,
     /// `tail_bytes` a vertex.
@@ -72,7 +72,7 @@ pub(super) struct CellFaces<'a> {
 }
 
 impl CellFaces<'_> {
-    /// What triangles of the cell carry.
+    /// Returns the properties of triangles of the cell.
     pub(super) fn faces(&mut self, triangles: &[[u32; 3]]) -> Faces {
         let back = self.back;
         let mut out = Faces { texture: vec![[[0.0; 2]; 3]; triangles.len()], values: Vec::new() };

@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::{ExternalSort, halves, whole};
 use crate::store::cells::SurvivorPack;
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 
 /// Numbers are kept in 8 bytes each.
 const NUMBER_BYTES: usize = 8;
@@ -16,13 +16,17 @@ const NUMBER_BYTES: usize = 8;
 /// For each vertex the number of the one that stands for its place.
 pub(super) struct Joined {
     numbers: RawFile,
-    /// How many places there are.
+    /// Number of places.
     pub(super) n_vertices: u64,
 }
 
 impl Joined {
     /// Joins the vertices of all cells. Disk: 32, 16 and 16 bytes a vertex for sorting, 8 to stay.
-    pub(super) fn new(result: &SurvivorPack, uses: &FirstUses, run: &Run) -> Result<Joined> {
+    pub(super) fn new(
+        result: &SurvivorPack,
+        uses: &FirstUses,
+        run: &StageContext,
+    ) -> Result<Joined> {
         let folder = run.job.folder();
         // Two sorts live at a time, and each takes its share twice.
         let memory = (run.memory_bytes / 16).clamp(1 << 20, 64 << 20) as usize;
@@ -68,7 +72,7 @@ impl Joined {
         Ok(Joined { numbers: numbers.finish(folder)?, n_vertices })
     }
 
-    /// What stands for `n` vertices from number `first`.
+    /// Returns the numbers that stand for `n` vertices from number `first`.
     pub(super) fn numbers(&self, first: u64, n: usize) -> Result<Vec<u64>> {
         let mut bytes = vec![0; n * NUMBER_BYTES];
         self.numbers.read_exact_at(&mut bytes, first * NUMBER_BYTES as u64)?;

@@ -3,7 +3,7 @@
 //! Vertices have numbers in the order of the first cell that holds them. Where texture coordinates came
 //! from corners, or values from faces, `join` makes one vertex of what lies in one place, and faces have
 //! them again (`faces`).
-//! `shape` says what of a record is written, `normals` computes it anew if asked.
+//! `shape` says what of a record is written, `normals` recomputes it if asked.
 
 mod faces;
 mod join;
@@ -15,14 +15,15 @@ use crate::config::Normals;
 use crate::error::Result;
 use crate::io::ply::{OutputHeader, Place, TexturedTriangle};
 use crate::io::{MeshSink, OutputFormat, OutputKind};
-use crate::mesh::face_properties::FaceCarry;
+use crate::mesh::face_properties::FacePropertyPlan;
 use crate::store::cells::SurvivorPack;
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use faces::BackToFaces;
 use join::Joined;
 use normals::Recomputed;
 pub use numbering::shared_bytes;
 use numbering::{encode, index_vertices, own_vertices};
+pub use shape::REACH;
 use shape::Shape;
 
 /// Triangles that go to the file together.
@@ -31,7 +32,7 @@ const CHUNK: usize = 65_536;
 /// Bytes of records that go to the file together.
 const RECORD_BYTES: usize = 4 << 20;
 
-/// What was written.
+/// Result of writing.
 #[derive(Clone, Copy, Debug, Default, serde::Serialize, serde::Deserialize)]
 pub struct Written {
     /// Vertices in the output.
@@ -47,14 +48,16 @@ pub struct Written {
 pub struct Form {
     /// Kind and encoding of the file.
     pub format: OutputFormat,
-    /// What goes back from vertices to faces; `texture` if the kind of file takes it at corners.
-    pub faces: FaceCarry,
-    /// What becomes of normals.
+    /// Properties that go back from vertices to faces; `texture` if the kind of file takes it at corners.
+    pub faces: FacePropertyPlan,
+    /// Fate of normals.
     pub normals: Normals,
+    /// True if each vertex is written with its distance from the input, as property `error`.
+    pub has_reach: bool,
 }
 
 impl Form {
-    /// Whether vertices in one place were one in the input. Where texture stays at vertices, they have to
+    /// Returns whether vertices in one place were one in the input. Where texture stays at vertices, they have to
     /// stay apart.
     fn joins(&self) -> bool {
         let kind = self.format.kind;
@@ -73,7 +76,7 @@ pub fn write(
     place: Place,
     header: OutputHeader,
     form: Form,
-    run: &Run,
+    run: &StageContext,
 ) -> Result<Written> {
     let layout = result.layout();
     let info = result.info();
@@ -84,7 +87,8 @@ pub fn write(
         false => None,
     };
     let n_vertices = joined.as_ref().map_or(uses.n_vertices, |joined| joined.n_vertices);
-    let shape = Shape::new(&layout.schema, back.n_properties, form.normals);
+    let shape = Shape::new(&layout.schema, back.n_properties, form.normals, form.has_reach);
+    let reach_channel = layout.reach_channel();
     let normals = match form.normals {
         Normals::Recompute => Some(Recomputed::new(result, run)?),
         Normals::Keep | Normals::Drop => None,
@@ -112,7 +116,9 @@ pub fn write(
                 encoded.clear();
                 encode(result, &part, vertex, &mut encoded);
                 let normal = directions.as_ref().map(|list| list[vertex]);
-                shape.put(&encoded, normal, &mut records);
+                let channels = part.mesh.channels_of(vertex as u32);
+                let reach = reach_channel.map_or(0.0, |channel| channels[channel]);
+                shape.put(&encoded, normal, reach, &mut records);
                 if records.len() >= RECORD_BYTES {
                     writer.write_vertices(&records)?;
                     records.clear();

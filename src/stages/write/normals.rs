@@ -1,13 +1,13 @@
 //! Normals of the result from its own triangles, the same on both sides of every seam.
 //!
 //! A vertex's normal is the sum of its triangles' normals, weighted by area: slivers, whose normals mean
-//! little, have no say. Vertices in one place share their normal, so that no texture seam shows in the
+//! little, are left out. Vertices in one place share their normal, so that no texture seam shows in the
 //! shading. A place without any area gets zeros.
 
 use crate::error::Result;
 use crate::mesh::vec3;
 use crate::store::cells::{SurvivorPack, Survivors};
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use std::collections::HashMap;
 
 /// A position, bit for bit but for the sign of zeros.
@@ -21,7 +21,7 @@ pub(super) struct Recomputed {
 
 impl Recomputed {
     /// Reads a result of several cells twice. Memory: one cell, and 48 bytes per shared vertex.
-    pub(super) fn new(result: &SurvivorPack, run: &Run) -> Result<Recomputed> {
+    pub(super) fn new(result: &SurvivorPack, run: &StageContext) -> Result<Recomputed> {
         let n_cells = result.info().cells.len();
         let mut shared = Sums::new();
         if n_cells > 1 {

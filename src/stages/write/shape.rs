@@ -1,4 +1,4 @@
-//! What of a vertex record is written: without texture that is at corners, without or with new normals.
+//! Output vertex layout: the properties that are written, without texture that is at corners, and normals.
 
 use crate::config::Normals;
 use crate::mesh::property::{Origin, Property, Scalar, write_scalar};
@@ -8,7 +8,10 @@ use std::ops::Range;
 /// The components of a normal.
 const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
 
-/// How records become records of the output.
+/// The property that holds the distance from the input.
+pub const REACH: &str = "error";
+
+/// Plan of turning records into records of the output.
 pub(super) struct Shape {
     /// The layout of the output's records.
     pub(super) schema: VertexSchema,
@@ -16,11 +19,19 @@ pub(super) struct Shape {
     kept: Vec<Range<usize>>,
     /// Type and place of the components of a new normal.
     normal: Option<[(Scalar, usize); 3]>,
+    /// Place of the distance from the input.
+    reach: Option<usize>,
 }
 
 impl Shape {
-    /// Leaves out the last `n_texture` properties. New normals take the place of old ones, or come last.
-    pub(super) fn new(schema: &VertexSchema, n_texture: usize, normals: Normals) -> Shape {
+    /// Leaves out the last `n_texture` properties. New normals take the place of old ones, or come last. With
+    /// `has_reach` the distance from the input follows, as one more property.
+    pub(super) fn new(
+        schema: &VertexSchema,
+        n_texture: usize,
+        normals: Normals,
+        has_reach: bool,
+    ) -> Shape {
         let properties = &schema.properties[..schema.properties.len() - n_texture];
         let float = |name: &&str| {
             let found = schema.own_property(name).and_then(|i| properties.get(i));
@@ -58,11 +69,21 @@ impl Shape {
             (Normals::Recompute, [Some(x), Some(y), Some(z)]) => Some([x, y, z]),
             _ => None,
         };
-        Shape { schema: out, kept, normal }
+        let reach = has_reach.then(|| out.record_bytes());
+        if has_reach {
+            out.properties.push(Property::new(REACH, Scalar::F32));
+        }
+        Shape { schema: out, kept, normal, reach }
     }
 
     /// Appends the output's record.
-    pub(super) fn put(&self, record: &[u8], normal: Option<[f64; 3]>, out: &mut Vec<u8>) {
+    pub(super) fn put(
+        &self,
+        record: &[u8],
+        normal: Option<[f64; 3]>,
+        reach: f32,
+        out: &mut Vec<u8>,
+    ) {
         let start = out.len();
         for range in &self.kept {
             out.extend_from_slice(&record[range.clone()]);
@@ -72,6 +93,9 @@ impl Shape {
             for ((scalar, at), value) in places.into_iter().zip(normal) {
                 write_scalar(scalar, &mut out[start..], at, value);
             }
+        }
+        if let Some(at) = self.reach {
+            write_scalar(Scalar::F32, &mut out[start..], at, f64::from(reach));
         }
     }
 }
@@ -94,21 +118,24 @@ mod tests {
         let record: Vec<u8> = (0..full.record_bytes() as u8).collect();
         let put = |shape: &Shape| {
             let mut out = Vec::new();
-            shape.put(&record, Some([0.0, 0.6, -0.8]), &mut out);
+            shape.put(&record, Some([0.0, 0.6, -0.8]), 0.25, &mut out);
             out
         };
-        let keep = Shape::new(&full, 1, Normals::Keep);
+        let keep = Shape::new(&full, 1, Normals::Keep, false);
         assert_eq!(put(&keep), record[..record.len() - 4]);
-        let drop = Shape::new(&full, 1, Normals::Drop);
+        let drop = Shape::new(&full, 1, Normals::Drop, false);
         assert_eq!(drop.schema, schema(&[("red", U8)]));
         assert_eq!(put(&drop), record[..13]);
-        let new = Shape::new(&full, 1, Normals::Recompute);
+        let new = Shape::new(&full, 1, Normals::Recompute, false);
         assert_eq!(new.schema, keep.schema);
         assert_eq!(put(&new)[..13], record[..13]);
         assert_eq!(put(&new)[21..], (-0.8f64).to_le_bytes());
         let none = schema(&[("red", U8), ("nx", Scalar::I16)]);
-        let added = Shape::new(&none, 0, Normals::Recompute);
+        let added = Shape::new(&none, 0, Normals::Recompute, false);
         assert_eq!(added.schema, schema(&[("red", U8), ("nx", F32), ("ny", F32), ("nz", F32)]));
         assert_eq!(put(&added)[17..21], 0.6f32.to_le_bytes());
+        let with_reach = Shape::new(&full, 1, Normals::Drop, true);
+        assert_eq!(with_reach.schema, schema(&[("red", U8), (REACH, F32)]));
+        assert_eq!(put(&with_reach)[13..], 0.25f32.to_le_bytes());
     }
 }

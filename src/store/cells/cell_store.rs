@@ -40,18 +40,18 @@ pub struct StoreInfo {
     pub shared_vertices: u64,
     /// Triangles in all cells.
     pub triangles: u64,
-    /// Whether vertex rows carry kernel channels behind the record (all rounds but the first).
+    /// True if vertex rows carry kernel channels behind the record (all rounds but the first).
     pub has_channels: bool,
     /// Cells that were split: their chunks before `split_at` count no more.
     #[serde(default)]
     pub split: Vec<u32>,
-    /// Where in the pack the chunks of split cells begin.
+    /// Place in the pack at which the chunks of split cells begin.
     #[serde(default)]
     pub split_at: u64,
     /// The first of the cells that came behind the others by splitting.
     #[serde(default)]
     pub first_part: u32,
-    /// Which pieces of the cells are left out; `cells` and `triangles` count without their triangles.
+    /// Pieces of the cells that are left out; `cells` and `triangles` count without their triangles.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verdicts: Option<Verdicts>,
 }
@@ -65,7 +65,7 @@ pub struct Verdicts {
     pub pack_bytes: u64,
 }
 
-/// How vertex rows of a store are laid out: id, record as read, and in later rounds the kernel channels.
+/// Layout of the vertex rows of a store: id, record as read, and in later rounds the kernel channels.
 #[derive(Clone, Debug)]
 pub struct VertexLayout {
     /// The input's record.
@@ -76,6 +76,8 @@ pub struct VertexLayout {
     pub ids: IdWidth,
     /// Weight of each channel in the error; empty where nothing is simplified.
     pub weights: Vec<f64>,
+    /// True if one more channel says how far the mesh is from the input around each vertex, at most.
+    pub has_reach: bool,
 }
 
 impl VertexLayout {
@@ -86,6 +88,7 @@ impl VertexLayout {
             schema: schema.clone(),
             ids: IdWidth::for_vertices(n_vertices),
             weights: Vec::new(),
+            has_reach: false,
         }
     }
 
@@ -97,18 +100,28 @@ impl VertexLayout {
         weights: &Weights,
     ) -> VertexLayout {
         let codec = schema.kernel_codec(labels);
-        let weights = weights.of_channels(&codec.meanings(schema));
+        let weights = weights.of_channels(&codec.channel_kinds(schema));
         VertexLayout { codec, weights, ..VertexLayout::new(schema, n_vertices) }
     }
 
-    /// How many channels count in the error.
+    /// Channels of a vertex: those of its record, and its reach.
+    pub fn n_channels(&self) -> usize {
+        self.codec.n_channels() + usize::from(self.has_reach)
+    }
+
+    /// The channel that says how far the mesh is from the input, if there is one.
+    pub fn reach_channel(&self) -> Option<usize> {
+        self.has_reach.then(|| self.codec.n_channels())
+    }
+
+    /// Returns the number of channels that count in the error.
     pub fn n_weighted(&self) -> usize {
         self.weights.iter().filter(|weight| **weight > 0.0).count()
     }
 
     /// Bytes of one vertex row without its id.
     pub fn row_bytes(&self, has_channels: bool) -> usize {
-        self.schema.record_bytes() + if has_channels { 4 * self.codec.n_channels() } else { 0 }
+        self.schema.record_bytes() + if has_channels { 4 * self.n_channels() } else { 0 }
     }
 }
 
@@ -123,7 +136,7 @@ pub struct CellStore {
 
 /// Peak bytes of loading a cell, beyond the mesh the kernel takes over (counted by the kernel).
 pub fn load_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
-    let per_vertex = 8 + 1 + layout.schema.record_bytes() + 24 + 4 * layout.codec.n_channels();
+    let per_vertex = 8 + 1 + layout.schema.record_bytes() + 24 + 4 * layout.n_channels();
     tally.vertices * per_vertex as u64 + tally.triangles * 12 + IdMap::bytes(tally.vertices)
 }
 
@@ -180,7 +193,7 @@ impl CellStore {
         CellTally { triangles: bytes / (3 * self.layout.ids.bytes as u64), ..tally }
     }
 
-    /// Whether a cell is a part of one that was split: such cells do not hold all vertices of a place.
+    /// Returns whether a cell is a part of one that was split: such cells do not hold all vertices of a place.
     pub fn is_part(&self, cell: usize) -> bool {
         let cell = cell as u32;
         !self.info.split.is_empty()
@@ -286,7 +299,7 @@ impl CellStore {
         let mut map = IdMap::with_capacity(tally.vertices as usize);
         let mut payload = Vec::new();
         let mut out = CellMesh::default();
-        out.mesh.n_channels = self.layout.codec.n_channels();
+        out.mesh.n_channels = self.layout.n_channels();
         self.load_vertices(tally, chunks, &mut payload, &mut map, &mut out)?;
         out.shared = vec![false; out.ids.len()];
         out.mesh.triangles.reserve_exact(tally.triangles as usize);
@@ -341,7 +354,7 @@ impl CellStore {
         let layout = &self.layout;
         let record_bytes = layout.schema.record_bytes();
         let row_bytes = layout.ids.bytes + layout.row_bytes(self.info.has_channels);
-        let n_channels = layout.codec.n_channels();
+        let n_channels = layout.n_channels();
         let n = tally.vertices as usize;
         out.ids.reserve_exact(n);
         out.records.reserve_exact(n * record_bytes);
@@ -350,8 +363,14 @@ impl CellStore {
         for chunk in chunks.iter().filter(|chunk| chunk.kind == ChunkKind::Vertices) {
             self.pack.read(chunk, payload)?;
             for row in payload.chunks_exact(row_bytes) {
-                let (_, is_new) = map.insert(layout.ids.read(row), &mut out.ids);
+                let (index, is_new) = map.insert(layout.ids.read(row), &mut out.ids);
                 if !is_new {
+                    if let (true, Some(at)) = (self.info.has_channels, layout.reach_channel()) {
+                        let bytes =
+                            row[row_bytes - 4..].first_chunk().expect("a channel at the end");
+                        let reach = &mut out.mesh.channels[index as usize * n_channels + at];
+                        *reach = reach.max(f32::from_le_bytes(*bytes));
+                    }
                     continue;
                 }
                 let (record, channels) = row[layout.ids.bytes..].split_at(record_bytes);

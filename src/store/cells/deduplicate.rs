@@ -10,7 +10,7 @@ impl CellMesh {
     /// Brings the triangles into the order of their lowest vertex id; those that share it keep their order.
     ///
     /// Memory while it runs: 4 bytes a vertex (8 if local numbers are not in the order of ids) and 12 a triangle.
-    pub(super) fn order_by_lowest_id(&mut self) {
+    pub fn order_by_lowest_id(&mut self) {
         let (ids, triangles) = (&self.ids, &self.mesh.triangles);
         // A cell owns the corner of lowest id of each of its triangles, and has its own vertices first, in the
         // order of ids. Only cells that were split have them otherwise.

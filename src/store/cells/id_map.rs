@@ -8,10 +8,10 @@ const EMPTY: u32 = u32::MAX;
 /// Consecutive ids that lie side by side in the table; a power of two.
 const GROUP: u64 = 8;
 
-/// A run is mapped bit by bit while it has at least one id among so many; below that it is hashed.
+/// A run is mapped bit by bit while it has at least one id among this many; below that it is hashed.
 const IDS_PER_WORD: u64 = 64;
 
-/// Which of 64 consecutive ids are there, and how many come before them.
+/// Presence of 64 consecutive ids, and the number of ids before them.
 #[derive(Clone, Copy, Default)]
 struct Word {
     bits: u64,
@@ -21,7 +21,7 @@ struct Word {
 /// A table from distinct global ids to their position in the caller's list of them.
 pub struct IdMap {
     capacity: usize,
-    /// Whether all ids so far were ascending; then nothing but the list itself exists yet.
+    /// True if all ids so far were ascending; then nothing but the list itself exists yet.
     is_run: bool,
     /// Lowest id of the run; its bits, if it is dense enough.
     first: u64,

@@ -14,21 +14,21 @@ const STEPS: f64 = (1u32 << 30) as f64;
 
 /// A turned coordinate frame with integer coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Frame {
+pub struct TurnedFrame {
     axes: [[f64; 3]; 3],
     origin: [f64; 3],
     steps_per_unit: f64,
 }
 
-impl Frame {
+impl TurnedFrame {
     /// The frame of round `round` for points within `bounds`.
-    pub fn new(round: u32, bounds: Bounds) -> Frame {
+    pub fn new(round: u32, bounds: Bounds) -> TurnedFrame {
         let Bounds { low, high } = bounds;
         let origin = [0, 1, 2].map(|k| low[k] * 0.5 + high[k] * 0.5);
         let diagonal = bounds.diagonal();
         // Turned by any angle, the box stays within its diagonal. A single point still needs a scale.
         let steps_per_unit = if diagonal > 0.0 { STEPS / diagonal } else { 1.0 };
-        Frame { axes: rotation(round), origin, steps_per_unit }
+        TurnedFrame { axes: rotation(round), origin, steps_per_unit }
     }
 
     /// Integer coordinates of a point.
@@ -46,10 +46,10 @@ fn floor(x: f64) -> i32 {
     towards_zero.saturating_sub(i32::from(f64::from(towards_zero) > x))
 }
 
-/// A rotation of its own for each round; round 0 keeps the input's axes.
+/// Another rotation for each round; round 0 keeps the input's axes.
 ///
 /// Quaternions of small integers: exact, the same on every machine, and for successive rounds about
-/// different axes by angles that are no multiple of one another.
+/// different axes by angles that are not multiples of one another.
 fn rotation(round: u32) -> [[f64; 3]; 3] {
     let [w, x, y, z]: [f64; 4] = match round % 4 {
         0 => [1.0, 0.0, 0.0, 0.0],
@@ -89,7 +89,7 @@ pub fn plan_cells(n_triangles: u64, cell_triangles: u64) -> u32 {
 /// Samples per planned cell; their cells then agree in size within about 3 %.
 const SAMPLES_PER_CELL: u64 = 1024;
 
-/// How many sample points (24 bytes each) a tree for `n_cells` cells wants.
+/// Returns the number of sample points (24 bytes each) for a tree for `n_cells` cells.
 pub fn n_samples(n_vertices: u64, n_cells: u32) -> u64 {
     (u64::from(n_cells) * SAMPLES_PER_CELL).clamp(1, n_vertices.max(1))
 }
@@ -97,7 +97,7 @@ pub fn n_samples(n_vertices: u64, n_cells: u32) -> u64 {
 /// Maps every point of space to one of `n_cells` cells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CellTree {
-    frame: Frame,
+    frame: TurnedFrame,
     nodes: Vec<Node>,
     root: Child,
     n_cells: u32,
@@ -107,7 +107,7 @@ impl CellTree {
     /// Cuts space so that each of at most `n_cells` cells holds about as many of `samples` as any other.
     ///
     /// Fewer cells come out where samples cannot be told apart. Time O(n log n); no memory beyond the samples.
-    pub fn build(frame: Frame, samples: &[[f64; 3]], n_cells: u32) -> CellTree {
+    pub fn build(frame: TurnedFrame, samples: &[[f64; 3]], n_cells: u32) -> CellTree {
         let mut keys: Vec<[i32; 3]> = samples.iter().map(|&p| frame.quantise(p)).collect();
         let mut tree = CellTree { frame, nodes: Vec::new(), root: Child::Cell(0), n_cells: 0 };
         tree.root = tree.cut(&mut keys, n_cells.max(1));
@@ -234,7 +234,7 @@ mod tests {
     fn cells_are_even_in_every_frame() {
         let points = scattered(20_000);
         for round in 0..5 {
-            let frame = Frame::new(round, Bounds::from([[0.0; 3], [9.0; 3]]));
+            let frame = TurnedFrame::new(round, Bounds::from([[0.0; 3], [9.0; 3]]));
             let tree = CellTree::build(frame, &points, 13);
             assert_eq!(tree.n_cells(), 13);
             let mut counts = vec![0; 13];
@@ -247,7 +247,8 @@ mod tests {
     #[test]
     fn the_order_of_points_does_not_matter() {
         let points = scattered(5_000);
-        let tree = CellTree::build(Frame::new(1, Bounds::from([[0.0; 3], [9.0; 3]])), &points, 40);
+        let tree =
+            CellTree::build(TurnedFrame::new(1, Bounds::from([[0.0; 3], [9.0; 3]])), &points, 40);
         let mut finder = tree.finder();
         for p in &points {
             // Twice: once by descent, once in the cell of the point before.
@@ -264,7 +265,7 @@ mod tests {
 
     #[test]
     fn points_that_cannot_be_told_apart_make_one_cell() {
-        let frame = Frame::new(0, Bounds::from([[5.0; 3], [5.0; 3]]));
+        let frame = TurnedFrame::new(0, Bounds::from([[5.0; 3], [5.0; 3]]));
         let tree = CellTree::build(frame, &[[5.0; 3]; 100], 8);
         assert_eq!(tree.n_cells(), 1);
         assert_eq!(tree.cell_of([5.0; 3]), 0);

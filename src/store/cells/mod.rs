@@ -18,7 +18,7 @@ pub use cell_store::{
     CellStore, CellTally, StoreInfo, Verdicts, VertexLayout, load_bytes, store_row_bytes,
 };
 pub use id_map::IdMap;
-pub use kd_tree::{CellTree, Frame, n_samples, plan_cells};
+pub use kd_tree::{CellTree, TurnedFrame, n_samples, plan_cells};
 pub use pack::{Pack, PackWriter};
 pub use pieces::{Extent, PieceSet, Pieces, position_bits};
 pub use scatter::Scatter;

@@ -1,7 +1,7 @@
 //! Packs: few large files of checksummed chunks, appended by one writer, read by many.
 //!
 //! A sealed pack ends with an index of its chunks, so that opening it is one read instead of one for every
-//! chunk. The headers serve where there is no index yet: after a crash.
+//! chunk. The headers serve before the index is written: after a crash.
 
 use crate::error::{Error, Result};
 use crate::store::pack_format::{

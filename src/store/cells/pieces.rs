@@ -11,12 +11,12 @@ use crate::mesh::bounds::Bounds;
 use crate::mesh::union_find::Union;
 use xxhash_rust::xxh3::xxh3_64;
 
-/// What is connected within a mesh.
+/// Connected pieces of a mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Pieces {
     /// For each vertex the number of its piece.
     pub of_vertex: Vec<u32>,
-    /// How many there are; a vertex that nothing uses is one too.
+    /// Number of pieces; a vertex that nothing uses is one too.
     pub n: usize,
 }
 
@@ -81,7 +81,7 @@ fn join_coincident(positions: &[[f64; 3]], union: &mut Union) {
     }
 }
 
-/// By what a place is known.
+/// Returns the key of a place.
 pub fn position_bits(position: [f64; 3]) -> [u64; 3] {
     // Adding 0 turns -0 into 0.
     position.map(|x| (x + 0.0).to_bits())
@@ -102,12 +102,12 @@ impl PieceSet {
         self.0[piece as usize / 8] |= 1 << (piece % 8);
     }
 
-    /// Whether a piece is among them.
+    /// Returns whether a piece is among them.
     pub fn contains(&self, piece: u32) -> bool {
         self.0[piece as usize / 8] >> (piece % 8) & 1 == 1
     }
 
-    /// Whether there is none.
+    /// Returns whether there is none.
     pub fn is_empty(&self) -> bool {
         self.0.iter().all(|&byte| byte == 0)
     }

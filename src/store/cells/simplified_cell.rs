@@ -1,4 +1,4 @@
-//! What simplifying leaves of the cells: one chunk a cell, in the order they were finished.
+//! Simplified cells: one chunk a cell, in the order they were finished.
 //!
 //! A chunk holds counts, the cell's statistics, ids, shared marks, vertex rows (record, channels) and local
 //! triangles. Finished cells survive a crash; the writer continues behind the last whole chunk.
@@ -27,7 +27,7 @@ pub struct SurvivorInfo {
     pub cells: Vec<CellTally>,
     /// Triangles left in all cells.
     pub triangles: u64,
-    /// What the kernel did in all cells together.
+    /// Statistics of the kernel over all cells.
     pub statistics: CellStatistics,
 }
 
@@ -36,13 +36,13 @@ pub struct SurvivorInfo {
 pub struct Survivors {
     /// Input vertex index of each vertex.
     pub ids: Vec<u64>,
-    /// Whether another cell of the same round holds the same vertex.
+    /// True if another cell of the same round holds the same vertex.
     pub shared: Vec<bool>,
     /// The record of each vertex with its present position; further properties as first read.
     pub records: Vec<u8>,
     /// Geometry and channels.
     pub mesh: Mesh,
-    /// What the kernel did.
+    /// Statistics of the kernel.
     pub statistics: CellStatistics,
 }
 
@@ -53,21 +53,24 @@ pub struct CellStatistics {
     pub collapses: u64,
     /// Refused collapses by reason.
     pub rejects: Vec<(String, u64)>,
-    /// What was cleaned and changed of the topology, by kind.
+    /// Counts of cleaning and of changes of the topology, by kind.
     #[serde(default)]
     pub changes: Vec<(String, u64)>,
-    /// Whether the stop was reached.
+    /// True if the stop was reached.
     pub reached: bool,
-    /// What the fit did, if there was one.
+    /// Largest distance from the input as a bound saw it, in input units; 0 without one.
+    #[serde(default)]
+    pub reach: f64,
+    /// Statistics of the fit, if there was one.
     #[serde(default)]
     pub fit: Option<FitStatistics>,
-    /// What was left out of the cell before.
+    /// Counts of what was left out of the cell before.
     #[serde(default)]
     pub dropped: Dropped,
     /// Charts of a texture that vanished.
     #[serde(default)]
     pub charts_vanished: u64,
-    /// How well the result stands for what was given.
+    /// Estimated quality of the result.
     #[serde(default)]
     pub quality: Quality,
     /// The same on the way down; of a finish only, empty for cells.
@@ -91,6 +94,7 @@ impl From<&Statistics> for CellStatistics {
             rejects: named(&statistics.rejects),
             changes: named(&statistics.changes),
             reached: statistics.reached,
+            reach: statistics.reach,
             fit: statistics.fit,
             dropped: Dropped::default(),
             charts_vanished: statistics.charts_vanished,
@@ -107,6 +111,7 @@ impl CellStatistics {
     fn add(&mut self, other: CellStatistics) {
         self.collapses += other.collapses;
         self.reached &= other.reached;
+        self.reach = self.reach.max(other.reach);
         self.fit = self.fit.or(other.fit);
         self.dropped += other.dropped;
         self.charts_vanished += other.charts_vanished;
@@ -129,7 +134,7 @@ impl Survivors {
         Survivors { ids, shared, records, mesh, statistics }
     }
 
-    /// What the kernel left of `cell`; positions go back into the records, in the input's type.
+    /// Turns the kernel's result for `cell` into rows; positions go back into the records, in the input's type.
     pub fn new(
         ids: &[u64],
         shared: &[bool],
@@ -165,7 +170,7 @@ impl Survivors {
     /// Bytes on disk.
     fn encode(&self, layout: &VertexLayout) -> Vec<u8> {
         let statistics = serde_json::to_vec(&self.statistics).expect("plain data");
-        let n_channels = layout.codec.n_channels();
+        let n_channels = layout.n_channels();
         let record_bytes = layout.schema.record_bytes();
         let rows = self.ids.len() * (9 + record_bytes + 4 * n_channels);
         let mut out =
@@ -195,7 +200,7 @@ impl Survivors {
         let (n_vertices, n_triangles, n_statistics) =
             (u64_of(take(8)?) as usize, u64_of(take(8)?) as usize, u64_of(take(8)?) as usize);
         let statistics = serde_json::from_slice(take(n_statistics)?).ok()?;
-        let n_channels = layout.codec.n_channels();
+        let n_channels = layout.n_channels();
         let ids = take(n_vertices.checked_mul(8)?)?.chunks_exact(8).map(u64_of).collect();
         let shared = take(n_vertices)?.iter().map(|&b| b != 0).collect();
         let records = take(n_vertices.checked_mul(layout.schema.record_bytes())?)?.to_vec();
@@ -228,7 +233,7 @@ pub struct SurvivorWriter {
     name: String,
     pack: PackWriter,
     layout: VertexLayout,
-    /// What is known of the cells that were appended by this process.
+    /// Tallies of the cells that were appended by this process.
     appended: BTreeMap<u32, (CellTally, CellStatistics)>,
 }
 

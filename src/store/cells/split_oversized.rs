@@ -9,10 +9,10 @@ use super::pack::{Pack, PackWriter};
 use super::scatter::Scatter;
 use crate::error::Result;
 use crate::store::pack_format::{ChunkKind, IdWidth};
-use crate::store::stage_context::Run;
+use crate::store::stage_context::StageContext;
 use std::collections::BTreeMap;
 
-/// A cell of so many times the planned triangles is split. Even scans stay within 1.25, uneven ones below this.
+/// A cell of this many times the planned triangles is split. Even scans stay within 1.25, uneven ones below this.
 const OVERFULL: u64 = 2;
 
 /// Keys that are looked at to find where to cut; parts then agree within some percent.
@@ -35,7 +35,7 @@ pub fn split_overfull(
     layout: &VertexLayout,
     planned_triangles: u64,
     round: u32,
-    run: &Run,
+    run: &StageContext,
 ) -> Result<StoreInfo> {
     let limit = planned_triangles.saturating_mul(OVERFULL);
     let overfull: Vec<u32> = (0..info.cells.len() as u32)
@@ -65,7 +65,7 @@ pub fn split_overfull(
     Ok(info)
 }
 
-/// What a triangle is told apart by: the sum of its ids and the lowest of them. Repeats of a triangle are not
+/// Key that identifies a triangle: the sum of its ids and the lowest of them. Repeats of a triangle are not
 /// told apart: they must meet in one cell.
 type Key = (u64, u64);
 
@@ -88,7 +88,7 @@ impl Old<'_> {
     fn each_row(
         &self,
         kind: ChunkKind,
-        run: &Run,
+        run: &StageContext,
         mut look: impl FnMut(&[u8]) -> Result<()>,
     ) -> Result<()> {
         let ids = self.layout.ids.bytes;
@@ -108,7 +108,7 @@ impl Old<'_> {
 
     fn each_triangle(
         &self,
-        run: &Run,
+        run: &StageContext,
         mut look: impl FnMut(Key, &[u8]) -> Result<()>,
     ) -> Result<()> {
         self.each_row(ChunkKind::Triangles, run, |row| {
@@ -119,7 +119,7 @@ impl Old<'_> {
 
     /// The keys at which parts begin, without the first. Odd rounds begin with half a part, so that the
     /// seams of one round lie inside the parts of the next.
-    fn cuts(&self, planned_triangles: u64, round: u32, run: &Run) -> Result<Vec<Key>> {
+    fn cuts(&self, planned_triangles: u64, round: u32, run: &StageContext) -> Result<Vec<Key>> {
         let n_triangles = self.info.cells[self.cell as usize].triangles;
         // The keys of lowest hash, each with its number of triangles: the same for any order of the rows.
         let mut lowest: BTreeMap<(u64, Key), u64> = BTreeMap::new();
@@ -163,7 +163,7 @@ impl Old<'_> {
         cuts: &[Key],
         numbers: &[u32],
         pack: &mut PackWriter,
-        run: &Run,
+        run: &StageContext,
     ) -> Result<Vec<CellTally>> {
         let part_of = |key: Key| cuts.partition_point(|cut| *cut <= key);
         let ids = self.layout.ids;
@@ -224,7 +224,7 @@ impl Old<'_> {
         &self,
         part_of: &impl Fn(Key) -> usize,
         is_in: &impl Fn(u64) -> bool,
-        run: &Run,
+        run: &StageContext,
     ) -> Result<Vec<(u64, u32)>> {
         let mut users: Vec<(u64, u32)> = Vec::new();
         let mut sorted_up_to = 0;

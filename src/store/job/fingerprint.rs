@@ -1,7 +1,8 @@
-//! By what an input is known again: its marks, taken before it is opened and compared after its last reading.
+//! Input fingerprint (size, time of change, checksums of pages), taken before opening and compared after the last
+//! reading.
 //!
 //! Marks bind a job to its input (the manifest holds them), and tell when a file was changed while it was
-//! read. They are no proof: somebody who sets the time back and keeps the sampled bytes is not found out.
+//! read. They are not a proof: a change that sets the time back and keeps the sampled bytes is not found.
 
 use crate::config::Config;
 use crate::error::{Error, Result};
@@ -53,14 +54,14 @@ fn sample_checksum(file: &File, bytes: u64) -> std::io::Result<u64> {
     Ok(hasher.digest())
 }
 
-/// What reading `path` gave, unless the file's marks are no longer those taken `before`: then an error that
+/// Returns the result of reading `path` if the file's fingerprint is still the one taken `before`, else an error that
 /// says so, whatever came out. A file that changes can give rise to any error, and to a mesh that never was.
 pub fn unchanged<T>(
     path: &Path,
     before: &BTreeMap<String, String>,
     outcome: Result<T>,
 ) -> Result<T> {
-    // The wish to stop, or a full disk, is no worse for a changed input; the next run will find that.
+    // The wish to stop, or a full disk, is not worse for a changed input; the next run will find that.
     if matches!(outcome, Err(Error::Interrupted { .. } | Error::NoSpace { .. })) {
         return outcome;
     }
@@ -86,7 +87,7 @@ fn changed(path: &Path, how: &str) -> Error {
     Error::bad_input(path, what)
 }
 
-/// What a job's files are only valid for: this input and every setting that changes the result.
+/// Returns the identity that a job's files are valid for: this input and every setting that changes the result.
 pub fn job_identity(
     source: &MeshSource,
     marks: &BTreeMap<String, String>,

@@ -71,7 +71,7 @@ impl Lock {
     }
 }
 
-/// Whether nobody holds the lock of a job folder; `None` where there is no lock to look at.
+/// Returns whether the lock of a job folder is free; `None` without a lock.
 pub fn is_free(folder: &Path) -> Option<bool> {
     let file = File::open(folder.join(FILE_NAME)).ok()?;
     Some(flock(&file, FlockOperation::NonBlockingLockShared).is_ok())

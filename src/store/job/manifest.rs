@@ -19,7 +19,7 @@ pub const FILE_NAME: &str = "manifest.jsonl";
 /// Version of everything in a job folder; another version is refused.
 const FORMAT_VERSION: u32 = 5;
 
-/// What a job's files are only valid for.
+/// Identity that a job's files are valid for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
     /// The input as the user named it, for messages.
@@ -44,10 +44,10 @@ pub struct Manifest {
     is_new: bool,
 }
 
-/// What `stonecut status` shows of a manifest.
+/// Content of a manifest for `stonecut status`.
 #[derive(Clone, Debug)]
 pub struct ManifestView {
-    /// What the job belongs to.
+    /// Identity that the job belongs to.
     pub identity: Identity,
     /// Recorded outcomes by stage name.
     pub outcomes: BTreeMap<String, serde_json::Value>,
@@ -90,7 +90,7 @@ impl Manifest {
         Ok(manifest)
     }
 
-    /// Whether this run began the manifest.
+    /// Returns whether this run began the manifest.
     pub fn is_new(&self) -> bool {
         self.is_new
     }
@@ -142,7 +142,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(BTreeMap<String, serde_json::Valu
             return Err(Error::corrupt(
                 path,
                 format!(
-                    "the record of '{}' names the file {name:?}, which is no file of a job folder",
+                    "the record of '{}' names the file {name:?}, which is not a file of a job folder",
                     record.name
                 ),
             ));

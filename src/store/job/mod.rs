@@ -100,7 +100,7 @@ impl Job {
     /// Removes the whole folder: the run is over and its output stands.
     pub fn remove(self) -> Result<()> {
         clear(&self.folder, &self.disk)?;
-        // Removed while held: a run that has just opened the old file sees that it is gone and begins anew.
+        // Removed while held: a run that has just opened the old file sees that it is gone and starts again.
         self.disk.remove(&self.folder.join(lock::FILE_NAME))?;
         self.disk.remove_dir(&self.folder)
     }
@@ -127,7 +127,7 @@ fn clear_scratch(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Removes scratch folders in `folder` whose process has ended: nobody holds their lock. What cannot be read or
+/// Removes scratch folders in `folder` whose process has ended: their lock is free. What cannot be read or
 /// removed is left.
 pub fn sweep_scratch(folder: &Path) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
@@ -171,7 +171,7 @@ fn clear_data(folder: &Path, disk: &Disk) -> Result<()> {
     Ok(())
 }
 
-/// Extension of the folders of `Scratch`, which nobody continues.
+/// Extension of the folders of `Scratch`, which are never continued.
 pub const SCRATCH_EXTENSION: &str = "stonecut-scratch";
 
 /// The folder for the trials of `--max-error` in a job folder: their job, and their results.

@@ -44,7 +44,7 @@ pub(super) struct Chart {
 }
 
 impl Atlas {
-    /// Slots for so many charts on at most `n_pages` images.
+    /// Slots for `n_charts` charts on at most `n_pages` images.
     pub(super) fn new(n_charts: u64, n_pages: u64) -> Self {
         let on_page = n_charts.div_ceil(n_pages.max(1)).max(1);
         let mut across = on_page.isqrt();
@@ -95,7 +95,7 @@ impl Chart {
     }
 }
 
-/// A place in the unit square after so many quarter turns about its middle.
+/// A place in the unit square after some quarter turns about its middle.
 fn turned([x, y]: [f64; 2], quarters: u64) -> [f64; 2] {
     match quarters {
         0 => [x, y],

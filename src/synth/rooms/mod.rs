@@ -1,7 +1,7 @@
 //! `rooms`: an interior as photogrammetry delivers it.
 //!
-//! Panels (house.rs) are cut into ragged charts of some 250 triangles, each with vertices of its own and a slot in one of
-//! several textures (atlas.rs), whose images are painted from the same functions as the vertices' colours
+//! Panels (house.rs) are cut into ragged charts of some 250 triangles, each with its own vertices and a slot in
+//! one of several textures (atlas.rs), whose images are painted from the same functions as the vertices' colours
 //! (paint.rs). Noise, dents, doors and holes are functions of the place in the house.
 //!
 //! A block is a panel; vertices are numbered chart by chart.
@@ -76,7 +76,7 @@ impl Rooms {
         None
     }
 
-    /// Whether a place on a panel was never seen, or is a door.
+    /// Returns whether a place on a panel was never seen, or is a door.
     fn is_lost(&self, panel: &Panel, place: [f64; 2], point: [f64; 3]) -> bool {
         if panel.is_crumb {
             return false;

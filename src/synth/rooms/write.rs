@@ -72,7 +72,7 @@ fn check(rooms: &Rooms, files: &[PathBuf], force: bool) -> Result<()> {
     Ok(())
 }
 
-/// Whether a file names this program near its beginning, as its images and libraries do; `None` without a file.
+/// Returns whether a file names this program near its beginning, as its images and libraries do; `None` without a file.
 fn is_ours(file: &Path) -> Option<bool> {
     let opened = match std::fs::File::open(file) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return None,

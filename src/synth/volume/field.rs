@@ -35,7 +35,7 @@ pub(super) struct Field {
 }
 
 impl Field {
-    /// A body of so many voxel widths of radius.
+    /// A body with a radius of this many voxel widths.
     pub(super) fn new(radius: f64, seed: u64, noise: f64, integer: bool) -> Self {
         let spacing = [1.0, 1.0, SLICE];
         let voxels = [0, 1, 2].map(|axis| {

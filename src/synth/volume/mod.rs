@@ -37,7 +37,7 @@ pub(super) struct Volume {
     colored: bool,
 }
 
-/// What besides the size makes a volume.
+/// Settings of a volume besides its size.
 #[derive(Clone, Copy)]
 pub(super) struct Scanner {
     pub(super) seed: u64,

@@ -9,9 +9,9 @@ use std::fs::File;
 use std::os::unix::fs::{FileExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
-/// What a power loss takes.
+/// Extent of a power loss.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Loss {
+pub enum PowerLoss {
     /// Everything that was not synced: data, lengths, names, renames, removals, punched holes.
     Unsynced,
     /// Only data: names, lengths, removals and holes reached the disk, unsynced bytes read as zeros.
@@ -109,10 +109,10 @@ impl Losses {
     }
 
     /// Puts the files into the state that `loss` leaves.
-    pub fn lose(&mut self, loss: Loss) -> std::io::Result<()> {
+    pub fn lose(&mut self, loss: PowerLoss) -> std::io::Result<()> {
         match loss {
-            Loss::Nothing => {}
-            Loss::Unsynced => {
+            PowerLoss::Nothing => {}
+            PowerLoss::Unsynced => {
                 for path in &self.known {
                     match self.durable.get(path) {
                         Some(&id) => {
@@ -125,7 +125,7 @@ impl Losses {
                     }
                 }
             }
-            Loss::UnsyncedData => {
+            PowerLoss::UnsyncedData => {
                 for (path, &id) in &self.live {
                     let content = &mut self.contents[id];
                     content.durable.resize(std::fs::metadata(path)?.len() as usize, 0);

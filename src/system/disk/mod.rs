@@ -14,8 +14,8 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 mod crash_model;
 
-pub use crash_model::Loss;
 use crash_model::Losses;
+pub use crash_model::PowerLoss;
 
 /// A handle on the file system; clones share their counters.
 #[derive(Clone, Debug, Default)]
@@ -50,7 +50,7 @@ impl std::fmt::Debug for Watch {
     }
 }
 
-/// Whether an operation changes what is on the disk.
+/// Effect of an operation on the disk.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Effect {
     Look,
@@ -102,7 +102,7 @@ impl Disk {
     }
 
     /// For tests: puts the files into the state that a machine may come back with after a power loss.
-    pub fn lose(&self, loss: Loss) -> std::io::Result<()> {
+    pub fn lose(&self, loss: PowerLoss) -> std::io::Result<()> {
         match &self.shared.losses {
             Some(losses) => losses.lock().unwrap_or_else(PoisonError::into_inner).lose(loss),
             None => Ok(()),
@@ -155,7 +155,7 @@ impl Disk {
         std::fs::create_dir_all(path).map_err(|e| Error::io(path, "cannot create folder", e))
     }
 
-    /// Creates a file anew, or empties it.
+    /// Creates a file, or empties it.
     pub fn create(&self, path: &Path) -> Result<DiskFile> {
         self.operation(path, "cannot create", Change)?;
         let file = OpenOptions::new()
@@ -182,7 +182,7 @@ impl Disk {
     }
 
     /// Creates a file without a name in the folder of `target`, which vanishes with its process unless
-    /// `DiskFile::link` names it; errors name the target. `None` where the file system knows no such files. Tests of a power loss follow names, so they get none.
+    /// `DiskFile::link` names it; errors name the target. `None` without support; a power loss is tested with names.
     pub fn create_nameless(&self, target: &Path) -> Result<Option<DiskFile>> {
         let folder = folder_of(target);
         self.operation(folder, "cannot create a file in", Change)?;
@@ -309,12 +309,12 @@ pub fn scratch_file(folder: &Path) -> std::io::Result<File> {
 }
 
 /// Opens an input for reading. What is not a regular file is refused, and never waited for: opening a FIFO that
-/// nobody writes to would block, deaf to signals.
+/// is never written to would block, deaf to signals.
 pub fn open_input(path: &Path) -> Result<File> {
     use rustix::fs::OFlags;
     use std::os::unix::fs::OpenOptionsExt;
     let bad = |e: std::io::Error| match e.kind() {
-        std::io::ErrorKind::NotFound => Error::bad_input(path, "there is no such file"),
+        std::io::ErrorKind::NotFound => Error::bad_input(path, "the file does not exist"),
         _ => match Error::reading(path, "cannot open", e) {
             Error::Io { action, source, .. } => {
                 Error::bad_input(path, format!("{action}: {source}"))
@@ -384,7 +384,7 @@ impl DiskFile {
         self.length
     }
 
-    /// Where the file lies.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }

@@ -3,6 +3,9 @@
 //! `bench peer NAME IN.raw OUT.raw TRIANGLES` reads, simplifies on one thread, writes, and prints what the
 //! simplification alone took, as the drivers in `tools/bench/peers` do.
 
+#[path = "../../../tests/reference_kernel/mod.rs"]
+mod reference;
+
 use crate::{Outcome, meshes};
 use meshopt::{SimplifyOptions, VertexDataAdapter};
 use serde::{Deserialize, Serialize};
@@ -41,7 +44,7 @@ fn own(name: &str, mesh: Mesh, target: u64) -> (Mesh, Inner) {
     let stop = Stop::Triangles(target);
     let options = Options { stop, topology, fit, ..Options::default() };
     let (result, inner) = timed(|| match name {
-        "reference" => kernel::reference::simplify_mesh(mesh, &locked, &options),
+        "reference" => reference::simplify_mesh(mesh, &locked, &options),
         _ => kernel::simplify_mesh(mesh, &locked, &options),
     });
     (result.mesh, inner)

@@ -262,7 +262,7 @@ fn parse_size(text: &str) -> Result<u64, String> {
         None => parse_bytes(text),
         Some(_) => {
             let unit = parse_bytes(&format!("1{}", &text[number.len()..]))?;
-            let value: f64 = number.parse().map_err(|_| format!("{text} is no size"))?;
+            let value: f64 = number.parse().map_err(|_| format!("invalid size {text}"))?;
             Ok((value * unit as f64) as u64)
         }
     }

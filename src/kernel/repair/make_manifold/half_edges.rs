@@ -1,10 +1,9 @@
-//! Which corners of triangles belong to one vertex: half-edges of opposite direction are paired.
+//! Pairs half-edges of opposite direction, to find the corners of triangles that belong to one vertex.
 //!
-//! Only those around the vertices concerned. It changes nothing; what becomes of the corners that hang
+//! Only those around the affected vertices. It changes nothing; what becomes of the corners that hang
 //! together, `vertices` decides.
 
-use super::vertices::Plan;
-use super::{NONE, Places};
+use super::places::{NONE, Places};
 use crate::kernel::surface::Surface;
 use crate::mesh::union_find::Union;
 use crate::mesh::vec3::{Vec3, dot, length_sq, normal, scale, sub};
@@ -25,30 +24,30 @@ pub(super) struct Side {
 const BACKWARD: u32 = 1 << 31;
 
 impl Side {
-    fn is_backward(self) -> bool {
+    pub(super) fn is_backward(self) -> bool {
         self.from & BACKWARD != 0
     }
 
-    fn from(self) -> u32 {
+    pub(super) fn from(self) -> u32 {
         self.from & !BACKWARD
     }
 
-    fn to(self) -> u32 {
+    pub(super) fn to(self) -> u32 {
         let from = self.from();
         if from % 3 == 2 { from - 2 } else { from + 1 }
     }
 
-    fn ends(self) -> [u32; 2] {
+    pub(super) fn ends(self) -> [u32; 2] {
         [(self.ends >> 32) as u32, self.ends as u32]
     }
 }
 
-/// The triangles concerned. A corner of the patch is three times a triangle's place in it, plus 0, 1 or 2.
+/// The affected triangles. A corner of the patch is three times a triangle's place in it, plus 0, 1 or 2.
 pub(super) struct Patch {
     pub(super) triangles: Vec<u32>,
     /// Vertex of each corner.
     pub(super) vertex: Vec<u32>,
-    /// Sides with an end that is concerned, in order.
+    /// Sides with an end that is affected, in order.
     sides: Vec<Side>,
     places: Places,
 }
@@ -59,10 +58,10 @@ impl Patch {
         let vertex: Vec<u32> =
             triangles.iter().flat_map(|&t| surface.triangles[t as usize]).collect();
         let mut sides = Vec::with_capacity(vertex.len());
-        let is_concerned = |v: u32| places.is_concerned[v as usize];
+        let is_affected = |v: u32| places.is_affected[v as usize];
         for (first, t) in vertex.as_chunks::<3>().0.iter().enumerate() {
             for (i, j) in [(0, 1), (1, 2), (2, 0)] {
-                if is_concerned(t[i]) || is_concerned(t[j]) {
+                if is_affected(t[i]) || is_affected(t[j]) {
                     let (a, b) = (places.place[t[i] as usize], places.place[t[j] as usize]);
                     let from = (3 * first + i) as u32 | if a > b { BACKWARD } else { 0 };
                     sides
@@ -75,12 +74,12 @@ impl Patch {
     }
 
     /// The sides edge by edge.
-    fn edges(&self) -> impl Iterator<Item = &[Side]> {
+    pub(super) fn edges(&self) -> impl Iterator<Item = &[Side]> {
         self.sides.chunk_by(|a, b| a.ends == b.ends)
     }
 
-    pub(super) fn is_concerned(&self, v: u32) -> bool {
-        self.places.is_concerned[v as usize]
+    pub(super) fn is_affected(&self, v: u32) -> bool {
+        self.places.is_affected[v as usize]
     }
 
     /// The vertices of a side, the lesser first.
@@ -95,7 +94,7 @@ impl Patch {
         &self,
         surface: &Surface,
         corners: &mut Union,
-        known: &Known,
+        known: &PairingState,
         first: &mut [u32],
     ) {
         corners.reset(self.vertex.len());
@@ -139,10 +138,9 @@ impl Patch {
                 }
             }
         }
-        // What is frozen stays one vertex; what is not concerned is not asked.
-        let is_whole = |v: u32| {
-            self.is_concerned(v) && known.is_frozen[self.places.place[v as usize] as usize]
-        };
+        // What is frozen stays one vertex; vertices that are not affected are skipped.
+        let is_whole =
+            |v: u32| self.is_affected(v) && known.is_frozen[self.places.place[v as usize] as usize];
         for (corner, &v) in self.vertex.iter().enumerate().filter(|&(_, &v)| is_whole(v)) {
             let first = &mut first[v as usize];
             if *first == NONE {
@@ -154,7 +152,7 @@ impl Patch {
         self.vertex.iter().for_each(|&v| first[v as usize] = NONE);
     }
 
-    /// How far two triangles bend at their common edge: 0 flat, 2 folded onto each other.
+    /// Returns how far two triangles bend at their common edge: 0 flat, 2 folded onto each other.
     fn bend(&self, surface: &Surface, a: Side, b: Side) -> f64 {
         let normal = |side: Side| {
             let triangle = surface.triangles[self.triangles[side.from() as usize / 3] as usize];
@@ -167,63 +165,17 @@ impl Patch {
         let lengths = (length_sq(a) * length_sq(b)).sqrt();
         if lengths > 0.0 { 1.0 - dot(a, b) / lengths } else { 1.0 }
     }
-
-    /// Notes places where the plan would make what was not there (a directed edge twice, or a corner twice),
-    /// and edges at which sheets still touch: their ends hang together elsewhere, so another pairing may part
-    /// them. True if there is any that was not known.
-    pub(super) fn has_conflicts(&self, plan: &Plan, known: &mut Known) -> bool {
-        let mut is_new = false;
-        let mut freeze = |known: &mut Known, ends: [u32; 2]| {
-            for end in ends {
-                is_new |= !std::mem::replace(&mut known.is_frozen[end as usize], true);
-            }
-        };
-        let mut crossed = Vec::new();
-        let mut edges: Vec<([u32; 2], [u32; 2])> = Vec::new();
-        for (edge, sides) in self.edges().enumerate() {
-            let ends = sides[0].ends();
-            // Only corners in the same place become one, so one side each way cannot be in conflict.
-            let is_point = ends[0] == ends[1];
-            if !is_point
-                && (sides.len() == 1
-                    || sides.len() == 2 && sides[0].is_backward() != sides[1].is_backward())
-            {
-                continue;
-            }
-            edges.clear();
-            edges.extend(sides.iter().map(|side| {
-                let corners = [side.from(), side.to()];
-                (corners.map(|c| plan.vertex[c as usize]), corners.map(|c| self.vertex[c as usize]))
-            }));
-            edges.sort_unstable();
-            if edges.iter().any(|(after, _)| after[0] == after[1]) {
-                freeze(known, ends);
-            }
-            for same in edges.chunk_by(|a, b| a.0 == b.0) {
-                // As found is no conflict.
-                if same.iter().any(|(_, before)| *before != same[0].1) {
-                    freeze(known, ends);
-                } else if same.len() > 1 {
-                    crossed.push(edge);
-                }
-            }
-        }
-        for edge in crossed {
-            is_new |= !std::mem::replace(&mut known.is_crossed[edge], true);
-        }
-        is_new
-    }
 }
 
-/// What one attempt at pairing has taught the next.
-pub(super) struct Known {
+/// State kept between attempts at pairing.
+pub(super) struct PairingState {
     /// Places that are left as found.
-    is_frozen: Vec<bool>,
+    pub(super) is_frozen: Vec<bool>,
     /// Edges, in the order of the patch, at which sheets still touched.
-    is_crossed: Vec<bool>,
+    pub(super) is_crossed: Vec<bool>,
 }
 
-impl Known {
+impl PairingState {
     pub(super) fn new(patch: &Patch) -> Self {
         let mut is_frozen = vec![false; patch.places.place.len()];
         let mut n_edges = 0;
@@ -237,7 +189,7 @@ impl Known {
                 sides[0].ends().into_iter().for_each(|end| is_frozen[end as usize] = true);
             }
         }
-        Known { is_frozen, is_crossed: vec![false; n_edges] }
+        PairingState { is_frozen, is_crossed: vec![false; n_edges] }
     }
 }
 

@@ -1,29 +1,45 @@
-//! Which vertex each set of corners becomes that hangs together, and the surface after that.
+//! Plans the vertex that each set of connected corners becomes, and makes the surface so.
 //!
 //! A vertex whose corners all hang together, with no other's, stays what it is. New vertices need a source.
 
-use super::half_edges::Patch;
-use super::{Mended, NONE};
-use crate::kernel::collapse::legality::Class;
+use super::half_edges::{PairingState, Patch};
+use super::places::NONE;
 use crate::kernel::simd::Simd;
+use crate::kernel::state::MeshState;
+use crate::kernel::state::recompute::recompute_vertices;
+use crate::kernel::surface::class::Class;
 use crate::kernel::surface::{Ring, Surface};
-use crate::kernel::topology;
 use crate::mesh::union_find::Union;
 
-/// Which vertex each set of corners becomes.
-pub(super) struct Plan {
+/// Counts of a mending.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Mended {
+    /// Vertices that became one with another in the same place.
+    pub(crate) joined: u64,
+    /// Vertices that were made of one with several fans.
+    pub(crate) split: u64,
+    /// Triangles that were there twice.
+    pub(crate) duplicates: u64,
+    /// Vertices that would have to be made, but there was no source for them yet.
+    pub(crate) missing: u64,
+    /// If the whole surface was built again, with stamps from zero: the new number of each vertex, or `GONE`.
+    pub(crate) rebuilt: Option<Vec<u32>>,
+}
+
+/// Plan of a mending: the vertex that each set of corners becomes.
+pub(super) struct VertexPlan {
     /// For each corner of the patch the vertex it belongs to afterwards; beyond the last one, vertices that
     /// have to be made.
     pub(super) vertex: Vec<u32>,
-    /// What each new vertex is a copy of.
+    /// Original of each new vertex.
     copies: Vec<u32>,
     /// Vertices that nothing uses any more.
     gone: Vec<u32>,
     pub(super) missing: u64,
 }
 
-impl Plan {
-    /// `n_spare`: sources that are to be had beyond those of vertices that go. `root_of` is scratch space, a
+impl VertexPlan {
+    /// `n_spare`: sources that are at hand beyond those of vertices that go. `root_of` is scratch space, a
     /// number a vertex.
     pub(super) fn new(
         surface: &Surface,
@@ -35,9 +51,9 @@ impl Plan {
         // A vertex all of whose corners hang together, with no other's, stays what it is.
         const SEVERAL: u32 = NONE - 1;
         let n = patch.vertex.len() as u32;
-        let concerned = |c: &u32| patch.is_concerned(patch.vertex[*c as usize]);
+        let affected = |c: &u32| patch.is_affected(patch.vertex[*c as usize]);
         let mut vertex_of = vec![NONE; n as usize];
-        for c in (0..n).filter(concerned) {
+        for c in (0..n).filter(affected) {
             let (root, v) = (corners.root(c), patch.vertex[c as usize]);
             let note = |known: &mut u32, x: u32| {
                 *known = if *known == NONE || *known == x { x } else { SEVERAL };
@@ -52,7 +68,7 @@ impl Plan {
         };
         // Sets of corners, in the order of their least source and of their roots.
         let mut members: Vec<(u32, u32, u32)> = Vec::new();
-        for c in (0..n).filter(concerned) {
+        for c in (0..n).filter(affected) {
             let root = corners.root(c);
             if changes(root, root_of) {
                 members.push((root, patch.vertex[c as usize], c));
@@ -64,8 +80,12 @@ impl Plan {
         // Larger sets first: the main fan keeps its vertex.
         sets.sort_by_key(|set| (std::cmp::Reverse(set.len()), set[0].0));
         let first_new = surface.vertices.len() as u32;
-        let mut plan =
-            Plan { vertex: patch.vertex.clone(), copies: Vec::new(), gone: Vec::new(), missing: 0 };
+        let mut plan = VertexPlan {
+            vertex: patch.vertex.clone(),
+            copies: Vec::new(),
+            gone: Vec::new(),
+            missing: 0,
+        };
         let is_taken = &mut *root_of;
         let mut waiting = Vec::new();
         for set in sets {
@@ -96,6 +116,55 @@ impl Plan {
         plan
     }
 
+    /// Notes places where this plan would make what was not there (a directed edge twice, or a corner twice),
+    /// and edges at which sheets still touch: their ends hang together elsewhere, so another pairing may part
+    /// them. True if there is any that was not known.
+    pub(super) fn has_conflicts(&self, patch: &Patch, known: &mut PairingState) -> bool {
+        let mut is_new = false;
+        let mut freeze = |known: &mut PairingState, ends: [u32; 2]| {
+            for end in ends {
+                is_new |= !std::mem::replace(&mut known.is_frozen[end as usize], true);
+            }
+        };
+        let mut crossed = Vec::new();
+        let mut edges: Vec<([u32; 2], [u32; 2])> = Vec::new();
+        for (edge, sides) in patch.edges().enumerate() {
+            let ends = sides[0].ends();
+            // Only corners in the same place become one, so one side each way cannot be in conflict.
+            let is_point = ends[0] == ends[1];
+            if !is_point
+                && (sides.len() == 1
+                    || sides.len() == 2 && sides[0].is_backward() != sides[1].is_backward())
+            {
+                continue;
+            }
+            edges.clear();
+            edges.extend(sides.iter().map(|side| {
+                let corners = [side.from(), side.to()];
+                (
+                    corners.map(|c| self.vertex[c as usize]),
+                    corners.map(|c| patch.vertex[c as usize]),
+                )
+            }));
+            edges.sort_unstable();
+            if edges.iter().any(|(after, _)| after[0] == after[1]) {
+                freeze(known, ends);
+            }
+            for same in edges.chunk_by(|a, b| a.0 == b.0) {
+                // As found is not a conflict.
+                if same.iter().any(|(_, before)| *before != same[0].1) {
+                    freeze(known, ends);
+                } else if same.len() > 1 {
+                    crossed.push(edge);
+                }
+            }
+        }
+        for edge in crossed {
+            is_new |= !std::mem::replace(&mut known.is_crossed[edge], true);
+        }
+        is_new
+    }
+
     pub(super) fn is_idle(&self) -> bool {
         self.copies.is_empty() && self.gone.is_empty()
     }
@@ -117,7 +186,7 @@ impl Plan {
             surface.source.push(source);
             let n = surface.n_channels;
             surface.channels.extend_from_within(original as usize * n..(original as usize + 1) * n);
-            // Of some length, so that it is not taken for gone; rings are built anew.
+            // Of some length, so that it is not taken for gone; rings are built again.
             let class = Some(Class::Complex);
             surface.rings.push(Ring { start: 0, len: 1, room: 0, class });
         }
@@ -132,11 +201,12 @@ impl Plan {
     /// triangles.
     pub(super) fn rewire(
         &self,
-        surface: &mut Surface,
+        state: &mut MeshState,
         patch: &Patch,
         mut touched: Vec<u32>,
         simd: Simd,
     ) {
+        let surface = &mut state.surface;
         let mut changed = Vec::new();
         let corners = patch.vertex.as_chunks::<3>().0.iter().zip(self.vertex.as_chunks::<3>().0);
         for (before, after) in corners.filter(|(before, after)| before != after) {
@@ -158,9 +228,9 @@ impl Plan {
         for ring in rings.chunk_by(|a, b| a.0 == b.0) {
             list.clear();
             list.extend(ring.iter().map(|&(_, t)| t));
-            topology::set_ring(surface, ring[0].0, &list);
+            surface.set_ring(ring[0].0, &list);
         }
         touched.extend(changed);
-        topology::settle(surface, &mut touched, simd);
+        recompute_vertices(state, &mut touched, simd);
     }
 }

@@ -7,18 +7,36 @@
 //! wedge of the same chart, the two become one, interpolated along the edge; any other keeps its value.
 //! A channel in which all wedges of both ends agree (a colour beside the texture) knows no seam and is
 //! interpolated for all of them.
-//! Such a collapse is in `seam_collapse`; the result is split again by `Surface::into_mesh`.
+//! What a collapse does to them is in `collapse`, its cost in `cost::seam`; `MeshState::into_mesh` splits the result
+//! again.
 //!
 //! Source: wedges of Hoppe 1999 (docs/references.md; docs/algorithm.md, section 7).
 
-mod seam_collapse;
-mod seam_cost;
+mod collapse;
+pub(crate) mod pairs;
 
 use crate::kernel::simd::Simd;
-use crate::kernel::surface::{GONE, Surface};
+use crate::kernel::surface::Surface;
+use crate::kernel::vertex::GONE;
 use crate::mesh::union_find::Union;
 
-pub(crate) use seam_collapse::place_on_edge;
+/// A surface with the values at the corners of its triangles.
+#[derive(Clone, Copy)]
+pub(crate) struct Corners<'a> {
+    pub(crate) surface: &'a Surface,
+    pub(crate) wedges: Option<&'a Wedges>,
+}
+
+impl<'a> Corners<'a> {
+    /// The channels at corner `v` of triangle `t`.
+    #[inline(always)]
+    pub(crate) fn values_at(self, t: u32, v: u32) -> &'a [f32] {
+        match self.wedges {
+            None => self.surface.channels_of(v),
+            Some(wedges) => wedges.values_at(self.surface, t, v),
+        }
+    }
+}
 
 /// The wedges of a surface: 12 bytes a triangle, 4 a channel and input vertex, 9 an input vertex.
 #[derive(Clone)]
@@ -29,17 +47,17 @@ pub(crate) struct Wedges {
     values: Vec<f32>,
     /// Input vertex of each wedge.
     source: Vec<u32>,
-    /// Whether a vertex has several wedges.
+    /// True if a vertex has several wedges.
     is_seam: Vec<bool>,
     n_channels: usize,
     /// The channel that tells regions apart, whose borders are kept as boundaries are.
     pub(crate) region: Option<usize>,
-    /// What any other seam counts against that.
+    /// Cost of moving any other seam, as a share of that.
     pub(crate) seam_share: f64,
     /// For each wedge one of its chart, the same for all of them.
     chart: Vec<u32>,
     n_charts: u64,
-    simd: Simd,
+    pub(crate) simd: Simd,
 }
 
 impl Wedges {
@@ -87,7 +105,16 @@ impl Wedges {
         self.n_charts.saturating_sub(self.count_charts(triangles))
     }
 
-    /// How many vertices are on seams.
+    /// Sets one channel of every wedge to a value of its vertex.
+    pub(crate) fn set_channel(&mut self, triangles: &[[u32; 3]], channel: usize, values: &[f32]) {
+        for (corner, t) in self.corner.iter().zip(triangles).filter(|(_, t)| t[0] != GONE) {
+            for (&wedge, &v) in corner.iter().zip(t) {
+                self.values[wedge as usize * self.n_channels + channel] = values[v as usize];
+            }
+        }
+    }
+
+    /// Counts the vertices on seams.
     pub(crate) fn n_seam_vertices(&self, surface: &Surface) -> u64 {
         let vertices = self.is_seam.iter().zip(&surface.rings);
         vertices.filter(|(is_seam, ring)| **is_seam && ring.class.is_some() && ring.len > 0).count()
@@ -122,20 +149,20 @@ impl Wedges {
 
     /// The wedge that triangle `t` uses at its corner `v`.
     #[inline(always)]
-    fn at(&self, surface: &Surface, t: u32, v: u32) -> u32 {
+    pub(crate) fn at(&self, surface: &Surface, t: u32, v: u32) -> u32 {
         let corners = surface.triangles[t as usize];
         let k = usize::from(corners[1] == v) + 2 * usize::from(corners[2] == v);
         self.corner[t as usize][k.min(2)]
     }
 
-    /// Whether triangle `t` uses at its corner `v` the wedge that came with the vertex itself.
+    /// Returns whether triangle `t` uses at its corner `v` the wedge that came with the vertex itself.
     pub(crate) fn is_own(&self, surface: &Surface, t: u32, v: u32) -> bool {
         self.source[self.at(surface, t, v) as usize] == surface.source[v as usize]
     }
 
     /// Channels at corner `v` of triangle `t`.
     #[inline(always)]
-    pub(crate) fn values_at<'a>(&'a self, surface: &'a Surface, t: u32, v: u32) -> &'a [f32] {
+    fn values_at<'a>(&'a self, surface: &'a Surface, t: u32, v: u32) -> &'a [f32] {
         if self.is_seam[v as usize] {
             self.values_of(self.at(surface, t, v))
         } else {
@@ -143,17 +170,18 @@ impl Wedges {
         }
     }
 
-    fn values_of(&self, wedge: u32) -> &[f32] {
+    #[inline(always)]
+    pub(crate) fn values_of(&self, wedge: u32) -> &[f32] {
         &self.values[wedge as usize * self.n_channels..][..self.n_channels]
     }
 
-    /// Whether a collapse has to do with a seam.
+    /// Returns whether a collapse has to do with a seam.
     #[inline(always)]
     pub(crate) fn concern(&self, v0: u32, v1: u32) -> bool {
         self.is_seam[v0 as usize] || self.is_seam[v1 as usize]
     }
 
-    /// Whether a vertex is on a seam.
+    /// Returns whether a vertex is on a seam.
     #[inline(always)]
     pub(crate) fn is_seam(&self, v: u32) -> bool {
         self.is_seam[v as usize]
@@ -165,7 +193,7 @@ impl Wedges {
         self.corner.retain(|_| gone.next() == Some(false));
     }
 
-    /// Finds out anew which vertices are on seams; after vertices or triangles have got new numbers.
+    /// Finds again which vertices are on seams; after vertices or triangles have got new numbers.
     pub(crate) fn find_seams(&mut self, surface: &Surface) {
         const NONE: u32 = u32::MAX;
         let mut first = vec![NONE; surface.vertices.len()];

@@ -1,29 +1,46 @@
 //! Cost of collapses at attribute seams, and where their survivors go.
 //!
 //! The survivor stays on the edge, at the place where the attributes' and the geometric error are least
-//! together. What that costs is summed up over both rings directly, eight triangles at once; there is no sum to
-//! keep at a seam.
+//! together. What that costs is summed up over both rings directly, eight triangles at once; nothing is
+//! kept at a seam.
 
-use super::Wedges;
-use super::seam_collapse::Pairs;
 use crate::kernel::cost::attribute_lanes::LEAST_SHAPE_SQ;
 use crate::kernel::cost::attributes::MAX_WEIGHTED;
 use crate::kernel::cost::quadric::{Evaluated, LENGTH_COST, cross3, dot3, sub3};
 use crate::kernel::simd::{Job, Lanes};
-use crate::kernel::surface::{GONE, MAX_VALENCE, Surface, boundary_quadric};
+use crate::kernel::surface::wedges::Wedges;
+use crate::kernel::surface::wedges::pairs::Pairs;
+use crate::kernel::surface::{MAX_VALENCE, Surface, boundary_quadric};
+use crate::kernel::vertex::GONE;
 use crate::mesh::vec3::{dot, length_sq};
 
 /// Room for a ring, in whole eights. Longer ones do not collapse.
 const ROOM: usize = (MAX_VALENCE as usize).next_multiple_of(8);
 
+/// Puts in cost and place of those of eight edges that end on a seam. `active`: the channels that count, with their
+/// factors.
+#[inline(never)]
+pub(crate) fn correct(
+    (surface, wedges, active): (&Surface, &Wedges, &[(usize, f32)]),
+    v0: &[u32; 8],
+    v1: &[u32; 8],
+    fixed: &[f32; 8],
+    found: &mut Evaluated,
+) {
+    if (0..8).any(|i| wedges.concern(v0[i], v1[i])) {
+        wedges.simd.run(Correct { wedges, surface, active, v0, v1, fixed, found });
+    }
+}
+
 /// Eight edges, of which those at a seam get their cost and place here.
-pub(super) struct Correct<'a> {
-    pub(super) wedges: &'a Wedges,
-    pub(super) surface: &'a Surface,
-    pub(super) v0: &'a [u32; 8],
-    pub(super) v1: &'a [u32; 8],
-    pub(super) fixed: &'a [f32; 8],
-    pub(super) found: &'a mut Evaluated,
+struct Correct<'a> {
+    wedges: &'a Wedges,
+    surface: &'a Surface,
+    active: &'a [(usize, f32)],
+    v0: &'a [u32; 8],
+    v1: &'a [u32; 8],
+    fixed: &'a [f32; 8],
+    found: &'a mut Evaluated,
 }
 
 /// The triangles around a vertex: their other corners in the sense of rotation, and the wedges of all three.
@@ -103,14 +120,18 @@ impl Job for Correct<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self) {
-        let active = self.surface.attributes.as_ref().map_or(&[][..], |a| a.active());
         let mut rings = [Ring::new(), Ring::new()];
         for i in 0..8 {
             let (v0, v1) = (self.v0[i], self.v1[i]);
             if self.wedges.concern(v0, v1) {
                 let fixed = self.fixed[i] > 0.0;
-                let (cost, place) =
-                    self.wedges.evaluate::<L>(self.surface, (v0, v1), fixed, active, &mut rings);
+                let (cost, place) = self.wedges.evaluate::<L>(
+                    self.surface,
+                    (v0, v1),
+                    fixed,
+                    self.active,
+                    &mut rings,
+                );
                 self.found.cost[i] = cost;
                 (0..3).for_each(|k| self.found.place[k][i] = place[k]);
             }
@@ -189,10 +210,10 @@ impl Wedges {
         }
         away0 += f64::from(misfit[0]);
         away1 += f64::from(misfit[1]);
-        if self.is_seam[v0 as usize] {
+        if self.is_seam(v0) {
             away0 += self.border_cost::<L>(surface, v0, &*ring0, edge);
         }
-        if self.is_seam[v1 as usize] {
+        if self.is_seam(v1) {
             away1 += self.border_cost::<L>(surface, v1, &*ring1, edge);
         }
         let c = [away1, -away1, away0 + away1];
@@ -208,7 +229,7 @@ impl Wedges {
         };
         let floor = (area0 + area1) * length_sq(half) * f64::from(LENGTH_COST);
         let cost = (c[0] + s * (2.0 * c[1] + s * c[2])).max(0.0) + floor;
-        // NaN is no cost.
+        // NaN is not a cost.
         let cost = if cost < f64::from(f32::MAX) { cost as f32 } else { f32::INFINITY };
         let place = match s {
             1.0 => half_f32,
@@ -269,7 +290,7 @@ impl Wedges {
                 squares = squares.plus(off.times(off));
             }
             let area = L::splat(0.5).times(normal_sq.root());
-            // What is no triangle adds nothing, nor does an empty lane.
+            // Degenerate triangles and empty lanes add nothing.
             let lane: [f32; 8] = std::array::from_fn(|i| if i < n { 1.0 } else { 0.0 });
             let known = L::lt_select(zero, below, area.times(squares), zero);
             sum += L::lt_select(zero, L::load(&lane), known, zero).sum();
@@ -278,7 +299,7 @@ impl Wedges {
     }
 
     /// Cost of moving `v` off the seams that end there by the vector `way`: squared length times
-    /// squared distance for each, as at a boundary of the surface; less where it is no border of a region.
+    /// squared distance for each, as at a boundary of the surface; less where it is not the border of a region.
     #[inline(always)]
     fn border_cost<L: Lanes>(&self, surface: &Surface, v: u32, ring: &Ring, way: [f64; 3]) -> f64 {
         let region = |w: u32| self.region.map(|channel| self.values_of(w)[channel].to_bits());

@@ -3,8 +3,11 @@
 //! The pilot of a round looks ahead with it: it notes how a cell falls, keeps copies, and goes on from one of
 //! them once the threshold is known, so that nothing is computed twice.
 
-use crate::kernel::schedule::levels::Driver;
-use crate::kernel::{Options, Simplified, Statistics, finish, simd, start};
+use crate::kernel::options::Options;
+use crate::kernel::run::{finish, start};
+use crate::kernel::schedule::driver::Driver;
+use crate::kernel::simd::Simd;
+use crate::kernel::statistics::{Simplified, Statistics};
 use crate::mesh::Mesh;
 
 /// A mesh on its way from one cost threshold to the next; as `simplify_mesh` with `Stop::Costs`.
@@ -22,7 +25,7 @@ const BYTES_PER_TRIANGLE: u64 = 120;
 impl Stepwise {
     /// Begins; `options.stop` is ignored. Panics as `simplify_mesh` does.
     pub fn new(mesh: Mesh, locked: &[bool], options: &Options) -> Self {
-        let driver = start(mesh, locked, options, simd::Simd::detect());
+        let driver = start(mesh, locked, options, Simd::detect());
         Stepwise { driver, level_counts: Vec::new() }
     }
 
@@ -35,15 +38,16 @@ impl Stepwise {
 
     /// Triangles that are left.
     pub fn n_triangles(&self) -> u64 {
-        self.driver.surface.n_alive
+        self.driver.state.surface.n_alive
     }
 
     /// Memory of a copy in bytes, at most.
     pub fn copy_bytes(&self) -> u64 {
-        let surface = &self.driver.surface;
+        let state = &self.driver.state;
+        let surface = &state.surface;
         let channels = 4 * surface.n_channels as u64 * surface.vertices.len() as u64;
         // Attributes and wedges hold at most as much again for each vertex and corner.
-        let more = if surface.attributes.is_some() || surface.wedges.is_some() { 4 } else { 1 };
+        let more = if state.attributes.is_some() || state.wedges.is_some() { 4 } else { 1 };
         let probes = self.driver.probes.as_ref().map_or(0, |probes| probes.bytes());
         more * (BYTES_PER_TRIANGLE * surface.triangles.len() as u64 + channels) + probes
     }

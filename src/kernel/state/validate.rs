@@ -3,11 +3,11 @@
 //! Called in builds with debug assertions after each stage that changes the topology, and after each single
 //! change of it where the mesh is small. What the unchecked places of the inner loop rely on is here as code.
 
-use crate::kernel::surface::Surface;
+use crate::kernel::state::MeshState;
 #[cfg(debug_assertions)]
 use crate::kernel::{
-    collapse::legality::Class,
-    surface::{Fan, GONE, HUB, MAX_VALENCE},
+    surface::{HUB, MAX_VALENCE, Surface, class::Class, fan::Fan},
+    vertex::GONE,
 };
 
 /// Meshes of at most this many triangles are checked after every single change, too.
@@ -16,29 +16,30 @@ const SMALL: usize = 1 << 10;
 
 /// Panics if the surface contradicts itself; in builds without debug assertions it does nothing.
 #[inline(always)]
-pub(crate) fn validate(surface: &Surface) {
+pub(crate) fn validate(state: &MeshState) {
     #[cfg(debug_assertions)]
-    if let Err(contradiction) = check(surface) {
+    if let Err(contradiction) = check(state) {
         panic!("the surface is sound: {contradiction}");
     }
     #[cfg(not(debug_assertions))]
-    let _ = surface;
+    let _ = state;
 }
 
 /// The same for small meshes only: after a single change.
 #[inline(always)]
-pub(crate) fn validate_small(surface: &Surface) {
+pub(crate) fn validate_small(state: &MeshState) {
     #[cfg(debug_assertions)]
-    if surface.triangles.len() <= SMALL {
-        validate(surface);
+    if state.surface.triangles.len() <= SMALL {
+        validate(state);
     }
     #[cfg(not(debug_assertions))]
-    let _ = surface;
+    let _ = state;
 }
 
 /// The first contradiction found, in words.
 #[cfg(debug_assertions)]
-fn check(surface: &Surface) -> Result<(), String> {
+fn check(state: &MeshState) -> Result<(), String> {
+    let surface = &state.surface;
     let n = surface.vertices.len();
     let lengths = [surface.rings.len(), surface.source.len()];
     if lengths != [n, n] || surface.channels.len() != n * surface.n_channels {
@@ -46,10 +47,10 @@ fn check(surface: &Surface) -> Result<(), String> {
     }
     check_triangles(surface)?;
     check_rings(surface)?;
-    if let Some(wedges) = &surface.wedges {
+    if let Some(wedges) = &state.wedges {
         wedges.check(surface)?;
     }
-    if let Some(attributes) = &surface.attributes {
+    if let Some(attributes) = &state.attributes {
         attributes.check(surface)?;
     }
     Ok(())

@@ -1,59 +1,12 @@
 //! Collapses at attribute seams: which wedges become one, and which values they get.
 //!
-//! Its cost is in `seam_cost`; its legality is decided by the caller.
+//! Its cost is in `cost::seam`; its legality is decided by the caller.
 
 use super::Wedges;
-use super::seam_cost::Correct;
-use crate::kernel::collapse::legality::Class;
-use crate::kernel::cost::quadric::Evaluated;
-use crate::kernel::surface::{Surface, others};
-use crate::mesh::vec3::along;
-
-/// Pairs of wedges of `v0` and `v1` that become one: those of the triangles over the edge.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Pairs {
-    list: [(u32, u32); 2],
-    pub(super) n: usize,
-    /// One wedge would have to become two, or two would become one.
-    pub(super) splits: bool,
-    pub(super) joins: bool,
-}
-
-impl Pairs {
-    fn of(wedges: &Wedges, surface: &Surface, v0: u32, v1: u32) -> Pairs {
-        let mut pairs = Pairs::default();
-        for &t in surface.ring(v0) {
-            let (b, c) = others(surface.triangles[t as usize], v0);
-            if b == v1 || c == v1 {
-                let pair = (wedges.at(surface, t, v0), wedges.at(surface, t, v1));
-                pairs.add(pair);
-            }
-        }
-        pairs
-    }
-
-    pub(super) fn add(&mut self, pair: (u32, u32)) {
-        for known in &self.list[..self.n] {
-            self.splits |= known.0 == pair.0 && known.1 != pair.1;
-            self.joins |= known.0 != pair.0 && known.1 == pair.1;
-            if *known == pair {
-                return;
-            }
-        }
-        if self.n < 2 {
-            self.list[self.n] = pair;
-            self.n += 1;
-        }
-    }
-
-    pub(super) fn of_v0(&self, wedge: u32) -> Option<(u32, u32)> {
-        self.list[..self.n].iter().copied().find(|pair| pair.0 == wedge)
-    }
-
-    pub(super) fn of_v1(&self, wedge: u32) -> Option<(u32, u32)> {
-        self.list[..self.n].iter().copied().find(|pair| pair.1 == wedge)
-    }
-}
+use super::pairs::Pairs;
+use crate::kernel::surface::Surface;
+use crate::kernel::surface::class::Class;
+use crate::kernel::vertex::others;
 
 /// A collapse at a seam under way.
 pub(crate) struct SeamPlan {
@@ -63,21 +16,6 @@ pub(crate) struct SeamPlan {
 }
 
 impl Wedges {
-    /// Puts in cost and place of those of eight edges that have to do with a seam.
-    #[inline(never)]
-    pub(crate) fn correct(
-        &self,
-        surface: &Surface,
-        v0: &[u32; 8],
-        v1: &[u32; 8],
-        fixed: &[f32; 8],
-        found: &mut Evaluated,
-    ) {
-        if (0..8).any(|i| self.concern(v0[i], v1[i])) {
-            self.simd.run(Correct { wedges: self, surface, v0, v1, fixed, found });
-        }
-    }
-
     /// Plans a collapse at a seam before it is carried out; `s` is its place on the edge, 0 at `v0`.
     pub(crate) fn plan(&self, surface: &Surface, (v0, v1): (u32, u32), s: f32) -> SeamPlan {
         let pairs = Pairs::of(self, surface, v0, v1);
@@ -204,16 +142,4 @@ impl Wedges {
             surface.channels[at..at + self.n_channels].copy_from_slice(self.values_of(first));
         }
     }
-}
-
-/// Place on an edge (0 at `v0`) of a place relative to its midpoint, in f64 for either end exactly.
-pub(crate) fn place_on_edge(half: [f32; 3], place: [f32; 3]) -> f32 {
-    if place == half {
-        return 1.0;
-    }
-    if place == half.map(|x| -x) {
-        return 0.0;
-    }
-    let (half, place) = (half.map(f64::from), place.map(f64::from));
-    along(place, half.map(|x| -x), half) as f32
 }

@@ -1,18 +1,21 @@
 //! The reference simplifier: simple, slow, obviously right.
 //!
 //! One heap over all edges, accumulated area-weighted quadrics, optimal placement with regularisation
-//! about the edge midpoint, hard checks. Tests and benches compare the production kernel with it; the
-//! program never calls it. Roughly 600 bytes and 4 microseconds a triangle.
+//! about the edge midpoint, hard checks. Tests and `tools/bench` compare the production kernel with it; it shares no code with
+//! it. Roughly 600 bytes and 4 microseconds a triangle.
 //!
 //! Source: Garland & Heckbert 1997; boundary planes as there, section 6 (docs/references.md).
 
 use std::cmp::{Ordering, Reverse};
 use std::collections::{BTreeSet, BinaryHeap};
 
-use crate::kernel::collapse::legality::{Class, MAY_COLLAPSE, Reject, RejectCounts};
-use crate::kernel::{Options, Simplified, Statistics, Stop};
-use crate::mesh::Mesh;
-use crate::mesh::vec3::{Vec3, add, along, cross, dot, length_sq, normal, scale, sub};
+mod legality;
+mod vec3;
+
+use legality::{Class, MAY_COLLAPSE, Reject, RejectCounts};
+use stonecut::Mesh;
+use stonecut::kernel::{Options, Simplified, Statistics, Stop};
+use vec3::{Vec3, add, along, cross, dot, length_sq, normal, scale, sub};
 
 /// Share of the trace added to the diagonal when the best position is solved for.
 const REGULARISATION: f64 = 3e-5;
@@ -147,7 +150,7 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
         .filter(|&(_, &alive)| alive)
         .map(|(&t, _)| t)
         .collect();
-    let (mesh, source) = super::compact(work.mesh);
+    let (mesh, source) = compact(work.mesh);
     Simplified { mesh, source, statistics }
 }
 
@@ -421,4 +424,27 @@ impl<'a> Reference<'a> {
             self.push(v1, w);
         }
     }
+}
+
+/// Drops vertices that no triangle uses; the second value tells where each kept vertex was.
+fn compact(mesh: Mesh) -> (Mesh, Vec<u32>) {
+    const UNUSED: u32 = u32::MAX;
+    let mut place = vec![UNUSED; mesh.positions.len()];
+    for triangle in &mesh.triangles {
+        for &v in triangle {
+            place[v as usize] = 0;
+        }
+    }
+    let mut source = Vec::new();
+    for (v, place) in place.iter_mut().enumerate().filter(|(_, place)| **place != UNUSED) {
+        *place = source.len() as u32;
+        source.push(v as u32);
+    }
+    let compacted = Mesh {
+        positions: source.iter().map(|&v| mesh.positions[v as usize]).collect(),
+        channels: source.iter().flat_map(|&v| mesh.channels_of(v).iter().copied()).collect(),
+        n_channels: mesh.n_channels,
+        triangles: mesh.triangles.iter().map(|t| t.map(|v| place[v as usize])).collect(),
+    };
+    (compacted, source)
 }

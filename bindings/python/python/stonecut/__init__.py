@@ -1,0 +1,578 @@
+"""stonecut: simplifies triangle meshes of any size, in memory or out of core, and measures the error.
+
+In memory::
+
+    points, faces = stonecut.simplify_arrays(points, faces, triangles=100_000)
+    small = stonecut.simplify(mesh, ratio=0.01)          # trimesh, pyvista, Open3D: the same kind comes back
+
+From file to file, in any memory, continued by the same call after an interruption::
+
+    report = stonecut.simplify_file("scan.ply", "small.ply", ratio=0.01, memory="4GiB")
+
+Names and meanings are those of the ``stonecut`` command. Everything after the meshes is keyword-only, and ``ratio`` is
+the share of the triangles that is **kept**. Lengths are in the units of the mesh, sizes of memory in bytes or as text
+(``"4GiB"``, ``"50%"``). All functions may be called from several threads at once and let other threads run; Ctrl-C ends
+them, and so does an exception from ``progress``, which is called with a :class:`Progress` about 20 times a second.
+Failures are :class:`Error` and its classes.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Literal
+
+from . import _stonecut, errors
+from ._adapt import adapt
+from ._arrays import Array, Attributes, Mesh
+from ._arrays import faces as _faces
+from ._arrays import points as _points
+from ._stonecut import Progress, __version__
+from ._words import PathLike, options, path, target
+from .errors import (
+    BadInput,
+    DeviceError,
+    EmptyResult,
+    Error,
+    InternalError,
+    Interrupted,
+    JobLocked,
+    JobMismatch,
+    LossWarning,
+    NoSpace,
+    NotEnoughMemory,
+    ShortOfTarget,
+    SystemFault,
+    UsageError,
+)
+
+__all__ = [
+    "BadInput",
+    "DeviceError",
+    "EmptyResult",
+    "Error",
+    "InternalError",
+    "Interrupted",
+    "JobLocked",
+    "JobMismatch",
+    "LossWarning",
+    "Measured",
+    "NoSpace",
+    "NotEnoughMemory",
+    "Progress",
+    "ShortOfTarget",
+    "SimplifiedArrays",
+    "SystemFault",
+    "UsageError",
+    "__version__",
+    "convert",
+    "errors",
+    "info",
+    "measure",
+    "plan",
+    "render",
+    "simplify",
+    "simplify_arrays",
+    "simplify_file",
+    "synth",
+]
+
+Report = dict[str, Any]
+OnProgress = Callable[[Progress], object]
+Size = int | str
+Topology = Literal["keep", "error"]
+Fit = Literal["on", "off", "auto"]
+Placement = Literal["optimal", "subset", "midpoint"]
+Normals = Literal["keep", "recompute", "drop"]
+Kind = Literal["terrain", "statue", "gyroid", "scans", "volume", "rooms"]
+
+
+class SimplifiedArrays:
+    """A mesh that :func:`simplify_arrays` has simplified; ``points, faces = result`` unpacks it.
+
+    ``points`` (n, 3) of the type of the input's, ``faces`` (m, 3) int32, ``attributes`` by name and of the types that were
+    given, ``source`` (n,) uint32: the input vertex that survived as each vertex, in ascending order, by which anything
+    else can be looked up. ``report`` says what was done; its keys are those of ``--report`` (docs/report.md).
+    """
+
+    def __init__(self, points: Array, faces: Array, attributes: dict[str, Array], source: Array, report: Report) -> None:
+        self.points = points
+        self.faces = faces
+        self.attributes = attributes
+        self.source = source
+        self.report = report
+
+    def __iter__(self) -> Iterator[Array]:
+        return iter((self.points, self.faces))
+
+    def __repr__(self) -> str:
+        return f"SimplifiedArrays({len(self.points)} points, {len(self.faces)} faces)"
+
+    @property
+    def target_met(self) -> bool:
+        """True if there are at most as many triangles as were wanted."""
+        return bool(self.report["target_met"])
+
+    @property
+    def rejects(self) -> dict[str, int]:
+        """Refused collapses by reason."""
+        return dict(self.report["rejects"])
+
+
+class Measured(dict[str, Any]):
+    """The report of :func:`measure`, with the numbers most asked for as attributes. Lengths are in input units."""
+
+    @property
+    def rms(self) -> float:
+        """Root mean square distance, both ways."""
+        return float(self["rms"])
+
+    @property
+    def relative_rms(self) -> float:
+        """The same as a share of the diagonal of the original's bounding box."""
+        return float(self["relative_rms"])
+
+    @property
+    def mean(self) -> float:
+        """Mean distance, both ways."""
+        return 0.5 * (float(self["forward"]["mean"]) + float(self["backward"]["mean"]))
+
+    @property
+    def max(self) -> float:
+        """Largest distance, either way, over samples and vertices."""
+        return max(float(self["forward"]["max"]), float(self["backward"]["max"]))
+
+
+def _report(words: list[str], progress: OnProgress | None) -> tuple[Report, bool]:
+    text, is_short = _stonecut.run(words, progress)
+    return json.loads(text) or {}, is_short
+
+
+def _warn_if_short(report: Report, is_short: bool) -> None:
+    if not is_short:
+        return
+    made, quality = report["output"]["triangles"], report["quality"]
+    if not report["target_met"]:
+        what = f"short of the target of {report['target']}: {report['stop_reason']}"
+    elif not quality["bearable"]:
+        what = f"too few for this mesh, whose surface comes apart; ask for at least {quality['sensible_triangles']}"
+    else:
+        faults = report["input"]["faults"]
+        what = "broken parts of the input were left out: " + ", ".join(f"{n} {name}" for name, n in faults.items() if n)
+    warnings.warn(f"{made} triangles are left; {what}", ShortOfTarget, stacklevel=3)
+
+
+def simplify_arrays(
+    points: Any,
+    faces: Any,
+    *,
+    triangles: int | str | None = None,
+    ratio: float | str | None = None,
+    attributes: Mapping[str, Any] | None = None,
+    weight: Mapping[str, float] | None = None,
+    label: str | Iterable[str] = (),
+    topology: Topology = "error",
+    fit: Fit = "auto",
+    placement: Placement = "optimal",
+    merge_distance: float | None = None,
+    cell_triangles: int | str | None = None,
+    memory: Size | None = None,
+    threads: int | None = None,
+    progress: OnProgress | None = None,
+) -> SimplifiedArrays:
+    """Simplifies a mesh in memory; ``points, faces = simplify_arrays(points, faces, ratio=0.1)``.
+
+    Args:
+        points: (n, 3) float32 or float64, in any units; other numbers become float64. All finite.
+        faces: (m, 3) int32, uint32, int64 or uint64, counted from 0; counter-clockwise seen from outside.
+        triangles: as many are left, or up to two fewer; ``"100k"`` works too.
+        ratio: the share of the triangles that is kept, 0 to 1; give this or ``triangles``.
+        attributes: arrays with a row for each vertex. ``"color"`` (n, 3) or (n, 4) of uint8, uint16 or floats from 0 to 1,
+            ``"normal"`` (n, 3) and ``"uv"`` (n, 2) of floats are known by name; any other is (n,) or (n, k): floats are
+            averaged, integers and booleans are labels and taken from the vertex that survives. Vertices that are
+            in one place with different ``"uv"`` are the seams of a texture and stay so.
+        weight: how much attributes count against the shape: 0 rides along, 1 is sensible.
+            By default colours and texture coordinates count 1, all others 0.
+        label: names of attributes that are never averaged although they are floats.
+        topology: ``"error"``: specks, holes of three edges and thin tubes smaller than the error may go;
+            ``"keep"``: nothing of that kind, even if the target is missed.
+        fit: whether vertices are moved to fit the original; ``"auto"`` where at most 1 % is left.
+        placement: ``"subset"`` keeps to vertices of the input, bit for bit.
+        merge_distance: free boundaries at most this far apart, in input units, may join.
+        cell_triangles: beyond four cells of this size the mesh is simplified in parallel, through cells in memory [256k].
+        memory: what the call may take beside the arrays [75 % of what the process may use].
+        threads: [the cores the process may use]; the result does not depend on them.
+        progress: called with a :class:`Progress`; an exception from it ends the call.
+
+    Nothing is changed in place; the inputs are copied once. Memory beside that: about 120 bytes a triangle up to a million
+    triangles, then about 40, the copy included. Warns with :class:`ShortOfTarget`.
+
+    Raises:
+        BadInput: wrong shapes or types, an index out of range, NaN or infinity, no faces.
+        UsageError: no target or two, unknown options, attributes that do not fit.
+        EmptyResult: nothing would be left. NotEnoughMemory: use :func:`simplify_file`.
+    """
+    points, faces = _points(points), _faces(faces)
+    carried = Attributes(attributes, len(points), weight, label)
+    words = ["simplify", "arrays", "arrays.ply", *target(triangles, ratio), *carried.words]
+    words += options(
+        topology=topology,
+        fit=fit,
+        placement=placement,
+        merge_distance=merge_distance,
+        cell_triangles=cell_triangles,
+        memory=memory,
+        threads=threads,
+    )
+    out = _stonecut.simplify_arrays(points, faces, carried.columns, words, progress)
+    new_points, new_faces, source, records, text = out
+    report = json.loads(text)
+    _warn_if_short(report, not (report["target_met"] and report["quality"]["bearable"]))
+    # Fewer than 2^30 vertices are left, so int32 holds every index.
+    return SimplifiedArrays(new_points, new_faces.view("i4"), carried.back(records, len(new_points)), source, report)
+
+
+def simplify(
+    mesh: Any,
+    *,
+    triangles: int | str | None = None,
+    ratio: float | str | None = None,
+    weight: Mapping[str, float] | None = None,
+    topology: Topology = "error",
+    fit: Fit = "auto",
+    placement: Placement = "optimal",
+    merge_distance: float | None = None,
+    cell_triangles: int | str | None = None,
+    memory: Size | None = None,
+    threads: int | None = None,
+    progress: OnProgress | None = None,
+) -> Any:
+    """Simplifies a mesh of another package; the same kind comes back, with what its vertices carry.
+
+    ``mesh`` is a ``trimesh.Trimesh``, a ``pyvista.PolyData``, an Open3D ``TriangleMesh`` (legacy or tensor) or a pair
+    (points, faces). Colours, texture coordinates with their material, normals and numeric arrays of vertices are kept;
+    what cannot be kept is named in a :class:`LossWarning`. The mesh itself is not changed. All else is as in
+    :func:`simplify_arrays`.
+    """
+    adapted = adapt(mesh)
+    known = {name: value for name, value in (weight or {}).items() if name in adapted.attributes}
+    unknown = set(weight or {}) - {"color", "normal", "uv"} - set(known)
+    if unknown:
+        raise UsageError(f"weight: the mesh carries no {', '.join(sorted(unknown))}; for other arrays use simplify_arrays")
+    result = simplify_arrays(
+        adapted.points,
+        adapted.faces,
+        triangles=triangles,
+        ratio=ratio,
+        attributes=adapted.attributes,
+        weight=known,
+        topology=topology,
+        fit=fit,
+        placement=placement,
+        merge_distance=merge_distance,
+        cell_triangles=cell_triangles,
+        memory=memory,
+        threads=threads,
+        progress=progress,
+    )
+    return adapted.back(result)
+
+
+def simplify_file(
+    input: PathLike,
+    output: PathLike,
+    *,
+    triangles: int | str | None = None,
+    ratio: float | str | None = None,
+    max_error: float | None = None,
+    memory: Size | None = None,
+    threads: int | None = None,
+    cell_triangles: int | str | None = None,
+    temp_dir: PathLike | None = None,
+    keep_temp: bool = False,
+    force: bool = False,
+    restart: bool = False,
+    format: str | None = None,
+    skip_bad: bool = False,
+    min_component: int | str | None = None,
+    drop_texture: bool = False,
+    drop_faces: bool = False,
+    weight: Mapping[str, float] | None = None,
+    label: str | Iterable[str] = (),
+    normals: Normals = "keep",
+    topology: Topology = "error",
+    fit: Fit = "auto",
+    placement: Placement = "optimal",
+    merge_distance: float | None = None,
+    verify: bool = False,
+    report: PathLike | None = None,
+    progress: OnProgress | None = None,
+) -> Report:
+    """Simplifies a mesh file of any size into another, in bounded memory; returns the report (docs/report.md).
+
+    Reads PLY, STL and OBJ, also compressed; writes those and GLB. The output appears whole or not at all. After an
+    interruption, Ctrl-C included, the same call continues where it stopped: what is done lies in
+    ``OUTPUT.stonecut-job``. Options mean what they mean on the command line (``stonecut simplify --help``); in short:
+
+    Args:
+        triangles, ratio, max_error: the target, one of them. ``max_error`` is the largest deviation either way in input
+            units, measured, and takes several runs.
+        memory: budget, everything included: bytes, ``"4GiB"`` or ``"50%"`` [75 % of what the process may use].
+        temp_dir: where the job folder lies [beside the output].
+        force: replace the output if it exists. restart: throw away what an earlier call left.
+        min_component: drop components below a count of triangles, or below ``"size=2.5"`` or ``"size=0.1%"``.
+        verify: measure the result; ``report["measured"]``.
+        report: write the report to this file, too.
+        progress: called with a :class:`Progress`; an exception from it ends the call, and the next one continues.
+
+    Warns with :class:`ShortOfTarget`. Raises the classes of :mod:`stonecut.errors`.
+    """
+    words = _file_words(locals())
+    found, is_short = _report(words, progress)
+    _warn_if_short(found, is_short)
+    return found
+
+
+def plan(
+    input: PathLike,
+    output: PathLike,
+    *,
+    triangles: int | str | None = None,
+    ratio: float | str | None = None,
+    max_error: float | None = None,
+    memory: Size | None = None,
+    threads: int | None = None,
+    cell_triangles: int | str | None = None,
+    temp_dir: PathLike | None = None,
+    force: bool = False,
+    min_component: int | str | None = None,
+) -> Report:
+    """What :func:`simplify_file` would need: cells, rounds, memory, disk in bytes, seconds. Nothing is written.
+
+    Raises what the run would raise before it begins: NotEnoughMemory, NoSpace, BadInput, UsageError.
+    """
+    words = [*_file_words(locals()), "--dry-run"]
+    return _report(words, None)[0]
+
+
+def _file_words(given: Mapping[str, Any]) -> list[str]:
+    rest = dict(given)
+    rest.pop("progress", None)
+    words = ["simplify", path("input", rest.pop("input")), path("output", rest.pop("output"))]
+    words += target(rest.pop("triangles"), rest.pop("ratio"), rest.pop("max_error"))
+    for name in ("temp_dir", "report"):
+        if rest.get(name) is not None:
+            rest[name] = path(name, rest[name])
+    if isinstance(rest.get("label"), str):
+        rest["label"] = [rest["label"]]
+    return words + options(**rest)
+
+
+def measure(
+    original: Any,
+    simplified: Any,
+    *,
+    samples: int | str | None = None,
+    seed: int = 0,
+    memory: Size | None = None,
+    threads: int | None = None,
+    temp_dir: PathLike | None = None,
+    heatmap: PathLike | None = None,
+    heatmap_of: Literal["simplified", "original"] = "simplified",
+    force: bool = False,
+    progress: OnProgress | None = None,
+) -> Measured:
+    """Measures how far two meshes deviate from each other, both ways, and their connectivity.
+
+    Two files of any size, or two meshes in memory (as for :func:`simplify`; positions only). Every sample and every vertex
+    looks for the exactly nearest point of the other surface.
+
+    Args:
+        samples: on each surface [1M]; ``"200k"`` works too. seed: chooses among equally good sets of samples.
+        heatmap: write a PLY coloured by distance (files only); ``heatmap_of`` says which of the two it shows.
+
+    Returns the report of ``stonecut measure`` as a dictionary: ``forward`` (original to simplified) and ``backward``, each
+    with ``mean``, ``rms``, ``p999``, ``max`` in input units; ``rms``, ``diagonal``, ``relative_rms``; and as attributes
+    ``rms``, ``max``, ``mean``, ``relative_rms``.
+    """
+    files = [isinstance(mesh, (str, os.PathLike)) for mesh in (original, simplified)]
+    if all(files):
+        words = ["measure", path("original", original), path("simplified", simplified)]
+        if heatmap is not None:
+            words += options(heatmap=path("heatmap", heatmap), heatmap_of=heatmap_of, force=force)
+        words += options(samples=samples, seed=seed, memory=memory, threads=threads)
+        words += [] if temp_dir is None else options(temp_dir=path("temp_dir", temp_dir))
+        return Measured(_report(words, progress)[0])
+    if any(files):
+        raise UsageError("give two files or two meshes in memory, not one of each")
+    if heatmap is not None or temp_dir is not None or memory is not None:
+        raise UsageError("heatmap, temp_dir and memory are for files")
+    meshes = []
+    for mesh in (original, simplified):
+        adapted = adapt(mesh)
+        meshes.append(Mesh(_points(adapted.points), _faces(adapted.faces)))
+    n = _count(1_000_000 if samples is None else samples)
+    text = _stonecut.measure_arrays(meshes[0], meshes[1], n, seed, threads, progress)
+    return Measured(json.loads(text))
+
+
+def _count(given: int | str) -> int:
+    scale = {"k": 1_000, "m": 1_000_000, "g": 1_000_000_000}
+    if isinstance(given, str):
+        try:
+            return int(float(given.rstrip("kKmMgG")) * scale.get(given[-1:].lower(), 1))
+        except ValueError:
+            raise UsageError(f"samples={given!r}: a count is wanted, like 200k") from None
+    return int(given)
+
+
+def render(
+    mesh: Any,
+    out: PathLike | None = None,
+    *,
+    size: tuple[int, int] = (1200, 900),
+    view: str | Sequence[float] = "auto",
+    zoom: Sequence[float] | None = None,
+    edges: bool = False,
+    flat: bool = False,
+    color: Literal["plain", "vertex"] = "plain",
+    caption: str | Sequence[str] = (),
+    own_camera: bool = False,
+    quadrics: int = 0,
+    memory: Size | None = None,
+    threads: int | None = None,
+    force: bool = False,
+    progress: OnProgress | None = None,
+) -> Array:
+    """Renders a mesh without a window or a GPU: pixels as uint8 (height, width, 3), and a PNG file if ``out`` is given.
+
+    ``mesh`` is a file of any size, several files side by side seen by one camera, or a mesh in memory.
+
+    Args:
+        size: width and height in pixels. view: auto, front, back, left, right, top, bottom or a direction x, y, z.
+        zoom: a close-up of a sphere x, y, z, r. edges: draw the edges. flat: facets instead of smooth shading.
+        color: ``"vertex"`` paints with vertex colours. caption: above each picture. quadrics: draw so many error quadrics.
+    """
+    if isinstance(mesh, (str, os.PathLike)):
+        files: list[Any] | None = [mesh]
+    elif isinstance(mesh, (list, tuple)) and mesh and all(isinstance(m, (str, os.PathLike)) for m in mesh):
+        files = list(mesh)
+    else:
+        files = None
+    words = ["render", *([path("mesh", file) for file in files] if files else ["mesh"])]
+    words += options(
+        size=f"{size[0]}x{size[1]}",
+        view=view if isinstance(view, str) else ",".join(map(str, view)),
+        zoom=None if zoom is None else ",".join(map(str, zoom)),
+        edges=edges,
+        flat=flat,
+        color=color,
+        own_camera=own_camera,
+        quadrics=quadrics,
+        memory=memory,
+        threads=threads,
+        force=force,
+    )
+    words += options(caption=[caption] if isinstance(caption, str) else list(caption))
+    given = None
+    if files is None:
+        adapted = adapt(mesh)
+        colors = adapted.attributes.get("color") if color == "vertex" else None
+        given = Mesh(_points(adapted.points), _faces(adapted.faces), None if colors is None else _bytes(colors))
+    # The words need an output; where none is written, it is only a name.
+    words.append("--output=" + ("picture.png" if out is None else path("out", out)))
+    return _stonecut.picture(words, given, out is not None, progress)
+
+
+def _bytes(colors: Any) -> Array:
+    import numpy as np
+
+    array = np.asarray(colors)[:, :3]
+    if array.dtype == np.uint16:
+        array = array / 257
+    elif array.dtype.kind == "f":
+        array = array * 255
+    flat: Array = np.ascontiguousarray(np.clip(np.rint(array), 0, 255).astype(np.uint8)).reshape(-1)
+    return flat
+
+
+def info(
+    file: PathLike,
+    *,
+    check: bool = False,
+    memory: Size | None = None,
+    temp_dir: PathLike | None = None,
+    threads: int | None = None,
+    progress: OnProgress | None = None,
+) -> Report:
+    """What a mesh file holds; with ``check`` it is read whole, and connectivity and faults are counted."""
+    words = ["info", path("file", file), *options(check=check, memory=memory, threads=threads)]
+    words += [] if temp_dir is None else options(temp_dir=path("temp_dir", temp_dir))
+    return _report(words, progress)[0]
+
+
+def convert(
+    input: PathLike,
+    output: PathLike,
+    *,
+    format: str | None = None,
+    force: bool = False,
+    skip_bad: bool = False,
+    drop_texture: bool = False,
+    keep_duplicates: bool = False,
+    keep_unreferenced: bool = False,
+    temp_dir: PathLike | None = None,
+    progress: OnProgress | None = None,
+) -> Report:
+    """Converts a mesh of any size between PLY, STL, OBJ and GLB; ``format`` as ``"ascii"`` or ``"double,ply"``."""
+    words = ["convert", path("input", input), path("output", output)]
+    words += options(
+        format=format,
+        force=force,
+        skip_bad=skip_bad,
+        drop_texture=drop_texture,
+        keep_duplicates=keep_duplicates,
+        keep_unreferenced=keep_unreferenced,
+    )
+    words += [] if temp_dir is None else options(temp_dir=path("temp_dir", temp_dir))
+    found, is_short = _report(words, progress)
+    if is_short:
+        warnings.warn(f"{found['faults']['bad_faces']} broken faces or rows were left out", ShortOfTarget, stacklevel=2)
+    return found
+
+
+def synth(
+    kind: Kind,
+    output: PathLike,
+    *,
+    triangles: int | str,
+    seed: int = 1,
+    shuffle: bool = False,
+    color: bool = False,
+    uv: bool = False,
+    noise: float | None = None,
+    integer: bool = False,
+    pages: int | None = None,
+    format: str | None = None,
+    force: bool = False,
+    threads: int | None = None,
+    progress: OnProgress | None = None,
+) -> Report:
+    """Makes a synthetic scan of any size, the same for the same seed: terrain, statue, gyroid, scans, volume or rooms."""
+    words = ["synth", kind, path("output", output)]
+    words += options(
+        triangles=triangles,
+        seed=seed,
+        shuffle=shuffle,
+        color=color,
+        uv=uv,
+        noise=noise,
+        integer=integer,
+        pages=pages,
+        format=format,
+        force=force,
+        threads=threads,
+    )
+    return _report(words, progress)[0]

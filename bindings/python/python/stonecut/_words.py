@@ -1,0 +1,63 @@
+"""From keyword arguments to the words of the command line, which one parser reads for both."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from .errors import UsageError
+
+PathLike = str | os.PathLike[str]
+
+
+def path(name: str, value: PathLike) -> str:
+    """A path as a word. One that begins with a dash must not be taken for an option."""
+    try:
+        word = os.fspath(value)
+    except TypeError:
+        raise UsageError(f"{name}: a path is wanted, not {type(value).__name__}") from None
+    if not isinstance(word, str):
+        raise UsageError(f"{name}: a path as str is wanted, not {type(word).__name__}")
+    if word == "-":
+        raise UsageError(f"{name}: standard input and output are for the command line; name a file")
+    return os.path.join(".", word) if word.startswith("-") else word
+
+
+def options(**given: Any) -> list[str]:
+    """Options that are not None: ``max_error=2`` becomes ``--max-error=2``, True a flag, False nothing."""
+    words: list[str] = []
+    for name, value in given.items():
+        option = "--" + name.replace("_", "-")
+        if value is None or value is False:
+            continue
+        if value is True:
+            words.append(option)
+        elif isinstance(value, Mapping):
+            words.append(f"{option}=" + ",".join(f"{key}={item}" for key, item in value.items()))
+        elif isinstance(value, str):
+            words.append(f"{option}={value}")
+        elif isinstance(value, Iterable) and not isinstance(value, os.PathLike):
+            words.extend(f"{option}={item}" for item in value)
+        else:
+            words.append(f"{option}={value}")
+    return words
+
+
+def target(triangles: Any, ratio: Any, max_error: Any = None) -> list[str]:
+    """The one target that is given."""
+    given = {"triangles": triangles, "ratio": ratio, "max_error": max_error}
+    named = [name for name, value in given.items() if value is not None]
+    if len(named) != 1:
+        wanted = "triangles=..., ratio=... or max_error=..." if max_error is not None else "triangles=... or ratio=..."
+        got = " and ".join(named) if named else "none"
+        raise UsageError(f"give one target, {wanted}; got {got} (ratio is the share that is kept)")
+    value = given[named[0]]
+    if isinstance(value, bool):
+        raise UsageError(f"{named[0]}={value}: a number is wanted")
+    if named[0] == "triangles" and not isinstance(value, str):
+        number = float(value)
+        if number != int(number):
+            raise UsageError(f"triangles={value}: a whole number is wanted; for a share use ratio")
+        value = int(number)
+    return options(**{named[0]: value})

@@ -1,0 +1,129 @@
+//! The pace of a run: from counters and a clock to shares done and seconds left.
+//!
+//! For whoever shows progress: the bar and lines of the command line, and callers in the same process.
+
+use crate::system::progress::Stage;
+use std::time::Instant;
+
+/// Start of the estimate: this many weighted triangles, assumed to have been done in this many seconds before
+/// the run began. Without it, the first second's estimate would be any number.
+const ASSUMED_WEIGHT: f64 = 4e6;
+const ASSUMED_SECONDS: f64 = 1.5;
+
+/// Relative cost of a triangle in each stage, for the overall estimate only.
+fn weight(stage: &str) -> f64 {
+    match stage {
+        "partition" => 0.25,
+        "components" | "write" => 0.1,
+        _ => 1.0,
+    }
+}
+
+/// A clock over the stages of one run.
+#[derive(Debug)]
+pub struct Pace {
+    started: Instant,
+    stage: Stage,
+    stage_started: Instant,
+    /// Weighted triangles of stages that are over.
+    weight_done: f64,
+    /// The largest share so far: it never falls.
+    fraction: f64,
+}
+
+/// Progress of a run at one moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Figures {
+    /// Triangles of the stage that are done, at most all of them.
+    pub done: u64,
+    /// The same in one second, since the stage began.
+    pub per_second: f64,
+    /// Share of the run that is done, 0 to 1; an estimate that never falls.
+    pub fraction: f64,
+    /// Seconds since the run began.
+    pub seconds: f64,
+    /// Seconds left of the stage; an estimate.
+    pub stage_seconds_left: f64,
+    /// Seconds left of the run; an estimate.
+    pub seconds_left: f64,
+}
+
+impl Default for Pace {
+    fn default() -> Pace {
+        let now = Instant::now();
+        Pace {
+            started: now,
+            stage: Stage::default(),
+            stage_started: now,
+            weight_done: 0.0,
+            fraction: 0.0,
+        }
+    }
+}
+
+impl Pace {
+    /// The figures of a running stage with `done` triangles done, and whether it is another stage than before.
+    pub fn update(&mut self, stage: Stage, done: u64) -> (Figures, bool) {
+        let is_new = stage.number != self.stage.number;
+        if is_new {
+            self.weight_done += self.stage.total as f64 * weight(self.stage.name);
+            self.stage_started = Instant::now();
+        }
+        self.stage = stage;
+        let stage = &self.stage;
+        let own_seconds = self.stage_started.elapsed().as_secs_f64();
+        let done = done.min(stage.total);
+        let weighted = done as f64 * weight(stage.name);
+        let stage_left = (stage.total - done) as f64 * weight(stage.name);
+        let left = stage_left + self.weight_ahead();
+        let so_far = self.weight_done + weighted;
+        let seconds = self.started.elapsed().as_secs_f64();
+        self.fraction = self.fraction.max(so_far / (so_far + left).max(1.0));
+        let figures = Figures {
+            done,
+            per_second: done as f64 / own_seconds.max(1e-3),
+            fraction: self.fraction,
+            seconds,
+            stage_seconds_left: stage_left * (own_seconds + ASSUMED_SECONDS)
+                / (weighted + ASSUMED_WEIGHT),
+            seconds_left: (seconds + ASSUMED_SECONDS) * left / (so_far + ASSUMED_WEIGHT),
+        };
+        (figures, is_new)
+    }
+
+    /// Weighted triangles of stages to come: they are taken to be as small as this one is, weighted by kind.
+    fn weight_ahead(&self) -> f64 {
+        let stage = &self.stage;
+        match stage.name {
+            // Everything is still to come: the cells, and a little for stitching and writing.
+            "partition" | "components" => 1.2 * stage.total as f64,
+            "simplify" => 0.15 * stage.total as f64,
+            name => {
+                let own = weight(name) * stage.total as f64;
+                own * 0.2 * f64::from(stage.n_stages.saturating_sub(stage.number))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_rise_from_nothing_to_nearly_all() {
+        let stage = |name, number| Stage { name, number, n_stages: 3, total: 1000 };
+        let mut pace = Pace::default();
+        let mut last = -1.0;
+        for (name, number) in [("partition", 1), ("simplify", 2), ("finish", 3)] {
+            for done in [0, 500, 1000, 1500] {
+                let (figures, is_new) = pace.update(stage(name, number), done);
+                assert_eq!(is_new, done == 0);
+                assert!(figures.done <= 1000 && figures.seconds_left >= 0.0);
+                assert!(figures.fraction >= last && figures.fraction <= 1.0, "{name} {done}");
+                last = figures.fraction;
+            }
+        }
+        assert!(last > 0.99, "{last}");
+    }
+}

@@ -1,0 +1,86 @@
+//! `stonecut completions` and `stonecut man`: what shells and `man` know of the command line, made from itself.
+
+use crate::error::{Error, Result};
+use crate::system::paths::{Paths, Role};
+use clap_complete::Shell;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Prints completions of this command line for a shell.
+///
+/// bash: source <(stonecut completions bash); zsh: into a file _stonecut on $fpath; fish: into
+/// ~/.config/fish/completions/stonecut.fish.
+#[derive(Debug, clap::Args)]
+pub struct Completions {
+    /// The shell.
+    #[arg(value_enum)]
+    shell: Shell,
+}
+
+/// Writes the manual pages, one for each command, into a folder.
+#[derive(Debug, clap::Args)]
+pub struct Man {
+    /// The folder; made where it is missing. Pages of these names that lie there are replaced.
+    #[arg(value_name = "DIR")]
+    folder: PathBuf,
+}
+
+impl Man {
+    pub(super) fn paths(&self) -> Paths {
+        Paths::default().with(Role::TempDir, "DIR", &self.folder)
+    }
+}
+
+/// Prints completions of `command` on standard output.
+pub fn completions(args: &Completions, mut command: clap::Command) -> Result<()> {
+    let mut text = Vec::new();
+    clap_complete::generate(args.shell, &mut command, "stonecut", &mut text);
+    std::io::stdout().write_all(&text).map_err(Error::stdout)
+}
+
+/// Writes the pages of `command`: `stonecut.1`, `stonecut-simplify.1`, ...
+pub fn man(args: &Man, mut command: clap::Command) -> Result<()> {
+    let folder = &args.folder;
+    std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "cannot create folder", e))?;
+    command.build();
+    write_page(folder, "stonecut", command.clone())?;
+    for sub in command.get_subcommands().filter(|sub| sub.get_name() != "help") {
+        let name = format!("stonecut-{}", sub.get_name());
+        write_page(folder, &name, sub.clone())?;
+    }
+    Ok(())
+}
+
+fn write_page(folder: &Path, name: &str, command: clap::Command) -> Result<()> {
+    // Pages are found by their names; a leak of a few words, once.
+    let shown: &'static str = Box::leak(name.to_owned().into_boxed_str());
+    let path = folder.join(format!("{name}.1"));
+    let mut page = Vec::new();
+    clap_mangen::Man::new(command.name(shown))
+        .render(&mut page)
+        .and_then(|()| std::fs::write(&path, &page))
+        .map_err(|e| Error::io(&path, "cannot write", e))
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::cli::Typed;
+    use clap::CommandFactory;
+
+    fn check(command: &clap::Command) {
+        let name = command.get_name();
+        assert!(command.get_about().is_some(), "{name} does not say what it does");
+        for argument in command.get_arguments().filter(|a| !a.is_hide_set()) {
+            let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
+            assert!(help.len() > 8, "{name}: {} has no help", argument.get_id());
+        }
+        command.get_subcommands().filter(|sub| sub.get_name() != "help").for_each(check);
+    }
+
+    #[test]
+    fn every_command_and_every_option_has_a_help_text() {
+        let mut command = Typed::command();
+        command.build();
+        check(&command);
+    }
+}

@@ -1,0 +1,165 @@
+//! One collapse, looked at before it is carried out.
+//!
+//! Four looks, the cheap ones first: each witness against the new triangles; the survivor, and points on new open
+//! edges, against the input; points on folds; points between two witnesses that come to belong to different triangles.
+
+use super::input::NONE;
+use super::scratch::{Eight, Patch, REFUSED_SHIFT, Refused, Scratch};
+use super::tracker::Tracker;
+use crate::kernel::simd::{Job, Lanes};
+use crate::kernel::surface::Surface;
+use crate::kernel::surface::faces::{Face, Search};
+use crate::mesh::vec3::{dot, sub};
+
+/// All looks of one collapse, compiled for the lanes they run on.
+struct Look<'a> {
+    tracker: &'a mut Tracker,
+    surface: &'a Surface,
+    patch: &'a Patch<'a>,
+    scratch: &'a mut Scratch,
+}
+
+impl Job for Look<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self) -> bool {
+        self.tracker.looks::<L>(self.surface, self.patch, self.scratch)
+    }
+}
+
+impl Tracker {
+    /// True if the surface stays within the bound with this collapse.
+    #[inline(never)]
+    pub(crate) fn admits(&mut self, surface: &Surface, patch: &Patch) -> bool {
+        let [v0, v1] = patch.ends;
+        let stamp = [v0, v1].map(|v| surface.vertices[v as usize].stamp);
+        let key = Refused { ends: patch.ends, stamp, turns: patch.turns };
+        let slot = (v0.wrapping_mul(0x9E37_79B1) ^ v1.wrapping_mul(0x85EB_CA77)) >> REFUSED_SHIFT;
+        if self.refused[slot as usize] == key {
+            return false;
+        }
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let simd = self.simd;
+        let verdict = simd.run(Look { tracker: self, surface, patch, scratch: &mut scratch });
+        self.scratch = scratch;
+        if !verdict {
+            self.refused[slot as usize] = key;
+        }
+        verdict
+    }
+
+    /// Gives the witnesses to the triangles that `admits` has found for them; after the collapse.
+    #[inline(never)]
+    pub(crate) fn carry_out(&mut self, ids: &[u32]) {
+        for &t in ids {
+            self.head[t as usize] = NONE;
+        }
+        for i in 0..self.scratch.witnesses.len() {
+            let witness = self.scratch.witnesses[i];
+            let (triangle, distance_sq) = self.scratch.found[i];
+            self.distance[witness as usize] = distance_sq.sqrt();
+            self.own(witness, triangle);
+        }
+    }
+
+    #[inline(always)]
+    fn looks<L: Lanes>(&mut self, surface: &Surface, patch: &Patch, scratch: &mut Scratch) -> bool {
+        let place = self.local(patch.place);
+        scratch.witnesses.clear();
+        scratch.found.clear();
+        scratch.faces.clear();
+        for i in 0..patch.n_kept {
+            let [to_b, to_c] = [patch.b[i], patch.c[i]]
+                .map(|v| sub(self.local(surface.vertices[v as usize].position), place));
+            scratch.faces.extend(Face::new(patch.ids[i], (patch.b[i], patch.c[i]), to_b, to_c));
+        }
+        if scratch.faces.is_empty() {
+            return patch.ids.iter().all(|&t| self.head[t as usize] == NONE);
+        }
+        let Some(nearest) = self.hold_witnesses::<L>(patch, place, scratch) else { return false };
+        if nearest == NONE {
+            return true;
+        }
+        self.holds_survivor::<L>(surface, patch, place, nearest, scratch)
+            && self.holds_folds::<L>(patch, place, scratch)
+            && self.holds_between::<L>(surface, patch, place, scratch)
+    }
+
+    /// Finds the face of each witness, and the witness nearest to the survivor; `None` if one is too far away. The
+    /// farthest of each triangle come first.
+    #[inline(always)]
+    fn hold_witnesses<L: Lanes>(
+        &mut self,
+        patch: &Patch,
+        place: [f32; 3],
+        scratch: &mut Scratch,
+    ) -> Option<u32> {
+        let mut nearest = (f32::INFINITY, NONE);
+        let mut eight = Eight::default();
+        for &t in patch.ids {
+            let first = self.head[t as usize];
+            if first != NONE && !self.hold_one::<L>(first, place, &mut eight, &mut nearest, scratch)
+            {
+                return None;
+            }
+        }
+        for i in 0..scratch.witnesses.len() {
+            let mut witness = self.next[scratch.witnesses[i] as usize];
+            while witness != NONE {
+                if !self.hold_one::<L>(witness, place, &mut eight, &mut nearest, scratch) {
+                    return None;
+                }
+                witness = self.next[witness as usize];
+            }
+        }
+        (eight.n == 0 || self.hold_eight::<L>(&mut eight, scratch)).then_some(nearest.1)
+    }
+
+    /// Adds a witness to those that are held against the faces together; false if one of them is too far away.
+    #[inline(always)]
+    fn hold_one<L: Lanes>(
+        &mut self,
+        id: u32,
+        place: [f32; 3],
+        eight: &mut Eight,
+        nearest: &mut (f32, u32),
+        scratch: &mut Scratch,
+    ) -> bool {
+        let witness = &self.input.witnesses[id as usize];
+        let relative = sub(witness.at, place);
+        for (points, relative) in eight.points.iter_mut().zip(relative) {
+            points[eight.n] = relative;
+        }
+        let limit = self.limit - witness.before;
+        // Written so that NaN is refused.
+        let has_room = limit >= 0.0;
+        if !has_room {
+            return false;
+        }
+        eight.limit_sq[eight.n] = limit * limit;
+        eight.n += 1;
+        let off = dot(relative, relative);
+        if off < nearest.0 {
+            *nearest = (off, id);
+        }
+        self.slot[id as usize] = scratch.witnesses.len() as u32;
+        scratch.witnesses.push(id);
+        eight.n < 8 || self.hold_eight::<L>(eight, scratch)
+    }
+
+    #[inline(always)]
+    fn hold_eight<L: Lanes>(&self, eight: &mut Eight, scratch: &mut Scratch) -> bool {
+        let found = Search { faces: &scratch.faces, points: &eight.points }.run::<L>();
+        for i in 0..eight.n {
+            let is_near = found.distance_sq[i] <= eight.limit_sq[i];
+            if !is_near {
+                return false;
+            }
+            let face = &scratch.faces[found.face[i] as usize];
+            scratch.found.push((face.triangle, found.distance_sq[i]));
+        }
+        eight.n = 0;
+        true
+    }
+}

@@ -1,0 +1,64 @@
+//! One collapse as it is looked at: the triangles around it, and what is noted until it is carried out.
+
+use super::input::NONE;
+use crate::kernel::surface::faces::Face;
+use crate::mesh::vec3::Vec3;
+
+/// The triangles around a collapse.
+pub(crate) struct Patch<'a> {
+    /// `v0` and `v1`.
+    pub(crate) ends: [u32; 2],
+    /// Triangles of either end; the first `n_kept` stay, the others vanish.
+    pub(crate) ids: &'a [u32],
+    pub(crate) n_kept: usize,
+    /// Second and third corners of those that stay; the first will be the survivor.
+    pub(crate) b: &'a [u32],
+    pub(crate) c: &'a [u32],
+    /// The survivor's place.
+    pub(crate) place: Vec3,
+    /// True if a triangle turns far.
+    pub(crate) turns: bool,
+    /// Neighbours over open edges of either end.
+    pub(crate) open: &'a [(u32, u32)],
+}
+
+/// A collapse that was refused; it is again as long as neither end has changed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Refused {
+    pub(super) ends: [u32; 2],
+    pub(super) stamp: [u32; 2],
+    pub(super) turns: bool,
+}
+
+impl Refused {
+    pub(super) const NONE: Refused = Refused { ends: [NONE; 2], stamp: [0; 2], turns: false };
+}
+
+/// Refused collapses that are remembered: 32 bits less these.
+pub(super) const REFUSED_SHIFT: u32 = 17;
+pub(super) const MOST_REFUSED: usize = 1 << (32 - REFUSED_SHIFT);
+
+/// Notes on a collapse until it is carried out; re-used.
+#[derive(Clone, Default)]
+pub(crate) struct Scratch {
+    pub(super) faces: Vec<Face>,
+    /// Of the input, around a witness.
+    pub(super) input_faces: Vec<Face>,
+    pub(super) witnesses: Vec<u32>,
+    /// Triangle and squared distance of each.
+    pub(super) found: Vec<(u32, f32)>,
+}
+
+/// Up to eight witnesses that are held against the faces together.
+#[derive(Default)]
+pub(super) struct Eight {
+    /// Relative to the survivor.
+    pub(super) points: [[f32; 8]; 3],
+    pub(super) limit_sq: [f32; 8],
+    /// Triangle of the other end of what a point lies on, if it does not belong to the patch.
+    pub(super) outside: [u32; 8],
+    pub(super) n: usize,
+}
+
+/// Points between two witnesses, or on an edge, that are looked at, as weights of the second end.
+pub(super) const BETWEEN: [f32; 3] = [0.25, 0.5, 0.75];

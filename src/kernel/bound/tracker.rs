@@ -1,0 +1,150 @@
+//! The witnesses, and the triangles of the surface that they belong to.
+
+use super::input::{Input, NONE, Witness};
+use super::scratch::{MOST_REFUSED, Refused, Scratch};
+use crate::kernel::simd::Simd;
+use crate::kernel::surface::Surface;
+use crate::kernel::vertex::GONE;
+use crate::mesh::bounds::Bounds;
+use crate::mesh::vec3::Vec3;
+
+/// The witnesses, and which triangle each belongs to.
+///
+/// Memory: 24 bytes a vertex and 28 a triangle of the input, 4 a triangle of the surface.
+#[derive(Clone)]
+pub(crate) struct Tracker {
+    /// Scaled.
+    pub(super) limit: f32,
+    pub(super) centre: Vec3,
+    pub(super) scale: f64,
+    pub(super) simd: Simd,
+    pub(super) input: Input,
+    /// Distance of each witness from the surface, at most; scaled.
+    pub(super) distance: Vec<f32>,
+    /// Triangle of the surface that each witness belongs to.
+    pub(super) owner: Vec<u32>,
+    /// The next witness of the same triangle.
+    pub(super) next: Vec<u32>,
+    /// The first witness of each triangle.
+    pub(super) head: Vec<u32>,
+    /// Place of each witness in `scratch`, if it is.
+    pub(super) slot: Vec<u32>,
+    pub(super) scratch: Scratch,
+    pub(super) refused: Vec<Refused>,
+}
+
+/// Share of the bound that is used: what lies between the points that are looked at may be a little farther.
+const KEPT: f64 = 0.98;
+
+/// Coordinates are rounded to `f32` about the centre of a surface whose longest side is at most 2,048 scaled units.
+const ROUNDING: f32 = 2048.0 * f32::EPSILON;
+
+impl Tracker {
+    /// Begins to watch a surface, in input units; `before` is for each vertex how far it is from the original.
+    pub(crate) fn new(
+        surface: &Surface,
+        limit: f64,
+        simd: Simd,
+        before: impl Fn(u32) -> f32,
+    ) -> Tracker {
+        let centre = middle(surface);
+        let witness = |v: u32| {
+            let position = surface.vertices[v as usize].position;
+            let local = |k: usize| ((position[k] - centre[k]) * surface.scale) as f32;
+            Witness {
+                at: [local(0), local(1), local(2)],
+                before: before(v) * surface.scale as f32,
+                longest: 0.0,
+            }
+        };
+        let witnesses = (0..surface.vertices.len() as u32).map(witness).collect();
+        let input = Input::new(witnesses, &surface.triangles);
+        let n = input.witnesses.len();
+        let mut tracker = Tracker {
+            limit: ((KEPT * limit * surface.scale) as f32 - 2.0 * ROUNDING).max(0.0),
+            centre,
+            scale: surface.scale,
+            simd,
+            input,
+            distance: vec![0.0; n],
+            owner: vec![GONE; n],
+            next: vec![NONE; n],
+            head: vec![NONE; surface.triangles.len()],
+            slot: vec![0; n],
+            scratch: Scratch::default(),
+            refused: vec![Refused::NONE; MOST_REFUSED],
+        };
+        for (id, t) in surface.triangles.iter().enumerate().filter(|(_, t)| t[0] != GONE) {
+            for &v in t {
+                if tracker.owner[v as usize] == GONE {
+                    tracker.own(v, id as u32);
+                }
+            }
+        }
+        tracker
+    }
+
+    /// Gives a witness to a triangle. The farthest one comes first: it is the most likely to forbid a collapse.
+    pub(super) fn own(&mut self, witness: u32, triangle: u32) {
+        self.owner[witness as usize] = triangle;
+        let first = self.head[triangle as usize];
+        if first == NONE || self.far(witness) >= self.far(first) {
+            self.next[witness as usize] = first;
+            self.head[triangle as usize] = witness;
+        } else {
+            self.next[witness as usize] = self.next[first as usize];
+            self.next[first as usize] = witness;
+        }
+    }
+
+    /// Distance of the surface from the original at a witness, at most; scaled.
+    pub(super) fn far(&self, witness: u32) -> f32 {
+        self.distance[witness as usize] + self.input.witnesses[witness as usize].before
+    }
+
+    pub(super) fn local(&self, position: Vec3) -> [f32; 3] {
+        std::array::from_fn(|k| ((position[k] - self.centre[k]) * self.scale) as f32)
+    }
+
+    /// Takes over the numbers that triangles get when those that are gone are dropped.
+    pub(crate) fn before_compaction(&mut self, triangles: &[[u32; 3]]) {
+        let mut place = vec![GONE; triangles.len()];
+        let mut n = 0;
+        for (place, _) in place.iter_mut().zip(triangles).filter(|(_, t)| t[0] != GONE) {
+            *place = n;
+            n += 1;
+        }
+        let mut head = vec![NONE; n as usize];
+        for (&first, &place) in self.head.iter().zip(&place).filter(|(_, place)| **place != GONE) {
+            head[place as usize] = first;
+        }
+        self.head = head;
+        self.refused.fill(Refused::NONE);
+        for owner in self.owner.iter_mut().filter(|owner| **owner != GONE) {
+            *owner = place[*owner as usize];
+        }
+    }
+
+    /// For each vertex of the surface how far it and the triangles around it are from the original, at most; in
+    /// input units.
+    pub(crate) fn reach(&self, surface: &Surface) -> Vec<f32> {
+        let mut reach = vec![0.0f32; surface.vertices.len()];
+        for (witness, &owner) in self.owner.iter().enumerate().filter(|(_, t)| **t != GONE) {
+            let far = self.far(witness as u32);
+            for v in surface.triangles[owner as usize] {
+                let reach = &mut reach[v as usize];
+                *reach = reach.max(far);
+            }
+        }
+        let unscale = surface.unscale as f32;
+        reach.iter_mut().for_each(|reach| *reach *= unscale);
+        reach
+    }
+}
+
+/// The middle of the surface's box.
+fn middle(surface: &Surface) -> Vec3 {
+    let mut bounds = Bounds::EMPTY;
+    surface.vertices.iter().for_each(|vertex| bounds.add(vertex.position));
+    bounds.or_origin().middle()
+}

@@ -1,0 +1,42 @@
+//! Memory of the kernel, as measured; the stages plan with it.
+
+use crate::kernel::cost::attribute_lanes;
+use crate::kernel::cost::attributes::MAX_WEIGHTED;
+use crate::kernel::fit;
+use crate::kernel::options::Fit;
+
+/// Peak memory of `simplify_mesh` in bytes, the mesh it is given included.
+///
+/// Measured: 60 to 63 bytes a triangle beyond the input, 70 on dirty scans (docs/results/kernel.md). What
+/// mending adds is up to the caller, who knows the input.
+pub fn peak_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
+    102 * n_triangles + n_vertices * (24 + 8 * n_channels as u64)
+}
+
+/// Returns the memory that the fit adds to `peak_bytes`: its samples. The rest of its memory takes the place of what
+/// the collapses have freed by then.
+pub fn fit_bytes(fit: Fit, n_triangles: u64, target: u64) -> u64 {
+    if fit.applies(n_triangles, target) { fit::samples::bytes(n_triangles, target) } else { 0 }
+}
+
+/// Returns the memory that a bound adds to `peak_bytes`: its witnesses, the input's triangles, and which are around a vertex.
+pub fn bound_bytes(n_vertices: u64, n_triangles: u64) -> u64 {
+    40 * n_vertices + 28 * n_triangles
+}
+
+/// Returns the memory that weighted channels add to `peak_bytes`.
+pub fn attribute_bytes(n_vertices: u64, n_weighted: usize) -> u64 {
+    match n_weighted {
+        0 => 0,
+        n => {
+            n_vertices
+                * 32
+                * attribute_lanes::numbers(n.min(MAX_WEIGHTED)).div_ceil(8).max(2) as u64
+        }
+    }
+}
+
+/// Returns the memory that attribute seams add to `peak_bytes`: a wedge for each corner, values for each vertex.
+pub fn wedge_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
+    12 * n_triangles + n_vertices * (9 + 4 * n_channels as u64)
+}

@@ -1,0 +1,152 @@
+//! Options of the kernel: when to stop, where survivors go, what may happen to the topology; and its limits.
+
+use crate::kernel::interrupt::Interrupt;
+
+/// More triangles than this cannot be simplified at once: the numbers of triangles, corners and places in rings
+/// are 32 bits wide, with one bit of a corner taken, and room for what is added.
+pub const MAX_TRIANGLES: u64 = 1 << 29;
+/// More vertices cannot be either: two bits of an id in the queue are taken. Cuts and mending add vertices.
+pub const MAX_VERTICES: u64 = (1 << 30) - (1 << 24);
+const _: () = assert!(usize::BITS == 64, "sizes of meshes are counted in usize");
+
+/// Condition at which the kernel stops collapsing.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Stop {
+    /// At most this many triangles, at least two fewer if the topology allows it: cheapest first.
+    Triangles(u64),
+    /// Ascending cost thresholds, drained one after the other; `Statistics::level_counts` tells how many
+    /// triangles were left after each. A run over a prefix of the levels gives the same mesh as a longer
+    /// run had at that point. `Stepwise` goes the same way level by level.
+    ///
+    /// Costs are in units^4 (squared distance times area) and mean the same in every cell.
+    Costs(Vec<f64>),
+    /// As `Costs`, for thresholds so close together that seeding a queue for each would cost more than the
+    /// collapses: one queue over the whole mesh serves them all.
+    CloseCosts(Vec<f64>),
+}
+
+/// Options of `simplify_mesh`; every value is final.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Options {
+    /// Condition at which to stop.
+    pub stop: Stop,
+    /// Allowed changes of the topology.
+    pub topology: Topology,
+    /// Moves the vertices at the end so that the error falls; only with `Placement::Optimal`.
+    pub fit: Fit,
+    /// Position of the vertex that survives a collapse.
+    pub placement: Placement,
+    /// Boundary vertices of different components that are at most this far apart, in input units, may
+    /// become one; 0: none. Under `Topology::Error` only, and only where neither is locked.
+    pub merge_distance: f64,
+    /// For each channel, how many input units of distance a difference of 1 weighs as much as; 0, or none
+    /// given: it rides along. At most `MAX_WEIGHTED` count.
+    pub weights: Vec<f32>,
+    /// For each channel, whether its values are only ever interpolated along edges: texture coordinates, which
+    /// mean nothing outside of their chart. Others may be extrapolated to where the survivor is.
+    pub confined: Vec<bool>,
+    /// The channel that is the same all over a region of the surface and changes at its border, if there is
+    /// one: moving a border costs what moving a boundary of the surface does.
+    pub region: Option<usize>,
+    /// Cost of moving any other attribute seam, as a share of that.
+    pub seam_share: f32,
+    /// Keeps the result near the original, if given.
+    pub bound: Option<Bound>,
+    /// Estimates the quality of the result; its time was not measured.
+    pub estimate: bool,
+    /// Asks the call to return early, with `Statistics::interrupted`; by default nothing does.
+    pub interrupt: Interrupt,
+}
+
+/// A bound on the distance between the result and the original, both ways.
+///
+/// Components, holes and handles stay as they are then, and nothing is fitted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bound {
+    /// In input units.
+    pub distance: f64,
+    /// The channel that says how far the mesh that is given is from the original around each vertex, at most, in
+    /// input units; the result has its own distance there. None: it is the original.
+    pub channel: Option<usize>,
+    /// If below 1, `Stop::Costs` ends after the first level at which the bound refused more collapses than this share
+    /// of the triangles: an even mesh is the better beginning for the next round.
+    pub patience: f64,
+}
+
+/// Position of the vertex that survives a collapse.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Placement {
+    /// The point of least error, the enclosed volume preserved.
+    #[default]
+    Optimal,
+    /// To the better one of both ends: every vertex of the result is one of the input, bit for bit.
+    Subset,
+    /// To the middle of the edge.
+    Midpoint,
+}
+
+/// Allowed changes of components, holes and handles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Topology {
+    /// Nothing: a target that cannot be met without is not met.
+    Keep,
+    /// Details smaller than the current error may go: components vanish (never with a locked vertex, nor where
+    /// they are far from larger ones in proportion to the error), holes of three edges close, thin tubes
+    /// and handles are cut and capped. First, boundaries whose edges coincide are joined, sheets that only
+    /// touch are taken apart, and doubled triangles dropped.
+    #[default]
+    Error,
+}
+
+impl Default for Options {
+    /// Collapses nothing; the stages set the stop.
+    fn default() -> Self {
+        Options {
+            stop: Stop::Triangles(u64::MAX),
+            topology: Topology::default(),
+            fit: Fit::default(),
+            placement: Placement::default(),
+            merge_distance: 0.0,
+            weights: Vec::new(),
+            confined: Vec::new(),
+            region: None,
+            seam_share: 0.0,
+            bound: None,
+            estimate: false,
+            interrupt: Interrupt::default(),
+        }
+    }
+}
+
+/// Choice of fitting the vertices of the result to the original; only where the stop is a count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Fit {
+    /// Always.
+    On,
+    /// Never.
+    Off,
+    /// Only if it is cheap against the collapses: at most `AUTO_FIT_RATIO` of the triangles are left.
+    #[default]
+    Auto,
+}
+
+/// `Fit::Auto` fits where at most this share of the triangles is left: 1 %, with room for targets that were
+/// rounded up. There it costs 13 % of a run in memory and 5 % of one through cells
+/// (docs/results/kernel.md).
+pub const AUTO_FIT_RATIO: f64 = 0.011;
+
+impl Fit {
+    /// Returns whether to fit a mesh that goes from `n_triangles` to `target`.
+    pub fn applies(self, n_triangles: u64, target: u64) -> bool {
+        match self {
+            Fit::On => target < n_triangles,
+            Fit::Off => false,
+            Fit::Auto => target as f64 <= n_triangles as f64 * AUTO_FIT_RATIO,
+        }
+    }
+
+    /// The same, decided: for a part of a job whose counts are not those of the whole.
+    pub fn decided(self, n_triangles: u64, target: u64) -> Fit {
+        if self.applies(n_triangles, target) { Fit::On } else { Fit::Off }
+    }
+}

@@ -1,0 +1,54 @@
+//! Vertices that lie in the same place, and those that mending has to look at.
+
+use crate::kernel::surface::Surface;
+use crate::kernel::surface::class::Class;
+use crate::kernel::vertex::GONE;
+
+/// No number of a vertex or corner.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// Vertices that lie in the same place, and those that mending looks at.
+pub(super) struct Places {
+    /// For each vertex the first one in exactly the same place, if both are open; else itself.
+    pub(super) place: Vec<u32>,
+    /// Non-manifold vertices, and open ones that share their place. All others stay what they are: one fan.
+    pub(super) is_affected: Vec<bool>,
+}
+
+impl Places {
+    /// `None` if no vertex is affected.
+    pub(super) fn new(surface: &Surface) -> Option<Self> {
+        // Adding 0 makes -0 and 0 the same place.
+        let at = |v: usize| surface.vertices[v].position.map(|x| (x + 0.0).to_bits());
+        let is_complex = |v: u32| surface.rings[v as usize].class == Some(Class::Complex);
+        let mut open: Vec<([u64; 3], u32)> = Vec::new();
+        for (v, ring) in surface.rings.iter().enumerate() {
+            if ring.len > 0 && matches!(ring.class, Some(Class::Boundary | Class::Complex)) {
+                open.push((at(v), v as u32));
+            }
+        }
+        open.sort_unstable();
+        let groups = || open.chunk_by(|a, b| a.0 == b.0);
+        if groups().all(|same| same.len() == 1 && !is_complex(same[0].1)) {
+            return None;
+        }
+        let mut place: Vec<u32> = (0..surface.vertices.len() as u32).collect();
+        let mut is_affected = vec![false; surface.vertices.len()];
+        for same in groups() {
+            for &(_, v) in same {
+                place[v as usize] = same[0].1;
+                is_affected[v as usize] = same.len() > 1 || is_complex(v);
+            }
+        }
+        Some(Places { place, is_affected })
+    }
+
+    /// Triangles, ascending, of which at least `least` corners are affected.
+    pub(super) fn triangles(&self, surface: &Surface, least: usize) -> Vec<u32> {
+        let is_met = |t: &[u32; 3]| {
+            t[0] != GONE && t.iter().filter(|&&v| self.is_affected[v as usize]).count() >= least
+        };
+        let all = surface.triangles.iter().enumerate();
+        all.filter(|(_, t)| is_met(t)).map(|(id, _)| id as u32).collect()
+    }
+}

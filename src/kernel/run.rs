@@ -1,0 +1,142 @@
+//! Runs the kernel from mesh to mesh: builds the surface, repairs it, collapses, fits, and takes the mesh out.
+
+use crate::kernel::bound::tracker::Tracker;
+use crate::kernel::collapse::legality::Reject;
+use crate::kernel::fit;
+use crate::kernel::fit::samples::Samples;
+use crate::kernel::options::{MAX_TRIANGLES, MAX_VERTICES, Options, Placement, Stop, Topology};
+use crate::kernel::quality::Probes;
+use crate::kernel::repair;
+use crate::kernel::schedule::driver::Driver;
+use crate::kernel::simd::Simd;
+use crate::kernel::state::MeshState;
+use crate::kernel::state::validate::validate;
+use crate::kernel::statistics::{Simplified, Statistics};
+use crate::mesh::Mesh;
+
+/// Simplifies a mesh by edge collapse; vertices with `locked[v]` stay exactly where they are.
+///
+/// `locked` has one entry a vertex; all of them `false` if nothing is shared with other cells. Panics above
+/// `MAX_TRIANGLES` and `MAX_VERTICES`, and if a corner or a length does not fit the vertices.
+pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplified {
+    run(mesh, locked, options, Simd::detect())
+}
+
+/// As `simplify_mesh`, without instructions that only some processors have: gives the same result, and is
+/// there for tests that hold both against each other.
+#[doc(hidden)]
+pub fn simplify_mesh_portably(mesh: Mesh, locked: &[bool], options: &Options) -> Simplified {
+    run(mesh, locked, options, Simd::Portable)
+}
+
+/// Makes a surface of the mesh and mends it.
+pub(crate) fn start(mesh: Mesh, locked: &[bool], options: &Options, simd: Simd) -> Driver {
+    let (n, n_triangles) = (mesh.positions.len(), mesh.triangles.len());
+    assert!(n_triangles as u64 <= MAX_TRIANGLES, "{n_triangles} triangles are too many at once");
+    assert!(n as u64 <= MAX_VERTICES, "{n} vertices are too many at once");
+    assert!(locked.len() == n && mesh.channels.len() == n * mesh.n_channels, "lengths agree");
+    let scales = (&options.weights[..], &options.confined[..]);
+    let (mut state, may_be_flat) = MeshState::new(mesh, locked, scales, simd);
+    state.surface.placement = options.placement;
+    let cleaned = repair::clean::clean(&mut state, &may_be_flat, simd);
+    drop(may_be_flat);
+    validate(&state);
+    let mut approached = 0;
+    if options.merge_distance > 0.0 && options.topology == Topology::Error {
+        approached =
+            repair::pair_boundaries::pair_boundaries(&mut state, options.merge_distance, simd);
+    }
+    if options.topology == Topology::Error && !options.confined.contains(&true) {
+        repair::weld::lock_coincident(&mut state.surface);
+    } else {
+        repair::weld::coincident(&mut state, options.topology, &options.confined, simd);
+    }
+    if let Some(wedges) = &mut state.wedges {
+        wedges.region = options.region.filter(|&channel| channel < state.surface.n_channels);
+        wedges.seam_share = f64::from(options.seam_share);
+    }
+    let mut driver = Driver::new(state, simd, options.topology);
+    driver.interrupt = options.interrupt.clone();
+    driver.changes.add_cleaned(cleaned, approached);
+    if options.estimate {
+        driver.probes = Some(Probes::take(&driver.state.surface));
+    }
+    driver.mend();
+    if let Some(bound) = options.bound {
+        driver.collapser.may_close = false;
+        driver.reach_channel = bound.channel;
+        let surface = &driver.state.surface;
+        let before = |v: u32| bound.channel.map_or(0.0, |channel| surface.channels_of(v)[channel]);
+        let tracker = Tracker::new(surface, bound.distance, simd, before);
+        driver.bound = Some(Box::new(tracker));
+    }
+    driver
+}
+
+pub(crate) fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: Simd) -> Simplified {
+    let mut driver = start(mesh, locked, options, simd);
+    let mut statistics = Statistics::default();
+    match &options.stop {
+        Stop::Triangles(target) if options.bound.is_some() => {
+            statistics.reached = driver.reach_within_bound(*target);
+        }
+        Stop::Triangles(target) => {
+            let is_free = options.placement == Placement::Optimal;
+            if is_free && options.fit.applies(driver.state.surface.n_alive, *target) {
+                driver.samples = Some(Samples::take(&driver.state.surface, *target));
+            }
+            statistics.reached = driver.reach(*target);
+            if let Some(samples) = driver.samples.take().filter(|_| !options.interrupt.is_raised())
+            {
+                statistics.fit = Some(fit::fit(&mut driver.state, samples, simd));
+            }
+        }
+        Stop::Costs(levels) => {
+            for &level in levels.iter().take_while(|_| !options.interrupt.is_raised()) {
+                let (before, refused) =
+                    (driver.state.surface.n_alive, driver.rejects.of(Reject::Bound));
+                driver.level(level);
+                statistics.level_counts.push(driver.state.surface.n_alive);
+                let refused = driver.rejects.of(Reject::Bound) - refused;
+                let patience = options.bound.map_or(1.0, |bound| bound.patience);
+                if patience < 1.0 && refused as f64 > patience * before as f64 {
+                    break;
+                }
+            }
+            statistics.reached = true;
+        }
+        Stop::CloseCosts(levels) => {
+            statistics.level_counts = driver.close_levels(levels);
+            statistics.reached = true;
+        }
+    }
+    finish(driver, statistics)
+}
+
+/// Sums up what was done and takes the mesh out of the surface.
+pub(crate) fn finish(mut driver: Driver, mut statistics: Statistics) -> Simplified {
+    if let Some(mut probes) = driver.probes.take() {
+        let removed_error = driver.changes.removed_error;
+        statistics.quality = Some(probes.sum_up(&driver.state.surface, removed_error, 1));
+        statistics.curve = std::mem::take(&mut driver.curve);
+    }
+    statistics.interrupted = driver.interrupt.is_raised();
+    statistics.reached &= !statistics.interrupted;
+    statistics.collapses = driver.total_collapses();
+    statistics.rejects = driver.rejects.named();
+    statistics.changes = driver.changes.named();
+    if let Some(wedges) = &driver.state.wedges {
+        statistics.charts_vanished = wedges.n_charts_vanished(&driver.state.surface.triangles);
+        statistics.seam_vertices = wedges.n_seam_vertices(&driver.state.surface);
+    }
+    validate(&driver.state);
+    if let Some(tracker) = driver.bound.take() {
+        let reach = tracker.reach(&driver.state.surface);
+        statistics.reach = reach.iter().fold(0.0, |most, &reach| most.max(f64::from(reach)));
+        if let Some(channel) = driver.reach_channel {
+            driver.state.set_channel(channel, &reach);
+        }
+    }
+    let (mesh, source) = driver.state.into_mesh();
+    Simplified { mesh, source, statistics }
+}

@@ -1,0 +1,213 @@
+//! The simplification under way: the surface, and all that is kept from one collapse to the next.
+//!
+//! What is done to it is in `levels`, `drain` and `topology_changes`.
+
+use crate::kernel::bound::tracker::Tracker;
+use crate::kernel::collapse::collapser::Collapser;
+use crate::kernel::collapse::legality::RejectCounts;
+use crate::kernel::fit::samples::Samples;
+use crate::kernel::interrupt::Interrupt;
+use crate::kernel::options::Topology;
+use crate::kernel::quality::{Probes, QualityAt, STEP_ON_THE_WAY};
+use crate::kernel::repair::clean::Cleaned;
+use crate::kernel::repair::make_manifold::{self, Mended};
+use crate::kernel::simd::Simd;
+use crate::kernel::state::MeshState;
+use crate::kernel::state::validate::validate;
+use crate::kernel::topology::components::{Removal, SmallComponents};
+
+/// The simplification under way.
+#[derive(Clone)]
+pub(crate) struct Driver {
+    pub(crate) state: MeshState,
+    pub(crate) simd: Simd,
+    pub(crate) collapser: Collapser,
+    pub(crate) rejects: RejectCounts,
+    /// Refusals whose change of topology waits for its price.
+    pub(crate) deferred: u64,
+    /// Since the last time the stamps were set to zero; and before.
+    pub(crate) collapses: u64,
+    collapses_before: u64,
+    /// Highest cost to which the whole mesh has been drained.
+    pub(crate) drained: f32,
+    pub(crate) topology: Topology,
+    /// Input vertices that are gone, for the new vertices of a cut.
+    pub(crate) spare_sources: Vec<u32>,
+    pub(crate) changes: TopologyChanges,
+    /// Distances of small components from the rest; computed when the first one is about to vanish.
+    pub(crate) small_components: Option<SmallComponents>,
+    /// Keeps the surface near the original, where that was asked for.
+    pub(crate) bound: Option<Box<Tracker>>,
+    /// The channel that takes how far the result is from the original.
+    pub(crate) reach_channel: Option<usize>,
+    /// Samples that the result will be fitted to.
+    pub(crate) samples: Option<Samples>,
+    /// Probes that the quality of the result is estimated from.
+    pub(crate) probes: Option<Probes>,
+    /// Estimates of the quality after each level on the way to a count.
+    pub(crate) curve: Vec<QualityAt>,
+    /// Ends the work early, as if nothing legal were left.
+    pub(crate) interrupt: Interrupt,
+}
+
+/// Limits at which a drain ends.
+#[derive(Clone, Copy)]
+pub(crate) struct Limits {
+    /// Highest cost, in scaled units.
+    pub(crate) cost: f32,
+    /// Number of triangles at which to stop at once.
+    pub(crate) triangles: u64,
+    /// True if to give up when hardly anything is legal; only where the whole mesh is in the queue.
+    pub(crate) may_stall: bool,
+}
+
+/// Changes of topology that were made.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct TopologyChanges {
+    pub(crate) specks: u64,
+    pub(crate) cuts: u64,
+    /// Ends of tubes that a cut stripped off.
+    pub(crate) stripped: u64,
+    /// Squared error of removed components, integrated over their area, in units^4.
+    pub(crate) removed_error: f64,
+    /// Vertices joined with others in the same place, and taken apart; duplicate triangles dropped.
+    pub(crate) joined: u64,
+    pub(crate) split: u64,
+    pub(crate) duplicates: u64,
+    /// Triangles without area that were dropped or flipped away.
+    flat: u64,
+    /// Pairs of boundary vertices that met.
+    approached: u64,
+    /// Vertices that wait for a source to be taken apart.
+    pub(super) missing: u64,
+    may_mend: bool,
+}
+
+impl TopologyChanges {
+    /// Names and counts, always all of them.
+    pub(crate) fn named(&self) -> Vec<(&'static str, u64)> {
+        vec![
+            ("small_components_removed", self.specks),
+            ("handles_cut", self.cuts),
+            ("ends_stripped", self.stripped),
+            ("vertices_welded", self.joined),
+            ("vertices_split", self.split),
+            ("duplicate_triangles_removed", self.duplicates),
+            ("degenerate_triangles_removed", self.flat),
+            ("boundary_pairs_merged", self.approached),
+        ]
+    }
+
+    /// Counts a removed component; `unscale` brings lengths back to input units.
+    pub(crate) fn removed(&mut self, removal: Removal, unscale: f64) {
+        self.specks += 1;
+        self.removed_error += removal.own_error * unscale.powi(4);
+    }
+
+    pub(crate) fn add_cleaned(&mut self, cleaned: Cleaned, approached: u64) {
+        self.duplicates += cleaned.duplicates;
+        self.flat += cleaned.flat;
+        self.approached += approached;
+    }
+
+    fn add(&mut self, done: Mended) {
+        self.joined += done.joined;
+        self.split += done.split;
+        self.duplicates += done.duplicates;
+        self.missing = done.missing;
+        self.may_mend = done.missing > 0;
+    }
+}
+
+impl Driver {
+    pub(crate) fn new(state: MeshState, simd: Simd, topology: Topology) -> Self {
+        Driver {
+            state,
+            simd,
+            collapser: Collapser::new(topology == Topology::Error),
+            rejects: RejectCounts::default(),
+            deferred: 0,
+            collapses: 0,
+            collapses_before: 0,
+            drained: 0.0,
+            topology,
+            spare_sources: Vec::new(),
+            changes: TopologyChanges { may_mend: true, ..TopologyChanges::default() },
+            small_components: None,
+            bound: None,
+            reach_channel: None,
+            samples: None,
+            probes: None,
+            curve: Vec::new(),
+            interrupt: Interrupt::default(),
+        }
+    }
+
+    pub(crate) fn total_collapses(&self) -> u64 {
+        self.collapses + self.collapses_before
+    }
+
+    /// Scaled cost of a threshold in units^4; what is beyond f32 is its largest number.
+    pub(super) fn scaled(&self, level: f64) -> f32 {
+        (level * self.state.surface.scale.powi(4)).min(f64::from(f32::MAX)) as f32
+    }
+
+    pub(super) fn note_quality(&mut self) {
+        if let Some(probes) = &mut self.probes {
+            let removed_error = self.changes.removed_error;
+            let quality = probes.sum_up(&self.state.surface, removed_error, STEP_ON_THE_WAY);
+            self.curve.push(QualityAt { triangles: self.state.surface.n_alive, quality });
+        }
+    }
+
+    /// Makes the surface manifold as far as sources for new vertices are at hand; see `make_manifold`.
+    pub(crate) fn mend(&mut self) {
+        // The wedges of a seam belong to one vertex each, which must not be taken apart.
+        let is_plain = self.state.wedges.is_none() && self.bound.is_none();
+        if self.topology == Topology::Error && self.changes.may_mend && is_plain {
+            if let Some(samples) = &mut self.samples {
+                samples.follow(&self.state.surface.rings);
+            }
+            if let Some(probes) = &mut self.probes {
+                probes.follow(&self.state.surface.rings);
+            }
+            let done = make_manifold::mend(&mut self.state, &mut self.spare_sources, self.simd);
+            validate(&self.state);
+            if let Some(place) = &done.rebuilt {
+                self.renumber(place);
+                self.collapses_before += std::mem::take(&mut self.collapses);
+            }
+            self.small_components = None;
+            self.changes.add(done);
+        }
+    }
+
+    /// Takes over new numbers of the vertices.
+    pub(super) fn renumber(&mut self, place: &[u32]) {
+        self.small_components = None;
+        if let Some(samples) = &mut self.samples {
+            samples.renumber(place, self.state.surface.n_alive, self.state.surface.vertices.len());
+        }
+        if let Some(probes) = &mut self.probes {
+            probes.renumber(place);
+        }
+    }
+
+    pub(super) fn tidy(&mut self) {
+        validate(&self.state);
+        if (self.state.surface.n_alive as f64) < 0.75 * self.state.surface.triangles.len() as f64 {
+            if let Some(samples) = &mut self.samples {
+                samples.follow(&self.state.surface.rings);
+            }
+            if let Some(probes) = &mut self.probes {
+                probes.follow(&self.state.surface.rings);
+            }
+            if let Some(tracker) = &mut self.bound {
+                tracker.before_compaction(&self.state.surface.triangles);
+            }
+            let place = self.state.compact(self.simd);
+            self.renumber(&place);
+            self.collapses_before += std::mem::take(&mut self.collapses);
+        }
+    }
+}

@@ -1,0 +1,61 @@
+//! Costs of eight edges and the places of their survivors, attributes and seams included.
+
+use crate::kernel::collapse::collapser::eight;
+use crate::kernel::cost::quadric::{self, Evaluated};
+use crate::kernel::cost::{placement, seam};
+use crate::kernel::options::Placement;
+use crate::kernel::simd::Lanes;
+use crate::kernel::simd::unchecked::KnownIds;
+use crate::kernel::state::MeshState;
+use crate::kernel::surface::Surface;
+use crate::kernel::surface::class::Class;
+
+/// 1 if the vertex may not move, else 0.
+#[inline(always)]
+pub(super) fn fixation(known: KnownIds, surface: &Surface, v: u32) -> f32 {
+    f32::from(u8::from(known.at(&surface.rings, v).class >= Some(Class::Complex)))
+}
+
+/// Evaluates eight edges from `v0` to `v1`; `fixed` is 1 where `v1` may not move, else 0.
+#[inline(always)]
+pub(super) fn evaluate_eight<L: Lanes>(
+    (known, state): (KnownIds, &MeshState),
+    v0: &[u32; 8],
+    v1: &[u32; 8],
+    fixed: &[f32; 8],
+) -> Evaluated {
+    let surface = &state.surface;
+    let (from, to) = (eight(known, &surface.vertices, v0), eight(known, &surface.vertices, v1));
+    let mut found = match state.attributes.is_some() | state.wedges.is_some() {
+        true => evaluate_attributes::<L>((known, state), v0, v1, fixed),
+        false => quadric::edges::<L>(from, to, fixed, surface.scale),
+    };
+    if surface.placement != Placement::Optimal {
+        placement::choose(surface.placement, (from, to), fixed, surface.scale, &mut found);
+    }
+    found
+}
+
+/// The same where channels count or seams are.
+#[inline(always)]
+fn evaluate_attributes<L: Lanes>(
+    (known, state): (KnownIds, &MeshState),
+    v0: &[u32; 8],
+    v1: &[u32; 8],
+    fixed: &[f32; 8],
+) -> Evaluated {
+    let surface = &state.surface;
+    let mut found = match &state.attributes {
+        Some(attributes) => attributes.evaluate(surface, v0, v1, fixed),
+        None => {
+            let (from, to) =
+                (eight(known, &surface.vertices, v0), eight(known, &surface.vertices, v1));
+            quadric::edges::<L>(from, to, fixed, surface.scale)
+        }
+    };
+    if let Some(wedges) = &state.wedges {
+        let active = state.attributes.as_ref().map_or(&[][..], |a| a.active());
+        seam::correct((surface, wedges, active), v0, v1, fixed, &mut found);
+    }
+    found
+}

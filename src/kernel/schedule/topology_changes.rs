@@ -1,0 +1,154 @@
+//! Changes of topology during a drain: made once they cost no more than the collapses of that moment.
+//!
+//! What may change, and its price, is in `topology`.
+
+use crate::kernel::schedule::driver::{Driver, Limits};
+use crate::kernel::schedule::queue::{BucketQueue, Entry};
+use crate::kernel::state::validate::validate_small;
+use crate::kernel::surface::Surface;
+use crate::kernel::topology::components::SmallComponents;
+use crate::kernel::topology::cut::cut;
+use crate::kernel::topology::{self, CutPlan, TopologyChange};
+
+impl Driver {
+    /// Changes the topology where a collapse was refused for its sake, once that costs no more than
+    /// collapses do.
+    pub(super) fn apply_change(
+        &mut self,
+        queue: &mut BucketQueue,
+        (bucket, entry): (u32, Entry),
+        limits: Limits,
+    ) {
+        let may_vanish = self
+            .small_components
+            .as_ref()
+            .is_none_or(|small_components| small_components.is_small(entry.v0));
+        let ends = (entry.v0, entry.v1);
+        let find_change =
+            topology::find_change(&self.state.surface, ends, &self.collapser, may_vanish);
+        match find_change {
+            Some(TopologyChange::Vanish(triangles)) => {
+                self.remove_component(queue, (bucket, entry), limits, &triangles);
+            }
+            Some(TopologyChange::Cut(cycle)) => self.cut(queue, (bucket, entry), limits, cycle),
+            _ => {}
+        }
+    }
+
+    fn remove_component(
+        &mut self,
+        queue: &mut BucketQueue,
+        (bucket, entry): (u32, Entry),
+        limits: Limits,
+        triangles: &[u32],
+    ) {
+        let small_components =
+            self.small_components.get_or_insert_with(|| SmallComponents::new(&self.state.surface));
+        let limit = topology::error_worth(limits.cost, triangles.len());
+        let Some(removal) = small_components.removal(&self.state.surface, triangles, limit) else {
+            return;
+        };
+        let cost = topology::price(removal.error, triangles.len());
+        let hold = small_components.hold_cost(&self.state.surface, removal, triangles.len());
+        let is_due = is_due(queue, (bucket, entry), cost.max(hold), limits, &mut self.deferred);
+        if is_due && leaves_enough(&self.state.surface, triangles.len(), limits) {
+            topology::vanish(&mut self.state.surface, triangles);
+            small_components.removed(removal, triangles.len());
+            self.changes.removed(removal, self.state.surface.unscale);
+            self.collapses += 1;
+            validate_small(&self.state);
+        }
+    }
+
+    fn cut(
+        &mut self,
+        queue: &mut BucketQueue,
+        (bucket, entry): (u32, Entry),
+        limits: Limits,
+        cycle: [u32; 3],
+    ) {
+        // What a cut separates takes a search: not before it can be due.
+        let least = topology::least_cut_cost(&self.state.surface, cycle);
+        if !is_due(queue, (bucket, entry), least, limits, &mut self.deferred) {
+            return;
+        }
+        let Some(plan) = topology::plan_cut(&self.state.surface, cycle) else { return };
+        let (cost, n_freed) = match &plan {
+            CutPlan::Handle(cost, _) => (*cost, 0),
+            CutPlan::Strip(triangles, cost) => (*cost, triangles.len() - 1),
+        };
+        let is_due = is_due(queue, (bucket, entry), cost, limits, &mut self.deferred);
+        if !is_due || !leaves_enough(&self.state.surface, n_freed, limits) {
+            return;
+        }
+        let strip = match plan {
+            CutPlan::Handle(_, sides) => {
+                if !topology::opens_handle(&self.state.surface, cycle, &sides) {
+                    return;
+                }
+                None
+            }
+            CutPlan::Strip(triangles, _) => Some(triangles),
+        };
+        let number = (self.collapses + 1) as u32;
+        let n = self.spare_sources.len();
+        let Some(&sources) = self.spare_sources.last_chunk::<3>() else { return };
+        let new = cut(&mut self.state, cycle, sources, number, self.simd);
+        let Some(new) = new else { return };
+        self.spare_sources.truncate(n - 3);
+        self.collapses += 1;
+        validate_small(&self.state);
+        if let Some(triangles) = strip {
+            self.strip(&triangles, cycle, new);
+            self.changes.stripped += 1;
+            return;
+        }
+        self.changes.cuts += 1;
+        queue.push(bucket, entry);
+        let [a, b, c] = new;
+        for (v0, v1) in [(a, b), (b, c), (c, a)] {
+            queue.push(bucket, Entry { v0, v1, failures: 0 });
+        }
+    }
+
+    /// Removes what a cut has separated: those triangles and the cap on their side.
+    fn strip(&mut self, triangles: &[u32], cycle: [u32; 3], new: [u32; 3]) {
+        // The new corners took over one side of the cut.
+        let has_new =
+            |&t: &u32| self.state.surface.triangles[t as usize].iter().any(|v| new.contains(v));
+        let cap_of = if triangles.iter().any(has_new) { new } else { cycle };
+        let n = self.state.surface.triangles.len() as u32;
+        let cap = [n - 2, n - 1]
+            .into_iter()
+            .find(|&t| self.state.surface.triangles[t as usize].iter().all(|v| cap_of.contains(v)));
+        let mut gone = triangles.to_vec();
+        gone.extend(cap);
+        topology::vanish(&mut self.state.surface, &gone);
+        validate_small(&self.state);
+    }
+}
+
+/// Returns whether `n_freed` triangles can go without passing the target.
+fn leaves_enough(surface: &Surface, n_freed: usize, limits: Limits) -> bool {
+    surface.n_alive + 2 >= limits.triangles + n_freed as u64
+}
+
+/// Returns whether a change of this cost may be made now; if not, but within the limit, its entry waits for that cost
+/// and is counted in `deferred`.
+fn is_due(
+    queue: &mut BucketQueue,
+    (bucket, entry): (u32, Entry),
+    cost: f32,
+    limits: Limits,
+    deferred: &mut u64,
+) -> bool {
+    if cost.is_nan() || cost > limits.cost {
+        return false;
+    }
+    let due = queue.bucket(cost);
+    if due > bucket {
+        queue.put_back(due, entry);
+        *deferred += 1;
+    }
+    due <= bucket
+}

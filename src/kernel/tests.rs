@@ -1,0 +1,163 @@
+//! Tests of the kernel as a whole.
+
+use super::*;
+use crate::kernel::run::run;
+use crate::mesh::{Mesh, vec3};
+
+/// A bumpy sheet of 2 n^2 triangles.
+pub(super) fn sheet(n: usize) -> Mesh {
+    let mut mesh = Mesh::default();
+    for i in 0..=n {
+        for j in 0..=n {
+            let (x, y) = (i as f64 / n as f64, j as f64 / n as f64);
+            let z = 0.1 * (9.0 * x).sin() * (7.0 * y).cos() + 0.01 * (61.0 * x * y).sin();
+            mesh.positions.push([x + 1e5, y - 3e4, z]);
+        }
+    }
+    let at = |i: usize, j: usize| (i * (n + 1) + j) as u32;
+    for i in 0..n {
+        for j in 0..n {
+            mesh.triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
+            mesh.triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
+        }
+    }
+    mesh
+}
+
+#[test]
+fn portable_lanes_give_the_same_bytes() {
+    // Large enough for levels of blocks.
+    let mesh = sheet(260);
+    let locked = vec![false; mesh.positions.len()];
+    for target in [60_000, 3_000] {
+        let (stop, fit) = (Stop::Triangles(target), Fit::On);
+        let options = Options { stop, fit, ..Options::default() };
+        let portable = run(mesh.clone(), &locked, &options, simd::Simd::Portable);
+        let fastest = run(mesh.clone(), &locked, &options, simd::Simd::detect());
+        assert_eq!(portable, fastest);
+        assert!(portable.statistics.reached);
+    }
+}
+
+#[test]
+fn a_prefix_of_close_levels_gives_the_same_counts() {
+    let mesh = sheet(90);
+    let locked = vec![false; mesh.positions.len()];
+    let levels: Vec<f64> = (0..20).map(|k| 1e-12 * 1.5f64.powi(k)).collect();
+    let counts = |n: usize| {
+        let options =
+            Options { stop: Stop::CloseCosts(levels[..n].to_vec()), ..Options::default() };
+        let result = simplify_mesh(mesh.clone(), &locked, &options);
+        let counts = result.statistics.level_counts;
+        assert_eq!(counts.last(), Some(&(result.mesh.triangles.len() as u64)));
+        counts
+    };
+    let all = counts(levels.len());
+    assert!(all[0] > 3 * all[19] / 2, "the levels do something: {all:?}");
+    assert_eq!(counts(7), all[..7]);
+}
+
+/// A sheet and a tetrahedron, far smaller than the error will be, so high above its middle.
+fn sheet_and_speck(height: f64) -> (Mesh, u32) {
+    let mut mesh = sheet(40);
+    let first = mesh.positions.len() as u32;
+    let [x, y, z] = mesh.positions[20 * 41 + 20];
+    let (z, e) = (z + height, 1e-4);
+    mesh.positions.extend([[x, y, z], [x + e, y, z], [x, y + e, z], [x, y, z + e]]);
+    let corners = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
+    mesh.triangles.extend(corners.map(|t: [u32; 3]| t.map(|v| v + first)));
+    (mesh, first)
+}
+
+fn specks_left(mesh: Mesh, locked: &[bool], first: u32, options: &Options) -> usize {
+    let result = simplify_mesh(mesh, locked, options);
+    result.source.iter().filter(|&&v| v >= first).count()
+}
+
+#[test]
+fn specks_vanish_only_if_asked() {
+    let (mesh, first) = sheet_and_speck(1e-3);
+    let mut locked = vec![false; mesh.positions.len()];
+    for (topology, left) in [(Topology::Keep, 4), (Topology::Error, 0)] {
+        let options = Options { stop: Stop::Triangles(300), topology, ..Options::default() };
+        assert_eq!(specks_left(mesh.clone(), &locked, first, &options), left);
+    }
+    locked[first as usize] = true;
+    let options = Options { stop: Stop::Triangles(300), ..Options::default() };
+    let left = specks_left(mesh, &locked, first, &options);
+    assert_eq!(left, 4, "a locked vertex holds it");
+}
+
+#[test]
+fn specks_far_from_everything_stay_until_the_error_is_as_large() {
+    let (mesh, first) = sheet_and_speck(0.2);
+    let locked = vec![false; mesh.positions.len()];
+    for (target, left) in [(300, 4), (4, 0)] {
+        let options = Options { stop: Stop::Triangles(target), ..Options::default() };
+        assert_eq!(specks_left(mesh.clone(), &locked, first, &options), left, "{target}");
+    }
+}
+
+#[test]
+fn the_rim_of_a_thin_sheet_does_not_recede() {
+    // A pillow: two sheets, next to nothing apart, with a common rim.
+    let n = 40;
+    let mut mesh = Mesh::default();
+    let mut id = std::collections::BTreeMap::new();
+    for side in [0usize, 1] {
+        let mut vertex = |i: usize, j: usize| {
+            let is_rim = i == 0 || j == 0 || i == n || j == n;
+            let key = (i, j, if is_rim { 0 } else { side });
+            *id.entry(key).or_insert_with(|| {
+                let (x, y) = (i as f64 / n as f64, j as f64 / n as f64);
+                let z = 0.05 * (5.0 * x).sin() * (4.0 * y).cos() + 1e-6 * key.2 as f64;
+                mesh.positions.push([x, y, z]);
+                mesh.positions.len() as u32 - 1
+            })
+        };
+        for i in 0..n {
+            for j in 0..n {
+                let q = [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)];
+                for t in [[q[0], q[1], q[2]], [q[0], q[2], q[3]]] {
+                    mesh.triangles.push(if side == 0 { [t[0], t[2], t[1]] } else { t });
+                }
+            }
+        }
+    }
+    let locked = vec![false; mesh.positions.len()];
+    let options = Options { stop: Stop::Triangles(300), ..Options::default() };
+    let result = simplify_mesh(mesh, &locked, &options).mesh;
+    for axis in 0..2 {
+        let along = || result.positions.iter().map(|p| p[axis]);
+        let (low, high) = (along().fold(1.0, f64::min), along().fold(0.0, f64::max));
+        assert!(low.abs() < 0.01 && (high - 1.0).abs() < 0.01, "{low} to {high}");
+    }
+    // Nearly all of both sheets is left.
+    let area = |t: &[u32; 3]| {
+        let corners = t.map(|v| result.positions[v as usize]);
+        0.5 * vec3::length_sq(vec3::normal(corners)).sqrt()
+    };
+    let total: f64 = result.triangles.iter().map(area).sum();
+    assert!(total > 1.98, "{total}");
+}
+
+#[test]
+fn charts_that_touch_are_joined_unless_locked() {
+    // Each row of quads is a separate chart, as if split along texture seams.
+    let whole = sheet(24);
+    let mut split = Mesh::default();
+    for row in whole.triangles.chunks(2 * 24) {
+        let first = split.positions.len() as u32;
+        let lowest = row.iter().flatten().min().copied().unwrap_or(0);
+        let n = 2 * 25;
+        split.positions.extend_from_slice(&whole.positions[lowest as usize..][..n]);
+        split.triangles.extend(row.iter().map(|t| t.map(|v| v - lowest + first)));
+    }
+    for lock in [false, true] {
+        let locked = vec![lock; split.positions.len()];
+        let options = Options { stop: Stop::Triangles(2000), ..Options::default() };
+        let result = simplify_mesh(split.clone(), &locked, &options);
+        let expected = if lock { split.positions.len() } else { whole.positions.len() };
+        assert_eq!(result.source.len(), expected);
+    }
+}

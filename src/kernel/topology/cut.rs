@@ -1,0 +1,82 @@
+//! Carries a cut out: new vertices on one side, caps on both.
+//!
+//! What may be cut, and its price, is in `topology`.
+
+use crate::kernel::simd::Simd;
+use crate::kernel::state::MeshState;
+use crate::kernel::state::recompute::recompute_quadric;
+use crate::kernel::surface::Ring;
+use crate::kernel::surface::class::Class;
+use crate::kernel::surface::wedges::Corners;
+use crate::kernel::topology::sector;
+
+/// Cuts along a cycle of three edges and caps both sides. What lies to the right of the cycle gets new
+/// vertices, which take over `sources`; they are returned. `None`, and nothing done, if it cannot be.
+pub(crate) fn cut(
+    state: &mut MeshState,
+    cycle: [u32; 3],
+    sources: [u32; 3],
+    number: u32,
+    simd: Simd,
+) -> Option<[u32; 3]> {
+    let surface = &mut state.surface;
+    let at_seam = |v: u32| state.wedges.as_ref().is_some_and(|wedges| wedges.is_seam(v));
+    if cycle.into_iter().any(at_seam) {
+        return None;
+    }
+    let mut right: [Vec<u32>; 3] = Default::default();
+    for i in 0..3 {
+        let (next, prev) = (cycle[(i + 1) % 3], cycle[(i + 2) % 3]);
+        right[i] = sector(surface, cycle[i], prev, next)?;
+        sector(surface, cycle[i], next, prev)?;
+    }
+    let first = surface.vertices.len() as u32;
+    let new = [first, first + 1, first + 2];
+    let caps = [surface.triangles.len() as u32, surface.triangles.len() as u32 + 1];
+    let [v0, v1, w] = cycle;
+    surface.triangles.push([v1, v0, w]);
+    surface.triangles.push(new);
+    surface.n_alive += 2;
+    for i in 0..3 {
+        let v = cycle[i];
+        let mut vertex = surface.vertices[v as usize];
+        vertex.stamp = number;
+        surface.vertices.push(vertex);
+        surface.source.push(sources[i]);
+        for channel in 0..surface.n_channels {
+            let value = surface.channels[v as usize * surface.n_channels + channel];
+            surface.channels.push(value);
+        }
+        let mut left: Vec<u32> =
+            surface.ring(v).iter().copied().filter(|t| !right[i].contains(t)).collect();
+        left.push(caps[0]);
+        right[i].push(caps[1]);
+        surface.rings.push(Ring { start: 0, len: 0, room: 0, class: Some(Class::Interior) });
+        surface.set_ring(v, &left);
+        surface.set_ring(new[i], &right[i]);
+    }
+    for i in 0..3 {
+        for &t in &right[i] {
+            let triangle = &mut surface.triangles[t as usize];
+            *triangle = triangle.map(|v| if v == cycle[i] { new[i] } else { v });
+        }
+    }
+    if let Some(wedges) = &mut state.wedges {
+        let old = cycle.map(|v| wedges.single(surface, v).unwrap_or(0));
+        let added: [u32; 3] = std::array::from_fn(|i| wedges.add(surface, cycle[i], sources[i]));
+        wedges.corner.push([old[1], old[0], old[2]]);
+        wedges.corner.push(added);
+        for i in 0..3 {
+            wedges.rename(surface, &right[i], new[i], added[i]);
+        }
+    }
+    for v in cycle.into_iter().chain(new) {
+        recompute_quadric(surface, v, simd);
+        surface.vertices[v as usize].stamp = number;
+    }
+    if let Some(attributes) = &mut state.attributes {
+        let corners = Corners { surface, wedges: state.wedges.as_deref() };
+        cycle.into_iter().chain(new).for_each(|v| attributes.refresh(corners, v));
+    }
+    Some(new)
+}

@@ -1,0 +1,81 @@
+//! Bounds on the distance of one point from a surface, from below and above, by a look at every triangle near it.
+//!
+//! A lower bound must hold for all triangles, so it must not rest on the answer of a search: every triangle whose
+//! box is nearer than the best bound so far is looked at.
+
+use super::bound::{lower, lower_to_box, upper};
+use crate::error::Result;
+use crate::measure::parts::{Means, Parts, Place};
+use crate::measure::triangle::Vector;
+use crate::mesh::Mesh;
+use crate::mesh::bounds::Bounds;
+
+/// Triangles between two looks at the wish to stop.
+const STOP_ROWS: usize = 1 << 16;
+
+/// A lower bound of the distance from `point` to a surface, which is not worth more than `most`.
+pub(super) fn surely_far(
+    point: Vector,
+    most: f64,
+    target: (&Parts, &[Bounds]),
+    means: Means,
+) -> Result<f64> {
+    least(point, target, lower, most, means)
+}
+
+/// An upper bound of the distance from `point` to a surface; infinite if there is none.
+pub(super) fn surely_near(
+    point: Vector,
+    surface: (&Parts, &[Bounds]),
+    means: Means,
+) -> Result<f64> {
+    least(point, surface, upper, f64::INFINITY, means)
+}
+
+/// The least value that `bound` has for a triangle, or `best` if that is less; triangles whose boxes are farther do
+/// not count.
+fn least(
+    point: Vector,
+    (surface, boxes): (&Parts, &[Bounds]),
+    bound: fn(Vector, &[Vector; 3]) -> f64,
+    mut best: f64,
+    means: Means,
+) -> Result<f64> {
+    if let Place::Memory(mesh) = surface.place {
+        return least_of(point, mesh, best, bound, means);
+    }
+    let mut order: Vec<(f64, usize)> = boxes
+        .iter()
+        .enumerate()
+        .map(|(part, around)| (lower_to_box(point, around), part))
+        .collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    for (nearest, part) in order {
+        if nearest >= best {
+            break;
+        }
+        means.progress.check()?;
+        let mesh = surface.load(part)?;
+        best = least_of(point, &mesh, best, bound, means)?;
+    }
+    Ok(best)
+}
+
+fn least_of(
+    point: Vector,
+    mesh: &Mesh,
+    mut best: f64,
+    bound: fn(Vector, &[Vector; 3]) -> f64,
+    means: Means,
+) -> Result<f64> {
+    for i in 0..mesh.triangles.len() {
+        if i % STOP_ROWS == 0 {
+            means.progress.check()?;
+        }
+        let corners = mesh.corners(i);
+        if lower_to_box(point, &Bounds::around(&corners)) < best {
+            best = best.min(bound(point, &corners));
+        }
+    }
+    Ok(best)
+}

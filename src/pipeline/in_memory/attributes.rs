@@ -1,0 +1,144 @@
+//! Attributes of vertices as arrays: from borrowed arrays to the kernel's channels and back to records.
+//!
+//! A column is one number a vertex, with a name and a type as in a PLY header; names and types decide what it means
+//! (docs/design/attributes.md): colours are averaged as they are seen, normals keep length 1, texture coordinates
+//! keep their seams, other integers are labels and never averaged.
+
+use crate::error::{Error, Result};
+use crate::mesh::Mesh;
+use crate::mesh::codec::{ChannelKind, VertexCodec};
+use crate::mesh::property::{Property, Scalar};
+use crate::mesh::record::VertexSchema;
+use crate::system::parallel::in_order;
+use crate::system::progress::Progress;
+
+/// Vertices worked on at a time by one thread.
+const BLOCK: usize = 1 << 14;
+
+/// One number a vertex, borrowed.
+#[derive(Clone, Debug)]
+pub struct Column<'a> {
+    /// Its name and type.
+    pub property: Property,
+    /// Little-endian values, `stride` bytes from one vertex to the next.
+    pub bytes: &'a [u8],
+    /// Byte of the first vertex's value.
+    pub offset: usize,
+    /// Bytes from one vertex to the next.
+    pub stride: usize,
+}
+
+/// All columns of a mesh.
+#[derive(Debug, Default)]
+pub struct Attributes<'a> {
+    columns: Vec<Column<'a>>,
+    plan: Option<(VertexSchema, VertexCodec)>,
+    channel_kinds: Vec<ChannelKind>,
+}
+
+impl<'a> Attributes<'a> {
+    /// Checks that every column has a value for each vertex; `labels` are never averaged.
+    ///
+    /// Errors: `Usage` for a column that is too short, a name that comes twice, and a label that is not there.
+    pub fn new(columns: Vec<Column<'a>>, n_vertices: usize, labels: &[String]) -> Result<Self> {
+        for (i, column) in columns.iter().enumerate() {
+            let name = &column.property.name;
+            let last = n_vertices.checked_sub(1).map_or(Some(0), |last| {
+                let end = column.offset + column.property.scalar.bytes();
+                last.checked_mul(column.stride)?.checked_add(end)
+            });
+            if last.is_none_or(|end| end > column.bytes.len()) {
+                let what =
+                    format!("attribute {name} has no value for each of {n_vertices} vertices");
+                return Err(Error::Usage(what));
+            }
+            if columns[..i].iter().any(|other| other.property.name == *name) {
+                return Err(Error::Usage(format!("attribute {name} is given twice")));
+            }
+        }
+        let names = || columns.iter().map(|column| column.property.name.as_str());
+        if let Some(unknown) = labels.iter().find(|label| !names().any(|name| name == *label)) {
+            let known: Vec<&str> = names().collect();
+            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+            return Err(Error::Usage(format!(
+                "--label {unknown}: there is no such attribute; there are {known}"
+            )));
+        }
+        if columns.is_empty() {
+            return Ok(Attributes::default());
+        }
+        let properties = columns.iter().map(|column| column.property.clone()).collect();
+        let schema = VertexSchema { coordinate: Scalar::F32, properties };
+        let codec = schema.kernel_codec(labels);
+        let channel_kinds = codec.channel_kinds(&schema);
+        Ok(Attributes { columns, plan: Some((schema, codec)), channel_kinds })
+    }
+
+    /// Returns the kind of each channel.
+    pub fn channel_kinds(&self) -> &[ChannelKind] {
+        &self.channel_kinds
+    }
+
+    /// Bytes of a record of `encode`: the values of all columns, packed in their order.
+    pub fn record_bytes(&self) -> usize {
+        self.columns.iter().map(|column| column.property.scalar.bytes()).sum()
+    }
+
+    /// Gathers the values of a vertex behind an unused position.
+    fn gather(&self, vertex: usize, position_bytes: usize, record: &mut Vec<u8>) {
+        record.clear();
+        record.resize(position_bytes, 0);
+        for column in &self.columns {
+            let at = vertex * column.stride + column.offset;
+            record.extend_from_slice(&column.bytes[at..at + column.property.scalar.bytes()]);
+        }
+    }
+
+    /// Gives the mesh its channels.
+    pub(super) fn decode(
+        &self,
+        mesh: &mut Mesh,
+        threads: usize,
+        progress: &Progress,
+    ) -> Result<()> {
+        let Some((schema, codec)) = &self.plan else { return Ok(()) };
+        let (n_channels, n_vertices) = (codec.n_channels(), mesh.positions.len());
+        mesh.n_channels = n_channels;
+        mesh.channels.reserve_exact(n_vertices * n_channels);
+        in_order(
+            n_vertices.div_ceil(BLOCK) as u64,
+            threads,
+            progress,
+            |block, out: &mut Vec<f32>| {
+                let first = block as usize * BLOCK;
+                let last = (first + BLOCK).min(n_vertices);
+                out.clear();
+                out.resize((last - first) * n_channels, 0.0);
+                let mut record = Vec::new();
+                for (row, vertex) in (first..last).enumerate() {
+                    self.gather(vertex, schema.position_bytes(), &mut record);
+                    codec.decode_channels(&record, &mut out[row * n_channels..]);
+                }
+                Ok(())
+            },
+            |_, block| {
+                mesh.channels.extend_from_slice(block);
+                Ok(())
+            },
+        )
+    }
+
+    /// Records of the vertices of a result; labels come from the vertex that survived as each (`source`).
+    pub(super) fn encode(&self, mesh: &Mesh, source: &[u32]) -> Vec<u8> {
+        let Some((schema, codec)) = &self.plan else { return Vec::new() };
+        let mut records = Vec::with_capacity(source.len() * self.record_bytes());
+        let (mut before, mut after) = (Vec::new(), Vec::new());
+        for (v, &from) in (0u32..).zip(source) {
+            self.gather(from as usize, schema.position_bytes(), &mut before);
+            after.clear();
+            codec.encode([0.0; 3], mesh.channels_of(v), &before, &mut after);
+            records.extend_from_slice(&after[schema.position_bytes()..]);
+        }
+        records
+    }
+}

@@ -1,0 +1,53 @@
+//! The mesh between two rounds in memory, and the joining of simplified cells into it.
+
+use crate::kernel::Simplified;
+use crate::mesh::Mesh;
+use crate::store::cells::IdMap;
+
+/// A mesh whose vertices know which vertex of the input they are.
+#[derive(Default)]
+pub(super) struct Whole {
+    /// Input vertex of each vertex.
+    pub(super) ids: Vec<u32>,
+    pub(super) mesh: Mesh,
+}
+
+/// One simplified cell.
+pub(super) struct Left {
+    /// Input vertex of each vertex that went into the kernel.
+    pub(super) ids: Vec<u64>,
+    pub(super) simplified: Simplified,
+}
+
+impl Whole {
+    /// Joins cells, in their order; a vertex that several of them hold becomes one again.
+    pub(super) fn join(cells: Vec<Left>) -> Whole {
+        let meshes = || cells.iter().map(|cell| &cell.simplified.mesh);
+        let n_vertices = meshes().map(|mesh| mesh.positions.len()).sum();
+        let n_triangles = meshes().map(|mesh| mesh.triangles.len()).sum();
+        let n_channels = meshes().map(|mesh| mesh.n_channels).max().unwrap_or(0);
+        let mut map = IdMap::with_capacity(n_vertices);
+        let mut ids = Vec::with_capacity(n_vertices);
+        let mut mesh = Mesh {
+            positions: Vec::with_capacity(n_vertices),
+            channels: Vec::with_capacity(n_vertices * n_channels),
+            n_channels,
+            triangles: Vec::with_capacity(n_triangles),
+        };
+        let mut local = Vec::new();
+        for Left { ids: inputs, simplified } in cells {
+            local.clear();
+            for (v, &source) in (0u32..).zip(&simplified.source) {
+                let (index, is_new) = map.insert(inputs[source as usize], &mut ids);
+                if is_new {
+                    mesh.positions.push(simplified.mesh.positions[v as usize]);
+                    mesh.channels.extend_from_slice(simplified.mesh.channels_of(v));
+                }
+                local.push(index);
+            }
+            let triangles = simplified.mesh.triangles.iter();
+            mesh.triangles.extend(triangles.map(|t| t.map(|v| local[v as usize])));
+        }
+        Whole { ids: ids.into_iter().map(|id| id as u32).collect(), mesh }
+    }
+}
