@@ -411,11 +411,14 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     if let Some(measured) = &report.measured {
         super::measure::table(measured).lines().for_each(|line| log.say(line));
     }
-    if let Some(BoundReport { bound, measured_max: Some(max), trials, .. }) = &report.max_error {
+    if let (Some(BoundReport { bound, trials, .. }), Some(enclosed)) =
+        (&report.max_error, &report.hausdorff)
+    {
         let (bound, n) = (show_length(*bound), trials.len());
         let runs = if n == 1 { "1 run".to_owned() } else { format!("{n} runs") };
         log.say(format!(
-            "at most {max:.4e} from the input, measured; the bound is {bound}; {runs}"
+            "at most {:.4e} from the input, proven; the bound is {bound}; {runs}",
+            enclosed.upper
         ));
     }
     if !report.target_met {

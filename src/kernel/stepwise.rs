@@ -49,7 +49,8 @@ impl Stepwise {
         // Attributes and wedges hold at most as much again for each vertex and corner.
         let more = if state.attributes.is_some() || state.wedges.is_some() { 4 } else { 1 };
         let probes = self.driver.probes.as_ref().map_or(0, |probes| probes.bytes());
-        more * (BYTES_PER_TRIANGLE * surface.triangles.len() as u64 + channels) + probes
+        let tracker = self.driver.bound.as_ref().map_or(0, |tracker| tracker.bytes());
+        more * (BYTES_PER_TRIANGLE * surface.triangles.len() as u64 + channels) + probes + tracker
     }
 
     /// Ends, with the mesh as it is.

@@ -27,7 +27,7 @@ impl Certify {
 /// An interval that holds the two-sided Hausdorff distance. Lengths are in input units.
 ///
 /// Infinite where one surface is empty and the other one is not, which JSON shows as null.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Certificate {
     /// Some point of one surface is at least so far from the other.
     pub lower: f64,
@@ -38,15 +38,15 @@ pub struct Certificate {
     /// `upper - lower` is at most `tolerance * upper`, or what rounding hides.
     pub certified: bool,
     /// The point that is at least `lower` away; without one if the distance is 0.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub witness: Option<[f64; 3]>,
     /// The surface that the point is on.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub witness_on: Option<On>,
 }
 
 /// One of the two surfaces.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum On {
     /// The original.

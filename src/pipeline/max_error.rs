@@ -1,18 +1,19 @@
-//! `--max-error`: as few triangles as a bound on the distance allows, the bound measured.
+//! `--max-error`: as few triangles as a bound on the distance allows, the bound proven.
 //!
-//! The kernel keeps the bound collapse by collapse (`kernel::bound`), so that one run is enough as a rule. Between the
-//! points that it looks at the surface can still be a little farther away, so the written file is measured as
-//! `stonecut measure` does; where it is beyond the bound, the run is repeated with a bound that is tighter by as much.
-//! Every trial is recorded in the job folder, so the same command continues. Only a result that was measured to keep
-//! the bound ever gets the output's name. Components that `--min-component` drops do not count: the measure is a copy
-//! of the input without them. Memory and disk: those of one run, one more output, and that copy.
+//! The kernel keeps the bound collapse by collapse (`kernel::bound`), so that one or two runs are enough as a rule.
+//! Between the points that it looks at the surface can still be a little farther away, so the written file gets a
+//! certificate as `stonecut measure --certify` gives it. Where its upper end is beyond the bound, the run is repeated
+//! with a bound that is tighter by as much. Every trial is recorded in the job folder, so the same command continues.
+//! Only a result that is proven to keep the bound ever gets the output's name. Components that `--min-component` drops
+//! do not count: the certificate is against a copy of the input without them. Memory and disk: those of one run, one
+//! more output, and that copy.
 
 use super::prepare::{Prepared, WRITING, prepare};
 use crate::config::{Attributes, Config, Normals, Target};
 use crate::error::Result;
 use crate::io::{OutputFormat, OutputKind};
 use crate::kernel;
-use crate::measure::compare;
+use crate::measure::{Certificate, Certify, compare};
 use crate::pipeline::run_report::{BoundReport, RunReport, TrialReport};
 use crate::pipeline::verify::{self, Pair};
 use crate::store::job::fingerprint::job_identity;
@@ -40,14 +41,17 @@ struct Trial {
     /// Share of the bound that the run was given.
     share: f64,
     report: RunReport,
+    /// Distances at samples, both ways.
     max: f64,
     rms: f64,
+    /// The Hausdorff distance enclosed; absent where one side has no surface.
+    certificate: Option<Certificate>,
 }
 
-/// Simplifies as far as the two-sided deviation, measured, stays within `bound` (input units).
+/// Simplifies as far as the two-sided Hausdorff distance is proven to stay within `bound` (input units).
 ///
-/// The report's `target_met` is false, and there is no output, if not even the input as it would be written
-/// keeps the bound. Takes the time of three to six runs and measurements.
+/// The report's `target_met` is false, and there is no output, if not even the last and tightest trial keeps the bound.
+/// Takes the time of one to `MOST_TRIALS` runs and certificates.
 pub fn simplify(
     bound: f64,
     prepared: Prepared,
@@ -60,7 +64,7 @@ pub fn simplify(
     let n_input = prepared.source.n_triangles();
     let marks = crate::store::job::fingerprint::input_marks(&config.input)?;
     let identity = job_identity(&prepared.source, &marks, config);
-    // Every trial opens the input anew.
+    // Every trial opens the input itself.
     drop(prepared);
     let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
     disk.create_dir(&job.path(TRIALS))?;
@@ -87,8 +91,8 @@ pub fn simplify(
         if !found.keeps(bound) {
             disk.remove(&trial_path(config, number))?;
             progress.note(format!(
-                "{} away at one place, beyond the bound of {}: again, tighter",
-                show_length(found.max),
+                "up to {} away, beyond the bound of {}: again, tighter",
+                show_length(found.upper()),
                 show_length(bound)
             ));
         }
@@ -101,8 +105,8 @@ pub fn simplify(
             best.report.clone()
         }
         None => {
-            let (max, last) = match trials.last() {
-                Some(last) => (last.max, last.report.clone()),
+            let (upper, last) = match trials.last() {
+                Some(last) => (last.upper(), last.report.clone()),
                 None => unreachable!("the first trial has ended, or its error was given back"),
             };
             let output = crate::pipeline::run_report::OutputReport {
@@ -110,10 +114,10 @@ pub fn simplify(
                 ..Default::default()
             };
             let stop_reason = format!(
-                "no result keeps the bound of {}: the last of {} trials was {} away at one place; nothing was written",
+                "no result keeps the bound of {}: the last of {} trials was up to {} away; nothing was written",
                 show_length(bound),
                 trials.len(),
-                show_length(max)
+                show_length(upper)
             );
             RunReport { target_met: false, stop_reason, output, ..last }
         }
@@ -123,6 +127,7 @@ pub fn simplify(
     report.seconds = started.elapsed().as_secs_f64();
     report.triangles_per_second = n_input as f64 / report.seconds.max(1e-9);
     report.peak_memory_bytes = crate::system::memory::peak_bytes();
+    report.hausdorff = best.and_then(|trial| trial.certificate.clone());
     report.max_error = Some(BoundReport {
         bound,
         tracked_max: best.and_then(|trial| trial.report.max_error.as_ref()?.tracked_max),
@@ -132,7 +137,7 @@ pub fn simplify(
             .iter()
             .map(|trial| TrialReport {
                 triangles: trial.report.output.triangles,
-                max: trial.max,
+                max: trial.upper(),
                 seconds: trial.report.seconds,
             })
             .collect(),
@@ -223,7 +228,8 @@ fn run_trial(
         None => config.clone(),
     };
     let pair = Pair::open(&measured, &inner.output)?;
-    let request = pair.request(config, &config.job_folder);
+    let mut request = pair.request(config, &config.job_folder);
+    request.options.certify = Some(Certify { tolerance: verify::TOLERANCE, bound: Some(bound) });
     let comparison = compare::compare(&request, progress)?;
     let deviation = &comparison.measured.deviation;
     let max = deviation.forward.distance.max.max(deviation.backward.distance.max);
@@ -232,18 +238,24 @@ fn run_trial(
         let seconds = started.elapsed().as_secs_f64();
         report.measured = Some(Box::new(compare::Report::new(&request, &comparison, seconds)));
     }
-    Ok(Trial { number, share, report, max, rms })
+    let certificate = comparison.measured.certificate.filter(|enclosed| enclosed.upper.is_finite());
+    Ok(Trial { number, share, report, max, rms, certificate })
 }
 
 impl Trial {
-    /// Written so that NaN does not keep it.
+    /// Upper end of the certificate, infinite without one.
+    fn upper(&self) -> f64 {
+        self.certificate.as_ref().map_or(f64::INFINITY, |enclosed| enclosed.upper)
+    }
+
+    /// True if the result is proven to keep the bound; false for NaN.
     fn keeps(&self, bound: f64) -> bool {
-        self.max <= bound
+        self.upper() <= bound
     }
 
     /// Share of the bound to try next, if this one was beyond it.
     fn next_share(&self, bound: f64) -> f64 {
-        self.share * (AIM * bound / self.max).max(MOST_TIGHTENING)
+        self.share * (AIM * bound / self.upper()).max(MOST_TIGHTENING)
     }
 }
 
@@ -253,12 +265,20 @@ mod tests {
 
     #[test]
     fn what_is_beyond_the_bound_is_tightened_by_as_much() {
-        let trial = |share: f64, max: f64| Trial {
+        let trial = |share: f64, upper: f64| Trial {
             number: 1,
             share,
             report: RunReport::default(),
-            max,
+            max: 0.0,
             rms: 0.0,
+            certificate: Some(Certificate {
+                lower: 0.0,
+                upper,
+                tolerance: 0.01,
+                certified: true,
+                witness: None,
+                witness_on: None,
+            }),
         };
         assert!(trial(1.0, 2.0).keeps(2.0) && !trial(1.0, 2.1).keeps(2.0));
         assert!(!trial(1.0, f64::NAN).keeps(2.0));

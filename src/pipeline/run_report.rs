@@ -206,7 +206,7 @@ pub struct RunReport {
     /// The report of `measure` on input and output; only with `--verify`.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub measured: Option<Box<crate::measure::compare::Report>>,
-    /// The Hausdorff distance between input and output, enclosed; only with `--verify`.
+    /// The Hausdorff distance between input and output, enclosed; only with `--verify` and `--max-error`.
     #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
     pub hausdorff: Option<crate::measure::Certificate>,
     /// Trials of `--max-error`; only with that option.
@@ -303,7 +303,7 @@ pub struct BoundReport {
     /// Largest distance that the run itself saw, from either mesh to the other.
     #[serde(default)]
     pub tracked_max: Option<f64>,
-    /// Largest two-sided distance between input and output, as `stonecut measure` finds it.
+    /// Largest two-sided distance at samples, as `stonecut measure` finds it; the proven one is `hausdorff`.
     pub measured_max: Option<f64>,
     /// The same for the root mean square.
     pub measured_rms: Option<f64>,
@@ -316,8 +316,8 @@ pub struct BoundReport {
 pub struct TrialReport {
     /// Triangles it left.
     pub triangles: u64,
-    /// Its measured maximum.
+    /// Upper end of its certificate.
     pub max: f64,
-    /// Wall time, without the measurement.
+    /// Wall time, without the certificate.
     pub seconds: f64,
 }

@@ -18,7 +18,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Width of the certificate, relative to its upper end.
-const TOLERANCE: f64 = 0.01;
+pub(super) const TOLERANCE: f64 = 0.01;
 
 /// Refuses what cannot be read again after the run.
 pub fn refuse_unreadable(config: &Config) -> Result<()> {

@@ -68,6 +68,13 @@ impl Input {
         Input { witnesses, triangles, first, around }
     }
 
+    /// Memory that it holds, in bytes.
+    pub(super) fn bytes(&self) -> u64 {
+        let witnesses = self.witnesses.len() * size_of::<Witness>();
+        let lists = 4 * (self.first.len() + self.around.len());
+        (witnesses + self.triangles.len() * size_of::<[u32; 3]>() + lists) as u64
+    }
+
     /// The other two corners of each triangle around a witness.
     pub(super) fn around(&self, witness: u32) -> impl Iterator<Item = (u32, u32)> {
         let [first, end] = [0, 1].map(|i| self.first[witness as usize + i] as usize);

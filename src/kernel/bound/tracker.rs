@@ -10,7 +10,8 @@ use crate::mesh::vec3::Vec3;
 
 /// The witnesses, and which triangle each belongs to.
 ///
-/// Memory: 24 bytes a vertex and 28 a triangle of the input, 4 a triangle of the surface.
+/// Memory: 40 bytes a vertex and 24 a triangle of the input, 4 a triangle of the surface, and 640 KiB for what was
+/// refused.
 #[derive(Clone)]
 pub(crate) struct Tracker {
     /// Scaled.
@@ -82,6 +83,14 @@ impl Tracker {
             }
         }
         tracker
+    }
+
+    /// Memory that it holds, in bytes.
+    pub(crate) fn bytes(&self) -> u64 {
+        let refused = self.refused.len() * size_of::<Refused>();
+        let lists = 4 * (self.distance.len() + self.owner.len() + self.next.len());
+        let places = 4 * (self.head.len() + self.slot.len());
+        self.input.bytes() + (refused + lists + places) as u64
     }
 
     /// Gives a witness to a triangle. The farthest one comes first: it is the most likely to forbid a collapse.

@@ -20,7 +20,7 @@ use crate::store::cells::{CellTally, VertexLayout, plan_cells};
 use crate::system::disk::folder_of;
 use crate::system::memory::BASE_BYTES;
 use crate::system::paths::existing_parent;
-use crate::system::units::{show_bytes, show_count};
+use crate::system::units::{show_bytes, show_count, show_length};
 use std::path::Path;
 
 /// Safety factor: largest accepted cell relative to the planned size.
@@ -273,16 +273,27 @@ impl Plan {
         Ok(())
     }
 
+    fn target_line(&self, config: &Config) -> String {
+        let triangles = show_count(self.target);
+        let within = config.kernel.bound.map(|bound| show_length(bound.distance));
+        match (&config.target, within) {
+            (Target::MaxError(bound), _) => {
+                format!("target   as few triangles as a distance of {} allows", show_length(*bound))
+            }
+            (_, Some(bound)) => format!(
+                "target   {triangles} triangles, or as few as a distance of {bound} allows"
+            ),
+            (_, None) if self.finish => format!("target   {triangles} triangles, met exactly"),
+            (_, None) => format!("target   {triangles} triangles, at most 0.5 % below"),
+        }
+    }
+
     /// The plan for people, one fact a line.
     pub fn lines(&self, config: &Config) -> Vec<String> {
         let rounds: Vec<String> = self.rounds.iter().map(|&n| show_count(n)).collect();
         vec![
             format!("input    {} triangles", show_count(self.triangles_in)),
-            format!(
-                "target   {} triangles{}",
-                show_count(self.target),
-                if self.finish { ", met exactly" } else { ", at most 0.5 % below" }
-            ),
+            self.target_line(config),
             format!(
                 "cells    {} of about {} triangles, locked seams; rounds to {}{}",
                 self.cells,
