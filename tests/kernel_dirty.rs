@@ -97,7 +97,7 @@ fn sheets_that_touch_are_taken_apart_or_left_as_found() {
     assert_eq!(n_edges(&kept.mesh, |n| n > 2), non_manifold, "complex vertices are left as found");
     let rejects: BTreeMap<_, _> = kept.statistics.rejects.iter().copied().collect();
     let names: BTreeSet<_> = rejects.keys().copied().collect();
-    let all = ["boundary", "flip", "link_condition", "locked", "non_manifold", "sliver"];
+    let all = ["bound", "boundary", "flip", "link_condition", "locked", "non_manifold", "sliver"];
     assert_eq!(
         names,
         all.into_iter().collect(),

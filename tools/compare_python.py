@@ -26,7 +26,7 @@ import numpy as np
 
 
 class Result:
-    """What a package gives back."""
+    """Result of a package."""
 
     def __init__(self, points, faces, colors=None):
         self.points, self.faces, self.colors = np.asarray(points), np.asarray(faces), colors
@@ -288,7 +288,7 @@ def compare_threads():
 
 
 def in_child(work):
-    """What `work` gives, from a process of its own."""
+    """Runs `work` in another process and gives back its result."""
     read, write = os.pipe()
     sys.stdout.flush()
     process = os.fork()

@@ -46,8 +46,8 @@ impl Hit {
 
 /// Finds the nearest point of `target` for every point; best given in an order that keeps neighbours together.
 ///
-/// Where a distance of at most the point's entry in `enough_sq` (squared; below 0 for never) was met, the
-/// answer may be any such hit instead of the nearest. An empty target leaves all distances infinite.
+/// Any hit at a distance of at most the point's entry in `enough_sq` (squared; below 0 for never) may stand for
+/// the nearest. An empty target leaves all distances infinite.
 pub(super) fn settle(
     points: &[Vector],
     target: &Parts,

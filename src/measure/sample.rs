@@ -1,6 +1,6 @@
 //! Area-uniform samples of a surface, the same whatever the order of its triangles.
 //!
-//! How many samples a triangle gets, and where, follows from a hash of its corners, the seed and the
+//! Number and places of the samples of a triangle follow from a hash of its corners, the seed and the
 //! density. So a shuffled file, or a surface cut into cells, yields the same set of samples. Knows
 //! nothing of what is measured at them.
 

@@ -2,7 +2,7 @@
 //!
 //! The topology is that of a subdivided icosahedron: ten diamonds of n x n quads, each owning n x n
 //! vertices, and the two poles, so 10 n^2 + 2 vertices and 20 n^2 triangles with closed-form numbers.
-//! Where a vertex lies is `sculpture`'s business.
+//! `sculpture` places the vertices.
 
 use super::noise::{gauss, hash2, signed3};
 use super::sculpture::Sculpture;

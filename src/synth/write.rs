@@ -52,7 +52,7 @@ impl FileProperties {
 /// Settings of streaming a surface.
 #[derive(Clone, Copy)]
 pub(super) struct Stream<'a> {
-    /// What.
+    /// The surface that is written.
     pub(super) surface: &'a dyn Surface,
     /// As which records.
     pub(super) layout: FileProperties,

@@ -1,7 +1,7 @@
 //! All paths of a command in one table, checked once before any work and before any byte is written.
 //!
 //! No two paths that name the same file, unless both are only read. Inputs are regular files that can be opened.
-//! What is written goes to a new file, or takes the place of a regular one: of any file for the main output of
+//! Outputs are new files, or take the place of a regular one: of any file for the main output of
 //! a command, with `--force`; for everything else only of an earlier file of the same kind that this program
 //! wrote. docs/design/paths.md gives the reasons. Nothing is created here but nameless files, to see whether a
 //! folder takes files.

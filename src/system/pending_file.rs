@@ -3,7 +3,7 @@
 //! Until it is finished an output has no name at all where the file system knows such files (`O_TMPFILE`), so
 //! that no death of the process leaves anything; elsewhere it has its own hidden name, locked by its
 //! writer, and what dead writers have left is removed by the next one. Only a regular file is ever replaced.
-//! Which paths a command may write at all is decided before, in `paths`.
+//! `paths` decides before which paths a command may write at all.
 
 use crate::error::{Error, Result};
 use crate::system::disk::{Disk, DiskFile, folder_of, kind_of};

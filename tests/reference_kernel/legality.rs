@@ -1,6 +1,6 @@
-//! Which classes of vertices may collapse into which, as the reference sees it.
+//! The classes of vertices, and the pairs of them that may collapse, as the reference sees it.
 
-/// Why a collapse was not carried out.
+/// Reason why a collapse was not carried out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reject {
     /// Both ends are locked, or an edge between two locked vertices would arise.
@@ -29,7 +29,7 @@ impl Reject {
     ];
 }
 
-/// How often each reason was given.
+/// Number of times that each reason was given.
 #[derive(Clone, Debug, Default)]
 pub struct RejectCounts([u64; 6]);
 
@@ -74,7 +74,7 @@ pub enum Class {
 }
 
 impl Class {
-    /// Whether a vertex of this class may be moved.
+    /// True if a vertex of this class may be moved.
     pub fn is_fixed(self) -> bool {
         matches!(self, Class::Complex | Class::Locked)
     }

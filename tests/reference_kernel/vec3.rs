@@ -32,7 +32,7 @@ pub fn normal(corners: [Vec3; 3]) -> Vec3 {
     cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]))
 }
 
-/// Where on the edge from `a` (0) to `b` (1) the foot of `p` lies; 0.5 on an edge without length.
+/// Place of the foot of `p` on the edge from `a` (0) to `b` (1); 0.5 on an edge without length.
 pub fn along(p: Vec3, a: Vec3, b: Vec3) -> f64 {
     let edge = sub(b, a);
     let edge_sq = length_sq(edge);

@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 use stonecut::Error;
 use stonecut::error::Offers;
 
-/// What a Python function offers against a failure.
+/// Remedies that a Python function offers against a failure.
 const OFFERS: Offers = Offers { resumes: false, temp_dir: false };
 
 /// The exception for an error.

@@ -23,7 +23,7 @@ const STACK_BYTES: usize = 8 << 20;
 /// A Python callable that gets a `Progress`, or none.
 pub type Callback = Option<Py<PyAny>>;
 
-/// How far a call has come.
+/// Progress of a call.
 #[pyclass(frozen, get_all, module = "stonecut")]
 #[derive(Clone, Debug)]
 pub struct Progress {
@@ -58,7 +58,7 @@ impl Progress {
     }
 }
 
-/// How the work is asked to stop.
+/// Means of asking the work to stop.
 pub struct Stop<'a> {
     /// Counters, and the request that is looked at between blocks and cells.
     pub progress: &'a progress::Progress,

@@ -3,7 +3,7 @@
 //! Each sample of the original pulls at the triangle it is nearest to, along the normal of that triangle.
 //! A sweep finds the triangles, solves the normal equations of all vertices at once, and moves as far as
 //! `bounds` allow. The triangles stay what they are, and vertices that are not interior stay where they are.
-//! What the samples are, `samples` decides; how they are found, `nearest`.
+//! `samples` chooses the samples, `nearest` finds the triangle of each.
 //!
 //! Source: the vertex step of Hoppe et al. 1993, by the conjugate gradients of Hestenes & Stiefel 1952
 //! (docs/references.md; docs/algorithm.md, section 8).

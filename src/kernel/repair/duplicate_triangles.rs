@@ -35,7 +35,7 @@ impl Repeats {
 }
 
 /// For each of `reversed` whether it is a flap: at one of its edges more triangles run with it than against it.
-/// What neighbours a flap goes with it, so that whole patches do.
+/// The neighbours of a flap go with it, so that whole patches do.
 ///
 /// `all`: every triangle at these edges, `reversed` included, once. `is_known`: whether all triangles of a
 /// vertex are in `all`; a triangle none of whose edges has such an end counts as a flap.

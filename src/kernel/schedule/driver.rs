@@ -1,6 +1,6 @@
 //! The simplification under way: the surface, and all that is kept from one collapse to the next.
 //!
-//! What is done to it is in `levels`, `drain` and `topology_changes`.
+//! `levels`, `drain` and `topology_changes` work on it.
 
 use crate::kernel::bound::tracker::Tracker;
 use crate::kernel::collapse::collapser::Collapser;

@@ -1,6 +1,6 @@
 //! Changes of topology during a drain: made once they cost no more than the collapses of that moment.
 //!
-//! What may change, and its price, is in `topology`.
+//! `topology` decides which changes are allowed, and their price.
 
 use crate::kernel::schedule::driver::{Driver, Limits};
 use crate::kernel::schedule::queue::{BucketQueue, Entry};

@@ -1,6 +1,6 @@
 //! Carries a cut out: new vertices on one side, caps on both.
 //!
-//! What may be cut, and its price, is in `topology`.
+//! `topology` decides which cuts are allowed, and their price.
 
 use crate::kernel::simd::Simd;
 use crate::kernel::state::MeshState;

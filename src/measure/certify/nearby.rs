@@ -1,6 +1,6 @@
 //! Proves pieces that lie between cells of the target: with all target triangles near them, of whatever cell.
 //!
-//! What no cell proves alone lies in narrow strips where cells meet, so the triangles near all of it are few. They
+//! Pieces that no cell proves alone lie in narrow strips where cells meet, so the triangles near all of it are few. They
 //! are gathered in one pass over the cells and get one tree. If they exceed the memory, one half of the pieces
 //! follows the other.
 

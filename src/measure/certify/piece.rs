@@ -1,6 +1,6 @@
 //! A part of a source triangle that is still to be proven near the target, and how it is cut.
 //!
-//! What lies within a distance of one target triangle is convex. So a piece is near the target if all its
+//! The points within a distance of one target triangle are a convex set. So a piece is near the target if all its
 //! corners are near one target triangle, and where only some are, the part next to these is cut off and done.
 //! docs/design/certificate.md, "Cutting".
 
@@ -144,7 +144,7 @@ impl Piece {
     /// Cuts along that side of the prism over `t` which divides this most evenly; corners that are within a part
     /// of `limit` of it count as on it. `None` if no side divides it.
     ///
-    /// Where target triangles meet in a corner of a piece, halves would look like the whole, however small.
+    /// Halves would not do: if target triangles meet in a corner of a piece, each half looks like the whole.
     pub fn part(&self, t: &[Vector; 3], limit: f64) -> Option<[Option<Piece>; 3]> {
         let normal = area_normal(t);
         let on = ON_SIDE * limit.max(0.0);

@@ -192,7 +192,7 @@ struct Total {
 
 /// The pieces that go, by cell, with their triangles: `[cell, open, triangles]`.
 ///
-/// Whether a component goes is known once its last piece has come, so a second sort puts that before them.
+/// The last piece of a component decides if it goes, so a second sort puts that before its pieces.
 fn going(
     members: ExternalSort<MEMBER_WORDS>,
     (mut marked, mut going): (ExternalSort<7>, ExternalSort<4>),

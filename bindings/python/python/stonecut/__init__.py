@@ -317,8 +317,10 @@ def simplify_file(
     ``OUTPUT.stonecut-job``. Options mean what they mean on the command line (``stonecut simplify --help``); in short:
 
     Args:
-        triangles, ratio, max_error: the target, one of them. ``max_error`` is the largest deviation either way in input
-            units, measured, and takes several runs.
+        triangles, ratio: the count, one of them.
+        max_error: no point of either surface may be farther from the other, in input units: alone, as few triangles as
+            that allows; beside a count, whichever ends it first. Proven for the file that is written, so a run may be
+            repeated with a tighter bound.
         memory: budget, everything included: bytes, ``"4GiB"`` or ``"50%"`` [75 % of what the process may use].
         temp_dir: where the job folder lies [beside the output].
         force: replace the output if it exists. restart: throw away what an earlier call left.
@@ -349,7 +351,7 @@ def plan(
     force: bool = False,
     min_component: int | str | None = None,
 ) -> Report:
-    """What :func:`simplify_file` would need: cells, rounds, memory, disk in bytes, seconds. Nothing is written.
+    """Forecast of :func:`simplify_file`: cells, rounds, memory, disk in bytes, seconds. Nothing is written.
 
     Raises what the run would raise before it begins: NotEnoughMemory, NoSpace, BadInput, UsageError.
     """
@@ -507,7 +509,7 @@ def info(
     threads: int | None = None,
     progress: OnProgress | None = None,
 ) -> Report:
-    """What a mesh file holds; with ``check`` it is read whole, and connectivity and faults are counted."""
+    """Content of a mesh file; with ``check`` it is read whole, and connectivity and faults are counted."""
     words = ["info", path("file", file), *options(check=check, memory=memory, threads=threads)]
     words += [] if temp_dir is None else options(temp_dir=path("temp_dir", temp_dir))
     return _report(words, progress)[0]

@@ -14,7 +14,7 @@ _Callback = Callable[[Progress], object] | None
 
 @final
 class Progress:
-    """How far a call has come."""
+    """Progress of a call."""
 
     @property
     def stage(self) -> str: ...

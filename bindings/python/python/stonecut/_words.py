@@ -45,19 +45,22 @@ def options(**given: Any) -> list[str]:
 
 
 def target(triangles: Any, ratio: Any, max_error: Any = None) -> list[str]:
-    """The one target that is given."""
-    given = {"triangles": triangles, "ratio": ratio, "max_error": max_error}
-    named = [name for name, value in given.items() if value is not None]
-    if len(named) != 1:
-        wanted = "triangles=..., ratio=... or max_error=..." if max_error is not None else "triangles=... or ratio=..."
-        got = " and ".join(named) if named else "none"
-        raise UsageError(f"give one target, {wanted}; got {got} (ratio is the share that is kept)")
-    value = given[named[0]]
+    """The one count that is given, and the bound, alone or beside it."""
+    counts = {name: value for name, value in {"triangles": triangles, "ratio": ratio}.items() if value is not None}
+    bound = {} if max_error is None else {"max_error": max_error}
+    if len(counts) > 1 or not (counts or bound):
+        got = " and ".join(counts) or "none"
+        raise UsageError(f"give one target, triangles=... or ratio=...; got {got} (ratio is the share that is kept)")
+    return [word for name, value in {**counts, **bound}.items() for word in _target(name, value)]
+
+
+def _target(name: str, value: Any) -> list[str]:
+    """One of the targets, checked."""
     if isinstance(value, bool):
-        raise UsageError(f"{named[0]}={value}: a number is wanted")
-    if named[0] == "triangles" and not isinstance(value, str):
+        raise UsageError(f"{name}={value}: a number is wanted")
+    if name == "triangles" and not isinstance(value, str):
         number = float(value)
         if number != int(number):
             raise UsageError(f"triangles={value}: a whole number is wanted; for a share use ratio")
         value = int(number)
-    return options(**{named[0]: value})
+    return options(**{name: value})

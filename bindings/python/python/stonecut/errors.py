@@ -1,4 +1,4 @@
-"""What can go wrong, one class for each exit code of the command line.
+"""Exceptions, one class for each exit code of the command line.
 
 Every class is a :class:`Error` and, where Python has one for the purpose, also a built-in exception, so that
 ``except ValueError``, ``except OSError`` and ``except MemoryError`` work as expected.

@@ -7,8 +7,7 @@
 //! wedge of the same chart, the two become one, interpolated along the edge; any other keeps its value.
 //! A channel in which all wedges of both ends agree (a colour beside the texture) knows no seam and is
 //! interpolated for all of them.
-//! What a collapse does to them is in `collapse`, its cost in `cost::seam`; `MeshState::into_mesh` splits the result
-//! again.
+//! `collapse` changes them, `cost::seam` prices that; `MeshState::into_mesh` splits the result again.
 //!
 //! Source: wedges of Hoppe 1999 (docs/references.md; docs/algorithm.md, section 7).
 
