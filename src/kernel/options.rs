@@ -1,6 +1,8 @@
 //! Options of the kernel: when to stop, where survivors go, what may happen to the topology; and its limits.
 
 use crate::kernel::interrupt::Interrupt;
+use crate::mesh::vec3::Vec3;
+use std::sync::Arc;
 
 /// More triangles than this cannot be simplified at once: the numbers of triangles, corners and places in rings
 /// are 32 bits wide, with one bit of a corner taken, and room for what is added.
@@ -52,10 +54,26 @@ pub struct Options {
     pub seam_share: f32,
     /// Keeps the result near the original, if given.
     pub bound: Option<Bound>,
+    /// Places where the bound is tighter than elsewhere: there an earlier run of the same kind went beyond it.
+    pub tight: Arc<[Tight]>,
     /// Estimates the quality of the result; its time was not measured.
     pub estimate: bool,
     /// Asks the call to return early, with `Statistics::interrupted`; by default nothing does.
     pub interrupt: Interrupt,
+}
+
+impl Options {
+    /// Leaves a part of the bound to later rounds; a share below 1 ends early, by `patience`.
+    pub fn use_share_of_bound(&mut self, share: f64, patience: f64) {
+        let Some(bound) = &mut self.bound else { return };
+        bound.distance *= share;
+        bound.patience = 1.0;
+        if share < 1.0 {
+            bound.patience = patience;
+            // These places went beyond the whole bound, later.
+            self.tight = Arc::from([]);
+        }
+    }
 }
 
 /// A bound on the distance between the result and the original, both ways.
@@ -71,6 +89,17 @@ pub struct Bound {
     /// If below 1, `Stop::Costs` ends after the first level at which the bound refused more collapses than this share
     /// of the triangles: an even mesh is the better beginning for the next round.
     pub patience: f64,
+}
+
+/// A ball in which less of the bound may be used. Lengths are in input units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tight {
+    /// Middle of the ball.
+    pub place: Vec3,
+    /// Its radius.
+    pub radius: f64,
+    /// The part of the bound that is not used within it; the whole bound and more keep the surface as it is.
+    pub margin: f64,
 }
 
 /// Position of the vertex that survives a collapse.
@@ -112,6 +141,7 @@ impl Default for Options {
             region: None,
             seam_share: 0.0,
             bound: None,
+            tight: Arc::from([]),
             estimate: false,
             interrupt: Interrupt::default(),
         }

@@ -8,6 +8,20 @@ use super::unit::Unit;
 /// The least tolerance: below it rounding would decide.
 pub const LEAST_TOLERANCE: f64 = 1e-9;
 
+/// Places beyond a bound that are listed at most; a list that would be longer is left empty.
+pub const MOST_BEYOND: usize = 16_384;
+
+/// A place where a surface is farther from the other one than the bound that was asked for.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Beyond {
+    /// The farthest point of one triangle that was come upon, on either surface.
+    pub point: [f64; 3],
+    /// Its distance from the other surface.
+    pub distance: f64,
+    /// Longest edge of the triangle that it is on, or of the nearest one on the other surface.
+    pub size: f64,
+}
+
 /// Claim to be certified.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Certify {
@@ -43,6 +57,10 @@ pub struct Certificate {
     /// The surface that the point is on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub witness_on: Option<On>,
+    /// Places farther apart than the bound that was asked for, one a triangle; empty if it is kept, or if the
+    /// distance is more than twice the bound, or if there are more than `MOST_BEYOND`.
+    #[serde(skip)]
+    pub beyond: Vec<Beyond>,
 }
 
 /// One of the two surfaces.
@@ -86,7 +104,19 @@ impl Certificate {
             lower: unit.back(self.lower),
             upper: unit.back(self.upper),
             witness: self.witness.map(place),
+            beyond: self.beyond.into_iter().map(|one| one.back(unit)).collect(),
             ..self
+        }
+    }
+}
+
+impl Beyond {
+    /// The same in input units.
+    fn back(self, unit: Unit) -> Beyond {
+        Beyond {
+            point: self.point.map(|x| unit.back(x)),
+            distance: unit.back(self.distance),
+            size: unit.back(self.size),
         }
     }
 }

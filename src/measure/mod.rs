@@ -32,7 +32,7 @@ pub mod triangle;
 mod unit;
 
 pub use carried::Carried;
-pub use certificate::{Certificate, Certify, LEAST_TOLERANCE, On, Verdict};
+pub use certificate::{Beyond, Certificate, Certify, LEAST_TOLERANCE, On, Verdict};
 pub use colour::ColourChannels;
 pub use deviation::Deviation;
 pub(crate) use enclose::certificate_in_memory;

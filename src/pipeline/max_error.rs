@@ -3,7 +3,8 @@
 //! The kernel keeps the bound collapse by collapse (`kernel::bound`), so that one or two runs are enough as a rule.
 //! Between the points that it looks at the surface can still be a little farther away, so the written file gets a
 //! certificate as `stonecut measure --certify` gives it. Where its upper end is beyond the bound, the run is repeated
-//! with a bound that is tighter by as much. Every trial is recorded in the job folder, so the same command continues.
+//! with a bound that is tighter at the places that the certificate names, and if that does not help, everywhere. Every
+//! trial is recorded in the job folder, so the same command continues.
 //! Only a result that is proven to keep the bound ever gets the output's name. Components that `--min-component` drops
 //! do not count: the certificate is against a copy of the input without them. Memory and disk: those of one run, one
 //! more output, and that copy.
@@ -12,8 +13,8 @@ use super::prepare::{Prepared, WRITING, prepare};
 use crate::config::{Attributes, Config, Normals, Target};
 use crate::error::Result;
 use crate::io::{OutputFormat, OutputKind};
-use crate::kernel;
-use crate::measure::{Certificate, Certify, compare};
+use crate::kernel::{self, Tight};
+use crate::measure::{Beyond, Certificate, Certify, compare};
 use crate::pipeline::run_report::{BoundReport, RunReport, TrialReport};
 use crate::pipeline::verify::{self, Pair};
 use crate::store::job::fingerprint::job_identity;
@@ -24,10 +25,17 @@ use crate::system::progress::Progress;
 use crate::system::units::show_length;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
-/// Trials at most; the second one keeps the bound as a rule.
-const MOST_TRIALS: usize = 5;
+/// Trials at most; the second or third one keeps the bound as a rule.
+const MOST_TRIALS: usize = 8;
+/// After this many trials the bound is tightened everywhere.
+const LOCAL_TRIALS: usize = 5;
+/// Share of the bound that is kept in hand, beyond the excess, where it was exceeded.
+const KEPT: f64 = 0.05;
+/// Radius of the ball around a place beyond the bound, in longest edges of the triangle there.
+const RADIUS: f64 = 1.0;
 /// A tighter bound aims at this share of the one that was asked for.
 const AIM: f64 = 0.98;
 /// No trial tightens the bound by more than this: one place does not say much of another.
@@ -46,6 +54,16 @@ struct Trial {
     rms: f64,
     /// The Hausdorff distance enclosed; absent where one side has no surface.
     certificate: Option<Certificate>,
+    /// Places beyond the bound, if they are few.
+    beyond: Vec<Beyond>,
+}
+
+/// Tightening of the bound for a trial.
+#[derive(Clone)]
+struct Tightened {
+    /// Share of the bound that the run is given, everywhere.
+    share: f64,
+    places: Vec<Tight>,
 }
 
 /// Simplifies as far as the two-sided Hausdorff distance is proven to stay within `bound` (input units).
@@ -76,12 +94,15 @@ pub fn simplify(
         },
     };
     let mut trials: Vec<Trial> = Vec::new();
+    let mut tightened = Tightened { share: 1.0, places: Vec::new() };
     while trials.len() < MOST_TRIALS && !trials.last().is_some_and(|trial| trial.keeps(bound)) {
         let number = trials.len() + 1;
-        let share = trials.last().map_or(1.0, |trial| trial.next_share(bound));
+        if let Some(last) = trials.last() {
+            tightened.tighten(last, bound);
+        }
         let kept = kept.as_deref();
         let found = job.sealed(&format!("trial {number}"), || {
-            run_trial((number, share), (bound, kept), config, progress)
+            run_trial((number, &tightened), (bound, kept), config, progress)
         });
         let found = match found {
             Ok(found) => found,
@@ -90,8 +111,12 @@ pub fn simplify(
         };
         if !found.keeps(bound) {
             disk.remove(&trial_path(config, number))?;
+            let places = match found.beyond.len() {
+                0 => String::new(),
+                n => format!(" in {n} places"),
+            };
             progress.note(format!(
-                "up to {} away, beyond the bound of {}: again, tighter",
+                "up to {} away, beyond the bound of {}{places}: again, tighter there",
                 show_length(found.upper()),
                 show_length(bound)
             ));
@@ -202,16 +227,20 @@ fn write_kept(n_input: u64, config: &Config, progress: &Progress) -> Result<Path
 
 /// Runs and measures one trial: against `kept`, if that is another mesh than the input.
 fn run_trial(
-    (number, share): (usize, f64),
+    (number, tightened): (usize, &Tightened),
     (bound, kept): (f64, Option<&Path>),
     config: &Config,
     progress: &Progress,
 ) -> Result<Trial> {
-    let tighter = kernel::Bound { distance: share * bound, channel: None, patience: 1.0 };
+    let tighter = kernel::Bound { distance: tightened.share * bound, channel: None, patience: 1.0 };
     let inner = Config {
-        kernel: kernel::Options { bound: Some(tighter), ..config.kernel.clone() },
+        kernel: kernel::Options {
+            bound: Some(tighter),
+            tight: Arc::from(tightened.places.as_slice()),
+            ..config.kernel.clone()
+        },
         output: trial_path(config, number),
-        job_folder: config.job_folder.join(TRIALS).join("job"),
+        job_folder: config.job_folder.join(TRIALS).join(format!("job-{number}")),
         keep_temp: false,
         force: true,
         restart: false,
@@ -239,7 +268,27 @@ fn run_trial(
         report.measured = Some(Box::new(compare::Report::new(&request, &comparison, seconds)));
     }
     let certificate = comparison.measured.certificate.filter(|enclosed| enclosed.upper.is_finite());
-    Ok(Trial { number, share, report, max, rms, certificate })
+    let beyond = certificate.as_ref().map_or(Vec::new(), |enclosed| enclosed.beyond.clone());
+    Ok(Trial { number, share: tightened.share, report, max, rms, certificate, beyond })
+}
+
+impl Tightened {
+    /// Tightens it as much as a trial was beyond the bound: there, or everywhere if the places are not known.
+    fn tighten(&mut self, last: &Trial, bound: f64) {
+        if last.beyond.is_empty() || last.number >= LOCAL_TRIALS {
+            self.share = last.next_share(bound);
+        }
+        let known = self.places.len();
+        for one in &last.beyond {
+            let before = self.places[..known].iter().filter(|tight| {
+                let off_sq: f64 = (0..3).map(|k| (one.point[k] - tight.place[k]).powi(2)).sum();
+                off_sq <= tight.radius * tight.radius
+            });
+            let before = before.fold(0.0, |most: f64, tight| most.max(tight.margin));
+            let margin = before + one.distance - bound + KEPT * bound;
+            self.places.push(Tight { place: one.point, radius: RADIUS * one.size, margin });
+        }
+    }
 }
 
 impl Trial {
@@ -278,7 +327,9 @@ mod tests {
                 certified: true,
                 witness: None,
                 witness_on: None,
+                beyond: Vec::new(),
             }),
+            beyond: Vec::new(),
         };
         assert!(trial(1.0, 2.0).keeps(2.0) && !trial(1.0, 2.1).keeps(2.0));
         assert!(!trial(1.0, f64::NAN).keeps(2.0));

@@ -265,11 +265,7 @@ impl<'a> Stages<'a> {
         self.before = info.triangles;
         let name = if round == 0 { "simplify" } else { "round" };
         let mut options = self.kernel.clone();
-        if let Some(bound) = &mut options.bound {
-            let bound_share = stitch::bound_share(round);
-            bound.distance *= bound_share;
-            bound.patience = if bound_share < 1.0 { stitch::PATIENCE } else { 1.0 };
-        }
+        options.use_share_of_bound(stitch::bound_share(round), stitch::PATIENCE);
         let (layout, n) = (self.layout.clone(), info.triangles);
         let pack = self.run.job.path(&info.pack);
         let left = self.stage(

@@ -13,4 +13,5 @@ mod input;
 mod look;
 mod result;
 pub(crate) mod scratch;
+pub(crate) mod tight;
 pub(crate) mod tracker;

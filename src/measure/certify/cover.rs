@@ -7,6 +7,7 @@
 use super::bound::upper;
 use super::piece::{Cut, Limits, Piece};
 use crate::error::Result;
+use crate::measure::certificate::{Beyond, MOST_BEYOND};
 use crate::measure::tree::Tree;
 use crate::measure::triangle::Vector;
 use crate::mesh::bounds::Bounds;
@@ -38,6 +39,8 @@ pub(super) struct Goal {
     pub floor: f64,
     /// Ends the search at a point that is farther than the bound.
     pub stops_beyond: bool,
+    /// Lists the triangles that are farther than the bound.
+    pub lists_beyond: bool,
 }
 
 impl Goal {
@@ -73,6 +76,10 @@ pub(super) struct Found {
     pub is_apart: bool,
     /// The farthest point that was come upon, where that is farther than the bound.
     pub far: Option<Far>,
+    /// Triangles farther than the bound, if they are listed.
+    pub beyond: Vec<Beyond>,
+    /// There were more than `MOST_BEYOND` of them; none is kept then.
+    pub has_too_many: bool,
     /// Something is not proven within the bound that was asked for.
     pub is_given_up: bool,
     /// Pieces looked at.
@@ -86,6 +93,11 @@ impl Found {
         self.is_apart |= other.is_apart;
         if other.far.is_some_and(|far| far.beats(&self.far)) {
             self.far = other.far;
+        }
+        self.beyond.extend_from_slice(&other.beyond);
+        self.has_too_many |= other.has_too_many || self.beyond.len() > MOST_BEYOND;
+        if self.has_too_many {
+            self.beyond.clear();
         }
         self.is_given_up |= other.is_given_up;
         self.n_steps += other.n_steps;
@@ -234,11 +246,12 @@ impl<'a> Cover<'a> {
         Limits { bound, per_cut: self.per_cut }
     }
 
-    fn search(&mut self, piece: Piece) -> Result<()> {
+    fn search(&mut self, whole: Piece) -> Result<()> {
         let mut bound = self.goal.bound;
         let mut steps = 0;
+        let mut worst: Option<Beyond> = None;
         self.stack.clear();
-        self.stack.push(Open { piece, slots: [self.hint; KEPT] });
+        self.stack.push(Open { piece: whole, slots: [self.hint; KEPT] });
         while let Some(Open { piece, slots }) = self.stack.pop() {
             steps += 1;
             if steps % STOP_STEPS == 0 {
@@ -258,6 +271,12 @@ impl<'a> Cover<'a> {
                 bound = self.found.raise(&self.goal, limits, (middle, distance), piece.depth);
                 if self.found.is_over(&self.goal) {
                     return Ok(());
+                }
+                let most = worst.map_or(self.goal.bound, |worst| worst.distance);
+                if self.goal.lists_beyond && distance > most {
+                    let size = whole.longest_sq().0.sqrt();
+                    let other = Piece::whole(*self.tree.corners(near)).longest_sq().0.sqrt();
+                    worst = Some(Beyond { point: middle, distance, size: size.max(other) });
                 }
             }
             if steps > MOST_STEPS {
@@ -291,6 +310,7 @@ impl<'a> Cover<'a> {
         }
         self.found.n_steps += steps;
         self.found.upper = self.found.upper.max(bound);
+        self.found.beyond.extend(worst.filter(|_| self.found.beyond.len() <= MOST_BEYOND));
         Ok(())
     }
 }

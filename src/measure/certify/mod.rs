@@ -12,7 +12,7 @@ mod passes;
 mod piece;
 mod witness;
 
-use super::certificate::{Certificate, Certify, LEAST_TOLERANCE, On, Verdict};
+use super::certificate::{Certificate, Certify, LEAST_TOLERANCE, MOST_BEYOND, On, Verdict};
 use super::parts::{Means, Parts, Place, Survey};
 use super::side::Side;
 use super::triangle::Vector;
@@ -21,9 +21,13 @@ use crate::mesh::bounds::Bounds;
 use bound::off_edge;
 use cover::{Far, Found, Goal};
 use passes::Way;
+use std::cmp::Ordering;
 
 /// Bound on the rounding of all cuts, in that of one cut: pieces are cut that often before they no longer count.
 const FLOOR_CUTS: f64 = 1024.0;
+
+/// Places beyond a bound are listed where sampling found none farther than this many times the bound.
+const LISTED: f64 = 2.0;
 
 /// Both surfaces in one unit, and the boxes of their parts.
 pub(super) struct Pair<'a> {
@@ -67,6 +71,7 @@ impl<'a> Pair<'a> {
                 certified: false,
                 witness: None,
                 witness_on: None,
+                beyond: Vec::new(),
             });
         }
         if self.is_one_mesh() {
@@ -78,18 +83,25 @@ impl<'a> Pair<'a> {
                 certified: true,
                 witness: None,
                 witness_on: None,
+                beyond: Vec::new(),
             });
         }
         let floor = self.floor();
-        let mut goal = Goal { bound: 0.0, tolerance, floor, stops_beyond: false };
+        let mut goal =
+            Goal { bound: 0.0, tolerance, floor, stops_beyond: false, lists_beyond: false };
         let farthest = known.iter().flatten().map(|far| far.distance).fold(0.0, f64::max);
         goal.bound = goal.raised(0.0, farthest);
-        if let Some(bound) = certify.bound
-            && farthest + floor <= bound
-        {
-            goal.bound = goal.bound.min(bound);
+        if let Some(bound) = certify.bound {
+            if farthest + floor <= bound {
+                goal.bound = goal.bound.min(bound);
+            }
+            // Far beyond it nearly every triangle would have to be cut.
+            goal.lists_beyond = goal.bound > bound && farthest <= LISTED * bound;
+            if goal.lists_beyond {
+                goal.bound = bound;
+            }
         }
-        let found = self.prove(&mut goal, means)?;
+        let mut found = self.prove(&mut goal, means)?;
         let mut farthest: Option<(Far, usize)> = None;
         for i in 0..2 {
             for far in known[i].iter().chain(&found[i].far) {
@@ -105,6 +117,12 @@ impl<'a> Pair<'a> {
         let certified = gap <= (tolerance * upper).max(2.0 * floor);
         let witness = farthest.filter(|_| lower > 0.0);
         let on = |i: usize| [On::Original, On::Simplified][i];
+        let mut beyond = found.each_mut().map(|found| std::mem::take(&mut found.beyond)).concat();
+        // Cells end in any order.
+        beyond.sort_unstable_by(|a, b| a.point.partial_cmp(&b.point).unwrap_or(Ordering::Equal));
+        if found.iter().any(|found| found.has_too_many) || beyond.len() > MOST_BEYOND {
+            beyond.clear();
+        }
         Ok(Certificate {
             lower,
             upper,
@@ -112,6 +130,7 @@ impl<'a> Pair<'a> {
             certified,
             witness: witness.map(|(far, _)| far.point),
             witness_on: witness.map(|(_, i)| on(i)),
+            beyond,
         })
     }
 
@@ -128,9 +147,12 @@ impl<'a> Pair<'a> {
     /// Proves both ways, one after the other; the bound grows where a point beyond it is found.
     fn prove(&self, goal: &mut Goal, means: Means) -> Result<[Found; 2]> {
         let mut found = [Found::default(), Found::default()];
+        let asked = goal.lists_beyond.then_some(goal.bound);
         for i in 0..2 {
             let (source, target) = (self.parts[i], self.parts[1 - i]);
-            let way = Way { source, target, survey: self.surveys[1 - i], goal: *goal };
+            // Where places beyond the bound are listed, both ways begin at the bound.
+            let begin = Goal { bound: asked.unwrap_or(goal.bound), ..*goal };
+            let way = Way { source, target, survey: self.surveys[1 - i], goal: begin };
             found[i] = way.prove(means)?;
             goal.bound = goal.bound.max(found[i].upper);
             if found[i].is_over(goal) {
@@ -161,7 +183,8 @@ impl<'a> Pair<'a> {
             }
         }
         let floor = self.floor();
-        let mut goal = Goal { bound, tolerance: 0.0, floor, stops_beyond: true };
+        let mut goal =
+            Goal { bound, tolerance: 0.0, floor, stops_beyond: true, lists_beyond: false };
         let found = self.prove(&mut goal, means)?;
         let is_apart = found.iter().any(|found| found.is_apart);
         let far = [0, 1].into_iter().find_map(|i| found[i].far.map(|far| (far, i)));
@@ -194,6 +217,7 @@ impl<'a> Pair<'a> {
             tolerance: LEAST_TOLERANCE,
             floor,
             stops_beyond: false,
+            lists_beyond: false,
         };
         self.prove(&mut goal, means)?;
         Ok(Verdict::Undecided { lower, upper: goal.bound })

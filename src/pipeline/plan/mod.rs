@@ -280,9 +280,9 @@ impl Plan {
             (Target::MaxError(bound), _) => {
                 format!("target   as few triangles as a distance of {} allows", show_length(*bound))
             }
-            (_, Some(bound)) => format!(
-                "target   {triangles} triangles, or as few as a distance of {bound} allows"
-            ),
+            (_, Some(bound)) => {
+                format!("target   {triangles} triangles, or as few as a distance of {bound} allows")
+            }
             (_, None) if self.finish => format!("target   {triangles} triangles, met exactly"),
             (_, None) => format!("target   {triangles} triangles, at most 0.5 % below"),
         }
