@@ -216,6 +216,10 @@ pub struct Config {
     pub drop_texture: bool,
     /// Give up scalar properties of faces.
     pub drop_faces: bool,
+    /// Treatment of images; by the kind of output if `None`.
+    pub textures: Option<crate::io::TextureMode>,
+    /// Path that files beside the output are named after and paths of images lead from: the output's final one.
+    pub textures_beside: PathBuf,
     /// Write the distance from the input with every vertex; only with a bound on it.
     pub error_field: bool,
     /// Leave out components below this.
@@ -254,6 +258,9 @@ impl Config {
         {
             settings.insert("max_error".to_owned(), bound.distance.to_string());
         }
+        if let Some(mode) = self.textures {
+            settings.insert("textures".to_owned(), mode.name().to_owned());
+        }
         if self.error_field {
             settings.insert("error_field".to_owned(), "true".to_owned());
         }
@@ -287,6 +294,8 @@ mod tests {
             skip_bad: false,
             drop_texture: false,
             drop_faces: false,
+            textures: None,
+            textures_beside: "out.ply".into(),
             error_field: false,
             min_component: None,
             checkpoint_every: std::time::Duration::from_secs(30),
@@ -342,6 +351,8 @@ mod tests {
         ];
         assert_eq!(lines(&other), expected);
         assert_eq!(Target::MaxError(0.5).to_string(), "max_error=0.5");
+        other.textures = Some(crate::io::TextureMode::Link);
+        assert_eq!(other.settings()["textures"], "link");
         other.attributes.normals = Normals::Drop;
         other.kernel.placement = Placement::Midpoint;
         other.kernel.fit = Fit::On;

@@ -68,7 +68,8 @@ struct Obj {
 
 fn read_obj(path: &Path) -> Obj {
     let text = std::fs::read_to_string(path).unwrap();
-    assert!(text.contains("\nmtllib sheet.mtl\n"));
+    let stem = path.file_stem().unwrap().to_str().unwrap();
+    assert!(text.contains(&format!("\nmtllib {stem}.mtl\n")));
     let mut obj = Obj { positions: Vec::new(), faces: Vec::new() };
     let (mut coordinates, mut material) = (Vec::new(), String::new());
     for line in text.lines() {

@@ -35,6 +35,8 @@ fn config(folder: &Path, ratio: f64) -> Config {
         format: Default::default(),
         skip_bad: false,
         drop_texture: false,
+        textures: None,
+        textures_beside: folder.join("out.ply"),
         drop_faces: false,
         error_field: false,
         min_component: None,

@@ -30,6 +30,8 @@ fn config(folder: &Path, target: u64) -> Config {
         format: Default::default(),
         skip_bad: false,
         drop_texture: false,
+        textures: None,
+        textures_beside: folder.join("out.ply"),
         drop_faces: false,
         error_field: false,
         min_component: None,

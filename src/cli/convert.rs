@@ -7,18 +7,22 @@
 
 use crate::error::{Error, Result};
 use crate::io::ply::{
-    FaceBlock, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle, VertexBlock,
+    FaceBlock, FaceSchema, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle,
+    VertexBlock,
 };
-use crate::io::{DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions};
+use crate::io::{
+    DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions, TextureMode, TexturePlan,
+    TextureRequest,
+};
 use crate::system::disk::folder_of;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
 use std::path::PathBuf;
 
-/// Converts a mesh between formats: PLY, STL, OBJ and GLB.
+/// Converts a mesh between formats: PLY, STL, OBJ, GLB and glTF.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// PLY, STL or OBJ, also gzip or zstd compressed; '-' is standard input.
+    /// PLY, STL, OBJ, GLB or glTF, also gzip or zstd compressed; '-' is standard input.
     pub input: PathBuf,
     /// A file ending in .ply, .stl, .obj or .glb; '-' is standard output.
     pub output: PathBuf,
@@ -32,9 +36,13 @@ pub struct Args {
     /// Drop and count broken faces and vertices instead of failing.
     #[arg(long)]
     pub skip_bad: bool,
-    /// Give up texture coordinates at corners, which cannot be kept.
+    /// Give up texture coordinates and materials of textured faces.
     #[arg(long)]
     pub drop_texture: bool,
+    /// Texture images: copy (beside OUTPUT, unless they lie in its folder), link (named where they are), embed (GLB)
+    /// or none [default: copy; embed for GLB].
+    #[arg(long, value_name = "WHAT")]
+    pub textures: Option<TextureMode>,
     /// Keep faces that repeat an earlier one; saves a sort.
     #[arg(long)]
     pub keep_duplicates: bool,
@@ -57,7 +65,7 @@ impl Args {
 }
 
 /// Result of a conversion.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Converted {
     /// Vertices written.
     pub n_vertices: u64,
@@ -71,6 +79,8 @@ pub struct Converted {
     pub n_bad: u64,
     /// Vertices that no face uses.
     pub n_unreferenced: u64,
+    /// Missing, damaged and lost parts of materials and images, a line each.
+    pub notes: Vec<String>,
     /// Length of the output.
     pub n_bytes: u64,
 }
@@ -97,6 +107,9 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
             let _ = writeln!(log, "  {count} {what}");
         }
     }
+    for note in &done.notes {
+        let _ = writeln!(log, "  {note}");
+    }
     Ok(if done.n_bad > 0 { super::log::EXIT_SHORT } else { 0 })
 }
 
@@ -117,9 +130,11 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
     let read = ReadOptions { skip_bad: args.skip_bad, temp_dir: None };
     let stage = StageOptions { read, ..StageOptions::new(folder) };
     let source = MeshSource::open_staged(&args.input, &stage)?;
-    if !args.drop_texture {
+    let texture = !args.drop_texture && source.has_corner_texture();
+    if !args.drop_texture && !texture {
         source.require_no_texture()?;
     }
+    let textures = plan_textures(&source, args)?;
     // Above 2^32 vertices no output can be written, so there is nothing to look for.
     let look = !args.keep_duplicates && source.n_vertices() <= 1 << 32;
     let mut finder = look.then(|| DuplicateFinder::new(&stage.temp_dir, DUPLICATES_MEMORY_BYTES));
@@ -146,10 +161,30 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
         );
         return Err(Error::bad_input(&args.input, what));
     }
-    used.write((&source, &duplicates), args, &mut done, progress)?;
+    done.notes = textures.as_ref().map_or_else(Vec::new, |plan| plan.notes.clone());
+    let input = Input { source: &source, duplicates: &duplicates, texture, textures };
+    used.write(&input, args, &mut done, progress)?;
     let faults = source.faults();
     done.n_bad += faults.missing_faces + faults.missing_vertices + faults.bad_faces;
     Ok(done)
+}
+
+/// Looks at every image and decides what becomes of it.
+fn plan_textures(source: &MeshSource, args: &Args) -> Result<Option<TexturePlan>> {
+    let is_given_up = args.drop_texture && source.has_corner_texture();
+    let Some(materials) = source.materials().filter(|_| !is_given_up) else { return Ok(None) };
+    let (output, kind) = (args.output.as_path(), args.format.check(&args.output)?);
+    let request = TextureRequest { output, kind, mode: args.textures, force: args.force };
+    TexturePlan::new(materials.clone(), &request).map(Some)
+}
+
+/// The mesh that is written.
+struct Input<'a> {
+    source: &'a MeshSource,
+    duplicates: &'a Duplicates,
+    /// True if texture coordinates at corners are written.
+    texture: bool,
+    textures: Option<TexturePlan>,
 }
 
 /// Memory to sort triangles in.
@@ -231,17 +266,20 @@ impl Used {
 
     fn write(
         &self,
-        (source, duplicates): (&MeshSource, &Duplicates),
+        input: &Input,
         args: &Args,
         done: &mut Converted,
         progress: &Progress,
     ) -> Result<()> {
+        let Input { source, duplicates, .. } = *input;
         let mut header =
             OutputHeader::new(source.schema().clone(), done.n_vertices, done.n_triangles);
-        header.comments = source.comments().to_vec();
+        header.comments = source.plain_comments();
         header.obj_infos = source.obj_infos().to_vec();
         header.settings = "convert".to_owned();
-        header.faces.properties = source.face_properties();
+        header.faces = FaceSchema { texture: input.texture, properties: source.face_properties() };
+        header.textures.clone_from(&input.textures);
+        let is_full = !header.faces.is_empty();
         let place = Place { replace: args.force, ..Place::from(&args.output) };
         let mut sink = MeshSink::create(place, header, args.format)?;
         let all = done.n_unreferenced == 0;
@@ -263,8 +301,8 @@ impl Used {
             }
             sink.write_vertices(&kept)?;
         }
-        if !source.face_properties().is_empty() {
-            done.n_bytes = self.write_full_faces(source, duplicates, sink, progress)?;
+        if is_full {
+            done.n_bytes = self.write_full_faces(input, sink, progress)?;
             return Ok(());
         }
         let mut block = FaceBlock::default();
@@ -293,20 +331,21 @@ impl Used {
     /// The second pass over faces with properties: their rows beside their triangles, block by block.
     fn write_full_faces(
         &self,
-        source: &MeshSource,
-        duplicates: &Duplicates,
+        input: &Input,
         mut sink: MeshSink,
         progress: &Progress,
     ) -> Result<u64> {
+        let source = input.source;
         let value_bytes: usize = source.face_properties().iter().map(|p| p.scalar.bytes()).sum();
         let mut blocks = FullBlocks {
             used: self,
-            source,
-            duplicates,
+            input,
             value_bytes,
             place: 0,
             index: 0,
             values: Vec::new(),
+            corners: Vec::new(),
+            ends: Vec::new(),
         };
         source.each_full_face(|row, face| {
             while blocks.index + 1 < source.n_face_blocks()
@@ -315,10 +354,17 @@ impl Used {
                 progress.check()?;
                 blocks.write(&mut sink)?;
             }
-            let place = (row - source.first_row(blocks.index)) as usize * value_bytes;
             // Rows without a face keep their place.
-            blocks.values.resize(place, 0);
+            let place = (row - source.first_row(blocks.index)) as usize;
+            blocks.values.resize(place * value_bytes, 0);
             blocks.values.extend_from_slice(&face.values);
+            if input.texture {
+                blocks.ends.resize(place, blocks.corners.len());
+                blocks
+                    .corners
+                    .extend(face.corners.iter().copied().zip(face.texture.iter().copied()));
+                blocks.ends.push(blocks.corners.len());
+            }
             Ok(())
         })?;
         while blocks.index < source.n_face_blocks() {
@@ -329,36 +375,53 @@ impl Used {
     }
 }
 
-/// Blocks of faces on their way to the output, with the values of their rows.
+/// Blocks of faces on their way to the output, with what their rows carry.
 struct FullBlocks<'a> {
     used: &'a Used,
-    source: &'a MeshSource,
-    duplicates: &'a Duplicates,
+    input: &'a Input<'a>,
     value_bytes: usize,
     /// Triangles so far, dropped ones included.
     place: u64,
     index: u64,
     /// Of the rows of block `index`.
     values: Vec<u8>,
+    /// Corners of these rows with their coordinates, and the end of each row's.
+    corners: Vec<(u64, [f32; 2])>,
+    ends: Vec<usize>,
 }
 
 impl FullBlocks<'_> {
     fn write(&mut self, sink: &mut MeshSink) -> Result<()> {
         let mut block = FaceBlock::default();
-        self.source.read_faces_with_rows(self.index, &mut block)?;
+        let Input { source, duplicates, texture: has_texture, .. } = *self.input;
+        source.read_faces_with_rows(self.index, &mut block)?;
         let (mut triangles, mut values) = (Vec::new(), Vec::new());
         for (triangle, &row) in block.triangles.iter().zip(&block.rows) {
             self.place += 1;
-            if self.duplicates.count() > 0 && self.duplicates.contains(self.place - 1) {
+            if duplicates.count() > 0 && duplicates.contains(self.place - 1) {
                 continue;
             }
+            let texture = if has_texture {
+                self.texture(*triangle, row as usize)
+            } else {
+                Default::default()
+            };
             let corners = triangle.map(|v| self.used.new_id(v));
-            triangles.push(TexturedTriangle { corners, ..TexturedTriangle::default() });
+            triangles.push(TexturedTriangle { corners, texture });
             let at = row as usize * self.value_bytes;
             values.extend_from_slice(&self.values[at..at + self.value_bytes]);
         }
         self.values.clear();
+        self.corners.clear();
+        self.ends.clear();
         self.index += 1;
         sink.write_full_faces(&triangles, &values)
+    }
+
+    /// The coordinates of a triangle of a row: each corner has those of the row's corner at the same vertex.
+    fn texture(&self, triangle: [u64; 3], row: usize) -> [[f32; 2]; 3] {
+        let start = if row == 0 { 0 } else { self.ends[row - 1] };
+        let own = &self.corners[start..self.ends[row]];
+        triangle.map(|v| own.iter().find(|(id, _)| *id == v).map_or([0.0; 2], |(_, uv)| *uv))
     }
 }

@@ -8,7 +8,7 @@ use crate::config::{
     Attributes, Config, DEFAULT_CELL_TRIANGLES, MinComponent, Normals, Target, Until,
 };
 use crate::error::{Error, Result};
-use crate::io::OutputFormat;
+use crate::io::{OutputFormat, TextureMode};
 use crate::kernel;
 use crate::mesh::attribute_weights::Weights;
 use crate::mesh::face_properties::FacePolicy;
@@ -71,9 +71,13 @@ pub struct Args {
     /// vertices in exactly the same place (seams). --ratio still means the triangles of the whole input.
     #[arg(long, value_name = "N|SIZE")]
     min_component: Option<MinComponent>,
-    /// Give up texture coordinates at corners, which cannot be kept.
+    /// Give up texture coordinates and materials of textured faces.
     #[arg(long)]
     drop_texture: bool,
+    /// Texture images: copy (beside OUTPUT, unless they lie in its folder), link (named where they are), embed (GLB)
+    /// or none [default: copy; embed for GLB].
+    #[arg(long, value_name = "WHAT")]
+    textures: Option<TextureMode>,
     /// Give up properties of faces (colours, labels, flags), which saves moving them to vertices and back.
     #[arg(long)]
     drop_faces: bool,
@@ -220,6 +224,8 @@ impl Args {
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture,
             drop_faces: self.drop_faces,
+            textures: self.textures,
+            textures_beside: self.output.clone(),
             error_field: self.error_field,
             min_component: self.min_component,
             checkpoint_every: crate::config::CHECKPOINT_EVERY,
@@ -401,6 +407,9 @@ fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     }
     for property in &report.face_properties {
         log.say(face_line(property));
+    }
+    for line in report.textures.iter().flat_map(|textures| &textures.notes) {
+        log.say(format!("  {line}"));
     }
     if let Some(components) = &report.components {
         log.say(component_line(components));

@@ -3,9 +3,9 @@
 //! Exact for binary files but for comments. Texts depend on their numbers: those of the sample are used, with
 //! digits in all places, as positions have them after simplification.
 
-use super::glb;
+use super::gltf as glb;
 use super::obj::{find_colour, find3};
-use super::sink::{OutputFormat, OutputKind};
+use super::output_format::{OutputFormat, OutputKind};
 use crate::io::ply::Encoding;
 use crate::io::ply::writer::{FaceSchema, Shortest, put_text};
 use crate::mesh::property::{Scalar, read_scalar};
@@ -14,6 +14,13 @@ use crate::mesh::record::VertexSchema;
 /// Bytes of a header beyond its comments; of the description in a GLB file.
 const HEADER_BYTES: f64 = 700.0;
 const DESCRIPTION_BYTES: f64 = 1600.0;
+
+/// Bytes of a face, and of a corner, while they are sorted by material.
+const SORTED_FACE_BYTES: f64 = 48.0;
+const SORTED_CORNER_BYTES: f64 = 40.0;
+
+/// Vertices of a file that has one for each pair of coordinates, for each vertex of the mesh.
+const SPLIT_VERTICES: f64 = 1.5;
 
 /// Mean length of a component of a unit vector as text, and of a texture coordinate or colour between 0 and 1.
 const UNIT_TEXT: f64 = 11.0;
@@ -75,15 +82,27 @@ pub(crate) fn expected_bytes(
             let coordinates = 3.0 * (mesh.coordinate_text(schema.coordinate) + 1.0);
             let numbers = n_corner + f64::from(u8::from(has_texture));
             let face = 2.0 + 3.0 * (numbers * (mesh.index_text(1) + 1.0));
-            (v * (2.0 + coordinates + colour + normal + texture) + f * face, 0.0)
+            // Sorted by material.
+            let sorted = if mesh.faces.number_at().is_some() { SORTED_FACE_BYTES } else { 0.0 };
+            (v * (2.0 + coordinates + colour + normal + texture) + f * face, f * sorted)
         }
         OutputKind::Glb => {
             let extras =
                 [find_colour(schema).is_some(), find3(schema, ["nx", "ny", "nz"]).is_some()];
             let n = extras.into_iter().filter(|has| *has).count() as u64;
-            let row = glb::POSITION_BYTES + glb::EXTRA_BYTES * n;
+            let texture = if mesh.faces.texture { glb::TEXTURE_BYTES } else { 0 };
+            let row = glb::POSITION_BYTES + glb::EXTRA_BYTES * n + texture;
             let spooled = glb::SPOOLED_BYTES as u64 + glb::EXTRA_BYTES * n;
-            (v * row as f64 + f * 12.0 + DESCRIPTION_BYTES, v * spooled as f64)
+            // Parted by material, and at the seams of the texture, where one vertex becomes several.
+            let is_split = mesh.faces.texture || mesh.faces.number_at().is_some();
+            let (rows, sorted) = match is_split {
+                true => (
+                    SPLIT_VERTICES * v,
+                    3.0 * SORTED_CORNER_BYTES * f + SPLIT_VERTICES * v * row as f64,
+                ),
+                false => (v, 0.0),
+            };
+            (rows * row as f64 + f * 12.0 + DESCRIPTION_BYTES, v * spooled as f64 + sorted)
         }
     };
     ((bytes + HEADER_BYTES) as u64, spool as u64)

@@ -4,6 +4,7 @@
 //! vertices a label would make of one is counted on a sample of 20,000 vertices. Changes nothing.
 
 use crate::error::Result;
+use crate::io::materials::NUMBER;
 use crate::io::ply::MeshSource;
 use crate::mesh::codec::colour_groups;
 use crate::mesh::face_properties::{
@@ -46,9 +47,15 @@ pub fn survey_faces(source: &MeshSource, options: &SurveyOptions) -> Result<Face
         FaceProperty { property, how, constant, reason }
     };
     // The number of an image goes with the texture, whatever becomes of the rest.
-    let is_image = |p: &Property| p.name == "texnumber" && source.has_corner_texture();
-    let is_dropped = |p: &Property| if is_image(p) { !texture } else { options.drop_properties };
-    let why = |p: &Property| if is_image(p) { "goes with the texture" } else { "as asked" };
+    let has_images = source.has_corner_texture();
+    let is_image = |p: &Property| p.name == NUMBER && (has_images || source.materials().is_some());
+    let goes_with_texture = |p: &Property| has_images && is_image(p);
+    let is_dropped = |p: &Property| match goes_with_texture(p) {
+        true => !texture,
+        false => options.drop_properties,
+    };
+    let why =
+        |p: &Property| if goes_with_texture(p) { "goes with the texture" } else { "as asked" };
     if properties.iter().all(is_dropped) {
         let dropped = properties.iter().map(|p| with(FacePolicy::Dropped, p, &[], why(p)));
         return Ok(carry(dropped.collect()));

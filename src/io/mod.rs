@@ -3,14 +3,17 @@
 //! In: STL, OBJ, gzip, zstd, standard input (`open`). Out: PLY in any encoding, STL, OBJ, GLB (`sink`).
 //! The rest of the program sees a `MeshSource` and a `MeshSink`.
 
+mod by_material;
 mod duplicates;
 mod expected_size;
 mod external_sort;
 mod face_survey;
-mod glb;
+mod gltf;
+pub mod materials;
 mod obj;
 mod open;
 mod open_options;
+mod output_format;
 pub mod ply;
 mod sink;
 mod stl;
@@ -21,9 +24,12 @@ pub use duplicates::{DuplicateFinder, Duplicates};
 pub(crate) use expected_size::{Expected, expected_bytes};
 pub(crate) use external_sort::{ExternalSort, halves, whole};
 pub use face_survey::{SurveyOptions, survey_faces};
-pub use glb::GlbWriter;
+pub use gltf::GlbWriter;
+pub(crate) use materials::NUMBER;
+pub use materials::{TextureMode, TexturePlan, TextureRequest};
 pub use obj::ObjWriter;
 pub use open_options::StageOptions;
-pub use sink::{MeshSink, OutputFormat, OutputKind};
+pub use output_format::{OutputFormat, OutputKind};
+pub use sink::MeshSink;
 pub use stl::StlWriter;
 pub use wedges::faces_to_vertices;

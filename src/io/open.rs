@@ -1,11 +1,11 @@
-//! Inputs that cannot be read at random are turned into PLY first: compressed files, standard input, STL
-//! and OBJ.
+//! Inputs that cannot be read at random are turned into PLY first: compressed files, standard input, STL,
+//! OBJ and glTF.
 //!
 //! What an input is, its first bytes say, not its name. Staged data goes to nameless files in the given
 //! folder, so that nothing is left behind however a run ends; a resumed run stages again.
 
 use super::open_options::StageOptions;
-use super::{obj, stl};
+use super::{gltf, obj, stl};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::ply::raw::{RawFile, Spool};
@@ -32,7 +32,7 @@ impl Packing {
 }
 
 impl MeshSource {
-    /// Opens any input: PLY, STL or OBJ, gzip or zstd compressed or not, `-` for standard input.
+    /// Opens any input: PLY, STL, OBJ, GLB or glTF, gzip or zstd compressed or not, `-` for standard input.
     ///
     /// A plain PLY file is opened where it is, like `open_with`; everything else is staged first.
     pub fn open_staged(path: &Path, options: &StageOptions) -> Result<Self> {
@@ -80,7 +80,9 @@ fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
     if first.starts_with(b"ply") && first.get(3).is_none_or(u8::is_ascii_whitespace) {
         return MeshSource::new(file, read);
     }
-    let (file, staged) = if named("obj") || (!named("stl") && obj::looks_like(first)) {
+    let (file, staged) = if gltf::looks_like(first) {
+        gltf::read(file, options)?
+    } else if named("obj") || (!named("stl") && obj::looks_like(first)) {
         obj::read(&file, options)?
     } else if stl::is_ascii(first) && !stl::is_binary(first, file.len()) {
         stl::read_ascii(&file, options)?
@@ -88,8 +90,8 @@ fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
         stl::read_binary(&file, options)?
     } else {
         return Err(file.bad(
-            "this is neither PLY, STL nor OBJ (also gzip or zstd compressed); convert it to one of \
-             them first",
+            "this is neither PLY, STL, OBJ nor glTF (also gzip or zstd compressed); convert it to one \
+             of them first",
         ));
     };
     MeshSource::from_staged(file, read, staged)

@@ -129,7 +129,7 @@ fn split<const N: usize>(
     let vertices = writer.out;
 
     let header = OutputHeader {
-        comments: source.comments().to_vec(),
+        comments: source.plain_comments(),
         obj_infos: source.obj_infos().to_vec(),
         ..OutputHeader::new(staged_schema(source.schema(), &carry), n_vertices, n_faces)
     };
@@ -169,7 +169,8 @@ fn split<const N: usize>(
     })?;
     out.write(&row)?;
     let bad_faces = source.faults().bad_faces + n_bad;
-    let staged = Staged { bad_faces, faces: Some(carry), ..Staged::default() };
+    let materials = source.materials().cloned();
+    let staged = Staged { bad_faces, faces: Some(carry), materials, ..Staged::default() };
     let mut read = options.read.clone();
     read.temp_dir = Some(options.temp_dir.clone());
     MeshSource::from_staged(out.finish(&path)?, read, staged)

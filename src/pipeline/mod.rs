@@ -25,7 +25,7 @@ use crate::system::disk::Disk;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
 pub use prepare::{Prepared, has_begun_to_write, prepare};
-use run_report::RunReport;
+use run_report::{RunReport, TextureReport};
 use source_facts::faults;
 use stage_runner::Stages;
 use std::time::Instant;
@@ -56,7 +56,7 @@ fn run_stages(
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
     let started = Instant::now();
-    let Prepared { source, plan, marks } = prepared;
+    let Prepared { source, plan, textures, marks } = prepared;
     // With more memory, what the allocator keeps back does no harm.
     if config.memory_bytes < 2 * plan.needed_memory_bytes {
         crate::system::memory::keep_nothing_back();
@@ -144,9 +144,11 @@ fn run_stages(
     if config.until == Some(Until::Stitch) {
         return Ok(None);
     }
-    let written = stages.write(&source, &result)?;
+    let of_textures = textures.as_ref().map(TextureReport::of);
+    let written = stages.write(&source, textures, &result)?;
 
     let mut report = stages.report(&source, config, &partition, written, started);
+    report.textures = of_textures;
     report.input.faults = faults(&source, &partition, dropped.unwrap_or(result.statistics.dropped));
     report.components = components.map(|found| found.sizes);
     if config.verify {

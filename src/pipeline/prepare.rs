@@ -5,7 +5,10 @@ use super::verify;
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::io::ply::{MeshSource, ReadOptions};
-use crate::io::{OutputKind, StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
+use crate::io::{
+    OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest, faces_to_vertices,
+    survey_faces,
+};
 use crate::stages::write::REACH;
 use crate::store::job;
 use crate::store::job::fingerprint::{input_marks, unchanged};
@@ -23,6 +26,8 @@ pub struct Prepared {
     pub source: MeshSource,
     /// Plan of the run: work, memory, disk.
     pub plan: Plan,
+    /// Materials and images of the output, if it has any.
+    pub textures: Option<TexturePlan>,
     /// Fingerprint of the input, taken before it was opened.
     pub marks: BTreeMap<String, String>,
 }
@@ -56,9 +61,27 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     config.attributes.weights.check(&codec.channel_kinds(source.schema()))?;
     check_error_field(&source, config)?;
-    let plan = Plan::new(&source, config)?;
+    let mut plan = Plan::new(&source, config)?;
+    let textures = plan_textures(&source, config)?;
+    plan.add_output_bytes(textures.as_ref().map_or(0, |textures| textures.bytes));
     plan.check_disk(config)?;
-    Ok(Prepared { source, plan, marks })
+    Ok(Prepared { source, plan, textures, marks })
+}
+
+/// Looks at every image and decides what becomes of it.
+fn plan_textures(source: &MeshSource, config: &Config) -> Result<Option<TexturePlan>> {
+    let is_given_up = config.drop_texture
+        && source
+            .carried()
+            .is_none_or(|carry| !carry.written().any(|p| p.property.name == crate::io::NUMBER));
+    let Some(materials) = source.materials().filter(|_| !is_given_up) else { return Ok(None) };
+    let request = TextureRequest {
+        output: &config.textures_beside,
+        kind: config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?,
+        mode: config.textures,
+        force: config.force,
+    };
+    TexturePlan::new(materials.clone(), &request).map(Some)
 }
 
 /// Refuses a distance with every vertex where it has no place.

@@ -3,8 +3,8 @@
 //! docs/report.md describes every key, docs/report.schema.json says the same for machines, and tests/report_schema.rs holds
 //! real reports against both.
 
-use crate::io::OutputKind;
 use crate::io::ply::type_name;
+use crate::io::{NUMBER, OutputKind, TexturePlan};
 use crate::mesh::face_properties::{FacePolicy, FacePropertyPlan};
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
 use serde::{Deserialize, Serialize};
@@ -125,14 +125,14 @@ pub struct FaceReport {
 }
 
 impl FaceReport {
-    /// Lists everything that faces carried but texture, for an output of this kind.
-    pub fn list(carry: &FacePropertyPlan, kind: OutputKind) -> Vec<FaceReport> {
+    /// Lists everything that faces carried but texture, for an output of this kind with this number of materials.
+    pub fn list(carry: &FacePropertyPlan, kind: OutputKind, n_materials: usize) -> Vec<FaceReport> {
         let properties = carry.properties.iter().map(|p| {
             let name = p.property.name.clone();
             let reason = match kind {
                 _ if p.how == FacePolicy::Dropped => Some(p.reason),
                 OutputKind::Ply => None,
-                OutputKind::Obj if name == "texnumber" => None,
+                OutputKind::Obj | OutputKind::Glb if name == NUMBER && n_materials > 0 => None,
                 _ => Some("the output's format has no place for it"),
             };
             let carried = if reason.is_some() { FacePolicy::Dropped } else { p.how };
@@ -146,6 +146,34 @@ impl FaceReport {
             reason: Some("neither corners nor texture coordinates with an image".to_owned()),
         });
         properties.chain(lists).collect()
+    }
+}
+
+/// Materials and images of the output.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TextureReport {
+    /// Materials.
+    pub materials: u64,
+    /// Images that they name.
+    pub images: u64,
+    /// Images that are not there or cannot be read.
+    pub missing: u64,
+    /// Bytes of images that were copied beside the output or embedded.
+    pub bytes: u64,
+    /// Missing, damaged and lost parts, a line each.
+    pub notes: Vec<String>,
+}
+
+impl TextureReport {
+    /// The report of a plan.
+    pub fn of(plan: &TexturePlan) -> TextureReport {
+        TextureReport {
+            materials: plan.materials.list.len() as u64,
+            images: plan.materials.images.len() as u64,
+            missing: plan.n_missing as u64,
+            bytes: plan.bytes,
+            notes: plan.notes.clone(),
+        }
     }
 }
 
@@ -197,6 +225,9 @@ pub struct RunReport {
     /// Fate of the scalar properties and lists of faces.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub face_properties: Vec<FaceReport>,
+    /// Materials and images; absent where the input has none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub textures: Option<TextureReport>,
     /// Triangles wanted; with `--max-error` those of the output.
     pub target: u64,
     /// True if the output has at most `target` triangles; with `--max-error`, if the bound is kept.

@@ -9,7 +9,7 @@ use super::source_facts::{confined, region};
 use crate::config::{Config, Target};
 use crate::error::Result;
 use crate::io::ply::{MeshSource, OutputHeader, Place};
-use crate::io::{OutputFormat, OutputKind};
+use crate::io::{OutputFormat, OutputKind, TexturePlan};
 use crate::kernel;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::run_report::{
@@ -373,25 +373,25 @@ impl<'a> Stages<'a> {
         }
     }
 
-    pub(super) fn write(&mut self, source: &MeshSource, result: &SurvivorInfo) -> Result<Written> {
+    pub(super) fn write(
+        &mut self,
+        source: &MeshSource,
+        textures: Option<TexturePlan>,
+        result: &SurvivorInfo,
+    ) -> Result<Written> {
+        let settings = self.config.settings().into_iter();
         let header = OutputHeader {
-            comments: source.comments().to_vec(),
+            comments: source.plain_comments(),
             obj_infos: source.obj_infos().to_vec(),
-            settings: self
-                .config
-                .settings()
-                .iter()
-                .map(|(k, v)| format!("{k}={v}"))
-                .collect::<Vec<_>>()
-                .join(" "),
+            settings: settings.map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" "),
+            textures,
+            sort_memory_bytes: write::sort_memory_bytes(&self.run),
             ..OutputHeader::new(source.schema().clone(), 0, 0)
         };
         let pack = self.survivors(result.clone())?;
-        let place = Place {
-            path: self.config.output.clone(),
-            disk: self.run.disk().clone(),
-            replace: self.config.force,
-        };
+        let (path, disk, replace) =
+            (self.config.output.clone(), self.run.disk().clone(), self.config.force);
+        let place = Place { path, disk, replace };
         if self.run.job.outcome::<()>(WRITING)?.is_none() {
             self.run.job.record(WRITING, &())?;
         }
@@ -437,6 +437,7 @@ impl<'a> Stages<'a> {
         let met = self.is_bound_only || written.triangles <= self.target;
         let has_seams = self.layout.codec.has_seams(source.schema());
         let quality = self.quality.judge(source.n_triangles());
+        let n_materials = source.materials().map_or(0, |materials| materials.list.len());
         RunReport {
             schema_version: SCHEMA_VERSION,
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -474,7 +475,7 @@ impl<'a> Stages<'a> {
             },
             components: None,
             face_properties: match (source.carried(), self.kind()) {
-                (Some(carry), Ok(kind)) => FaceReport::list(carry, kind),
+                (Some(carry), Ok(kind)) => FaceReport::list(carry, kind, n_materials),
                 _ => Vec::new(),
             },
             target: if self.is_bound_only { written.triangles } else { self.target },
@@ -483,14 +484,13 @@ impl<'a> Stages<'a> {
                 true => StopReason::WithinBound.to_string(),
                 false => StopReason::of(met, quality.bearable).to_string(),
             },
-            measured: None,
-            hausdorff: None,
             stages: self.reports.clone(),
             max_error: self.config.kernel.bound.map(|bound| BoundReport {
                 bound: bound.distance,
                 tracked_max: Some(self.reach),
                 ..BoundReport::default()
             }),
+            ..RunReport::default()
         }
     }
 }

@@ -30,7 +30,7 @@ pub fn refuse_unreadable(config: &Config) -> Result<()> {
     } else if config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?
         == OutputKind::Glb
     {
-        "GLB is not read by stonecut, and rounds positions; write a PLY and convert it"
+        "GLB rounds positions; write a PLY and convert it"
     } else {
         return Ok(());
     };

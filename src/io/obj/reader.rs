@@ -3,15 +3,16 @@
 //! Takes vertices, their colours, polygons, texture coordinates at corners and which material a face has
 //! (`texture`); corner normals, groups, lines and points have no place in a simplified mesh.
 
-use super::texture::{Materials, TexturedFaces};
+use super::texture::{NO_MATERIAL, Named, TexturedFaces};
 use crate::error::Result;
+use crate::io::materials::Image;
 use crate::io::open_options::StageOptions;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::ply::rows::MAX_CORNERS;
 use crate::io::ply::source::{Staged, TextureInfo};
 use crate::io::text_lines::{Lines, parse_number, words};
 use crate::mesh::property::Scalar;
-use std::path::Path;
+use std::sync::Arc;
 
 /// Returns whether text begins like an OBJ file: its first word outside of comments is one of OBJ's.
 pub(crate) fn looks_like(first: &[u8]) -> bool {
@@ -35,7 +36,7 @@ struct Summary {
     least: [f64; 3],
     most: [f64; 3],
     textured: bool,
-    materials: Materials,
+    materials: Named,
     comments: Vec<String>,
 }
 
@@ -73,6 +74,11 @@ impl Summary {
             }
         }
         Ok(summary)
+    }
+
+    /// Returns whether faces get the number of their material.
+    fn has_numbers(&self) -> bool {
+        self.textured || self.materials.has_any()
     }
 
     /// Floats keep 24 bits of the distance from the origin. They do unless the mesh lies so far from it
@@ -126,10 +132,21 @@ fn corner(word: &[u8], n_so_far: u64, n_vertices: u64) -> Option<u64> {
 pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
     let summary = Summary::read(file)?;
     let mut staged = Staged::default();
+    let materials = Arc::new(summary.materials.describe(file.path()));
     if summary.textured {
-        let (files, property) = (summary.materials.images(file.path()), "texcoord".to_owned());
-        staged.texture = Some(TextureInfo { files, property });
+        let name = |image: &Image| image.name.clone();
+        let mut files: Vec<String> = materials.images.iter().map(name).collect();
+        if files.is_empty() {
+            // Coordinates are worth as much as an image that is not known.
+            files.extend(materials.list.iter().map(|material| material.name.clone()));
+            files.extend(summary.materials.library().map(str::to_owned));
+        }
+        staged.texture = Some(TextureInfo { files, property: "texcoord".to_owned() });
     }
+    if summary.has_numbers() || !materials.notes.is_empty() {
+        staged.materials = Some(materials);
+    }
+    let mut material = NO_MATERIAL;
     let mut texture = summary.textured.then(|| TexturedFaces::new(options));
     let coordinate = summary.coordinate();
     let coloured = summary.n_vertices > 0 && summary.n_coloured == summary.n_vertices;
@@ -171,12 +188,16 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
                 }
             }
             Some(b"usemtl") => {
+                material = summary.materials.number(&line);
                 if let Some(texture) = &mut texture {
-                    texture.image = summary.materials.number(&line);
+                    texture.image = material;
                 }
             }
             Some(b"f") => match face(words.clone(), n_vertices, summary.n_vertices, &mut row) {
                 Ok(()) => {
+                    if summary.has_numbers() && texture.is_none() {
+                        row.extend_from_slice(&material.to_le_bytes());
+                    }
                     faces.write(&row)?;
                     if let Some(texture) = &mut texture {
                         texture.add_face(words)?;
@@ -193,7 +214,7 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
             _ => {}
         }
     }
-    let header = header(&summary, file.path(), coordinate, coloured, n_faces);
+    let header = header(&summary, coordinate, coloured, n_faces);
     let vertices = vertices.finish(file.path())?;
     let mut faces = faces.finish(file.path())?;
     if let Some(texture) = texture {
@@ -248,16 +269,9 @@ fn wide(n_vertices: u64) -> bool {
     n_vertices > 1 << 32
 }
 
-fn header(
-    summary: &Summary,
-    path: &Path,
-    coordinate: Scalar,
-    coloured: bool,
-    n_faces: u64,
-) -> String {
+fn header(summary: &Summary, coordinate: Scalar, coloured: bool, n_faces: u64) -> String {
     let mut text = "ply\nformat binary_little_endian 1.0\n".to_owned();
-    let materials = if summary.textured { summary.materials.comments(path) } else { Vec::new() };
-    for comment in summary.comments.iter().chain(&materials) {
+    for comment in &summary.comments {
         text.push_str(&format!("comment {}\n", comment.replace(['\n', '\r'], " ")));
     }
     text.push_str(&format!("element vertex {}\n", summary.n_vertices));
@@ -271,7 +285,10 @@ fn header(
     let index = if wide(summary.n_vertices) { "uint64" } else { "uint" };
     text.push_str(&format!("element face {n_faces}\nproperty list uint {index} vertex_indices\n"));
     if summary.textured {
-        text.push_str("property list uint float texcoord\nproperty int texnumber\n");
+        text.push_str("property list uint float texcoord\n");
+    }
+    if summary.has_numbers() {
+        text.push_str("property int texnumber\n");
     }
     text.push_str("end_header\n");
     text

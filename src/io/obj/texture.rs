@@ -1,96 +1,130 @@
 //! Texture of OBJ files: coordinates that corners name by number, and the materials of faces.
 //!
 //! Coordinates may stand anywhere in the file, so corners find theirs by two sorts on disk: by the number
-//! they name, and back by corner. A material becomes the number of an image; its name, its library and its
-//! image (if the library lies beside the file) become comments, which the writer of OBJ turns back.
+//! they name, and back by corner. Materials are described by the libraries beside the file (`io::materials`).
 
 use crate::error::{Error, Result};
 use crate::io::external_sort::{ExternalSort, halves, whole};
+use crate::io::materials::{Material, Materials, after_word, read_library};
 use crate::io::open_options::StageOptions;
 use crate::io::ply::raw::{RawFile, Spool};
-use crate::io::text_lines::{parse_number, words};
-use std::collections::BTreeMap;
-use std::path::Path;
+use crate::io::text_lines::parse_number;
+use crate::system::disk::folder_of;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
 
-/// Materials beyond this many are one.
+/// Materials beyond this many are none.
 const MAX_MATERIALS: usize = 65_536;
+
+/// Libraries beyond this many are not looked at.
+const MAX_LIBRARIES: usize = 1000;
+
+/// The number of a face without a material.
+pub(super) const NO_MATERIAL: i32 = -1;
 
 /// A longer library of materials is none.
 const MAX_LIBRARY_BYTES: u64 = 64 << 20;
 
 /// Names of materials and of the libraries that describe them, in the order of the file.
 #[derive(Default)]
-pub(super) struct Materials {
+pub(super) struct Named {
     libraries: Vec<String>,
     names: Vec<String>,
-    numbers: BTreeMap<String, i32>,
+    numbers: HashMap<String, usize>,
+    has_too_many: bool,
 }
 
-impl Materials {
+impl Named {
     /// Takes a line `mtllib` or `usemtl`.
     pub(super) fn learn(&mut self, word: &[u8], line: &[u8]) {
-        let name = after(word.len(), line);
+        let name = after_word(word.len(), line);
         match word {
-            b"mtllib" if self.libraries.len() < MAX_MATERIALS => self.libraries.push(name),
-            b"usemtl" if self.names.len() < MAX_MATERIALS && !self.numbers.contains_key(&name) => {
-                self.numbers.insert(name.clone(), self.names.len() as i32);
-                self.names.push(name);
+            b"mtllib" if self.libraries.len() < MAX_LIBRARIES => {
+                if !self.libraries.contains(&name) {
+                    self.libraries.push(name);
+                }
+            }
+            b"usemtl" if !self.numbers.contains_key(&name) => {
+                if self.names.len() < MAX_MATERIALS {
+                    self.numbers.insert(name.clone(), self.names.len());
+                    self.names.push(name);
+                } else {
+                    self.has_too_many = true;
+                }
             }
             _ => {}
         }
     }
 
-    /// The number of the material that a line `usemtl` names.
-    pub(super) fn number(&self, line: &[u8]) -> i32 {
-        self.numbers.get(&after(6, line)).copied().unwrap_or(0)
+    /// The first library.
+    pub(super) fn library(&self) -> Option<&str> {
+        self.libraries.first().map(String::as_str)
     }
 
-    /// The image of each material; the material's name where the library does not say. Without materials,
-    /// the libraries.
-    pub(super) fn images(&self, obj: &Path) -> Vec<String> {
-        if self.names.is_empty() {
-            return self.libraries.clone();
-        }
-        let mut known = BTreeMap::new();
-        for library in &self.libraries {
-            let path = obj.with_file_name(library);
-            let short =
-                std::fs::metadata(&path).is_ok_and(|m| m.is_file() && m.len() <= MAX_LIBRARY_BYTES);
-            // A library that is not there only leaves the images without names.
-            let Some(text) = short.then(|| std::fs::read(&path).ok()).flatten() else { continue };
-            let mut material = String::new();
-            for line in text.split(|b| matches!(b, b'\n' | b'\r')) {
-                match words(line).next() {
-                    Some(b"newmtl") => material = after(6, line),
-                    // Options stand before the name.
-                    Some(b"map_Kd") => {
-                        if let Some(name) = words(line).last() {
-                            let name = String::from_utf8_lossy(name).into_owned();
-                            known.entry(material.clone()).or_insert(name);
-                        }
-                    }
-                    _ => {}
-                }
+    /// Returns whether faces have materials.
+    pub(super) fn has_any(&self) -> bool {
+        !self.names.is_empty()
+    }
+
+    /// The number of the material that a line `usemtl` names; -1 for none.
+    pub(super) fn number(&self, line: &[u8]) -> i32 {
+        self.numbers.get(&after_word(6, line)).map_or(NO_MATERIAL, |&number| number as i32)
+    }
+
+    /// The materials, as the libraries beside the file describe them.
+    pub(super) fn describe(&self, obj: &Path) -> Materials {
+        let material = |name: &String| Material { name: name.clone(), ..Material::default() };
+        let list: Vec<Material> = self.names.iter().map(material).collect();
+        let mut out = Materials::default();
+        out.list = list;
+        let mut known = vec![false; self.names.len()];
+        for name in &self.libraries {
+            let path = |name: &str| obj.with_file_name(name.replace('\\', "/"));
+            // One name with blanks, or several names.
+            let whole = path(name);
+            let paths: Vec<PathBuf> = match whole.is_file() {
+                true => vec![whole],
+                false => name.split_whitespace().map(path).collect(),
+            };
+            for path in paths {
+                self.read(&path, obj, &mut known, &mut out);
             }
         }
-        let image = |name: &String| known.get(name).unwrap_or(name).clone();
-        self.names.iter().map(image).collect()
+        let n_unknown = known.iter().filter(|known| !**known).count();
+        if n_unknown > 0 {
+            out.note(format!("{n_unknown} materials are in no library: kept by name, white"));
+        }
+        if self.has_too_many {
+            out.note(format!("faces of all materials beyond {MAX_MATERIALS} have none"));
+        }
+        if self.names.is_empty() && !self.libraries.is_empty() {
+            out.note(format!("no face names a material of '{}': left out", self.libraries[0]));
+        }
+        out.name_all();
+        out
     }
 
-    /// Returns the comments that a header keeps of them.
-    pub(super) fn comments(&self, obj: &Path) -> Vec<String> {
-        let libraries = self.libraries.iter().map(|name| format!("mtllib {name}"));
-        let names = self.names.iter().map(|name| format!("usemtl {name}"));
-        let n_images = if self.names.is_empty() { 0 } else { usize::MAX };
-        let images = self.images(obj).into_iter().take(n_images);
-        libraries.chain(names).chain(images.map(|name| format!("TextureFile {name}"))).collect()
+    fn read(&self, path: &Path, obj: &Path, known: &mut [bool], out: &mut Materials) {
+        let shown = path.display();
+        let text = match std::fs::metadata(path) {
+            Ok(meta) if meta.is_file() && meta.len() <= MAX_LIBRARY_BYTES => std::fs::read(path),
+            Ok(meta) if meta.is_file() => {
+                let limit = MAX_LIBRARY_BYTES >> 20;
+                return out
+                    .note(format!("material library {shown} is larger than {limit} MiB: ignored"));
+            }
+            Ok(_) => return out.note(format!("material library {shown} is not a file")),
+            Err(_) => return out.note(format!("material library {shown} is not there")),
+        };
+        match text {
+            Ok(text) => {
+                let folders = (folder_of(path), folder_of(obj));
+                read_library(&text, folders, &self.numbers, known, out);
+                out.libraries.push(path.to_path_buf());
+            }
+            Err(error) => out.note(format!("material library {shown} cannot be read: {error}")),
+        }
     }
-}
-
-/// Returns the text after a line's first word of `n` bytes.
-fn after(n: usize, line: &[u8]) -> String {
-    let name = line.trim_ascii().get(n..).unwrap_or_default().trim_ascii();
-    String::from_utf8_lossy(name).into_owned()
 }
 
 /// Coordinates and corners on their way to each other.
@@ -117,7 +151,7 @@ impl<'a> TexturedFaces<'a> {
         let memory_bytes = (options.memory_bytes / 3) as usize;
         TexturedFaces {
             options,
-            image: 0,
+            image: NO_MATERIAL,
             coordinates: Spool::new(&options.temp_dir),
             n_coordinates: 0,
             images: Spool::new(&options.temp_dir),

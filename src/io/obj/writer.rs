@@ -1,13 +1,17 @@
 //! OBJ out: text with positions, colours as MeshLab and Blender read them, normals and texture coordinates.
 //!
-//! Materials are named as the comments of an OBJ input name them (`texture`); libraries are not written.
+//! Faces are grouped by material: with more than one, they are sorted before they are written. The library beside
+//! the file is written by `io::materials`.
 
 use crate::error::Result;
+use crate::io::by_material::{ByMaterial, MaterialOf};
+use crate::io::materials::TexturePlan;
 use crate::io::ply::writer::Shortest;
 use crate::io::ply::{OutputHeader, TexturedTriangle};
 use crate::mesh::codec::TEXTURE_NAMES;
 use crate::mesh::property::{Scalar, read_scalar};
 use crate::mesh::record::VertexSchema;
+use crate::system::disk::folder_of;
 use crate::system::pending_file::{PendingFile, Place};
 use std::collections::HashMap;
 use std::io::Write;
@@ -25,15 +29,25 @@ pub struct ObjWriter {
     texture: Option<[(Scalar, usize); 2]>,
     /// True if each corner has its own coordinates.
     corner_texture: bool,
-    /// Names of materials by number; faces have one if there are any.
-    materials: Vec<String>,
-    /// Type and place of the number of an image among a face's values, and bytes of all of them.
-    image_at: Option<(Scalar, usize)>,
-    value_bytes: usize,
-    image: Option<i32>,
+    material_of: MaterialOf,
+    /// Names of materials by number.
+    names: Vec<String>,
+    /// Faces on their way into order, if there are several materials.
+    sort: Option<ByMaterial>,
+    chunk: Chunk,
     n_coordinates: u64,
     vertices_left: u64,
     faces_left: u64,
+}
+
+/// Rows of faces that are written together, behind the coordinates that they name.
+#[derive(Default)]
+struct Chunk {
+    n_faces: usize,
+    coordinates: Vec<u8>,
+    faces: Vec<u8>,
+    known: HashMap<[u32; 2], u64>,
+    material: Option<u32>,
 }
 
 /// Type and place in the record of a property.
@@ -74,33 +88,28 @@ pub(crate) fn unit_colour(scalar: Scalar, record: &[u8], at: usize) -> f64 {
 impl ObjWriter {
     /// Creates the output and writes the comments.
     pub fn create(place: impl Into<Place>, header: OutputHeader) -> Result<Self> {
+        let place = place.into();
+        let folder = folder_of(&place.path).to_path_buf();
         let mut out = PendingFile::create(place)?;
-        let mut materials = Vec::new();
         for line in header.comments.iter().chain(&header.obj_infos) {
             let line = line.replace(['\n', '\r'], " ");
-            if let Some(name) = line.strip_prefix("usemtl ") {
-                materials.push(name.to_owned());
-            } else if line.starts_with("mtllib ") {
-                out.write(format!("{line}\n").as_bytes())?;
-            } else {
-                out.write(format!("# {line}\n").as_bytes())?;
-            }
+            out.write(format!("# {line}\n").as_bytes())?;
         }
         let own = format!("# stonecut {} {}", env!("CARGO_PKG_VERSION"), header.settings);
         out.write(format!("{}\n", own.trim_end().replace(['\n', '\r'], " ")).as_bytes())?;
+        let plan = header.textures.as_ref();
+        if let Some(library) = plan.and_then(TexturePlan::library_name) {
+            out.write(format!("mtllib {library}\n").as_bytes())?;
+        }
+        let names = plan.map_or_else(Vec::new, |plan| {
+            plan.materials.list.iter().map(|material| material.name.clone()).collect()
+        });
+        let has_many = plan.is_some_and(TexturePlan::has_many);
+        let material_of = MaterialOf::new(&header.faces, plan);
+        let sort = has_many.then(|| ByMaterial::new(&folder, &header)).transpose()?;
+        let corner_texture = header.faces.texture;
         let schema = header.schema;
         let (colour, normal) = (find_colour(&schema), find3(&schema, ["nx", "ny", "nz"]));
-        let faces = &header.faces;
-        let number = faces.properties.iter().position(|p| p.name == "texnumber");
-        let image_at = number.map(|i| {
-            let before = faces.properties[..i].iter().map(|p| p.scalar.bytes()).sum();
-            (faces.properties[i].scalar, before)
-        });
-        let (corner_texture, value_bytes) = (faces.texture, faces.value_bytes());
-        if image_at.is_some() && materials.is_empty() {
-            let files = header.comments.iter().filter_map(|c| c.strip_prefix("TextureFile "));
-            materials.extend(files.map(|name| name.trim().to_owned()));
-        }
         let texture = find_texture(&schema).filter(|_| !corner_texture);
         Ok(ObjWriter {
             out,
@@ -109,10 +118,10 @@ impl ObjWriter {
             normal,
             texture,
             corner_texture,
-            materials,
-            image_at,
-            value_bytes,
-            image: None,
+            material_of,
+            names,
+            sort,
+            chunk: Chunk::default(),
             n_coordinates: 0,
             vertices_left: header.n_vertices,
             faces_left: header.n_faces,
@@ -164,88 +173,94 @@ impl ObjWriter {
 
     /// Appends triangles; all vertices must have been written.
     pub fn write_faces(&mut self, triangles: &[[u64; 3]]) -> Result<()> {
-        for chunk in triangles.chunks(CHUNK) {
-            let mut rows = Vec::new();
-            self.promise(chunk.len());
-            chunk.iter().for_each(|&triangle| self.put_face(triangle, &mut rows));
-            self.out.write(&rows)?;
-        }
-        Ok(())
+        let material = self.material_of.find_without_values();
+        triangles.iter().try_for_each(|&corners| {
+            self.take(material, &TexturedTriangle { corners, ..TexturedTriangle::default() })
+        })
     }
 
-    fn promise(&mut self, n: usize) {
-        self.faces_left =
-            self.faces_left.checked_sub(n as u64).expect("no more faces than promised");
-    }
-
-    /// A face whose corners have no data besides the vertex.
-    fn put_face(&self, triangle: [u64; 3], rows: &mut Vec<u8>) {
-        let [a, b, c] = triangle.map(|v| v + 1);
-        // Writing into memory cannot fail.
-        let _ = match (self.texture, self.normal) {
-            (Some(_), Some(_)) => writeln!(rows, "f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}"),
-            (Some(_), None) => writeln!(rows, "f {a}/{a} {b}/{b} {c}/{c}"),
-            (None, Some(_)) => writeln!(rows, "f {a}//{a} {b}//{b} {c}//{c}"),
-            (None, None) => writeln!(rows, "f {a} {b} {c}"),
-        };
-    }
-
-    /// Appends triangles with texture coordinates at their corners, which stand before them, and the names of
-    /// their materials; all vertices must have been written. Coordinates that are the same within 65,536
-    /// triangles are written once.
+    /// Appends triangles with texture coordinates at their corners, which stand before them, and materials; all
+    /// vertices must have been written. Coordinates that are the same within 65,536 triangles are written once.
     pub fn write_full_faces(
         &mut self,
         triangles: &[TexturedTriangle],
         values: &[u8],
     ) -> Result<()> {
-        self.promise(triangles.len());
-        for (start, chunk) in triangles.chunks(CHUNK).enumerate() {
-            let (mut coordinates, mut faces) = (Vec::new(), Vec::new());
-            let mut known = HashMap::new();
-            for (i, triangle) in chunk.iter().enumerate() {
-                let own = (start * CHUNK + i) * self.value_bytes;
-                let image = match self.image_at {
-                    // A number beyond the type's names no image, as one beyond the images does.
-                    Some((scalar, at)) => Some(read_scalar(scalar, &values[own..], at) as i32),
-                    None => self.corner_texture.then_some(0),
-                };
-                if self.image != image {
-                    self.image = image;
-                    let name = image.and_then(|image| usize::try_from(image).ok());
-                    if let Some(name) = name.and_then(|number| self.materials.get(number)) {
-                        let _ = writeln!(faces, "usemtl {name}");
-                    }
-                }
-                if !self.corner_texture {
-                    self.put_face(triangle.corners, &mut faces);
-                    continue;
-                }
-                faces.push(b'f');
-                for (corner, uv) in triangle.corners.iter().zip(triangle.texture) {
-                    let next = self.n_coordinates + 1;
-                    let number = *known.entry(uv.map(f32::to_bits)).or_insert(next);
-                    if number == next {
-                        self.n_coordinates = next;
-                        let [u, v] = uv.map(Shortest);
-                        let _ = writeln!(coordinates, "vt {u} {v}");
-                    }
-                    let v = corner + 1;
-                    let _ = match self.normal {
-                        Some(_) => write!(faces, " {v}/{number}/{v}"),
-                        None => write!(faces, " {v}/{number}"),
-                    };
-                }
-                faces.push(b'\n');
-            }
-            self.out.write(&coordinates)?;
-            self.out.write(&faces)?;
+        for (i, triangle) in triangles.iter().enumerate() {
+            let material = self.material_of.find(values, i);
+            self.take(material, triangle)?;
         }
         Ok(())
     }
 
+    fn take(&mut self, material: Option<u32>, triangle: &TexturedTriangle) -> Result<()> {
+        self.faces_left = self.faces_left.checked_sub(1).expect("no more faces than promised");
+        match &mut self.sort {
+            Some(sort) => sort.push(material, triangle),
+            None => self.put(material, triangle),
+        }
+    }
+
+    /// Puts a face into the chunk, with the name of its material where that changes.
+    fn put(&mut self, material: Option<u32>, triangle: &TexturedTriangle) -> Result<()> {
+        let chunk = &mut self.chunk;
+        if chunk.material != material {
+            chunk.material = material;
+            let name = material.and_then(|number| self.names.get(number as usize));
+            // No line of OBJ ends a material, so a face without one after others names one that is not there.
+            // Writing into memory cannot fail.
+            let _ = writeln!(chunk.faces, "usemtl {}", name.map_or("none", String::as_str));
+        }
+        if self.corner_texture {
+            chunk.faces.push(b'f');
+            for (corner, uv) in triangle.corners.iter().zip(triangle.texture) {
+                let uv = uv.map(|x| if x.is_finite() { x } else { 0.0 });
+                let next = self.n_coordinates + 1;
+                let number = *chunk.known.entry(uv.map(f32::to_bits)).or_insert(next);
+                if number == next {
+                    self.n_coordinates = next;
+                    let [u, v] = uv.map(Shortest);
+                    let _ = writeln!(chunk.coordinates, "vt {u} {v}");
+                }
+                let v = corner + 1;
+                let _ = match self.normal {
+                    Some(_) => write!(chunk.faces, " {v}/{number}/{v}"),
+                    None => write!(chunk.faces, " {v}/{number}"),
+                };
+            }
+            chunk.faces.push(b'\n');
+        } else {
+            let [a, b, c] = triangle.corners.map(|v| v + 1);
+            let _ = match (self.texture, self.normal) {
+                (Some(_), Some(_)) => {
+                    writeln!(chunk.faces, "f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}")
+                }
+                (Some(_), None) => writeln!(chunk.faces, "f {a}/{a} {b}/{b} {c}/{c}"),
+                (None, Some(_)) => writeln!(chunk.faces, "f {a}//{a} {b}//{b} {c}//{c}"),
+                (None, None) => writeln!(chunk.faces, "f {a} {b} {c}"),
+            };
+        }
+        chunk.n_faces += 1;
+        if chunk.n_faces == CHUNK { self.flush() } else { Ok(()) }
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let chunk = &mut self.chunk;
+        self.out.write(&chunk.coordinates)?;
+        self.out.write(&chunk.faces)?;
+        (chunk.n_faces, chunk.known) = (0, HashMap::new());
+        chunk.coordinates.clear();
+        chunk.faces.clear();
+        Ok(())
+    }
+
     /// Syncs and renames; returns the file's length in bytes.
-    pub fn finish(self) -> Result<u64> {
+    pub fn finish(mut self) -> Result<u64> {
         assert!(self.vertices_left == 0 && self.faces_left == 0, "as many rows as promised");
+        if let Some(sort) = self.sort.take() {
+            sort.drain(|material, triangle| self.put(material, triangle))?;
+        }
+        self.flush()?;
         self.out.finish()
     }
 }

@@ -421,7 +421,7 @@ mod tests {
         let cases: [(&str, &str); 8] = [
             ("plx\n", "not a PLY file"),
             ("ply\nformat ascii 1.0\n", "end_header"),
-            ("ply\nend_header\n", "no 'format'"),
+            ("ply\nend_header\n", "'format' is missing"),
             ("ply\nformat foo 1.0\nend_header\n", "line 2"),
             ("ply\nformat ascii 1.0\nelement vertex -1\nend_header\n", "line 3"),
             ("ply\nformat ascii 1.0\nelement vertex 99999999999999999999\nend_header\n", "line 3"),

@@ -20,6 +20,7 @@ pub(crate) mod scan;
 mod skipped;
 pub(crate) mod source;
 mod strips;
+mod textures;
 mod vertex_blocks;
 pub(crate) mod writer;
 

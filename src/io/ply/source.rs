@@ -8,11 +8,13 @@ use super::header::{Element, Encoding, Header, Kind};
 use super::layout::{FaceLayout, Layout, locate};
 use super::raw::RawFile;
 use super::skipped::BadVertices;
+use super::textures;
 use crate::error::Result;
+use crate::io::materials::Materials;
 use crate::mesh::face_properties::FacePropertyPlan;
 use crate::mesh::record::VertexSchema;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock};
 
 /// Settings for reading a file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -69,6 +71,8 @@ pub(crate) struct Staged {
     pub texture: Option<TextureInfo>,
     /// Face properties, once surveyed (`io::survey_faces`).
     pub faces: Option<FacePropertyPlan>,
+    /// Materials of the faces, which the PLY does not name.
+    pub materials: Option<Arc<Materials>>,
 }
 
 impl MeshSource {
@@ -117,6 +121,7 @@ impl MeshSource {
             positions_lock: Mutex::new(()),
             staged: Staged::default(),
         };
+        source.staged.materials = textures::materials_of(&source.header, source.file.path());
         if source.options.skip_bad {
             source.bad_vertices = source.find_bad_vertices()?;
         }
@@ -146,6 +151,17 @@ impl MeshSource {
     /// The text of the header's `comment` lines, in order.
     pub fn comments(&self) -> &[String] {
         &self.header.comments
+    }
+
+    /// The same without those that name materials, which `materials` has.
+    pub fn plain_comments(&self) -> Vec<String> {
+        let plain = self.comments().iter().filter(|line| !textures::is_of_materials(line));
+        plain.cloned().collect()
+    }
+
+    /// Materials of the faces, by the number that a face has.
+    pub fn materials(&self) -> Option<&Arc<Materials>> {
+        self.staged.materials.as_ref()
     }
 
     /// The text of the header's `obj_info` lines, in order.

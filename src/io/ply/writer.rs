@@ -4,7 +4,9 @@
 //! what was written against them. The other formats are in `formats`.
 
 use super::header::Encoding;
+use super::textures::{self, Renumbered};
 use crate::error::{Error, Result};
+use crate::io::materials::{NUMBER, TexturePlan};
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
 use crate::system::pending_file::{PendingFile, Place};
@@ -33,14 +35,30 @@ pub struct OutputHeader {
     pub faces: FaceSchema,
     /// The settings of this run, for the line `comment stonecut <version> <settings>`.
     pub settings: String,
+    /// Materials of the faces, by the number in their property `texnumber`.
+    pub textures: Option<TexturePlan>,
+    /// Memory for sorting faces by material, in the formats that group them.
+    pub sort_memory_bytes: usize,
 }
+
+/// Memory for sorting, unless a run has another budget.
+const SORT_MEMORY_BYTES: usize = 16 << 20;
 
 impl OutputHeader {
     /// A header without comments of an input.
     pub fn new(schema: VertexSchema, n_vertices: u64, n_faces: u64) -> Self {
         let (comments, obj_infos, settings) = (Vec::new(), Vec::new(), String::new());
-        let faces = FaceSchema::default();
-        OutputHeader { schema, n_vertices, n_faces, comments, obj_infos, faces, settings }
+        OutputHeader {
+            schema,
+            n_vertices,
+            n_faces,
+            comments,
+            obj_infos,
+            faces: FaceSchema::default(),
+            settings,
+            textures: None,
+            sort_memory_bytes: SORT_MEMORY_BYTES,
+        }
     }
 
     /// The type of corner indices: `int`, above 2^31 vertices `uint`; above 2^32 there is none.
@@ -71,7 +89,9 @@ impl OutputHeader {
     ) -> String {
         let mut text = format!("ply\nformat {} 1.0\n", encoding.name());
         // The lines of earlier runs stay too: they are the history of the data.
-        for comment in self.comments.iter().map(String::as_str).chain(own) {
+        let textures = self.textures.as_ref().map_or_else(Vec::new, textures::comments);
+        let comments = self.comments.iter().chain(&textures).map(String::as_str);
+        for comment in comments.chain(own) {
             text.push_str(&format!("comment {}\n", one_line(comment)));
         }
         for info in &self.obj_infos {
@@ -150,6 +170,7 @@ pub struct PlyWriter {
     vertices_left: u64,
     faces_left: u64,
     faces: FaceSchema,
+    numbers: Option<Renumbered>,
     rows: Vec<u8>,
 }
 
@@ -166,6 +187,13 @@ impl FaceSchema {
     /// Returns whether there is nothing.
     pub fn is_empty(&self) -> bool {
         !self.texture && self.properties.is_empty()
+    }
+
+    /// Type and place of the number of the material among a face's packed values.
+    pub(crate) fn number_at(&self) -> Option<(Scalar, usize)> {
+        let i = self.properties.iter().position(|p| p.name == NUMBER)?;
+        let before = self.properties[..i].iter().map(|p| p.scalar.bytes()).sum();
+        Some((self.properties[i].scalar, before))
     }
 
     /// Bytes of a face's packed properties.
@@ -204,6 +232,8 @@ impl PlyWriter {
                 header.n_vertices
             )));
         }
+        let number_at = header.faces.number_at();
+        let numbers = header.textures.as_ref().and_then(|plan| Renumbered::new(plan, number_at));
         let schema = header.schema.clone();
         header.schema.coordinate = format.coordinate.unwrap_or(schema.coordinate);
         let mut out = PendingFile::create(place)?;
@@ -217,6 +247,7 @@ impl PlyWriter {
             n_vertices: header.n_vertices,
             vertices_left: header.n_vertices,
             faces_left: header.n_faces,
+            numbers,
             faces: header.faces,
             rows: Vec::new(),
         })
@@ -269,6 +300,15 @@ impl PlyWriter {
         let value_bytes = self.faces.value_bytes();
         assert!(values.len() == value_bytes * triangles.len(), "values for every face");
         self.faces_left -= triangles.len() as u64;
+        let mut renumbered = Vec::new();
+        let values = match &self.numbers {
+            Some(numbers) => {
+                renumbered.extend_from_slice(values);
+                renumbered.chunks_exact_mut(value_bytes).for_each(|own| numbers.apply(own));
+                &renumbered
+            }
+            None => values,
+        };
         for (chunk, triangles) in triangles.chunks(16_384).enumerate() {
             self.rows.clear();
             let (rows, encoding) = (&mut self.rows, self.encoding);

@@ -227,6 +227,12 @@ impl Plan {
         })
     }
 
+    /// Adds what the output holds beside its mesh, or in files beside it.
+    pub fn add_output_bytes(&mut self, bytes: u64) {
+        self.output_bytes += bytes;
+        self.together_bytes += bytes;
+    }
+
     /// Fails where output or temporary data would not fit, or their folders do not take files.
     pub fn check_disk(&self, config: &Config) -> Result<()> {
         let output_folder = folder_of(&config.output);

@@ -30,14 +30,13 @@ pub(super) struct Faces {
 }
 
 impl BackToFaces<'_> {
-    /// `joins` is false where texture stays at vertices; then everything that went there does, for writers that
-    /// take none of it.
+    /// `goes_back` is false where everything that went to vertices stays there, for writers that take none of it.
     pub(super) fn new<'a>(
         schema: &VertexSchema,
         carry: &'a FacePropertyPlan,
-        joins: bool,
+        goes_back: bool,
     ) -> BackToFaces<'a> {
-        let stays = carry.is_moved() && !joins;
+        let stays = carry.is_moved() && !goes_back;
         let n_properties = if stays { 0 } else { carry.vertex_properties().len() };
         let tail = &schema.properties[schema.properties.len() - n_properties..];
         let bytes = |list: &[Property]| list.iter().map(|p| p.scalar.bytes()).sum::<usize>();

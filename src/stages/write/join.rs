@@ -13,6 +13,11 @@ use crate::store::stage_context::StageContext;
 /// Numbers are kept in 8 bytes each.
 const NUMBER_BYTES: usize = 8;
 
+/// Memory for one of two sorts that live at a time, each of which takes its share twice.
+pub fn sort_memory_bytes(run: &StageContext) -> usize {
+    (run.memory_bytes / 16).clamp(1 << 20, 64 << 20) as usize
+}
+
 /// For each vertex the number of the one that stands for its place.
 pub(super) struct Joined {
     numbers: RawFile,
@@ -28,8 +33,7 @@ impl Joined {
         run: &StageContext,
     ) -> Result<Joined> {
         let folder = run.job.folder();
-        // Two sorts live at a time, and each takes its share twice.
-        let memory = (run.memory_bytes / 16).clamp(1 << 20, 64 << 20) as usize;
+        let memory = sort_memory_bytes(run);
         let schema = &result.layout().schema;
         let record_bytes = schema.record_bytes();
         let mut by_place = ExternalSort::<8>::new(folder, memory);

@@ -15,11 +15,14 @@ use crate::config::Normals;
 use crate::error::Result;
 use crate::io::ply::{OutputHeader, Place, TexturedTriangle};
 use crate::io::{MeshSink, OutputFormat, OutputKind};
+use crate::mesh::codec::TEXTURE_NAMES;
 use crate::mesh::face_properties::FacePropertyPlan;
+use crate::mesh::record::VertexSchema;
 use crate::store::cells::SurvivorPack;
 use crate::store::stage_context::StageContext;
 use faces::BackToFaces;
 use join::Joined;
+pub use join::sort_memory_bytes;
 use normals::Recomputed;
 pub use numbering::shared_bytes;
 use numbering::{encode, index_vertices, own_vertices};
@@ -57,12 +60,20 @@ pub struct Form {
 }
 
 impl Form {
-    /// Returns whether vertices in one place were one in the input. Where texture stays at vertices, they have to
-    /// stay apart.
-    fn joins(&self) -> bool {
-        let kind = self.format.kind;
-        let takes_corners = kind.is_none_or(|k| matches!(k, OutputKind::Ply | OutputKind::Obj));
+    /// Returns whether what came from faces goes back to them.
+    fn goes_back(&self) -> bool {
+        let takes_corners = self.format.kind.is_none_or(|kind| kind != OutputKind::Stl);
         self.faces.is_moved() && (takes_corners || !self.faces.texture)
+    }
+
+    /// Returns whether vertices in one place were one in the input. Where texture is at vertices, they have to
+    /// stay apart.
+    fn joins(&self, schema: &VertexSchema) -> bool {
+        let n_own = schema.properties.len() - self.faces.vertex_properties().len();
+        let is_textured = |pair: &[&str; 2]| {
+            pair.iter().all(|name| schema.own_property(name).is_some_and(|i| i < n_own))
+        };
+        self.goes_back() && !TEXTURE_NAMES.iter().any(is_textured)
     }
 }
 
@@ -81,8 +92,8 @@ pub fn write(
     let layout = result.layout();
     let info = result.info();
     let mut uses = index_vertices(result)?;
-    let back = BackToFaces::new(&layout.schema, &form.faces, form.joins());
-    let joined = match form.joins() {
+    let back = BackToFaces::new(&layout.schema, &form.faces, form.goes_back());
+    let joined = match form.joins(&layout.schema) {
         true => Some(Joined::new(result, &uses, run)?),
         false => None,
     };

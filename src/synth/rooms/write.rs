@@ -4,6 +4,7 @@
 
 use super::Rooms;
 use crate::error::{Error, Result};
+use crate::io::materials::{Materials, TexturePlan};
 use crate::io::ply::{OutputHeader, Place, TexturedTriangle};
 use crate::io::{MeshSink, OutputFormat, OutputKind};
 use crate::mesh::property::{Property, Scalar};
@@ -103,13 +104,7 @@ pub(in super::super) fn write(
     }
     header.faces.texture = true;
     header.faces.properties = vec![Property::new("texnumber", Scalar::I32)];
-    match &library {
-        Some(library) => {
-            header.comments.push(format!("mtllib {library}"));
-            header.comments.extend((0..images.len()).map(|n| format!("usemtl {}", material(n))));
-        }
-        None => header.comments.extend(images.iter().map(|name| format!("TextureFile {name}"))),
-    }
+    header.textures = Some(TexturePlan::given(materials(&images), library.as_ref().map(beside)));
     let mut made = Made { files: Vec::new(), keep: false };
     let place = |file: &Path| Place { replace: force, ..Place::from(file) };
     let paint = |page: u64, png: &mut Vec<u8>| {
@@ -122,17 +117,6 @@ pub(in super::super) fn write(
         made.files.push(file.clone());
         Ok(())
     })?;
-    if let Some(library) = &library {
-        let mut text = format!("# stonecut {}\n\n", env!("CARGO_PKG_VERSION"));
-        for (n, image) in images.iter().enumerate() {
-            let name = material(n);
-            text += &format!(
-                "newmtl {name}\nKa 0 0 0\nKd 1 1 1\nKs 0 0 0\nd 1\nillum 1\nmap_Kd {image}\n\n"
-            );
-        }
-        write_whole(place(&beside(library)), text.as_bytes())?;
-        made.files.push(beside(library));
-    }
     let mut file = MeshSink::create(place(path), header, format)?;
     write_mesh(&mut file, path, surface, stream, shuffle)?;
     file.finish()?;
@@ -140,8 +124,17 @@ pub(in super::super) fn write(
     Ok(images.len() as u64)
 }
 
-fn material(page: usize) -> String {
-    format!("page_{page:03}")
+/// A white material for each image.
+fn materials(images: &[String]) -> Materials {
+    let files: Vec<(String, PathBuf)> =
+        images.iter().map(|name| (name.clone(), PathBuf::from(name))).collect();
+    let names: Vec<String> = (0..images.len()).map(|page| format!("page_{page:03}")).collect();
+    let mut materials = Materials::of_files(&files, &names);
+    for material in &mut materials.list {
+        (material.ambient, material.specular) = (Some([0.0; 3]), Some([0.0; 3]));
+        material.mtl_lines.push("illum 1".to_owned());
+    }
+    materials
 }
 
 /// Files beside the output; removed unless the output is complete.

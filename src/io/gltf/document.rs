@@ -1,0 +1,145 @@
+//! The JSON of a GLB file that is written: primitives in one buffer, each with its vertices and its indices.
+
+use super::materials_out::{OutImages, materials};
+use crate::io::materials::TexturePlan;
+use serde_json::{Value, json};
+
+// Numbers that glTF 2.0 gives to types of components, uses of buffers and kinds of primitives.
+const I8: u32 = 5120;
+const U8: u32 = 5121;
+const U16: u32 = 5123;
+const U32: u32 = 5125;
+const F32: u32 = 5126;
+const ARRAY_BUFFER: u32 = 34962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+const TRIANGLES: u32 = 4;
+
+/// Layout of a vertex: bytes, and places of what it has besides x, y, z.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct VertexLayout {
+    pub(super) n_bytes: u64,
+    pub(super) colour_at: Option<u64>,
+    pub(super) normal_at: Option<u64>,
+    pub(super) texture_at: Option<u64>,
+}
+
+/// Faces of one material with their vertices.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Primitive {
+    pub(super) material: Option<u32>,
+    pub(super) n_vertices: u64,
+    pub(super) n_corners: u64,
+    /// Bounds of its positions in steps.
+    pub(super) low: [u16; 3],
+    pub(super) high: [u16; 3],
+}
+
+/// Everything besides the primitives.
+pub(super) struct Frame<'a> {
+    pub(super) generator: String,
+    /// Smallest coordinates, and length of a step.
+    pub(super) least: [f64; 3],
+    pub(super) scale: f64,
+    pub(super) textures: Option<(&'a TexturePlan, &'a OutImages)>,
+}
+
+/// Bytes of the binary chunk: vertices of all primitives, then their indices, then images, each padded to 4.
+pub(super) fn binary_bytes(
+    layout: VertexLayout,
+    primitives: &[Primitive],
+    images: Option<&OutImages>,
+) -> u64 {
+    let mesh: u64 =
+        primitives.iter().map(|p| layout.n_bytes * p.n_vertices + 4 * p.n_corners).sum();
+    mesh + images.map_or(0, |images| images.padded_bytes().sum())
+}
+
+/// Describes the binary chunk as glTF 2.0 (Khronos, sections 3.6 and 5).
+pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &Frame) -> Value {
+    let images = frame.textures.map(|(_, images)| images);
+    let total = binary_bytes(layout, primitives, images);
+    let (mut views, mut accessors, mut parts) = (Vec::new(), Vec::new(), Vec::new());
+    let mut indices_at: u64 = primitives.iter().map(|p| layout.n_bytes * p.n_vertices).sum();
+    let mut vertices_at = 0;
+    for primitive in primitives {
+        let n_vertices = primitive.n_vertices;
+        views.push(json!({
+            "buffer": 0, "byteOffset": vertices_at, "byteLength": layout.n_bytes * n_vertices,
+            "byteStride": layout.n_bytes, "target": ARRAY_BUFFER,
+        }));
+        views.push(json!({
+            "buffer": 0, "byteOffset": indices_at, "byteLength": 4 * primitive.n_corners,
+            "target": ELEMENT_ARRAY_BUFFER,
+        }));
+        vertices_at += layout.n_bytes * n_vertices;
+        indices_at += 4 * primitive.n_corners;
+        let view = views.len() - 2;
+        let mut attributes = json!({ "POSITION": accessors.len() });
+        accessors.push(json!({
+            "bufferView": view, "byteOffset": 0, "count": n_vertices,
+            "componentType": U16, "type": "VEC3", "min": primitive.low, "max": primitive.high,
+        }));
+        for (name, at, component, kind) in [
+            ("COLOR_0", layout.colour_at, U8, "VEC4"),
+            ("NORMAL", layout.normal_at, I8, "VEC3"),
+            ("TEXCOORD_0", layout.texture_at, F32, "VEC2"),
+        ] {
+            let Some(at) = at else { continue };
+            attributes[name] = accessors.len().into();
+            let mut accessor = json!({
+                "bufferView": view, "byteOffset": at, "count": n_vertices,
+                "componentType": component, "type": kind,
+            });
+            if component != F32 {
+                accessor["normalized"] = true.into();
+            }
+            accessors.push(accessor);
+        }
+        let mut part = json!({
+            "attributes": attributes, "indices": accessors.len(), "mode": TRIANGLES,
+        });
+        accessors.push(json!({
+            "bufferView": view + 1, "byteOffset": 0, "count": primitive.n_corners,
+            "componentType": U32, "type": "SCALAR",
+        }));
+        if let Some(material) = primitive.material {
+            part["material"] = material.into();
+        }
+        parts.push(part);
+    }
+    let mut used = vec!["KHR_mesh_quantization"];
+    let side = [frame.scale as f32; 3];
+    let mut document = json!({
+        "asset": { "version": "2.0", "generator": frame.generator },
+        "extensionsRequired": ["KHR_mesh_quantization"],
+        "buffers": [{ "byteLength": total }],
+        "accessors": accessors,
+        "meshes": [{ "primitives": parts }],
+        "nodes": [{
+            "mesh": 0,
+            "scale": side,
+            "translation": frame.least.map(|v| v as f32),
+        }],
+        "scenes": [{ "nodes": [0] }],
+        "scene": 0,
+    });
+    if let Some((plan, images)) = frame.textures {
+        let first_image = indices_at;
+        views.extend(images.views(first_image));
+        let list = materials(plan, images);
+        used.extend(list.extensions);
+        for (key, values) in [
+            ("materials", list.materials),
+            ("textures", list.textures),
+            ("samplers", list.samplers),
+            ("images", images.list(plan, views.len())),
+        ] {
+            if !values.is_empty() {
+                document[key] = values.into();
+            }
+        }
+    }
+    document["bufferViews"] = views.into();
+    document["extensionsUsed"] = used.into();
+    document
+}

@@ -1,0 +1,311 @@
+//! Joins the vertices of glTF meshes that differ in nothing but their normal, out of core, into a PLY.
+//!
+//! Sorts as for STL: by place, colour and texture coordinates, by the first vertex of each, and by vertex for the
+//! faces; joined vertices keep the order of the first. Charts stay apart: positions are often rounded, and joining
+//! all that is in one place then ties sheets together that only lie close (docs/design/textures.md).
+
+use crate::error::Result;
+use crate::io::external_sort::{ExternalSort, halves, whole};
+use crate::io::open_options::StageOptions;
+use crate::io::ply::raw::{RawFile, Spool};
+use crate::mesh::property::Scalar;
+
+/// A vertex of the input in its place.
+pub(super) struct VertexRow {
+    pub(super) position: [f64; 3],
+    pub(super) colour: [u8; 4],
+    pub(super) normal: [f32; 3],
+    pub(super) uv: [f32; 2],
+}
+
+/// Words of a vertex by place: position, colour, texture coordinates, number, normal. Those of one by its first: two
+/// numbers, normal, position, colour.
+const BY_PLACE: usize = 14;
+const BY_FIRST: usize = 14;
+
+/// Vertices and faces on their way.
+///
+/// Memory: a third of the stage's for each sort. Disk at peak: 112 bytes a vertex and 16 more, 40 a corner.
+pub(super) struct Joiner<'a> {
+    options: &'a StageOptions,
+    has_colour: bool,
+    has_normal: bool,
+    has_alpha: bool,
+    by_place: ExternalSort<BY_PLACE>,
+    uvs: Spool,
+    n_vertices: u64,
+    low: [f64; 3],
+    high: [f64; 3],
+    by_vertex: ExternalSort<4>,
+    materials: Spool,
+    n_faces: u64,
+}
+
+impl<'a> Joiner<'a> {
+    pub(super) fn new(options: &'a StageOptions, has_colour: bool, has_normal: bool) -> Self {
+        Joiner {
+            options,
+            has_colour,
+            has_normal,
+            has_alpha: false,
+            by_place: ExternalSort::new(&options.temp_dir, memory_bytes(options)),
+            uvs: Spool::new(&options.temp_dir),
+            n_vertices: 0,
+            low: [f64::MAX; 3],
+            high: [f64::MIN; 3],
+            by_vertex: ExternalSort::new(&options.temp_dir, memory_bytes(options)),
+            materials: Spool::new(&options.temp_dir),
+            n_faces: 0,
+        }
+    }
+
+    pub(super) fn n_vertices(&self) -> u64 {
+        self.n_vertices
+    }
+
+    pub(super) fn put_vertex(&mut self, row: &VertexRow) -> Result<()> {
+        for (axis, &x) in row.position.iter().enumerate() {
+            (self.low[axis], self.high[axis]) = (self.low[axis].min(x), self.high[axis].max(x));
+        }
+        self.has_alpha |= row.colour[3] != 255;
+        // Adding 0 makes -0 and 0 the same place.
+        let [x, y, z] = row.position.map(|x| halves((x + 0.0).to_bits()));
+        let [a, b, c] = row.normal.map(f32::to_bits);
+        let [u, v] = row.uv.map(|x| (x + 0.0).to_bits());
+        let n = halves(self.n_vertices);
+        self.n_vertices += 1;
+        self.uvs.write(row.uv.map(f32::to_le_bytes).as_flattened())?;
+        let colour = u32::from_le_bytes(row.colour);
+        self.by_place.push([x[0], x[1], y[0], y[1], z[0], z[1], colour, u, v, n[0], n[1], a, b, c])
+    }
+
+    pub(super) fn put_face(&mut self, corners: [u64; 3], material: i32) -> Result<()> {
+        for (k, vertex) in corners.into_iter().enumerate() {
+            let ([high, low], [c, d]) = (halves(vertex), halves(3 * self.n_faces + k as u64));
+            self.by_vertex.push([high, low, c, d])?;
+        }
+        self.n_faces += 1;
+        self.materials.write(&material.to_le_bytes())
+    }
+
+    /// Floats keep 24 bits of the distance from the origin; see the reader of OBJ.
+    fn coordinate(&self) -> Scalar {
+        let extent = (0..3).map(|i| self.high[i] - self.low[i]).fold(0.0, f64::max);
+        let far = (0..3).map(|i| self.high[i].abs().max(self.low[i].abs())).fold(0.0, f64::max);
+        if far > 8.0 * extent || far > f64::from(f32::MAX) { Scalar::F64 } else { Scalar::F32 }
+    }
+
+    /// The joined mesh as a PLY.
+    pub(super) fn finish(
+        self,
+        name: &RawFile,
+        has_texture: bool,
+        has_numbers: bool,
+    ) -> Result<RawFile> {
+        let (options, coordinate) = (self.options, self.coordinate());
+        let folder = &options.temp_dir;
+        let (n_old, n_faces) = (self.n_vertices, self.n_faces);
+        let extras = Extras {
+            coordinate,
+            colour: self.has_colour,
+            alpha: self.has_alpha,
+            normal: self.has_normal,
+        };
+        let mut by_first = ExternalSort::<BY_FIRST>::new(folder, memory_bytes(options));
+        let mut last: Option<([u32; 9], [u32; 2])> = None;
+        self.by_place.drain(|record| {
+            let place: [u32; 9] = std::array::from_fn(|i| record[i]);
+            let number = [record[9], record[10]];
+            let first = match last {
+                Some((known, first)) if known == place => first,
+                _ => number,
+            };
+            last = Some((place, first));
+            let mut out = [0; BY_FIRST];
+            out[..2].copy_from_slice(&first);
+            out[2..4].copy_from_slice(&number);
+            out[4..7].copy_from_slice(&record[11..]);
+            out[7..].copy_from_slice(&place[..7]);
+            by_first.push(out)
+        })?;
+        let mut ids = ExternalSort::<4>::new(folder, memory_bytes(options));
+        let mut vertices = Spool::new(folder);
+        let (mut n_vertices, mut open): (u64, Option<Open>) = (0, None);
+        by_first.drain(|record| {
+            let first = whole(record[0], record[1]);
+            if open.as_ref().is_none_or(|open| open.first != first) {
+                if let Some(open) = open.take() {
+                    vertices.write(&open.row(&extras))?;
+                }
+                open = Some(Open::new(first, &record));
+                n_vertices += 1;
+            }
+            if let Some(open) = &mut open {
+                open.add([record[4], record[5], record[6]]);
+            }
+            let [high, low] = halves(n_vertices - 1);
+            ids.push([record[2], record[3], high, low])
+        })?;
+        if let Some(open) = open {
+            vertices.write(&open.row(&extras))?;
+        }
+        let mut table = Spool::new(folder);
+        ids.drain(|[_, _, high, low]| table.write(&whole(high, low).to_le_bytes()))?;
+        let tables = [table.finish(name.path())?, self.uvs.finish(name.path())?];
+
+        let mut by_corner = ExternalSort::<6>::new(folder, memory_bytes(options));
+        let (mut next, mut id, mut uv) = (0, 0, [0; 2]);
+        let mut ahead = tables.each_ref().map(|table| Words { table, at: 0, words: Vec::new() });
+        self.by_vertex.drain(|[high, low, c, d]| {
+            // Corners come by vertex, and name only vertices that are there.
+            let number = whole(high, low);
+            debug_assert!(number < n_old, "checked by the reader");
+            while next <= number {
+                id = ahead[0].next()?;
+                let bits = ahead[1].next()?;
+                uv = [bits as u32, (bits >> 32) as u32];
+                next += 1;
+            }
+            let [id_high, id_low] = halves(id);
+            by_corner.push([c, d, id_high, id_low, uv[0], uv[1]])
+        })?;
+        let is_wide = n_vertices > 1 << 32;
+        let mut out = Spool::new(folder);
+        out.write(
+            extras.header(n_vertices, n_faces, (is_wide, has_texture, has_numbers)).as_bytes(),
+        )?;
+        out.append_file(&vertices.finish(name.path())?)?;
+        let materials = self.materials.finish(name.path())?;
+        let (mut row, mut texture, mut face) = (vec![3u8], Vec::new(), 0u64);
+        let mut numbers = vec![0u8; 1 << 16];
+        by_corner.drain(|[_, _, high, low, u, v]| {
+            match is_wide {
+                true => row.extend_from_slice(&whole(high, low).to_le_bytes()),
+                false => row.extend_from_slice(&low.to_le_bytes()),
+            }
+            texture.extend_from_slice([u, v].map(u32::to_le_bytes).as_flattened());
+            if texture.len() < 24 {
+                return Ok(());
+            }
+            if has_texture {
+                row.push(6);
+                row.extend_from_slice(&texture);
+            }
+            let at = (4 * face % numbers.len() as u64) as usize;
+            if at == 0 {
+                let n = materials.read_at_most(&mut numbers, 4 * face)?;
+                debug_assert!(n >= 4, "a number for every face");
+            }
+            if has_numbers {
+                row.extend_from_slice(&numbers[at..at + 4]);
+            }
+            out.write(&row)?;
+            row.truncate(1);
+            texture.clear();
+            face += 1;
+            Ok(())
+        })?;
+        out.finish(name.path())
+    }
+}
+
+fn memory_bytes(options: &StageOptions) -> usize {
+    (options.memory_bytes / 3) as usize
+}
+
+/// Numbers of 8 bytes, read in order.
+struct Words<'a> {
+    table: &'a RawFile,
+    at: u64,
+    words: Vec<u64>,
+}
+
+impl Words<'_> {
+    fn next(&mut self) -> Result<u64> {
+        if self.words.is_empty() {
+            let mut bytes = vec![0; 1 << 16];
+            let n = self.table.read_at_most(&mut bytes, self.at)?;
+            self.at += n as u64;
+            let words = bytes[..n].as_chunks::<8>().0.iter().rev();
+            self.words.extend(words.map(|&word| u64::from_le_bytes(word)));
+        }
+        self.words.pop().ok_or_else(|| self.table.bad("temporary data was cut off during the run"))
+    }
+}
+
+/// A joined vertex that gathers the normals of those in its place.
+struct Open {
+    first: u64,
+    position: [f64; 3],
+    colour: [u8; 4],
+    normal: [f64; 3],
+}
+
+impl Open {
+    fn new(first: u64, record: &[u32; BY_FIRST]) -> Open {
+        let position = [7, 9, 11].map(|i| f64::from_bits(whole(record[i], record[i + 1])));
+        Open { first, position, colour: record[13].to_le_bytes(), normal: [0.0; 3] }
+    }
+
+    fn add(&mut self, normal: [u32; 3]) {
+        for (sum, bits) in self.normal.iter_mut().zip(normal) {
+            *sum += f64::from(f32::from_bits(bits));
+        }
+    }
+
+    fn row(&self, extras: &Extras) -> Vec<u8> {
+        let mut row = Vec::new();
+        for x in self.position {
+            match extras.coordinate {
+                Scalar::F64 => row.extend_from_slice(&x.to_le_bytes()),
+                _ => row.extend_from_slice(&(x as f32).to_le_bytes()),
+            }
+        }
+        if extras.normal {
+            let length = self.normal.iter().map(|x| x * x).sum::<f64>().sqrt();
+            for x in self.normal {
+                let x = if length > 0.0 { (x / length) as f32 } else { 0.0 };
+                row.extend_from_slice(&x.to_le_bytes());
+            }
+        }
+        if extras.colour {
+            row.extend_from_slice(&self.colour[..if extras.alpha { 4 } else { 3 }]);
+        }
+        row
+    }
+}
+
+/// Properties of the vertices.
+struct Extras {
+    coordinate: Scalar,
+    colour: bool,
+    alpha: bool,
+    normal: bool,
+}
+
+impl Extras {
+    fn header(
+        &self,
+        n_vertices: u64,
+        n_faces: u64,
+        (is_wide, has_texture, has_numbers): (bool, bool, bool),
+    ) -> String {
+        let mut text =
+            format!("ply\nformat binary_little_endian 1.0\nelement vertex {n_vertices}\n");
+        let mut put = |kind: &str, names: &[&str]| {
+            names.iter().for_each(|name| text.push_str(&format!("property {kind} {name}\n")));
+        };
+        put(crate::io::ply::type_name(self.coordinate), &["x", "y", "z"]);
+        put("float", if self.normal { &["nx", "ny", "nz"] } else { &[] });
+        put("uchar", if self.colour { &["red", "green", "blue"] } else { &[] });
+        put("uchar", if self.colour && self.alpha { &["alpha"] } else { &[] });
+        let index = if is_wide { "uint64" } else { "uint" };
+        text.push_str(&format!(
+            "element face {n_faces}\nproperty list uchar {index} vertex_indices\n"
+        ));
+        text.push_str(if has_texture { "property list uchar float texcoord\n" } else { "" });
+        text.push_str(if has_numbers { "property int texnumber\n" } else { "" });
+        text.push_str("end_header\n");
+        text
+    }
+}

@@ -1,0 +1,175 @@
+//! Materials and images of a glTF file as `io::materials` describes them.
+
+use super::buffers::{Buffers, open_uri, path_of};
+use super::json::{self, Document, TextureInfo, Transform};
+use crate::error::Result;
+use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials};
+use crate::io::ply::raw::RawFile;
+
+/// Texture coordinates of a material: their set, and their way to those of the image.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Coordinates {
+    pub(super) set: u32,
+    /// Rows of a matrix, and an offset.
+    rows: [[f64; 2]; 2],
+    offset: [f64; 2],
+}
+
+impl Coordinates {
+    fn of(info: Option<&TextureInfo>) -> Coordinates {
+        let transform = info.and_then(|info| info.extensions.transform.clone()).unwrap_or_default();
+        let Transform { offset, rotation, scale, tex_coord } = transform;
+        let ([x, y], angle) = (scale.unwrap_or([1.0; 2]), rotation.unwrap_or(0.0));
+        let (sin, cos) = if angle == 0.0 { (0.0, 1.0) } else { angle.sin_cos() };
+        Coordinates {
+            set: tex_coord.or(info.map(|info| info.tex_coord)).unwrap_or(0),
+            rows: [[cos * x, sin * y], [-sin * x, cos * y]],
+            offset: offset.unwrap_or_default(),
+        }
+    }
+
+    /// The first set as it is.
+    pub(super) fn plain() -> Coordinates {
+        Coordinates::of(None)
+    }
+
+    /// Coordinates as all other formats have them, from the bottom up.
+    pub(super) fn place(&self, [u, v]: [f64; 2]) -> [f32; 2] {
+        let [s, t] = [0, 1].map(|i| self.rows[i][0] * u + self.rows[i][1] * v + self.offset[i]);
+        [s as f32, (1.0 - t) as f32]
+    }
+}
+
+/// Materials of a file, and the coordinates that each uses.
+pub(super) fn read(
+    file: &RawFile,
+    document: &Document,
+    buffers: &mut Buffers,
+) -> Result<(Materials, Vec<Coordinates>)> {
+    let mut out = Materials::default();
+    for (number, image) in document.images.iter().enumerate() {
+        let read = image_of(file, image, number, buffers)?;
+        // Every image keeps its number, even if two are one file.
+        out.images.push(read);
+    }
+    let mut coordinates = Vec::new();
+    for material in &document.materials {
+        coordinates.push(add(file, document, material, &mut out)?);
+    }
+    out.name_all();
+    Ok((out, coordinates))
+}
+
+fn image_of(
+    file: &RawFile,
+    image: &json::Image,
+    number: usize,
+    buffers: &mut Buffers,
+) -> Result<Image> {
+    let fallback = || {
+        image
+            .name
+            .clone()
+            .filter(|name| !name.is_empty())
+            .unwrap_or_else(|| format!("image_{number}"))
+    };
+    let nowhere = |name: String| Image { data: ImageData::File(name.clone().into()), name };
+    Ok(match (&image.uri, image.buffer_view) {
+        (Some(uri), _) if uri.starts_with("data:") => {
+            let part = open_uri(file, uri, &format!("image {number}"))?;
+            Image { name: fallback(), data: ImageData::Inside(part) }
+        }
+        (Some(uri), _) => match path_of(file, uri) {
+            Some(path) => Image { name: uri.clone(), data: ImageData::File(path) },
+            None => nowhere(uri.clone()),
+        },
+        (None, Some(view)) => {
+            Image { name: fallback(), data: ImageData::Inside(buffers.view(view)?) }
+        }
+        (None, None) => nowhere(fallback()),
+    })
+}
+
+const GLOSS: &str = "KHR_materials_pbrSpecularGlossiness";
+const UNLIT: &str = "KHR_materials_unlit";
+
+/// Adds a material; returns the coordinates of its colour image.
+fn add(
+    file: &RawFile,
+    document: &Document,
+    material: &json::Material,
+    out: &mut Materials,
+) -> Result<Coordinates> {
+    let surface = &material.pbr_metallic_roughness;
+    let mut new = Material {
+        name: material.name.clone().unwrap_or_default(),
+        base: surface.base_color_factor.unwrap_or([1.0; 4]),
+        metallic: Some(surface.metallic_factor.unwrap_or(1.0)),
+        roughness: Some(surface.roughness_factor.unwrap_or(1.0)),
+        emissive: material.emissive_factor,
+        two_sided: material.double_sided,
+        alpha: match material.alpha_mode.as_deref() {
+            Some("BLEND") => Alpha::Blend,
+            Some("MASK") => Alpha::Mask(material.alpha_cutoff.unwrap_or(0.5)),
+            _ => Alpha::Plain,
+        },
+        ..Material::default()
+    };
+    let mut base = surface.base_color_texture.clone();
+    for (name, value) in &material.extensions {
+        match name.as_str() {
+            UNLIT => new.unlit = true,
+            GLOSS => {
+                let part = |key: &str| value.get(key).cloned();
+                let from = |key| part(key).and_then(|value| serde_json::from_value(value).ok());
+                base = from("diffuseTexture").or(base);
+                let factor =
+                    part("diffuseFactor").and_then(|value| serde_json::from_value(value).ok());
+                new.base = factor.unwrap_or(new.base);
+                (new.metallic, new.roughness) = (None, None);
+                out.note(format!("highlights of {GLOSS}: not carried"));
+            }
+            other => out.note(format!("material extension {other}: not carried")),
+        }
+    }
+    let coordinates = Coordinates::of(base.as_ref());
+    for (kind, info) in [
+        (MapKind::Base, base.as_ref()),
+        (MapKind::MetallicRoughness, surface.metallic_roughness_texture.as_ref()),
+        (MapKind::Normal, material.normal_texture.as_ref()),
+        (MapKind::Occlusion, material.occlusion_texture.as_ref()),
+        (MapKind::Emissive, material.emissive_texture.as_ref()),
+    ] {
+        let Some(info) = info else { continue };
+        let same =
+            kind == MapKind::Base || base.is_none() || Coordinates::of(Some(info)) == coordinates;
+        if !same {
+            let name = kind.name();
+            out.note(format!(
+                "{name} with other texture coordinates than the colour image: not carried"
+            ));
+            continue;
+        }
+        let Some(texture) = document.textures.get(info.index) else {
+            return Err(
+                file.bad(format!("texture {}, which a material names, does not exist", info.index))
+            );
+        };
+        let extensions = [&texture.extensions.webp, &texture.extensions.basis];
+        let better = extensions.into_iter().flatten().find_map(|extension| extension.source);
+        let Some(image) = better.or(texture.source).filter(|&image| image < out.images.len())
+        else {
+            out.note(format!("texture {} names no image: left out", info.index));
+            continue;
+        };
+        let wrap = texture.sampler.and_then(|sampler| document.samplers.get(sampler));
+        let wrap = wrap.map(|s| [s.wrap_s.unwrap_or(REPEAT), s.wrap_t.unwrap_or(REPEAT)]);
+        let wrap = wrap.filter(|wrap| *wrap != [REPEAT; 2]);
+        new.maps.push(Map { kind, image, options: String::new(), wrap });
+    }
+    out.list.push(new);
+    Ok(coordinates)
+}
+
+/// Tiling as it is unless a sampler says otherwise.
+const REPEAT: u32 = 10497;

@@ -1,0 +1,194 @@
+//! Materials and images of a GLB file that is written.
+
+use crate::io::materials::{Alpha, Map, MapKind, Material, Reference, TexturePlan};
+use serde_json::{Map as Object, Value, json};
+
+/// Images that the file holds or names, and their places in its list.
+pub(super) struct OutImages {
+    /// Place in the list of the file for each image of the plan.
+    places: Vec<Option<usize>>,
+    /// Images that the file holds, and their bytes.
+    embedded: Vec<(usize, u64)>,
+}
+
+impl OutImages {
+    pub(super) fn new(plan: &TexturePlan) -> OutImages {
+        let (mut places, mut embedded, mut n) = (Vec::new(), Vec::new(), 0);
+        for (number, reference) in plan.references.iter().enumerate() {
+            if let Reference::Embedded(_, n_bytes) = reference {
+                embedded.push((number, *n_bytes));
+            }
+            let is_out = *reference != Reference::None;
+            places.push(is_out.then_some(n));
+            n += usize::from(is_out);
+        }
+        OutImages { places, embedded }
+    }
+
+    /// Numbers of the images that the file holds, and their bytes.
+    pub(super) fn embedded(&self) -> &[(usize, u64)] {
+        &self.embedded
+    }
+
+    pub(super) fn padded_bytes(&self) -> impl Iterator<Item = u64> {
+        self.embedded.iter().map(|(_, n_bytes)| n_bytes.next_multiple_of(4))
+    }
+
+    /// Their views of the buffer from byte `at`.
+    pub(super) fn views(&self, mut at: u64) -> Vec<Value> {
+        let view = |(_, n_bytes): &(usize, u64)| {
+            let view = json!({ "buffer": 0, "byteOffset": at, "byteLength": n_bytes });
+            at += n_bytes.next_multiple_of(4);
+            view
+        };
+        self.embedded.iter().map(view).collect()
+    }
+
+    /// The list of images; the last of `n_views` views are theirs.
+    pub(super) fn list(&self, plan: &TexturePlan, n_views: usize) -> Vec<Value> {
+        let mut view = n_views - self.embedded.len();
+        let mut out = Vec::new();
+        for reference in &plan.references {
+            match reference {
+                Reference::Embedded(mime, _) => {
+                    out.push(json!({ "bufferView": view, "mimeType": mime }));
+                    view += 1;
+                }
+                Reference::Path(path) => out.push(json!({ "uri": encoded(path) })),
+                Reference::None => {}
+            }
+        }
+        out
+    }
+}
+
+/// A path as part of an address: all but plain letters, digits and a few signs by number.
+fn encoded(path: &str) -> String {
+    let mut out = String::new();
+    for byte in path.bytes() {
+        match byte {
+            b'a'..=b'z' | b'A'..=b'Z' | b'0'..=b'9' | b'/' | b'.' | b'-' | b'_' | b'~' => {
+                out.push(byte as char);
+            }
+            _ => out.push_str(&format!("%{byte:02X}")),
+        }
+    }
+    out
+}
+
+/// Lists of the file.
+#[derive(Default)]
+pub(super) struct Lists {
+    pub(super) materials: Vec<Value>,
+    pub(super) textures: Vec<Value>,
+    pub(super) samplers: Vec<Value>,
+    pub(super) extensions: Vec<&'static str>,
+}
+
+const UNLIT: &str = "KHR_materials_unlit";
+const WEBP: &str = "EXT_texture_webp";
+
+/// Material, texture and sampler objects (Khronos, sections 3.9 and 5).
+pub(super) fn materials(plan: &TexturePlan, images: &OutImages) -> Lists {
+    let mut lists = Lists::default();
+    for material in &plan.materials.list {
+        let value = lists.material(material, plan, images);
+        lists.materials.push(value);
+    }
+    lists
+}
+
+impl Lists {
+    fn material(&mut self, material: &Material, plan: &TexturePlan, images: &OutImages) -> Value {
+        let mut texture =
+            |kind: MapKind| material.map(kind).and_then(|map| self.texture(map, plan, images));
+        let base_map = texture(MapKind::Base);
+        let rough_map = texture(MapKind::MetallicRoughness);
+        let others = [
+            ("normalTexture", texture(MapKind::Normal)),
+            ("occlusionTexture", texture(MapKind::Occlusion)),
+            ("emissiveTexture", texture(MapKind::Emissive)),
+        ];
+        // A scan reflects light evenly; factors of images are 1 unless they say otherwise.
+        let metallic = material.metallic.unwrap_or(if rough_map.is_some() { 1.0 } else { 0.0 });
+        let mut surface = json!({
+            "metallicFactor": metallic.clamp(0.0, 1.0),
+            "roughnessFactor": material.roughness.unwrap_or(1.0).clamp(0.0, 1.0),
+        });
+        let base = material.base.map(|x| x.clamp(0.0, 1.0));
+        if base != [1.0; 4] {
+            surface["baseColorFactor"] = json!(base);
+        }
+        for (key, map) in [("baseColorTexture", base_map), ("metallicRoughnessTexture", rough_map)]
+        {
+            if let Some(map) = map {
+                surface[key] = map;
+            }
+        }
+        let mut out = Object::new();
+        out.insert("name".to_owned(), material.name.as_str().into());
+        out.insert("pbrMetallicRoughness".to_owned(), surface);
+        let emits = material.map(MapKind::Emissive).is_some();
+        let emissive = material.emissive.unwrap_or(if emits { [1.0; 3] } else { [0.0; 3] });
+        if emissive != [0.0; 3] {
+            let factor = json!(emissive.map(|x| x.clamp(0.0, 1.0)));
+            out.insert("emissiveFactor".to_owned(), factor);
+        }
+        for (key, map) in others {
+            if let Some(map) = map {
+                out.insert(key.to_owned(), map);
+            }
+        }
+        match material.alpha {
+            Alpha::Mask(cutoff) => {
+                out.insert("alphaMode".to_owned(), "MASK".into());
+                out.insert("alphaCutoff".to_owned(), cutoff.into());
+            }
+            Alpha::Plain if base[3] == 1.0 => {}
+            Alpha::Blend | Alpha::Plain => {
+                out.insert("alphaMode".to_owned(), "BLEND".into());
+            }
+        }
+        if material.two_sided {
+            out.insert("doubleSided".to_owned(), true.into());
+        }
+        if material.unlit {
+            out.insert("extensions".to_owned(), json!({ UNLIT: {} }));
+            self.extend(UNLIT);
+        }
+        Value::Object(out)
+    }
+
+    fn extend(&mut self, extension: &'static str) {
+        if !self.extensions.contains(&extension) {
+            self.extensions.push(extension);
+        }
+    }
+
+    /// The use of an image, if the file has it.
+    fn texture(&mut self, map: &Map, plan: &TexturePlan, images: &OutImages) -> Option<Value> {
+        let place = images.places[map.image]?;
+        let is_webp = matches!(plan.references[map.image], Reference::Embedded("image/webp", _));
+        let mut texture = if is_webp {
+            self.extend(WEBP);
+            json!({ "extensions": { WEBP: { "source": place } } })
+        } else {
+            json!({ "source": place })
+        };
+        if let Some([s, t]) = map.wrap {
+            let sampler = json!({ "wrapS": s, "wrapT": t });
+            texture["sampler"] = found_or_pushed(&mut self.samplers, sampler).into();
+        }
+        Some(json!({ "index": found_or_pushed(&mut self.textures, texture) }))
+    }
+}
+
+/// The place of a value in a list that has each value once. Lists are as long as there are images.
+fn found_or_pushed(list: &mut Vec<Value>, value: Value) -> usize {
+    // Materials that share an image mostly follow each other.
+    let found = list.iter().rposition(|other| *other == value);
+    found.unwrap_or_else(|| {
+        list.push(value);
+        list.len() - 1
+    })
+}

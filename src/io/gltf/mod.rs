@@ -1,0 +1,17 @@
+//! glTF 2.0 (Khronos): GLB and glTF in, GLB out.
+
+mod buffers;
+mod document;
+mod join;
+mod json;
+mod materials_in;
+mod materials_out;
+mod meshopt;
+mod reader;
+mod scene;
+mod split;
+mod writer;
+
+pub(super) use reader::{looks_like, read};
+pub use writer::GlbWriter;
+pub(super) use writer::{EXTRA_BYTES, POSITION_BYTES, SPOOLED_BYTES, TEXTURE_BYTES};

@@ -1,0 +1,362 @@
+//! GLB and glTF in: all meshes of the scene in their places, as one PLY with texture coordinates at corners.
+//!
+//! Vertices that differ only in their normal become one, since glTF splits them along every hard edge; their normals
+//! are averaged. All is read a block at a time and joined by sorts on disk (`join`): the document alone, and a compressed
+//! view, have to fit into memory.
+
+use super::buffers::{BLOCK, Buffers, Elements};
+use super::join::{Joiner, VertexRow};
+use super::json::{Document, Primitive};
+use super::materials_in::{self, Coordinates};
+use super::scene::{Placement, placed};
+use crate::error::Result;
+use crate::io::materials::{Materials, Part};
+use crate::io::open_options::StageOptions;
+use crate::io::ply::raw::RawFile;
+use crate::io::ply::source::{Staged, TextureInfo};
+use crate::system::units::show_bytes;
+use std::sync::Arc;
+
+/// Documents up to this size are read whatever the memory.
+const MIN_DOCUMENT_BYTES: u64 = 64 << 20;
+
+/// Extensions that a file may require: what is read, and what only changes the look.
+const KNOWN: [&str; 5] = [
+    "KHR_mesh_quantization",
+    "EXT_meshopt_compression",
+    "KHR_meshopt_compression",
+    "KHR_texture_transform",
+    "EXT_texture_webp",
+];
+
+/// Returns whether a file begins like GLB, or like the JSON of glTF.
+pub(in crate::io) fn looks_like(first: &[u8]) -> bool {
+    if first.starts_with(b"glTF") {
+        return true;
+    }
+    let text = first.trim_ascii_start();
+    text.starts_with(b"{") && first.iter().all(|&b| b >= b' ' || b.is_ascii_whitespace())
+}
+
+/// The document of a file, and the binary chunk of a GLB file.
+fn document(file: &Arc<RawFile>, options: &StageOptions) -> Result<(Document, Option<Part>)> {
+    let mut head = [0u8; 20];
+    let n = file.read_at_most(&mut head, 0)?;
+    let word = |at: usize| {
+        u64::from(u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]))
+    };
+    let (start, n_bytes) = if head.starts_with(b"glTF") {
+        if n < 20 || &head[16..20] != b"JSON" {
+            return Err(
+                file.bad("this GLB file has no JSON chunk; it was cut off, or is version 1")
+            );
+        }
+        if word(4) != 2 {
+            return Err(
+                file.bad(format!("GLB version {} is not read, only 2; export it again", word(4)))
+            );
+        }
+        (20, word(12))
+    } else {
+        (0, file.len())
+    };
+    if start + n_bytes > file.len() {
+        return Err(file.bad(format!(
+            "byte offset {}: the JSON chunk should have {n_bytes} bytes, the file ends before; fetch it again",
+            file.len()
+        )));
+    }
+    let limit = (options.memory_bytes / 4).max(MIN_DOCUMENT_BYTES);
+    if n_bytes > limit {
+        return Err(file.bad(format!(
+            "its JSON has {}, more than the {} that are read at once; write it as GLB, or give more --memory",
+            show_bytes(n_bytes),
+            show_bytes(limit)
+        )));
+    }
+    let mut text = vec![0; n_bytes as usize];
+    file.read_exact_at(&mut text, start)?;
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+    let document: Document = serde_json::from_slice(text).map_err(|error| {
+        let at = format!("line {}, column {}", error.line(), error.column());
+        file.bad(format!("its JSON is not that of glTF ({at}): {error}"))
+    })?;
+    if !document.asset.version.starts_with('2') {
+        let version: String = document.asset.version.chars().take(20).collect();
+        return Err(
+            file.bad(format!("glTF version '{version}' is not read, only 2; export it again"))
+        );
+    }
+    Ok((document, binary_chunk(file, start + n_bytes)?.filter(|_| start > 0)))
+}
+
+/// The chunk `BIN` at an offset of a GLB file.
+fn binary_chunk(file: &Arc<RawFile>, at: u64) -> Result<Option<Part>> {
+    let mut head = [0u8; 8];
+    if file.read_at_most(&mut head, at)? < 8 || &head[4..8] != b"BIN\0" {
+        return Ok(None);
+    }
+    let n_bytes = u64::from(u32::from_le_bytes([head[0], head[1], head[2], head[3]]));
+    let (offset, rest) = (at + 8, file.len() - at - 8);
+    if n_bytes > rest {
+        return Err(file.bad(format!(
+            "byte offset {offset}: the binary chunk should have {n_bytes} bytes, {rest} are there; the file was cut \
+             off, fetch it again"
+        )));
+    }
+    Ok(Some(Part { file: file.clone(), offset, n_bytes }))
+}
+
+/// Faces of one mesh in one place.
+struct Piece<'a> {
+    primitive: &'a Primitive,
+    at: Placement,
+    positions: Elements,
+    normals: Option<Elements>,
+    colours: Option<Elements>,
+    texture: Option<(Elements, Coordinates)>,
+    indices: Option<Elements>,
+}
+
+/// Reads a GLB or glTF file into a PLY.
+pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
+    let file = Arc::new(file);
+    let (document, binary) = document(&file, options)?;
+    for name in &document.extensions_required {
+        if !KNOWN.contains(&name.as_str()) && !name.starts_with("KHR_materials_") {
+            let remedy = match name.as_str() {
+                "KHR_draco_mesh_compression" => "decompress it first (gltf-transform copy IN OUT)",
+                "KHR_texture_basisu" => "turn its images into JPEG or PNG first (gltf-transform)",
+                _ => "export it without",
+            };
+            return Err(file.bad(format!("it requires {name}, which is not read; {remedy}")));
+        }
+    }
+    let mut buffers = Buffers::open(&file, &document, binary, options)?;
+    let (mut materials, coordinates) = materials_in::read(&file, &document, &mut buffers)?;
+    let pieces = pieces(&file, &document, &mut buffers, &coordinates, &mut materials)?;
+    if pieces.is_empty() {
+        return Err(file.bad("its scene has no triangles"));
+    }
+    let has_normals = pieces.iter().all(|piece| piece.normals.is_some());
+    if !has_normals && pieces.iter().any(|piece| piece.normals.is_some()) {
+        materials.note("normals, which only some of the meshes have: not carried");
+    }
+    let has_texture = pieces.iter().any(|piece| piece.texture.is_some());
+    let has_numbers = !materials.list.is_empty();
+    let mut joiner =
+        Joiner::new(options, pieces.iter().any(|piece| piece.colours.is_some()), has_normals);
+    let mut n_bad = 0;
+    for piece in &pieces {
+        let first = joiner.n_vertices();
+        put_vertices(&file, piece, options, &mut joiner)?;
+        n_bad += put_faces(&file, piece, (first, options.read.skip_bad), &mut joiner)?;
+    }
+    let mut staged = Staged { bad_faces: n_bad, ..Staged::default() };
+    if has_texture {
+        let mut files: Vec<String> =
+            materials.images.iter().map(|image| image.name.clone()).collect();
+        if files.is_empty() {
+            files.push("no image".to_owned());
+        }
+        staged.texture = Some(TextureInfo { files, property: "texcoord".to_owned() });
+    }
+    let out = joiner.finish(&file, has_texture, has_numbers)?;
+    if has_numbers || !materials.notes.is_empty() {
+        staged.materials = Some(Arc::new(materials));
+    }
+    Ok((out, staged))
+}
+
+/// All primitives of the scene with their accessors, checked.
+fn pieces<'a>(
+    file: &RawFile,
+    document: &'a Document,
+    buffers: &mut Buffers,
+    coordinates: &[Coordinates],
+    materials: &mut Materials,
+) -> Result<Vec<Piece<'a>>> {
+    let mut out = Vec::new();
+    for placed in placed(file, document)? {
+        let Some(mesh) = document.meshes.get(placed.mesh) else {
+            return Err(
+                file.bad(format!("mesh {}, which a node names, does not exist", placed.mesh))
+            );
+        };
+        for primitive in &mesh.primitives {
+            if !matches!(primitive.mode.unwrap_or(TRIANGLES), TRIANGLES | STRIP | FAN) {
+                materials.note("points and lines: not carried");
+                continue;
+            }
+            if primitive.extensions.contains_key("KHR_draco_mesh_compression") {
+                return Err(file.bad(
+                    "its meshes are compressed with Draco, which is not read; decompress it first (gltf-transform copy IN OUT)",
+                ));
+            }
+            let Some(&positions) = primitive.attributes.get("POSITION") else { continue };
+            if let Some(material) = primitive.material.filter(|&m| m >= document.materials.len()) {
+                return Err(file
+                    .bad(format!("material {material}, which a primitive names, does not exist")));
+            }
+            let positions = buffers.accessor(positions, &[3])?;
+            let mut attribute = |name: &str, n: &[usize]| -> Result<Option<Elements>> {
+                let Some(&number) = primitive.attributes.get(name) else { return Ok(None) };
+                let elements = buffers.accessor(number, n)?;
+                if elements.count != positions.count {
+                    return Err(file.bad(format!(
+                        "accessor {number} ({name}) has {} elements, the positions of its primitive {}",
+                        elements.count, positions.count
+                    )));
+                }
+                Ok(Some(elements))
+            };
+            let place = primitive.material.and_then(|material| coordinates.get(material).cloned());
+            let place = place.unwrap_or_else(Coordinates::plain);
+            let normals = attribute("NORMAL", &[3])?;
+            let colours = attribute("COLOR_0", &[3, 4])?;
+            let texture = attribute(&format!("TEXCOORD_{}", place.set), &[2])?;
+            for name in primitive.attributes.keys() {
+                let used = format!("TEXCOORD_{}", place.set);
+                if !["POSITION", "NORMAL", "COLOR_0", &used].contains(&name.as_str()) {
+                    materials.note(format!("{name} of vertices: not carried"));
+                }
+            }
+            if !primitive.targets.is_empty() {
+                materials.note("morph targets: not carried");
+            }
+            let indices =
+                primitive.indices.map(|number| buffers.accessor(number, &[1])).transpose()?;
+            let texture = texture.map(|elements| (elements, place));
+            let at = placed.at;
+            out.push(Piece { primitive, at, positions, normals, colours, texture, indices });
+        }
+    }
+    if document.nodes.iter().any(|node| node.skin.is_some()) || !document.animations.is_empty() {
+        materials.note("skins and animations: the mesh is read as it rests");
+    }
+    if document.nodes.iter().any(|node| node.extensions.contains_key("EXT_mesh_gpu_instancing")) {
+        materials.note("EXT_mesh_gpu_instancing: only one instance is read");
+    }
+    Ok(out)
+}
+
+const TRIANGLES: u32 = 4;
+const STRIP: u32 = 5;
+const FAN: u32 = 6;
+
+/// Hands on the vertices of a piece in their places.
+fn put_vertices(
+    file: &RawFile,
+    piece: &Piece,
+    options: &StageOptions,
+    joiner: &mut Joiner,
+) -> Result<()> {
+    let cofactors = piece.at.cofactors();
+    let mut bytes = Vec::new();
+    let (mut xyz, mut normals, mut colours, mut uvs) =
+        (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut first = 0;
+    while first < piece.positions.count {
+        piece.positions.read(first, &mut bytes, &mut xyz)?;
+        let optional = [(&piece.normals, &mut normals), (&piece.colours, &mut colours)];
+        for (elements, out) in optional {
+            if let Some(elements) = elements {
+                elements.read(first, &mut bytes, out)?;
+            }
+        }
+        if let Some((elements, _)) = &piece.texture {
+            elements.read(first, &mut bytes, &mut uvs)?;
+        }
+        let n_colours = piece.colours.as_ref().map_or(4, |elements| elements.n_numbers);
+        for (i, p) in xyz.as_chunks::<3>().0.iter().enumerate() {
+            let position = piece.at.point(*p);
+            if !options.read.skip_bad && position.iter().any(|x| !x.is_finite()) {
+                return Err(file.bad(format!(
+                    "vertex {} is not finite; repair the file, or drop such vertices and their faces with --skip-bad",
+                    first + i as u64
+                )));
+            }
+            let normal = match normals.as_chunks::<3>().0.get(i) {
+                Some(n) => unit(cofactors.map(|row| row[0] * n[0] + row[1] * n[1] + row[2] * n[2])),
+                None => [0.0; 3],
+            };
+            let colour = match colours.get(i * n_colours..(i + 1) * n_colours) {
+                Some(c) => {
+                    let alpha = c.get(3).copied().unwrap_or(1.0);
+                    [c[0], c[1], c[2], alpha].map(|x| (x.clamp(0.0, 1.0) * 255.0).round() as u8)
+                }
+                None => [255; 4],
+            };
+            let uv = match (&piece.texture, uvs.as_chunks::<2>().0.get(i)) {
+                (Some((_, place)), Some(&uv)) => place.place(uv),
+                _ => [0.0; 2],
+            };
+            let uv = uv.map(|x| if x.is_finite() { x } else { 0.0 });
+            joiner.put_vertex(&VertexRow { position, colour, normal, uv })?;
+        }
+        first += BLOCK;
+    }
+    Ok(())
+}
+
+fn unit(v: [f64; 3]) -> [f32; 3] {
+    let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    v.map(|x| if length > 0.0 { (x / length) as f32 } else { 0.0 })
+}
+
+/// Hands on the faces of a piece whose vertices begin with number `first`; returns how many are broken.
+fn put_faces(
+    file: &RawFile,
+    piece: &Piece,
+    (first, skip_bad): (u64, bool),
+    joiner: &mut Joiner,
+) -> Result<u64> {
+    let n_vertices = piece.positions.count;
+    let material = piece.primitive.material.map_or(-1, |material| material as i32);
+    let mode = piece.primitive.mode.unwrap_or(TRIANGLES);
+    let n_indices = piece.indices.as_ref().map_or(n_vertices, |indices| indices.count);
+    let (mut bytes, mut block) = (Vec::new(), Vec::new());
+    let (mut corners, mut n_bad, mut n) = ([0u64; 3], 0, 0u64);
+    for at in (0..n_indices).step_by(BLOCK as usize) {
+        match &piece.indices {
+            Some(indices) => indices.read(at, &mut bytes, &mut block)?,
+            None => {
+                block.clear();
+                block.extend((at..n_indices.min(at + BLOCK)).map(|i| i as f64));
+            }
+        }
+        for &index in &block {
+            // A triangle of a fan begins with the first corner of all, one of a strip turns every other time.
+            let place = match mode {
+                STRIP | FAN => n.min(2) as usize,
+                _ => (n % 3) as usize,
+            };
+            if n > 2 && mode == STRIP {
+                corners = [corners[1], corners[2], 0];
+            } else if n > 2 && mode == FAN {
+                corners = [corners[0], corners[2], 0];
+            }
+            corners[place] = index as u64;
+            n += 1;
+            if place < 2 {
+                continue;
+            }
+            if corners.iter().any(|&v| v >= n_vertices) {
+                if skip_bad {
+                    n_bad += 1;
+                    continue;
+                }
+                return Err(file.bad(format!(
+                    "a face names vertex {}, its primitive has {n_vertices}; export the mesh again, or drop such faces \
+                     with --skip-bad",
+                    corners.iter().max().unwrap_or(&0)
+                )));
+            }
+            let is_turned = mode == STRIP && !n.is_multiple_of(2);
+            let [a, b, c] = corners.map(|v| first + v);
+            let is_turned = is_turned != piece.at.is_mirror();
+            joiner.put_face(if is_turned { [a, c, b] } else { [a, b, c] }, material)?;
+        }
+    }
+    Ok(n_bad)
+}

@@ -1,0 +1,153 @@
+//! The scene of a glTF file: which mesh stands where.
+
+use super::json::{Document, Node};
+use crate::error::Result;
+use crate::io::ply::raw::RawFile;
+
+/// Meshes in a scene, at most.
+const MAX_PLACED: usize = 1 << 20;
+
+/// Linear part by rows, and translation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Placement {
+    pub(super) rows: [[f64; 3]; 3],
+    pub(super) shift: [f64; 3],
+}
+
+/// A mesh in its place.
+pub(super) struct Placed {
+    pub(super) mesh: usize,
+    pub(super) at: Placement,
+}
+
+impl Placement {
+    const NONE: Placement =
+        Placement { rows: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], shift: [0.0; 3] };
+
+    /// The local placement of a node.
+    fn of(node: &Node) -> Placement {
+        if let Some(m) = node.matrix {
+            // Columns come one after another.
+            let rows = [0, 1, 2].map(|r| [0, 1, 2].map(|c| m[4 * c + r]));
+            return Placement { rows, shift: [m[12], m[13], m[14]] };
+        }
+        let [x, y, z, w] = node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]);
+        let scale = node.scale.unwrap_or([1.0; 3]);
+        let turn = [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+        ];
+        let rows = turn.map(|row| [0, 1, 2].map(|c| row[c] * scale[c]));
+        Placement { rows, shift: node.translation.unwrap_or_default() }
+    }
+
+    /// The image of a point.
+    pub(super) fn point(&self, p: [f64; 3]) -> [f64; 3] {
+        let turned = self.direction(p);
+        [0, 1, 2].map(|r| turned[r] + self.shift[r])
+    }
+
+    fn direction(&self, p: [f64; 3]) -> [f64; 3] {
+        self.rows.map(|row| row[0] * p[0] + row[1] * p[1] + row[2] * p[2])
+    }
+
+    /// This one inside another.
+    fn inside(&self, outer: &Placement) -> Placement {
+        let column =
+            |c: usize| outer.direction([self.rows[0][c], self.rows[1][c], self.rows[2][c]]);
+        let columns = [column(0), column(1), column(2)];
+        let rows = [0, 1, 2].map(|r| [0, 1, 2].map(|c| columns[c][r]));
+        Placement { rows, shift: outer.point(self.shift) }
+    }
+
+    /// Cofactors: what turns normals, up to their length.
+    pub(super) fn cofactors(&self) -> [[f64; 3]; 3] {
+        let m = &self.rows;
+        let minor = |r: usize, c: usize| {
+            let [(r1, r2), (c1, c2)] = [r, c].map(|i| ((i + 1) % 3, (i + 2) % 3));
+            m[r1][c1] * m[r2][c2] - m[r1][c2] * m[r2][c1]
+        };
+        [0, 1, 2].map(|r| [0, 1, 2].map(|c| minor(r, c)))
+    }
+
+    /// Returns whether it is a mirror, which turns faces around.
+    pub(super) fn is_mirror(&self) -> bool {
+        let cofactors = self.cofactors();
+        (0..3).map(|c| self.rows[0][c] * cofactors[0][c]).sum::<f64>() < 0.0
+    }
+}
+
+/// All meshes of the scene, in the order of the nodes; without scenes, all nodes that no node has as a child.
+pub(super) fn placed(file: &RawFile, document: &Document) -> Result<Vec<Placed>> {
+    let nodes = &document.nodes;
+    let roots: Vec<usize> = match document.scenes.get(document.scene.unwrap_or(0)) {
+        Some(scene) => scene.nodes.clone(),
+        None => {
+            let mut is_child = vec![false; nodes.len()];
+            let children = nodes.iter().flat_map(|node| &node.children);
+            children.for_each(|&child| {
+                if let Some(mark) = is_child.get_mut(child) {
+                    *mark = true;
+                }
+            });
+            (0..nodes.len()).filter(|&i| !is_child[i]).collect()
+        }
+    };
+    let mut seen = vec![false; nodes.len()];
+    let mut open: Vec<(usize, Placement)> =
+        roots.into_iter().rev().map(|root| (root, Placement::NONE)).collect();
+    let mut out = Vec::new();
+    while let Some((number, outer)) = open.pop() {
+        let Some(node) = nodes.get(number) else {
+            return Err(file.bad(format!("node {number}, which the scene names, does not exist")));
+        };
+        if std::mem::replace(&mut seen[number], true) {
+            return Err(file.bad(format!(
+                "node {number} has two parents or is part of a circle; glTF wants a tree"
+            )));
+        }
+        let at = Placement::of(node).inside(&outer);
+        if let Some(mesh) = node.mesh {
+            out.push(Placed { mesh, at });
+        }
+        if out.len() > MAX_PLACED {
+            return Err(file.bad(format!("more than {MAX_PLACED} nodes have a mesh")));
+        }
+        open.extend(node.children.iter().rev().map(|&child| (child, at)));
+    }
+    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn placements_nest() {
+        let text = r#"{"nodes": [
+            {"translation": [1, 0, 0], "children": [1]},
+            {"rotation": [0, 0, 0.7071067811865476, 0.7071067811865476], "scale": [2, 2, -2], "mesh": 0}
+        ]}"#;
+        let document: Document = serde_json::from_str(text).unwrap();
+        let file = RawFile::from_bytes("a.gltf", Vec::new());
+        let placed = placed(&file, &document).unwrap();
+        let point = placed[0].at.point([1.0, 0.0, 1.0]);
+        let wanted = [1.0, 2.0, -2.0];
+        assert!(point.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-12), "{point:?}");
+        assert!(placed[0].at.is_mirror());
+    }
+
+    #[test]
+    fn circles_of_nodes_are_refused() {
+        let file = RawFile::from_bytes("a.gltf", Vec::new());
+        for text in [
+            r#"{"scenes": [{"nodes": [0]}], "nodes": [{"children": [1]}, {"children": [0]}]}"#,
+            r#"{"scenes": [{"nodes": [0]}], "nodes": [{"children": [7]}]}"#,
+        ] {
+            let document: Document = serde_json::from_str(text).unwrap();
+            let error = placed(&file, &document).err().unwrap();
+            assert!(error.to_string().contains("node "), "{error}");
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! Vertices of a GLB file whose faces have materials or texture coordinates: one for each material, place and pair of
+//! coordinates, out of core.
+//!
+//! A sort by material, vertex and coordinates numbers them, a sort by corner puts them back into faces. So each
+//! material is a primitive with its vertices in the order of the mesh, and faces in the order of the mesh.
+
+use super::document::Primitive;
+use crate::error::Result;
+use crate::io::external_sort::{ExternalSort, halves};
+use crate::io::ply::raw::{RawFile, Spool};
+use crate::io::ply::{OutputHeader, TexturedTriangle};
+use std::path::{Path, PathBuf};
+
+/// Rows of vertices that are read at once.
+const BLOCK_ROWS: u64 = 16_384;
+
+/// Corners on their way to vertices.
+///
+/// Memory: that of the header for each of two sorts. Disk: 40 bytes a corner beyond that.
+pub(super) struct Split {
+    folder: PathBuf,
+    memory_bytes: usize,
+    corners: ExternalSort<6>,
+    n_corners: u64,
+}
+
+/// Vertices and faces in their order.
+pub(super) struct Parts {
+    pub(super) primitives: Vec<Primitive>,
+    pub(super) vertices: RawFile,
+    /// Material, corner in two halves, number of the vertex within its primitive.
+    pub(super) indices: ExternalSort<4>,
+}
+
+impl Split {
+    pub(super) fn new(folder: &Path, header: &OutputHeader) -> Split {
+        Split {
+            folder: folder.to_path_buf(),
+            memory_bytes: header.sort_memory_bytes,
+            corners: ExternalSort::new(folder, header.sort_memory_bytes),
+            n_corners: 0,
+        }
+    }
+
+    /// Appends a face.
+    pub(super) fn push(&mut self, material: Option<u32>, face: &TexturedTriangle) -> Result<()> {
+        let material = material.map_or(0, |material| material + 1);
+        for (vertex, uv) in face.corners.iter().zip(face.texture) {
+            // glTF has its origin at the top. Adding 0 turns -0 into 0.
+            let plain = uv.map(|x| if x.is_finite() { x } else { 0.0 });
+            let [u, v] = [plain[0], 1.0 - plain[1]].map(|x| (x + 0.0).to_bits());
+            let [high, low] = halves(self.n_corners);
+            self.corners.push([material, *vertex as u32, u, v, high, low])?;
+            self.n_corners += 1;
+        }
+        Ok(())
+    }
+
+    /// Makes the vertices: `row` turns the spooled row of a vertex into that of the file, before its coordinates.
+    pub(super) fn finish(
+        self,
+        spooled: &RawFile,
+        row_bytes: usize,
+        has_own_texture: bool,
+        row: impl Fn(&[u8], &mut Vec<u8>) -> [u16; 3],
+    ) -> Result<Parts> {
+        let mut rows = Rows { file: spooled, row_bytes, first: 0, loaded: Vec::new() };
+        let mut vertices = Spool::new(&self.folder);
+        let mut indices = ExternalSort::<4>::new(&self.folder, self.memory_bytes);
+        let mut primitives: Vec<Primitive> = Vec::new();
+        let (mut last, mut last_material) = (None, None);
+        let mut out = Vec::new();
+        self.corners.drain(|[material, vertex, u, v, high, low]| {
+            if last_material != Some(material) {
+                last_material = Some(material);
+                primitives.push(Primitive {
+                    material: material.checked_sub(1),
+                    n_vertices: 0,
+                    n_corners: 0,
+                    low: [u16::MAX; 3],
+                    high: [0; 3],
+                });
+            }
+            let primitive = primitives.last_mut().expect("the corner's own");
+            if last != Some([material, vertex, u, v]) {
+                last = Some([material, vertex, u, v]);
+                out.clear();
+                let steps = row(rows.get(u64::from(vertex))?, &mut out);
+                if !has_own_texture {
+                    out.extend_from_slice([u, v].map(u32::to_le_bytes).as_flattened());
+                }
+                vertices.write(&out)?;
+                primitive.n_vertices += 1;
+                for (axis, step) in steps.into_iter().enumerate() {
+                    primitive.low[axis] = primitive.low[axis].min(step);
+                    primitive.high[axis] = primitive.high[axis].max(step);
+                }
+            }
+            primitive.n_corners += 1;
+            // Fewer vertices than corners, fewer than 2^32: `create` made sure of it.
+            indices.push([material, high, low, (primitive.n_vertices - 1) as u32])
+        })?;
+        Ok(Parts { primitives, vertices: vertices.finish(spooled.path())?, indices })
+    }
+}
+
+/// Rows of a file, mostly asked for in order.
+struct Rows<'a> {
+    file: &'a RawFile,
+    row_bytes: usize,
+    /// The first row at hand.
+    first: u64,
+    loaded: Vec<u8>,
+}
+
+impl Rows<'_> {
+    fn get(&mut self, number: u64) -> Result<&[u8]> {
+        let bytes = self.row_bytes as u64;
+        if number < self.first || number >= self.first + self.loaded.len() as u64 / bytes {
+            self.first = number;
+            let n = (self.file.len() - number * bytes).min(BLOCK_ROWS * bytes) as usize;
+            self.loaded.resize(n, 0);
+            self.file.read_exact_at(&mut self.loaded, number * bytes)?;
+        }
+        let at = ((number - self.first) * bytes) as usize;
+        Ok(&self.loaded[at..at + self.row_bytes])
+    }
+}

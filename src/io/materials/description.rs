@@ -1,0 +1,272 @@
+//! Materials of a mesh and the images that they name: the one form that every reader fills and every writer takes.
+//!
+//! A face names its material by number (`texnumber`). Images are named, never decoded. Does not read or write files.
+
+use crate::io::ply::raw::RawFile;
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// The property of faces that holds the number of their material.
+pub(crate) const NUMBER: &str = "texnumber";
+
+/// Materials by number, and the images that they name.
+#[derive(Clone, Debug, Default)]
+pub struct Materials {
+    /// Materials in the order of their numbers.
+    pub list: Vec<Material>,
+    /// Images, each once.
+    pub images: Vec<Image>,
+    /// Parts of the input that this description has no place for, in words.
+    pub notes: Vec<String>,
+    /// Files that the materials were read from.
+    pub libraries: Vec<PathBuf>,
+    /// Places of the images that are files.
+    by_path: HashMap<PathBuf, usize>,
+}
+
+/// Appearance of faces.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    /// Its name, distinct among the materials of a mesh; empty where the input has none.
+    pub name: String,
+    /// Colour and opacity, from 0 to 1; multiplied with the image of kind `Base`.
+    pub base: [f32; 4],
+    /// Ambient colour.
+    pub ambient: Option<[f32; 3]>,
+    /// Colour of highlights.
+    pub specular: Option<[f32; 3]>,
+    /// Emitted light.
+    pub emissive: Option<[f32; 3]>,
+    /// Exponent of highlights.
+    pub shininess: Option<f32>,
+    /// Share of metal, from 0 to 1.
+    pub metallic: Option<f32>,
+    /// Roughness, from 0 to 1.
+    pub roughness: Option<f32>,
+    /// Meaning of opacity.
+    pub alpha: Alpha,
+    /// True if both sides are drawn.
+    pub two_sided: bool,
+    /// True if light does not matter.
+    pub unlit: bool,
+    /// Images, at most one of each kind.
+    pub maps: Vec<Map>,
+    /// Lines that only a material library can hold.
+    pub mtl_lines: Vec<String>,
+}
+
+/// Meaning of a material's opacity.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Alpha {
+    /// As the input's format has it: opaque unless colour or image are not.
+    #[default]
+    Plain,
+    /// A share of the light passes.
+    Blend,
+    /// Opaque from this value on, otherwise not there.
+    Mask(f32),
+}
+
+/// An image in its role.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Map {
+    /// The role.
+    pub kind: MapKind,
+    /// Place in `Materials::images`.
+    pub image: usize,
+    /// Options of a material library: `-s 2 2 1`.
+    pub options: String,
+    /// Tiling outside of 0 to 1 as glTF numbers it, along u and v; repeated if `None`.
+    pub wrap: Option<[u32; 2]>,
+}
+
+/// Roles of images.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum MapKind {
+    /// Colour.
+    Base,
+    /// Emitted light.
+    Emissive,
+    /// Opacity.
+    Opacity,
+    /// Colour of highlights.
+    Specular,
+    /// Ambient colour.
+    Ambient,
+    /// Heights.
+    Bump,
+    /// Directions in tangent space.
+    Normal,
+    /// Roughness in green, share of metal in blue.
+    MetallicRoughness,
+    /// Shade of ambient light.
+    Occlusion,
+}
+
+impl MapKind {
+    /// The name in messages.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            MapKind::Base => "colour image",
+            MapKind::Emissive => "image of emitted light",
+            MapKind::Opacity => "image of opacity",
+            MapKind::Specular => "image of highlights",
+            MapKind::Ambient => "image of ambient colour",
+            MapKind::Bump => "image of heights",
+            MapKind::Normal => "normal map",
+            MapKind::MetallicRoughness => "image of metal and roughness",
+            MapKind::Occlusion => "image of ambient shade",
+        }
+    }
+}
+
+/// An image that materials name.
+#[derive(Clone, Debug)]
+pub struct Image {
+    /// The name in the input, for messages.
+    pub name: String,
+    /// Place of its bytes.
+    pub data: ImageData,
+}
+
+/// Place of an image's bytes.
+#[derive(Clone)]
+pub enum ImageData {
+    /// A file, which need not be there.
+    File(PathBuf),
+    /// A part of another file.
+    Inside(Part),
+}
+
+/// A part of a file that is open.
+#[derive(Clone)]
+pub struct Part {
+    pub(crate) file: Arc<RawFile>,
+    pub(crate) offset: u64,
+    pub(crate) n_bytes: u64,
+}
+
+impl std::fmt::Debug for ImageData {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            ImageData::File(path) => f.debug_tuple("File").field(path).finish(),
+            ImageData::Inside(part) => {
+                f.debug_tuple("Inside").field(&part.offset).field(&part.n_bytes).finish()
+            }
+        }
+    }
+}
+
+impl Default for Material {
+    /// White, opaque, without images.
+    fn default() -> Self {
+        Material {
+            name: String::new(),
+            base: [1.0; 4],
+            ambient: None,
+            specular: None,
+            emissive: None,
+            shininess: None,
+            metallic: None,
+            roughness: None,
+            alpha: Alpha::Plain,
+            two_sided: false,
+            unlit: false,
+            maps: Vec::new(),
+            mtl_lines: Vec::new(),
+        }
+    }
+}
+
+impl Material {
+    /// The image of a kind.
+    pub(crate) fn map(&self, kind: MapKind) -> Option<&Map> {
+        self.maps.iter().find(|map| map.kind == kind)
+    }
+}
+
+impl Materials {
+    /// Adds an image, or finds that of the same file.
+    pub(crate) fn add_image(&mut self, image: Image) -> usize {
+        let next = self.images.len();
+        let number = match &image.data {
+            ImageData::File(path) => *self.by_path.entry(path.clone()).or_insert(next),
+            ImageData::Inside(_) => next,
+        };
+        if number == next {
+            self.images.push(image);
+        }
+        number
+    }
+
+    /// Materials with one image each, as a PLY file names them; `names` in the same order where they are known.
+    pub(crate) fn of_files(files: &[(String, PathBuf)], names: &[String]) -> Materials {
+        let mut out = Materials::default();
+        for i in 0..files.len().max(names.len()) {
+            let mut material = Material::default();
+            if let Some((name, path)) = files.get(i) {
+                let data = ImageData::File(path.clone());
+                let image = out.add_image(Image { name: name.clone(), data });
+                let options = String::new();
+                material.maps.push(Map { kind: MapKind::Base, image, options, wrap: None });
+                let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+                material.name = stem.unwrap_or_default();
+            }
+            if let Some(name) = names.get(i).filter(|_| names.len() >= files.len()) {
+                material.name.clone_from(name);
+            }
+            out.list.push(material);
+        }
+        out.name_all();
+        out
+    }
+
+    /// Gives every material a name that no other has.
+    pub(crate) fn name_all(&mut self) {
+        let mut taken = HashSet::new();
+        for (i, material) in self.list.iter_mut().enumerate() {
+            material.name = material.name.replace(char::is_control, "_").trim().to_owned();
+            if material.name.is_empty() {
+                material.name = format!("material_{i}");
+            }
+            let base = material.name.clone();
+            let mut n = 2;
+            while !taken.insert(material.name.clone()) {
+                material.name = format!("{base}_{n}");
+                n += 1;
+            }
+        }
+    }
+
+    /// Adds a note of what the description has no place for.
+    pub(crate) fn note(&mut self, what: impl Into<String>) {
+        let what = what.into();
+        if !self.notes.contains(&what) {
+            self.notes.push(what);
+        }
+    }
+}
+
+/// Gathers losses of the same kind: one line for all materials that have it.
+#[derive(Debug, Default)]
+pub(crate) struct Losses {
+    found: BTreeMap<String, (usize, String)>,
+}
+
+impl Losses {
+    /// Adds one, of the material of this name.
+    pub(crate) fn add(&mut self, what: impl Into<String>, material: &str) {
+        let entry = self.found.entry(what.into()).or_insert_with(|| (0, material.to_owned()));
+        entry.0 += 1;
+    }
+
+    /// One line for each kind, with the reason.
+    pub(crate) fn lines(&self, reason: &str) -> Vec<String> {
+        let line = |(what, (n, first)): (&String, &(usize, String))| match n {
+            1 => format!("{what} of material '{first}': {reason}"),
+            n => format!("{what} of {n} materials, the first '{first}': {reason}"),
+        };
+        self.found.iter().map(line).collect()
+    }
+}

@@ -1,0 +1,171 @@
+//! Looks at images without decoding them: kind, size, and whether their end is there.
+//!
+//! Reads the first MiB and the last KiB of an image, whatever its size says: memory is bounded for any file.
+
+use super::description::ImageData;
+use crate::error::{Error, Result};
+use crate::io::ply::raw::RawFile;
+use std::path::Path;
+
+/// Bytes at the beginning that hold the size of any real image.
+const HEAD_BYTES: u64 = 1 << 20;
+
+/// Bytes at the end that hold the end mark; some programs append a few more.
+const TAIL_BYTES: u64 = 1 << 10;
+
+/// Longer sides than these are drawn by no graphics card.
+const MAX_SIDE: usize = 32_768;
+
+/// Bytes that are copied at once.
+const COPY_BYTES: u64 = 1 << 20;
+
+/// Findings of a look at an image.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct ImageFacts {
+    pub(crate) n_bytes: u64,
+    /// The type as glTF names it, for the two that every reader of glTF knows, and WebP.
+    pub(crate) mime: Option<&'static str>,
+    /// The ending of a file of this type.
+    pub(crate) ending: &'static str,
+    /// Reason why other programs may refuse it.
+    pub(crate) fault: Option<String>,
+}
+
+/// Looks at an image; an error only says in words why it cannot be used at all.
+pub(crate) fn look(data: &ImageData) -> Result<ImageFacts, String> {
+    let opened;
+    let (file, offset, n_bytes) = match data {
+        ImageData::Inside(part) => (&*part.file, part.offset, part.n_bytes),
+        ImageData::File(path) => {
+            if !path.exists() {
+                return Err("is not there".to_owned());
+            }
+            opened = RawFile::open(path).map_err(|error| error.to_string())?;
+            (&opened, 0, opened.len())
+        }
+    };
+    let part = |from: u64, n: u64| {
+        let mut bytes = vec![0; n as usize];
+        file.read_exact_at(&mut bytes, offset + from).map_err(|error| error.to_string())?;
+        Ok::<_, String>(bytes)
+    };
+    let head = part(0, n_bytes.min(HEAD_BYTES))?;
+    let n_tail = n_bytes.min(TAIL_BYTES);
+    let tail = part(n_bytes - n_tail, n_tail)?;
+    let (mime, ending, end_mark): (_, _, &[u8]) = match imagesize::image_type(&head) {
+        Ok(imagesize::ImageType::Png) => (Some("image/png"), "png", b"IEND"),
+        Ok(imagesize::ImageType::Jpeg) => (Some("image/jpeg"), "jpg", b"\xff\xd9"),
+        Ok(imagesize::ImageType::Webp) => (Some("image/webp"), "webp", b""),
+        Ok(imagesize::ImageType::Bmp) => (None, "bmp", b""),
+        Ok(imagesize::ImageType::Gif) => (None, "gif", b""),
+        Ok(imagesize::ImageType::Tga) => (None, "tga", b""),
+        Ok(imagesize::ImageType::Tiff) => (None, "tif", b""),
+        Ok(imagesize::ImageType::Dds(_)) => (None, "dds", b""),
+        Ok(imagesize::ImageType::Ktx2) => (None, "ktx2", b""),
+        _ if n_bytes == 0 => return Err("is empty".to_owned()),
+        _ => return Err("is not an image of a known type".to_owned()),
+    };
+    let fault = match imagesize::blob_size(&head) {
+        Err(_) => Some("its size cannot be read from its header".to_owned()),
+        Ok(size) if size.width == 0 || size.height == 0 => Some("it has no pixels".to_owned()),
+        Ok(size) if size.width > MAX_SIDE || size.height > MAX_SIDE => Some(format!(
+            "its header says {} x {} pixels, more than the {MAX_SIDE} a side that programs can show",
+            size.width, size.height
+        )),
+        Ok(_) if !end_mark.is_empty() && !tail.windows(end_mark.len()).any(|w| w == end_mark) => {
+            Some("its end is missing; it was cut off".to_owned())
+        }
+        Ok(_) => None,
+    };
+    Ok(ImageFacts { n_bytes, mime, ending, fault })
+}
+
+/// Hands the bytes of an image to `each`, a MiB at a time; returns their number.
+pub(crate) fn copy_bytes(
+    data: &ImageData,
+    mut each: impl FnMut(&[u8]) -> Result<()>,
+) -> Result<u64> {
+    let opened;
+    let (file, offset, n_bytes) = match data {
+        ImageData::Inside(part) => (&*part.file, part.offset, part.n_bytes),
+        ImageData::File(path) => {
+            opened = RawFile::open(path)?;
+            (&opened, 0, opened.len())
+        }
+    };
+    let mut buffer = vec![0; n_bytes.min(COPY_BYTES) as usize];
+    let mut at = 0;
+    while at < n_bytes {
+        let n = (n_bytes - at).min(COPY_BYTES) as usize;
+        file.read_exact_at(&mut buffer[..n], offset + at)?;
+        each(&buffer[..n])?;
+        at += n as u64;
+    }
+    Ok(n_bytes)
+}
+
+/// Returns whether a file has the very bytes of an image.
+pub(super) fn is_same(data: &ImageData, path: &Path) -> Result<bool> {
+    let other = RawFile::open(path)?;
+    let (mut at, mut same) = (0, true);
+    let mut theirs = Vec::new();
+    let n_bytes = copy_bytes(data, |ours| {
+        theirs.resize(ours.len(), 0);
+        let n = other.read_at_most(&mut theirs, at)?;
+        same &= n == ours.len() && theirs == ours;
+        at += ours.len() as u64;
+        Ok(())
+    });
+    match n_bytes {
+        Ok(n) => Ok(same && n == other.len()),
+        Err(Error::BadInput { .. }) => Ok(false),
+        Err(error) => Err(error),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::description::Part;
+    use super::*;
+    use std::sync::Arc;
+
+    fn inside(bytes: Vec<u8>) -> ImageData {
+        let n_bytes = bytes.len() as u64;
+        let file = Arc::new(RawFile::from_bytes("image", bytes));
+        ImageData::Inside(Part { file, offset: 0, n_bytes })
+    }
+
+    /// The beginning of a PNG of a size, and its end mark.
+    fn png(width: u32, height: u32) -> Vec<u8> {
+        let mut out = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR".to_vec();
+        out.extend(width.to_be_bytes());
+        out.extend(height.to_be_bytes());
+        out.extend(b"\x08\x02\0\0\0\0\0\0\0\0\0\0\0IEND\xaeB`\x82");
+        out
+    }
+
+    #[test]
+    fn faults_of_images_are_named_without_decoding_them() {
+        let fault = |bytes: Vec<u8>| look(&inside(bytes)).map(|facts| facts.fault);
+        assert_eq!(fault(png(64, 64)), Ok(None));
+        let huge = fault(png(100_000, 100_000)).unwrap().unwrap();
+        assert!(huge.contains("100000 x 100000"), "{huge}");
+        let mut cut = png(64, 64);
+        cut.truncate(cut.len() - 8);
+        assert!(fault(cut).unwrap().unwrap().contains("cut off"));
+        assert_eq!(
+            fault(b"newmtl a\nKd 1 1 1\n".to_vec()),
+            Err("is not an image of a known type".into())
+        );
+        assert_eq!(fault(Vec::new()), Err("is empty".into()));
+        let missing = ImageData::File("/nowhere/at/all.png".into());
+        assert_eq!(look(&missing), Err("is not there".into()));
+        // No prefix of an image makes a panic.
+        let jpeg = b"\xff\xd8\xff\xe0\0\x10JFIF\0\x01\x01\0\0\x01\0\x01\0\0\xff\xc0\0\x11\x08\0\x10\0\x10\x03\x01\x22\0\x02\x11\x01\x03\x11\x01\xff\xd9";
+        for bytes in [png(9, 9), jpeg.to_vec()] {
+            for n in 0..bytes.len() {
+                let _ = look(&inside(bytes[..n].to_vec()));
+            }
+        }
+    }
+}

@@ -1,0 +1,19 @@
+//! Materials and their images: one description between all readers and all writers.
+//!
+//! A reader fills `Materials`. `TexturePlan` decides once, before work begins, what becomes of the images for an
+//! output, and a writer takes the plan. No format knows another (docs/design/textures.md).
+
+mod description;
+mod images;
+mod losses;
+mod mtl;
+mod mtl_text;
+mod plan;
+mod sides;
+
+pub(crate) use description::NUMBER;
+pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
+pub(crate) use images::copy_bytes;
+pub(crate) use mtl::{after_word, read_library};
+pub(crate) use plan::Reference;
+pub use plan::{TextureMode, TexturePlan, TextureRequest};

@@ -1,0 +1,420 @@
+//! Fate of materials and images for one output, decided and checked before work begins.
+//!
+//! Images are copied beside the output, referred to where they are, embedded, or left out. A missing or damaged image
+//! is a note, never a failure. Writing the files beside the output is in `sides`.
+
+use super::description::{Image, ImageData, MapKind, Materials};
+use super::images::{ImageFacts, is_same, look};
+use super::{losses, mtl_text};
+use crate::error::{Error, Result};
+use crate::io::output_format::OutputKind;
+use crate::system::disk::folder_of;
+use crate::system::pending_file::refuse_irregular;
+use std::collections::HashSet;
+use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
+
+/// Treatment of images, as `--textures` says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TextureMode {
+    /// Beside the output, unless they lie in its folder or below already.
+    Copy,
+    /// Named in their places.
+    Link,
+    /// In the output; GLB only.
+    Embed,
+    /// Nowhere; coordinates and materials stay.
+    None,
+}
+
+impl TextureMode {
+    /// The word of the option.
+    pub fn name(self) -> &'static str {
+        match self {
+            TextureMode::Copy => "copy",
+            TextureMode::Link => "link",
+            TextureMode::Embed => "embed",
+            TextureMode::None => "none",
+        }
+    }
+}
+
+impl std::str::FromStr for TextureMode {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let all = [TextureMode::Copy, TextureMode::Link, TextureMode::Embed, TextureMode::None];
+        let found = all.into_iter().find(|mode| mode.name() == text);
+        found.ok_or_else(|| format!("'{text}' is none of copy, link, embed, none"))
+    }
+}
+
+/// An output that materials are planned for.
+#[derive(Clone, Copy, Debug)]
+pub struct TextureRequest<'a> {
+    /// The output's final path; `-` is standard output.
+    pub output: &'a Path,
+    /// Its kind.
+    pub kind: OutputKind,
+    /// As asked for; by the kind if `None`.
+    pub mode: Option<TextureMode>,
+    /// True if files beside the output may be replaced.
+    pub force: bool,
+}
+
+/// Form in which an output refers to an image.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Reference {
+    /// A path relative to the output's folder.
+    Path(String),
+    /// Its bytes, and their number.
+    Embedded(&'static str, u64),
+    /// Not at all.
+    None,
+}
+
+/// A file that an image is copied to.
+#[derive(Clone, Debug)]
+pub(super) struct Copied {
+    pub(super) image: usize,
+    pub(super) target: PathBuf,
+}
+
+/// Materials as an output has them; `notes` tells what is missing or lost.
+#[derive(Clone, Debug)]
+pub struct TexturePlan {
+    /// As the input has them.
+    pub materials: Arc<Materials>,
+    /// One for each image.
+    pub(crate) references: Vec<Reference>,
+    pub(super) copies: Vec<Copied>,
+    /// The material library beside the output.
+    pub(crate) library: Option<PathBuf>,
+    /// Missing, damaged and lost parts, a line each.
+    pub notes: Vec<String>,
+    /// Images that cannot be read.
+    pub n_missing: usize,
+    /// Bytes of all copied and embedded images.
+    pub bytes: u64,
+    pub(super) force: bool,
+}
+
+impl TexturePlan {
+    /// Decides for one output; looks at every image and every file that would be written.
+    ///
+    /// Errors: a mode that the kind of output cannot have; files beside the output that may not be replaced.
+    pub fn new(materials: Arc<Materials>, request: &TextureRequest) -> Result<TexturePlan> {
+        let mode = decided(request)?;
+        let mut plan = TexturePlan {
+            references: vec![Reference::None; materials.images.len()],
+            copies: Vec::new(),
+            library: None,
+            notes: materials.notes.clone(),
+            n_missing: 0,
+            bytes: 0,
+            force: request.force,
+            materials,
+        };
+        plan.notes.extend(losses::lines(request.kind, &plan.materials));
+        if request.kind == OutputKind::Stl {
+            return Ok(plan);
+        }
+        if request.kind == OutputKind::Obj {
+            plan.library = plan.library_for(request)?;
+        }
+        if mode != TextureMode::None {
+            plan.refer(mode, request)?;
+        } else if !plan.materials.images.is_empty() {
+            let n = plan.materials.images.len();
+            plan.notes.push(format!("{n} images are left out, as asked"));
+        }
+        Ok(plan)
+    }
+
+    /// Materials whose images and library were written by the caller, beside the output.
+    pub(crate) fn given(materials: Materials, library: Option<PathBuf>) -> TexturePlan {
+        let reference = |image: &Image| Reference::Path(image.name.clone());
+        TexturePlan {
+            references: materials.images.iter().map(reference).collect(),
+            materials: Arc::new(materials),
+            copies: Vec::new(),
+            library,
+            notes: Vec::new(),
+            n_missing: 0,
+            bytes: 0,
+            force: true,
+        }
+    }
+
+    /// Decides on every image.
+    fn refer(&mut self, mode: TextureMode, request: &TextureRequest) -> Result<()> {
+        let materials = self.materials.clone();
+        let home = real(if is_stream(request.output) {
+            Path::new(".")
+        } else {
+            folder_of(request.output)
+        });
+        let (mut taken, mut pending) = (HashSet::new(), Vec::new());
+        for (number, image) in materials.images.iter().enumerate() {
+            let facts = look(&image.data);
+            match &facts {
+                Err(what) => {
+                    self.n_missing += 1;
+                    self.notes.push(format!(
+                        "image '{}' {what}{}",
+                        shown(image),
+                        self.user(number)
+                    ));
+                }
+                Ok(ImageFacts { fault: Some(fault), .. }) => {
+                    self.notes.push(format!("image '{}': {fault}", shown(image)));
+                }
+                Ok(_) => {}
+            }
+            if mode == TextureMode::Embed {
+                self.embed(number, facts.as_ref().ok());
+                continue;
+            }
+            let ImageData::File(path) = &image.data else {
+                if let Ok(facts) = facts {
+                    pending.push((number, facts));
+                }
+                continue;
+            };
+            let (path, relative) = (real(path), relative(&home, &real(path)));
+            let is_below = !relative.starts_with("..") && !relative.starts_with('/');
+            match facts {
+                Ok(facts) if mode == TextureMode::Copy && !is_below => {
+                    pending.push((number, facts))
+                }
+                _ => {
+                    taken.insert(path);
+                    self.references[number] = Reference::Path(relative);
+                }
+            }
+        }
+        if is_stream(request.output) && !pending.is_empty() {
+            let n = pending.len();
+            self.notes.push(format!(
+                "{n} images are left out: beside standard output there is no folder"
+            ));
+            return Ok(());
+        }
+        let folder = format!("{}_textures", stem(request.output));
+        for (number, facts) in pending {
+            let name = free_name(&materials.images[number], &facts, number, |name| {
+                taken.insert(home.join(&folder).join(name))
+            });
+            let target = folder_of(request.output).join(&folder).join(&name);
+            self.check_copy(number, &target)?;
+            self.bytes += facts.n_bytes;
+            self.references[number] = Reference::Path(format!("{folder}/{name}"));
+            self.copies.push(Copied { image: number, target });
+        }
+        Ok(())
+    }
+
+    fn embed(&mut self, number: usize, facts: Option<&ImageFacts>) {
+        let Some(facts) = facts else { return };
+        match facts.mime {
+            Some(mime) => {
+                self.bytes += facts.n_bytes;
+                self.references[number] = Reference::Embedded(mime, facts.n_bytes);
+            }
+            None => {
+                let image = &self.materials.images[number];
+                self.notes.push(format!(
+                    "image '{}' is left out: glTF knows no {}; make it a JPEG or PNG first",
+                    shown(image),
+                    facts.ending
+                ));
+            }
+        }
+    }
+
+    /// The material that needs an image, for messages.
+    fn user(&self, image: usize) -> String {
+        let has = |m: &&super::Material| m.maps.iter().any(|map| map.image == image);
+        let user = self.materials.list.iter().find(has);
+        user.map_or_else(String::new, |m| format!(" (material '{}')", m.name))
+    }
+
+    /// Refuses to replace a file that is another image.
+    fn check_copy(&self, image: usize, target: &Path) -> Result<()> {
+        refuse_irregular(target)?;
+        let is_free = !target.exists() || self.force;
+        if is_free || is_same(&self.materials.images[image].data, target)? {
+            return Ok(());
+        }
+        Err(Error::Usage(format!(
+            "{} exists and is another image; give --force to replace it, or --textures link to refer to images where they are",
+            target.display()
+        )))
+    }
+
+    /// The material library beside an OBJ file.
+    fn library_for(&mut self, request: &TextureRequest) -> Result<Option<PathBuf>> {
+        if is_stream(request.output) {
+            let what = "materials are only named: beside standard output there is no place for a material library";
+            self.notes.push(what.to_owned());
+            return Ok(None);
+        }
+        let name = format!("{}.mtl", stem(request.output));
+        let path = folder_of(request.output).join(name);
+        refuse_irregular(&path)?;
+        let shown = path.display();
+        if self
+            .materials
+            .libraries
+            .iter()
+            .any(|library| path.exists() && real(library) == real(&path))
+        {
+            return Err(Error::Usage(format!(
+                "{shown} is the material library of the input; give OUTPUT another name"
+            )));
+        }
+        if path.exists() && !self.force && !is_own_library(&path) {
+            return Err(Error::Usage(format!(
+                "{shown} exists and was not written by stonecut; give --force to replace it, or OUTPUT another name"
+            )));
+        }
+        Ok(Some(path))
+    }
+
+    /// The path that the output has for an image.
+    pub(crate) fn path_of(&self, image: usize) -> Option<&str> {
+        match &self.references[image] {
+            Reference::Path(path) => Some(path),
+            Reference::Embedded(..) | Reference::None => None,
+        }
+    }
+
+    /// The path of the colour image of a material.
+    pub(crate) fn base_path(&self, material: usize) -> Option<&str> {
+        self.path_of(self.materials.list[material].map(MapKind::Base)?.image)
+    }
+
+    /// Returns whether there is more than one material, so that faces need an order.
+    pub(crate) fn has_many(&self) -> bool {
+        self.materials.list.len() > 1
+    }
+}
+
+/// The mode for an output; refuses one that its kind cannot have.
+fn decided(request: &TextureRequest) -> Result<TextureMode> {
+    let TextureRequest { output, kind, mode, .. } = *request;
+    let default = match kind {
+        OutputKind::Glb => TextureMode::Embed,
+        OutputKind::Obj | OutputKind::Ply if is_stream(output) => TextureMode::Link,
+        OutputKind::Obj | OutputKind::Ply | OutputKind::Stl => TextureMode::Copy,
+    };
+    match mode {
+        Some(TextureMode::Embed) if kind != OutputKind::Glb => {
+            let what =
+                "--textures embed: only GLB holds images; write a .glb, or choose copy or link";
+            Err(Error::Usage(what.to_owned()))
+        }
+        Some(TextureMode::Copy) if is_stream(output) && kind != OutputKind::Stl => {
+            let what = "--textures copy: there is no folder beside standard output; choose link, embed or none";
+            Err(Error::Usage(what.to_owned()))
+        }
+        mode => Ok(mode.unwrap_or(default)),
+    }
+}
+
+fn is_stream(path: &Path) -> bool {
+    path == Path::new("-")
+}
+
+fn is_own_library(path: &Path) -> bool {
+    use std::io::Read;
+    let mut head = vec![0; mtl_text::first_line().len().min(10)];
+    let read = std::fs::File::open(path).and_then(|mut file| file.read_exact(&mut head));
+    read.is_ok() && mtl_text::first_line().as_bytes().starts_with(&head)
+}
+
+/// The output's name without ending, without blanks, which many readers of materials take for an end.
+fn stem(path: &Path) -> String {
+    let stem =
+        path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+    plain(&stem)
+}
+
+fn plain(name: &str) -> String {
+    name.chars().map(|c| if c.is_whitespace() || c.is_control() { '_' } else { c }).collect()
+}
+
+/// A file name for a copy that no other image has.
+fn free_name(
+    image: &Image,
+    facts: &ImageFacts,
+    number: usize,
+    mut take: impl FnMut(&str) -> bool,
+) -> String {
+    let own = match &image.data {
+        ImageData::File(path) => path.file_name().map(|name| name.to_string_lossy().into_owned()),
+        ImageData::Inside(_) => {
+            let base = image.name.rsplit(['/', '\\']).next().unwrap_or_default();
+            let stem = base.rsplit_once('.').map_or(base, |(stem, _)| stem);
+            let stem = if stem.is_empty() { format!("image_{number}") } else { stem.to_owned() };
+            Some(format!("{stem}.{}", facts.ending))
+        }
+    };
+    let own = plain(&own.unwrap_or_else(|| format!("image_{number}.{}", facts.ending)));
+    let (stem, ending) = own.rsplit_once('.').unwrap_or((&own, facts.ending));
+    let (mut name, mut n) = (format!("{stem}.{ending}"), 2);
+    while !take(&name) {
+        name = format!("{stem}_{n}.{ending}");
+        n += 1;
+    }
+    name
+}
+
+fn shown(image: &Image) -> String {
+    match &image.data {
+        ImageData::File(path) => path.display().to_string(),
+        ImageData::Inside(_) => image.name.clone(),
+    }
+}
+
+/// The path without links, as far as it is there.
+fn real(path: &Path) -> PathBuf {
+    if let Ok(real) = path.canonicalize() {
+        return real;
+    }
+    let path = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+    match (path.parent(), path.file_name()) {
+        (Some(parent), Some(name)) if parent != path => real(parent).join(name),
+        _ => path,
+    }
+}
+
+/// The way from a folder to a file, both without links, with slashes.
+fn relative(folder: &Path, file: &Path) -> String {
+    let parts = |path: &Path| -> Vec<String> {
+        let names = path.components().filter(|part| matches!(part, Component::Normal(_)));
+        names.map(|part| part.as_os_str().to_string_lossy().into_owned()).collect()
+    };
+    let (from, to) = (parts(folder), parts(file));
+    let same = from.iter().zip(&to).take_while(|(a, b)| a == b).count();
+    let up = std::iter::repeat_n("..".to_owned(), from.len() - same);
+    up.chain(to[same..].iter().cloned()).collect::<Vec<_>>().join("/")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_lead_from_the_output_to_the_image() {
+        for (folder, file, way) in [
+            ("/a/b", "/a/b/c.png", "c.png"),
+            ("/a/b", "/a/b/t/c.png", "t/c.png"),
+            ("/a/b", "/a/c.png", "../c.png"),
+            ("/a/b/d", "/x/y.png", "../../../x/y.png"),
+            ("/", "/x.png", "x.png"),
+        ] {
+            assert_eq!(relative(Path::new(folder), Path::new(file)), way);
+        }
+    }
+}
