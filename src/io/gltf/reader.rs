@@ -352,7 +352,7 @@ fn put_faces(
                     corners.iter().max().unwrap_or(&0)
                 )));
             }
-            let is_turned = mode == STRIP && !n.is_multiple_of(2);
+            let is_turned = mode == STRIP && n.is_multiple_of(2);
             let [a, b, c] = corners.map(|v| first + v);
             let is_turned = is_turned != piece.at.is_mirror();
             joiner.put_face(if is_turned { [a, c, b] } else { [a, b, c] }, material)?;

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::io::output_format::OutputKind;
 use crate::system::disk::folder_of;
 use crate::system::pending_file::refuse_irregular;
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
@@ -155,21 +155,19 @@ impl TexturePlan {
             folder_of(request.output)
         });
         let (mut taken, mut pending) = (HashSet::new(), Vec::new());
+        let mut faults: BTreeMap<String, (usize, String)> = BTreeMap::new();
         for (number, image) in materials.images.iter().enumerate() {
             let facts = look(&image.data);
-            match &facts {
+            let fault = match &facts {
                 Err(what) => {
                     self.n_missing += 1;
-                    self.notes.push(format!(
-                        "image '{}' {what}{}",
-                        shown(image),
-                        self.user(number)
-                    ));
+                    Some(what.clone())
                 }
-                Ok(ImageFacts { fault: Some(fault), .. }) => {
-                    self.notes.push(format!("image '{}': {fault}", shown(image)));
-                }
-                Ok(_) => {}
+                Ok(facts) => facts.fault.clone().map(|fault| format!("is doubtful: {fault}")),
+            };
+            if let Some(fault) = fault {
+                let first = || format!("'{}'{}", shown(image), self.user(number));
+                faults.entry(fault).or_insert_with(|| (0, first())).0 += 1;
             }
             if mode == TextureMode::Embed {
                 self.embed(number, facts.as_ref().ok());
@@ -193,6 +191,10 @@ impl TexturePlan {
                 }
             }
         }
+        self.notes.extend(faults.into_iter().map(|(fault, (n, first))| match n {
+            1 => format!("image {first} {fault}"),
+            n => format!("image {first} {fault}, and {} more like it", n - 1),
+        }));
         if is_stream(request.output) && !pending.is_empty() {
             let n = pending.len();
             self.notes.push(format!(

@@ -39,10 +39,10 @@ impl Named {
     pub(super) fn learn(&mut self, word: &[u8], line: &[u8]) {
         let name = after_word(word.len(), line);
         match word {
-            b"mtllib" if self.libraries.len() < MAX_LIBRARIES => {
-                if !self.libraries.contains(&name) {
-                    self.libraries.push(name);
-                }
+            b"mtllib"
+                if self.libraries.len() < MAX_LIBRARIES && !self.libraries.contains(&name) =>
+            {
+                self.libraries.push(name);
             }
             b"usemtl" if !self.numbers.contains_key(&name) => {
                 if self.names.len() < MAX_MATERIALS {
