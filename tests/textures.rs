@@ -63,11 +63,14 @@ fn material_of([u, v]: [f64; 2]) -> usize {
     (i / 4 + j / 4) % 4
 }
 
+/// Position and texture coordinates of a corner.
+type Corner = ([f64; 3], [f64; 2]);
+
 /// An OBJ file as it lies there.
 #[derive(Default)]
 struct Obj {
     /// Material, and position and coordinates of each corner.
-    faces: Vec<(String, [([f64; 3], [f64; 2]); 3])>,
+    faces: Vec<(String, [Corner; 3])>,
     n_switches: usize,
     library: Option<String>,
 }
@@ -100,9 +103,12 @@ fn read_obj(path: &Path) -> Obj {
     out
 }
 
+/// Colour image and lines of a material.
+type Entry = (Option<PathBuf>, Vec<String>);
+
 /// Colour image of each material of a library, and all lines of each.
-fn read_library(path: &Path) -> BTreeMap<String, (Option<PathBuf>, Vec<String>)> {
-    let mut out: BTreeMap<String, (Option<PathBuf>, Vec<String>)> = BTreeMap::new();
+fn read_library(path: &Path) -> BTreeMap<String, Entry> {
+    let mut out: BTreeMap<String, Entry> = BTreeMap::new();
     let mut name = String::new();
     for line in std::fs::read_to_string(path).unwrap().lines() {
         if let Some(new) = line.strip_prefix("newmtl ") {
