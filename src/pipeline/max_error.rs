@@ -32,9 +32,13 @@ use std::time::Instant;
 const MOST_TRIALS: usize = 8;
 /// After this many trials the bound is tightened everywhere.
 const LOCAL_TRIALS: usize = 5;
+/// Share of the bound that the next trial keeps everywhere, beside the places: what changes there changes others a
+/// little, and some of them were about to exceed it.
+const EASED: f64 = 0.985;
 /// Share of the bound that is kept in hand, beyond the excess, where it was exceeded.
-const KEPT: f64 = 0.05;
-/// Radius of the ball around a place beyond the bound, in longest edges of the triangle there.
+const KEPT: f64 = 0.1;
+/// Radius of the ball around a place beyond the bound, in longest edges of the triangle there; it grows by as much with
+/// every trial.
 const RADIUS: f64 = 1.0;
 /// A tighter bound aims at this share of the one that was asked for.
 const AIM: f64 = 0.98;
@@ -275,9 +279,10 @@ fn run_trial(
 impl Tightened {
     /// Tightens it as much as a trial was beyond the bound: there, or everywhere if the places are not known.
     fn tighten(&mut self, last: &Trial, bound: f64) {
-        if last.beyond.is_empty() || last.number >= LOCAL_TRIALS {
-            self.share = last.next_share(bound);
-        }
+        self.share = match last.beyond.is_empty() || last.number >= LOCAL_TRIALS {
+            true => last.next_share(bound),
+            false => EASED * self.share,
+        };
         let known = self.places.len();
         for one in &last.beyond {
             let before = self.places[..known].iter().filter(|tight| {
@@ -286,7 +291,8 @@ impl Tightened {
             });
             let before = before.fold(0.0, |most: f64, tight| most.max(tight.margin));
             let margin = before + one.distance - bound + KEPT * bound;
-            self.places.push(Tight { place: one.point, radius: RADIUS * one.size, margin });
+            let radius = RADIUS * last.number as f64 * one.size;
+            self.places.push(Tight { place: one.point, radius, margin });
         }
     }
 }

@@ -1,13 +1,18 @@
 //! Points between two witnesses that come to belong to different triangles: over a fold the surface can be farther from
 //! them than from both.
 
-use super::scratch::{BETWEEN, Eight, Patch, Scratch};
+use super::scratch::{Eight, Patch, Scratch};
 use super::tracker::Tracker;
 use crate::kernel::simd::{Job, Lanes};
 use crate::kernel::surface::Surface;
 use crate::kernel::surface::faces::{Face, Search};
 use crate::kernel::vertex::{GONE, others};
 use crate::mesh::vec3::{cross, dot, sub};
+
+/// Distance between points that are looked at, in bounds.
+const APART: f32 = 0.5;
+/// Most points between two witnesses.
+const MOST_BETWEEN: usize = 8;
 
 impl Tracker {
     /// True if points between two witnesses of different triangles are near: over a fold the surface can be
@@ -49,7 +54,19 @@ impl Tracker {
                 let outside = if is_inside { GONE } else { self.owner[other as usize] };
                 let end = &self.input.witnesses[other as usize];
                 let limit = self.limit - witness.before.max(end.before);
-                for share in BETWEEN {
+                let edge = sub(end.at, witness.at);
+                let length = dot(edge, edge).sqrt();
+                let off = match is_inside {
+                    true => scratch.found[slot].1.sqrt(),
+                    false => self.distance[other as usize],
+                };
+                // Both ends are so near that all between them is.
+                if 2.0 * limit - off - distance_sq.sqrt() >= length {
+                    continue;
+                }
+                let n = ((length / (APART * limit)) as usize).clamp(3, MOST_BETWEEN);
+                for i in 1..=n {
+                    let share = i as f32 / (n + 1) as f32;
                     let ends = witness.at.into_iter().zip(end.at).zip(place);
                     for (points, ((from, to), place)) in eight.points.iter_mut().zip(ends) {
                         points[eight.n] = from + share * (to - from) - place;

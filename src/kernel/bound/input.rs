@@ -82,17 +82,16 @@ impl Input {
         triangles.map(move |&t| others(self.triangles[t as usize], witness))
     }
 
-    /// Squared distance of a point from the input, found by walking downhill from a witness; with it what
-    /// the input itself is away from the original there.
+    /// Place of the input near a point, found by walking downhill from a witness.
     #[inline(always)]
-    pub(super) fn distance_sq<L: Lanes>(
+    pub(super) fn nearest<L: Lanes>(
         &self,
         point: [f32; 3],
         from: u32,
         faces: &mut Vec<Face>,
-    ) -> (f32, f32) {
+    ) -> Nearest {
         let mut at = from;
-        let mut best = (f32::INFINITY, 0.0);
+        let mut best = Nearest { distance_sq: f32::INFINITY, before: 0.0, witness: from };
         for _ in 0..MAX_STEPS {
             let centre = self.witnesses[at as usize];
             faces.clear();
@@ -103,7 +102,7 @@ impl Input {
             let relative = sub(point, centre.at);
             let points = relative.map(|x| [x; 8]);
             let found = Search { faces, points: &points }.run::<L>();
-            let is_nearer = found.distance_sq[0] < best.0;
+            let is_nearer = found.distance_sq[0] < best.distance_sq;
             if !is_nearer {
                 break;
             }
@@ -111,16 +110,30 @@ impl Input {
             let [b, c] = [found.weights[0][0], found.weights[1][0]];
             let a = 1.0 - b - c;
             let before = [at, face.b, face.c].map(|v| self.witnesses[v as usize].before);
-            best = (found.distance_sq[0], before[0].max(before[1]).max(before[2]));
+            let before = before[0].max(before[1]).max(before[2]);
+            best = Nearest { distance_sq: found.distance_sq[0], before, witness: at };
             if a > 0.5 {
                 break;
             }
             at = if b >= c { face.b } else { face.c };
         }
-        if best.0.is_infinite() {
-            let relative = sub(point, self.witnesses[from as usize].at);
-            best = (dot(relative, relative), self.witnesses[from as usize].before);
+        if best.distance_sq.is_infinite() {
+            let witness = &self.witnesses[from as usize];
+            let relative = sub(point, witness.at);
+            best.distance_sq = dot(relative, relative);
+            best.before = witness.before;
         }
         best
     }
+}
+
+/// A place of the input that is near a point: hardly ever not the nearest.
+#[derive(Clone, Copy)]
+pub(super) struct Nearest {
+    /// Squared, scaled.
+    pub(super) distance_sq: f32,
+    /// Distance of the input from the original there, scaled.
+    pub(super) before: f32,
+    /// A corner of the triangle that it lies in.
+    pub(super) witness: u32,
 }

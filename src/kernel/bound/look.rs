@@ -68,6 +68,7 @@ impl Tracker {
         let place = self.local(patch.place);
         scratch.witnesses.clear();
         scratch.found.clear();
+        scratch.longest = 0.0;
         scratch.faces.clear();
         for i in 0..patch.n_kept {
             let [to_b, to_c] = [patch.b[i], patch.c[i]]
@@ -82,7 +83,7 @@ impl Tracker {
             return true;
         }
         self.holds_survivor::<L>(surface, patch, place, nearest, scratch)
-            && self.holds_folds::<L>(patch, place, scratch)
+            && self.holds_folds::<L>(patch, place, nearest, scratch)
             && self.holds_between::<L>(surface, patch, place, scratch)
     }
 
@@ -137,6 +138,7 @@ impl Tracker {
         if !has_room {
             return false;
         }
+        scratch.longest = scratch.longest.max(witness.longest);
         eight.limit_sq[eight.n] = limit * limit;
         eight.n += 1;
         let off = dot(relative, relative);

@@ -1,7 +1,7 @@
 //! The new triangles as seen from the input: the survivor, points on open and on sharp edges, points within folded faces.
 
 use super::input::NONE;
-use super::scratch::{BETWEEN, Patch, Scratch};
+use super::scratch::{Patch, Scratch};
 use super::tracker::Tracker;
 use crate::kernel::simd::Lanes;
 use crate::kernel::surface::Surface;
@@ -10,13 +10,16 @@ use crate::mesh::vec3::{dot, sub};
 
 /// Points within a face that are looked at, as weights of the second and third corner.
 const WITHIN: [[f32; 2]; 4] = [[0.33, 0.33], [0.2, 0.2], [0.6, 0.2], [0.2, 0.6]];
-/// Edges whose normals have a smaller cosine are looked at, closely below the second, and faces beside one below the
-/// third. On the dragon to 1 % nine in ten of the places beyond the bound were such.
+/// Edges whose normals have a smaller cosine are looked at, and faces beside one below the second. On the dragon to 1 %
+/// nine in ten of the places beyond the bound were such.
 const BENT_COSINE: f32 = 0.95;
-const SHARP_COSINE: f32 = 0.8;
 const FOLD_COSINE: f32 = 0.3;
-/// Points on one edge that are looked at.
-const MOST_POINTS: usize = 16;
+/// Share of the bound by which the input may cut the corner of an edge that is not looked at, times four.
+const CORNER: f32 = 1.0;
+/// Points on one edge that are looked at, about.
+const MOST_POINTS: f32 = 64.0;
+/// Longest part of an edge, in bounds, that need not be seen to be near the input; it adds half as much at most.
+const UNSEEN: f32 = 0.04;
 /// Witnesses among which a search for the nearest point of the input begins.
 const MOST_STARTS: usize = 64;
 
@@ -36,11 +39,8 @@ impl Tracker {
         }
         for &(w, _) in patch.open {
             let end = self.local(surface.vertices[w as usize].position);
-            for share in BETWEEN {
-                let point = std::array::from_fn(|k| place[k] + share * (end[k] - place[k]));
-                if !self.is_near_some::<L>(point, scratch) {
-                    return false;
-                }
+            if !self.is_edge_near::<L>(place, sub(end, place), nearest, scratch) {
+                return false;
             }
         }
         true
@@ -53,9 +53,13 @@ impl Tracker {
         &self,
         patch: &Patch,
         place: [f32; 3],
+        nearest: u32,
         scratch: &mut Scratch,
     ) -> bool {
         let n = scratch.faces.len();
+        // An edge of the input that runs over a bent edge cuts the corner by a quarter of its length times the sine.
+        let sine = (CORNER * self.limit / scratch.longest.max(f32::MIN_POSITIVE)).min(1.0);
+        let bent = (1.0 - sine * sine).sqrt().max(BENT_COSINE);
         for i in 0..n {
             let face = scratch.faces[i];
             let mut least = if patch.turns { -1.0 } else { 1.0f32 };
@@ -67,15 +71,11 @@ impl Tracker {
                 }
                 let cosine = dot(face.normal, other.normal);
                 least = least.min(cosine);
-                if after && cosine < BENT_COSINE {
-                    let n = if cosine < SHARP_COSINE { self.points_on(face.to_c) } else { 3 };
-                    for i in 1..=n {
-                        let share = i as f32 / (n + 1) as f32;
-                        let point = std::array::from_fn(|k| place[k] + share * face.to_c[k]);
-                        if !self.is_near_some::<L>(point, scratch) {
-                            return false;
-                        }
-                    }
+                if after
+                    && cosine < bent
+                    && !self.is_edge_near::<L>(place, face.to_c, nearest, scratch)
+                {
+                    return false;
                 }
             }
             if least < FOLD_COSINE {
@@ -91,15 +91,57 @@ impl Tracker {
         true
     }
 
-    /// Points on a sharp edge that are looked at: about two bounds apart.
-    fn points_on(&self, edge: [f32; 3]) -> usize {
-        ((0.5 * dot(edge, edge).sqrt() / self.limit.max(f32::MIN_POSITIVE)) as usize)
-            .clamp(3, MOST_POINTS)
+    /// True if an edge is near the input. A point that is nearer than the bound proves the edge around it, so the next
+    /// one that is looked at is about as far ahead as both can prove.
+    #[inline(always)]
+    fn is_edge_near<L: Lanes>(
+        &self,
+        place: [f32; 3],
+        edge: [f32; 3],
+        nearest: u32,
+        scratch: &mut Scratch,
+    ) -> bool {
+        let length = dot(edge, edge).sqrt();
+        let least = (UNSEEN * self.limit).max(length / MOST_POINTS);
+        let (mut room, mut from) = self.room::<L>(place, nearest, scratch);
+        let mut seen = 0.0f32;
+        while room >= 0.0 && seen + room < length {
+            let mut step = (1.8 * room).max(least);
+            loop {
+                let share = ((seen + step) / length).min(1.0);
+                let point = std::array::from_fn(|k| place[k] + share * edge[k]);
+                let (ahead, witness) = self.room::<L>(point, from, scratch);
+                if ahead < 0.0 {
+                    return false;
+                }
+                if room + ahead >= step || step <= least {
+                    (room, from) = (ahead, witness);
+                    break;
+                }
+                step = (0.5 * step).max(least);
+            }
+            seen += step;
+        }
+        room >= 0.0
     }
 
-    /// True if a point is near the input, found from one of the witnesses of the collapse.
+    /// Part of the bound that is left at a point, below 0 if it is beyond; with the witness where that was found.
     #[inline(always)]
-    fn is_near_some<L: Lanes>(&self, point: [f32; 3], scratch: &mut Scratch) -> bool {
+    fn room<L: Lanes>(&self, point: [f32; 3], from: u32, scratch: &mut Scratch) -> (f32, u32) {
+        let mut found = self.input.nearest::<L>(point, from, &mut scratch.input_faces);
+        if found.distance_sq.sqrt() + found.before > self.limit {
+            // Walking can end in a place that is not the nearest.
+            let other = self.nearest_witness(point, scratch);
+            if other != NONE {
+                found = self.input.nearest::<L>(point, other, &mut scratch.input_faces);
+            }
+        }
+        (self.limit - found.before - found.distance_sq.sqrt(), found.witness)
+    }
+
+    /// Of the witnesses of the collapse about the nearest to a point.
+    #[inline(always)]
+    fn nearest_witness(&self, point: [f32; 3], scratch: &Scratch) -> u32 {
         let step = scratch.witnesses.len().div_ceil(MOST_STARTS).max(1);
         let mut from = (f32::INFINITY, NONE);
         for &id in scratch.witnesses.iter().step_by(step) {
@@ -109,7 +151,14 @@ impl Tracker {
                 from = (off, id);
             }
         }
-        from.1 == NONE || self.is_near::<L>(point, from.1, &mut scratch.input_faces)
+        from.1
+    }
+
+    /// True if a point is near the input, found from one of the witnesses of the collapse.
+    #[inline(always)]
+    fn is_near_some<L: Lanes>(&self, point: [f32; 3], scratch: &mut Scratch) -> bool {
+        let from = self.nearest_witness(point, scratch);
+        from == NONE || self.is_near::<L>(point, from, &mut scratch.input_faces)
     }
 
     /// True if a point is near the input, found from a witness.
@@ -121,7 +170,7 @@ impl Tracker {
         if room >= 0.0 && dot(relative, relative) <= room * room {
             return true;
         }
-        let (sq, before) = self.input.distance_sq::<L>(point, from, faces);
-        sq.sqrt() + before <= self.limit
+        let found = self.input.nearest::<L>(point, from, faces);
+        found.distance_sq.sqrt() + found.before <= self.limit
     }
 }

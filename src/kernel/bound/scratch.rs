@@ -45,6 +45,8 @@ pub(crate) struct Scratch {
     /// Of the input, around a witness.
     pub(super) input_faces: Vec<Face>,
     pub(super) witnesses: Vec<u32>,
+    /// Longest edge of the input at any of them.
+    pub(super) longest: f32,
     /// Triangle and squared distance of each.
     pub(super) found: Vec<(u32, f32)>,
 }
@@ -59,6 +61,3 @@ pub(super) struct Eight {
     pub(super) outside: [u32; 8],
     pub(super) n: usize,
 }
-
-/// Points between two witnesses, or on an edge, that are looked at, as weights of the second end.
-pub(super) const BETWEEN: [f32; 3] = [0.25, 0.5, 0.75];

@@ -39,14 +39,20 @@ pub(super) struct Goal {
     pub floor: f64,
     /// Ends the search at a point that is farther than the bound.
     pub stops_beyond: bool,
-    /// Lists the triangles that are farther than the bound.
-    pub lists_beyond: bool,
+    /// Lists the triangles that are farther than this; infinite for none.
+    pub listed_above: f64,
 }
 
 impl Goal {
     /// The bound to be proven once a point was found at a distance beyond `bound`.
     pub fn raised(&self, bound: f64, distance: f64) -> f64 {
-        bound.max(distance * (1.0 + self.tolerance)).max(distance + self.floor)
+        let raised = bound.max(distance * (1.0 + self.tolerance)).max(distance + self.floor);
+        // A bound that was asked for is not passed without need.
+        if distance + self.floor <= self.listed_above {
+            raised.min(self.listed_above)
+        } else {
+            raised
+        }
     }
 }
 
@@ -76,7 +82,7 @@ pub(super) struct Found {
     pub is_apart: bool,
     /// The farthest point that was come upon, where that is farther than the bound.
     pub far: Option<Far>,
-    /// Triangles farther than the bound, if they are listed.
+    /// Triangles farther than `Goal::listed_above`.
     pub beyond: Vec<Beyond>,
     /// There were more than `MOST_BEYOND` of them; none is kept then.
     pub has_too_many: bool,
@@ -272,8 +278,8 @@ impl<'a> Cover<'a> {
                 if self.found.is_over(&self.goal) {
                     return Ok(());
                 }
-                let most = worst.map_or(self.goal.bound, |worst| worst.distance);
-                if self.goal.lists_beyond && distance > most {
+                let most = worst.map_or(self.goal.listed_above, |worst| worst.distance);
+                if distance > most {
                     let size = whole.longest_sq().0.sqrt();
                     let other = Piece::whole(*self.tree.corners(near)).longest_sq().0.sqrt();
                     worst = Some(Beyond { point: middle, distance, size: size.max(other) });

@@ -88,18 +88,15 @@ impl<'a> Pair<'a> {
         }
         let floor = self.floor();
         let mut goal =
-            Goal { bound: 0.0, tolerance, floor, stops_beyond: false, lists_beyond: false };
+            Goal { bound: 0.0, tolerance, floor, stops_beyond: false, listed_above: f64::INFINITY };
         let farthest = known.iter().flatten().map(|far| far.distance).fold(0.0, f64::max);
         goal.bound = goal.raised(0.0, farthest);
-        if let Some(bound) = certify.bound {
-            if farthest + floor <= bound {
-                goal.bound = goal.bound.min(bound);
-            }
-            // Far beyond it nearly every triangle would have to be cut.
-            goal.lists_beyond = goal.bound > bound && farthest <= LISTED * bound;
-            if goal.lists_beyond {
-                goal.bound = bound;
-            }
+        // Far beyond a bound nearly every triangle would have to be cut.
+        if let Some(bound) = certify.bound
+            && farthest <= LISTED * bound
+        {
+            goal.bound = goal.bound.min(bound);
+            goal.listed_above = bound;
         }
         let mut found = self.prove(&mut goal, means)?;
         let mut farthest: Option<(Far, usize)> = None;
@@ -147,11 +144,12 @@ impl<'a> Pair<'a> {
     /// Proves both ways, one after the other; the bound grows where a point beyond it is found.
     fn prove(&self, goal: &mut Goal, means: Means) -> Result<[Found; 2]> {
         let mut found = [Found::default(), Found::default()];
-        let asked = goal.lists_beyond.then_some(goal.bound);
+        let asked = goal.bound.min(goal.listed_above);
         for i in 0..2 {
             let (source, target) = (self.parts[i], self.parts[1 - i]);
             // Where places beyond the bound are listed, both ways begin at the bound.
-            let begin = Goal { bound: asked.unwrap_or(goal.bound), ..*goal };
+            let bound = if goal.listed_above.is_finite() { asked } else { goal.bound };
+            let begin = Goal { bound, ..*goal };
             let way = Way { source, target, survey: self.surveys[1 - i], goal: begin };
             found[i] = way.prove(means)?;
             goal.bound = goal.bound.max(found[i].upper);
@@ -184,7 +182,7 @@ impl<'a> Pair<'a> {
         }
         let floor = self.floor();
         let mut goal =
-            Goal { bound, tolerance: 0.0, floor, stops_beyond: true, lists_beyond: false };
+            Goal { bound, tolerance: 0.0, floor, stops_beyond: true, listed_above: f64::INFINITY };
         let found = self.prove(&mut goal, means)?;
         let is_apart = found.iter().any(|found| found.is_apart);
         let far = [0, 1].into_iter().find_map(|i| found[i].far.map(|far| (far, i)));
@@ -217,7 +215,7 @@ impl<'a> Pair<'a> {
             tolerance: LEAST_TOLERANCE,
             floor,
             stops_beyond: false,
-            lists_beyond: false,
+            listed_above: f64::INFINITY,
         };
         self.prove(&mut goal, means)?;
         Ok(Verdict::Undecided { lower, upper: goal.bound })
