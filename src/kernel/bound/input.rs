@@ -91,12 +91,13 @@ impl Input {
         faces: &mut Vec<Face>,
     ) -> Nearest {
         let mut at = from;
-        let mut best = Nearest { distance_sq: f32::INFINITY, before: 0.0, witness: from };
+        let mut best = Nearest { distance_sq: f32::INFINITY, before: 0.0, corners: [from; 3] };
         for _ in 0..MAX_STEPS {
             let centre = self.witnesses[at as usize];
             faces.clear();
             for (b, c) in self.around(at) {
-                let [to_b, to_c] = [b, c].map(|v| sub(self.witnesses[v as usize].at, centre.at));
+                let to_b = sub(self.witnesses[b as usize].at, centre.at);
+                let to_c = sub(self.witnesses[c as usize].at, centre.at);
                 faces.extend(Face::new(0, (b, c), to_b, to_c));
             }
             let relative = sub(point, centre.at);
@@ -109,9 +110,10 @@ impl Input {
             let face = &faces[found.face[0] as usize];
             let [b, c] = [found.weights[0][0], found.weights[1][0]];
             let a = 1.0 - b - c;
-            let before = [at, face.b, face.c].map(|v| self.witnesses[v as usize].before);
-            let before = before[0].max(before[1]).max(before[2]);
-            best = Nearest { distance_sq: found.distance_sq[0], before, witness: at };
+            let before = centre.before.max(self.witnesses[face.b as usize].before);
+            let before = before.max(self.witnesses[face.c as usize].before);
+            let corners = [at, face.b, face.c];
+            best = Nearest { distance_sq: found.distance_sq[0], before, corners };
             if a > 0.5 {
                 break;
             }
@@ -134,6 +136,6 @@ pub(super) struct Nearest {
     pub(super) distance_sq: f32,
     /// Distance of the input from the original there, scaled.
     pub(super) before: f32,
-    /// A corner of the triangle that it lies in.
-    pub(super) witness: u32,
+    /// Corners of the triangle that it lies in; three times the same where none was found.
+    pub(super) corners: [u32; 3],
 }

@@ -1,11 +1,11 @@
 //! The new triangles as seen from the input: the survivor, points on open and on sharp edges, points within folded faces.
 
-use super::input::NONE;
+use super::input::{NONE, Nearest};
 use super::scratch::{Patch, Scratch};
 use super::tracker::Tracker;
-use crate::kernel::simd::Lanes;
+use crate::kernel::simd::{Job, Lanes};
 use crate::kernel::surface::Surface;
-use crate::kernel::surface::faces::Face;
+use crate::kernel::surface::faces::{Face, Search};
 use crate::mesh::vec3::{dot, sub};
 
 /// Points within a face that are looked at, as weights of the second and third corner.
@@ -91,8 +91,8 @@ impl Tracker {
         true
     }
 
-    /// True if an edge is near the input. A point that is nearer than the bound proves the edge around it, so the next
-    /// one that is looked at is about as far ahead as both can prove.
+    /// True if an edge is near the input. The distance to one triangle of the input is convex, so what lies between two
+    /// points that are near it is near it too: each triangle proves the edge as far as it reaches.
     #[inline(always)]
     fn is_edge_near<L: Lanes>(
         &self,
@@ -103,40 +103,69 @@ impl Tracker {
     ) -> bool {
         let length = dot(edge, edge).sqrt();
         let least = (UNSEEN * self.limit).max(length / MOST_POINTS);
-        let (mut room, mut from) = self.room::<L>(place, nearest, scratch);
-        let mut seen = 0.0f32;
-        while room >= 0.0 && seen + room < length {
-            let mut step = (1.8 * room).max(least);
-            loop {
-                let share = ((seen + step) / length).min(1.0);
-                let point = std::array::from_fn(|k| place[k] + share * edge[k]);
-                let (ahead, witness) = self.room::<L>(point, from, scratch);
-                if ahead < 0.0 {
-                    return false;
-                }
-                if room + ahead >= step || step <= least {
-                    (room, from) = (ahead, witness);
-                    break;
-                }
-                step = (0.5 * step).max(least);
+        let along = |seen: f32| {
+            let share = seen / length;
+            [place[0] + share * edge[0], place[1] + share * edge[1], place[2] + share * edge[2]]
+        };
+        // The middle is the likeliest to be far.
+        let mut seen = 0.5 * length;
+        let mut from = nearest;
+        let mut is_first = true;
+        while seen < length {
+            let point = along(seen);
+            let Some(found) = self.reaching::<L>(point, from, scratch) else { return false };
+            if std::mem::take(&mut is_first) {
+                seen = 0.0;
+                continue;
             }
-            seen += step;
+            let [a, b, c] = found.corners;
+            let at = self.input.witnesses[a as usize].at;
+            let to_b = sub(self.input.witnesses[b as usize].at, at);
+            let to_c = sub(self.input.witnesses[c as usize].at, at);
+            let reach = self.limit - found.before;
+            let longest = self.input.witnesses[a as usize].longest;
+            let span = (2.0 * (reach + longest)).min(length - seen);
+            let start = sub(point, at);
+            let mut points = [[0.0f32; 8]; 3];
+            for k in 0..3 {
+                let step = span / (8.0 * length) * edge[k];
+                for (i, x) in points[k].iter_mut().enumerate() {
+                    *x = start[k] + (i + 1) as f32 * step;
+                }
+            }
+            let mut proven = 0;
+            if let Some(face) = Face::new(0, (b, c), to_b, to_c) {
+                let seen = Search { faces: &[face], points: &points }.run::<L>();
+                for i in 0..8 {
+                    if seen.distance_sq[i] <= reach * reach {
+                        proven = i + 1;
+                    }
+                }
+            }
+            from = a;
+            seen += (proven as f32 / 8.0 * span).max(least);
         }
-        room >= 0.0
+        true
     }
 
-    /// Part of the bound that is left at a point, below 0 if it is beyond; with the witness where that was found.
+    /// A triangle of the input within the bound of a point, if one is found.
     #[inline(always)]
-    fn room<L: Lanes>(&self, point: [f32; 3], from: u32, scratch: &mut Scratch) -> (f32, u32) {
+    fn reaching<L: Lanes>(
+        &self,
+        point: [f32; 3],
+        from: u32,
+        scratch: &mut Scratch,
+    ) -> Option<Nearest> {
         let mut found = self.input.nearest::<L>(point, from, &mut scratch.input_faces);
         if found.distance_sq.sqrt() + found.before > self.limit {
             // Walking can end in a place that is not the nearest.
             let other = self.nearest_witness(point, scratch);
-            if other != NONE {
-                found = self.input.nearest::<L>(point, other, &mut scratch.input_faces);
+            if other == NONE {
+                return None;
             }
+            found = self.input.nearest::<L>(point, other, &mut scratch.input_faces);
         }
-        (self.limit - found.before - found.distance_sq.sqrt(), found.witness)
+        (found.distance_sq.sqrt() + found.before <= self.limit).then_some(found)
     }
 
     /// Of the witnesses of the collapse about the nearest to a point.
