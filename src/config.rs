@@ -10,6 +10,9 @@ use std::path::PathBuf;
 /// on each of two cores and the finish fit into a budget of 256 MiB.
 pub const DEFAULT_CELL_TRIANGLES: u64 = 256_000;
 
+/// Default of the angle of feature edges, in degrees.
+pub const FEATURE_ANGLE: f64 = 60.0;
+
 /// Time between checkpoints, unless a test asks for another: a killed run loses well below a minute.
 pub const CHECKPOINT_EVERY: std::time::Duration = std::time::Duration::from_secs(30);
 
@@ -22,15 +25,17 @@ pub enum Target {
     Ratio(f64),
     /// As few as keep the distance both ways within this, in input units.
     MaxError(f64),
+    /// Those of a grid with cells of this length, in input units; only for `Method::Cluster`.
+    CellSize(f64),
 }
 
 impl Target {
-    /// The target as a count, for an input of `n_triangles`; of a bound on the error, a guess.
+    /// The target as a count, for an input of `n_triangles`; of a bound on the error or a grid, a guess.
     pub fn triangles(self, n_triangles: u64) -> u64 {
         match self {
             Target::Triangles(count) => count,
             Target::Ratio(ratio) => (n_triangles as f64 * ratio).round() as u64,
-            Target::MaxError(_) => n_triangles / 10,
+            Target::MaxError(_) | Target::CellSize(_) => n_triangles / 10,
         }
     }
 }
@@ -42,6 +47,7 @@ impl std::fmt::Display for Target {
             Target::Triangles(count) => write!(f, "triangles={count}"),
             Target::Ratio(ratio) => write!(f, "ratio={ratio}"),
             Target::MaxError(bound) => write!(f, "max_error={bound}"),
+            Target::CellSize(size) => write!(f, "grid={size}"),
         }
     }
 }
@@ -58,6 +64,29 @@ impl Target {
                 )))
             }
             _ => Ok(()),
+        }
+    }
+}
+
+/// Method of simplification.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Method {
+    /// Edges collapse, least error first; for results.
+    #[default]
+    Collapse,
+    /// Vertices of a cell of a grid become one; for previews, at the speed of the disk.
+    Cluster,
+    /// Vertices are removed, least distance first; all others stay exactly where they are.
+    Decimate,
+}
+
+impl Method {
+    /// The name in settings and reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Method::Collapse => "collapse",
+            Method::Cluster => "cluster",
+            Method::Decimate => "decimate",
         }
     }
 }
@@ -179,6 +208,9 @@ pub struct Attributes {
     pub normals: Normals,
 }
 
+/// Settings that mean something for methods other than the collapse.
+const OF_ALL_METHODS: [&str; 4] = ["target", "skip_bad", "label", "normals"];
+
 /// A run of `simplify`.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -188,6 +220,10 @@ pub struct Config {
     pub output: PathBuf,
     /// Target of the simplification.
     pub target: Target,
+    /// Method of simplification.
+    pub method: Method,
+    /// Angle between triangles, in degrees, beyond which their edge is a feature of `Method::Decimate`.
+    pub feature_angle: f64,
     /// Memory budget in bytes.
     pub memory_bytes: u64,
     /// Worker threads.
@@ -267,6 +303,13 @@ impl Config {
         if let Some(least) = self.min_component {
             settings.insert("min_component".to_owned(), least.to_string());
         }
+        if self.method != Method::Collapse {
+            settings.retain(|name, _| OF_ALL_METHODS.contains(&name.as_str()));
+            settings.insert("method".to_owned(), self.method.name().to_owned());
+            if self.method == Method::Decimate {
+                settings.insert("feature_angle".to_owned(), self.feature_angle.to_string());
+            }
+        }
         settings
     }
 }
@@ -280,6 +323,8 @@ mod tests {
             input: "in.ply".into(),
             output: "out.ply".into(),
             target: Target::Triangles(10_035),
+            method: Method::Collapse,
+            feature_angle: FEATURE_ANGLE,
             memory_bytes: 1 << 30,
             threads: NonZeroUsize::MIN,
             cell_triangles: DEFAULT_CELL_TRIANGLES,
@@ -353,6 +398,13 @@ mod tests {
         assert_eq!(Target::MaxError(0.5).to_string(), "max_error=0.5");
         other.textures = Some(crate::io::TextureMode::Link);
         assert_eq!(other.settings()["textures"], "link");
+        let clusters =
+            Config { method: Method::Cluster, target: Target::CellSize(2.5), ..config() };
+        let expected =
+            ["label=", "method=cluster", "normals=keep", "skip_bad=false", "target=grid=2.5"];
+        assert_eq!(lines(&clusters), expected);
+        let decimates = Config { method: Method::Decimate, ..config() };
+        assert!(lines(&decimates).contains(&"feature_angle=60".to_owned()));
         other.attributes.normals = Normals::Drop;
         other.kernel.placement = Placement::Midpoint;
         other.kernel.fit = Fit::On;

@@ -12,6 +12,7 @@ pub mod io;
 pub mod kernel;
 pub mod measure;
 pub mod mesh;
+mod methods;
 pub mod pipeline;
 pub mod render;
 mod report;

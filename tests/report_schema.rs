@@ -175,6 +175,20 @@ fn reports_of_simplify_keep_the_schema() {
             assert!(names("part").contains("stitch") && !names("part").contains("round"));
         }
     }
+    for (method, options) in [
+        ("cluster", "--ratio 10% --verify"),
+        ("cluster", "--grid 0.1"),
+        ("decimate", "--ratio 30% --verify --feature-angle 40"),
+    ] {
+        let command = format!(
+            "simplify in.ply out.ply --method {method} {options} --force --restart --report r.json"
+        );
+        expect(out, &command, 0);
+        let report = read(&out.join("r.json"));
+        assert_keeps("simplify_report", &report);
+        assert_eq!(report["method"], method);
+        assert_eq!(report["settings"]["method"], method);
+    }
     let job = out.join("out.ply.stonecut-job");
     assert!(!job.exists() || std::fs::remove_dir_all(&job).is_ok());
 }

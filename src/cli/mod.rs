@@ -3,13 +3,16 @@
 mod answer;
 mod arguments;
 pub mod call;
+mod compare;
 pub mod convert;
 mod demo;
 mod display;
 mod info;
 mod log;
 mod measure;
+mod method;
 mod out_of_memory;
+mod outcome;
 pub mod pace;
 mod pages;
 mod render;
@@ -49,6 +52,7 @@ enum Command {
     Convert(convert::Args),
     Info(info::Args),
     Measure(measure::Args),
+    Compare(compare::Args),
     Render(render::Args),
     Report(report::Args),
     Synth(synth::Args),
@@ -99,6 +103,7 @@ impl Command {
             Command::Convert(args) => args.paths(),
             Command::Info(args) => Ok(args.paths()),
             Command::Measure(args) => args.paths(),
+            Command::Compare(args) => args.paths(),
             Command::Render(args) => args.paths(),
             Command::Report(args) => args.paths(),
             Command::Synth(args) => args.paths(),
@@ -121,7 +126,8 @@ impl Command {
             Command::Convert(_) | Command::Info(_) | Command::Measure(_) => {
                 Offers { resumes: false, temp_dir: true }
             }
-            Command::Render(_)
+            Command::Compare(_)
+            | Command::Render(_)
             | Command::Report(_)
             | Command::Synth(_)
             | Command::Status(_)
@@ -143,6 +149,7 @@ fn dispatch(
         Command::Convert(args) => convert::run(args, progress, &mut Said(log)),
         Command::Info(args) => info::run(args, &mut std::io::stdout(), progress).map(|()| 0),
         Command::Measure(args) => measure::run(args, talk, progress, log).map(|()| 0),
+        Command::Compare(args) => compare::run(args, progress, log).map(|()| 0),
         Command::Report(args) => report::run(args, progress, log).map(|()| 0),
         Command::Render(args) => render::run(args, progress, &mut Said(log)).map(|()| 0),
         Command::Synth(args) => synth::run(args, progress, &mut Said(log)).map(|()| 0),

@@ -4,22 +4,23 @@ use super::answer::{Answer, json_of};
 use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
 use super::log::{EXIT_SHORT, Log, Talk};
+use super::method::{self, TypedMethod, Wishes};
+use super::outcome::{is_short, tell, write_report};
 use crate::config::{
-    Attributes, Config, DEFAULT_CELL_TRIANGLES, MinComponent, Normals, Target, Until,
+    Attributes, Config, DEFAULT_CELL_TRIANGLES, FEATURE_ANGLE, Method, MinComponent, Normals,
+    Target, Until,
 };
 use crate::error::{Error, Result};
 use crate::io::{OutputFormat, TextureMode};
 use crate::kernel;
 use crate::mesh::attribute_weights::Weights;
-use crate::mesh::face_properties::FacePolicy;
-use crate::pipeline::run_report::{BoundReport, FaceReport, QualityReport, RunReport};
+use crate::pipeline::run_report::RunReport;
 use crate::pipeline::{self, Prepared, max_error};
-use crate::stages::components::ComponentSizes;
 use crate::stages::stitch::MAX_CELL_TRIANGLES;
 use crate::system::disk::folder_of;
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::progress::Progress;
-use crate::system::units::{parse_count, parse_ratio, show_bytes, show_count, show_length};
+use crate::system::units::{parse_count, parse_ratio};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::xxh3_64;
@@ -35,6 +36,8 @@ pub struct Args {
     pub output: PathBuf,
     #[command(flatten)]
     target: TypedTarget,
+    #[command(flatten)]
+    method: TypedMethod,
     /// Memory budget, everything included: 512MiB, 4GiB, 50% [default: 75 % of the tightest limit in force].
     #[arg(long, value_name = "SIZE", value_parser = parse_memory)]
     memory: Option<u64>,
@@ -109,7 +112,7 @@ pub struct Args {
     #[arg(long, value_enum, value_name = "PLACE", default_value = "optimal")]
     placement: TypedPlacement,
     /// Let free boundaries at most this far apart, in input units, meet and join; 0: none.
-    #[arg(long, value_name = "T", value_parser = parse_length, default_value_t = 0.0)]
+    #[arg(long, value_name = "T", value_parser = super::arguments::parse_length, default_value_t = 0.0)]
     merge_distance: f64,
     /// Print the plan and stop.
     #[arg(long)]
@@ -158,17 +161,16 @@ enum TypedPlacement {
 }
 
 #[derive(Clone, Debug, clap::Args)]
-#[group(required = true, multiple = true)]
 struct TypedTarget {
     /// Triangles wanted, at most: 20000, 500k, 4M.
-    #[arg(long, value_name = "N", value_parser = parse_target)]
+    #[arg(long, required_unless_present_any = ["ratio", "max_error", "grid"], value_name = "N", value_parser = parse_target)]
     triangles: Option<u64>,
     /// Share of the input's triangles: 1% or 0.01.
     #[arg(long, value_name = "R", value_parser = parse_ratio, conflicts_with = "triangles")]
     ratio: Option<f64>,
     /// Largest distance from the input to the result and back, in input units; as few triangles as that allows, or
     /// as many as --triangles or --ratio say, if those come first.
-    #[arg(long, value_name = "E", value_parser = parse_length)]
+    #[arg(long, value_name = "E", value_parser = super::arguments::parse_length)]
     max_error: Option<f64>,
 }
 
@@ -179,17 +181,14 @@ fn parse_target(text: &str) -> std::result::Result<u64, String> {
     }
 }
 
-fn parse_length(text: &str) -> std::result::Result<f64, String> {
-    let length = text.parse().ok().filter(|x: &f64| x.is_finite() && *x >= 0.0);
-    length.ok_or_else(|| "a length in input units, not negative: 0.2".to_owned())
-}
-
 impl Args {
     /// Turns the options that were typed into decided settings.
     pub fn config(&self) -> Result<Config> {
         let TypedTarget { triangles, ratio, max_error } = self.target;
+        self.check_method()?;
         let target = (triangles.map(Target::Triangles))
             .or(ratio.map(Target::Ratio))
+            .or(self.method.grid.map(Target::CellSize))
             .or(max_error.map(Target::MaxError))
             .ok_or_else(|| Error::Usage("give --triangles, --ratio or --max-error".to_owned()))?;
         if self.cell_triangles > MAX_CELL_TRIANGLES {
@@ -210,6 +209,8 @@ impl Args {
             input: self.input.clone(),
             output: self.output.clone(),
             target,
+            method: self.method.method,
+            feature_angle: self.method.feature_angle.unwrap_or(FEATURE_ANGLE),
             memory_bytes: memory_budget(self.memory),
             threads: super::arguments::threads(self.threads),
             cell_triangles: self.cell_triangles,
@@ -262,6 +263,28 @@ impl Args {
 }
 
 impl Args {
+    /// Refuses what the chosen method has no use for.
+    fn check_method(&self) -> Result<()> {
+        self.method.check(&[
+            ("--max-error", self.target.max_error.is_some()),
+            ("--cell-triangles", self.cell_triangles != DEFAULT_CELL_TRIANGLES),
+            ("--until", self.until.is_some()),
+            ("--min-component", self.min_component.is_some()),
+            ("--weight", self.weight != Weights::default()),
+            ("--topology", self.topology != TypedTopology::Error),
+            ("--fit", self.fit != TypedFit::Auto),
+            ("--placement", self.placement != TypedPlacement::Optimal),
+            ("--merge-distance", self.merge_distance != 0.0),
+            ("--seams", self.seams.is_some()),
+            ("--textures", self.textures.is_some()),
+        ])
+    }
+
+    /// Wishes that are not settings of the run.
+    fn wishes(&self) -> Wishes<'_> {
+        Wishes { dry_run: self.dry_run, report: self.report.as_deref() }
+    }
+
     /// `OUTPUT.stonecut-job`. In a folder for the temporary data of several runs, outputs of one name are told
     /// apart by a checksum of their whole path.
     fn job_folder(&self) -> Result<PathBuf> {
@@ -309,14 +332,12 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     }
 }
 
-/// Returns whether the result is not all that was asked for.
-fn is_short(report: &RunReport) -> bool {
-    !report.target_met || !report.quality.bearable || report.input.lost_rows() > 0
-}
-
 /// Runs the job, or only plans it, without a word.
 pub(super) fn call(args: &Args, progress: &Progress) -> Result<Answer> {
     let config = args.config()?;
+    if config.method != Method::Collapse {
+        return method::call(args.wishes(), &config, progress);
+    }
     let prepared = pipeline::prepare(&config)?;
     if args.dry_run {
         return Ok(Answer { report: json_of(&prepared.plan)?, is_short: false });
@@ -346,6 +367,9 @@ pub fn simplify(
 ) -> Result<Option<RunReport>> {
     let config = args.config()?;
     super::arguments::warn_of_limit(args.memory, log);
+    if config.method != Method::Collapse {
+        return method::simplify(args.wishes(), &config, talk, progress, log);
+    }
     let prepared = pipeline::prepare(&config)?;
     for line in prepared.plan.lines(&config) {
         log.say(line);
@@ -366,120 +390,6 @@ pub fn simplify(
         write_report(path, &report)?;
     }
     Ok(Some(report))
-}
-
-fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
-    if talk.verbose {
-        for stage in &report.stages {
-            log.say(format!(
-                "{:11} {:7.2} s  {} -> {} triangles, {} read, {} written",
-                stage.name,
-                stage.seconds,
-                show_count(stage.triangles_in),
-                show_count(stage.triangles_out),
-                show_bytes(stage.bytes_read),
-                show_bytes(stage.bytes_written)
-            ));
-        }
-    }
-    if report.output.triangles > 0 {
-        log.say(format!(
-        "{}: {} triangles, {} vertices in {:.1} s ({} triangles/s), {} cells, {} rounds, peak {} memory, {} temporary",
-        report.output.path,
-        report.output.triangles,
-        report.output.vertices,
-        report.seconds,
-        show_count(report.triangles_per_second as u64),
-        report.cells,
-        report.rounds,
-        show_bytes(report.peak_memory_bytes),
-        show_bytes(report.peak_temp_bytes)
-    ));
-    }
-    if let (true, Some(fit)) = (talk.verbose, &report.fit) {
-        log.say(format!(
-            "fit: {} samples, {} vertices moved, RMS {:.3e} -> {:.3e}",
-            show_count(fit.samples),
-            show_count(fit.moved),
-            fit.rms_before,
-            fit.rms_after
-        ));
-    }
-    for property in &report.face_properties {
-        log.say(face_line(property));
-    }
-    for line in report.textures.iter().flat_map(|textures| &textures.notes) {
-        log.say(format!("  {line}"));
-    }
-    if let Some(components) = &report.components {
-        log.say(component_line(components));
-    }
-    for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
-        log.say(format!("  {n} {} dropped", name.replace('_', " ")));
-    }
-    if let Some(measured) = &report.measured {
-        super::measure::table(measured).lines().for_each(|line| log.say(line));
-    }
-    if let (Some(BoundReport { bound, trials, .. }), Some(enclosed)) =
-        (&report.max_error, &report.hausdorff)
-    {
-        let (bound, n) = (show_length(*bound), trials.len());
-        let runs = if n == 1 { "1 run".to_owned() } else { format!("{n} runs") };
-        log.say(format!(
-            "at most {:.4e} from the input, proven; the bound is {bound}; {runs}",
-            enclosed.upper
-        ));
-    }
-    if !report.target_met {
-        log.say(format!(
-            "short of the target of {} triangles: {}",
-            report.target, report.stop_reason
-        ));
-    }
-    if !report.quality.bearable {
-        log.say(unbearable_line(&report.quality));
-    }
-}
-
-/// Explains a result that cannot stand for its input.
-fn unbearable_line(quality: &QualityReport) -> String {
-    let QualityReport { error_per_edge, share_against, sensible_triangles, .. } = quality;
-    format!(
-        "too few triangles for this scan: the error (about {:.2e}) is {:.0} % of the mean edge, and {:.0} % of the \
-         surface faces the wrong way; ask for at least {} triangles",
-        quality.rms_estimate,
-        100.0 * error_per_edge,
-        100.0 * share_against,
-        show_count(*sensible_triangles)
-    )
-}
-
-fn component_line(sizes: &ComponentSizes) -> String {
-    format!(
-        "  {} of {} components dropped, {} triangles; the largest has {}",
-        sizes.dropped,
-        sizes.found,
-        show_count(sizes.dropped_triangles),
-        show_count(sizes.largest)
-    )
-}
-
-fn face_line(property: &FaceReport) -> String {
-    let what = match property.carried {
-        FacePolicy::Constant => "the same everywhere, kept",
-        FacePolicy::Region => "kept as regions",
-        FacePolicy::Chosen => "differs nearly everywhere, chosen from faces near by",
-        FacePolicy::Averaged => "averaged",
-        FacePolicy::Dropped => "dropped",
-    };
-    let reason = property.reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
-    format!("  faces' {} ({}): {what}{reason}", property.name, property.scalar)
-}
-
-fn write_report(path: &Path, report: &RunReport) -> Result<()> {
-    let mut json = serde_json::to_vec_pretty(&report.written()).expect("plain data");
-    json.push(b'\n');
-    crate::system::pending_file::write_whole(path, &json)
 }
 
 #[cfg(test)]

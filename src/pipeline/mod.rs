@@ -6,6 +6,7 @@
 
 pub mod in_memory;
 pub(crate) mod max_error;
+pub mod methods;
 pub mod plan;
 mod prepare;
 mod quality;

@@ -2,7 +2,7 @@
 
 use super::plan::{Plan, check_split};
 use super::verify;
-use crate::config::Config;
+use crate::config::{Config, Method};
 use crate::error::{Error, Result};
 use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::{
@@ -34,6 +34,11 @@ pub struct Prepared {
 
 /// Opens the input and plans the run. Other files than plain PLY are first unpacked beside the output.
 pub fn prepare(config: &Config) -> Result<Prepared> {
+    if config.method != Method::Collapse {
+        let what =
+            format!("--method {} has another way in: pipeline::methods", config.method.name());
+        return Err(Error::Usage(what));
+    }
     refuse_to_overwrite(config)?;
     if config.verify {
         verify::refuse_unreadable(config)?;
@@ -105,7 +110,7 @@ fn check_error_field(source: &MeshSource, config: &Config) -> Result<()> {
 }
 
 /// Refuses labels that name nothing.
-fn check_labels(source: &MeshSource, labels: &[String]) -> Result<()> {
+pub(super) fn check_labels(source: &MeshSource, labels: &[String]) -> Result<()> {
     let vertices = source.schema().properties.iter().map(|p| p.name.clone());
     let known: Vec<String> =
         vertices.chain(source.face_properties().into_iter().map(|p| p.name)).collect();
@@ -122,7 +127,7 @@ pub fn has_begun_to_write(job_folder: &Path) -> bool {
 }
 
 /// The writer itself compares: a run that died between its rename and its end has left the same bytes.
-fn refuse_to_overwrite(config: &Config) -> Result<()> {
+pub(super) fn refuse_to_overwrite(config: &Config) -> Result<()> {
     let may_be_ours = || !config.restart && has_begun_to_write(&config.job_folder);
     if config.output.exists() && !config.force && !may_be_ours() {
         let path = config.output.display();

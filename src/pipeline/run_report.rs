@@ -13,7 +13,8 @@ use std::collections::BTreeMap;
 /// One stage of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StageReport {
-    /// `partition`, `components`, `simplify`, `repartition`, `round`, `finish`, `write` or `verify`.
+    /// `partition`, `components`, `simplify`, `repartition`, `round`, `finish`, `write` or `verify`; of other methods
+    /// than the collapse `survey`, the method's name, `write` and `verify`.
     pub name: String,
     /// The part of the run that it belongs to, as `--until` names it: as `name`, but `stitch` for `repartition`, `round` and
     /// `finish`.
@@ -243,6 +244,57 @@ pub struct RunReport {
     /// Trials of `--max-error`; only with that option.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_error: Option<BoundReport>,
+    /// Method of simplification; reports of before it have none, and were of the collapse.
+    #[serde(default)]
+    pub method: String,
+    /// The grid of `--method cluster`; only with it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub grid: Option<GridReport>,
+    /// Removals of `--method decimate`; only with it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decimation: Option<DecimationReport>,
+}
+
+/// Vertices that were removed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct DecimationReport {
+    /// Vertices without a feature edge.
+    pub removed_simple: u64,
+    /// Vertices on a boundary.
+    pub removed_boundary: u64,
+    /// Vertices between two feature edges.
+    pub removed_interior_edge: u64,
+    /// Corners, which only go once nothing else can.
+    pub removed_corner: u64,
+    /// Vertices that were removed after the first corner had to be.
+    pub removed_beyond_features: u64,
+    /// Removals refused because no splits filled the hole; a vertex that is tried again counts again.
+    pub refused_split: u64,
+    /// Removals refused because the topology would change.
+    pub refused_topology: u64,
+    /// Largest distance of a removed vertex, with what its neighbours had handed on to it, in input units.
+    pub farthest: f64,
+}
+
+/// The grid on which vertices were clustered.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GridReport {
+    /// Length of a cell, in input units.
+    pub cell_size: f64,
+    /// Passes over the faces, each on another grid; the last one made the result.
+    pub passes: u64,
+    /// Occupied cells.
+    pub cells: u64,
+    /// Triangles that were expected on the first grid.
+    pub expected_triangles: u64,
+    /// Triangles of the input that lay in one or two cells.
+    pub collapsed_triangles: u64,
+    /// Triangles of the input that fell on another one.
+    pub repeated_triangles: u64,
+    /// Triangles on which as many fell in one orientation as in the other.
+    pub folded_triangles: u64,
+    /// Those of them that hung on one edge alone, and were left out.
+    pub fins_dropped: u64,
 }
 
 /// Reason why collapsing ended; its words are those of `RunReport::stop_reason`.
@@ -256,6 +308,12 @@ pub enum StopReason {
     NothingLegal,
     /// Every edge that is left would lead beyond the bound on the error.
     WithinBound,
+    /// The cell size was given.
+    Grid,
+    /// No grid was found that meets the target.
+    NoGrid,
+    /// Every vertex that is left has to stay.
+    NothingRemovable,
 }
 
 impl StopReason {
@@ -276,6 +334,9 @@ impl std::fmt::Display for StopReason {
             StopReason::TargetBelowBearable => "target, below what the input can bear",
             StopReason::NothingLegal => "nothing legal left to collapse",
             StopReason::WithinBound => "within the bound",
+            StopReason::Grid => "the grid",
+            StopReason::NoGrid => "no grid of ten was coarse enough",
+            StopReason::NothingRemovable => "no vertex is left that can be removed",
         })
     }
 }

@@ -473,7 +473,6 @@ impl<'a> Stages<'a> {
                 sample_position: partition.seam_place,
                 place: None,
             },
-            components: None,
             face_properties: match (source.carried(), self.kind()) {
                 (Some(carry), Ok(kind)) => FaceReport::list(carry, kind, n_materials),
                 _ => Vec::new(),
@@ -485,6 +484,7 @@ impl<'a> Stages<'a> {
                 false => StopReason::of(met, quality.bearable).to_string(),
             },
             stages: self.reports.clone(),
+            method: config.method.name().to_owned(),
             max_error: self.config.kernel.bound.map(|bound| BoundReport {
                 bound: bound.distance,
                 tracked_max: Some(self.reach),

@@ -3,7 +3,10 @@
 //! Numbers and plots come from the JSON (`page`), pictures from the meshes it names, as far as they are
 //! still there. Nothing is measured here, and the page asks the network for nothing.
 
+mod comparison;
 mod page;
+
+pub use comparison::{Contender, html as comparison_html};
 
 use crate::error::Result;
 use crate::io::ply::{MeshSource, OutputHeader};

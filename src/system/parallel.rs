@@ -23,7 +23,7 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
 }
 
 /// Blocks under way per thread in `in_order`; two keep a thread busy while the consumer works.
-const BLOCKS_PER_THREAD: usize = 2;
+pub const BLOCKS_PER_THREAD: usize = 2;
 
 /// Runs `produce` for blocks `0..n_blocks` on `threads` threads and `consume` on this thread, in block order.
 ///

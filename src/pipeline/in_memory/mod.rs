@@ -10,7 +10,7 @@ mod cells;
 mod rounds;
 mod whole;
 
-use crate::config::{Config, Target};
+use crate::config::{Config, Method, Target};
 use crate::error::{Error, Result};
 use crate::kernel::{self, FitStatistics, Options, Statistics, Stop};
 use crate::mesh::Mesh;
@@ -155,6 +155,10 @@ impl<'a> Run<'a> {
         if matches!(config.target, Target::MaxError(_)) {
             let what = "--max-error takes files: use simplify_file";
             return Err(Error::Usage(what.to_owned()));
+        }
+        if config.method != Method::Collapse {
+            let what = format!("--method {} takes files: use simplify_file", config.method.name());
+            return Err(Error::Usage(what));
         }
         config.target.check(n_triangles)?;
         config.attributes.weights.check(attributes.channel_kinds())?;

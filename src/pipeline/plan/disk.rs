@@ -1,6 +1,13 @@
-//! The disk that a run takes: what lies in the job folder from stage to stage, and the most of it at one time.
+//! The disk that a run takes: what lies in the job folder from stage to stage, the most of it at one time, and
+//! whether that is free.
 
+use crate::config::Config;
+use crate::error::{Error, Remedy, Result};
 use crate::store::cells::{CellTally, Scatter, VertexLayout, store_row_bytes, survivor_bytes};
+use crate::system::disk::folder_of;
+use crate::system::paths::existing_parent;
+use crate::system::units::show_bytes;
+use std::path::Path;
 
 /// Chunk headers, index and manifest on top of the rows of a pack.
 const CHUNK_BYTES: f64 = 64.0;
@@ -8,6 +15,9 @@ const CHUNK_BYTES: f64 = 64.0;
 /// Vertices that a cell shares with others, for the square root of its triangles (`stitch`: a sheet has about two).
 /// Half of them are copies of another cell's.
 const SHARED_PER_ROOT: f64 = 2.0;
+
+/// Free inodes the job needs: packs, manifest, lock, output and their temporaries.
+const INODES: u64 = 32;
 
 /// Blocks of a file system: what of a chunk cannot be given back because it shares a block with others.
 const BLOCK_BYTES: f64 = 4096.0;
@@ -117,4 +127,70 @@ impl Job<'_> {
             .max(survivors + stays + waiting * store)
             .min(store + survivors)
     }
+}
+
+/// Fails where output or temporary data would not fit, or their folders do not take files; `together_bytes` where both
+/// share a disk.
+pub(in crate::pipeline) fn check_space(
+    config: &Config,
+    temp_bytes: u64,
+    output_bytes: u64,
+    together_bytes: u64,
+) -> Result<()> {
+    let output_folder = folder_of(&config.output);
+    let temp_folder = existing_parent(&config.job_folder);
+    for folder in [output_folder, temp_folder] {
+        use rustix::fs::{Access, access};
+        access(folder, Access::EXISTS)
+            .and_then(|()| access(folder, Access::WRITE_OK | Access::EXEC_OK))
+            .map_err(|e| Error::io(folder, "cannot write into this folder", e.into()))?;
+    }
+    let same = device(output_folder)? == device(temp_folder)?;
+    let needs = if same {
+        vec![(temp_folder, together_bytes)]
+    } else {
+        vec![(temp_folder, temp_bytes), (output_folder, output_bytes)]
+    };
+    // What an earlier run of this job holds already is not needed again.
+    let held = held_bytes(&config.job_folder);
+    for (folder, bytes) in needs {
+        let stat = rustix::fs::statvfs(folder)
+            .map_err(|e| Error::reading(folder, "cannot ask for free space", e.into()))?;
+        let free = stat.f_bavail * stat.f_frsize + if folder == temp_folder { held } else { 0 };
+        if bytes > free {
+            return Err(Error::NoSpace {
+                path: folder.into(),
+                what: format!(
+                    "the run needs {} here, {} are free",
+                    show_bytes(bytes),
+                    show_bytes(free)
+                ),
+                remedy: Remedy::MakeSpace,
+            });
+        }
+        // Some file systems have no inode count at all and say 0 of 0.
+        if stat.f_files > 0 && stat.f_favail < INODES {
+            let what = format!("{} inodes are free, the run needs {INODES}", stat.f_favail);
+            let remedy = Remedy::RemoveFiles;
+            return Err(Error::NoSpace { path: folder.into(), what, remedy });
+        }
+    }
+    Ok(())
+}
+
+fn device(path: &Path) -> Result<u64> {
+    use std::os::unix::fs::MetadataExt;
+    std::fs::metadata(path)
+        .map(|meta| meta.dev())
+        .map_err(|e| Error::reading(path, "cannot stat", e))
+}
+
+fn held_bytes(folder: &Path) -> u64 {
+    use std::os::unix::fs::MetadataExt;
+    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
+    entries
+        .flatten()
+        .filter_map(|entry| entry.metadata().ok())
+        .map(|meta| meta.blocks() * 512)
+        .sum()
 }

@@ -1,6 +1,6 @@
 //! The plan before the work: cells, rounds, memory, disk. Refuses what cannot succeed, by name.
 
-mod disk;
+pub(super) mod disk;
 
 use crate::config::{Config, Normals, Target};
 use crate::error::{Error, Remedy, Result};
@@ -17,11 +17,9 @@ use crate::stages::simplify::{
 use crate::stages::stitch::{self, Step};
 use crate::stages::write;
 use crate::store::cells::{CellTally, VertexLayout, plan_cells};
-use crate::system::disk::folder_of;
 use crate::system::memory::BASE_BYTES;
 use crate::system::paths::existing_parent;
 use crate::system::units::{show_bytes, show_count, show_length};
-use std::path::Path;
 
 /// Safety factor: largest accepted cell relative to the planned size.
 const UNEVEN: f64 = 1.25;
@@ -33,7 +31,7 @@ const JOIN_BYTES: f64 = 72.0;
 const MOST_STEPS: usize = 16;
 
 /// Manifest, lock and what file systems add.
-const MANIFEST_BYTES: u64 = 64 << 10;
+pub(super) const MANIFEST_BYTES: u64 = 64 << 10;
 
 /// Vertices of the input by which the length of a text is expected.
 const SAMPLED_VERTICES: usize = 512;
@@ -42,9 +40,6 @@ const SAMPLED_VERTICES: usize = 512;
 /// goes to vertices: two sorts, and the staged mesh beside its parts.
 const SPLIT_CORNER_BYTES: u64 = 44;
 const SPLIT_FILE_COPIES: u64 = 2;
-
-/// Free inodes the job needs: packs, manifest, lock, output and their temporaries.
-const INODES: u64 = 32;
 
 /// End-to-end speed on one core of the reference machine in triangles/s, for the expected time only.
 const TRIANGLES_PER_SECOND_PER_CORE: f64 = 1.7e6;
@@ -235,48 +230,8 @@ impl Plan {
 
     /// Fails where output or temporary data would not fit, or their folders do not take files.
     pub fn check_disk(&self, config: &Config) -> Result<()> {
-        let output_folder = folder_of(&config.output);
-        let temp_folder = existing_parent(&config.job_folder);
-        for folder in [output_folder, temp_folder] {
-            use rustix::fs::{Access, access};
-            access(folder, Access::EXISTS)
-                .and_then(|()| access(folder, Access::WRITE_OK | Access::EXEC_OK))
-                .map_err(|e| Error::io(folder, "cannot write into this folder", e.into()))?;
-        }
-        let same = device(output_folder)? == device(temp_folder)?;
-        let needs = if same {
-            vec![(temp_folder, self.together_bytes)]
-        } else {
-            vec![
-                (temp_folder, self.temp_bytes),
-                (output_folder, self.output_bytes + self.spool_bytes),
-            ]
-        };
-        // What an earlier run of this job holds already is not needed again.
-        let held = held_bytes(&config.job_folder);
-        for (folder, bytes) in needs {
-            let stat = rustix::fs::statvfs(folder)
-                .map_err(|e| Error::reading(folder, "cannot ask for free space", e.into()))?;
-            let free = stat.f_bavail * stat.f_frsize + if folder == temp_folder { held } else { 0 };
-            if bytes > free {
-                return Err(Error::NoSpace {
-                    path: folder.into(),
-                    what: format!(
-                        "the run needs {} here, {} are free",
-                        show_bytes(bytes),
-                        show_bytes(free)
-                    ),
-                    remedy: Remedy::MakeSpace,
-                });
-            }
-            // Some file systems have no inode count at all and say 0 of 0.
-            if stat.f_files > 0 && stat.f_favail < INODES {
-                let what = format!("{} inodes are free, the run needs {INODES}", stat.f_favail);
-                let remedy = Remedy::RemoveFiles;
-                return Err(Error::NoSpace { path: folder.into(), what, remedy });
-            }
-        }
-        Ok(())
+        let output_bytes = self.output_bytes + self.spool_bytes;
+        disk::check_space(config, self.temp_bytes, output_bytes, self.together_bytes)
     }
 
     fn target_line(&self, config: &Config) -> String {
@@ -353,7 +308,7 @@ pub fn check_split(source: &MeshSource, carry: &FacePropertyPlan, config: &Confi
 }
 
 /// Expected bytes of the output, and of what its folder holds besides while it is written.
-fn output(
+pub(super) fn output(
     source: &MeshSource,
     config: &Config,
     n_vertices: u64,
@@ -465,21 +420,4 @@ fn too_little(
         "the budget of {budget} is too small, {} are needed: {remedy}",
         show_bytes(needed)
     ))
-}
-
-fn device(path: &Path) -> Result<u64> {
-    use std::os::unix::fs::MetadataExt;
-    std::fs::metadata(path)
-        .map(|meta| meta.dev())
-        .map_err(|e| Error::reading(path, "cannot stat", e))
-}
-
-fn held_bytes(folder: &Path) -> u64 {
-    use std::os::unix::fs::MetadataExt;
-    let Ok(entries) = std::fs::read_dir(folder) else { return 0 };
-    entries
-        .flatten()
-        .filter_map(|entry| entry.metadata().ok())
-        .map(|meta| meta.blocks() * 512)
-        .sum()
 }

@@ -27,7 +27,7 @@ use normals::Recomputed;
 pub use numbering::shared_bytes;
 use numbering::{encode, index_vertices, own_vertices};
 pub use shape::REACH;
-use shape::Shape;
+pub(crate) use shape::Shape;
 
 /// Triangles that go to the file together.
 const CHUNK: usize = 65_536;

@@ -12,9 +12,9 @@ const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
 pub const REACH: &str = "error";
 
 /// Plan of turning records into records of the output.
-pub(super) struct Shape {
+pub(crate) struct Shape {
     /// The layout of the output's records.
-    pub(super) schema: VertexSchema,
+    pub(crate) schema: VertexSchema,
     /// Bytes of a record that are kept, in order.
     kept: Vec<Range<usize>>,
     /// Type and place of the components of a new normal.
@@ -26,7 +26,7 @@ pub(super) struct Shape {
 impl Shape {
     /// Leaves out the last `n_texture` properties. New normals take the place of old ones, or come last. With
     /// `has_reach` the distance from the input follows, as one more property.
-    pub(super) fn new(
+    pub(crate) fn new(
         schema: &VertexSchema,
         n_texture: usize,
         normals: Normals,
@@ -77,7 +77,7 @@ impl Shape {
     }
 
     /// Appends the output's record.
-    pub(super) fn put(
+    pub(crate) fn put(
         &self,
         record: &[u8],
         normal: Option<[f64; 3]>,

@@ -1,0 +1,201 @@
+//! `stonecut compare`: methods side by side on one page.
+//!
+//! Each method is a run of this program in a process by itself, so that its peak memory is its own.
+
+use super::arguments::{memory_budget, parse_memory, require_ending, threads};
+use super::log::Log;
+use crate::config::Method;
+use crate::error::{Error, Result};
+use crate::io::ply::Place;
+use crate::render::Resources;
+use crate::report::{Contender, comparison_html};
+use crate::system::disk::{Disk, folder_of, open_input};
+use crate::system::paths::{Paths, Role};
+use crate::system::progress::Progress;
+use crate::system::units::{parse_count, parse_ratio};
+use serde_json::Value;
+use std::ffi::OsString;
+use std::io::Read;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+/// Time between two looks at a run and at the wish to stop.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Simplifies a mesh by several methods to one count, and sets them side by side on one self-contained HTML page: pictures,
+/// error, time, memory, angles, topology.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// Methods joined by commas: collapse,cluster,decimate.
+    #[arg(value_enum, value_name = "METHOD,...", value_delimiter = ',', required = true)]
+    methods: Vec<Method>,
+    /// The mesh to simplify.
+    input: PathBuf,
+    /// Triangles wanted, at most: 20000, 500k, 4M.
+    #[arg(long, value_name = "N", value_parser = parse_count, required_unless_present = "ratio")]
+    triangles: Option<u64>,
+    /// Share of the input's triangles: 1% or 0.01.
+    #[arg(long, value_name = "R", value_parser = parse_ratio, conflicts_with = "triangles")]
+    ratio: Option<f64>,
+    /// File that the page is written to.
+    #[arg(short, long, value_name = "FILE.html")]
+    output: PathBuf,
+    /// Samples on each surface for the distances.
+    #[arg(long, value_name = "N", value_parser = parse_count, default_value = "1M")]
+    samples: u64,
+    /// Replace the page if it exists.
+    #[arg(long)]
+    force: bool,
+    /// Memory budget of each run [default: 75 % of the tightest limit in force].
+    #[arg(long, value_name = "SIZE", value_parser = parse_memory)]
+    memory: Option<u64>,
+    /// Threads of each run [default: the cores this process may use].
+    #[arg(long, value_name = "N")]
+    threads: Option<NonZeroUsize>,
+}
+
+impl Args {
+    pub(super) fn paths(&self) -> Result<Paths> {
+        require_ending("--output", &self.output, &["html", "htm"])?;
+        Ok(Paths::new(self.force)
+            .with(Role::InputFile, "INPUT", &self.input)
+            .with(Role::Output, "--output", &self.output)
+            .with(Role::JobFolder, "the folder of the results", self.folder()))
+    }
+
+    /// The folder of the results while they are needed.
+    fn folder(&self) -> PathBuf {
+        let mut name = self.output.file_name().unwrap_or_default().to_owned();
+        name.push(".stonecut-compare");
+        folder_of(&self.output).join(name)
+    }
+}
+
+/// Makes the page.
+pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
+    let folder = args.folder();
+    let disk = Disk::default();
+    disk.create_dir(&folder)?;
+    let page = page(args, &folder, progress, log);
+    // Results can be made again: they go whatever happened.
+    let _ = std::fs::remove_dir_all(&folder);
+    let page = page?;
+    let place = Place { replace: args.force, ..Place::from(&args.output) };
+    crate::system::pending_file::write_whole(place, page.as_bytes())?;
+    log.say(format!("{}: {} bytes", args.output.display(), page.len()));
+    Ok(())
+}
+
+fn page(args: &Args, folder: &Path, progress: &Progress, log: &mut Log) -> Result<String> {
+    let mut contenders: Vec<Contender> = Vec::new();
+    for method in &args.methods {
+        let name = method.name().to_owned();
+        if contenders.iter().any(|known| known.name == name) {
+            continue;
+        }
+        let mesh = folder.join(format!("{name}.ply"));
+        let report = folder.join(format!("{name}.json"));
+        simplify(args, *method, [&mesh, &report], progress)?;
+        let run = read(&report)?;
+        let measurement = folder.join(format!("{name}-measured.json"));
+        let words = ["measure".into(), args.input.clone().into(), mesh.clone().into()];
+        let samples = [format!("--samples={}", args.samples).into(), "--report".into()];
+        let words = words.into_iter().chain(samples).chain([measurement.clone().into()]).collect();
+        run_apart(args, &name, words, progress)?;
+        let measured = read(&measurement)?;
+        log.say(format!(
+            "{name}: {} triangles in {:.1} s, RMS {:.4e}",
+            run["output"]["triangles"],
+            run["seconds"].as_f64().unwrap_or(0.0),
+            measured["rms"].as_f64().unwrap_or(0.0)
+        ));
+        contenders.push(Contender { name, mesh, run, measured });
+    }
+    let resources = Resources {
+        memory_bytes: memory_budget(args.memory),
+        threads: threads(args.threads).get(),
+    };
+    comparison_html(&args.input, &contenders, folder, resources, progress)
+}
+
+/// The words for memory and threads.
+fn resources(args: &Args) -> Vec<OsString> {
+    let memory = args.memory.map(|bytes| format!("--memory={bytes}"));
+    let threads = args.threads.map(|n| format!("--threads={n}"));
+    memory.into_iter().chain(threads).map(OsString::from).collect()
+}
+
+/// Runs `simplify`; a target that is not met is shown on the page.
+fn simplify(
+    args: &Args,
+    method: Method,
+    [mesh, report]: [&Path; 2],
+    progress: &Progress,
+) -> Result<()> {
+    let target = match (args.triangles, args.ratio) {
+        (_, Some(ratio)) => format!("--ratio={ratio}"),
+        (count, None) => format!("--triangles={}", count.unwrap_or(1)),
+    };
+    let mut words: Vec<OsString> = vec!["simplify".into(), args.input.clone().into()];
+    words.extend([mesh.into(), target.into(), "--report".into(), report.into()]);
+    // Other methods give texture and faces up anyway, and the page is about shapes.
+    let others = ["--method", method.name(), "--force", "--drop-texture", "--drop-faces"];
+    words.extend(others.map(OsString::from));
+    run_apart(args, method.name(), words, progress)?;
+    match report.exists() {
+        true => Ok(()),
+        false => Err(Error::bad_input(
+            &args.input,
+            format!("--method {}: nothing is left", method.name()),
+        )),
+    }
+}
+
+/// Runs this program in a process by itself, without a word unless it fails.
+fn run_apart(args: &Args, name: &str, words: Vec<OsString>, progress: &Progress) -> Result<()> {
+    let program = std::env::current_exe()
+        .map_err(|e| Error::Internal(format!("this program cannot find itself: {e}")))?;
+    let failed = |e| Error::io(&program, "cannot run", e);
+    let mut child = Command::new(&program)
+        .args(words)
+        .args(resources(args))
+        .arg("--quiet")
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .map_err(failed)?;
+    let status = loop {
+        if let Err(stopped) = progress.check() {
+            let _ = child.kill();
+            let _ = child.wait();
+            return Err(stopped);
+        }
+        match child.try_wait().map_err(failed)? {
+            Some(status) => break status,
+            None => std::thread::sleep(LOOK),
+        }
+    };
+    let mut said = String::new();
+    if let Some(mut pipe) = child.stderr.take() {
+        let _ = pipe.read_to_string(&mut said);
+    }
+    let said = format!("--method {name}: {}", said.trim().trim_start_matches("stonecut: "));
+    match status.code() {
+        Some(0 | 3) => Ok(()),
+        Some(2) => Err(Error::Usage(said)),
+        Some(4) => Err(Error::bad_input(&args.input, said)),
+        Some(6) => Err(Error::NoMemory(said)),
+        _ => Err(Error::Internal(format!("{said} ({status})"))),
+    }
+}
+
+fn read(path: &Path) -> Result<Value> {
+    let mut text = String::new();
+    let unreadable =
+        |e: &dyn std::fmt::Display| Error::bad_input(path, format!("not a JSON report: {e}"));
+    open_input(path)?.read_to_string(&mut text).map_err(|e| unreadable(&e))?;
+    serde_json::from_str(&text).map_err(|e| unreadable(&e))
+}

@@ -1,0 +1,114 @@
+//! `--method` and `--grid` of `simplify`, and the options that each method refuses.
+
+use super::answer::{Answer, json_of};
+use super::arguments::parse_length;
+use super::display::watch;
+use super::log::{Log, Talk};
+use super::outcome::{is_short, tell, write_report};
+use crate::config::{Config, Method};
+use crate::error::{Error, Result};
+use crate::pipeline::methods;
+use crate::pipeline::run_report::RunReport;
+use crate::system::progress::Progress;
+use std::path::Path;
+
+/// The choice of a method.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct TypedMethod {
+    /// Method: collapse (edges, least error first; for results), cluster (vertices of a cell of a grid become one, in one
+    /// pass at the speed of the disk; for previews) or decimate (vertices are removed, all others stay exactly where they
+    /// are; in memory). See docs/methods.md.
+    #[arg(long, value_enum, value_name = "METHOD", default_value = "collapse")]
+    pub(super) method: Method,
+    /// With --method cluster: length of a cell of the grid, in input units, instead of a count of triangles.
+    #[arg(long, value_name = "SIZE", value_parser = parse_cell_size, conflicts_with_all = ["triangles", "ratio", "max_error"])]
+    pub(super) grid: Option<f64>,
+    /// With --method decimate: edges whose triangles differ by more than this angle, in degrees, are features, which stay
+    /// edges [default: 60].
+    #[arg(long, value_name = "DEGREES", value_parser = parse_angle)]
+    pub(super) feature_angle: Option<f64>,
+}
+
+fn parse_angle(text: &str) -> std::result::Result<f64, String> {
+    let angle = text.parse().ok().filter(|x: &f64| (0.0..=180.0).contains(x));
+    angle.ok_or_else(|| "an angle in degrees, 0 to 180: 30".to_owned())
+}
+
+fn parse_cell_size(text: &str) -> std::result::Result<f64, String> {
+    match parse_length(text)? {
+        size if size > 0.0 => Ok(size),
+        _ => Err("a length in input units, above 0: 0.2".to_owned()),
+    }
+}
+
+/// Wishes besides the settings of the run.
+#[derive(Clone, Copy)]
+pub(super) struct Wishes<'a> {
+    /// Only plan.
+    pub(super) dry_run: bool,
+    /// File for the report.
+    pub(super) report: Option<&'a Path>,
+}
+
+impl TypedMethod {
+    /// Refuses options that mean nothing for the method; `typed` lists those that only the collapse has.
+    pub(super) fn check(&self, typed: &[(&str, bool)]) -> Result<()> {
+        let name = self.method.name();
+        for (option, is_given, of) in [
+            ("--grid", self.grid.is_some(), Method::Cluster),
+            ("--feature-angle", self.feature_angle.is_some(), Method::Decimate),
+        ] {
+            if is_given && self.method != of {
+                return Err(Error::Usage(format!(
+                    "{option} is for --method {}; leave it out with {name}",
+                    of.name()
+                )));
+            }
+        }
+        if self.method == Method::Collapse {
+            return Ok(());
+        }
+        match typed.iter().find(|(_, is_given)| *is_given) {
+            None => Ok(()),
+            Some((option, _)) => Err(Error::Usage(format!(
+                "{option} means nothing for --method {name}; leave it out, or take --method collapse"
+            ))),
+        }
+    }
+}
+
+/// Runs another method than the collapse, or only plans it, without a word.
+pub(super) fn call(wishes: Wishes, config: &Config, progress: &Progress) -> Result<Answer> {
+    let prepared = methods::prepare(config, progress)?;
+    if wishes.dry_run {
+        return Ok(Answer { report: json_of(&prepared.plan)?, is_short: false });
+    }
+    let report = methods::simplify(prepared, config, progress)?;
+    if let Some(path) = wishes.report {
+        write_report(path, &report)?;
+    }
+    Ok(Answer { report: json_of(&report.written())?, is_short: is_short(&report) })
+}
+
+/// Prints the plan, runs another method than the collapse, prints and writes the report.
+pub(super) fn simplify(
+    wishes: Wishes,
+    config: &Config,
+    talk: &Talk,
+    progress: &Progress,
+    log: &mut Log,
+) -> Result<Option<RunReport>> {
+    let prepared = watch(talk, progress, log, || methods::prepare(config, progress))?;
+    for line in prepared.plan.lines(config) {
+        log.say(line);
+    }
+    if wishes.dry_run {
+        return Ok(None);
+    }
+    let report = watch(talk, progress, log, || methods::simplify(prepared, config, progress))?;
+    tell(&report, talk, log);
+    if let Some(path) = wishes.report {
+        write_report(path, &report)?;
+    }
+    Ok(Some(report))
+}

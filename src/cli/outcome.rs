@@ -1,0 +1,139 @@
+//! The end of a run of `simplify` for people: what was done, what was lost, what is short.
+
+use super::log::{Log, Talk};
+use crate::error::Result;
+use crate::mesh::face_properties::FacePolicy;
+use crate::pipeline::run_report::{BoundReport, FaceReport, GridReport, QualityReport, RunReport};
+use crate::stages::components::ComponentSizes;
+use crate::system::units::{show_bytes, show_count, show_length};
+use std::path::Path;
+
+/// Returns whether the result is not all that was asked for.
+pub(super) fn is_short(report: &RunReport) -> bool {
+    !report.target_met || !report.quality.bearable || report.input.lost_rows() > 0
+}
+
+/// Says what a run has done.
+pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
+    if talk.verbose {
+        for stage in &report.stages {
+            log.say(format!(
+                "{:11} {:7.2} s  {} -> {} triangles, {} read, {} written",
+                stage.name,
+                stage.seconds,
+                show_count(stage.triangles_in),
+                show_count(stage.triangles_out),
+                show_bytes(stage.bytes_read),
+                show_bytes(stage.bytes_written)
+            ));
+        }
+    }
+    if report.output.triangles > 0 {
+        log.say(format!(
+        "{}: {} triangles, {} vertices in {:.1} s ({} triangles/s), {} cells, {} rounds, peak {} memory, {} temporary",
+        report.output.path,
+        report.output.triangles,
+        report.output.vertices,
+        report.seconds,
+        show_count(report.triangles_per_second as u64),
+        report.cells,
+        report.rounds,
+        show_bytes(report.peak_memory_bytes),
+        show_bytes(report.peak_temp_bytes)
+    ));
+    }
+    if let (true, Some(fit)) = (talk.verbose, &report.fit) {
+        log.say(format!(
+            "fit: {} samples, {} vertices moved, RMS {:.3e} -> {:.3e}",
+            show_count(fit.samples),
+            show_count(fit.moved),
+            fit.rms_before,
+            fit.rms_after
+        ));
+    }
+    for property in &report.face_properties {
+        log.say(face_line(property));
+    }
+    for line in report.textures.iter().flat_map(|textures| &textures.notes) {
+        log.say(format!("  {line}"));
+    }
+    if let Some(grid) = &report.grid {
+        log.say(grid_line(grid));
+    }
+    if let Some(components) = &report.components {
+        log.say(component_line(components));
+    }
+    for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
+        log.say(format!("  {n} {} dropped", name.replace('_', " ")));
+    }
+    if let Some(measured) = &report.measured {
+        super::measure::table(measured).lines().for_each(|line| log.say(line));
+    }
+    if let (Some(BoundReport { bound, trials, .. }), Some(enclosed)) =
+        (&report.max_error, &report.hausdorff)
+    {
+        let (bound, n) = (show_length(*bound), trials.len());
+        let runs = if n == 1 { "1 run".to_owned() } else { format!("{n} runs") };
+        log.say(format!(
+            "at most {:.4e} from the input, proven; the bound is {bound}; {runs}",
+            enclosed.upper
+        ));
+    }
+    if !report.target_met {
+        log.say(format!(
+            "short of the target of {} triangles: {}",
+            report.target, report.stop_reason
+        ));
+    }
+    if !report.quality.bearable {
+        log.say(unbearable_line(&report.quality));
+    }
+}
+
+/// Explains a result that cannot stand for its input.
+fn unbearable_line(quality: &QualityReport) -> String {
+    let QualityReport { error_per_edge, share_against, sensible_triangles, .. } = quality;
+    format!(
+        "too few triangles for this scan: the error (about {:.2e}) is {:.0} % of the mean edge, and {:.0} % of the \
+         surface faces the wrong way; ask for at least {} triangles",
+        quality.rms_estimate,
+        100.0 * error_per_edge,
+        100.0 * share_against,
+        show_count(*sensible_triangles)
+    )
+}
+
+fn grid_line(grid: &GridReport) -> String {
+    let GridReport { cell_size, passes, cells, .. } = grid;
+    let passes = if *passes == 1 { "1 pass".to_owned() } else { format!("{passes} passes") };
+    format!("  cells of {}, {} occupied, {passes}", show_length(*cell_size), show_count(*cells))
+}
+
+fn component_line(sizes: &ComponentSizes) -> String {
+    format!(
+        "  {} of {} components dropped, {} triangles; the largest has {}",
+        sizes.dropped,
+        sizes.found,
+        show_count(sizes.dropped_triangles),
+        show_count(sizes.largest)
+    )
+}
+
+fn face_line(property: &FaceReport) -> String {
+    let what = match property.carried {
+        FacePolicy::Constant => "the same everywhere, kept",
+        FacePolicy::Region => "kept as regions",
+        FacePolicy::Chosen => "differs nearly everywhere, chosen from faces near by",
+        FacePolicy::Averaged => "averaged",
+        FacePolicy::Dropped => "dropped",
+    };
+    let reason = property.reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
+    format!("  faces' {} ({}): {what}{reason}", property.name, property.scalar)
+}
+
+/// Writes the report in JSON.
+pub(super) fn write_report(path: &Path, report: &RunReport) -> Result<()> {
+    let mut json = serde_json::to_vec_pretty(&report.written()).expect("plain data");
+    json.push(b'\n');
+    crate::system::pending_file::write_whole(path, &json)
+}

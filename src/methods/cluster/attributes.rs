@@ -1,0 +1,102 @@
+//! Attributes of the vertices of a cell: the mean of their channels, and the labels of the first.
+
+use super::grid::Grid;
+use crate::error::Result;
+use crate::io::ply::{MeshSource, VertexBlock};
+use crate::mesh::codec::VertexCodec;
+use crate::methods::key_table::KeyTable;
+use crate::system::parallel::in_order;
+use crate::system::progress::Progress;
+
+/// Attributes of cells.
+#[derive(Default)]
+pub(super) struct CellAttributes {
+    /// Mean channels of each cell.
+    pub(super) channels: Vec<f32>,
+    /// The record of the first vertex of each cell.
+    pub(super) records: Vec<u8>,
+}
+
+/// Memory for each cell, in bytes.
+pub(super) fn attribute_bytes(source: &MeshSource, codec: &VertexCodec) -> u64 {
+    match source.schema().properties.is_empty() {
+        true => 0,
+        // Sums, then means, both for a while; counts; records.
+        false => (12 * codec.n_channels() + 4 + source.schema().record_bytes()) as u64,
+    }
+}
+
+/// Sums of one block, for the cells that it touches.
+#[derive(Default)]
+struct Batch {
+    block: VertexBlock,
+    cells: KeyTable<u64>,
+    sums: Vec<f64>,
+    counts: Vec<u32>,
+    first: Vec<u32>,
+    channels: Vec<f32>,
+}
+
+/// Averages over all vertices of each cell that `cells` has; vertices without a face count too.
+pub(super) fn attributes(
+    source: &MeshSource,
+    codec: &VertexCodec,
+    grid: &Grid,
+    cells: &KeyTable<u64>,
+    threads: usize,
+    progress: &Progress,
+) -> Result<CellAttributes> {
+    let (n, record_bytes) = (codec.n_channels(), source.schema().record_bytes());
+    let n_cells = cells.keys().len();
+    let mut sums = vec![0.0f64; n * n_cells];
+    let mut counts = vec![0u32; n_cells];
+    let mut records = vec![0u8; record_bytes * n_cells];
+    in_order(
+        source.n_vertex_blocks(),
+        threads,
+        progress,
+        |index, batch: &mut Batch| {
+            source.read_vertices(index, &mut batch.block)?;
+            batch.cells.clear();
+            batch.sums.clear();
+            batch.counts.clear();
+            batch.first.clear();
+            batch.channels.resize(n, 0.0);
+            for (row, record) in batch.block.records.chunks_exact(record_bytes).enumerate() {
+                let key = Grid::key(grid.place(source.schema().position(record)));
+                let Some(cell) = cells.find(key) else { continue };
+                let number = batch.cells.number(u64::from(cell)) as usize;
+                if number == batch.counts.len() {
+                    batch.counts.push(0);
+                    batch.first.push(row as u32);
+                    batch.sums.resize(batch.sums.len() + n, 0.0);
+                }
+                codec.decode_channels(record, &mut batch.channels);
+                batch.counts[number] += 1;
+                let place = &mut batch.sums[number * n..(number + 1) * n];
+                for (sum, &x) in place.iter_mut().zip(&batch.channels) {
+                    *sum += f64::from(x);
+                }
+            }
+            Ok(())
+        },
+        |_, batch| {
+            for (number, &cell) in batch.cells.keys().iter().enumerate() {
+                let cell = cell as usize;
+                if counts[cell] == 0 {
+                    let at = batch.first[number] as usize * record_bytes;
+                    records[cell * record_bytes..(cell + 1) * record_bytes]
+                        .copy_from_slice(&batch.block.records[at..at + record_bytes]);
+                }
+                counts[cell] = counts[cell].saturating_add(batch.counts[number]);
+                for k in 0..n {
+                    sums[cell * n + k] += batch.sums[number * n + k];
+                }
+            }
+            Ok(())
+        },
+    )?;
+    let mean = |(i, sum): (usize, &f64)| (sum / f64::from(counts[i / n].max(1))) as f32;
+    let channels = sums.iter().enumerate().map(mean).collect();
+    Ok(CellAttributes { channels, records })
+}

@@ -1,0 +1,32 @@
+//! Methods besides the edge collapse of the kernel, each in a room below: a mesh in, a mesh and statistics out.
+//!
+//! A method gets a `MeshSource` and gives a `Made`; opening, planning, writing, reporting and measuring are those of all
+//! methods (`pipeline/methods.rs`). A method reads its source through `Positions`, so that none decides how vertices are
+//! kept. The collapse goes through cells on disk instead and is not one of them.
+
+pub mod cluster;
+pub mod decimate;
+mod key_table;
+mod positions;
+
+use crate::mesh::Mesh;
+use crate::mesh::bounds::Bounds;
+pub use positions::{FileOrder, Positions, page_bytes};
+use std::collections::BTreeMap;
+
+/// A mesh that a method made.
+#[derive(Clone, Debug, Default)]
+pub struct Made {
+    /// Positions in input units, channels after the source's `kernel_codec`, triangles.
+    pub mesh: Mesh,
+    /// A record of the input for each vertex, from which labels are taken; empty where vertices carry nothing.
+    pub records: Vec<u8>,
+    /// Faults of the input that were left out, by name.
+    pub faults: BTreeMap<String, u64>,
+    /// The box of all vertices of the input.
+    pub bounds: Bounds,
+    /// Counts of the method itself, by name.
+    pub counts: BTreeMap<String, u64>,
+    /// Lengths that the method itself chose or found, by name, in input units.
+    pub lengths: BTreeMap<String, f64>,
+}

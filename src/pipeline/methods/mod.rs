@@ -1,0 +1,308 @@
+//! Runs of the methods of `methods/`: opened, planned, run, written, reported and measured as runs of the collapse are.
+//!
+//! One stage from the input to the result in memory, so there is nothing to continue: the job folder holds the lock, and a
+//! run that was interrupted starts over. Texture coordinates and properties of faces are not carried.
+
+mod plan;
+mod write;
+
+use super::prepare::{WRITING, check_labels, refuse_to_overwrite};
+use super::run_report::{
+    DecimationReport, FaceReport, GridReport, InputReport, OutputReport, RunReport,
+};
+use super::run_report::{QualityReport, StageReport, StopReason};
+use super::verify;
+use crate::config::{Config, Method, Target};
+use crate::error::{Error, Result};
+use crate::io::StageOptions;
+use crate::io::ply::{MeshSource, ReadOptions, type_name};
+use crate::mesh::face_properties::FacePolicy;
+use crate::mesh::vec3::{length_sq, sub};
+use crate::methods::Made;
+use crate::methods::cluster::{self, Survey, Wanted};
+use crate::methods::decimate;
+use crate::store::job::Job;
+use crate::store::job::fingerprint::{input_marks, job_identity, unchanged};
+use crate::store::stage_context::StageContext;
+use crate::system::disk::{Disk, folder_of};
+use crate::system::json_keys::SCHEMA_VERSION;
+use crate::system::memory::peak_bytes;
+use crate::system::parallel::guarded;
+use crate::system::progress::Progress;
+pub use plan::MethodPlan;
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+/// Steps that progress counts: the method and the writing.
+const N_STEPS: u32 = 2;
+
+/// An input that has been opened, surveyed and planned for; nothing has been written yet.
+pub struct PreparedMethod {
+    source: MeshSource,
+    marks: BTreeMap<String, String>,
+    survey: Option<Survey>,
+    /// Plan of the run.
+    pub plan: MethodPlan,
+    faces: Vec<FaceReport>,
+    stages: Vec<StageReport>,
+    started: Instant,
+}
+
+/// Opens the input, surveys its vertices and plans the run.
+///
+/// Errors: those of opening; `Usage` for what the method cannot do; `NoMemory` where the result's tables exceed the budget.
+pub fn prepare(config: &Config, progress: &Progress) -> Result<PreparedMethod> {
+    guarded(|| prepare_unguarded(config, progress))
+}
+
+fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMethod> {
+    let started = Instant::now();
+    refuse_to_overwrite(config)?;
+    if config.verify {
+        verify::refuse_unreadable(config)?;
+    }
+    let marks = input_marks(&config.input)?;
+    let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
+    let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+    stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
+    let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
+        check_labels(&source, &config.attributes.labels)?;
+        if !config.drop_texture {
+            source.require_no_texture()?;
+        }
+        Ok(source)
+    });
+    let source = unchanged(&config.input, &marks, source)?;
+    if source.n_triangles() == 0 {
+        let what = "has no triangles (element face, row 0): there is nothing to simplify";
+        return Err(Error::bad_input(source.path(), what));
+    }
+    config.target.check(source.n_triangles())?;
+    let (wanted, target) = match config.target {
+        Target::CellSize(size) => (Wanted::CellSize(size), None),
+        other => {
+            let n = other.triangles(source.n_triangles());
+            (Wanted::Triangles(n), Some(n))
+        }
+    };
+    let start = Instant::now();
+    let mut stages = Vec::new();
+    let survey = match config.method {
+        Method::Cluster => {
+            let n = source.n_triangles();
+            progress.begin("survey", 1, N_STEPS, n);
+            let survey = cluster::survey(&source, wanted, config.threads.get(), progress);
+            let survey = unchanged(&config.input, &marks, survey)?;
+            let vertex_bytes = source.n_vertices() * source.schema().record_bytes() as u64;
+            stages.push(stage_report("survey", start, (n, n), (3 * vertex_bytes, 0)));
+            Some(survey)
+        }
+        Method::Decimate | Method::Collapse => None,
+    };
+    let plan = MethodPlan::new(&source, survey.as_ref(), target, config)?;
+    plan.check_disk(config)?;
+    let faces = dropped_faces(&source, config);
+    Ok(PreparedMethod { source, marks, survey, plan, faces, stages, started })
+}
+
+/// Lists what faces carry, which no vertex of a cell can.
+fn dropped_faces(source: &MeshSource, config: &Config) -> Vec<FaceReport> {
+    let reason = match config.drop_faces {
+        true => "given up".to_owned(),
+        false => format!("--method {} does not carry what faces have", config.method.name()),
+    };
+    let dropped = |p: &crate::mesh::property::Property| FaceReport {
+        name: p.name.clone(),
+        scalar: type_name(p.scalar).to_owned(),
+        carried: FacePolicy::Dropped,
+        reason: Some(reason.clone()),
+    };
+    source.face_properties().iter().map(dropped).collect()
+}
+
+fn stage_report(
+    name: &str,
+    start: Instant,
+    (triangles_in, triangles_out): (u64, u64),
+    (bytes_read, bytes_written): (u64, u64),
+) -> StageReport {
+    StageReport {
+        name: name.to_owned(),
+        part: name.to_owned(),
+        seconds: start.elapsed().as_secs_f64(),
+        triangles_in,
+        triangles_out,
+        bytes_read,
+        bytes_written,
+        peak_memory_bytes: peak_bytes(),
+    }
+}
+
+/// Runs the method and writes its result.
+pub fn simplify(
+    prepared: PreparedMethod,
+    config: &Config,
+    progress: &Progress,
+) -> Result<RunReport> {
+    guarded(|| run(prepared, config, progress))
+}
+
+fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result<RunReport> {
+    let PreparedMethod { source, marks, survey, plan, faces, mut stages, started } = prepared;
+    crate::system::memory::keep_nothing_back();
+    let disk = Disk::default();
+    let identity = job_identity(&source, &marks, config);
+    let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
+    let codec = source.schema().kernel_codec(&config.attributes.labels);
+    let n_in = source.n_triangles();
+    let start = Instant::now();
+    let made = match survey {
+        Some(survey) => {
+            let wanted = match config.target {
+                Target::CellSize(size) => Wanted::CellSize(size),
+                _ => Wanted::Triangles(plan.target),
+            };
+            let settings = cluster::Settings {
+                wanted,
+                survey: &survey,
+                codec: &codec,
+                threads: config.threads.get(),
+                position_bytes: plan.position_memory_bytes,
+            };
+            cluster::cluster(&source, settings, progress)
+        }
+        None => {
+            let settings = decimate::Settings {
+                target: plan.target,
+                feature_angle: config.feature_angle,
+                codec: &codec,
+            };
+            decimate::decimate(&source, settings, progress)
+        }
+    };
+    let made = match unchanged(&config.input, &marks, made) {
+        Ok(made) if made.mesh.triangles.is_empty() => Err(nothing_left(config, &made)),
+        other => other,
+    };
+    let made = match made {
+        Ok(made) => made,
+        Err(error) => return Err(super::abandon(job, error)),
+    };
+    let n_out = made.mesh.triangles.len() as u64;
+    let name = config.method.name();
+    stages.push(stage_report(name, start, (n_in, n_out), (source.file_bytes(), 0)));
+    let start = Instant::now();
+    if job.outcome::<()>(WRITING)?.is_none() {
+        job.record(WRITING, &())?;
+    }
+    progress.begin("write", N_STEPS, N_STEPS, n_out);
+    let bytes = write::write(&source, &made, &codec, config, &disk, progress)?;
+    stages.push(stage_report("write", start, (n_out, n_out), (0, bytes)));
+    let mut report = report(&source, &made, &plan, config);
+    report.face_properties = faces;
+    report.stages = stages;
+    report.seconds = started.elapsed().as_secs_f64();
+    report.triangles_per_second = n_in as f64 / report.seconds.max(1e-9);
+    report.peak_memory_bytes = peak_bytes();
+    report.peak_temp_bytes = disk.peak_bytes();
+    drop(made);
+    if config.verify {
+        let context = StageContext {
+            job: &job,
+            progress,
+            threads: config.threads.get(),
+            memory_bytes: config.memory_bytes,
+            checkpoint_every: config.checkpoint_every,
+        };
+        verify::verify(config, &context, &mut report)?;
+    }
+    if !config.keep_temp {
+        job.remove()?;
+    }
+    Ok(report)
+}
+
+fn nothing_left(config: &Config, made: &Made) -> Error {
+    let what = match made.lengths.get("cell_size") {
+        Some(size) => format!(
+            "no triangle has its corners in three cells of {size}; ask for more triangles, or give a smaller --grid; \
+             nothing was written"
+        ),
+        None => "no face has three different corners; nothing was written".to_owned(),
+    };
+    Error::Empty { path: config.output.clone(), what }
+}
+
+/// The report without times.
+fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) -> RunReport {
+    let n_out = made.mesh.triangles.len() as u64;
+    let is_grid = matches!(config.target, Target::CellSize(_));
+    let target_met = is_grid || n_out <= plan.target;
+    let found = source.faults();
+    let mut faults = made.faults.clone();
+    *faults.entry("bad_faces".to_owned()).or_default() += found.bad_faces;
+    faults.insert("bad_vertices".to_owned(), found.bad_vertices);
+    faults.insert("missing_faces".to_owned(), found.missing_faces);
+    faults.insert("missing_vertices".to_owned(), found.missing_vertices);
+    let count = |name: &str| made.counts.get(name).copied().unwrap_or(0);
+    let length = |name: &str| made.lengths.get(name).copied().unwrap_or(0.0);
+    RunReport {
+        schema_version: SCHEMA_VERSION,
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        method: config.method.name().to_owned(),
+        input: InputReport {
+            path: config.input.display().to_string(),
+            bytes: source.file_bytes(),
+            vertices: source.n_vertices(),
+            triangles: source.n_triangles(),
+            bounds: made.bounds.into(),
+            faults,
+        },
+        settings: config.settings(),
+        output: OutputReport {
+            path: config.output.display().to_string(),
+            vertices: made.mesh.positions.len() as u64,
+            triangles: n_out,
+        },
+        quality: QualityReport { mean_edge: mean_edge(made), ..QualityReport::default() },
+        target: if is_grid { n_out } else { plan.target },
+        target_met,
+        stop_reason: match (is_grid, target_met, config.method) {
+            (true, ..) => StopReason::Grid,
+            (_, true, _) => StopReason::Target,
+            (_, false, Method::Cluster) => StopReason::NoGrid,
+            (_, false, _) => StopReason::NothingRemovable,
+        }
+        .to_string(),
+        grid: (config.method == Method::Cluster).then(|| GridReport {
+            cell_size: length("cell_size"),
+            passes: count("passes"),
+            cells: count("cells"),
+            expected_triangles: plan.expected_triangles,
+            collapsed_triangles: count("collapsed_triangles"),
+            repeated_triangles: count("repeated_triangles"),
+            folded_triangles: count("folded_triangles"),
+            fins_dropped: count("fins_dropped"),
+        }),
+        decimation: (config.method == Method::Decimate).then(|| DecimationReport {
+            removed_simple: count("removed_simple"),
+            removed_boundary: count("removed_boundary"),
+            removed_interior_edge: count("removed_interior_edge"),
+            removed_corner: count("removed_corner"),
+            removed_beyond_features: count("removed_beyond_features"),
+            refused_split: count("refused_split"),
+            refused_topology: count("refused_topology"),
+            farthest: length("farthest"),
+        }),
+        ..RunReport::default()
+    }
+}
+
+fn mean_edge(made: &Made) -> f64 {
+    let n_edges = 3 * made.mesh.triangles.len().max(1);
+    let lengths = (0..made.mesh.triangles.len()).map(|t| {
+        let [a, b, c] = made.mesh.corners(t);
+        [sub(b, a), sub(c, b), sub(a, c)].map(|edge| length_sq(edge).sqrt()).iter().sum::<f64>()
+    });
+    lengths.sum::<f64>() / n_edges as f64
+}
