@@ -90,15 +90,27 @@ fn whichever_comes_first_ends_it() {
 }
 
 #[test]
-fn a_bound_of_nothing_is_not_kept_and_a_huge_one_leaves_hardly_anything() {
+fn a_bound_of_nothing_changes_nothing_and_a_huge_one_leaves_hardly_anything() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     expect(at, "synth statue in.ply --triangles 8k", 0);
-    // Not even the input as it would be written, measured with rounding, is within nothing of itself.
     for bound in ["0", "1e-30"] {
-        let said = expect(at, &format!("simplify in.ply o.ply --max-error {bound}"), 3);
-        assert!(said.contains("no result keeps the bound") && !at.join("o.ply").exists(), "{said}");
+        expect(
+            at,
+            &format!("simplify in.ply o.ply --max-error {bound} --force --report r.json"),
+            0,
+        );
+        let report = json(&at.join("r.json"));
+        assert_eq!(count(&report["output"], "triangles"), count(&report["input"], "triangles"));
+        assert_eq!(report["hausdorff"]["upper"], 0.0, "{bound}");
     }
+    // A vertex that no f32 stands for, written as one: the certificate sees the rounding.
+    let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n\
+                element face 4\nproperty list uchar int vertex_indices\nend_header\n\
+                0.1 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 3 1\n3 0 2 3\n3 1 3 2\n";
+    std::fs::write(at.join("f64.ply"), text).unwrap();
+    let said = expect(at, "simplify f64.ply p.obj --max-error 0", 3);
+    assert!(said.contains("no result keeps the bound") && !at.join("p.obj").exists(), "{said}");
     let output = run(at, "simplify in.ply o.ply --max-error 1000 --report r.json");
     // So few triangles stand for no statue, which exit code 3 says.
     assert_eq!(output.status.code(), Some(3), "{output:?}");

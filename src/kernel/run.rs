@@ -1,6 +1,5 @@
 //! Runs the kernel from mesh to mesh: builds the surface, repairs it, collapses, fits, and takes the mesh out.
 
-use crate::kernel::bound::tight::TightPlaces;
 use crate::kernel::bound::tracker::Tracker;
 use crate::kernel::collapse::legality::Reject;
 use crate::kernel::fit;
@@ -67,12 +66,8 @@ pub(crate) fn start(mesh: Mesh, locked: &[bool], options: &Options, simd: Simd) 
         driver.collapser.may_close = false;
         driver.reach_channel = bound.channel;
         let surface = &driver.state.surface;
-        let tight = TightPlaces::new(&options.tight);
-        let before = |v: u32| {
-            let carried = bound.channel.map_or(0.0, |channel| surface.channels_of(v)[channel]);
-            carried + tight.margin(surface.vertices[v as usize].position) as f32
-        };
-        let tracker = Tracker::new(surface, bound.distance, simd, before);
+        let before = |v: u32| bound.channel.map_or(0.0, |channel| surface.channels_of(v)[channel]);
+        let tracker = Tracker::new(surface, bound.distance, simd, &options.tight, before);
         driver.bound = Some(Box::new(tracker));
     }
     driver

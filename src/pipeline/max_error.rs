@@ -99,7 +99,7 @@ pub fn simplify(
     };
     let mut trials: Vec<Trial> = Vec::new();
     let mut tightened = Tightened { share: 1.0, places: Vec::new() };
-    while trials.len() < MOST_TRIALS && !trials.last().is_some_and(|trial| trial.keeps(bound)) {
+    while trials.len() < MOST_TRIALS && !trials.last().is_some_and(|trial| trial.ends(bound)) {
         let number = trials.len() + 1;
         if let Some(last) = trials.last() {
             tightened.tighten(last, bound);
@@ -306,6 +306,11 @@ impl Trial {
     /// True if the result is proven to keep the bound; false for NaN.
     fn keeps(&self, bound: f64) -> bool {
         self.upper() <= bound
+    }
+
+    /// True if no further trial is due: the bound is kept, or nothing was left to tighten.
+    fn ends(&self, bound: f64) -> bool {
+        self.keeps(bound) || self.report.output.triangles == self.report.input.triangles
     }
 
     /// Share of the bound to try next, if this one was beyond it.

@@ -40,6 +40,10 @@ impl<'a> TightPlaces<'a> {
         out
     }
 
+    pub(crate) fn is_empty(&self) -> bool {
+        self.places.is_empty()
+    }
+
     /// The box that a point is in, or the nearest one.
     fn place_of(&self, point: Vec3) -> [usize; 3] {
         std::array::from_fn(|k| {

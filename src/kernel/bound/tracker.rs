@@ -2,6 +2,8 @@
 
 use super::input::{Input, NONE, Witness};
 use super::scratch::{MOST_REFUSED, Refused, Scratch};
+use super::tight::TightPlaces;
+use crate::kernel::options::Tight;
 use crate::kernel::simd::Simd;
 use crate::kernel::surface::Surface;
 use crate::kernel::vertex::GONE;
@@ -32,6 +34,8 @@ pub(crate) struct Tracker {
     pub(super) slot: Vec<u32>,
     pub(super) scratch: Scratch,
     pub(super) refused: Vec<Refused>,
+    /// The part of `Witness::before` that only keeps the bound tighter there; empty if it is nowhere. Scaled.
+    margins: Vec<f32>,
 }
 
 /// Share of the bound that is used: what lies between the points that are looked at may be a little farther.
@@ -46,15 +50,23 @@ impl Tracker {
         surface: &Surface,
         limit: f64,
         simd: Simd,
+        tight: &[Tight],
         before: impl Fn(u32) -> f32,
     ) -> Tracker {
+        let tight = TightPlaces::new(tight);
+        let margin =
+            |v: u32| (tight.margin(surface.vertices[v as usize].position) * surface.scale) as f32;
+        let margins: Vec<f32> = match tight.is_empty() {
+            true => Vec::new(),
+            false => (0..surface.vertices.len() as u32).map(margin).collect(),
+        };
         let centre = middle(surface);
         let witness = |v: u32| {
             let position = surface.vertices[v as usize].position;
             let local = |k: usize| ((position[k] - centre[k]) * surface.scale) as f32;
             Witness {
                 at: [local(0), local(1), local(2)],
-                before: before(v) * surface.scale as f32,
+                before: before(v) * surface.scale as f32 + margins.get(v as usize).unwrap_or(&0.0),
                 longest: 0.0,
             }
         };
@@ -74,6 +86,7 @@ impl Tracker {
             slot: vec![0; n],
             scratch: Scratch::default(),
             refused: vec![Refused::NONE; MOST_REFUSED],
+            margins,
         };
         for (id, t) in surface.triangles.iter().enumerate().filter(|(_, t)| t[0] != GONE) {
             for &v in t {
@@ -89,7 +102,7 @@ impl Tracker {
     pub(crate) fn bytes(&self) -> u64 {
         let refused = self.refused.len() * size_of::<Refused>();
         let lists = 4 * (self.distance.len() + self.owner.len() + self.next.len());
-        let places = 4 * (self.head.len() + self.slot.len());
+        let places = 4 * (self.head.len() + self.slot.len() + self.margins.len());
         self.input.bytes() + (refused + lists + places) as u64
     }
 
@@ -139,7 +152,7 @@ impl Tracker {
     pub(crate) fn reach(&self, surface: &Surface) -> Vec<f32> {
         let mut reach = vec![0.0f32; surface.vertices.len()];
         for (witness, &owner) in self.owner.iter().enumerate().filter(|(_, t)| **t != GONE) {
-            let far = self.far(witness as u32);
+            let far = self.far(witness as u32) - self.margins.get(witness).unwrap_or(&0.0);
             for v in surface.triangles[owner as usize] {
                 let reach = &mut reach[v as usize];
                 *reach = reach.max(far);
