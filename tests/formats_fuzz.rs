@@ -25,7 +25,7 @@ impl Random {
 }
 
 /// Tokens that matter to one reader or another.
-const TOKENS: [&str; 48] = [
+const TOKENS: [&str; 56] = [
     "ply\n",
     "format ascii 1.0\n",
     "format binary_little_endian 1.0\n",
@@ -74,6 +74,14 @@ const TOKENS: [&str; 48] = [
     "element x 99999999999999999999\n",
     "\x03\x00\x00\x00\x01\x00\x00\x00\x02\x00\x00\x00",
     "\u{7f}",
+    "glTF",
+    "\"count\": 7",
+    "\"byteOffset\": 18446744073709551615",
+    "\"byteStride\": 3",
+    "\"mode\": 5",
+    "\"componentType\": 5121",
+    "[0, 1, 2]",
+    "{}",
 ];
 
 fn mutate(random: &mut Random, bytes: &mut Vec<u8>) {
@@ -177,6 +185,11 @@ fn stl() {
 #[test]
 fn obj() {
     smoke("obj", targets::obj);
+}
+
+#[test]
+fn gltf() {
+    smoke("gltf", targets::gltf);
 }
 
 #[test]

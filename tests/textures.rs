@@ -423,7 +423,14 @@ fn gltf_is_read_with_its_places_and_its_coordinates() {
     for words in [r#""alphaMode":"MASK""#, r#""doubleSided":true"#, r#""wrapS":33071"#] {
         assert!(text.contains(words), "{words}");
     }
-    expect(folder, "measure in.gltf out.glb --samples 1k", 0);
+    assert!(common::rms(folder, "in.gltf", "out.glb") < 2e-5);
+    // Floats, from a corner that is a double.
+    expect(folder, "convert in.gltf float.glb --format float", 0);
+    let bytes = std::fs::read(folder.join("float.glb")).unwrap();
+    assert!(!String::from_utf8_lossy(&bytes).contains("KHR_mesh_quantization"));
+    assert!(common::rms(folder, "in.gltf", "float.glb") < 1e-9);
+    let said = expect(folder, "convert in.gltf double.glb --format double", 2);
+    assert!(said.contains("float"), "{said}");
 }
 
 #[test]

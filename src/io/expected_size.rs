@@ -91,7 +91,11 @@ pub(crate) fn expected_bytes(
                 [find_colour(schema).is_some(), find3(schema, ["nx", "ny", "nz"]).is_some()];
             let n = extras.into_iter().filter(|has| *has).count() as u64;
             let texture = if mesh.faces.texture { glb::TEXTURE_BYTES } else { 0 };
-            let row = glb::POSITION_BYTES + glb::EXTRA_BYTES * n + texture;
+            let position = match format.coordinate {
+                Some(_) => glb::FLOAT_BYTES,
+                None => glb::POSITION_BYTES,
+            };
+            let row = position + glb::EXTRA_BYTES * n + texture;
             let spooled = glb::SPOOLED_BYTES as u64 + glb::EXTRA_BYTES * n;
             // Parted by material, and at the seams of the texture, where one vertex becomes several.
             let is_split = mesh.faces.texture || mesh.faces.number_at().is_some();

@@ -30,7 +30,7 @@ pub enum OutputKind {
     Stl,
     /// Text: positions, colours, normals, texture coordinates.
     Obj,
-    /// For browsers: positions of 16 bits an axis, colours, normals.
+    /// For browsers: positions of 16 bits an axis or floats, colours, normals, textures.
     Glb,
 }
 
@@ -96,11 +96,14 @@ impl OutputFormat {
         let unfit = match kind {
             OutputKind::Ply => false,
             OutputKind::Stl | OutputKind::Obj => typed || encoding == Encoding::BinaryBigEndian,
-            OutputKind::Glb => typed || encoding != Encoding::BinaryLittleEndian,
+            OutputKind::Glb => {
+                let is_double = self.coordinate == Some(Scalar::F64);
+                is_double || self.index.is_some() || encoding != Encoding::BinaryLittleEndian
+            }
         };
         if unfit {
             return Err(Error::Usage(format!(
-                "{}: --format asks for what only PLY can do",
+                "{}: --format asks for what only PLY can do (GLB has 'float' beside its 16 bits an axis)",
                 path.display()
             )));
         }

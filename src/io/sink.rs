@@ -1,6 +1,6 @@
 //! The output of a run, whatever its format: one writer for each kind, and the images and materials beside it.
 
-use super::gltf::GlbWriter;
+use super::gltf::{GlbWriter, Positions};
 use super::materials::TexturePlan;
 use super::obj::ObjWriter;
 use super::output_format::{OutputFormat, OutputKind};
@@ -44,7 +44,13 @@ impl MeshSink {
             }
             OutputKind::Stl => Writer::Stl(Box::new(StlWriter::create(place, header, encoding)?)),
             OutputKind::Obj => Writer::Obj(Box::new(ObjWriter::create(place, header)?)),
-            OutputKind::Glb => Writer::Glb(Box::new(GlbWriter::create(place, header)?)),
+            OutputKind::Glb => {
+                let positions = match format.coordinate {
+                    Some(_) => Positions::Floats,
+                    None => Positions::Steps,
+                };
+                Writer::Glb(Box::new(GlbWriter::create_as(place, header, positions)?))
+            }
         };
         Ok(MeshSink { writer, textures })
     }

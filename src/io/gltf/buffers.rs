@@ -7,7 +7,7 @@ use super::meshopt;
 use crate::error::{Error, Result};
 use crate::io::materials::Part;
 use crate::io::open_options::StageOptions;
-use crate::io::ply::raw::RawFile;
+use crate::io::ply::raw::{RawFile, Spool};
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -32,7 +32,7 @@ impl<'a> Buffers<'a> {
     pub(super) fn open(
         file: &Arc<RawFile>,
         document: &'a Document,
-        binary: Option<Part>,
+        (binary, inline): (Option<Part>, &Inline),
         options: &'a StageOptions,
     ) -> Result<Self> {
         let mut list = Vec::new();
@@ -40,7 +40,10 @@ impl<'a> Buffers<'a> {
             let part = match &buffer.uri {
                 None if i == 0 => binary.clone(),
                 None => None,
-                Some(uri) => Some(open_uri(file, uri, &format!("buffer {i}"))?),
+                Some(uri) => match inline.buffers.get(&i) {
+                    Some(part) => Some(part.clone()),
+                    None => Some(open_beside(file, uri, &format!("buffer {i}"))?),
+                },
             };
             if let Some(part) = &part
                 && part.n_bytes < buffer.byte_length
@@ -192,6 +195,11 @@ pub(super) struct Elements {
 }
 
 impl Elements {
+    /// Returns whether these are numbers that can count.
+    pub(super) fn is_unsigned(&self) -> bool {
+        matches!(self.number.kind, 5121 | 5123 | 5125) && !self.number.normalized
+    }
+
     /// The numbers of up to `BLOCK` elements from `first`.
     pub(super) fn read(&self, first: u64, bytes: &mut Vec<u8>, out: &mut Vec<f64>) -> Result<()> {
         out.clear();
@@ -210,22 +218,56 @@ impl Elements {
     }
 }
 
-/// Opens what an address names: data in the address itself, or a file beside the document.
-pub(super) fn open_uri(file: &RawFile, uri: &str, what: &str) -> Result<Part> {
-    let opened = match uri.strip_prefix("data:") {
-        Some(data) => {
-            let bytes =
-                data_of(data).ok_or_else(|| file.bad(format!("{what}: its data is not base64")))?;
-            RawFile::from_bytes(&file.path().display().to_string(), bytes)
+/// Data that addresses of a document hold themselves, unpacked into one temporary file.
+#[derive(Default)]
+pub(super) struct Inline {
+    buffers: HashMap<usize, Part>,
+    images: HashMap<usize, Part>,
+}
+
+impl Inline {
+    /// Memory: the largest of them.
+    pub(super) fn new(
+        file: &RawFile,
+        document: &Document,
+        options: &StageOptions,
+    ) -> Result<Inline> {
+        let mut spool = Spool::new(&options.temp_dir);
+        let mut take = |what: &str, number: usize, uri: Option<&String>| {
+            let Some(data) = uri.and_then(|uri| uri.strip_prefix("data:")) else { return Ok(None) };
+            let bytes = data_of(data)
+                .ok_or_else(|| file.bad(format!("{what} {number}: its data is not base64")))?;
+            let place = (number, spool.len(), bytes.len() as u64);
+            spool.write(&bytes)?;
+            Ok(Some(place))
+        };
+        let mut places = [Vec::new(), Vec::new()];
+        for (i, buffer) in document.buffers.iter().enumerate() {
+            places[0].extend(take("buffer", i, buffer.uri.as_ref())?);
         }
-        None => {
-            let path = path_of(file, uri).ok_or_else(|| {
-                let shown: String = uri.chars().take(60).collect();
-                file.bad(format!("{what} lies at '{shown}', which is not a file; fetch it first"))
-            })?;
-            RawFile::open(&path)?
+        for (i, image) in document.images.iter().enumerate() {
+            places[1].extend(take("image", i, image.uri.as_ref())?);
         }
-    };
+        let whole = Arc::new(spool.finish(file.path())?);
+        let part =
+            |(number, offset, n_bytes)| (number, Part { file: whole.clone(), offset, n_bytes });
+        let [buffers, images] = places.map(|list| list.into_iter().map(part).collect());
+        Ok(Inline { buffers, images })
+    }
+
+    /// The data of an image.
+    pub(super) fn image(&self, number: usize) -> Option<Part> {
+        self.images.get(&number).cloned()
+    }
+}
+
+/// Opens the file that an address names, beside the document.
+fn open_beside(file: &RawFile, uri: &str, what: &str) -> Result<Part> {
+    let path = path_of(file, uri).ok_or_else(|| {
+        let shown: String = uri.chars().take(60).collect();
+        file.bad(format!("{what} lies at '{shown}', which is not a file; fetch it first"))
+    })?;
+    let opened = RawFile::open(&path)?;
     let n_bytes = opened.len();
     Ok(Part { file: Arc::new(opened), offset: 0, n_bytes })
 }

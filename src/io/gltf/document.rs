@@ -14,10 +14,21 @@ const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const TRIANGLES: u32 = 4;
 
+/// Form of positions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Positions {
+    /// 16 bits an axis, in steps of one size.
+    #[default]
+    Steps,
+    /// Floats from the lower corner of the bounding box.
+    Floats,
+}
+
 /// Layout of a vertex: bytes, and places of what it has besides x, y, z.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct VertexLayout {
     pub(super) n_bytes: u64,
+    pub(super) positions: Positions,
     pub(super) colour_at: Option<u64>,
     pub(super) normal_at: Option<u64>,
     pub(super) texture_at: Option<u64>,
@@ -29,9 +40,9 @@ pub(super) struct Primitive {
     pub(super) material: Option<u32>,
     pub(super) n_vertices: u64,
     pub(super) n_corners: u64,
-    /// Bounds of its positions in steps.
-    pub(super) low: [u16; 3],
-    pub(super) high: [u16; 3],
+    /// Bounds of its positions, as they are stored.
+    pub(super) low: [f64; 3],
+    pub(super) high: [f64; 3],
 }
 
 /// Everything besides the primitives.
@@ -75,9 +86,14 @@ pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &F
         indices_at += 4 * primitive.n_corners;
         let view = views.len() - 2;
         let mut attributes = json!({ "POSITION": accessors.len() });
+        let (low, high) = (primitive.low, primitive.high);
+        let (component, low, high) = match layout.positions {
+            Positions::Steps => (U16, json!(low.map(|x| x as u16)), json!(high.map(|x| x as u16))),
+            Positions::Floats => (F32, json!(low), json!(high)),
+        };
         accessors.push(json!({
             "bufferView": view, "byteOffset": 0, "count": n_vertices,
-            "componentType": U16, "type": "VEC3", "min": primitive.low, "max": primitive.high,
+            "componentType": component, "type": "VEC3", "min": low, "max": high,
         }));
         for (name, at, component, kind) in [
             ("COLOR_0", layout.colour_at, U8, "VEC4"),
@@ -102,27 +118,33 @@ pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &F
             "bufferView": view + 1, "byteOffset": 0, "count": primitive.n_corners,
             "componentType": U32, "type": "SCALAR",
         }));
-        if let Some(material) = primitive.material {
-            part["material"] = material.into();
+        let place = |material| images.and_then(|images| images.place_of(material));
+        if let Some(place) = primitive.material.and_then(place) {
+            part["material"] = place.into();
         }
         parts.push(part);
     }
-    let mut used = vec!["KHR_mesh_quantization"];
-    let side = [frame.scale as f32; 3];
+    // Also what allows normals to be bytes.
+    let is_quantised = layout.positions == Positions::Steps || layout.normal_at.is_some();
+    let mut used = Vec::new();
+    let mut node = json!({ "mesh": 0, "translation": frame.least });
+    if layout.positions == Positions::Steps {
+        let side = frame.scale as f32;
+        node["scale"] = json!([side, side, side]);
+    }
     let mut document = json!({
         "asset": { "version": "2.0", "generator": frame.generator },
-        "extensionsRequired": ["KHR_mesh_quantization"],
         "buffers": [{ "byteLength": total }],
         "accessors": accessors,
         "meshes": [{ "primitives": parts }],
-        "nodes": [{
-            "mesh": 0,
-            "scale": side,
-            "translation": frame.least.map(|v| v as f32),
-        }],
+        "nodes": [node],
         "scenes": [{ "nodes": [0] }],
         "scene": 0,
     });
+    if is_quantised {
+        used.push("KHR_mesh_quantization");
+        document["extensionsRequired"] = json!(used);
+    }
     if let Some((plan, images)) = frame.textures {
         let first_image = indices_at;
         views.extend(images.views(first_image));
@@ -140,6 +162,8 @@ pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &F
         }
     }
     document["bufferViews"] = views.into();
-    document["extensionsUsed"] = used.into();
+    if !used.is_empty() {
+        document["extensionsUsed"] = used.into();
+    }
     document
 }

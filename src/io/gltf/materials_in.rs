@@ -1,9 +1,9 @@
 //! Materials and images of a glTF file as `io::materials` describes them.
 
-use super::buffers::{Buffers, open_uri, path_of};
+use super::buffers::{Buffers, Inline, path_of};
 use super::json::{self, Document, TextureInfo, Transform};
 use crate::error::Result;
-use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials};
+use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 use crate::io::ply::raw::RawFile;
 
 /// Texture coordinates of a material: their set, and their way to those of the image.
@@ -45,10 +45,11 @@ pub(super) fn read(
     file: &RawFile,
     document: &Document,
     buffers: &mut Buffers,
+    inline: &Inline,
 ) -> Result<(Materials, Vec<Coordinates>)> {
     let mut out = Materials::default();
     for (number, image) in document.images.iter().enumerate() {
-        let read = image_of(file, image, number, buffers)?;
+        let read = image_of(file, image, (number, inline.image(number)), buffers)?;
         // Every image keeps its number, even if two are one file.
         out.images.push(read);
     }
@@ -63,7 +64,7 @@ pub(super) fn read(
 fn image_of(
     file: &RawFile,
     image: &json::Image,
-    number: usize,
+    (number, inline): (usize, Option<Part>),
     buffers: &mut Buffers,
 ) -> Result<Image> {
     let fallback = || {
@@ -74,11 +75,10 @@ fn image_of(
             .unwrap_or_else(|| format!("image_{number}"))
     };
     let nowhere = |name: String| Image { data: ImageData::File(name.clone().into()), name };
+    if let Some(part) = inline {
+        return Ok(Image { name: fallback(), data: ImageData::Inside(part) });
+    }
     Ok(match (&image.uri, image.buffer_view) {
-        (Some(uri), _) if uri.starts_with("data:") => {
-            let part = open_uri(file, uri, &format!("image {number}"))?;
-            Image { name: fallback(), data: ImageData::Inside(part) }
-        }
         (Some(uri), _) => match path_of(file, uri) {
             Some(path) => Image { name: uri.clone(), data: ImageData::File(path) },
             None => nowhere(uri.clone()),

@@ -3,8 +3,10 @@
 use crate::io::materials::{Alpha, Map, MapKind, Material, Reference, TexturePlan};
 use serde_json::{Map as Object, Value, json};
 
-/// Images that the file holds or names, and their places in its list.
+/// Materials that faces use, images that the file holds or names, and their places in its lists.
 pub(super) struct OutImages {
+    /// Numbers of the materials, in order.
+    used: Vec<u32>,
     /// Place in the list of the file for each image of the plan.
     places: Vec<Option<usize>>,
     /// Images that the file holds, and their bytes.
@@ -12,17 +14,27 @@ pub(super) struct OutImages {
 }
 
 impl OutImages {
-    pub(super) fn new(plan: &TexturePlan) -> OutImages {
+    /// `used` are the numbers of the materials that faces have, in order.
+    pub(super) fn new(plan: &TexturePlan, used: Vec<u32>) -> OutImages {
+        let mut is_out = vec![false; plan.references.len()];
+        let materials = used.iter().map(|&number| &plan.materials.list[number as usize]);
+        for map in materials.flat_map(|material| &material.maps).filter(|map| is_held(map.kind)) {
+            is_out[map.image] = plan.references[map.image] != Reference::None;
+        }
         let (mut places, mut embedded, mut n) = (Vec::new(), Vec::new(), 0);
-        for (number, reference) in plan.references.iter().enumerate() {
-            if let Reference::Embedded(_, n_bytes) = reference {
+        for (number, (reference, &is_out)) in plan.references.iter().zip(&is_out).enumerate() {
+            if let (Reference::Embedded(_, n_bytes), true) = (reference, is_out) {
                 embedded.push((number, *n_bytes));
             }
-            let is_out = *reference != Reference::None;
             places.push(is_out.then_some(n));
             n += usize::from(is_out);
         }
-        OutImages { places, embedded }
+        OutImages { used, places, embedded }
+    }
+
+    /// The place of a material in the list of the file.
+    pub(super) fn place_of(&self, material: u32) -> Option<usize> {
+        self.used.binary_search(&material).ok()
     }
 
     /// Numbers of the images that the file holds, and their bytes.
@@ -48,8 +60,9 @@ impl OutImages {
     pub(super) fn list(&self, plan: &TexturePlan, n_views: usize) -> Vec<Value> {
         let mut view = n_views - self.embedded.len();
         let mut out = Vec::new();
-        for reference in &plan.references {
+        for (reference, place) in plan.references.iter().zip(&self.places) {
             match reference {
+                _ if place.is_none() => {}
                 Reference::Embedded(mime, _) => {
                     out.push(json!({ "bufferView": view, "mimeType": mime }));
                     view += 1;
@@ -60,6 +73,12 @@ impl OutImages {
         }
         out
     }
+}
+
+/// Kinds of images that glTF has a place for.
+fn is_held(kind: MapKind) -> bool {
+    use MapKind::{Base, Emissive, MetallicRoughness, Normal, Occlusion};
+    matches!(kind, Base | Emissive | MetallicRoughness | Normal | Occlusion)
 }
 
 /// A path as part of an address: all but plain letters, digits and a few signs by number.
@@ -91,7 +110,8 @@ const WEBP: &str = "EXT_texture_webp";
 /// Material, texture and sampler objects (Khronos, sections 3.9 and 5).
 pub(super) fn materials(plan: &TexturePlan, images: &OutImages) -> Lists {
     let mut lists = Lists::default();
-    for material in &plan.materials.list {
+    for &number in &images.used {
+        let material = &plan.materials.list[number as usize];
         let value = lists.material(material, plan, images);
         lists.materials.push(value);
     }

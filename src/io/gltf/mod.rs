@@ -12,6 +12,7 @@ mod scene;
 mod split;
 mod writer;
 
+pub use document::Positions;
 pub(super) use reader::{looks_like, read};
 pub use writer::GlbWriter;
-pub(super) use writer::{EXTRA_BYTES, POSITION_BYTES, SPOOLED_BYTES, TEXTURE_BYTES};
+pub(super) use writer::{EXTRA_BYTES, FLOAT_BYTES, POSITION_BYTES, SPOOLED_BYTES, TEXTURE_BYTES};

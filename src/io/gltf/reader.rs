@@ -4,7 +4,7 @@
 //! are averaged. All is read a block at a time and joined by sorts on disk (`join`): the document alone, and a compressed
 //! view, have to fit into memory.
 
-use super::buffers::{BLOCK, Buffers, Elements};
+use super::buffers::{BLOCK, Buffers, Elements, Inline};
 use super::join::{Joiner, VertexRow};
 use super::json::{Document, Primitive};
 use super::materials_in::{self, Coordinates};
@@ -18,7 +18,7 @@ use crate::system::units::show_bytes;
 use std::sync::Arc;
 
 /// Documents up to this size are read whatever the memory.
-const MIN_DOCUMENT_BYTES: u64 = 64 << 20;
+const MIN_DOCUMENT_BYTES: u64 = 16 << 20;
 
 /// Extensions that a file may require: what is read, and what only changes the look.
 const KNOWN: [&str; 5] = [
@@ -132,8 +132,9 @@ pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawF
             return Err(file.bad(format!("it requires {name}, which is not read; {remedy}")));
         }
     }
-    let mut buffers = Buffers::open(&file, &document, binary, options)?;
-    let (mut materials, coordinates) = materials_in::read(&file, &document, &mut buffers)?;
+    let inline = Inline::new(&file, &document, options)?;
+    let mut buffers = Buffers::open(&file, &document, (binary, &inline), options)?;
+    let (mut materials, coordinates) = materials_in::read(&file, &document, &mut buffers, &inline)?;
     let pieces = pieces(&file, &document, &mut buffers, &coordinates, &mut materials)?;
     if pieces.is_empty() {
         return Err(file.bad("its scene has no triangles"));
@@ -226,6 +227,12 @@ fn pieces<'a>(
             }
             let indices =
                 primitive.indices.map(|number| buffers.accessor(number, &[1])).transpose()?;
+            if let Some(indices) = indices.as_ref().filter(|indices| !indices.is_unsigned()) {
+                return Err(file.bad(format!(
+                    "the {} indices of a primitive are not unsigned integers; export the mesh again",
+                    indices.count
+                )));
+            }
             let texture = texture.map(|elements| (elements, place));
             let at = placed.at;
             out.push(Piece { primitive, at, positions, normals, colours, texture, indices });

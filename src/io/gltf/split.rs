@@ -62,7 +62,7 @@ impl Split {
         spooled: &RawFile,
         row_bytes: usize,
         has_own_texture: bool,
-        row: impl Fn(&[u8], &mut Vec<u8>) -> [u16; 3],
+        row: impl Fn(&[u8], &mut Vec<u8>) -> [f64; 3],
     ) -> Result<Parts> {
         let mut rows = Rows { file: spooled, row_bytes, first: 0, loaded: Vec::new() };
         let mut vertices = Spool::new(&self.folder);
@@ -77,8 +77,8 @@ impl Split {
                     material: material.checked_sub(1),
                     n_vertices: 0,
                     n_corners: 0,
-                    low: [u16::MAX; 3],
-                    high: [0; 3],
+                    low: [f64::MAX; 3],
+                    high: [f64::MIN; 3],
                 });
             }
             let primitive = primitives.last_mut().expect("the corner's own");

@@ -1,4 +1,4 @@
-//! GLB out: one binary glTF 2.0 for browsers, with positions of 16 bits an axis.
+//! GLB out: one binary glTF 2.0 for browsers, with positions of 16 bits an axis, or floats.
 //!
 //! `KHR_mesh_quantization` allows integer positions; the node's scale and translation bring them back to
 //! input units. One scale for all axes, so that nothing is distorted: the error is at most half of
@@ -6,7 +6,7 @@
 //! format wants. Faces with materials or texture coordinates are parted by material first (`split`), and coordinates
 //! are floats; images follow the indices.
 
-use super::document::{Frame, Primitive, VertexLayout, binary_bytes, describe};
+use super::document::{Frame, Positions, Primitive, VertexLayout, binary_bytes, describe};
 use super::materials_out::OutImages;
 use super::split::Split;
 use crate::error::{Error, Result};
@@ -22,6 +22,8 @@ use std::path::PathBuf;
 
 /// Bytes of x, y, z as `u16` and padding.
 pub(in crate::io) const POSITION_BYTES: u64 = 8;
+/// Bytes of x, y, z as floats.
+pub(in crate::io) const FLOAT_BYTES: u64 = 12;
 /// Bytes of a colour or a normal.
 pub(in crate::io) const EXTRA_BYTES: u64 = 4;
 /// Bytes of texture coordinates.
@@ -52,8 +54,17 @@ pub struct GlbWriter {
 }
 
 impl GlbWriter {
-    /// Creates the output; fails if it is empty or would exceed the 4 GiB that GLB can count.
+    /// Creates the output with positions in steps; fails if it is empty or would exceed the 4 GiB that GLB can count.
     pub fn create(place: impl Into<Place>, header: OutputHeader) -> Result<Self> {
+        Self::create_as(place, header, Positions::Steps)
+    }
+
+    /// The same with positions in a form of choice.
+    pub fn create_as(
+        place: impl Into<Place>,
+        header: OutputHeader,
+        positions: Positions,
+    ) -> Result<Self> {
         let place = place.into();
         let folder = folder_of(&place.path).to_path_buf();
         let colour = find_colour(&header.schema);
@@ -62,7 +73,7 @@ impl GlbWriter {
         let has_materials = plan.is_some_and(|plan| !plan.materials.list.is_empty());
         let own = find_texture(&header.schema).filter(|_| !header.faces.texture && has_materials);
         let has_texture = own.is_some() || header.faces.texture;
-        let layout = vertex_layout(colour.is_some(), normal.is_some(), has_texture);
+        let layout = vertex_layout(positions, [colour.is_some(), normal.is_some(), has_texture]);
         let images = plan.map_or(0, |plan| plan.bytes);
         let bytes = header
             .n_vertices
@@ -213,21 +224,40 @@ impl GlbWriter {
         if extent > 0.0 { extent / 65_535.0 } else { 1.0 }
     }
 
-    /// Turns a spooled row into that of the file; returns its position in steps.
-    fn row(&self, scale: f64, spooled: &[u8], out: &mut Vec<u8>) -> [u16; 3] {
-        let steps = [0, 1, 2].map(|axis| {
-            let bytes = spooled[8 * axis..8 * axis + 8].try_into().expect("8 bytes");
-            ((f64::from_le_bytes(bytes) - self.least[axis]) / scale).round() as u16
-        });
-        out.extend_from_slice(steps.map(u16::to_le_bytes).as_flattened());
-        out.extend_from_slice(&[0, 0]);
-        out.extend_from_slice(&spooled[SPOOLED_BYTES..]);
-        steps
+    /// A position as it is stored.
+    fn stored(&self, scale: f64, position: [f64; 3]) -> [f64; 3] {
+        let from_least = [0, 1, 2].map(|axis| position[axis] - self.least[axis]);
+        match self.layout.positions {
+            Positions::Steps => from_least.map(|x| (x / scale).round()),
+            Positions::Floats => from_least.map(|x| f64::from(x as f32)),
+        }
     }
 
-    /// Writes everything up to the vertices.
-    fn begin(&mut self, primitives: &[Primitive]) -> Result<()> {
-        let images = self.header.textures.as_ref().map(OutImages::new);
+    /// Turns a spooled row into that of the file; returns its position as it is stored.
+    fn row(&self, scale: f64, spooled: &[u8], out: &mut Vec<u8>) -> [f64; 3] {
+        let position = [0, 1, 2].map(|axis| {
+            let bytes = spooled[8 * axis..8 * axis + 8].try_into().expect("8 bytes");
+            f64::from_le_bytes(bytes)
+        });
+        let stored = self.stored(scale, position);
+        match self.layout.positions {
+            Positions::Steps => {
+                stored.iter().for_each(|x| out.extend_from_slice(&(*x as u16).to_le_bytes()));
+                out.extend_from_slice(&[0, 0]);
+            }
+            Positions::Floats => {
+                stored.iter().for_each(|x| out.extend_from_slice(&(*x as f32).to_le_bytes()));
+            }
+        }
+        out.extend_from_slice(&spooled[SPOOLED_BYTES..]);
+        stored
+    }
+
+    /// Writes everything up to the vertices; returns the images that follow the indices.
+    fn begin(&mut self, primitives: &[Primitive]) -> Result<Option<OutImages>> {
+        // Primitives are in the order of their materials.
+        let used: Vec<u32> = primitives.iter().filter_map(|primitive| primitive.material).collect();
+        let images = self.header.textures.as_ref().map(|plan| OutImages::new(plan, used));
         let total = binary_bytes(self.layout, primitives, images.as_ref());
         if !fits(total) {
             return Err(too_large(&self.header));
@@ -251,7 +281,8 @@ impl GlbWriter {
         self.out.write(b"JSON")?;
         self.out.write(&text)?;
         self.out.write(&(total as u32).to_le_bytes())?;
-        self.out.write(b"BIN\0")
+        self.out.write(b"BIN\0")?;
+        Ok(images)
     }
 
     /// The vertices as they were spooled, once.
@@ -266,9 +297,9 @@ impl GlbWriter {
     fn begin_faces(&mut self) -> Result<()> {
         let Some(file) = self.spooled()? else { return Ok(()) };
         let scale = self.scale();
-        let high = [0, 1, 2].map(|i| ((self.most[i] - self.least[i]) / scale).round() as u16);
+        let high = self.stored(scale, self.most);
         let (n_vertices, n_corners) = (self.header.n_vertices, 3 * self.header.n_faces);
-        let whole = Primitive { material: None, n_vertices, n_corners, low: [0; 3], high };
+        let whole = Primitive { material: None, n_vertices, n_corners, low: [0.0; 3], high };
         self.begin(&[whole])?;
         let row_bytes = self.spooled_bytes();
         let mut chunk = vec![0; row_bytes * 16_384];
@@ -294,7 +325,7 @@ impl GlbWriter {
         let row = |spooled: &[u8], out: &mut Vec<u8>| self.row(scale, spooled, out);
         let has_own_texture = self.texture.is_some() || self.layout.texture_at.is_none();
         let parts = split.finish(&file, row_bytes, has_own_texture, row)?;
-        self.begin(&parts.primitives)?;
+        let images = self.begin(&parts.primitives)?;
         let mut buffer = vec![0; 1 << 20];
         let mut at = 0;
         while at < parts.vertices.len() {
@@ -304,8 +335,8 @@ impl GlbWriter {
             at += n as u64;
         }
         parts.indices.drain(|[_, _, _, number]| self.out.write(&number.to_le_bytes()))?;
-        let Some(plan) = &self.header.textures else { return Ok(()) };
-        for &(image, n_bytes) in OutImages::new(plan).embedded() {
+        let (Some(plan), Some(images)) = (&self.header.textures, images) else { return Ok(()) };
+        for &(image, n_bytes) in images.embedded() {
             let image = &plan.materials.images[image];
             let n = copy_bytes(&image.data, |bytes| self.out.write(bytes))?;
             if n != n_bytes {
@@ -319,8 +350,11 @@ impl GlbWriter {
     }
 }
 
-fn vertex_layout(colour: bool, normal: bool, texture: bool) -> VertexLayout {
-    let mut n_bytes = POSITION_BYTES;
+fn vertex_layout(positions: Positions, [colour, normal, texture]: [bool; 3]) -> VertexLayout {
+    let mut n_bytes = match positions {
+        Positions::Steps => POSITION_BYTES,
+        Positions::Floats => FLOAT_BYTES,
+    };
     let mut place = |has: bool, bytes: u64| {
         let at = has.then_some(n_bytes);
         n_bytes += if has { bytes } else { 0 };
@@ -329,7 +363,7 @@ fn vertex_layout(colour: bool, normal: bool, texture: bool) -> VertexLayout {
     let colour_at = place(colour, EXTRA_BYTES);
     let normal_at = place(normal, EXTRA_BYTES);
     let texture_at = place(texture, TEXTURE_BYTES);
-    VertexLayout { n_bytes, colour_at, normal_at, texture_at }
+    VertexLayout { n_bytes, positions, colour_at, normal_at, texture_at }
 }
 
 /// Returns whether a binary chunk leaves room for its description.

@@ -147,6 +147,11 @@ pub fn obj(bytes: &[u8]) {
     staged("fuzz.obj", bytes, bytes.len() % 2 == 1);
 }
 
+/// glTF, as text or as GLB.
+pub fn gltf(bytes: &[u8]) {
+    staged("fuzz.gltf", bytes, bytes.len() % 2 == 1);
+}
+
 /// Whatever it says it is: compressed, PLY, STL, OBJ.
 pub fn compressed(bytes: &[u8]) {
     staged("standard input", bytes, bytes.len() % 2 == 1);
