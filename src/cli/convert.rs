@@ -27,7 +27,7 @@ pub struct Args {
     /// A file ending in .ply, .stl, .obj or .glb; '-' is standard output.
     pub output: PathBuf,
     /// Words joined by commas: ascii, binary_little_endian or binary_big_endian; float or double
-    /// coordinates; int or uint indices; ply, stl, obj or glb.
+    /// coordinates (GLB: float instead of 16 bits an axis); int or uint indices; ply, stl, obj or glb.
     #[arg(long, value_name = "FORMAT", default_value = "")]
     pub format: OutputFormat,
     /// Overwrite an existing file.
