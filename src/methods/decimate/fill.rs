@@ -2,7 +2,8 @@
 //! section 3.3).
 //!
 //! A split is a line between two vertices of the loop. The plane through it at a right angle to the average plane must
-//! have each half of the loop on its own side; of all such splits the one with the best aspect ratio is taken.
+//! have each half of the loop on its own side; of all such splits the one with the best aspect ratio is taken. A loop with
+//! dents often has no such split: ears are cut from it instead, the best-shaped first (Meisters 1975).
 
 use super::classify::{Around, Kind};
 use super::surface::Surface;
@@ -10,6 +11,9 @@ use crate::mesh::vec3::{Vec3, cross, dot, length_sq, normal, sub, unit};
 
 /// Least aspect ratio of a split: distance of the nearest vertex of the loop from the plane, relative to the line's length.
 const LEAST_ASPECT: f64 = 0.05;
+
+/// Least shape of a triangle that is cut from a loop (`Splitter::shape`).
+const LEAST_SHAPE: f64 = 1e-3;
 
 /// Reason why a vertex stays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,10 +47,10 @@ pub(super) fn fill(surface: &Surface, around: &Around) -> Result<Vec<[u32; 3]>, 
             if surface.has_edge(loop_of[i], loop_of[j]) {
                 return Err(Refusal::Topology);
             }
-            splitter.split(&one, &mut filling)?;
-            splitter.split(&other, &mut filling)?;
+            splitter.fill(&one, &mut filling)?;
+            splitter.fill(&other, &mut filling)?;
         }
-        _ => splitter.split(loop_of, &mut filling)?,
+        _ => splitter.fill(loop_of, &mut filling)?,
     }
     // Of a tetrahedron the last face would be there twice.
     if loop_of.len() == 3 && !is_open {
@@ -72,6 +76,62 @@ struct Splitter<'a> {
 impl Splitter<'_> {
     fn at(&self, vertex: u32) -> Vec3 {
         self.surface.positions[vertex as usize]
+    }
+
+    /// Splits a loop; where that leads nowhere, cuts ears.
+    fn fill(&self, ring: &[u32], out: &mut Vec<[u32; 3]>) -> Result<(), Refusal> {
+        let n_before = out.len();
+        self.split(ring, out).or_else(|_| {
+            out.truncate(n_before);
+            self.cut_ears(ring, out)
+        })
+    }
+
+    /// Cuts triangles of three consecutive vertices from a loop, each upright and without another vertex in it, seen along
+    /// the normal.
+    fn cut_ears(&self, ring: &[u32], out: &mut Vec<[u32; 3]>) -> Result<(), Refusal> {
+        let mut ring = ring.to_vec();
+        while ring.len() > 3 {
+            let n = ring.len();
+            let (mut best, mut refusal) = (None, Refusal::Split);
+            for i in 0..n {
+                let ear = [ring[(i + n - 1) % n], ring[i], ring[(i + 1) % n]];
+                let shape = self.shape(ear);
+                if shape < LEAST_SHAPE || best.is_some_and(|(known, _)| known >= shape) {
+                    continue;
+                }
+                if ring.iter().any(|v| !ear.contains(v) && self.is_within(*v, ear)) {
+                    continue;
+                }
+                if self.surface.has_edge(ear[0], ear[2]) {
+                    refusal = Refusal::Topology;
+                    continue;
+                }
+                best = Some((shape, i));
+            }
+            let (_, i) = best.ok_or(refusal)?;
+            out.push([ring[(i + n - 1) % n], ring[i], ring[(i + 1) % n]]);
+            ring.remove(i);
+        }
+        let last = [ring[0], ring[1], ring[2]];
+        out.push(last);
+        if self.shape(last) < LEAST_SHAPE { Err(Refusal::Split) } else { Ok(()) }
+    }
+
+    /// Twice the area seen along the normal, relative to the squares of the edges: 0.58 for an equilateral triangle in the
+    /// plane, negative for one that is turned over.
+    fn shape(&self, triangle: [u32; 3]) -> f64 {
+        let [a, b, c] = triangle.map(|v| self.at(v));
+        let edges = length_sq(sub(b, a)) + length_sq(sub(c, b)) + length_sq(sub(a, c));
+        dot(normal([a, b, c]), self.normal) / edges
+    }
+
+    /// True if a vertex lies in a triangle or on its edge, seen along the normal.
+    fn is_within(&self, vertex: u32, triangle: [u32; 3]) -> bool {
+        let p = self.at(vertex);
+        let [a, b, c] = triangle.map(|v| self.at(v));
+        let left = |from: Vec3, to: Vec3| dot(cross(sub(to, from), sub(p, from)), self.normal);
+        left(a, b) >= 0.0 && left(b, c) >= 0.0 && left(c, a) >= 0.0
     }
 
     /// Splits a loop until triangles are left.
@@ -160,6 +220,20 @@ mod tests {
             let whole = f64::from(n) / 2.0 * (std::f64::consts::TAU / f64::from(n)).sin();
             assert!((area(&surface, &filling) - whole).abs() < 1e-12, "{n}");
         }
+    }
+
+    #[test]
+    fn a_loop_with_dents_is_filled_without_leaving_it() {
+        // A star with four points: hardly any line across has each side on its own.
+        let mut surface = fan(&(0..8).map(|i| (f64::from(i) / 8.0, 0.0)).collect::<Vec<_>>());
+        for dent in [2, 4, 6, 8] {
+            surface.positions[dent] = surface.positions[dent].map(|x| 0.3 * x);
+        }
+        let around = Around::look(&surface, 0, 0.5);
+        let filling = fill(&surface, &around).unwrap();
+        let whole: f64 = area(&surface, &surface.alive().collect::<Vec<_>>());
+        assert_eq!(filling.len(), 6);
+        assert!((area(&surface, &filling) - whole).abs() < 1e-12);
     }
 
     #[test]

@@ -13,7 +13,7 @@ use crate::system::units::{show_bytes, show_count, show_length};
 /// Speed of a pass of the clustering on one core of the reference machine in triangles/s, and of the decimation on one core
 /// in all, for the expected time only.
 const CLUSTERED_PER_SECOND_PER_CORE: f64 = 1.0e7;
-const DECIMATED_PER_SECOND: f64 = 0.4e6;
+const DECIMATED_PER_SECOND: f64 = 0.08e6;
 
 /// Forecast of a run.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
