@@ -37,9 +37,9 @@ const LOCAL_TRIALS: usize = 5;
 const EASED: f64 = 0.985;
 /// Share of the bound that is kept in hand, beyond the excess, where it was exceeded.
 const KEPT: f64 = 0.1;
-/// Radius of the ball around a place beyond the bound, in longest edges of the triangle there; it grows by as much with
-/// every trial.
-const RADIUS: f64 = 1.0;
+/// Growth of the ball around a place beyond the bound with every trial; the first one's radius is the longest edge of the
+/// triangle there.
+const GROWTH: f64 = 1.25;
 /// A tighter bound aims at this share of the one that was asked for.
 const AIM: f64 = 0.98;
 /// No trial tightens the bound by more than this: one place does not say much of another.
@@ -291,7 +291,7 @@ impl Tightened {
             });
             let before = before.fold(0.0, |most: f64, tight| most.max(tight.margin));
             let margin = before + one.distance - bound + KEPT * bound;
-            let radius = RADIUS * last.number as f64 * one.size;
+            let radius = GROWTH.powi(last.number as i32 - 1) * one.size;
             self.places.push(Tight { place: one.point, radius, margin });
         }
     }
