@@ -222,6 +222,10 @@ fn nothing_changes_on_the_way_through_all_formats() {
             assert_eq!(std::fs::read(&image).unwrap(), png(64, 64, word), "{name} {image:?}");
         }
     }
+    // Images keep their names inside of GLB.
+    assert!(
+        folder.join("b_textures/b_c.png").exists() || folder.join("b_textures/b c.png").exists()
+    );
     // Simplified from any to any.
     for (input, output) in
         [("a.glb", "s.obj"), ("b.ply", "s.glb"), ("c.obj", "s.ply"), ("e.glb", "t.glb")]

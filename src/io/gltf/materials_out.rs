@@ -60,11 +60,14 @@ impl OutImages {
     pub(super) fn list(&self, plan: &TexturePlan, n_views: usize) -> Vec<Value> {
         let mut view = n_views - self.embedded.len();
         let mut out = Vec::new();
-        for (reference, place) in plan.references.iter().zip(&self.places) {
+        let images = plan.materials.images.iter().zip(&self.places);
+        for (reference, (image, place)) in plan.references.iter().zip(images) {
             match reference {
                 _ if place.is_none() => {}
                 Reference::Embedded(mime, _) => {
-                    out.push(json!({ "bufferView": view, "mimeType": mime }));
+                    let base = image.name.rsplit(['/', '\\']).next().unwrap_or_default();
+                    let name = base.rsplit_once('.').map_or(base, |(stem, _)| stem);
+                    out.push(json!({ "bufferView": view, "mimeType": mime, "name": name }));
                     view += 1;
                 }
                 Reference::Path(path) => out.push(json!({ "uri": encoded(path) })),
