@@ -85,8 +85,8 @@ impl TriangleSet {
     /// Every triangle once, in the orientation of most of those that fell on it; either, where both are equal. And the
     /// number of fins, which are left out.
     ///
-    /// A fin is a triangle with a front and a back that hangs on one edge: the surface was folded there, and nothing is
-    /// lost without it. Folded triangles that hang together are a thin sheet, and stay.
+    /// A fin is a triangle with a front and a back that hangs by one edge on an unfolded one: the surface was folded there,
+    /// and nothing is lost without it. Folded triangles that hang together are a thin sheet, one alone is a speck: they stay.
     pub(super) fn without_fins(&self) -> (Vec<[u32; 3]>, u64) {
         let edges = |[a, b, c]: [u32; 3]| {
             [(a, b), (b, c), (a, c)].map(|(low, high)| u64::from(low) | u64::from(high) << 32)
@@ -97,20 +97,25 @@ impl TriangleSet {
         for (corners, _) in self.iter().filter(|(_, net)| *net == 0) {
             edges(corners).into_iter().for_each(|edge| _ = folded.number(edge));
         }
-        n_users.resize(folded.keys().len(), 0u32);
-        for (corners, _) in self.iter() {
+        // Of each edge all triangles, and those that are not folded.
+        n_users.resize(folded.keys().len(), (0u32, 0u32));
+        for (corners, net) in self.iter() {
             for edge in edges(corners) {
                 if let Some(number) = folded.find(edge) {
-                    n_users[number as usize] += 1;
+                    let (all, unfolded) = &mut n_users[number as usize];
+                    *all += 1;
+                    *unfolded += u32::from(net != 0);
                 }
             }
         }
-        let is_free = |edge: &u64| folded.find(*edge).is_some_and(|n| n_users[n as usize] == 1);
+        let users = |edge: u64| folded.find(edge).map_or((0, 0), |number| n_users[number as usize]);
         let mut n_fins = 0;
         let mut kept = Vec::with_capacity(self.len());
         for ([a, b, c], net) in self.iter() {
+            let of_edges = edges([a, b, c]).map(users);
+            let n_free = of_edges.iter().filter(|(all, _)| *all == 1).count();
             let is_fin =
-                net == 0 && edges([a, b, c]).iter().filter(|edge| is_free(edge)).count() > 1;
+                net == 0 && n_free == 2 && of_edges.iter().any(|(_, unfolded)| *unfolded > 0);
             match is_fin {
                 true => n_fins += 1,
                 false => kept.push(if net < 0 { [a, c, b] } else { [a, b, c] }),
@@ -288,9 +293,13 @@ mod tests {
         }
         set.add([10, 11, 14], 1);
         set.add([12, 13, 14], 1);
+        // A speck.
+        set.add([20, 21, 22], 1);
+        set.add([21, 20, 22], 1);
         // 5, 2, 9 is odd: the cycle 2, 9, 5.
-        let kept = vec![[2, 9, 5], [10, 11, 12], [11, 12, 13], [10, 11, 14], [12, 13, 14]];
+        let kept =
+            vec![[2, 9, 5], [10, 11, 12], [11, 12, 13], [10, 11, 14], [12, 13, 14], [20, 21, 22]];
         assert_eq!(set.without_fins(), (kept, 1));
-        assert_eq!((set.len(), set.n_folded()), (6, 3));
+        assert_eq!((set.len(), set.n_folded()), (7, 4));
     }
 }
