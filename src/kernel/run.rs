@@ -38,7 +38,9 @@ pub(crate) fn start(mesh: Mesh, locked: &[bool], options: &Options, simd: Simd) 
     let scales = (&options.weights[..], &options.confined[..]);
     let (mut state, may_be_flat) = MeshState::new(mesh, locked, scales, simd);
     state.surface.placement = options.placement;
-    let cleaned = repair::clean::clean(&mut state, &may_be_flat, simd);
+    // Under a bound a triangle without area counts as the line that it is, and only a collapse may remove it.
+    let flat = if options.bound.is_some() { &[][..] } else { &may_be_flat[..] };
+    let cleaned = repair::clean::clean(&mut state, flat, simd);
     drop(may_be_flat);
     validate(&state);
     let mut approached = 0;
