@@ -79,8 +79,9 @@ impl Tracker {
             return patch.ids.iter().all(|&t| self.head[t as usize] == NONE);
         }
         let Some(nearest) = self.hold_witnesses::<L>(patch, place, scratch) else { return false };
+        // Nothing tells where the input is: a fin could stand off unseen.
         if nearest == NONE {
-            return true;
+            return false;
         }
         self.holds_survivor::<L>(surface, patch, place, nearest, scratch)
             && self.holds_folds::<L>(patch, place, nearest, scratch)

@@ -57,18 +57,21 @@ impl Tracker {
         scratch: &mut Scratch,
     ) -> bool {
         let n = scratch.faces.len();
+        let has_gaps = n < patch.n_kept;
         // An edge of the input that runs over a bent edge cuts the corner by a quarter of its length times the sine.
         let sine = (CORNER * self.limit / scratch.longest.max(f32::MIN_POSITIVE)).min(1.0);
         let bent = (1.0 - sine * sine).sqrt().max(BENT_COSINE);
         for i in 0..n {
             let face = scratch.faces[i];
             let mut least = if patch.turns { -1.0 } else { 1.0f32 };
+            let mut has_beside = [false; 2];
             for j in 0..n {
                 let other = &scratch.faces[j];
                 let (after, before) = (other.b == face.c, other.c == face.b);
                 if !(after | before) || i == j {
                     continue;
                 }
+                has_beside[usize::from(before)] = true;
                 let cosine = dot(face.normal, other.normal);
                 least = least.min(cosine);
                 if after
@@ -76,6 +79,16 @@ impl Tracker {
                     && !self.is_edge_near::<L>(place, face.to_c, nearest, scratch)
                 {
                     return false;
+                }
+            }
+            // A triangle without area is between this one and the next, which may lie back to back.
+            if has_gaps && !(has_beside[0] && has_beside[1]) {
+                least = -1.0;
+                let edges = [face.to_c, face.to_b];
+                for (edge, _) in edges.into_iter().zip(has_beside).filter(|(_, beside)| !beside) {
+                    if !self.is_edge_near::<L>(place, edge, nearest, scratch) {
+                        return false;
+                    }
                 }
             }
             if least < FOLD_COSINE {
