@@ -29,9 +29,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// Trials at most; the second or third one keeps the bound as a rule.
-const MOST_TRIALS: usize = 8;
+const MOST_TRIALS: usize = 9;
 /// After this many trials the bound is tightened everywhere.
-const LOCAL_TRIALS: usize = 5;
+const LOCAL_TRIALS: usize = 7;
 /// Share of the bound that the next trial keeps everywhere, beside the places: what changes there changes others a
 /// little, and some of them were about to exceed it.
 const EASED: f64 = 0.985;
