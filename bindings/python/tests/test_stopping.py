@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,14 @@ class Enough(Exception):
 
 def stop(_: sc.Progress) -> None:
     raise Enough
+
+
+@pytest.fixture(autouse=True)
+def interrupts() -> Iterator[None]:
+    """Has Ctrl-C raise, also where the tests run in the background of a shell, which has it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def test_an_exception_of_the_callback_ends_the_call(large: Path) -> None:
