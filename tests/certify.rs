@@ -268,6 +268,23 @@ fn a_spike_on_a_plane() {
         (turned.lower, turned.upper, turned.witness_on),
         (found.lower, found.upper, Some(On::Original))
     );
+    assert!(found.beyond.is_empty(), "no bound, no list");
+    // A bound below the tip: the triangles around it are beyond, each with its farthest point.
+    let enclosed = |bound: f64| {
+        let wanted = Certify { tolerance: 0.01, bound: Some(bound) };
+        enclose(&flat, &spiked, wanted, &options(1), &Progress::default()).unwrap()
+    };
+    let found = enclosed(1.5);
+    assert_holds(&found, 2.0, 1e-12, "spike, bound 1.5");
+    assert_eq!(found.beyond.len(), 6, "{:?}", found.beyond);
+    for one in &found.beyond {
+        assert!(1.5 < one.distance && one.distance <= 2.0 && one.size >= 0.5, "{one:?}");
+        let off = sub(one.point, [3.5, 3.5, 2.0]);
+        assert!(dot(off, off).sqrt() < 1.0, "{one:?}");
+    }
+    // A bound that is kept, and one so far below that nearly everything would be listed.
+    assert!(enclosed(2.1).beyond.is_empty() && enclosed(2.1).upper <= 2.1);
+    assert!(enclosed(0.5).beyond.is_empty());
 }
 
 #[test]

@@ -35,6 +35,8 @@ fn the_result_stays_within_the_bound_and_goes_far() {
                 let max = measured(at, "in.ply", "out.ply");
                 assert!(max <= bound, "{kind} {bound} {cells}: {max}");
                 let report = json(&at.join("r.json"));
+                let upper = report["hausdorff"]["upper"].as_f64().unwrap();
+                assert!(upper <= bound && max <= upper, "{kind} {bound} {cells}: {upper} proven");
                 let tracked = report["max_error"]["tracked_max"].as_f64().unwrap();
                 assert!(tracked <= bound, "{kind} {bound} {cells}: {tracked}");
                 let n = count(&report["output"], "triangles");

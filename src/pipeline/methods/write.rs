@@ -32,7 +32,7 @@ pub(super) fn write(
     let shape = Shape::new(schema, 0, normals, false);
     let (n_vertices, n_faces) = (mesh.positions.len() as u64, mesh.triangles.len() as u64);
     let header = OutputHeader {
-        comments: source.comments().to_vec(),
+        comments: source.plain_comments(),
         obj_infos: source.obj_infos().to_vec(),
         settings: settings.join(" "),
         ..OutputHeader::new(shape.schema.clone(), n_vertices, n_faces)
