@@ -68,6 +68,15 @@ impl Target {
     }
 }
 
+/// A level of a chain: one of several results of one run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Level {
+    /// Its target.
+    pub target: Target,
+    /// Path of its file.
+    pub output: PathBuf,
+}
+
 /// Method of simplification.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Method {
@@ -216,10 +225,12 @@ const OF_ALL_METHODS: [&str; 4] = ["target", "skip_bad", "label", "normals"];
 pub struct Config {
     /// The mesh to simplify.
     pub input: PathBuf,
-    /// Path of the result.
+    /// Path of the result; of a chain, that of the finest level.
     pub output: PathBuf,
-    /// Target of the simplification.
+    /// Target of the simplification; of a chain, that of the finest level.
     pub target: Target,
+    /// Further levels of a chain, each made from the one before and with fewer triangles.
+    pub coarser: Vec<Level>,
     /// Method of simplification.
     pub method: Method,
     /// Angle between triangles, in degrees, beyond which their edge is a feature of `Method::Decimate`.
@@ -297,6 +308,9 @@ impl Config {
         if let Some(mode) = self.textures {
             settings.insert("textures".to_owned(), mode.name().to_owned());
         }
+        if !self.coarser.is_empty() {
+            settings.insert("coarser".to_owned(), list(self.coarser.iter().map(|l| l.target)));
+        }
         if self.error_field {
             settings.insert("error_field".to_owned(), "true".to_owned());
         }
@@ -312,6 +326,33 @@ impl Config {
         }
         settings
     }
+
+    /// Every setting that level `number` of a chain depends on: the first one is that of a run to its target alone.
+    pub fn settings_of_level(&self, number: usize) -> BTreeMap<String, String> {
+        let mut settings = self.settings();
+        settings.remove("coarser");
+        if let Some(level) = number.checked_sub(1).and_then(|k| self.coarser.get(k)) {
+            let finer = self.coarser[..number - 1].iter().map(|level| level.target);
+            settings.insert("finer".to_owned(), list(std::iter::once(self.target).chain(finer)));
+            settings.insert("target".to_owned(), level.target.to_string());
+        }
+        settings
+    }
+
+    /// The outputs, finest first.
+    pub fn outputs(&self) -> impl Iterator<Item = &PathBuf> {
+        std::iter::once(&self.output).chain(self.coarser.iter().map(|level| &level.output))
+    }
+
+    /// The targets, finest first.
+    pub fn targets(&self) -> impl Iterator<Item = Target> {
+        std::iter::once(self.target).chain(self.coarser.iter().map(|level| level.target))
+    }
+}
+
+/// Targets as they are stored in settings.
+fn list(targets: impl Iterator<Item = Target>) -> String {
+    targets.map(|target| target.to_string()).collect::<Vec<_>>().join(",")
 }
 
 #[cfg(test)]
@@ -323,6 +364,7 @@ mod tests {
             input: "in.ply".into(),
             output: "out.ply".into(),
             target: Target::Triangles(10_035),
+            coarser: Vec::new(),
             method: Method::Collapse,
             feature_angle: FEATURE_ANGLE,
             memory_bytes: 1 << 30,

@@ -22,6 +22,7 @@ fn config(folder: &Path, ratio: f64) -> Config {
         input: folder.join("in.ply"),
         output: folder.join("out.ply"),
         target: Target::Ratio(ratio),
+        coarser: Vec::new(),
         method: stonecut::config::Method::Collapse,
         feature_angle: stonecut::config::FEATURE_ANGLE,
         memory_bytes: 4 << 30,

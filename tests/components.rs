@@ -501,6 +501,7 @@ fn config(folder: &Path) -> Config {
         input: folder.join("in.ply"),
         output: folder.join("out.ply"),
         target: Target::Triangles(900),
+        coarser: Vec::new(),
         method: stonecut::config::Method::Collapse,
         feature_angle: stonecut::config::FEATURE_ANGLE,
         memory_bytes: 256 << 20,

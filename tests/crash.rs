@@ -4,19 +4,24 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 use stonecut::Result;
-use stonecut::config::{Attributes, Config, Target, Until};
+use stonecut::config::{Attributes, Config, Level, Target, Until};
 use stonecut::pipeline;
 use stonecut::system::disk::{Disk, PowerLoss};
 use stonecut::system::progress::Progress;
 
-fn config(folder: &Path, target: u64) -> Config {
+fn config(folder: &Path, targets: &[u64]) -> Config {
+    let level = |n: &u64| Level {
+        target: Target::Triangles(*n),
+        output: folder.join(format!("out-{n}.ply")),
+    };
     Config {
         input: folder.join("in.ply"),
         output: folder.join("out.ply"),
-        target: Target::Triangles(target),
+        target: Target::Triangles(targets[0]),
+        coarser: targets[1..].iter().map(level).collect(),
         method: stonecut::config::Method::Collapse,
         feature_angle: stonecut::config::FEATURE_ANGLE,
         memory_bytes: 256 << 20,
@@ -88,11 +93,21 @@ fn input(folder: &Path, triangles: u32) {
     std::fs::write(folder.join("in.ply"), bytes).unwrap();
 }
 
-/// Triangles in and out: one round and the finish; two rounds, the second exact; the finish alone.
-const JOBS: [(u32, u64); 3] = [(6000, 400), (8500, 4400), (3000, 300)];
+/// Triangles in and out.
+type Job = (u32, &'static [u64]);
+
+/// One round and the finish; two rounds, the second exact; the finish alone; a chain of an exact round, a round and a
+/// finish, and a second finish from what the first took in.
+const JOBS: [Job; 4] =
+    [(6000, &[400]), (8500, &[4400]), (3000, &[300]), (8500, &[4400, 1000, 600])];
+
+/// Every operation is tried, but of the chain's every third: it has most of them.
+fn step((_, targets): Job) -> usize {
+    if targets.len() > 1 { 3 } else { 1 }
+}
 
 /// Three blocks of vertices and three of faces, most of them unused or degenerate; a checkpoint after each.
-const LONG_JOB: (u32, u64) = (0, 3000);
+const LONG_JOB: Job = (0, &[3000]);
 
 /// A sheet of 60 x 60 squares with its vertices and faces spread over `LONG_JOB`'s blocks.
 fn long_input(folder: &Path) {
@@ -126,18 +141,19 @@ fn long_input(folder: &Path) {
 struct Bench {
     folder: tempfile::TempDir,
     config: Config,
-    reference: Vec<u8>,
+    /// Of each output.
+    reference: Vec<Vec<u8>>,
     operations: u64,
     changes: u64,
 }
 
-fn bench(job: (u32, u64)) -> Bench {
+fn bench(job: Job) -> Bench {
     bench_with(job, stonecut::config::CHECKPOINT_EVERY)
 }
 
-fn bench_with((triangles, target): (u32, u64), checkpoint_every: Duration) -> Bench {
+fn bench_with((triangles, targets): Job, checkpoint_every: Duration) -> Bench {
     let folder = folder();
-    let mut config = Config { checkpoint_every, ..config(folder.path(), target) };
+    let mut config = Config { checkpoint_every, ..config(folder.path(), targets) };
     match triangles {
         0 => {
             long_input(folder.path());
@@ -147,21 +163,24 @@ fn bench_with((triangles, target): (u32, u64), checkpoint_every: Duration) -> Be
     }
     let disk = Disk::for_crash_tests();
     simplify(&disk, &config).unwrap();
-    let reference = std::fs::read(&config.output).unwrap();
+    let reference = config.outputs().map(|output| std::fs::read(output).unwrap()).collect();
     assert!(!config.job_folder.exists());
-    std::fs::remove_file(&config.output).unwrap();
+    config.outputs().for_each(|output| std::fs::remove_file(output).unwrap());
     Bench { folder, config, reference, operations: disk.operations(), changes: disk.changes() }
 }
 
 impl Bench {
+    /// Tells if all outputs are there.
     fn output_is_absent_or_whole(&self, what: &str) -> bool {
-        match std::fs::read(&self.config.output) {
-            Ok(bytes) => {
-                assert!(bytes == self.reference, "{what}: another output");
-                true
-            }
-            Err(_) => false,
-        }
+        let is_there = |(output, reference): (&PathBuf, &Vec<u8>)| {
+            let found = std::fs::read(output).ok();
+            assert!(
+                found.as_ref().is_none_or(|bytes| bytes == reference),
+                "{what}: another output"
+            );
+            found.is_some()
+        };
+        self.config.outputs().zip(&self.reference).map(is_there).fold(true, |all, one| all & one)
     }
 
     /// The same command, on a disk that works; afterwards the folder is as before the job.
@@ -176,7 +195,7 @@ impl Bench {
             );
         }
         assert!(self.output_is_absent_or_whole(what), "{what}: no output");
-        std::fs::remove_file(&self.config.output).unwrap();
+        self.config.outputs().for_each(|output| std::fs::remove_file(output).unwrap());
         let _ = std::fs::remove_dir_all(&self.config.job_folder);
         let left: Vec<_> = std::fs::read_dir(self.folder.path())
             .unwrap()
@@ -191,7 +210,7 @@ impl Bench {
 fn an_operation_that_fails_once_costs_nothing() {
     for job in JOBS {
         let bench = bench(job);
-        for k in 1..=bench.operations + 2 {
+        for k in (1..=bench.operations + 2).step_by(step(job)) {
             let what = format!("{job:?}, operation {k} of {} fails", bench.operations);
             let disk = Disk::for_crash_tests();
             disk.fail_at(k);
@@ -207,7 +226,7 @@ fn an_operation_that_fails_once_costs_nothing() {
 fn a_death_between_any_two_changes_costs_nothing() {
     for job in JOBS {
         let bench = bench(job);
-        for k in 1..=bench.changes + 1 {
+        for k in (1..=bench.changes + 1).step_by(step(job)) {
             for loss in [PowerLoss::Nothing, PowerLoss::Unsynced, PowerLoss::UnsyncedData] {
                 let what = format!("{job:?}, death at change {k} of {}, {loss:?}", bench.changes);
                 let disk = Disk::for_crash_tests();

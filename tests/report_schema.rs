@@ -145,6 +145,7 @@ fn reports_of_simplify_keep_the_schema() {
         ("--ratio 10%", 0),
         ("--ratio 10% --cell-triangles 1k --min-component 20 --verify --fit on --keep-temp", 0),
         ("--triangles 6k --cell-triangles 1k --topology keep --placement subset", 0),
+        ("--triangles 3k,1k --cell-triangles 1k --verify", 0),
         ("--max-error 0.05 --cell-triangles 1k --error-field", 0),
         ("--max-error 0.05 --ratio 30%", 3),
         ("--max-error 1e-30", 0),

@@ -8,6 +8,7 @@ pub mod convert;
 mod demo;
 mod display;
 mod info;
+mod levels;
 mod log;
 mod measure;
 mod method;

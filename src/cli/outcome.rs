@@ -10,7 +10,8 @@ use std::path::Path;
 
 /// Returns whether the result is not all that was asked for.
 pub(super) fn is_short(report: &RunReport) -> bool {
-    !report.target_met || !report.quality.bearable || report.input.lost_rows() > 0
+    let unbearable = report.levels.iter().any(|level| !level.quality.bearable);
+    !report.target_met || !report.quality.bearable || unbearable || report.input.lost_rows() > 0
 }
 
 /// Says what a run has done.
@@ -27,6 +28,15 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
                 show_bytes(stage.bytes_written)
             ));
         }
+    }
+    for level in &report.levels {
+        log.say(format!(
+            "{}: {} triangles, {} vertices, {}",
+            level.path,
+            level.triangles,
+            level.vertices,
+            show_bytes(level.bytes)
+        ));
     }
     if report.output.triangles > 0 {
         log.say(format!(

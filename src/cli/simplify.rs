@@ -3,12 +3,13 @@
 use super::answer::{Answer, json_of};
 use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
+use super::levels::TypedTarget;
 use super::log::{EXIT_SHORT, Log, Talk};
 use super::method::{self, TypedMethod, Wishes};
 use super::outcome::{is_short, tell, write_report};
 use crate::config::{
-    Attributes, Config, DEFAULT_CELL_TRIANGLES, FEATURE_ANGLE, Method, MinComponent, Normals,
-    Target, Until,
+    Attributes, Config, DEFAULT_CELL_TRIANGLES, FEATURE_ANGLE, Level, Method, MinComponent,
+    Normals, Until,
 };
 use crate::error::{Error, Result};
 use crate::io::{OutputFormat, TextureMode};
@@ -20,7 +21,6 @@ use crate::stages::stitch::MAX_CELL_TRIANGLES;
 use crate::system::disk::folder_of;
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::progress::Progress;
-use crate::system::units::{parse_count, parse_ratio};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::xxh3_64;
@@ -160,37 +160,13 @@ enum TypedPlacement {
     Midpoint,
 }
 
-#[derive(Clone, Debug, clap::Args)]
-struct TypedTarget {
-    /// Triangles wanted, at most: 20000, 500k, 4M.
-    #[arg(long, required_unless_present_any = ["ratio", "max_error", "grid"], value_name = "N", value_parser = parse_target)]
-    triangles: Option<u64>,
-    /// Share of the input's triangles: 1% or 0.01.
-    #[arg(long, value_name = "R", value_parser = parse_ratio, conflicts_with = "triangles")]
-    ratio: Option<f64>,
-    /// Largest distance from the input to the result and back, in input units; as few triangles as that allows, or
-    /// as many as --triangles or --ratio say, if those come first.
-    #[arg(long, value_name = "E", value_parser = super::arguments::parse_length)]
-    max_error: Option<f64>,
-}
-
-fn parse_target(text: &str) -> std::result::Result<u64, String> {
-    match parse_count(text)? {
-        0 => Err("a mesh of 0 triangles is none; ask for at least 1".to_owned()),
-        count => Ok(count),
-    }
-}
-
 impl Args {
     /// Turns the options that were typed into decided settings.
     pub fn config(&self) -> Result<Config> {
-        let TypedTarget { triangles, ratio, max_error } = self.target;
         self.check_method()?;
-        let target = (triangles.map(Target::Triangles))
-            .or(ratio.map(Target::Ratio))
-            .or(self.method.grid.map(Target::CellSize))
-            .or(max_error.map(Target::MaxError))
-            .ok_or_else(|| Error::Usage("give --triangles, --ratio or --max-error".to_owned()))?;
+        let max_error = self.target.max_error;
+        let mut levels = self.levels()?;
+        let Level { target, output } = levels.remove(0);
         if self.cell_triangles > MAX_CELL_TRIANGLES {
             return Err(Error::Usage(format!(
                 "--cell-triangles {} is more than one cell can hold: at most {MAX_CELL_TRIANGLES}",
@@ -207,8 +183,10 @@ impl Args {
         }
         Ok(Config {
             input: self.input.clone(),
-            output: self.output.clone(),
+            textures_beside: output.clone(),
+            output,
             target,
+            coarser: levels,
             method: self.method.method,
             feature_angle: self.method.feature_angle.unwrap_or(FEATURE_ANGLE),
             memory_bytes: memory_budget(self.memory),
@@ -226,7 +204,6 @@ impl Args {
             drop_texture: self.drop_texture,
             drop_faces: self.drop_faces,
             textures: self.textures,
-            textures_beside: self.output.clone(),
             error_field: self.error_field,
             min_component: self.min_component,
             checkpoint_every: crate::config::CHECKPOINT_EVERY,
@@ -263,10 +240,16 @@ impl Args {
 }
 
 impl Args {
+    /// The levels of the run, finest first; one, unless a chain was asked for.
+    fn levels(&self) -> Result<Vec<Level>> {
+        self.target.levels(&self.output, self.method.grid)
+    }
+
     /// Refuses what the chosen method has no use for.
     fn check_method(&self) -> Result<()> {
         self.method.check(&[
             ("--max-error", self.target.max_error.is_some()),
+            ("a list of targets", self.target.is_chain()),
             ("--cell-triangles", self.cell_triangles != DEFAULT_CELL_TRIANGLES),
             ("--until", self.until.is_some()),
             ("--min-component", self.min_component.is_some()),
@@ -285,17 +268,18 @@ impl Args {
         Wishes { dry_run: self.dry_run, report: self.report.as_deref() }
     }
 
-    /// `OUTPUT.stonecut-job`. In a folder for the temporary data of several runs, outputs of one name are told
+    /// `OUTPUT.stonecut-job`, of the first level in a chain. In a folder for the temporary data of several runs, outputs of one name are told
     /// apart by a checksum of their whole path.
     fn job_folder(&self) -> Result<PathBuf> {
-        let mut name = match self.output.file_name() {
+        let Level { output, .. } = self.levels()?.remove(0);
+        let mut name = match output.file_name() {
             Some(name) => name.to_owned(),
             None => {
-                let output = self.output.display();
+                let output = output.display();
                 return Err(Error::Usage(format!("{output} names no file to write")));
             }
         };
-        let beside = folder_of(&self.output);
+        let beside = folder_of(&output);
         let folder = self.temp_dir.as_deref().unwrap_or(beside);
         let real = |folder: &Path| folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
         if real(folder) != real(beside) {
@@ -314,9 +298,10 @@ impl Args {
         let job_folder = self.job_folder()?;
         // What a killed run of the same command has written is found by the run itself.
         let may_be_ours = !self.restart && pipeline::has_begun_to_write(&job_folder);
-        Ok(Paths::new(self.force || may_be_ours)
-            .with(Role::Input, "INPUT", &self.input)
-            .with(Role::Output, "OUTPUT", &self.output)
+        let outputs = self.levels()?.into_iter().map(|level| level.output);
+        let paths = Paths::new(self.force || may_be_ours).with(Role::Input, "INPUT", &self.input);
+        let paths = outputs.fold(paths, |paths, output| paths.with(Role::Output, "OUTPUT", output));
+        Ok(paths
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
             .with_option(Role::Side(Kind::Seams), "--seams", self.seams.as_ref())
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())

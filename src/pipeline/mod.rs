@@ -19,7 +19,8 @@ pub(crate) mod verify;
 use crate::config::{Config, Until};
 use crate::error::{Error, Result};
 use crate::stages::components::ComponentSizes;
-use crate::stages::stitch::Step;
+use crate::stages::stitch::{Step, begins_from_result};
+use crate::store::cells::SurvivorInfo;
 use crate::store::job::Job;
 use crate::store::job::fingerprint::job_identity;
 use crate::system::disk::Disk;
@@ -28,7 +29,8 @@ use crate::system::progress::Progress;
 pub use prepare::{Prepared, has_begun_to_write, prepare};
 use run_report::{RunReport, TextureReport};
 use source_facts::faults;
-use stage_runner::Stages;
+use stage_runner::{Left, Stages};
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// Simplifies `config.input` into `config.output`; `None` when `--until` ended the run early.
@@ -87,7 +89,7 @@ fn run_stages(
         return Ok(None);
     }
     let components = stages.components(&partition)?;
-    let mut store = match &components {
+    let store = match &components {
         Some(found) => found.store.clone(),
         None => partition.store.clone(),
     };
@@ -106,51 +108,40 @@ fn run_stages(
     if let Some(path) = &config.seams {
         crate::pipeline::seam_points::write(&stages.store(store.clone())?, path, &stages.run)?;
     }
-    let mut step = stages.next_step(store.triangles);
-    if step != Step::Finish {
-        stages.weigh(&store)?;
-    }
-    let mut survivors = None;
-    let mut dropped = None;
-    while let Step::Round(_) | Step::ExactRound = step {
-        if let Some(earlier) = survivors.take() {
-            store = stages.recut(earlier)?;
+    let mut left = Left::Cells(store);
+    let mut levels = Vec::new();
+    let of_textures = textures.first().map(TextureReport::of);
+    let mut textures = textures.into_iter();
+    for level in 0..=config.coarser.len() {
+        stages.begin_level(level, &plan);
+        let Some((taken_in, result)) = reduce(&mut stages, left, config.until)? else {
+            return Ok(None);
+        };
+        if result.triangles == 0 || result.statistics.is_flat {
+            let error = empty_result(&result, stages.target, stages.output().to_path_buf());
+            drop(stages);
+            return Err(abandon(job, error));
         }
-        let left = stages.simplify(store.clone(), step)?;
-        if config.until == Some(Until::Simplify) && stages.rounds_done == 1 {
+        let next = plan.coarser.get(level);
+        let is_needed = next.is_some_and(|&next| !begins_from_result(result.triangles, next));
+        let kept = match taken_in {
+            Some(left) if !is_needed => {
+                stages.remove(&left)?;
+                None
+            }
+            other => other,
+        };
+        if config.until == Some(Until::Stitch) {
             return Ok(None);
         }
-        step = stages.next_step(left.triangles);
-        dropped.get_or_insert(left.statistics.dropped);
-        survivors = Some(left);
+        let written = stages.write(&source, textures.next(), &result)?;
+        levels.push(stages.level_report(&source, written));
+        left = kept.unwrap_or(Left::Survivors(result));
     }
-    let result = match (step, survivors) {
-        (Step::Finish, survivors) => stages.finish(&store, survivors)?,
-        (_, Some(left)) => left,
-        (_, None) => unreachable!("without a finish there was a round"),
-    };
-    if result.triangles == 0 || result.statistics.is_flat {
-        let left = match result.triangles {
-            0 => "no triangle is left".to_owned(),
-            n => format!("the {n} triangles that are left have no area"),
-        };
-        let what = format!(
-            "{left} at a target of {}; ask for more, or look at the input with 'info --check'; \
-             nothing was written",
-            plan.target
-        );
-        drop(stages);
-        return Err(abandon(job, Error::Empty { path: config.output.clone(), what }));
-    }
-    if config.until == Some(Until::Stitch) {
-        return Ok(None);
-    }
-    let of_textures = textures.as_ref().map(TextureReport::of);
-    let written = stages.write(&source, textures, &result)?;
 
-    let mut report = stages.report(&source, config, &partition, written, started);
+    let mut report = stages.report(&source, config, &partition, levels, started);
     report.textures = of_textures;
-    report.input.faults = faults(&source, &partition, dropped.unwrap_or(result.statistics.dropped));
+    report.input.faults = faults(&source, &partition, stages.dropped.unwrap_or_default());
     report.components = components.map(|found| found.sizes);
     if config.verify {
         verify::verify(config, &stages.run, &mut report)?;
@@ -160,6 +151,52 @@ fn run_stages(
         job.remove()?;
     }
     Ok(Some(report))
+}
+
+/// The rounds and the finish of one level: what the finish took in, if there was one, and the result; `None` when
+/// `--until` ends the run after the first round.
+fn reduce(
+    stages: &mut Stages,
+    mut left: Left,
+    until: Option<Until>,
+) -> Result<Option<(Option<Left>, SurvivorInfo)>> {
+    let mut step = stages.next_step(left.triangles());
+    if let (Left::Cells(store), true) = (&left, step != Step::Finish) {
+        stages.weigh(store)?;
+    }
+    while let Step::Round(_) | Step::ExactRound = step {
+        let cells = match left {
+            Left::Cells(store) => store,
+            Left::Survivors(earlier) => stages.recut(earlier)?,
+        };
+        let survivors = stages.simplify(cells, step)?;
+        if until == Some(Until::Simplify) && stages.rounds_done == 1 {
+            return Ok(None);
+        }
+        step = stages.next_step(survivors.triangles);
+        left = Left::Survivors(survivors);
+    }
+    match (step, left) {
+        (Step::Finish, left) => {
+            let result = stages.finish(left.clone())?;
+            Ok(Some((Some(left), result)))
+        }
+        (_, Left::Survivors(left)) => Ok(Some((None, left))),
+        (_, Left::Cells(_)) => unreachable!("without a finish there was a round"),
+    }
+}
+
+/// An empty result is never a success; files of finer levels stay.
+fn empty_result(result: &SurvivorInfo, target: u64, output: PathBuf) -> Error {
+    let left = match result.triangles {
+        0 => "no triangle is left".to_owned(),
+        n => format!("the {n} triangles that are left have no area"),
+    };
+    let what = format!(
+        "{left} at a target of {target}; ask for more, or look at the input with 'info --check'; \
+         nothing was written"
+    );
+    Error::Empty { path: output, what }
 }
 
 /// Removes a job that no command can continue: with a bad input or an empty result, whatever helps (another input,

@@ -14,7 +14,7 @@ use crate::store::job;
 use crate::store::job::fingerprint::{input_marks, unchanged};
 use crate::system::disk::folder_of;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Recorded before the output is written: an output that is found later may be this job's own.
 pub(crate) const WRITING: &str = "writing";
@@ -26,8 +26,8 @@ pub struct Prepared {
     pub source: MeshSource,
     /// Plan of the run: work, memory, disk.
     pub plan: Plan,
-    /// Materials and images of the output, if it has any.
-    pub textures: Option<TexturePlan>,
+    /// Materials and images of each output, if there are any.
+    pub textures: Vec<TexturePlan>,
     /// Fingerprint of the input, taken before it was opened.
     pub marks: BTreeMap<String, String>,
 }
@@ -62,31 +62,33 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         faces_to_vertices(source, carry, &stage)
     });
     let source = unchanged(&config.input, &marks, source)?;
-    config.target.check(source.n_triangles())?;
+    config.targets().try_for_each(|target| target.check(source.n_triangles()))?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     config.attributes.weights.check(&codec.channel_kinds(source.schema()))?;
     check_error_field(&source, config)?;
     let mut plan = Plan::new(&source, config)?;
     let textures = plan_textures(&source, config)?;
-    plan.add_output_bytes(textures.as_ref().map_or(0, |textures| textures.bytes));
+    plan.add_output_bytes(textures.iter().map(|textures| textures.bytes).sum());
     plan.check_disk(config)?;
     Ok(Prepared { source, plan, textures, marks })
 }
 
-/// Looks at every image and decides what becomes of it.
-fn plan_textures(source: &MeshSource, config: &Config) -> Result<Option<TexturePlan>> {
+/// Looks at every image and decides what becomes of it, for each output; empty where there are no materials.
+fn plan_textures(source: &MeshSource, config: &Config) -> Result<Vec<TexturePlan>> {
     let is_given_up = config.drop_texture
         && source
             .carried()
             .is_none_or(|carry| !carry.written().any(|p| p.property.name == crate::io::NUMBER));
-    let Some(materials) = source.materials().filter(|_| !is_given_up) else { return Ok(None) };
-    let request = TextureRequest {
-        output: &config.textures_beside,
-        kind: config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?,
-        mode: config.textures,
-        force: config.force,
+    let Some(materials) = source.materials().filter(|_| !is_given_up) else {
+        return Ok(Vec::new());
     };
-    TexturePlan::new(materials.clone(), &request).map(Some)
+    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
+    let coarser = config.coarser.iter().map(|level| &level.output);
+    let plan_for = |output: &PathBuf| {
+        let request = TextureRequest { output, kind, mode: config.textures, force: config.force };
+        TexturePlan::new(materials.clone(), &request)
+    };
+    std::iter::once(&config.textures_beside).chain(coarser).map(plan_for).collect()
 }
 
 /// Refuses a distance with every vertex where it has no place.
@@ -129,8 +131,9 @@ pub fn has_begun_to_write(job_folder: &Path) -> bool {
 /// The writer itself compares: a run that died between its rename and its end has left the same bytes.
 pub(super) fn refuse_to_overwrite(config: &Config) -> Result<()> {
     let may_be_ours = || !config.restart && has_begun_to_write(&config.job_folder);
-    if config.output.exists() && !config.force && !may_be_ours() {
-        let path = config.output.display();
+    let existing = config.outputs().find(|output| output.exists());
+    if let (Some(path), false) = (existing, config.force || may_be_ours()) {
+        let path = path.display();
         return Err(Error::Usage(format!("{path} exists; give --force to replace it")));
     }
     Ok(())

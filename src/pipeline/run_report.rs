@@ -87,6 +87,33 @@ pub struct OutputReport {
     pub triangles: u64,
 }
 
+/// A level of a chain.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LevelReport {
+    /// Its file, as given.
+    pub path: String,
+    /// Vertices written.
+    pub vertices: u64,
+    /// Triangles written.
+    pub triangles: u64,
+    /// Bytes of the file.
+    pub bytes: u64,
+    /// Triangles wanted.
+    pub target: u64,
+    /// True if the file has at most `target` triangles.
+    pub target_met: bool,
+    /// Reason why collapsing ended, in words.
+    pub stop_reason: String,
+    /// Estimate of how well it stands for the input.
+    pub quality: QualityReport,
+    /// Distance between input and file at samples, root mean square, both ways; only with `--verify`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rms: Option<f64>,
+    /// The Hausdorff distance between input and file, enclosed; only with `--verify`.
+    #[serde(skip_deserializing, skip_serializing_if = "Option::is_none")]
+    pub hausdorff: Option<crate::measure::Certificate>,
+}
+
 /// Vertices and charts on seams.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SeamReport {
@@ -205,8 +232,11 @@ pub struct RunReport {
     pub peak_memory_bytes: u64,
     /// Most bytes that temporary files had at one time.
     pub peak_temp_bytes: u64,
-    /// The output.
+    /// The output; of a chain, that of its coarsest level.
     pub output: OutputReport,
+    /// Levels of a chain, finest first; absent without one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub levels: Vec<LevelReport>,
     /// Refused collapses by reason, over all rounds and the finish. An edge that is tried again counts again.
     pub rejects: BTreeMap<String, u64>,
     /// Repairs and changes of the topology, by kind, over all rounds and the finish.
@@ -231,7 +261,7 @@ pub struct RunReport {
     pub textures: Option<TextureReport>,
     /// Triangles wanted; with `--max-error` those of the output.
     pub target: u64,
-    /// True if the output has at most `target` triangles; with `--max-error`, if the bound is kept.
+    /// True if the output (of a chain, every one) has at most `target` triangles; with `--max-error`, if the bound is kept.
     pub target_met: bool,
     /// Reason why collapsing ended, in words.
     pub stop_reason: String,

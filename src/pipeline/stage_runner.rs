@@ -3,37 +3,55 @@
 //! `pipeline` says in which order. Opens what a stage needs from the outcome of the one before, removes what
 //! is not needed any more, and sums up what all of them did. Decides nothing about meshes.
 
+mod report;
+
 use super::prepare::WRITING;
 use super::quality::QualityCurve;
 use super::source_facts::{confined, region};
 use crate::config::{Config, Target};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::io::ply::{MeshSource, OutputHeader, Place};
 use crate::io::{OutputFormat, OutputKind, TexturePlan};
 use crate::kernel;
 use crate::pipeline::plan::Plan;
-use crate::pipeline::run_report::{
-    BoundReport, FaceReport, InputReport, OutputReport, RunReport, SeamReport, StageReport,
-    StopReason,
-};
+use crate::pipeline::run_report::StageReport;
 use crate::stages::components::{self, Components};
 use crate::stages::partition::{self, Partition};
 use crate::stages::simplify::{self, Goal};
 use crate::stages::stitch::{self, Parts, Step};
 use crate::stages::write::{self, Form, Written};
 use crate::store::cells::{
-    CellStore, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout,
+    CellStore, Dropped, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout,
 };
 use crate::store::job::Job;
 use crate::store::job::fingerprint::unchanged;
 use crate::store::stage_context::StageContext;
-use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::time::Instant;
+
+/// The mesh on disk before a step.
+#[derive(Clone)]
+pub(super) enum Left {
+    /// Cells of the input.
+    Cells(StoreInfo),
+    /// Survivors of a round, or the result of the level before in a chain.
+    Survivors(SurvivorInfo),
+}
+
+impl Left {
+    /// Triangles of it.
+    pub(super) fn triangles(&self) -> u64 {
+        match self {
+            Left::Cells(store) => store.triangles,
+            Left::Survivors(survivors) => survivors.triangles,
+        }
+    }
+}
 
 /// The stages of one run: each is sealed in the job, timed and reported.
 pub(super) struct Stages<'a> {
@@ -41,7 +59,11 @@ pub(super) struct Stages<'a> {
     config: &'a Config,
     layout: VertexLayout,
     kernel: kernel::Options,
-    target: u64,
+    /// Level of a chain that is at work, from 0, and the triangles wanted in it.
+    level: usize,
+    pub(super) target: u64,
+    /// Rounds before this level.
+    rounds_before: u32,
     /// True if only a bound on the error ends the run.
     is_bound_only: bool,
     /// Triangles before the last round.
@@ -49,6 +71,8 @@ pub(super) struct Stages<'a> {
     pub(super) rounds_done: u32,
     shared_by_round: Vec<u64>,
     charts_vanished: u64,
+    /// Faces and vertices that the first loading of cells dropped.
+    pub(super) dropped: Option<Dropped>,
     /// Estimates from the probes of each round and of the finish.
     quality: QualityCurve,
     /// Statistics of the finish's fit.
@@ -73,10 +97,6 @@ impl<'a> Stages<'a> {
         progress: &'a Progress,
         source: &MeshSource,
     ) -> Self {
-        let rounds = plan.rounds.len() as u32;
-        // Partition, perhaps components, write, every round, every recut between rounds, and the finish.
-        let components = u32::from(config.min_component.is_some());
-        let n_stages = 2 + components + rounds + rounds.saturating_sub(1) + u32::from(plan.finish);
         let layout = VertexLayout {
             has_reach: config.kernel.bound.is_some(),
             ..VertexLayout::for_kernel(
@@ -106,12 +126,15 @@ impl<'a> Stages<'a> {
                 bound: bound.map(|bound| kernel::Bound { channel, ..bound }),
                 ..config.kernel.clone()
             },
+            level: 0,
             target: plan.target,
+            rounds_before: 0,
             is_bound_only: matches!(config.target, Target::MaxError(_)),
             before: u64::MAX,
             rounds_done: 0,
             shared_by_round: Vec::new(),
             charts_vanished: 0,
+            dropped: None,
             seam_vertices: 0,
             quality: QualityCurve::default(),
             fit: None,
@@ -119,9 +142,17 @@ impl<'a> Stages<'a> {
             rejects: BTreeMap::new(),
             changes: BTreeMap::new(),
             reports: Vec::new(),
-            n_stages,
+            n_stages: plan.n_stages,
             input_bytes: source.file_bytes(),
         }
+    }
+
+    /// Goes on to a level of a chain, which begins from what the level before has left.
+    pub(super) fn begin_level(&mut self, level: usize, plan: &Plan) {
+        let Some(&target) = level.checked_sub(1).and_then(|k| plan.coarser.get(k)) else { return };
+        (self.level, self.target) = (level, target);
+        (self.rounds_before, self.before) = (self.rounds_done, u64::MAX);
+        self.kernel.fit = self.config.kernel.fit.decided(plan.triangles_in, target);
     }
 
     /// Runs a stage, or takes its outcome from the manifest; `count` tells the triangles of an outcome.
@@ -222,7 +253,8 @@ impl<'a> Stages<'a> {
     }
 
     pub(super) fn next_step(&self, triangles_now: u64) -> Step {
-        let (cell, rounds) = (self.config.cell_triangles, self.rounds_done);
+        let cell = self.config.cell_triangles;
+        let rounds = self.rounds_done - self.rounds_before;
         if self.is_bound_only {
             return stitch::next_step_within_bound(triangles_now, self.before, cell, rounds);
         }
@@ -310,55 +342,62 @@ impl<'a> Stages<'a> {
         Ok(store)
     }
 
-    /// Joins everything in memory and meets the target exactly.
-    pub(super) fn finish(
-        &mut self,
-        store: &StoreInfo,
-        survivors: Option<SurvivorInfo>,
-    ) -> Result<SurvivorInfo> {
+    /// Joins everything in memory and meets the target exactly; what it takes in stays.
+    pub(super) fn finish(&mut self, left: Left) -> Result<SurvivorInfo> {
         let target = if self.is_bound_only { 0 } else { self.target };
         let options = self.kernel.clone();
-        let n = survivors.as_ref().map_or(store.triangles, |s| s.triangles);
-        let source_pack = survivors.as_ref().map_or(&store.pack, |s| &s.pack);
-        let pack = self.run.job.path(source_pack);
-        let (layout, info) = (self.layout.clone(), store.clone());
+        let n = left.triangles();
+        let layout = self.layout.clone();
+        // A level's result is the next one's source.
+        let (key, name) = match self.level {
+            0 => ("finish".to_owned(), "result.survivors".to_owned()),
+            level => (format!("finish {level}"), format!("result-{level}.survivors")),
+        };
         let result = self.stage(
-            "finish",
+            &key,
             "finish",
             n,
             |s: &SurvivorInfo| s.triangles,
             |run| {
                 let (disk, folder) = (run.disk(), run.job.folder());
-                match survivors {
-                    Some(left) => {
+                match left {
+                    Left::Survivors(left) => {
                         let left = SurvivorPack::open(disk, folder, left, layout.clone())?;
                         let parts = Parts {
                             cells: &left.info().cells,
                             layout: &layout,
                             load: &|c| left.load(c),
                         };
-                        stitch::finish(parts, target, &options, run)
+                        stitch::finish(parts, &name, target, &options, run)
                     }
-                    None => {
+                    Left::Cells(info) => {
                         let store = CellStore::open(disk, folder, info, layout.clone())?;
                         let load = |cell| {
                             store.load_tidy(cell).map(|cell| Survivors::all_of(cell, &layout))
                         };
                         let parts =
                             Parts { cells: &store.info().cells, layout: &layout, load: &load };
-                        stitch::finish(parts, target, &options, run)
+                        stitch::finish(parts, &name, target, &options, run)
                     }
                 }
             },
         )?;
-        self.run.disk().remove(&pack)?;
         self.count(&result);
         Ok(result)
+    }
+
+    /// Removes what a finish took in.
+    pub(super) fn remove(&self, left: &Left) -> Result<()> {
+        self.run.disk().remove(&self.run.job.path(match left {
+            Left::Cells(store) => &store.pack,
+            Left::Survivors(survivors) => &survivors.pack,
+        }))
     }
 
     fn count(&mut self, done: &SurvivorInfo) {
         let triangles = done.triangles;
         let done = &done.statistics;
+        self.dropped.get_or_insert(done.dropped);
         self.charts_vanished += done.charts_vanished;
         self.seam_vertices = done.seam_vertices;
         self.fit = done.fit;
@@ -379,7 +418,13 @@ impl<'a> Stages<'a> {
         textures: Option<TexturePlan>,
         result: &SurvivorInfo,
     ) -> Result<Written> {
-        let settings = self.config.settings().into_iter();
+        let written_key = format!("written {}", self.level);
+        let path = self.output().to_path_buf();
+        if let Some(written) = self.run.job.outcome::<Written>(&written_key)? {
+            require_written(&path, written, self.run.job.folder())?;
+            return Ok(written);
+        }
+        let settings = self.config.settings_of_level(self.level).into_iter();
         let header = OutputHeader {
             comments: source.plain_comments(),
             obj_infos: source.obj_infos().to_vec(),
@@ -389,8 +434,7 @@ impl<'a> Stages<'a> {
             ..OutputHeader::new(source.schema().clone(), 0, 0)
         };
         let pack = self.survivors(result.clone())?;
-        let (path, disk, replace) =
-            (self.config.output.clone(), self.run.disk().clone(), self.config.force);
+        let (disk, replace) = (self.run.disk().clone(), self.config.force);
         let place = Place { path, disk, replace };
         if self.run.job.outcome::<()>(WRITING)?.is_none() {
             self.run.job.record(WRITING, &())?;
@@ -418,79 +462,35 @@ impl<'a> Stages<'a> {
             bytes_written: written.bytes,
             peak_memory_bytes: crate::system::memory::peak_bytes(),
         });
+        if self.level < self.config.coarser.len() {
+            // The next level takes the pack away that this file came from.
+            self.run.job.record(&written_key, &written)?;
+        }
         Ok(written)
+    }
+
+    /// Output of the level at work.
+    pub(super) fn output(&self) -> &Path {
+        let coarser = self.level.checked_sub(1).map(|k| &self.config.coarser[k].output);
+        coarser.unwrap_or(&self.config.output)
     }
 
     fn kind(&self) -> Result<OutputKind> {
         self.config.format.kind.map_or_else(|| OutputKind::of(&self.config.output), Ok)
     }
+}
 
-    pub(super) fn report(
-        &self,
-        source: &MeshSource,
-        config: &Config,
-        partition: &Partition,
-        written: Written,
-        started: Instant,
-    ) -> RunReport {
-        let seconds = started.elapsed().as_secs_f64();
-        let met = self.is_bound_only || written.triangles <= self.target;
-        let has_seams = self.layout.codec.has_seams(source.schema());
-        let quality = self.quality.judge(source.n_triangles());
-        let n_materials = source.materials().map_or(0, |materials| materials.list.len());
-        RunReport {
-            schema_version: SCHEMA_VERSION,
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            input: InputReport {
-                path: config.input.display().to_string(),
-                bytes: source.file_bytes(),
-                vertices: source.n_vertices(),
-                triangles: source.n_triangles(),
-                bounds: partition.bounds.into(),
-                ..InputReport::default()
-            },
-            settings: config.settings(),
-            cells: partition.store.cells.len() as u32,
-            rounds: self.rounds_done,
-            seconds,
-            triangles_per_second: source.n_triangles() as f64 / seconds.max(1e-9),
-            peak_memory_bytes: crate::system::memory::peak_bytes(),
-            peak_temp_bytes: self.run.disk().peak_bytes(),
-            output: OutputReport {
-                path: config.output.display().to_string(),
-                vertices: written.vertices,
-                triangles: written.triangles,
-            },
-            rejects: self.rejects.clone(),
-            changes: self.changes.clone(),
-            fit: self.fit,
-            quality: quality.clone(),
-            seams: SeamReport {
-                shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
-                shared_vertices_by_round: self.shared_by_round.clone(),
-                texture_seam_vertices: has_seams.then_some(self.seam_vertices),
-                charts_vanished: has_seams.then_some(self.charts_vanished),
-                sample_position: partition.seam_place,
-                place: None,
-            },
-            face_properties: match (source.carried(), self.kind()) {
-                (Some(carry), Ok(kind)) => FaceReport::list(carry, kind, n_materials),
-                _ => Vec::new(),
-            },
-            target: if self.is_bound_only { written.triangles } else { self.target },
-            target_met: met,
-            stop_reason: match self.is_bound_only {
-                true => StopReason::WithinBound.to_string(),
-                false => StopReason::of(met, quality.bearable).to_string(),
-            },
-            stages: self.reports.clone(),
-            method: config.method.name().to_owned(),
-            max_error: self.config.kernel.bound.map(|bound| BoundReport {
-                bound: bound.distance,
-                tracked_max: Some(self.reach),
-                ..BoundReport::default()
-            }),
-            ..RunReport::default()
-        }
+/// Refuses to go on behind a level whose file is gone: what it was made from is gone, too.
+fn require_written(path: &Path, written: Written, job_folder: &Path) -> Result<()> {
+    let found = std::fs::metadata(path).ok().map(|meta| meta.len());
+    if found == Some(written.bytes) {
+        return Ok(());
     }
+    let path = path.display();
+    let what = match found {
+        None => format!("its first part wrote {path}, which is gone"),
+        Some(_) => format!("its first part wrote {path}, which has changed since"),
+    };
+    let what = format!("{what}; put the file back, or start over with --restart");
+    Err(Error::StateMismatch { path: job_folder.into(), what })
 }

@@ -73,12 +73,28 @@ impl Pair {
     }
 }
 
-/// Measures, and adds what was found to the report as one more stage; its seconds then include it.
+/// Measures every output, and adds what was found to the report as one more stage each; its seconds then include them.
 pub fn verify(config: &Config, run: &StageContext, report: &mut RunReport) -> Result<()> {
+    for (level, output) in config.outputs().enumerate() {
+        verify_output(output, config, run, report)?;
+        if let Some(level) = report.levels.get_mut(level) {
+            level.rms = report.measured.as_ref().map(|measured| measured.deviation.rms);
+            level.hausdorff = report.hausdorff.clone();
+        }
+    }
+    Ok(())
+}
+
+fn verify_output(
+    output: &Path,
+    config: &Config,
+    run: &StageContext,
+    report: &mut RunReport,
+) -> Result<()> {
     let start = Instant::now();
     // What a verification that was killed has left.
     run.job.clear_scratch()?;
-    let pair = Pair::open(config, &config.output)?;
+    let pair = Pair::open(config, output)?;
     let mut request = pair.request(config, run.job.folder());
     request.options.certify = Some(Certify { tolerance: TOLERANCE, bound: None });
     let comparison = compare::compare(&request, run.progress)?;

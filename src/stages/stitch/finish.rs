@@ -9,9 +9,6 @@ use crate::store::cells::{
 };
 use crate::store::stage_context::StageContext;
 
-/// The pack that the finish leaves: one cell, the result.
-const PACK_NAME: &str = "result.survivors";
-
 /// The cells that are joined.
 pub struct Parts<'a> {
     /// Vertices and triangles of each.
@@ -23,9 +20,10 @@ pub struct Parts<'a> {
 }
 
 /// Joins the survivors and collapses (with `options.weights`, or those that the joined mesh asks for) until
-/// exactly the target is met; seals the result.
+/// exactly the target is met; the result goes to the pack `name`, as one cell.
 pub fn finish(
     parts: Parts,
+    name: &str,
     target: u64,
     options: &Options,
     run: &StageContext,
@@ -50,9 +48,9 @@ pub fn finish(
     drop((ids, locked, records));
     result.statistics.dropped = statistics.dropped;
     run.progress.add(n_triangles);
-    let path = run.job.path(PACK_NAME);
+    let path = run.job.path(name);
     run.disk().remove(&path)?;
-    let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), PACK_NAME, layout)?;
+    let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), name, layout)?;
     writer.append(0, &result)?;
     writer.finish(run.disk(), run.job.folder(), 1)
 }

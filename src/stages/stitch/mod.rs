@@ -114,6 +114,12 @@ pub fn bound_share(round: u32) -> f64 {
     BOUND_SHARES.get(round as usize).copied().unwrap_or(1.0)
 }
 
+/// Tells if the next level of a chain begins from a result of this many triangles, or else from what the finish took in:
+/// errors of both steps add up, and nearer than `COARSE` that shows.
+pub fn begins_from_result(result: u64, next_target: u64) -> bool {
+    result as f64 >= COARSE.0 * next_target as f64
+}
+
 /// Returns the attainable goal of a round towards `goal`, once the number of shared vertices is known. It halves
 /// the mesh at least, unless the goal is nearer.
 pub fn within_reach(goal: u64, now: u64, shared_vertices: u64) -> u64 {

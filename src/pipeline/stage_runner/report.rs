@@ -1,0 +1,107 @@
+//! The report of a run, from what its stages have counted.
+
+use super::Stages;
+use crate::config::Config;
+use crate::io::ply::MeshSource;
+use crate::pipeline::run_report::{
+    BoundReport, FaceReport, InputReport, LevelReport, OutputReport, RunReport, SeamReport,
+    StopReason,
+};
+use crate::stages::partition::Partition;
+use crate::stages::write::Written;
+use crate::system::json_keys::SCHEMA_VERSION;
+use std::time::Instant;
+
+impl Stages<'_> {
+    /// Report of the level at work.
+    pub(in crate::pipeline) fn level_report(
+        &self,
+        source: &MeshSource,
+        written: Written,
+    ) -> LevelReport {
+        let met = self.is_bound_only || written.triangles <= self.target;
+        let quality = self.quality.judge(source.n_triangles());
+        LevelReport {
+            path: self.output().display().to_string(),
+            vertices: written.vertices,
+            triangles: written.triangles,
+            bytes: written.bytes,
+            target: if self.is_bound_only { written.triangles } else { self.target },
+            target_met: met,
+            stop_reason: match self.is_bound_only {
+                true => StopReason::WithinBound.to_string(),
+                false => StopReason::of(met, quality.bearable).to_string(),
+            },
+            quality,
+            hausdorff: None,
+            rms: None,
+        }
+    }
+
+    /// Report of the whole run; of a chain, from its coarsest level.
+    pub(in crate::pipeline) fn report(
+        &self,
+        source: &MeshSource,
+        config: &Config,
+        partition: &Partition,
+        levels: Vec<LevelReport>,
+        started: Instant,
+    ) -> RunReport {
+        let seconds = started.elapsed().as_secs_f64();
+        let coarsest = levels.last().cloned().unwrap_or_default();
+        let has_seams = self.layout.codec.has_seams(source.schema());
+        let n_materials = source.materials().map_or(0, |materials| materials.list.len());
+        RunReport {
+            schema_version: SCHEMA_VERSION,
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            input: InputReport {
+                path: config.input.display().to_string(),
+                bytes: source.file_bytes(),
+                vertices: source.n_vertices(),
+                triangles: source.n_triangles(),
+                bounds: partition.bounds.into(),
+                ..InputReport::default()
+            },
+            settings: config.settings(),
+            cells: partition.store.cells.len() as u32,
+            rounds: self.rounds_done,
+            seconds,
+            triangles_per_second: source.n_triangles() as f64 / seconds.max(1e-9),
+            peak_memory_bytes: crate::system::memory::peak_bytes(),
+            peak_temp_bytes: self.run.disk().peak_bytes(),
+            output: OutputReport {
+                path: coarsest.path,
+                vertices: coarsest.vertices,
+                triangles: coarsest.triangles,
+            },
+            rejects: self.rejects.clone(),
+            changes: self.changes.clone(),
+            fit: self.fit,
+            quality: coarsest.quality,
+            seams: SeamReport {
+                shared_vertices: self.shared_by_round.first().copied().unwrap_or(0),
+                shared_vertices_by_round: self.shared_by_round.clone(),
+                texture_seam_vertices: has_seams.then_some(self.seam_vertices),
+                charts_vanished: has_seams.then_some(self.charts_vanished),
+                sample_position: partition.seam_place,
+                place: None,
+            },
+            face_properties: match (source.carried(), self.kind()) {
+                (Some(carry), Ok(kind)) => FaceReport::list(carry, kind, n_materials),
+                _ => Vec::new(),
+            },
+            target: coarsest.target,
+            target_met: levels.iter().all(|level| level.target_met),
+            stop_reason: coarsest.stop_reason,
+            levels: if config.coarser.is_empty() { Vec::new() } else { levels },
+            stages: self.reports.clone(),
+            method: config.method.name().to_owned(),
+            max_error: self.config.kernel.bound.map(|bound| BoundReport {
+                bound: bound.distance,
+                tracked_max: Some(self.reach),
+                ..BoundReport::default()
+            }),
+            ..RunReport::default()
+        }
+    }
+}
