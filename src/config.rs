@@ -105,6 +105,9 @@ impl Method {
 pub enum Until {
     /// Cells lie on disk.
     Partition,
+    /// Cells lie on disk, and all that is to be known before they are simplified is known; for units of work.
+    #[value(skip)]
+    Cells,
     /// Every cell has been simplified once.
     Simplify,
     /// The result is final but not yet written.

@@ -16,12 +16,14 @@ mod out_of_memory;
 mod outcome;
 pub mod pace;
 mod pages;
+mod plan;
 mod render;
 mod report;
 mod signals;
 mod simplify;
 mod status;
 mod synth;
+mod work;
 
 use crate::error::{Error, Offers};
 use crate::system::parallel::guarded;
@@ -58,6 +60,8 @@ enum Command {
     Report(report::Args),
     Synth(synth::Args),
     Status(status::Args),
+    Plan(Box<plan::Args>),
+    Work(work::Args),
     Demo(demo::Args),
     Completions(pages::Completions),
     Man(pages::Man),
@@ -72,7 +76,8 @@ pub fn main() -> u8 {
 ///
 /// SIGINT and SIGTERM are listened to from then on.
 pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
-    let typed = match Typed::try_parse_from(words) {
+    let words: Vec<std::ffi::OsString> = words.into_iter().collect();
+    let mut typed = match Typed::try_parse_from(&words) {
         Ok(typed) => typed,
         Err(error) => {
             // Help and version are answers, not errors; clap knows which stream each belongs to.
@@ -80,6 +85,9 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
             return if error.use_stderr() { 2 } else { 0 };
         }
     };
+    if let Command::Plan(args) = &mut typed.command {
+        args.words = words.iter().map(|word| word.to_string_lossy().into_owned()).collect();
+    }
     let progress = Arc::new(Progress::default());
     let offers = typed.command.offers();
     raise_open_files();
@@ -109,6 +117,8 @@ impl Command {
             Command::Report(args) => args.paths(),
             Command::Synth(args) => args.paths(),
             Command::Status(args) => Ok(args.paths()),
+            Command::Plan(args) => args.paths(),
+            Command::Work(args) => Ok(args.paths()),
             Command::Demo(args) => Ok(args.paths()),
             Command::Completions(_) => Ok(Paths::default()),
             Command::Man(args) => Ok(args.paths()),
@@ -124,6 +134,7 @@ impl Command {
     fn offers(&self) -> Offers {
         match self {
             Command::Simplify(_) => Offers { resumes: true, temp_dir: true },
+            Command::Work(_) => Offers { resumes: true, temp_dir: false },
             Command::Convert(_) | Command::Info(_) | Command::Measure(_) => {
                 Offers { resumes: false, temp_dir: true }
             }
@@ -132,6 +143,7 @@ impl Command {
             | Command::Report(_)
             | Command::Synth(_)
             | Command::Status(_)
+            | Command::Plan(_)
             | Command::Demo(_)
             | Command::Completions(_)
             | Command::Man(_) => Offers::default(),
@@ -154,7 +166,15 @@ fn dispatch(
         Command::Report(args) => report::run(args, progress, log).map(|()| 0),
         Command::Render(args) => render::run(args, progress, &mut Said(log)).map(|()| 0),
         Command::Synth(args) => synth::run(args, progress, &mut Said(log)).map(|()| 0),
-        Command::Status(args) => status::run(args).map(|()| 0),
+        Command::Status(args) => status::run(args, progress).map(|()| 0),
+        Command::Plan(args) => plan::run(args, talk, log).map(|()| 0),
+        Command::Work(args) => {
+            let read_plan = |words: &[String]| match Typed::try_parse_from(words).ok()?.command {
+                Command::Plan(plan) => Some(plan),
+                _ => None,
+            };
+            work::run(args, &read_plan, talk, progress, log).map(|()| 0)
+        }
         Command::Completions(args) => pages::completions(args, Typed::command()).map(|()| 0),
         Command::Man(args) => pages::man(args, Typed::command()).map(|()| 0),
         Command::Demo(args) => demo::run(args, log, |words, log| {

@@ -119,7 +119,7 @@ pub struct Args {
     dry_run: bool,
     /// Write a report in JSON.
     #[arg(long, value_name = "FILE")]
-    report: Option<PathBuf>,
+    pub(super) report: Option<PathBuf>,
     /// Measure how far the result deviates from the input, and report it. The input is the whole one, with what
     /// --min-component drops; --max-error leaves that out.
     #[arg(long)]
@@ -290,14 +290,28 @@ impl Args {
         Ok(folder.join(name))
     }
 
+    /// Returns whether nothing is to be run.
+    pub(super) fn is_plan_only(&self) -> bool {
+        self.dry_run
+    }
+
+    /// Returns whether a folder for the temporary data was given.
+    pub(super) fn has_temp_dir(&self) -> bool {
+        self.temp_dir.is_some()
+    }
+
     pub(super) fn paths(&self) -> Result<Paths> {
+        self.paths_in(&self.job_folder()?)
+    }
+
+    /// The paths of a job in this folder.
+    pub(super) fn paths_in(&self, job_folder: &Path) -> Result<Paths> {
         self.format.check(&self.output)?;
         if let Some(seams) = &self.seams {
             super::arguments::require_ending("--seams", seams, &["ply"])?;
         }
-        let job_folder = self.job_folder()?;
         // What a killed run of the same command has written is found by the run itself.
-        let may_be_ours = !self.restart && pipeline::has_begun_to_write(&job_folder);
+        let may_be_ours = !self.restart && pipeline::has_begun_to_write(job_folder);
         let outputs = self.levels()?.into_iter().map(|level| level.output);
         let paths = Paths::new(self.force || may_be_ours).with(Role::Input, "INPUT", &self.input);
         let paths = outputs.fold(paths, |paths, output| paths.with(Role::Output, "OUTPUT", output));

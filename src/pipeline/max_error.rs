@@ -94,7 +94,7 @@ pub fn simplify(
         None => None,
         Some(_) => match job.sealed("kept", || write_kept(n_input, config, progress)) {
             Ok(kept) => Some(kept),
-            Err(error) => return Err(super::abandon(job, error)),
+            Err(error) => return Err(super::abandon(&job, error)),
         },
     };
     let mut trials: Vec<Trial> = Vec::new();
@@ -110,7 +110,7 @@ pub fn simplify(
         });
         let found = match found {
             Ok(found) => found,
-            Err(error) if trials.is_empty() => return Err(super::abandon(job, error)),
+            Err(error) if trials.is_empty() => return Err(super::abandon(&job, error)),
             Err(error) => return Err(error),
         };
         if !found.keeps(bound) {

@@ -5,6 +5,7 @@
 //! wherever an earlier run stopped.
 
 pub mod in_memory;
+mod kernel_side;
 pub(crate) mod max_error;
 pub mod methods;
 pub mod plan;
@@ -14,6 +15,7 @@ pub mod run_report;
 pub(crate) mod seam_points;
 mod source_facts;
 mod stage_runner;
+pub mod units;
 pub(crate) mod verify;
 
 use crate::config::{Config, Until};
@@ -58,15 +60,25 @@ fn run_stages(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
+    let identity = job_identity(&prepared.source, &prepared.marks, config);
+    let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
+    run_stages_in(&job, prepared, config, progress)
+}
+
+/// Runs the stages whose outcomes the job does not have yet.
+fn run_stages_in(
+    job: &Job,
+    prepared: Prepared,
+    config: &Config,
+    progress: &Progress,
+) -> Result<Option<RunReport>> {
     let started = Instant::now();
     let Prepared { source, plan, textures, marks } = prepared;
     // With more memory, what the allocator keeps back does no harm.
     if config.memory_bytes < 2 * plan.needed_memory_bytes {
         crate::system::memory::keep_nothing_back();
     }
-    let identity = job_identity(&source, &marks, config);
-    let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
-    let mut stages = Stages::new(config, &plan, &job, progress, &source);
+    let mut stages = Stages::new(config, &plan, job, progress, &source);
 
     let partition = match stages.partition(&source, &marks) {
         Ok(partition) if partition.store.triangles == 0 => {
@@ -80,10 +92,7 @@ fn run_stages(
     };
     let partition = match partition {
         Ok(partition) => partition,
-        Err(error) => {
-            drop(stages);
-            return Err(abandon(job, error));
-        }
+        Err(error) => return Err(abandon(job, error)),
     };
     if config.until == Some(Until::Partition) {
         return Ok(None);
@@ -94,11 +103,9 @@ fn run_stages(
         None => partition.store.clone(),
     };
     if let (0, Some(found)) = (store.triangles, &components) {
-        drop(stages);
         return Err(abandon(job, nothing_left(config, &found.sizes)));
     }
     if !stages.has_area(&store)? {
-        drop(stages);
         let what = format!(
             "all of its {} triangles have no area: their corners lie in one place or on one line; nothing was written",
             store.triangles
@@ -119,7 +126,6 @@ fn run_stages(
         };
         if result.triangles == 0 || result.statistics.is_flat {
             let error = empty_result(&result, stages.target, stages.output().to_path_buf());
-            drop(stages);
             return Err(abandon(job, error));
         }
         let next = plan.coarser.get(level);
@@ -146,7 +152,6 @@ fn run_stages(
     if config.verify {
         verify::verify(config, &stages.run, &mut report)?;
     }
-    drop(stages);
     if !config.keep_temp {
         job.remove()?;
     }
@@ -163,6 +168,9 @@ fn reduce(
     let mut step = stages.next_step(left.triangles());
     if let (Left::Cells(store), true) = (&left, step != Step::Finish) {
         stages.weigh(store)?;
+    }
+    if until == Some(Until::Cells) {
+        return Ok(None);
     }
     while let Step::Round(_) | Step::ExactRound = step {
         let cells = match left {
@@ -201,7 +209,7 @@ fn empty_result(result: &SurvivorInfo, target: u64, output: PathBuf) -> Error {
 
 /// Removes a job that no command can continue: with a bad input or an empty result, whatever helps (another input,
 /// `--skip-bad`, another target) makes another job. All other errors leave it as it is.
-pub(crate) fn abandon(job: Job, error: Error) -> Error {
+pub(crate) fn abandon(job: &Job, error: Error) -> Error {
     if matches!(error, Error::BadInput { .. } | Error::Empty { .. }) {
         // What cannot be removed costs space; the error that led here matters more.
         let _ = job.remove();

@@ -125,7 +125,8 @@ pub(super) fn check_labels(source: &MeshSource, labels: &[String]) -> Result<()>
 
 /// Tells if an existing output may be that of the job in this folder.
 pub fn has_begun_to_write(job_folder: &Path) -> bool {
-    job::view(job_folder).is_ok_and(|view| view.outcomes.contains_key(WRITING))
+    job::units::has_begun(job_folder)
+        || job::view(job_folder).is_ok_and(|view| view.outcomes.contains_key(WRITING))
 }
 
 /// The writer itself compares: a run that died between its rename and its end has left the same bytes.

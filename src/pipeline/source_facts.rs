@@ -3,6 +3,7 @@
 use crate::config::Config;
 use crate::io::ply::MeshSource;
 use crate::mesh::codec::ChannelKind;
+use crate::mesh::record::VertexSchema;
 use crate::stages::partition::Partition;
 use crate::store::cells::Dropped;
 use std::collections::BTreeMap;
@@ -26,17 +27,17 @@ pub(super) fn faults(
 }
 
 /// Texture coordinates, and the number of their image or region, mean nothing outside of their chart.
-pub(super) fn confined(source: &MeshSource, config: &Config) -> Vec<bool> {
-    let codec = source.schema().kernel_codec(&config.attributes.labels);
+pub(super) fn confined(schema: &VertexSchema, config: &Config) -> Vec<bool> {
+    let codec = schema.kernel_codec(&config.attributes.labels);
     let image = ChannelKind::Scalar("texnumber".to_owned());
-    let channel_kinds = codec.channel_kinds(source.schema());
+    let channel_kinds = codec.channel_kinds(schema);
     let confined =
         |m: &ChannelKind| [ChannelKind::Texture, ChannelKind::Region, image.clone()].contains(m);
     channel_kinds.iter().map(confined).collect()
 }
 
 /// The channel with the number of the region that a face belongs to.
-pub(super) fn region(source: &MeshSource, config: &Config) -> Option<usize> {
-    let codec = source.schema().kernel_codec(&config.attributes.labels);
-    codec.channel_kinds(source.schema()).iter().position(|m| *m == ChannelKind::Region)
+pub(super) fn region(schema: &VertexSchema, config: &Config) -> Option<usize> {
+    let codec = schema.kernel_codec(&config.attributes.labels);
+    codec.channel_kinds(schema).iter().position(|m| *m == ChannelKind::Region)
 }

@@ -5,9 +5,9 @@
 
 mod report;
 
+use super::kernel_side::{Facts, kernel_side};
 use super::prepare::WRITING;
 use super::quality::QualityCurve;
-use super::source_facts::{confined, region};
 use crate::config::{Config, Target};
 use crate::error::{Error, Result};
 use crate::io::ply::{MeshSource, OutputHeader, Place};
@@ -21,7 +21,8 @@ use crate::stages::simplify::{self, Goal};
 use crate::stages::stitch::{self, Parts, Step};
 use crate::stages::write::{self, Form, Written};
 use crate::store::cells::{
-    CellStore, Dropped, StoreInfo, SurvivorInfo, SurvivorPack, Survivors, VertexLayout,
+    CellStore, Dropped, StoreInfo, SurvivorFile, SurvivorInfo, SurvivorPack, Survivors,
+    VertexLayout,
 };
 use crate::store::job::Job;
 use crate::store::job::fingerprint::unchanged;
@@ -97,16 +98,7 @@ impl<'a> Stages<'a> {
         progress: &'a Progress,
         source: &MeshSource,
     ) -> Self {
-        let layout = VertexLayout {
-            has_reach: config.kernel.bound.is_some(),
-            ..VertexLayout::for_kernel(
-                source.schema(),
-                source.n_vertices(),
-                &config.attributes.labels,
-                &config.attributes.weights,
-            )
-        };
-        let (bound, channel) = (config.kernel.bound, layout.reach_channel());
+        let (layout, kernel) = kernel_side(&Facts::new(source, plan), config);
         Stages {
             run: StageContext {
                 job,
@@ -117,15 +109,7 @@ impl<'a> Stages<'a> {
             },
             config,
             layout,
-            kernel: kernel::Options {
-                confined: confined(source, config),
-                region: region(source, config),
-                seam_share: config.attributes.weights.seam_share(),
-                // Whether it is worth its time is a question of the whole job, not of what the finish sees.
-                fit: config.kernel.fit.decided(plan.triangles_in, plan.target),
-                bound: bound.map(|bound| kernel::Bound { channel, ..bound }),
-                ..config.kernel.clone()
-            },
+            kernel,
             level: 0,
             target: plan.target,
             rounds_before: 0,
@@ -299,7 +283,7 @@ impl<'a> Stages<'a> {
         let mut options = self.kernel.clone();
         options.use_share_of_bound(stitch::bound_share(round), stitch::PATIENCE);
         let (layout, n) = (self.layout.clone(), info.triangles);
-        let pack = self.run.job.path(&info.pack);
+        let pack = info.pack.clone();
         let left = self.stage(
             &format!("round {round}"),
             name,
@@ -316,7 +300,7 @@ impl<'a> Stages<'a> {
                 }
             },
         )?;
-        self.run.disk().remove(&pack)?;
+        self.run.job.discard(&pack)?;
         self.rounds_done += 1;
         self.count(&left);
         Ok(left)
@@ -325,7 +309,7 @@ impl<'a> Stages<'a> {
     /// Cuts survivors into new cells; their pack is removed.
     pub(super) fn recut(&mut self, info: SurvivorInfo) -> Result<StoreInfo> {
         let (round, size, n) = (self.rounds_done, self.config.cell_triangles, info.triangles);
-        let pack = self.run.job.path(&info.pack);
+        let packs = info.packs.clone();
         let layout = self.layout.clone();
         let store = self.stage(
             &format!("recut {round}"),
@@ -337,7 +321,7 @@ impl<'a> Stages<'a> {
                 stitch::recut(&survivors, size, round, run)
             },
         )?;
-        self.run.disk().remove(&pack)?;
+        self.discard(&packs)?;
         self.shared_by_round.push(store.shared_vertices);
         Ok(store)
     }
@@ -388,10 +372,14 @@ impl<'a> Stages<'a> {
 
     /// Removes what a finish took in.
     pub(super) fn remove(&self, left: &Left) -> Result<()> {
-        self.run.disk().remove(&self.run.job.path(match left {
-            Left::Cells(store) => &store.pack,
-            Left::Survivors(survivors) => &survivors.pack,
-        }))
+        match left {
+            Left::Cells(store) => self.run.job.discard(&store.pack),
+            Left::Survivors(survivors) => self.discard(&survivors.packs),
+        }
+    }
+
+    fn discard(&self, packs: &[SurvivorFile]) -> Result<()> {
+        packs.iter().try_for_each(|file| self.run.job.discard(&file.pack))
     }
 
     fn count(&mut self, done: &SurvivorInfo) {

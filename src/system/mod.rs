@@ -8,5 +8,6 @@ pub mod memory;
 pub(crate) mod parallel;
 pub(crate) mod paths;
 pub(crate) mod pending_file;
+pub(crate) mod program;
 pub mod progress;
 pub mod units;

@@ -186,7 +186,7 @@ fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result
     };
     let made = match made {
         Ok(made) => made,
-        Err(error) => return Err(super::abandon(job, error)),
+        Err(error) => return Err(super::abandon(&job, error)),
     };
     let n_out = made.mesh.triangles.len() as u64;
     let name = config.method.name();

@@ -51,7 +51,7 @@ pub fn find(store: &CellStore, least: Least, run: &StageContext) -> Result<Compo
     let mut info = StoreInfo { cells: joined.cells, ..store.info().clone() };
     info.triangles = info.cells.iter().map(|cell| cell.triangles).sum();
     if joined.pack_bytes > 0 {
-        let pack = VERDICTS_NAME.to_owned();
+        let pack = run.job.name(VERDICTS_NAME);
         info.verdicts = Some(Verdicts { pack, pack_bytes: joined.pack_bytes });
     }
     Ok(Components { sizes: joined.sizes, store: info })

@@ -102,7 +102,7 @@ pub fn partition(
     let seams = passes.shared(foreign, middle, &mut pack)?;
     let dropped = passes.place.dropped;
     let store = StoreInfo {
-        pack: PACK_NAME.to_owned(),
+        pack: run.job.name(PACK_NAME),
         triangles: passes.tally.iter().map(|cell| cell.triangles).sum(),
         cells: passes.tally,
         shared_vertices: seams.n_shared,

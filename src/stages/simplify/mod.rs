@@ -6,12 +6,14 @@
 //!
 //! docs/algorithm.md, section 11.
 
+mod batch;
 mod exact;
 mod ladder;
 mod memory;
 mod pilot;
 mod run_cells;
 
+pub use batch::{batches, find_thresholds, simplify_batch};
 pub use exact::simplify_cells_exactly;
 pub use ladder::{Thresholds, descend, ladder, pilot_cells};
 pub use memory::{fit_bytes, result_bytes, work_bytes};

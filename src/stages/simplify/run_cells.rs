@@ -107,7 +107,7 @@ pub(super) fn run_cells(
     run: &StageContext,
     work: impl Fn(usize, CellMesh) -> Survivors + Sync,
 ) -> Result<SurvivorInfo> {
-    let name = format!("round-{}.survivors", goal.round);
+    let name = run.job.name(&format!("round-{}.survivors", goal.round));
     let writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
     let mut is_done = vec![false; store.n_cells()];
     for cell in writer.finished() {
@@ -116,7 +116,8 @@ pub(super) fn run_cells(
             run.progress.add(store.info().cells[cell as usize].triangles);
         }
     }
-    let frees = frees_sources(store.info().triangles, goal.triangles);
+    let frees =
+        frees_sources(store.info().triangles, goal.triangles) && run.job.owns(&store.info().pack);
     let synced_at = Instant::now();
     let (unsynced, synced_bytes) = (Vec::new(), writer.length());
     let output = Mutex::new(Output { writer, frees, unsynced, synced_bytes, synced_at });
@@ -142,7 +143,7 @@ pub(super) fn run_cells(
     // Also after a failure or a signal: what is done stays done.
     let synced = output.sync(store);
     outcome.and(synced)?;
-    output.writer.finish(run.disk(), run.job.folder(), store.n_cells())
+    output.writer.finish(run.disk(), run.job.folder(), 0..store.n_cells())
 }
 
 /// A panic within `append` may have left half a chunk: nothing may follow it, and no source be freed for it.

@@ -50,9 +50,10 @@ pub fn finish(
     run.progress.add(n_triangles);
     let path = run.job.path(name);
     run.disk().remove(&path)?;
-    let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), name, layout)?;
+    let name = run.job.name(name);
+    let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, layout)?;
     writer.append(0, &result)?;
-    writer.finish(run.disk(), run.job.folder(), 1)
+    writer.finish(run.disk(), run.job.folder(), 0..1)
 }
 
 /// All cells as one mesh; a vertex that several cells hold becomes one again.

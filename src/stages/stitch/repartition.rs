@@ -43,7 +43,7 @@ pub fn recut(
     let mut tally = vec![CellTally::default(); tree.n_cells() as usize];
     let shared_vertices = scatter(survivors, &tree, &mut tally, &mut pack, run)?;
     let store = StoreInfo {
-        pack: name,
+        pack: run.job.name(&name),
         triangles: tally.iter().map(|cell| cell.triangles).sum(),
         cells: tally,
         shared_vertices,

@@ -19,8 +19,10 @@ pub use cell_store::{
 };
 pub use id_map::IdMap;
 pub use kd_tree::{CellTree, TurnedFrame, n_samples, plan_cells};
-pub use pack::{Pack, PackWriter};
+pub use pack::{Pack, PackWriter, check_pack};
 pub use pieces::{Extent, PieceSet, Pieces, position_bits};
 pub use scatter::Scatter;
-pub use simplified_cell::{SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors, survivor_bytes};
+pub use simplified_cell::{
+    SurvivorFile, SurvivorInfo, SurvivorPack, SurvivorWriter, Survivors, survivor_bytes,
+};
 pub use split_oversized::split_overfull;

@@ -8,6 +8,7 @@ use crate::store::pack_format::{
     self, CHUNK_HEADER_BYTES, Chunk, ChunkKind, PACK_END_BYTES, PACK_HEADER_BYTES,
 };
 use crate::system::disk::{Disk, DiskFile};
+use std::ops::Range;
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -133,7 +134,7 @@ impl PackWriter {
     /// Opens what was appended so far for reading.
     pub fn reader(&mut self, disk: &Disk, n_cells: u32) -> Result<Pack> {
         self.flush()?;
-        Pack::from_chunks(disk.open(self.file.path())?, self.chunks.clone(), n_cells)
+        Pack::from_chunks(disk.open(self.file.path())?, self.chunks.clone(), 0..n_cells)
     }
 
     /// Bytes in the pack, once everything pending is written.
@@ -148,7 +149,9 @@ pub struct Pack {
     file: DiskFile,
     /// All chunks, by cell, within a cell in the order they were appended.
     chunks: Vec<Chunk>,
-    /// `first[c]..first[c + 1]` are the chunks of cell `c`.
+    /// The cells that it may hold.
+    cells: Range<u32>,
+    /// `first[c]..first[c + 1]` are the chunks of the cell that is number `c` of these.
     first: Vec<u32>,
 }
 
@@ -156,6 +159,11 @@ impl Pack {
     /// Opens a pack of `n_cells` cells; `bytes` is its sealed length. Memory: 40 bytes a chunk, twice for a
     /// moment.
     pub fn open(disk: &Disk, path: &Path, n_cells: u32, bytes: u64) -> Result<Pack> {
+        Self::open_some(disk, path, 0..n_cells, bytes)
+    }
+
+    /// Opens a pack of some cells; memory grows with these alone.
+    pub fn open_some(disk: &Disk, path: &Path, cells: Range<u32>, bytes: u64) -> Result<Pack> {
         let file = disk.open(path)?;
         if file.length() < bytes {
             let what =
@@ -163,7 +171,7 @@ impl Pack {
             return Err(Error::corrupt(path, what));
         }
         match read_index(&file, bytes)? {
-            Some(chunks) => Self::from_chunks(file, chunks, n_cells),
+            Some(chunks) => Self::from_chunks(file, chunks, cells),
             None => {
                 let what = "the index of its chunks is damaged; run again with --restart";
                 Err(Error::corrupt(path, what))
@@ -171,17 +179,17 @@ impl Pack {
         }
     }
 
-    fn from_chunks(file: DiskFile, mut chunks: Vec<Chunk>, n_cells: u32) -> Result<Pack> {
-        if let Some(bad) = chunks.iter().find(|chunk| chunk.cell >= n_cells) {
+    fn from_chunks(file: DiskFile, mut chunks: Vec<Chunk>, cells: Range<u32>) -> Result<Pack> {
+        if let Some(bad) = chunks.iter().find(|chunk| !cells.contains(&chunk.cell)) {
             let what = format!(
-                "byte {}: cell {} of {n_cells}; run again with --restart",
+                "byte {}: cell {} is not in {cells:?}; run again with --restart",
                 bad.offset, bad.cell
             );
             return Err(Error::corrupt(file.path(), what));
         }
         chunks.sort_by_key(|chunk| (chunk.cell, chunk.offset));
-        let first = Self::index(&chunks, n_cells);
-        Ok(Pack { file, chunks, first })
+        let first = Self::index(&chunks, &cells);
+        Ok(Pack { file, chunks, cells, first })
     }
 
     /// Leaves out the chunks of some cells (ascending) that lie before a place in the pack.
@@ -190,17 +198,17 @@ impl Pack {
             self.chunks.retain(|chunk| {
                 chunk.offset >= before || cells.binary_search(&chunk.cell).is_err()
             });
-            self.first = Self::index(&self.chunks, self.first.len() as u32 - 1);
+            self.first = Self::index(&self.chunks, &self.cells);
         }
         self
     }
 
-    fn index(chunks: &[Chunk], n_cells: u32) -> Vec<u32> {
-        let mut first = vec![0u32; n_cells as usize + 1];
+    fn index(chunks: &[Chunk], cells: &Range<u32>) -> Vec<u32> {
+        let mut first = vec![0u32; cells.len() + 1];
         for chunk in chunks {
-            first[chunk.cell as usize + 1] += 1;
+            first[(chunk.cell - cells.start) as usize + 1] += 1;
         }
-        for cell in 0..n_cells as usize {
+        for cell in 0..cells.len() {
             first[cell + 1] += first[cell];
         }
         first
@@ -208,7 +216,8 @@ impl Pack {
 
     /// The chunks of one cell, in the order they were written.
     pub fn chunks_of(&self, cell: u32) -> &[Chunk] {
-        &self.chunks[self.first[cell as usize] as usize..self.first[cell as usize + 1] as usize]
+        let place = (cell - self.cells.start) as usize;
+        &self.chunks[self.first[place] as usize..self.first[place + 1] as usize]
     }
 
     /// Reads a chunk's payload into `payload` and checks it.
@@ -235,6 +244,20 @@ impl Pack {
         }
         Ok(())
     }
+}
+
+/// Reads a pack that was sealed at `bytes` and checks every chunk. The error names the first that is damaged.
+pub fn check_pack(disk: &Disk, path: &Path, bytes: u64) -> Result<()> {
+    let file = disk.open(path)?;
+    let damaged = |at: u64| Error::corrupt(path, format!("the chunk at byte {at} is damaged"));
+    let chunks = read_index(&file, bytes)?.ok_or_else(|| damaged(bytes))?;
+    let mut payload = Vec::new();
+    for chunk in &chunks {
+        if !read_payload(&file, chunk, &mut payload)? {
+            return Err(damaged(chunk.offset));
+        }
+    }
+    Ok(())
 }
 
 /// Reads a chunk's payload; tells whether its checksum holds.

@@ -14,21 +14,46 @@ use crate::store::pack_format::ChunkKind;
 use crate::system::disk::Disk;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::Path;
 
-/// The sealed description of a pack of survivors.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct SurvivorInfo {
+/// A pack of survivors: some cells, one after the other by number.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SurvivorFile {
     /// File name of the pack in the job folder.
     pub pack: String,
     /// Sealed length of the pack.
     pub pack_bytes: u64,
-    /// Per cell: vertices and triangles left.
+    /// The first of its cells; the last is the one before the first of the next pack.
+    pub first_cell: u32,
+}
+
+/// The sealed description of survivors: of all cells of a round, or of a part of them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SurvivorInfo {
+    /// The packs, by their cells; more than one if several processes have worked on the round.
+    pub packs: Vec<SurvivorFile>,
+    /// Per cell, from the first of the packs on: vertices and triangles left.
     pub cells: Vec<CellTally>,
     /// Triangles left in all cells.
     pub triangles: u64,
     /// Statistics of the kernel over all cells.
     pub statistics: CellStatistics,
+}
+
+impl SurvivorInfo {
+    /// Joins the parts of a round, in the order of their cells.
+    pub fn joined(parts: impl IntoIterator<Item = SurvivorInfo>) -> SurvivorInfo {
+        let statistics = CellStatistics::of_none();
+        let mut whole = SurvivorInfo { statistics, ..SurvivorInfo::default() };
+        for part in parts {
+            whole.packs.extend(part.packs);
+            whole.cells.extend(part.cells);
+            whole.triangles += part.triangles;
+            whole.statistics.add(part.statistics);
+        }
+        whole
+    }
 }
 
 /// One simplified cell.
@@ -107,6 +132,11 @@ impl From<&Statistics> for CellStatistics {
 }
 
 impl CellStatistics {
+    /// Those of no cell, to which others are added.
+    fn of_none() -> CellStatistics {
+        CellStatistics { reached: true, is_flat: true, ..CellStatistics::default() }
+    }
+
     /// Adds those of another cell.
     fn add(&mut self, other: CellStatistics) {
         self.collapses += other.collapses;
@@ -275,24 +305,28 @@ impl SurvivorWriter {
         self.pack.sync()
     }
 
-    /// Seals the pack; every one of `n_cells` cells must be in it.
-    pub fn finish(mut self, disk: &Disk, folder: &Path, n_cells: usize) -> Result<SurvivorInfo> {
+    /// Seals the pack; every one of `cells` must be in it.
+    pub fn finish(
+        mut self,
+        disk: &Disk,
+        folder: &Path,
+        cells: Range<usize>,
+    ) -> Result<SurvivorInfo> {
         self.pack.seal()?;
         disk.sync_folder_of(&folder.join(&self.name))?;
         let mut info = SurvivorInfo {
-            pack: self.name,
-            pack_bytes: self.pack.length(),
-            cells: vec![CellTally::default(); n_cells],
-            statistics: CellStatistics {
-                reached: true,
-                is_flat: true,
-                ..CellStatistics::default()
-            },
+            packs: vec![SurvivorFile {
+                pack: self.name,
+                pack_bytes: self.pack.length(),
+                first_cell: cells.start as u32,
+            }],
+            cells: vec![CellTally::default(); cells.len()],
+            statistics: CellStatistics::of_none(),
             ..SurvivorInfo::default()
         };
         drop(self.pack);
         let pack = SurvivorPack::open(disk, folder, info.clone(), self.layout)?;
-        for cell in 0..n_cells {
+        for cell in cells.clone() {
             let (tally, statistics) = match self.appended.remove(&(cell as u32)) {
                 Some(known) => known,
                 None => {
@@ -300,7 +334,7 @@ impl SurvivorWriter {
                     (survivors.tally(), survivors.statistics)
                 }
             };
-            info.cells[cell] = tally;
+            info.cells[cell - cells.start] = tally;
             info.triangles += tally.triangles;
             info.statistics.add(statistics);
         }
@@ -323,20 +357,25 @@ fn add_named(sums: &mut Vec<(String, u64)>, counts: Vec<(String, u64)>) {
 pub struct SurvivorPack {
     info: SurvivorInfo,
     layout: VertexLayout,
-    pack: Pack,
+    packs: Vec<Pack>,
 }
 
 impl SurvivorPack {
-    /// Opens a sealed pack of survivors.
+    /// Opens sealed packs of survivors.
     pub fn open(
         disk: &Disk,
         folder: &Path,
         info: SurvivorInfo,
         layout: VertexLayout,
     ) -> Result<Self> {
-        let pack =
-            Pack::open(disk, &folder.join(&info.pack), info.cells.len() as u32, info.pack_bytes)?;
-        Ok(SurvivorPack { info, layout, pack })
+        let first = info.packs.first().map_or(0, |file| file.first_cell);
+        let ends = info.packs.iter().skip(1).map(|file| file.first_cell);
+        let ends = ends.chain(std::iter::once(first + info.cells.len() as u32));
+        let open = |(file, end): (&SurvivorFile, u32)| {
+            Pack::open_some(disk, &folder.join(&file.pack), file.first_cell..end, file.pack_bytes)
+        };
+        let packs = info.packs.iter().zip(ends).map(open).collect::<Result<_>>()?;
+        Ok(SurvivorPack { info, layout, packs })
     }
 
     /// The sealed description.
@@ -351,20 +390,26 @@ impl SurvivorPack {
 
     /// Loads what is left of one cell.
     pub fn load(&self, cell: usize) -> Result<Survivors> {
-        let chunk = self.pack.chunks_of(cell as u32).last().ok_or_else(|| {
+        let number = cell as u32;
+        let at = self.info.packs.partition_point(|file| file.first_cell <= number);
+        let at = at
+            .checked_sub(1)
+            .ok_or_else(|| Error::corrupt("the survivors", format!("begin after cell {cell}")))?;
+        let (file, pack) = (&self.info.packs[at], &self.packs[at]);
+        let chunk = pack.chunks_of(number).last().ok_or_else(|| {
             Error::corrupt(
-                Path::new(&self.info.pack),
+                Path::new(&file.pack),
                 format!("cell {cell} is missing; run again with --restart"),
             )
         })?;
         let mut payload = Vec::new();
-        self.pack.read(chunk, &mut payload)?;
+        pack.read(chunk, &mut payload)?;
         Survivors::decode(&payload, &self.layout).ok_or_else(|| {
             let what = format!(
                 "byte {}: cell {cell} makes no sense; run again with --restart",
                 chunk.offset
             );
-            Error::corrupt(Path::new(&self.info.pack), what)
+            Error::corrupt(Path::new(&file.pack), what)
         })
     }
 }

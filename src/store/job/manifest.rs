@@ -8,16 +8,16 @@ use crate::error::{Error, Result};
 use crate::system::disk::{Disk, DiskFile};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// The manifest's name in the job folder.
 pub const FILE_NAME: &str = "manifest.jsonl";
 
 /// Version of everything in a job folder; another version is refused.
-const FORMAT_VERSION: u32 = 5;
+const FORMAT_VERSION: u32 = 6;
 
 /// Identity that a job's files are valid for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -30,7 +30,7 @@ pub struct Identity {
     pub settings: BTreeMap<String, String>,
 }
 
-#[derive(Serialize, Deserialize)]
+#[derive(Deserialize)]
 struct Line {
     name: String,
     outcome: serde_json::Value,
@@ -39,8 +39,12 @@ struct Line {
 /// An open manifest.
 #[derive(Debug)]
 pub struct Manifest {
-    file: DiskFile,
+    /// None: outcomes are kept in memory, for whoever publishes them otherwise.
+    file: Option<DiskFile>,
+    path: PathBuf,
     outcomes: BTreeMap<String, serde_json::Value>,
+    /// Names of the outcomes that were recorded since the manifest was opened.
+    recorded: BTreeSet<String>,
     is_new: bool,
 }
 
@@ -80,14 +84,31 @@ impl Manifest {
         if let Some(found) = outcomes.get(IDENTITY) {
             let (version, found): (u32, Identity) = from_value(&path, IDENTITY, found.clone())?;
             check(folder, version, &found, identity)?;
-            let file = disk.open_append(&path, valid_bytes)?;
-            return Ok(Manifest { file, outcomes, is_new: false });
+            let file = Some(disk.open_append(&path, valid_bytes)?);
+            return Ok(Manifest { file, path, outcomes, recorded: BTreeSet::new(), is_new: false });
         }
-        let file = disk.create(&path)?;
-        let mut manifest = Manifest { file, outcomes: BTreeMap::new(), is_new: true };
+        let file = Some(disk.create(&path)?);
+        let mut manifest = Manifest { file, is_new: true, ..Manifest::in_memory(path.clone()) };
         manifest.record(IDENTITY, &(FORMAT_VERSION, identity))?;
         disk.sync_folder_of(&path)?;
         Ok(manifest)
+    }
+
+    /// A manifest without a file; `path` is for messages.
+    pub fn in_memory(path: PathBuf) -> Manifest {
+        let (outcomes, recorded) = (BTreeMap::new(), BTreeSet::new());
+        Manifest { file: None, path, outcomes, recorded, is_new: false }
+    }
+
+    /// Takes over outcomes that others have recorded.
+    pub fn inherit(&mut self, outcomes: BTreeMap<String, serde_json::Value>) {
+        self.outcomes.extend(outcomes);
+    }
+
+    /// The outcomes that were recorded since the manifest was opened.
+    pub fn recorded(&self) -> BTreeMap<String, serde_json::Value> {
+        let value = |name: &String| Some((name.clone(), self.outcomes.get(name)?.clone()));
+        self.recorded.iter().filter_map(value).collect()
     }
 
     /// Returns whether this run began the manifest.
@@ -98,20 +119,33 @@ impl Manifest {
     /// The recorded outcome of a stage.
     pub fn outcome<T: DeserializeOwned>(&self, name: &str) -> Result<Option<T>> {
         let Some(value) = self.outcomes.get(name) else { return Ok(None) };
-        from_value(self.file.path(), name, value.clone()).map(Some)
+        from_value(&self.path, name, value.clone()).map(Some)
     }
 
     /// Appends an outcome and syncs it.
     pub fn record<T: Serialize>(&mut self, name: &str, outcome: &T) -> Result<()> {
         let outcome = serde_json::to_value(outcome).expect("outcomes are plain data");
-        let line = Line { name: name.to_owned(), outcome };
-        let json = serde_json::to_string(&line).expect("outcomes are plain data");
-        let text = format!("{json}\t{:016x}\n", xxh3_64(json.as_bytes()));
-        self.file.append(text.as_bytes())?;
-        self.file.sync()?;
-        self.outcomes.insert(line.name, line.outcome);
+        if let Some(file) = &mut self.file {
+            file.append(encode_line(name, &outcome).as_bytes())?;
+            file.sync()?;
+        }
+        self.recorded.insert(name.to_owned());
+        self.outcomes.insert(name.to_owned(), outcome);
         Ok(())
     }
+}
+
+/// A line as it is stored: name and outcome, and their checksum.
+pub fn encode_line(name: &str, outcome: &serde_json::Value) -> String {
+    let line = serde_json::json!({ "name": name, "outcome": outcome });
+    let json = line.to_string();
+    format!("{json}\t{:016x}\n", xxh3_64(json.as_bytes()))
+}
+
+/// The outcome in a file of one line; `None` if the line is not whole, or is another's.
+pub fn decode_line(name: &str, bytes: &[u8]) -> Option<serde_json::Value> {
+    let line = parse_line(bytes.strip_suffix(b"\n")?)?;
+    (line.name == name && foreign_name(&line.outcome).is_none()).then_some(line.outcome)
 }
 
 fn from_value<T: DeserializeOwned>(path: &Path, name: &str, value: serde_json::Value) -> Result<T> {

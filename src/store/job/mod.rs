@@ -6,6 +6,7 @@
 pub mod fingerprint;
 mod lock;
 mod manifest;
+pub mod units;
 
 pub use manifest::{Identity, view};
 
@@ -15,17 +16,20 @@ use lock::Lock;
 use manifest::Manifest;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-/// An open job folder, locked against other runs.
+/// An open job folder, locked against other runs; or a guest in the folder of a job that many processes work on.
 #[derive(Debug)]
 pub struct Job {
     folder: PathBuf,
     disk: Disk,
     manifest: Mutex<Manifest>,
-    /// Held for its destructor, which gives the folder free.
-    _lock: Lock,
+    /// Begin of the names of all files that are made here; empty but for guests.
+    prefix: String,
+    /// Held for its destructor, which gives the folder free. None for guests.
+    _lock: Option<Lock>,
 }
 
 impl Job {
@@ -47,13 +51,56 @@ impl Job {
             folder: folder.into(),
             disk: disk.clone(),
             manifest: Mutex::new(manifest),
-            _lock: lock,
+            prefix: String::new(),
+            _lock: Some(lock),
         })
     }
 
-    /// A path inside the job folder.
+    /// Opens a folder that others work in, too: without a lock, with `outcomes` that they have published. Files that
+    /// are made here have names that begin with `prefix`; outcomes are kept in memory, and no file of others is removed.
+    pub fn guest(
+        folder: &Path,
+        disk: &Disk,
+        prefix: &str,
+        outcomes: BTreeMap<String, serde_json::Value>,
+    ) -> Job {
+        let mut manifest = Manifest::in_memory(folder.join(prefix));
+        manifest.inherit(outcomes);
+        Job {
+            folder: folder.into(),
+            disk: disk.clone(),
+            manifest: Mutex::new(manifest),
+            prefix: prefix.to_owned(),
+            _lock: None,
+        }
+    }
+
+    /// The outcomes that were recorded since the job was opened.
+    pub fn recorded(&self) -> BTreeMap<String, serde_json::Value> {
+        self.manifest.lock().unwrap_or_else(PoisonError::into_inner).recorded()
+    }
+
+    /// The name that a file of a stage has in the folder.
+    pub fn name(&self, name: &str) -> String {
+        format!("{}{name}", self.prefix)
+    }
+
+    /// The path of a file of a stage.
     pub fn path(&self, name: &str) -> PathBuf {
-        self.folder.join(name)
+        self.folder.join(self.name(name))
+    }
+
+    /// Removes a file that no later stage needs, by its name in the folder; a guest leaves those of others.
+    pub fn discard(&self, name_in_folder: &str) -> Result<()> {
+        match self.owns(name_in_folder) {
+            true => self.disk.remove(&self.folder.join(name_in_folder)),
+            false => Ok(()),
+        }
+    }
+
+    /// Returns whether a file was made here, so that nothing else needs it.
+    pub fn owns(&self, name_in_folder: &str) -> bool {
+        name_in_folder.starts_with(&self.prefix)
     }
 
     /// The job folder itself.
@@ -94,11 +141,21 @@ impl Job {
 
     /// Removes scratch folders inside the job folder that a killed run has left.
     pub fn clear_scratch(&self) -> Result<()> {
-        clear_scratch(&self.folder)
+        match self._lock {
+            Some(_) => clear_scratch(&self.folder),
+            None => {
+                sweep_scratch(&self.folder);
+                Ok(())
+            }
+        }
     }
 
-    /// Removes the whole folder: the run is over and its output stands.
-    pub fn remove(self) -> Result<()> {
+    /// Removes the whole folder: the run is over and its output stands. A guest removes nothing: whoever published
+    /// its outcomes does.
+    pub fn remove(&self) -> Result<()> {
+        if self._lock.is_none() {
+            return Ok(());
+        }
         clear(&self.folder, &self.disk)?;
         // Removed while held: a run that has just opened the old file sees that it is gone and starts again.
         self.disk.remove(&self.folder.join(lock::FILE_NAME))?;

@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 mod crash_model;
-
+mod publish;
 use crash_model::Losses;
 pub use crash_model::PowerLoss;
 

@@ -1,0 +1,143 @@
+//! `stonecut plan`: a job for many machines, decided and written down; the graph of its units for whoever starts them.
+
+use super::log::{Log, Talk};
+use super::simplify;
+use crate::config::{Config, Level};
+use crate::error::{Error, Result};
+use crate::pipeline::units::{MOST_UNITS, freeze};
+use crate::store::job::units::{Frozen, Phase, UnitJob};
+use crate::system::disk::Disk;
+use crate::system::paths::Paths;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Plans a job for many machines and prints its units as JSON; nothing is simplified yet.
+///
+/// All machines see JOBDIR, INPUT and the folder of OUTPUT under the same paths. Each unit is one command, `stonecut work
+/// JOBDIR PHASE/INDEX`; units of one phase may run at once. The same command given again prints the same plan.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// Folder of the job; made where it is missing.
+    folder: PathBuf,
+    #[command(flatten)]
+    simplify: simplify::Args,
+    /// Pieces to cut the work into; about as many as there are machines.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_UNITS)))]
+    units: u32,
+    /// Print a script for Slurm instead, with these options for every sbatch: '-p compute -c 32 --mem 60G'.
+    #[arg(long, value_name = "OPTIONS", allow_hyphen_values = true)]
+    slurm: Option<String>,
+    /// The words that were typed.
+    #[arg(skip)]
+    pub(super) words: Vec<String>,
+}
+
+/// The most elements of a job array of Slurm, unless it was set up otherwise (`MaxArraySize`).
+const ARRAY: u32 = 1000;
+
+impl Args {
+    pub(super) fn paths(&self) -> Result<Paths> {
+        self.simplify.paths_in(&self.job().units_folder())
+    }
+
+    fn job(&self) -> UnitJob {
+        UnitJob::new(&self.folder, &Disk::default(), Duration::ZERO)
+    }
+
+    /// The settings; paths as they were typed in `folder`.
+    pub(super) fn config(&self, job_folder: &Path, folder: &Path) -> Result<Config> {
+        let config = self.simplify.config()?;
+        let here = |level: &Level| Level { output: folder.join(&level.output), ..level.clone() };
+        let levels = config.coarser.iter().map(here).collect();
+        Ok(Config {
+            input: if_not_stream(folder, &config.input),
+            output: if_not_stream(folder, &config.output),
+            textures_beside: folder.join(&config.textures_beside),
+            coarser: levels,
+            job_folder: UnitJob::new(job_folder, &Disk::default(), Duration::ZERO).units_folder(),
+            ..config
+        })
+    }
+
+    /// The file for the report, if one was asked for.
+    pub(super) fn report(&self, folder: &Path) -> Option<PathBuf> {
+        self.simplify.report.as_ref().map(|path| folder.join(path))
+    }
+}
+
+fn if_not_stream(folder: &Path, path: &Path) -> PathBuf {
+    if path == Path::new("-") { path.to_path_buf() } else { folder.join(path) }
+}
+
+/// Freezes the job and prints its graph on standard output.
+pub fn run(args: &Args, _: &Talk, log: &mut Log) -> Result<()> {
+    if args.simplify.is_plan_only() || args.simplify.has_temp_dir() {
+        let what = "--dry-run and --temp-dir are not for a job in units; JOBDIR says where it lies";
+        return Err(Error::Usage(what.to_owned()));
+    }
+    let here = std::env::current_dir().map_err(|e| Error::reading(".", "cannot find", e))?;
+    let folder = std::path::absolute(&args.folder).unwrap_or_else(|_| args.folder.clone());
+    let config = args.config(&folder, &here)?;
+    let frozen =
+        freeze(&folder, (args.words.clone(), here), &config, args.units, &Disk::default())?;
+    for phase in &frozen.phases {
+        log.say(format!("{:10} {} units", phase.name, phase.units));
+    }
+    let text = match &args.slurm {
+        Some(options) => slurm(&folder, &frozen, options),
+        None => graph(&folder, &frozen),
+    };
+    std::io::stdout().write_all(text.as_bytes()).map_err(Error::stdout)
+}
+
+fn graph(folder: &Path, frozen: &Frozen) -> String {
+    let json = serde_json::json!({
+        "format": 1, "version": frozen.version, "job": folder, "triangles": frozen.triangles,
+        "phases": frozen.phases,
+    });
+    format!("{json:#}\n")
+}
+
+/// A chain of job arrays, each of which waits for the one before.
+fn slurm(folder: &Path, frozen: &Frozen, options: &str) -> String {
+    let program = std::env::current_exe().unwrap_or_else(|_| "stonecut".into());
+    let words = [program.as_path(), Path::new("work"), folder].map(quoted).join(" ");
+    let mut text = "#!/bin/sh\nset -e\nAFTER=\n".to_owned();
+    for Phase { name, units, .. } in &frozen.phases {
+        text += "JOBS=\n";
+        for first in (0..*units).step_by(ARRAY as usize) {
+            let last = (units - first).min(ARRAY) - 1;
+            let wrapped =
+                format!("exec {words} {name}/$((SLURM_ARRAY_TASK_ID + {first})) --retry 5,10");
+            text += &format!(
+                "JOBS=$JOBS:$(sbatch --parsable --requeue --kill-on-invalid-dep=yes $AFTER {options} \
+                 -J stonecut-{name} -a 0-{last} --wrap {})\n",
+                quoted(Path::new(&wrapped))
+            );
+        }
+        text += "AFTER=\"-d afterok$JOBS\"\n";
+    }
+    text + "echo \"last job: ${JOBS#:}\"\n"
+}
+
+/// A word for a shell.
+fn quoted(word: &Path) -> String {
+    let word = word.to_string_lossy();
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-+=".contains(c);
+    match word.chars().all(is_plain) {
+        true => word.into_owned(),
+        false => format!("'{}'", word.replace('\'', r"'\''")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_reach_a_shell_as_they_are() {
+        assert_eq!(quoted(Path::new("/a/b-c.ply")), "/a/b-c.ply");
+        assert_eq!(quoted(Path::new("it's $1")), r"'it'\''s $1'");
+    }
+}

@@ -1,0 +1,150 @@
+//! `stonecut work`: one unit of a job for many machines.
+
+use super::arguments::{memory_budget, parse_memory};
+use super::display::watch;
+use super::log::{Log, Talk};
+use super::outcome::{tell, write_report};
+use super::plan;
+use crate::config::Config;
+use crate::error::{Error, Result};
+use crate::pipeline::units::{Done, Task, work};
+use crate::store::job::units::{Frozen, Unit, UnitJob};
+use crate::system::disk::Disk;
+use crate::system::paths::{Paths, Role};
+use crate::system::program::end_with_parent;
+use crate::system::progress::Progress;
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+/// Does one unit of a job that `stonecut plan` has made.
+///
+/// Any number of times, on any machine, also at once: the first to end counts, and all give the same bytes. Exits with 0
+/// if the unit is done, whoever did it.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// Folder of the job.
+    folder: PathBuf,
+    /// The unit: PHASE/INDEX, as simplify/17.
+    unit: Unit,
+    /// Memory budget of this worker, everything included [default: 75 % of the tightest limit in force].
+    #[arg(long, value_name = "SIZE", value_parser = parse_memory)]
+    memory: Option<u64>,
+    /// Worker threads [default: the cores this process may use].
+    #[arg(long, value_name = "N")]
+    threads: Option<NonZeroUsize>,
+    /// End at once when the process that started this one ends.
+    #[arg(long)]
+    with_parent: bool,
+    /// Exit codes, joined by commas, after which the unit is tried again, three times at most: 5,10.
+    #[arg(long, value_name = "CODES", value_delimiter = ',')]
+    retry: Vec<u8>,
+    /// Seconds before the first of these; each further pause is three times as long.
+    #[arg(long, value_name = "SECONDS", default_value_t = 10)]
+    retry_after: u64,
+    /// Seconds during which files of earlier phases are looked for again: file systems of networks show them late.
+    #[arg(long, value_name = "SECONDS", default_value_t = 90)]
+    wait: u64,
+    /// Check the files of a unit that is done, and do it again if they are damaged.
+    #[arg(long)]
+    mend: bool,
+}
+
+/// A unit that fails is tried this often again.
+const RETRIES: u32 = 3;
+
+impl Args {
+    pub(super) fn paths(&self) -> Paths {
+        Paths::default().with(Role::InputFolder, "JOBDIR", &self.folder)
+    }
+}
+
+/// Reads the words of a command that is a plan.
+pub type ReadPlan<'a> = &'a dyn Fn(&[String]) -> Option<Box<plan::Args>>;
+
+/// Does the unit, and says so.
+pub fn run(
+    args: &Args,
+    read_plan: ReadPlan,
+    talk: &Talk,
+    progress: &Progress,
+    log: &mut Log,
+) -> Result<()> {
+    if args.with_parent {
+        end_with_parent()?;
+    }
+    let mut pause = Duration::from_secs(args.retry_after);
+    let mut retries = 0;
+    loop {
+        match attempt(args, read_plan, talk, progress, log) {
+            Err(error) if retries < RETRIES && args.retry.contains(&error.exit_code()) => {
+                retries += 1;
+                log.say(format!(
+                    "{error}; once more in {} s ({retries} of {RETRIES})",
+                    pause.as_secs()
+                ));
+                sleep(pause, progress)?;
+                pause *= 3;
+            }
+            outcome => return outcome,
+        }
+    }
+}
+
+fn sleep(pause: Duration, progress: &Progress) -> Result<()> {
+    let start = Instant::now();
+    while start.elapsed() < pause {
+        progress.check()?;
+        std::thread::sleep(Duration::from_millis(100).min(pause));
+    }
+    Ok(())
+}
+
+fn attempt(
+    args: &Args,
+    read_plan: ReadPlan,
+    talk: &Talk,
+    progress: &Progress,
+    log: &mut Log,
+) -> Result<()> {
+    let (disk, patience) = (Disk::default(), Duration::from_secs(args.wait));
+    let frozen = UnitJob::new(&args.folder, &disk, patience).frozen(progress)?;
+    let (config, report) = settings(args, &frozen, read_plan)?;
+    let task = Task {
+        folder: &args.folder,
+        frozen: &frozen,
+        unit: &args.unit,
+        patience,
+        mends: args.mend,
+    };
+    match watch(talk, progress, log, || work(&task, &config, &disk, progress))? {
+        Done::Before => log.say(format!("{}: done before", args.unit)),
+        Done::Now(None) => log.say(format!("{}: done", args.unit)),
+        Done::Now(Some(done)) => {
+            tell(&done, talk, log);
+            if let Some(path) = report {
+                write_report(&path, &done)?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The settings of the plan, with the memory and threads of this worker; and the file for the report.
+fn settings(
+    args: &Args,
+    frozen: &Frozen,
+    read_plan: ReadPlan,
+) -> Result<(Config, Option<PathBuf>)> {
+    let plan = read_plan(&frozen.words).ok_or_else(|| Error::StateMismatch {
+        path: args.folder.clone(),
+        what: "the command in its plan is not one of this version".to_owned(),
+    })?;
+    let config = plan.config(&args.folder, &frozen.folder)?;
+    let config = Config {
+        memory_bytes: memory_budget(args.memory),
+        threads: super::arguments::threads(args.threads),
+        ..config
+    };
+    Ok((config, plan.report(&frozen.folder)))
+}

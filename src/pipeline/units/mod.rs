@@ -1,0 +1,206 @@
+//! A job in units that any number of machines work on; the same stages as in one process, the same bytes.
+//!
+//! `freeze` decides everything once and writes it down, `work` does one unit, any number of times, anywhere. Units of one
+//! phase depend on earlier phases alone; what a phase hands on stands in the records of its units (`store/job/units`). Who
+//! starts the units, where and in which order, is up to an engine outside of this program.
+//!
+//! docs/design/cluster.md, docs/cluster.md.
+
+mod phases;
+mod standing;
+mod task;
+
+pub use crate::store::job::units::{Frozen, Unit};
+pub use standing::{Standing, standing};
+pub use task::Task;
+
+use super::prepare;
+use super::run_report::RunReport;
+use crate::config::{Config, Method};
+use crate::error::{Error, Result};
+use crate::store::job::fingerprint::{input_marks, job_identity};
+use crate::store::job::units::{Phase, Record, UnitJob};
+use crate::system::disk::Disk;
+use crate::system::parallel::guarded;
+use crate::system::program;
+use crate::system::progress::Progress;
+use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Units of the phase `simplify` for each unit that was asked for: pieces that are small enough to be shared out evenly.
+const PIECES: u32 = 4;
+
+/// The most units that may be asked for.
+pub const MOST_UNITS: u32 = 2000;
+
+/// Shares of the time that a run takes, by phase.
+const SHARES: [(&str, f64); 4] =
+    [("partition", 0.2), ("pilot", 0.05), ("simplify", 0.65), ("rest", 0.1)];
+
+/// Decides everything about a job and writes it down; nothing is done yet. Called again with the same words it changes
+/// nothing.
+///
+/// `words` are those of the command, given in the folder `here`; `config.job_folder` is the folder of units.
+pub fn freeze(
+    folder: &Path,
+    (words, here): (Vec<String>, PathBuf),
+    config: &Config,
+    n_units: u32,
+    disk: &Disk,
+) -> Result<Frozen> {
+    refuse(config)?;
+    let prepared = prepare(config)?;
+    let plan = &prepared.plan;
+    let units = |name: &str| if name == "simplify" { PIECES * n_units } else { 1 };
+    let phase = |(i, (name, share)): (usize, &(&str, f64))| Phase {
+        name: (*name).to_owned(),
+        units: units(name),
+        after: SHARES[..i].last().map(|(before, _)| (*before).to_owned()).into_iter().collect(),
+        memory: plan.needed_memory_bytes,
+        seconds: plan.seconds * config.threads.get() as f64 * share / f64::from(units(name)),
+    };
+    let frozen = Frozen {
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        program: program::checksum()?,
+        words,
+        folder: here,
+        settings: settings_checksum(config),
+        identity: job_identity(&prepared.source, &prepared.marks, config),
+        triangles: plan.triangles_in,
+        phases: SHARES.iter().enumerate().map(phase).collect(),
+    };
+    UnitJob::new(folder, disk, Duration::ZERO).freeze(&frozen)?;
+    Ok(frozen)
+}
+
+/// Checksum of all settings but those of a machine.
+fn settings_checksum(config: &Config) -> String {
+    let config = Config { memory_bytes: 0, threads: NonZeroUsize::MIN, ..config.clone() };
+    format!("{:016x}", xxh3_64(format!("{config:?}").as_bytes()))
+}
+
+/// Refuses what needs several runs, or leaves files that no unit has a place for.
+fn refuse(config: &Config) -> Result<()> {
+    let refused = [
+        (config.method != Method::Collapse, "--method"),
+        (config.kernel.bound.is_some(), "--max-error"),
+        (config.until.is_some(), "--until"),
+        (config.restart, "--restart"),
+        (config.keep_temp, "--keep-temp"),
+        (config.seams.is_some(), "--seams"),
+        (config.input == Path::new("-"), "standard input"),
+        (config.output == Path::new("-"), "standard output"),
+    ];
+    match refused.iter().find(|(is_asked, _)| *is_asked) {
+        Some((_, name)) => Err(Error::Usage(format!(
+            "{name} is not for a job in units; run 'stonecut simplify' on one machine"
+        ))),
+        None => Ok(()),
+    }
+}
+
+/// Outcome of `work`.
+#[derive(Debug)]
+pub enum Done {
+    /// The unit was done before, or another process was faster.
+    Before,
+    /// It is done now. The last unit has the report of the run.
+    Now(Option<Box<RunReport>>),
+}
+
+/// Does one unit. `config.job_folder` is the folder of units.
+///
+/// Errors: those of the stages; `StateMismatch` for another program than that of the plan, or another input; `Usage`
+/// for a unit that the plan does not have; `Io` if an earlier phase is not over.
+pub fn work(task: &Task, config: &Config, disk: &Disk, progress: &Progress) -> Result<Done> {
+    let Task { folder, frozen, unit, patience, mends } = task;
+    frozen.check_program(folder, env!("CARGO_PKG_VERSION"), &program::checksum()?)?;
+    if frozen.phase(&unit.phase).is_none_or(|phase| unit.index >= phase.units) {
+        let phases = frozen.phases.iter().map(|p| format!("{}/0 to {}", p.name, p.units - 1));
+        let known = phases.collect::<Vec<_>>().join(", ");
+        return Err(Error::Usage(format!("the plan has no unit {unit}: {known}")));
+    }
+    let job = UnitJob::new(folder, disk, *patience);
+    match job.record(unit) {
+        Ok(Some(record)) if !mends || phases::is_whole(&job, frozen, &record)? => {
+            return Ok(Done::Before);
+        }
+        Ok(Some(_)) => job.withdraw(unit)?,
+        Err(Error::Corrupt { .. }) if *mends => job.withdraw(unit)?,
+        // Half a record that somebody writes now, or that a death has left there.
+        Err(Error::Corrupt { .. }) | Ok(None) => {}
+        Err(error) => return Err(error),
+    }
+    check_input(folder, frozen, config)?;
+    check_memory(frozen, unit, config)?;
+    let outcome = guarded(|| attempt(&job, task, config, progress));
+    match outcome {
+        Ok(done) => Ok(done),
+        // Another attempt has won, and what this one was reading may be gone.
+        Err(_) if job.record(unit).is_ok_and(|record| record.is_some()) => Ok(Done::Before),
+        Err(error) => Err(job.explain(error, frozen)),
+    }
+}
+
+fn attempt(job: &UnitJob, task: &Task, config: &Config, progress: &Progress) -> Result<Done> {
+    let (began, processor) = (program::now(), program::processor_seconds());
+    let disk = job.disk();
+    let (read, written) = (disk.bytes_read(), disk.bytes_written());
+    let attempt = job.attempt(task.unit);
+    let (found, report) = phases::run(job, &attempt, task, config, progress)?;
+    let record = Record {
+        span: [began, program::now()],
+        processor_seconds: program::processor_seconds() - processor,
+        bytes_read: disk.bytes_read() - read,
+        bytes_written: disk.bytes_written() - written,
+        peak_memory_bytes: crate::system::memory::peak_bytes(),
+        ..found
+    };
+    if !attempt.publish(record)? {
+        return Ok(Done::Before);
+    }
+    if phases::is_last(task.unit) {
+        job.clear()?;
+    }
+    Ok(Done::Now(report.map(Box::new)))
+}
+
+/// Refuses an input that is not the one that was planned for.
+fn check_input(folder: &Path, frozen: &Frozen, config: &Config) -> Result<()> {
+    let planned = &frozen.identity.input_marks;
+    let differs = |(name, value): (&String, &String)| {
+        let before = planned.get(name).filter(|before| *before != value)?;
+        Some(format!("{name} {value} instead of {before}"))
+    };
+    let marks = input_marks(&config.input)?;
+    let differences: Vec<String> = marks.iter().filter_map(differs).collect();
+    if differences.is_empty() {
+        return Ok(());
+    }
+    Err(Error::StateMismatch {
+        path: folder.into(),
+        what: format!(
+            "{} is not the input that was planned ({}); plan again in another folder",
+            config.input.display(),
+            differences.join(", ")
+        ),
+    })
+}
+
+/// Refuses a worker that is too small.
+fn check_memory(frozen: &Frozen, unit: &Unit, config: &Config) -> Result<()> {
+    use crate::system::units::show_bytes;
+    let needed = frozen.phase(&unit.phase).map_or(0, |phase| phase.memory);
+    if config.memory_bytes >= needed {
+        return Ok(());
+    }
+    Err(Error::NoMemory(format!(
+        "{unit} needs {} of memory, this worker has {}; give it at least --memory {}MiB, or plan again with smaller \
+         --cell-triangles",
+        show_bytes(needed),
+        show_bytes(config.memory_bytes),
+        needed.div_ceil(1 << 20)
+    )))
+}

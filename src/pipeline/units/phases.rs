@@ -1,0 +1,263 @@
+//! The phases of a job in units: what each reads from the records of the others, which stages it runs.
+//!
+//! `partition` and `rest` are the run of one process, stopped early and taken up late. `pilot` finds the thresholds of
+//! the first round, `simplify` takes all cells down to them, batch by batch. Where the first round is not of that kind (a
+//! small mesh, a target near the input) these two have nothing to do, and `rest` does it all.
+
+use super::task::Task;
+use crate::config::{Config, Until};
+use crate::error::{Error, Result};
+use crate::pipeline::kernel_side::{Facts, kernel_side};
+use crate::pipeline::prepare::prepare;
+use crate::pipeline::run_report::{RunReport, StageReport};
+use crate::pipeline::run_stages_in;
+use crate::stages::components::Components;
+use crate::stages::partition::Partition;
+use crate::stages::simplify::{self, Goal};
+use crate::stages::stitch::{self, Step};
+use crate::store::cells::{CellStore, StoreInfo, SurvivorInfo, check_pack};
+use crate::store::job::Job;
+use crate::store::job::units::{Attempt, Frozen, Record, Unit, UnitFile, UnitJob};
+use crate::store::stage_context::StageContext;
+use crate::system::memory::BASE_BYTES;
+use crate::system::program;
+use crate::system::progress::Progress;
+use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+
+/// Names of outcomes that are not those of a stage.
+const FACTS: &str = "facts";
+const BATCH: &str = "batch";
+const REPORT: &str = "report";
+
+/// The outcome of the first round (`stage_runner`).
+const FIRST_ROUND: &str = "round 0";
+
+/// Returns whether nothing comes after a unit.
+pub(super) fn is_last(unit: &Unit) -> bool {
+    unit.phase == "rest"
+}
+
+/// Does the work of a unit; gives its outcomes and the files that it leaves, and the report of the run in the end.
+pub(super) fn run(
+    job: &UnitJob,
+    attempt: &Attempt,
+    task: &Task,
+    config: &Config,
+    progress: &Progress,
+) -> Result<(Record, Option<RunReport>)> {
+    let earlier = earlier(job, task, progress)?;
+    let phase = Run { job, attempt, config, progress, earlier };
+    let plain = |record| (record, None);
+    match task.unit.phase.as_str() {
+        "partition" => phase.partition().map(plain),
+        "pilot" => phase.pilot().map(plain),
+        "simplify" => phase.simplify(task).map(plain),
+        "rest" => phase.rest().map(|(record, report)| (record, Some(report))),
+        other => Err(Error::Usage(format!("this program knows no phase '{other}'"))),
+    }
+}
+
+/// The records of all units that come before this one, by phase; what else their attempts have left is removed by phases
+/// of one unit.
+fn earlier(
+    job: &UnitJob,
+    task: &Task,
+    progress: &Progress,
+) -> Result<BTreeMap<String, Vec<(Unit, Record)>>> {
+    let mut earlier = BTreeMap::new();
+    for phase in task.frozen.phases.iter().take_while(|phase| phase.name != task.unit.phase) {
+        let units = task.frozen.units_of(&phase.name).into_iter();
+        let require = |unit: Unit| job.require(&unit, progress).map(|record| (unit, record));
+        let records: Vec<(Unit, Record)> = units.map(require).collect::<Result<_>>()?;
+        if task.frozen.units_of(&task.unit.phase).len() == 1 {
+            job.sweep(&records)?;
+        }
+        earlier.insert(phase.name.clone(), records);
+    }
+    Ok(earlier)
+}
+
+struct Run<'a> {
+    job: &'a UnitJob,
+    attempt: &'a Attempt<'a>,
+    config: &'a Config,
+    progress: &'a Progress,
+    earlier: BTreeMap<String, Vec<(Unit, Record)>>,
+}
+
+impl Run<'_> {
+    /// A job with what was found before.
+    fn guest(&self, more: BTreeMap<String, serde_json::Value>) -> Job {
+        let single = |name: &str| self.earlier.get(name).into_iter().flatten();
+        let records = single("partition").chain(single("pilot"));
+        let mut outcomes: BTreeMap<String, serde_json::Value> =
+            records.flat_map(|(_, record)| record.outcomes.clone()).collect();
+        outcomes.extend(more);
+        let folder = self.job.units_folder();
+        Job::guest(&folder, self.job.disk(), self.attempt.prefix(), outcomes)
+    }
+
+    fn context<'a>(&'a self, job: &'a Job) -> StageContext<'a> {
+        StageContext {
+            job,
+            progress: self.progress,
+            threads: self.config.threads.get(),
+            memory_bytes: self.config.memory_bytes.saturating_sub(BASE_BYTES),
+            checkpoint_every: self.config.checkpoint_every,
+        }
+    }
+
+    /// Cells on disk, and all that is to be known of them before the first round.
+    fn partition(self) -> Result<Record> {
+        let config = Config { until: Some(Until::Cells), ..self.config.clone() };
+        let prepared = prepare(&config)?;
+        let facts = Facts::new(&prepared.source, &prepared.plan);
+        let triangles = facts.n_triangles;
+        let job = self.guest(BTreeMap::new());
+        job.record(FACTS, &facts)?;
+        run_stages_in(&job, prepared, &config, self.progress)?;
+        let store = store_of(&job)?;
+        let verdicts = store.verdicts.map(|v| UnitFile { pack: v.pack, bytes: v.pack_bytes });
+        let cells = UnitFile { pack: store.pack, bytes: store.pack_bytes };
+        let files = std::iter::once(cells).chain(verdicts).collect();
+        Ok(Record { outcomes: job.recorded(), files, triangles, ..Record::default() })
+    }
+
+    /// The thresholds of the first round.
+    fn pilot(self) -> Result<Record> {
+        let job = self.guest(BTreeMap::new());
+        if let Some(round) = FirstRound::of(&job, self.config)? {
+            let run = self.context(&job);
+            self.progress.begin("pilot", 1, 1, 0);
+            simplify::find_thresholds(&round.store, round.goal, &round.options, &run)?;
+        }
+        Ok(Record { outcomes: job.recorded(), ..Record::default() })
+    }
+
+    /// One batch of cells.
+    fn simplify(self, task: &Task) -> Result<Record> {
+        let job = self.guest(BTreeMap::new());
+        let Some(round) = FirstRound::of(&job, self.config)? else { return Ok(Record::default()) };
+        let n_batches = task.frozen.units_of(&task.unit.phase).len();
+        let tallies = &round.store.info().cells;
+        let cells = simplify::batches(tallies, n_batches)[task.unit.index as usize].clone();
+        if cells.is_empty() {
+            return Ok(Record::default());
+        }
+        let triangles = tallies[cells.clone()].iter().map(|cell| cell.triangles).sum();
+        let run = self.context(&job);
+        self.progress.begin("simplify", 1, 1, triangles);
+        let FirstRound { store, goal, options } = &round;
+        let left = simplify::simplify_batch(store, *goal, options, &run, cells)?;
+        let files = left.packs.iter();
+        let files = files.map(|f| UnitFile { pack: f.pack.clone(), bytes: f.pack_bytes }).collect();
+        job.record(BATCH, &left)?;
+        Ok(Record { outcomes: job.recorded(), files, triangles, ..Record::default() })
+    }
+
+    /// Everything from the survivors of the first round to the output.
+    fn rest(self) -> Result<(Record, RunReport)> {
+        let prepared = prepare(self.config)?;
+        self.job.begin_to_write()?;
+        let batches = self.earlier.get("simplify").map_or(&[][..], Vec::as_slice);
+        let mut more = BTreeMap::new();
+        if batches.iter().any(|(_, record)| !record.outcomes.is_empty()) {
+            let round = (joined(batches)?, stage_report(batches));
+            let value = serde_json::to_value(round).expect("plain data");
+            more.insert(FIRST_ROUND.to_owned(), value);
+        }
+        let job = self.guest(more);
+        let report = run_stages_in(&job, prepared, self.config, self.progress)?;
+        let mut report =
+            report.ok_or_else(|| Error::Internal("the run has no report".to_owned()))?;
+        let began = self.earlier["partition"].iter().map(|(_, record)| record.span[0]);
+        report.seconds = (program::now() - began.fold(f64::INFINITY, f64::min)).max(report.seconds);
+        report.triangles_per_second = report.input.triangles as f64 / report.seconds.max(1e-9);
+        let value = serde_json::to_value(report.written()).expect("plain data");
+        let outcomes = BTreeMap::from([(REPORT.to_owned(), value)]);
+        let triangles = report.input.triangles;
+        Ok((Record { outcomes, triangles, ..Record::default() }, report))
+    }
+}
+
+/// The survivors of all batches.
+fn joined(batches: &[(Unit, Record)]) -> Result<SurvivorInfo> {
+    let filled = batches.iter().filter(|(_, record)| !record.outcomes.is_empty());
+    let parts: Vec<SurvivorInfo> =
+        filled.map(|(_, record)| record.outcome(BATCH)).collect::<Result<_>>()?;
+    Ok(SurvivorInfo::joined(parts))
+}
+
+/// The first round as one stage.
+fn stage_report(batches: &[(Unit, Record)]) -> StageReport {
+    let records = || batches.iter().map(|(_, record)| record);
+    let began = records().map(|record| record.span[0]).fold(f64::INFINITY, f64::min);
+    let ended = records().map(|record| record.span[1]).fold(0.0, f64::max);
+    let left = joined(batches).map_or(0, |left| left.triangles);
+    StageReport {
+        name: "simplify".to_owned(),
+        part: StageReport::part_of("simplify").to_owned(),
+        seconds: (ended - began).max(0.0),
+        triangles_in: records().map(|record| record.triangles).sum(),
+        triangles_out: left,
+        bytes_read: records().map(|record| record.bytes_read).sum(),
+        bytes_written: records().map(|record| record.bytes_written).sum(),
+        peak_memory_bytes: records().map(|record| record.peak_memory_bytes).max().unwrap_or(0),
+    }
+}
+
+fn found<T: DeserializeOwned>(job: &Job, name: &str) -> Result<T> {
+    let missing = || Error::Internal(format!("an earlier phase has left no '{name}'"));
+    job.outcome(name)?.ok_or_else(missing)
+}
+
+/// The cells of the first round, as they were left by the last stage before it.
+fn store_of(job: &Job) -> Result<StoreInfo> {
+    match job.outcome::<(Components, StageReport)>("components")? {
+        Some((components, _)) => Ok(components.store),
+        None => Ok(found::<(Partition, StageReport)>(job, "partition")?.0.store),
+    }
+}
+
+/// The first round, if it goes to a threshold that a pilot finds.
+struct FirstRound {
+    store: CellStore,
+    goal: Goal,
+    options: crate::kernel::Options,
+}
+
+impl FirstRound {
+    fn of(job: &Job, config: &Config) -> Result<Option<FirstRound>> {
+        let facts: Facts = found(job, FACTS)?;
+        let info = store_of(job)?;
+        let step = stitch::next_step(info.triangles, facts.target, config.cell_triangles, 0);
+        let Step::Round(goal) = step else { return Ok(None) };
+        let (layout, mut options) = kernel_side(&facts, config);
+        if let Some(weights) = job.outcome("channel lengths")? {
+            options.weights = weights;
+        }
+        options.use_share_of_bound(stitch::bound_share(0), stitch::PATIENCE);
+        let triangles = stitch::within_reach(goal, info.triangles, info.shared_vertices);
+        let store = CellStore::open(job.disk(), job.folder(), info, layout)?;
+        Ok(Some(FirstRound { store, goal: Goal { round: 0, triangles }, options }))
+    }
+}
+
+/// Reads all files of a record and checks them.
+pub(super) fn is_whole(job: &UnitJob, frozen: &Frozen, record: &Record) -> Result<bool> {
+    let last = frozen.phases.last().map_or_else(Vec::new, |phase| frozen.units_of(&phase.name));
+    let is_over = job.done()?.iter().any(|unit| last.contains(unit));
+    // Nothing needs them any more; they are gone.
+    if is_over {
+        return Ok(true);
+    }
+    for file in &record.files {
+        match check_pack(job.disk(), &job.units_folder().join(&file.pack), file.bytes) {
+            Ok(()) => {}
+            Err(Error::Corrupt { .. }) => return Ok(false),
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(true)
+}

@@ -1,0 +1,113 @@
+//! One batch of a round's cells into a pack for them alone: the work of one of many processes.
+//!
+//! Cells lie in the pack in their order, so that two attempts at a batch write equal packs.
+
+use super::memory::{cell_bytes, result_bytes};
+use super::pilot::sealed_thresholds;
+use super::run_cells::{Goal, drain};
+use crate::error::Result;
+use crate::kernel::{Options, Stop};
+use crate::store::cells::{CellStore, CellTally, SurvivorInfo, SurvivorWriter, Survivors};
+use crate::store::stage_context::StageContext;
+use crate::system::parallel::in_order;
+use std::ops::Range;
+
+/// Finds the thresholds of a round and records them; nothing is simplified yet.
+pub fn find_thresholds(
+    store: &CellStore,
+    goal: Goal,
+    options: &Options,
+    run: &StageContext,
+) -> Result<()> {
+    sealed_thresholds(store, goal, options, run, false).map(drop)
+}
+
+/// Simplifies some cells of `store` to the thresholds that are recorded. The result is that of
+/// `simplify_cells` for these cells.
+pub fn simplify_batch(
+    store: &CellStore,
+    goal: Goal,
+    options: &Options,
+    run: &StageContext,
+    cells: Range<usize>,
+) -> Result<SurvivorInfo> {
+    let (thresholds, _) = sealed_thresholds(store, goal, options, run, false)?;
+    let name = run.job.name(&format!("round-{}.survivors", goal.round));
+    let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
+    in_order(
+        cells.len() as u64,
+        threads(store, goal, run, cells.clone()),
+        run.progress,
+        |index, left: &mut Survivors| {
+            let number = cells.start + index as usize;
+            let cell = store.load_tidy(number)?;
+            *left = match thresholds.last() {
+                None => Survivors::all_of(cell, store.layout()),
+                Some(_) => drain(cell, Stop::Costs(thresholds.of(number)), options, store),
+            };
+            Ok(())
+        },
+        |index, left| {
+            let number = cells.start + index as usize;
+            writer.append(number, left)?;
+            *left = Survivors::default();
+            run.progress.add(store.info().cells[number].triangles);
+            Ok(())
+        },
+    )?;
+    writer.finish(run.disk(), run.job.folder(), cells)
+}
+
+/// Threads whose cells fit into memory, each with a result that waits for its turn.
+fn threads(store: &CellStore, goal: Goal, run: &StageContext, cells: Range<usize>) -> usize {
+    let share = goal.triangles as f64 / store.info().triangles.max(1) as f64;
+    let bytes = |cell: usize| {
+        let CellTally { vertices, triangles } = store.info().cells[cell];
+        let left = |n: u64| (n as f64 * (2.0 * share).min(1.0)) as u64;
+        let left = CellTally { vertices: left(vertices), triangles: left(triangles) };
+        cell_bytes(store, cell, share) + result_bytes(left, store.layout())
+    };
+    let largest = cells.map(bytes).max().unwrap_or(0).max(1);
+    (run.memory_bytes / largest).clamp(1, run.threads.max(1) as u64) as usize
+}
+
+/// The cells of each of `n_batches` batches: consecutive, with about the same number of triangles.
+pub fn batches(cells: &[CellTally], n_batches: usize) -> Vec<Range<usize>> {
+    let total: u64 = cells.iter().map(|cell| cell.triangles).sum();
+    let mut ends = vec![0; n_batches];
+    let mut before = 0;
+    for (number, cell) in cells.iter().enumerate() {
+        // A cell goes where its middle lies.
+        let middle = u128::from(2 * before + cell.triangles) * n_batches as u128;
+        let batch = (middle / u128::from(2 * total.max(1))) as usize;
+        ends[batch.min(n_batches - 1)] = number + 1;
+        before += cell.triangles;
+    }
+    let mut first = 0;
+    let range = |end: usize| {
+        let cells = first..end.max(first);
+        first = cells.end;
+        cells
+    };
+    ends.into_iter().map(range).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_cell_is_in_one_batch_and_batches_are_even() {
+        let cells: Vec<CellTally> =
+            (0..101).map(|i| CellTally { vertices: 0, triangles: 1000 + i * 7 % 400 }).collect();
+        for n_batches in [1, 3, 16, 64, 300] {
+            let batches = batches(&cells, n_batches);
+            assert_eq!(batches.len(), n_batches);
+            let all: Vec<usize> = batches.iter().cloned().flatten().collect();
+            assert_eq!(all, (0..101).collect::<Vec<_>>());
+            let longest = batches.iter().map(ExactSizeIterator::len).max().unwrap();
+            assert!(longest <= 101 / n_batches + 2, "{n_batches}: {longest}");
+        }
+        assert_eq!(batches(&[], 3), [0..0, 0..0, 0..0]);
+    }
+}
