@@ -28,7 +28,13 @@ use normal_equations::{Element, FaceTerm, V, solve};
 /// samples, a third gains 1 to 3 % for half as much time again (docs/results/kernel.md, "The fit").
 const SWEEPS: u64 = 2;
 /// Share of the samples (one in this many) that check whether the fit lowered the error.
-const CHECKED_STEP: usize = 4;
+const CHECKED_STEP: u32 = 4;
+/// Share of the samples that tell how far away the others are, roughly.
+const TRIED_STEP: u32 = 16;
+/// A foot is suspicious, and looked for in a wider search, beyond this many times the median squared distance (5.0 RMS of a
+/// normal distribution), but at most one sample in 25.
+const FAR_SQ: f32 = 55.0;
+const FAR_SHARE: f64 = 0.04;
 
 /// Area-weighted squared distances.
 #[derive(Default)]
@@ -63,18 +69,18 @@ pub(crate) fn fit(state: &mut MeshState, mut samples: Samples, simd: Simd) -> Fi
     surface.arena.shrink_to_fit();
     surface.triangles.shrink_to_fit();
     let mut work = Work::new(state, &samples);
+    work.far_sq = work.suspicious(&samples, simd);
     let mut statistics = FitStatistics { sweeps: SWEEPS, ..FitStatistics::default() };
     for sweep in 0..SWEEPS {
-        let (terms, energy) = work.terms(&mut samples.list, simd);
+        let (terms, energy, checked) = work.terms(&mut samples.list, simd);
         if sweep == 0 {
-            statistics.rms_before = energy.rms(work.state.surface.scale);
+            statistics.rms_before = checked.rms(work.state.surface.scale);
             statistics.samples = samples.list.len() as u64;
         }
         let steps = solve(&terms, &work.free);
         work.go(&terms, steps, energy.mean(), simd);
     }
-    samples.thin_out(CHECKED_STEP);
-    let energy = work.energy(&mut samples.list, simd);
+    let energy = work.energy(samples.sparse(CHECKED_STEP), simd);
     statistics.rms_after = energy.rms(work.state.surface.scale);
     // Written so that NaN is not a gain.
     if statistics.rms_after < statistics.rms_before {
@@ -90,6 +96,8 @@ struct Work<'a> {
     before: Vec<V>,
     /// True if each vertex may move.
     free: Vec<bool>,
+    /// Squared distance from which on a foot is suspicious.
+    far_sq: f32,
     /// Double area around each vertex.
     around: Vec<f32>,
     /// Scratch space.
@@ -107,16 +115,44 @@ impl<'a> Work<'a> {
             |r: &crate::kernel::surface::Ring| r.class == Some(Class::Interior) && r.len > 0;
         let free = surface.rings.iter().map(is_free).collect();
         let around = vec![0.0; place.len()];
-        Work { state, before: place.clone(), place, free, around, faces: Vec::new() }
+        Work {
+            state,
+            before: place.clone(),
+            place,
+            free,
+            far_sq: f32::INFINITY,
+            around,
+            faces: Vec::new(),
+        }
     }
 
-    /// Returns the terms of each triangle from its samples, and the error of the samples.
-    fn terms(&mut self, samples: &mut Vec<Sample>, simd: Simd) -> (Vec<FaceTerm>, Energy) {
+    /// Squared distance from which on a foot is looked at twice, from those of a few samples.
+    fn suspicious(&self, samples: &Samples, simd: Simd) -> f32 {
+        let mut tried = samples.sparse(TRIED_STEP);
+        let mut distances = Vec::with_capacity(tried.len());
+        feet(&self.state.surface, &self.place, &mut tried, f32::INFINITY, simd, |_, foot| {
+            distances.push(foot.distance_sq)
+        });
+        if distances.is_empty() {
+            return f32::INFINITY;
+        }
+        distances.sort_unstable_by(f32::total_cmp);
+        let at = |share: f64| distances[((distances.len() - 1) as f64 * share) as usize];
+        (FAR_SQ * at(0.5)).max(at(1.0 - FAR_SHARE))
+    }
+
+    /// Returns the terms of each triangle from its samples, the error of the samples, and that of those that are checked
+    /// at the end.
+    fn terms(&mut self, samples: &mut Vec<Sample>, simd: Simd) -> (Vec<FaceTerm>, Energy, Energy) {
         let mut elements = vec![Element::ZERO; self.state.surface.triangles.len()];
-        let mut energy = Energy::default();
-        feet(&self.state.surface, &self.place, samples, simd, |sample, foot| {
+        let (mut energy, mut checked) = (Energy::default(), Energy::default());
+        let far_sq = self.far_sq;
+        feet(&self.state.surface, &self.place, samples, far_sq, simd, |sample, foot| {
             elements[foot.triangle as usize].add(sample.weight, &foot);
             energy.add(sample, &foot);
+            if sample.is_in(CHECKED_STEP) {
+                checked.add(sample, &foot);
+            }
         });
         let mut terms = Vec::with_capacity(self.state.surface.n_alive as usize);
         self.around.fill(0.0);
@@ -130,13 +166,13 @@ impl<'a> Work<'a> {
             let normal = if length > 0.0 { scale(n, 1.0 / length) } else { [0.0; 3] };
             terms.push(FaceTerm { corners, normal, element });
         }
-        (terms, energy)
+        (terms, energy, checked)
     }
 
     /// The error of the samples.
-    fn energy(&self, samples: &mut Vec<Sample>, simd: Simd) -> Energy {
+    fn energy(&self, mut samples: Vec<Sample>, simd: Simd) -> Energy {
         let mut energy = Energy::default();
-        feet(&self.state.surface, &self.place, samples, simd, |sample, foot| {
+        feet(&self.state.surface, &self.place, &mut samples, self.far_sq, simd, |sample, foot| {
             energy.add(sample, &foot)
         });
         energy

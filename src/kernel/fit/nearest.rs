@@ -2,7 +2,8 @@
 //!
 //! Samples are sorted by the vertex they are near to and held against its ring. One that lies beyond the
 //! rim of the ring goes to the vertex of the rim next to it and is tried again. Where it ends is a local
-//! minimum: a sample stays on its own sheet of a thin part. Moves nothing.
+//! minimum: a sample stays on its own sheet of a thin part. One that ends suspiciously far away looks at everything that is
+//! connected to that place within the distance found (`wider`). Moves nothing.
 
 use crate::kernel::fit::samples::Sample;
 use crate::kernel::simd::Simd;
@@ -28,14 +29,17 @@ pub(crate) struct Foot {
 }
 
 /// Finds the feet of `samples` on the surface whose vertices lie at `place`, and hands them to `take` in an
-/// order that depends on nothing but the arguments. Hints are improved; lost samples are dropped.
+/// order that depends on nothing but the arguments. Hints are improved; lost samples are dropped. Beyond the
+/// squared distance `far_sq` a foot is looked for in a wider search.
 pub(crate) fn feet(
     surface: &Surface,
     place: &[[f32; 3]],
     samples: &mut Vec<Sample>,
+    far_sq: f32,
     simd: Simd,
     mut take: impl FnMut(&Sample, Foot),
 ) {
+    let mut far = Vec::new();
     let mut faces = Vec::new();
     let mut done = Vec::new();
     let mut starts = vec![0u32; place.len() + 1];
@@ -78,16 +82,18 @@ pub(crate) fn feet(
                     }
                     let mut weights = [a, b, c];
                     weights.rotate_right(face.own as usize);
+                    let foot = Foot {
+                        triangle: face.triangle,
+                        weights,
+                        height: found.height[i],
+                        distance_sq: found.distance_sq[i],
+                    };
+                    if foot.distance_sq > far_sq {
+                        far.push((*sample, foot));
+                        continue;
+                    }
                     done.push(*sample);
-                    take(
-                        sample,
-                        Foot {
-                            triangle: face.triangle,
-                            weights,
-                            height: found.height[i],
-                            distance_sq: found.distance_sq[i],
-                        },
-                    );
+                    take(sample, foot);
                 }
             }
         }
@@ -95,7 +101,99 @@ pub(crate) fn feet(
             break;
         }
     }
+    let mut wider = Wider::default();
+    for (mut sample, foot) in far {
+        let foot = wider.search(surface, place, &mut sample, foot, simd);
+        done.push(sample);
+        take(&sample, foot);
+    }
     *samples = done;
+}
+
+/// Vertices whose rings a wider search looks at, at most.
+const MOST_LOOKED_AT: usize = 48;
+/// Triangles up to this multiple of the least squared distance lead the search on: the way to a nearer one may lie a little
+/// farther away.
+const DETOUR_SQ: f32 = 2.25;
+
+/// Search among all that is connected to a first foot near a sample: best first, from vertex to vertex.
+#[derive(Default)]
+struct Wider {
+    seen: Vec<u32>,
+    /// Vertices to look at, with the squared distance of the triangle that led there.
+    open: Vec<(f32, u32)>,
+    faces: Vec<Face>,
+}
+
+impl Wider {
+    /// The nearest foot that was found, `foot` or a better one; the sample's hint goes along.
+    fn search(
+        &mut self,
+        surface: &Surface,
+        place: &[[f32; 3]],
+        sample: &mut Sample,
+        foot: Foot,
+        simd: Simd,
+    ) -> Foot {
+        let mut best = foot;
+        self.seen.clear();
+        self.seen.push(sample.hint);
+        self.open.clear();
+        let first = surface.triangles[foot.triangle as usize];
+        self.add(first, foot.distance_sq);
+        for &triangle in surface.ring(sample.hint).iter().take(MOST_FACES) {
+            self.add(surface.triangles[triangle as usize], f32::INFINITY);
+        }
+        while self.seen.len() < MOST_LOOKED_AT {
+            let next = self
+                .open
+                .iter()
+                .enumerate()
+                .min_by(|(_, a), (_, b)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            let Some((at, &(distance_sq, v))) = next else { break };
+            if distance_sq.is_finite() && distance_sq > DETOUR_SQ * best.distance_sq {
+                break;
+            }
+            self.open.swap_remove(at);
+            if self.seen.contains(&v) {
+                continue;
+            }
+            self.seen.push(v);
+            if surface.ring(v).len() > MOST_FACES {
+                continue;
+            }
+            ring_faces(surface, place, v, &mut self.faces);
+            let point = sub(sample.at, place[v as usize]);
+            let found = simd.run(Search { faces: &self.faces, points: &point.map(|x| [x; 8]) });
+            let distance_sq = found.distance_sq[0];
+            if distance_sq < best.distance_sq {
+                let face = self.faces[found.face[0] as usize];
+                let (b, c) = (found.weights[0][0], found.weights[1][0]);
+                let mut weights = [1.0 - b - c, b, c];
+                weights.rotate_right(face.own as usize);
+                let (triangle, height) = (face.triangle, found.height[0]);
+                best = Foot { triangle, weights, height, distance_sq };
+                sample.hint = v;
+            }
+            if distance_sq <= DETOUR_SQ * best.distance_sq {
+                for face in std::mem::take(&mut self.faces) {
+                    self.add([face.b, face.c, v], distance_sq);
+                }
+            }
+        }
+        best
+    }
+
+    fn add(&mut self, corners: [u32; 3], distance_sq: f32) {
+        if corners[0] == GONE {
+            return;
+        }
+        for v in corners {
+            if !self.seen.contains(&v) {
+                self.open.push((distance_sq, v));
+            }
+        }
+    }
 }
 
 /// Of the triangles around a vertex the one that is nearest to a point relative to it, and the weights of its
