@@ -53,7 +53,7 @@ const HOMES: [(&str, &[&str]); 17] = [
     ("flate2", &["io/open.rs"]),
     ("imagesize", &["io/materials/images.rs"]),
     ("indicatif", &["cli/display.rs"]),
-    ("meshopt_rs", &["io/gltf/meshopt.rs"]),
+    ("meshopt_rs", &["io/gltf/meshopt.rs", "io/gltf/meshopt_out.rs"]),
     ("noto_sans_mono_bitmap", &["render/picture.rs"]),
     ("png", &["render/picture.rs"]),
     ("rayon", &["system/parallel.rs"]),

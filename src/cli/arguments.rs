@@ -4,8 +4,11 @@ use super::log::Log;
 use crate::error::Error;
 use crate::io::StageOptions;
 use crate::io::ply::MeshSource;
+use crate::system::disk::folder_of;
 use crate::system::units::show_bytes;
 use std::num::NonZeroUsize;
+use std::path::{Path, PathBuf};
+use xxhash_rust::xxh3::xxh3_64;
 
 /// Opens a mesh of any format; other files than plain PLY are unpacked into `temp_dir` for the time being.
 pub(super) fn open_mesh(
@@ -80,4 +83,24 @@ pub(super) fn warn_of_limit(given: Option<u64>, log: &mut Log) {
             show_bytes(taken)
         ));
     }
+}
+
+/// `OUTPUT.stonecut-job`. In a folder for the temporary data of several runs, outputs of one name are told
+/// apart by a checksum of their whole path.
+pub(super) fn job_folder(output: &Path, temp_dir: Option<&Path>) -> crate::Result<PathBuf> {
+    let mut name = match output.file_name() {
+        Some(name) => name.to_owned(),
+        None => {
+            return Err(Error::Usage(format!("{} names no file to write", output.display())));
+        }
+    };
+    let beside = folder_of(output);
+    let folder = temp_dir.unwrap_or(beside);
+    let real = |folder: &Path| folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
+    if real(folder) != real(beside) {
+        let whole = real(beside).join(&name);
+        name.push(format!("-{:08x}", xxh3_64(whole.as_os_str().as_encoded_bytes()) as u32));
+    }
+    name.push(".stonecut-job");
+    Ok(folder.join(name))
 }

@@ -98,6 +98,9 @@ fn answer(command: &Command, progress: &Progress) -> Result<Answer> {
             measure::write_report(args, &report, progress)?;
             Ok(Answer::whole(report))
         }
+        Command::Info(args) if args.is_tileset() => {
+            Ok(Answer::whole(json_of(&info::look_at_tiles(args, progress)?)?))
+        }
         Command::Info(args) => Ok(Answer::whole(json_of(&info::look(args, progress)?.1)?)),
         Command::Convert(args) => {
             let done = convert::convert_until_stopped(args, progress)?;

@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::measure::check::{self, COUNT_BYTES};
 use crate::measure::load;
+use crate::measure::tileset::{TilesetCheck, check_tileset, is_tileset};
 use crate::mesh::topology_counts::Topology;
 use crate::stages::components::{Below, ComponentSizes, below_list, sizes_in_memory};
 use crate::system::json_keys::SCHEMA_VERSION;
@@ -14,10 +15,13 @@ use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
-/// Tells what a mesh file holds, and whether it is sound
+/// Exit code for a tree of tiles that breaks its rules: bad input.
+const EXIT_FAULTS: u8 = 4;
+
+/// Tells what a mesh file or a folder of tiles holds, and whether it is sound
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// The mesh file
+    /// The mesh file, or a folder of tiles: then its rules, its files and the gaps between tiles are checked
     file: PathBuf,
     /// Reads everything and counts connectivity and faults
     #[arg(long)]
@@ -84,8 +88,13 @@ struct Sizes {
 
 impl Args {
     pub(super) fn paths(&self) -> Paths {
-        let paths = Paths::default().with(Role::Input, "FILE", &self.file);
+        let role = if is_tileset(&self.file) { Role::InputFolder } else { Role::Input };
+        let paths = Paths::default().with(role, "FILE", &self.file);
         paths.with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
+    }
+
+    pub(super) fn is_tileset(&self) -> bool {
+        is_tileset(&self.file)
     }
 
     fn temp_dir(&self) -> &Path {
@@ -93,8 +102,45 @@ impl Args {
     }
 }
 
-/// Runs the command; the answer goes to `out`.
-pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> {
+/// Looks at a folder of tiles. Without `--check` it is read all the same: what it holds is known no sooner.
+pub(super) fn look_at_tiles(args: &Args, progress: &Progress) -> Result<TilesetCheck> {
+    let threads = super::arguments::threads(args.threads).get();
+    check_tileset(&args.file, threads, progress)
+}
+
+fn tiles(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<u8> {
+    let found = look_at_tiles(args, progress)?;
+    let text = if args.json {
+        serde_json::to_string_pretty(&found)
+            .map_err(|e| Error::Usage(format!("the answer cannot be written as JSON: {e}")))?
+            + "\n"
+    } else {
+        let rows = [
+            ("folder", args.file.display().to_string()),
+            ("tiles", found.tiles.to_string()),
+            ("files of JSON", found.tilesets.to_string()),
+            ("levels", found.levels.to_string()),
+            ("triangles", found.triangles.to_string()),
+            ("of all levels", found.triangles_of_all_levels.to_string()),
+            ("groups", found.groups.to_string()),
+            ("shared edges", found.shared_edges.to_string()),
+            ("boundary edges", found.boundary_edges.to_string()),
+            ("gap within a level", found.gap_within.to_string()),
+            ("gap across levels", format!("{} steps", found.gap_across_steps)),
+            ("faults", found.n_faults.to_string()),
+        ];
+        let rows = rows.iter().map(|(name, value)| format!("{name:<22}{value}\n"));
+        rows.chain(found.faults.iter().map(|fault| format!("  {fault}\n"))).collect()
+    };
+    out.write_all(text.as_bytes()).map_err(Error::stdout)?;
+    Ok(if found.n_faults > 0 { EXIT_FAULTS } else { 0 })
+}
+
+/// Runs the command; the answer goes to `out`. Returns the exit code.
+pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<u8> {
+    if is_tileset(&args.file) {
+        return tiles(args, out, progress);
+    }
     let (source, report, list) = look(args, progress)?;
     let text = if args.json {
         serde_json::to_string_pretty(&report)
@@ -103,7 +149,8 @@ pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<()> 
     } else {
         table(&source, &report, list)
     };
-    out.write_all(text.as_bytes()).map_err(Error::stdout)
+    out.write_all(text.as_bytes()).map_err(Error::stdout)?;
+    Ok(0)
 }
 
 /// Looks at the file; the last part of the answer is a line about sizes of components.

@@ -23,6 +23,7 @@ mod signals;
 mod simplify;
 mod status;
 mod synth;
+mod tiles;
 mod work;
 
 use crate::error::{Error, Offers};
@@ -54,6 +55,7 @@ enum Command {
     Simplify(simplify::Args),
     Convert(convert::Args),
     Info(info::Args),
+    Tiles(tiles::Args),
     Measure(measure::Args),
     Compare(compare::Args),
     Render(render::Args),
@@ -111,6 +113,7 @@ impl Command {
             Command::Simplify(args) => args.paths(),
             Command::Convert(args) => args.paths(),
             Command::Info(args) => Ok(args.paths()),
+            Command::Tiles(args) => args.paths(),
             Command::Measure(args) => args.paths(),
             Command::Compare(args) => args.paths(),
             Command::Render(args) => args.paths(),
@@ -133,7 +136,7 @@ impl Command {
     /// Returns the options that can help against a failure of this command.
     fn offers(&self) -> Offers {
         match self {
-            Command::Simplify(_) => Offers { resumes: true, temp_dir: true },
+            Command::Simplify(_) | Command::Tiles(_) => Offers { resumes: true, temp_dir: true },
             Command::Work(_) => Offers { resumes: true, temp_dir: false },
             Command::Convert(_) | Command::Info(_) | Command::Measure(_) => {
                 Offers { resumes: false, temp_dir: true }
@@ -160,7 +163,8 @@ fn dispatch(
     match command {
         Command::Simplify(args) => simplify::run(args, talk, progress, log),
         Command::Convert(args) => convert::run(args, progress, &mut Said(log)),
-        Command::Info(args) => info::run(args, &mut std::io::stdout(), progress).map(|()| 0),
+        Command::Info(args) => info::run(args, &mut std::io::stdout(), progress),
+        Command::Tiles(args) => tiles::run(args, talk, progress, log),
         Command::Measure(args) => measure::run(args, talk, progress, log).map(|()| 0),
         Command::Compare(args) => compare::run(args, progress, log).map(|()| 0),
         Command::Report(args) => report::run(args, progress, log).map(|()| 0),

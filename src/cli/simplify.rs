@@ -18,12 +18,10 @@ use crate::mesh::attribute_weights::Weights;
 use crate::pipeline::run_report::RunReport;
 use crate::pipeline::{self, Prepared, max_error};
 use crate::stages::stitch::MAX_CELL_TRIANGLES;
-use crate::system::disk::folder_of;
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::progress::Progress;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use xxhash_rust::xxh3::xxh3_64;
 
 /// Simplifies a mesh of any size into one connected mesh.
 ///
@@ -268,26 +266,10 @@ impl Args {
         Wishes { dry_run: self.dry_run, report: self.report.as_deref() }
     }
 
-    /// `OUTPUT.stonecut-job`, of the first level in a chain. In a folder for the temporary data of several runs, outputs of one name are told
-    /// apart by a checksum of their whole path.
+    /// The job folder, of the first level in a chain.
     fn job_folder(&self) -> Result<PathBuf> {
         let Level { output, .. } = self.levels()?.remove(0);
-        let mut name = match output.file_name() {
-            Some(name) => name.to_owned(),
-            None => {
-                let output = output.display();
-                return Err(Error::Usage(format!("{output} names no file to write")));
-            }
-        };
-        let beside = folder_of(&output);
-        let folder = self.temp_dir.as_deref().unwrap_or(beside);
-        let real = |folder: &Path| folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
-        if real(folder) != real(beside) {
-            let whole = real(beside).join(&name);
-            name.push(format!("-{:08x}", xxh3_64(whole.as_os_str().as_encoded_bytes()) as u32));
-        }
-        name.push(".stonecut-job");
-        Ok(folder.join(name))
+        super::arguments::job_folder(&output, self.temp_dir.as_deref())
     }
 
     /// Returns whether nothing is to be run.
@@ -396,6 +378,7 @@ mod tests {
     use super::*;
     use crate::store::pack_format::ALWAYS_WIDE;
     use clap::Parser;
+    use std::path::Path;
 
     #[derive(Parser)]
     struct Typed {

@@ -15,6 +15,7 @@ pub mod run_report;
 pub(crate) mod seam_points;
 mod source_facts;
 mod stage_runner;
+pub mod tiles;
 pub mod units;
 pub(crate) mod verify;
 

@@ -4,4 +4,5 @@ pub mod components;
 pub mod partition;
 pub mod simplify;
 pub mod stitch;
+pub mod tiles;
 pub mod write;

@@ -29,6 +29,8 @@ pub enum Role {
     Side(Kind),
     /// Appended to.
     Log,
+    /// A folder that is the main output; whoever writes it says when an earlier one may be replaced.
+    OutputFolder,
     /// A folder for temporary data, made where it is missing.
     TempDir,
     /// The folder of a job, made where it is missing; no other path may lie in it.
@@ -197,7 +199,14 @@ impl Row {
         if self.is_stream() {
             return Ok(());
         }
-        if matches!(self.role, Role::TempDir | Role::JobFolder) {
+        if self.role == Role::OutputFolder && !folder_of(path).is_dir() {
+            return Err(Error::Usage(format!(
+                "{}: the folder of {} does not exist; make it first",
+                path.display(),
+                self.name
+            )));
+        }
+        if matches!(self.role, Role::TempDir | Role::JobFolder | Role::OutputFolder) {
             return match std::fs::metadata(path) {
                 Ok(meta) if !meta.is_dir() => Err(Error::Usage(format!(
                     "{}: {} is {}, not a folder",

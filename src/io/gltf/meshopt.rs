@@ -53,7 +53,8 @@ pub(super) fn unpack(
     Ok(Part { file: Arc::new(spool.finish(file.path())?), offset: 0, n_bytes })
 }
 
-fn decode(view: &Meshopt, bytes: &[u8]) -> Result<Vec<u8>, String> {
+/// Decodes a view that has been checked for its size.
+pub(super) fn decode(view: &Meshopt, bytes: &[u8]) -> Result<Vec<u8>, String> {
     let (count, stride) = (view.count as usize, view.byte_stride as usize);
     let damaged = "its data is damaged; fetch the file again";
     let mut out = match (view.mode.as_str(), stride) {

@@ -7,12 +7,17 @@ mod json;
 mod materials_in;
 mod materials_out;
 mod meshopt;
+mod meshopt_out;
 mod reader;
 mod scene;
 mod split;
+mod tile_in;
+mod tile_out;
 mod writer;
 
 pub use document::Positions;
 pub(super) use reader::{looks_like, read};
+pub use tile_in::{StoredTile, decode_tile};
+pub use tile_out::{TileForm, TileMesh, encode_tile};
 pub use writer::GlbWriter;
 pub(super) use writer::{EXTRA_BYTES, FLOAT_BYTES, POSITION_BYTES, SPOOLED_BYTES, TEXTURE_BYTES};

@@ -107,7 +107,12 @@ impl MethodPlan {
     /// Fails where the output would not fit, or its folder does not take files.
     pub(super) fn check_disk(&self, config: &Config) -> Result<()> {
         let written = self.output_bytes + self.spool_bytes;
-        check_space(config, self.temp_bytes, written, self.temp_bytes + written)
+        check_space(
+            (&config.output, &config.job_folder),
+            self.temp_bytes,
+            written,
+            self.temp_bytes + written,
+        )
     }
 
     /// The plan for people, one fact a line.

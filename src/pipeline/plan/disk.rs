@@ -1,7 +1,6 @@
 //! The disk that a run takes: what lies in the job folder from stage to stage, the most of it at one time, and
 //! whether that is free.
 
-use crate::config::Config;
 use crate::error::{Error, Remedy, Result};
 use crate::store::cells::{CellTally, Scatter, VertexLayout, store_row_bytes, survivor_bytes};
 use crate::system::disk::folder_of;
@@ -132,13 +131,13 @@ impl Job<'_> {
 /// Fails where output or temporary data would not fit, or their folders do not take files; `together_bytes` where both
 /// share a disk.
 pub(in crate::pipeline) fn check_space(
-    config: &Config,
+    (output, job_folder): (&Path, &Path),
     temp_bytes: u64,
     output_bytes: u64,
     together_bytes: u64,
 ) -> Result<()> {
-    let output_folder = folder_of(&config.output);
-    let temp_folder = existing_parent(&config.job_folder);
+    let output_folder = folder_of(output);
+    let temp_folder = existing_parent(job_folder);
     for folder in [output_folder, temp_folder] {
         use rustix::fs::{Access, access};
         access(folder, Access::EXISTS)
@@ -152,7 +151,7 @@ pub(in crate::pipeline) fn check_space(
         vec![(temp_folder, temp_bytes), (output_folder, output_bytes)]
     };
     // What an earlier run of this job holds already is not needed again.
-    let held = held_bytes(&config.job_folder);
+    let held = held_bytes(job_folder);
     for (folder, bytes) in needs {
         let stat = rustix::fs::statvfs(folder)
             .map_err(|e| Error::reading(folder, "cannot ask for free space", e.into()))?;

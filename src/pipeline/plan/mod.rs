@@ -261,7 +261,12 @@ impl Plan {
     /// Fails where output or temporary data would not fit, or their folders do not take files.
     pub fn check_disk(&self, config: &Config) -> Result<()> {
         let output_bytes = self.output_bytes + self.spool_bytes;
-        disk::check_space(config, self.temp_bytes, output_bytes, self.together_bytes)
+        disk::check_space(
+            (&config.output, &config.job_folder),
+            self.temp_bytes,
+            output_bytes,
+            self.together_bytes,
+        )
     }
 
     fn target_line(&self, config: &Config) -> String {

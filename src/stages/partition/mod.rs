@@ -20,11 +20,12 @@ mod triangles;
 pub use memory::{Shares, Sizes};
 pub use scan::{Scan, chosen, scan};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::mesh::bounds::Bounds;
 use crate::store::cells::{
-    CellTree, StoreInfo, TurnedFrame, VertexLayout, plan_cells, split_overfull,
+    CellMap, CellTree, GroupGrid, Lattice, StoreInfo, TurnedFrame, VertexLayout, plan_cells,
+    split_overfull,
 };
 use crate::store::stage_context::StageContext;
 use checkpoint::{Checkpoints, Pass, take_up, tally};
@@ -68,6 +69,42 @@ pub fn partition(
     run: &StageContext,
 ) -> Result<Partition> {
     let n_cells = plan_cells(source.n_triangles(), cell_triangles);
+    let (partition, _) = cut(source, n_cells, Some(cell_triangles), run, |bounds, samples| {
+        CellMap::Tree(CellTree::build(TurnedFrame::new(0, bounds), samples, n_cells))
+    })?;
+    Ok(partition)
+}
+
+/// Boxes of level 0 in a group of the first round that a sheet passes through.
+const BOXES_OF_GROUP: u64 = 16;
+
+/// Cuts `source` into the groups of the first round of a tree of tiles of about `tile_triangles` triangles.
+pub fn partition_into_groups(
+    source: &MeshSource,
+    tile_triangles: u64,
+    run: &StageContext,
+) -> Result<(Partition, GroupGrid)> {
+    let n_triangles = source.n_triangles();
+    let n_cells = plan_cells(n_triangles, BOXES_OF_GROUP * tile_triangles);
+    let (partition, map) = cut(source, n_cells, None, run, |bounds, samples| {
+        let lattice = Lattice::choose(bounds, samples, n_triangles, tile_triangles);
+        CellMap::Groups(GroupGrid::new(lattice, samples))
+    })?;
+    match map {
+        CellMap::Groups(grid) => Ok((partition, grid)),
+        CellMap::Tree(_) => Err(Error::Internal("a job of tiles has a tree of cells".to_owned())),
+    }
+}
+
+/// Cuts `source` into the cells that `map` makes from its bounds and a sample for `n_cells` cells. Cells far above
+/// `planned` triangles, if it is given, are split.
+fn cut(
+    source: &MeshSource,
+    n_cells: u32,
+    planned: Option<u64>,
+    run: &StageContext,
+    map: impl FnOnce(Bounds, &[[f64; 3]]) -> CellMap,
+) -> Result<(Partition, CellMap)> {
     let layout = VertexLayout::new(source.schema(), source.n_vertices());
     let shares = |n_cells| {
         let store_bytes = store_bytes(source.n_vertices(), source.n_triangles(), &layout);
@@ -79,7 +116,7 @@ pub fn partition(
     let (bounds, tree) = run.job.sealed("partition tree", || {
         let shares = shares(n_cells);
         let Scan { bounds, samples } = scan(source, n_cells, shares.threads, run.progress)?;
-        Ok((bounds, CellTree::build(TurnedFrame::new(0, bounds), &samples, n_cells)))
+        Ok((bounds, map(bounds, &samples)))
     })?;
     run.progress.add(source.n_triangles() / 8);
     let shares = shares(tree.n_cells());
@@ -108,15 +145,21 @@ pub fn partition(
         shared_vertices: seams.n_shared,
         ..StoreInfo::default()
     };
-    let store = split_overfull(store, &mut pack, &passes.layout, cell_triangles, 0, run)?;
+    let store = match planned {
+        Some(cell_triangles) => {
+            split_overfull(store, &mut pack, &passes.layout, cell_triangles, 0, run)?
+        }
+        None => store,
+    };
     pack.seal()?;
     run.disk().sync_folder_of(&run.job.path(PACK_NAME))?;
     let store = StoreInfo { pack_bytes: pack.length(), ..store };
-    Ok(Partition {
+    let partition = Partition {
         store,
         bounds,
         degenerate_faces: dropped.degenerate,
         bad_faces: dropped.bad,
         seam_place: seams.place,
-    })
+    };
+    Ok((partition, passes.tree))
 }

@@ -6,7 +6,7 @@ use super::memory::Shares;
 use super::sorted::Sorted;
 use crate::error::Result;
 use crate::io::ply::{BLOCK_ROWS, MeshSource};
-use crate::store::cells::{CellTally, CellTree, PackWriter, Scatter, VertexLayout};
+use crate::store::cells::{CellMap, CellTally, PackWriter, Scatter, VertexLayout};
 use crate::store::pack_format::ChunkKind;
 use crate::store::stage_context::StageContext;
 use crate::system::parallel::in_order;
@@ -16,7 +16,7 @@ pub(super) struct Passes<'a> {
     pub(super) source: &'a MeshSource,
     pub(super) run: &'a StageContext<'a>,
     pub(super) layout: VertexLayout,
-    pub(super) tree: CellTree,
+    pub(super) tree: CellMap,
     pub(super) tally: Vec<CellTally>,
     pub(super) shares: Shares,
     /// Vertices whose cells a table may hold.

@@ -17,16 +17,16 @@ pub use batch::{batches, find_thresholds, simplify_batch};
 pub use exact::simplify_cells_exactly;
 pub use ladder::{Thresholds, descend, ladder, pilot_cells};
 pub use memory::{fit_bytes, result_bytes, work_bytes};
-pub use run_cells::{FREED_AT_A_TIME, Goal, frees_sources};
+pub use run_cells::{Beside, FREED_AT_A_TIME, Goal, frees_sources};
 
 use crate::error::Result;
 use crate::kernel::{Options, Stop};
 use crate::mesh::{Mesh, attribute_weights};
-use crate::store::cells::{CellStore, SurvivorInfo, Survivors};
+use crate::store::cells::{CellMesh, CellStore, SurvivorInfo, Survivors};
 use crate::store::stage_context::StageContext;
 use ladder::spread_cells;
-use pilot::sealed_thresholds;
-use run_cells::{drain, run_cells, survivors};
+use pilot::{Begun, sealed_thresholds};
+use run_cells::{drain, run_cells, run_cells_beside, survivors};
 
 /// Weights of channels are found from every 32nd cell, at least 16 and at most 48: cells differ more in
 /// the size of their triangles than in how they fall.
@@ -40,18 +40,39 @@ pub fn simplify_cells(
     run: &StageContext,
 ) -> Result<SurvivorInfo> {
     let (thresholds, begun) = sealed_thresholds(store, goal, options, run, true)?;
-    run_cells(store, goal, run, |index, mut cell| {
-        let Some(last) = thresholds.last() else {
-            return Survivors::all_of(cell, store.layout());
-        };
-        if let Some(mut stepwise) = begun.take(index, &thresholds) {
-            cell.mesh = Mesh::default();
-            stepwise.level(last);
-            return survivors(&cell, stepwise.finish(), store);
-        }
-        let stop = Stop::Costs(thresholds.of(index));
-        drain(cell, stop, options, store)
-    })
+    let work = |index, cell| to_threshold((store, index, cell), &thresholds, &begun, options);
+    run_cells(store, goal, run, work)
+}
+
+/// The same, with work beside.
+pub fn simplify_cells_beside(
+    store: &CellStore,
+    goal: Goal,
+    options: &Options,
+    beside: Beside,
+    run: &StageContext,
+) -> Result<SurvivorInfo> {
+    let (thresholds, begun) = sealed_thresholds(store, goal, options, run, true)?;
+    let work = |index, cell| to_threshold((store, index, cell), &thresholds, &begun, options);
+    run_cells_beside(store, goal, beside, run, work)
+}
+
+/// Simplifies a cell to the threshold of its round, from where the pilot has left it.
+fn to_threshold(
+    (store, index, mut cell): (&CellStore, usize, CellMesh),
+    thresholds: &Thresholds,
+    begun: &Begun,
+    options: &Options,
+) -> Survivors {
+    let Some(last) = thresholds.last() else {
+        return Survivors::all_of(cell, store.layout());
+    };
+    if let Some(mut stepwise) = begun.take(index, thresholds) {
+        cell.mesh = Mesh::default();
+        stepwise.level(last);
+        return survivors(&cell, stepwise.finish(), store);
+    }
+    drain(cell, Stop::Costs(thresholds.of(index)), options, store)
 }
 
 /// Simplifies every cell of `store` by itself as far as `options.bound` allows, and seals what is left of them.

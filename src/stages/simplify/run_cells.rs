@@ -68,8 +68,21 @@ pub(super) fn for_cells(
     run: &StageContext,
     work: impl Fn(usize) -> Result<()> + Sync,
 ) -> Result<()> {
+    for_cells_beside((store, goal), cells, 0, run, work)
+}
+
+/// The same where `work` takes `more` bytes for each triangle of a cell besides.
+fn for_cells_beside(
+    (store, goal): (&CellStore, Goal),
+    cells: impl Iterator<Item = usize>,
+    more: u64,
+    run: &StageContext,
+    work: impl Fn(usize) -> Result<()> + Sync,
+) -> Result<()> {
     let share = goal.triangles as f64 / store.info().triangles.max(1) as f64;
-    let jobs = cells.map(|item| Weighted { item, bytes: cell_bytes(store, item, share) }).collect();
+    let bytes =
+        |item: usize| cell_bytes(store, item, share) + more * store.info().cells[item].triangles;
+    let jobs = cells.map(|item| Weighted { item, bytes: bytes(item) }).collect();
     let announce = |cell| store.expect(cell);
     largest_first(jobs, run.threads, run.memory_bytes, run.progress, announce, work)
 }
@@ -100,6 +113,17 @@ struct Output {
     synced_at: Instant,
 }
 
+/// Work that is done with every cell beside its simplification, on files that are not the job's.
+#[derive(Clone, Copy)]
+pub struct Beside<'a> {
+    /// Memory that it takes, in bytes for each triangle of the cell.
+    pub bytes_per_triangle: u64,
+    /// Tells if all that an earlier run did for a cell is still there; it is done again if not.
+    pub is_whole: &'a (dyn Fn(usize, &Survivors) -> Result<bool> + Sync),
+    /// Looks at a cell as it was loaded and at what is left of it, and may put the latter into another order.
+    pub look: &'a (dyn Fn(usize, CellMesh, &mut Survivors) -> Result<()> + Sync),
+}
+
 /// Runs `work` on the cells that are not yet in the round's pack of survivors, and seals the pack.
 pub(super) fn run_cells(
     store: &CellStore,
@@ -107,24 +131,64 @@ pub(super) fn run_cells(
     run: &StageContext,
     work: impl Fn(usize, CellMesh) -> Survivors + Sync,
 ) -> Result<SurvivorInfo> {
+    let frees =
+        frees_sources(store.info().triangles, goal.triangles) && run.job.owns(&store.info().pack);
+    run_cells_with((store, goal), (frees, None), run, |index, cell| Ok(work(index, cell)))
+}
+
+/// The same with work beside: sources stay until the round is over.
+pub(super) fn run_cells_beside(
+    store: &CellStore,
+    goal: Goal,
+    beside: Beside,
+    run: &StageContext,
+    work: impl Fn(usize, CellMesh) -> Survivors + Sync,
+) -> Result<SurvivorInfo> {
+    run_cells_with((store, goal), (false, Some(beside)), run, |index, cell| {
+        let before = cell.clone();
+        let mut left = work(index, cell);
+        (beside.look)(index, before, &mut left)?;
+        Ok(left)
+    })
+}
+
+/// `frees`: sources are given back to the file system. Of the cells that are in the pack, those are run again for which
+/// the work `beside` is not whole.
+fn run_cells_with(
+    (store, goal): (&CellStore, Goal),
+    (frees, beside): (bool, Option<Beside>),
+    run: &StageContext,
+    work: impl Fn(usize, CellMesh) -> Result<Survivors> + Sync,
+) -> Result<SurvivorInfo> {
     let name = run.job.name(&format!("round-{}.survivors", goal.round));
-    let writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
+    let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
     let mut is_done = vec![false; store.n_cells()];
-    for cell in writer.finished() {
-        if let Some(done) = is_done.get_mut(cell as usize) {
+    let finished = writer.finished();
+    let earlier = match (&beside, finished.is_empty()) {
+        (Some(beside), false) => Some((beside, writer.reader(run.disk(), store.n_cells())?)),
+        _ => None,
+    };
+    for cell in finished {
+        let is_whole = || match &earlier {
+            Some((beside, pack)) => (beside.is_whole)(cell as usize, &pack.load(cell as usize)?),
+            None => Ok(true),
+        };
+        if let Some(done) = is_done.get_mut(cell as usize)
+            && !*done
+            && is_whole()?
+        {
             *done = true;
             run.progress.add(store.info().cells[cell as usize].triangles);
         }
     }
-    let frees =
-        frees_sources(store.info().triangles, goal.triangles) && run.job.owns(&store.info().pack);
     let synced_at = Instant::now();
     let (unsynced, synced_bytes) = (Vec::new(), writer.length());
     let output = Mutex::new(Output { writer, frees, unsynced, synced_bytes, synced_at });
     let freed_bytes = store.info().pack_bytes / FREED_AT_A_TIME;
     let left = (0..store.n_cells()).filter(|&cell| !is_done[cell]);
-    let outcome = for_cells((store, goal), left, run, |cell| {
-        let survivors = work(cell, store.load_tidy(cell)?);
+    let more = beside.map_or(0, |beside| beside.bytes_per_triangle);
+    let outcome = for_cells_beside((store, goal), left, more, run, |cell| {
+        let survivors = work(cell, store.load_tidy(cell)?)?;
         let mut output = output.lock().map_err(half_written)?;
         output.writer.append(cell, &survivors)?;
         output.unsynced.push(cell);

@@ -12,7 +12,7 @@ mod repartition;
 
 use crate::kernel;
 pub use finish::{Parts, finish};
-pub use repartition::recut;
+pub use repartition::{NewCells, recut, regroup};
 
 /// The finish takes at most this many cells' worth of triangles.
 pub const FINISH_CELLS: u64 = 4;

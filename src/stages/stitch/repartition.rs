@@ -37,11 +37,49 @@ pub fn recut(
     let (bounds, samples) = sample(survivors, n_cells, run)?;
     let tree = CellTree::build(TurnedFrame::new(round, bounds), &samples, n_cells);
     drop(samples);
+    let by_place = |_: usize, part: &Survivors| {
+        let mut finder = tree.finder();
+        let cells: Vec<u32> = part.mesh.positions.iter().map(|&p| finder.cell_of(p)).collect();
+        part.mesh.triangles.iter().map(|t| cells[t[0] as usize]).collect()
+    };
+    let map = NewCells { n_cells: tree.n_cells(), of_triangles: &by_place };
+    let (mut pack, store) = recut_by(survivors, map, round, run)?;
+    let layout = survivors.layout();
+    let store = split_overfull(store, &mut pack, layout, cell_triangles, round, run)?;
+    seal(pack, store, run)
+}
+
+/// New cells of triangles.
+#[derive(Clone, Copy)]
+pub struct NewCells<'a> {
+    /// Number of new cells.
+    pub n_cells: u32,
+    /// The new cell of every triangle of an old cell, which is given with its number.
+    pub of_triangles: &'a (dyn Fn(usize, &Survivors) -> Vec<u32> + Sync),
+}
+
+/// Cuts `survivors` into the cells that `map` says, for round number `round`. A new cell has the triangles of an old cell
+/// together and in their order, old cells in the order of their numbers.
+pub fn regroup(
+    survivors: &SurvivorPack,
+    map: NewCells,
+    round: u32,
+    run: &StageContext,
+) -> Result<StoreInfo> {
+    let (pack, store) = recut_by(survivors, map, round, run)?;
+    seal(pack, store, run)
+}
+
+fn recut_by(
+    survivors: &SurvivorPack,
+    map: NewCells,
+    round: u32,
+    run: &StageContext,
+) -> Result<(PackWriter, StoreInfo)> {
     let name = format!("round-{round}.cells");
-    let path = run.job.path(&name);
-    let mut pack = PackWriter::create(run.disk(), &path)?;
-    let mut tally = vec![CellTally::default(); tree.n_cells() as usize];
-    let shared_vertices = scatter(survivors, &tree, &mut tally, &mut pack, run)?;
+    let mut pack = PackWriter::create(run.disk(), &run.job.path(&name))?;
+    let mut tally = vec![CellTally::default(); map.n_cells as usize];
+    let shared_vertices = scatter(survivors, map, &mut tally, &mut pack, run)?;
     let store = StoreInfo {
         pack: run.job.name(&name),
         triangles: tally.iter().map(|cell| cell.triangles).sum(),
@@ -50,10 +88,12 @@ pub fn recut(
         has_channels: true,
         ..StoreInfo::default()
     };
-    let layout = survivors.layout();
-    let store = split_overfull(store, &mut pack, layout, cell_triangles, round, run)?;
+    Ok((pack, store))
+}
+
+fn seal(mut pack: PackWriter, store: StoreInfo, run: &StageContext) -> Result<StoreInfo> {
     pack.seal()?;
-    run.disk().sync_folder_of(&path)?;
+    run.disk().sync_folder_of(&run.job.path(&store.pack))?;
     Ok(StoreInfo { pack_bytes: pack.length(), ..store })
 }
 
@@ -117,7 +157,7 @@ struct Apart {
 
 fn scatter(
     survivors: &SurvivorPack,
-    tree: &CellTree,
+    map: NewCells,
     tally: &mut [CellTally],
     pack: &mut PackWriter,
     run: &StageContext,
@@ -125,7 +165,7 @@ fn scatter(
     let layout = survivors.layout();
     let id_bytes = layout.ids.bytes;
     let row_bytes = id_bytes + layout.row_bytes(true);
-    let buffers = |kind| Scatter::new(kind, tree.n_cells(), run.memory_bytes / BUFFER_SHARE);
+    let buffers = |kind| Scatter::new(kind, map.n_cells, run.memory_bytes / BUFFER_SHARE);
     let mut vertices = buffers(ChunkKind::Vertices);
     let mut triangles = buffers(ChunkKind::Triangles);
     let mut marks = buffers(ChunkKind::SharedIds);
@@ -137,7 +177,9 @@ fn scatter(
         readers(survivors, run),
         run.progress,
         |cell, out: &mut Apart| {
-            *out = take_apart(&survivors.load(cell as usize)?, tree, survivors);
+            let part = survivors.load(cell as usize)?;
+            let cells = (map.of_triangles)(cell as usize, &part);
+            *out = take_apart(&part, &cells, survivors);
             Ok(())
         },
         |cell, apart| {
@@ -188,19 +230,12 @@ fn scatter(
     Ok(n_shared)
 }
 
-fn take_apart(part: &Survivors, tree: &CellTree, survivors: &SurvivorPack) -> Apart {
+/// Takes an old cell apart; `cells` has the new cell of every triangle.
+fn take_apart(part: &Survivors, cells: &[u32], survivors: &SurvivorPack) -> Apart {
     let layout = survivors.layout();
     let record_bytes = layout.schema.record_bytes();
     let mut out = Apart::default();
-    let mut finder = tree.finder();
-    let cells: Vec<u32> = part.mesh.positions.iter().map(|&p| finder.cell_of(p)).collect();
-    let mut order: Vec<(u32, u32)> = part
-        .mesh
-        .triangles
-        .iter()
-        .enumerate()
-        .map(|(i, t)| (cells[t[0] as usize], i as u32))
-        .collect();
+    let mut order: Vec<(u32, u32)> = cells.iter().copied().zip(0..).collect();
     order.sort_unstable();
     // Every vertex with every new cell that uses it, ordered by vertex, then by cell.
     let mut users: Vec<(u32, u32)> = Vec::with_capacity(part.ids.len() + part.ids.len() / 8);

@@ -138,7 +138,8 @@ impl CellTree {
     }
 
     /// The cell of a point.
-    pub fn cell_of(&self, point: [f64; 3]) -> u32 {
+    #[cfg(test)]
+    fn cell_of(&self, point: [f64; 3]) -> u32 {
         self.finder().cell_of(point)
     }
 

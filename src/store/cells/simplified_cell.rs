@@ -4,6 +4,7 @@
 //! triangles. Finished cells survive a crash; the writer continues behind the last whole chunk.
 
 use super::cell_store::{CellTally, VertexLayout};
+use super::group_record::GroupRecord;
 use super::pack::{Pack, PackWriter};
 use crate::error::{Error, Result};
 use crate::kernel::{FitStatistics, Quality, QualityAt, Simplified, Statistics};
@@ -107,6 +108,9 @@ pub struct CellStatistics {
     /// True if no triangle that is left has an area.
     #[serde(default)]
     pub is_flat: bool,
+    /// Facts about the groups of a tree of tiles, a group for each cell; none in other jobs.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub groups: Vec<GroupRecord>,
 }
 
 impl From<&Statistics> for CellStatistics {
@@ -127,6 +131,7 @@ impl From<&Statistics> for CellStatistics {
             curve: statistics.curve.clone(),
             seam_vertices: statistics.seam_vertices,
             is_flat: false,
+            groups: Vec::new(),
         }
     }
 }
@@ -149,6 +154,7 @@ impl CellStatistics {
         self.curve.extend(other.curve);
         self.seam_vertices += other.seam_vertices;
         self.is_flat &= other.is_flat;
+        self.groups.extend(other.groups);
         add_named(&mut self.rejects, other.rejects);
         add_named(&mut self.changes, other.changes);
     }
@@ -286,6 +292,14 @@ impl SurvivorWriter {
     /// The cells that are already in the pack.
     pub fn finished(&self) -> Vec<u32> {
         self.pack.chunks().iter().map(|chunk| chunk.cell).collect()
+    }
+
+    /// Opens the cells that are already in the pack, of `n_cells`, for reading.
+    pub fn reader(&mut self, disk: &Disk, n_cells: usize) -> Result<SurvivorPack> {
+        let packs = vec![self.pack.reader(disk, n_cells as u32)?];
+        let file = SurvivorFile { pack: self.name.clone(), ..SurvivorFile::default() };
+        let info = SurvivorInfo { packs: vec![file], ..SurvivorInfo::default() };
+        Ok(SurvivorPack { info, layout: self.layout.clone(), packs })
     }
 
     /// Appends one cell.

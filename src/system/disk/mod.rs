@@ -13,6 +13,7 @@ use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 mod crash_model;
+mod folders;
 mod publish;
 use crash_model::Losses;
 pub use crash_model::PowerLoss;
@@ -249,15 +250,6 @@ impl Disk {
             // Some network file systems cannot sync a folder; they keep names by themselves.
             Err(e) if e.kind() == std::io::ErrorKind::InvalidInput => Ok(()),
             outcome => outcome.map_err(|e| Error::io(folder, "cannot sync folder", e)),
-        }
-    }
-
-    /// Removes an empty folder; one that is not empty (any more) stays.
-    pub fn remove_dir(&self, path: &Path) -> Result<()> {
-        self.operation(path, "cannot remove folder", Change)?;
-        match std::fs::remove_dir(path) {
-            Err(e) if e.kind() == std::io::ErrorKind::DirectoryNotEmpty => Ok(()),
-            outcome => outcome.map_err(|e| Error::io(path, "cannot remove folder", e)),
         }
     }
 

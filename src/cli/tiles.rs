@@ -1,0 +1,289 @@
+//! `stonecut tiles`: a tree of tiles from a mesh of any size.
+
+use super::arguments::{memory_budget, parse_memory};
+use super::display::watch;
+use super::log::{EXIT_SHORT, Log, Talk};
+use crate::error::{Error, Result};
+use crate::pipeline::tiles::report::TilesReport;
+use crate::pipeline::tiles::{TILE_TRIANGLES, TilesConfig, make_tiles, prepare_tiles};
+use crate::system::paths::{Kind, Paths, Role};
+use crate::system::progress::Progress;
+use crate::system::units::{parse_count, show_bytes, show_count};
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+/// Cuts a mesh of any size into tiles at all levels of detail (OGC 3D Tiles 1.1)
+///
+/// For viewers that load what the camera sees, as fine as it sees it. Tiles of neighbouring levels meet without
+/// cracks, and the errors that decide between levels are measured. The same command continues after an
+/// interruption, whatever it was.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// The mesh to cut.
+    pub input: PathBuf,
+    /// Folder that is made for the tiles; it appears when they are complete.
+    pub output: PathBuf,
+    /// Triangles of a tile, about.
+    #[arg(long, value_name = "N", value_parser = parse_tile, default_value_t = TILE_TRIANGLES)]
+    tile_triangles: u64,
+    /// Pixels by which the picture may deviate from the full mesh in a viewer with its defaults (16 pixels).
+    #[arg(long, value_name = "P", value_parser = parse_pixels, default_value_t = 1.0)]
+    pixels: f64,
+    /// Compression of tiles.
+    #[arg(long, value_enum, value_name = "HOW", default_value = "meshopt")]
+    compress: Compress,
+    /// Axis of the mesh that points upwards.
+    #[arg(long, value_enum, value_name = "AXIS", default_value = "z")]
+    up: Up,
+    /// Place on the earth of the mesh's origin: latitude and longitude in degrees, height above the ellipsoid in
+    /// metres (WGS 84); x is east, y north.
+    #[arg(long, value_name = "LAT,LON,HEIGHT", value_parser = parse_geo, conflicts_with = "transform", allow_hyphen_values = true)]
+    geo: Option<Geo>,
+    /// Transform from the mesh (z upwards) to the world: 16 numbers, column by column, joined by commas.
+    #[arg(long, value_name = "M16", value_parser = parse_transform, allow_hyphen_values = true)]
+    transform: Option<Transform>,
+    /// Memory budget, everything included: 512MiB, 4GiB, 50% [default: 75 % of the tightest limit in force].
+    #[arg(long, value_name = "SIZE", value_parser = parse_memory)]
+    memory: Option<u64>,
+    /// Worker threads [default: the cores this process may use].
+    #[arg(long, value_name = "N")]
+    threads: Option<NonZeroUsize>,
+    /// Folder in which the job folder is made [default: beside OUTPUT].
+    #[arg(long, value_name = "DIR")]
+    temp_dir: Option<PathBuf>,
+    /// Keep the job folder after success.
+    #[arg(long)]
+    keep_temp: bool,
+    /// Replace OUTPUT if it is a folder of tiles that stonecut has written.
+    #[arg(long)]
+    force: bool,
+    /// Throw away what an earlier run left and start over.
+    #[arg(long)]
+    restart: bool,
+    /// Drop and count broken faces and vertices instead of failing.
+    #[arg(long)]
+    skip_bad: bool,
+    /// Print the plan and stop.
+    #[arg(long)]
+    dry_run: bool,
+    /// Write a report in JSON.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+}
+
+/// The choices of `--compress`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Compress {
+    /// EXT_meshopt_compression: a third of the size.
+    Meshopt,
+    /// Plain numbers, for viewers that know no compression.
+    None,
+}
+
+/// The choices of `--up`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Up {
+    /// As scans and maps have it.
+    Z,
+    /// As glTF has it.
+    Y,
+}
+
+/// A place on the earth: latitude, longitude, height.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Geo([f64; 3]);
+
+/// A matrix, by columns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Transform([f64; 16]);
+
+const IDENTITY: [f64; 16] = [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.];
+
+fn parse_tile(text: &str) -> std::result::Result<u64, String> {
+    match parse_count(text)? {
+        n @ 500..=1_000_000 => Ok(n),
+        n => Err(format!("{n} triangles are not a tile for a viewer; give 500 to 1M")),
+    }
+}
+
+fn parse_pixels(text: &str) -> std::result::Result<f64, String> {
+    let pixels = text.parse().ok().filter(|x: &f64| (0.01..=1000.0).contains(x));
+    pixels.ok_or_else(|| "a number of pixels from 0.01 to 1000".to_owned())
+}
+
+fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let parse = |word: &str| word.trim().parse().ok().filter(|x: &f64| x.is_finite());
+    let list: Option<Vec<f64>> = text.split(',').map(parse).collect();
+    list?.try_into().ok()
+}
+
+fn parse_geo(text: &str) -> std::result::Result<Geo, String> {
+    let fits = |[lat, lon, _]: &[f64; 3]| lat.abs() <= 90.0 && lon.abs() <= 360.0;
+    let place = numbers::<3>(text).filter(fits).map(Geo);
+    place.ok_or_else(|| "latitude, longitude and height: 47.3769,8.5417,408".to_owned())
+}
+
+fn parse_transform(text: &str) -> std::result::Result<Transform, String> {
+    let fits = |m: &[f64; 16]| [m[3], m[7], m[11], m[15]] == [0.0, 0.0, 0.0, 1.0];
+    let matrix = numbers::<16>(text).filter(fits).map(Transform);
+    matrix.ok_or_else(|| "16 numbers by columns, the last row 0,0,0,1".to_owned())
+}
+
+/// From east, north and up at a place of the earth to its centre (WGS 84); by columns.
+fn east_north_up(Geo([latitude, longitude, height]): Geo) -> [f64; 16] {
+    let (axis, flattening) = (6_378_137.0, 1.0 / 298.257_223_563);
+    let (sin_lat, cos_lat) = latitude.to_radians().sin_cos();
+    let (sin_lon, cos_lon) = longitude.to_radians().sin_cos();
+    let off = flattening * (2.0 - flattening);
+    let normal = axis / (1.0 - off * sin_lat * sin_lat).sqrt();
+    let around = (normal + height) * cos_lat;
+    [
+        -sin_lon,
+        cos_lon,
+        0.0,
+        0.0,
+        -sin_lat * cos_lon,
+        -sin_lat * sin_lon,
+        cos_lat,
+        0.0,
+        cos_lat * cos_lon,
+        cos_lat * sin_lon,
+        sin_lat,
+        0.0,
+        around * cos_lon,
+        around * sin_lon,
+        (normal * (1.0 - off) + height) * sin_lat,
+        1.0,
+    ]
+}
+
+impl Args {
+    /// Turns the options that were typed into decided settings.
+    fn config(&self) -> Result<TilesConfig> {
+        let transform = match (self.geo, self.transform) {
+            (Some(geo), _) => east_north_up(geo),
+            (None, Some(Transform(matrix))) => matrix,
+            (None, None) => IDENTITY,
+        };
+        Ok(TilesConfig {
+            input: self.input.clone(),
+            output: self.output.clone(),
+            tile_triangles: self.tile_triangles,
+            pixels: self.pixels,
+            packs: self.compress == Compress::Meshopt,
+            is_z_up: self.up == Up::Z,
+            transform,
+            memory_bytes: memory_budget(self.memory),
+            threads: super::arguments::threads(self.threads),
+            job_folder: super::arguments::job_folder(&self.output, self.temp_dir.as_deref())?,
+            keep_temp: self.keep_temp,
+            force: self.force,
+            restart: self.restart,
+            skip_bad: self.skip_bad,
+            checkpoint_every: crate::config::CHECKPOINT_EVERY,
+        })
+    }
+
+    pub(super) fn paths(&self) -> Result<Paths> {
+        let job_folder = super::arguments::job_folder(&self.output, self.temp_dir.as_deref())?;
+        Ok(Paths::new(self.force)
+            .with(Role::Input, "INPUT", &self.input)
+            .with(Role::OutputFolder, "OUTPUT", &self.output)
+            .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
+            .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
+            .with(Role::JobFolder, "the job folder", job_folder))
+    }
+}
+
+/// Runs the command and gives its exit code.
+pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
+    let config = args.config()?;
+    super::arguments::warn_of_limit(args.memory, log);
+    let prepared = prepare_tiles(&config)?;
+    for line in prepared.plan.lines(&config) {
+        log.say(line);
+    }
+    if args.dry_run {
+        return Ok(0);
+    }
+    let report = watch(talk, progress, log, || make_tiles(prepared, &config, progress))?;
+    tell(&report, talk, log);
+    if let Some(path) = &args.report {
+        let mut json = serde_json::to_vec_pretty(&report)
+            .map_err(|e| Error::Internal(format!("the report is not JSON: {e}")))?;
+        json.push(b'\n');
+        crate::system::pending_file::write_whole(path, &json)?;
+    }
+    Ok(if report.is_short() { EXIT_SHORT } else { 0 })
+}
+
+fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {
+    if talk.verbose {
+        for stage in &report.stages {
+            log.say(format!(
+                "{:11} {:7.2} s  {} -> {} triangles, {} read, {} written",
+                stage.name,
+                stage.seconds,
+                show_count(stage.triangles_in),
+                show_count(stage.triangles_out),
+                show_bytes(stage.bytes_read),
+                show_bytes(stage.bytes_written)
+            ));
+        }
+    }
+    for level in report.levels.iter().rev() {
+        log.say(format!(
+            "level {:2}  {:>6} tiles  {:>8} triangles  {:>10}  {}",
+            level.level,
+            level.tiles,
+            show_count(level.triangles),
+            show_bytes(level.bytes),
+            match level.groups {
+                0 => "the input".to_owned(),
+                _ => format!("at most {:.3e} from it", level.error_max),
+            }
+        ));
+    }
+    log.say(format!(
+        "{}: {} tiles, {} files of JSON, {} in {:.1} s ({} triangles/s), peak {} memory, {} temporary",
+        report.output,
+        report.tiles,
+        report.tilesets,
+        show_bytes(report.output_bytes),
+        report.seconds,
+        show_count(report.triangles_per_second as u64),
+        show_bytes(report.peak_memory_bytes),
+        show_bytes(report.peak_temp_bytes)
+    ));
+    for note in &report.notes {
+        log.say(format!("  {note}"));
+    }
+    for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
+        log.say(format!("  {n} {} dropped", name.replace('_', " ")));
+    }
+    if report.stuck > 0 {
+        log.say(format!(
+            "{} groups of tiles kept nearly all of their triangles: their coarser levels are larger than they should be",
+            report.stuck
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_on_the_earth_have_their_axes() {
+        let m = east_north_up(Geo([0.0, 90.0, 10.0]));
+        let near = |a: f64, b: f64| (a - b).abs() < 1e-6;
+        // East is -x there, north is z, up is y.
+        assert!(near(m[0], -1.0) && near(m[6], 1.0) && near(m[9], 1.0));
+        assert!(near(m[12], 0.0) && near(m[13], 6_378_147.0) && near(m[14], 0.0));
+        let pole = east_north_up(Geo([90.0, 0.0, 0.0]));
+        assert!(near(pole[14], 6_356_752.314_245_179));
+        assert!(parse_geo("91,0,0").is_err() && parse_geo("1,2").is_err());
+        assert!(parse_transform("1,0,0,0,0,1,0,0,0,0,1,0,5,6,7,1").is_ok());
+        assert!(parse_transform("1,0,0,1,0,1,0,0,0,0,1,0,5,6,7,1").is_err());
+    }
+}

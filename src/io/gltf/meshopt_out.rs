@@ -1,0 +1,45 @@
+//! Packs vertices and triangles for EXT_meshopt_compression: in the order that packs well, then as its streams.
+
+use meshopt_rs::index::IndexEncodingVersion;
+use meshopt_rs::index::buffer::{encode_index_buffer, encode_index_buffer_bound};
+use meshopt_rs::vertex::VertexEncodingVersion;
+use meshopt_rs::vertex::buffer::{encode_vertex_buffer, encode_vertex_buffer_bound};
+use meshopt_rs::vertex::cache::optimize_vertex_cache;
+
+/// Puts triangles into an order that graphics cards like and that packs well; returns the old number of each vertex in
+/// the order of first use. Every vertex must be used.
+pub(super) fn reorder(triangles: &mut Vec<[u32; 3]>, n_vertices: usize) -> Vec<u32> {
+    let old = std::mem::take(triangles).into_flattened();
+    let mut new = vec![0; old.len()];
+    optimize_vertex_cache(&mut new, &old, n_vertices);
+    let mut number = vec![u32::MAX; n_vertices];
+    let mut order = Vec::with_capacity(n_vertices);
+    for corner in &mut new {
+        let place = &mut number[*corner as usize];
+        if *place == u32::MAX {
+            *place = order.len() as u32;
+            order.push(*corner);
+        }
+        *corner = *place;
+    }
+    *triangles = new.as_chunks().0.to_vec();
+    order
+}
+
+/// Packs rows of `N` bytes, a multiple of 4.
+pub(super) fn pack_rows<const N: usize>(rows: &[[u8; N]]) -> Vec<u8> {
+    let mut out = vec![0; encode_vertex_buffer_bound(rows.len(), N)];
+    let n = encode_vertex_buffer(&mut out, rows, VertexEncodingVersion::V0);
+    out.truncate(n.expect("the bound holds"));
+    out
+}
+
+/// Packs triangles.
+pub(super) fn pack_triangles(triangles: &[[u32; 3]], n_vertices: usize) -> Vec<u8> {
+    let corners = triangles.as_flattened();
+    // The bound is too small for a handful of triangles.
+    let mut out = vec![0; encode_index_buffer_bound(corners.len(), n_vertices) + 64];
+    let n = encode_index_buffer(&mut out, corners, IndexEncodingVersion::V1);
+    out.truncate(n.expect("the bound holds"));
+    out
+}

@@ -1,0 +1,185 @@
+//! Reads a tile back that `tile_out` has written, for its checker: every number as it is stored.
+
+use super::json::{Document, View};
+use super::meshopt::decode;
+use super::tile_out::TileMesh;
+
+/// A tile as it lies in its file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StoredTile {
+    /// Positions in steps from the origin of the lattice, normals, colours and triangles.
+    pub mesh: TileMesh,
+    /// Length of a step.
+    pub step: f64,
+    /// True if the file turns z upwards.
+    pub is_z_up: bool,
+}
+
+/// Decodes a tile; the error says what is wrong with it.
+pub fn decode_tile(bytes: &[u8]) -> Result<StoredTile, String> {
+    let (document, binary) = chunks(bytes)?;
+    let node = document.nodes.iter().find(|node| node.mesh.is_some()).ok_or("it has no mesh")?;
+    let mesh = document.meshes.get(node.mesh.unwrap_or_default()).ok_or("its mesh is missing")?;
+    let [primitive] = &mesh.primitives[..] else {
+        return Err("its mesh has not one primitive".to_owned());
+    };
+    let (scale, corner) = (node.scale.ok_or("no scale")?, node.translation.ok_or("no place")?);
+    let step = scale[0];
+    if !(step > 0.0 && step.is_finite() && scale == [step; 3]) {
+        return Err(format!("its scale is {scale:?}"));
+    }
+    let corner = corner.map(|x| (x / step).round() as i32);
+    let read = |accessor: usize| elements(&document, binary, accessor);
+    let place = *primitive.attributes.get("POSITION").ok_or("it has no positions")?;
+    let (component, rows) = read(place)?;
+    let mut out = StoredTile { step, ..StoredTile::default() };
+    out.is_z_up = document.nodes.iter().any(|node| node.matrix.is_some());
+    for row in &rows {
+        let at = |k: usize| match component {
+            5123 => i32::from(u16::from_le_bytes([row[2 * k], row[2 * k + 1]])),
+            _ => f32::from_le_bytes([row[4 * k], row[4 * k + 1], row[4 * k + 2], row[4 * k + 3]])
+                as i32,
+        };
+        out.mesh.positions.push([0, 1, 2].map(|k| corner[k].saturating_add(at(k))));
+    }
+    if let Some(&normal) = primitive.attributes.get("NORMAL") {
+        out.mesh.normals =
+            read(normal)?.1.iter().map(|row| [0, 1, 2].map(|k| row[k] as i8)).collect();
+    }
+    if let Some(&colour) = primitive.attributes.get("COLOR_0") {
+        let of =
+            |row: &Vec<u8>| [0, 1, 2].map(|k| u16::from_le_bytes([row[2 * k], row[2 * k + 1]]));
+        out.mesh.colours = read(colour)?.1.iter().map(of).collect();
+    }
+    let (component, rows) = read(primitive.indices.ok_or("it has no indices")?)?;
+    let corners: Vec<u32> = rows
+        .iter()
+        .map(|row| match component {
+            5123 => u32::from(u16::from_le_bytes([row[0], row[1]])),
+            _ => u32::from_le_bytes([row[0], row[1], row[2], row[3]]),
+        })
+        .collect();
+    let n = out.mesh.positions.len();
+    if let Some(corner) = corners.iter().find(|&&corner| corner as usize >= n) {
+        return Err(format!("a triangle names vertex {corner} of {n}"));
+    }
+    let per_vertex = [out.mesh.normals.len(), out.mesh.colours.len()];
+    if per_vertex.iter().any(|&m| m != 0 && m != n) || !corners.len().is_multiple_of(3) {
+        return Err("its parts have different lengths".to_owned());
+    }
+    out.mesh.triangles = corners.as_chunks().0.to_vec();
+    Ok(out)
+}
+
+fn chunks(bytes: &[u8]) -> Result<(Document, &[u8]), String> {
+    let word = |at: usize| {
+        let bytes = bytes.get(at..at + 4).ok_or("it was cut off")?;
+        Ok::<usize, String>(u32::from_le_bytes(bytes.try_into().expect("4 bytes")) as usize)
+    };
+    if bytes.get(..4) != Some(b"glTF") || word(4)? != 2 || word(8)? != bytes.len() {
+        return Err("it is not a whole GLB file of version 2".to_owned());
+    }
+    let n_text = word(12)?;
+    let text = bytes.get(20..20 + n_text).ok_or("its JSON was cut off")?;
+    let document = serde_json::from_slice(text).map_err(|e| format!("its JSON: {e}"))?;
+    let at = 20 + n_text;
+    let n_binary = word(at)?;
+    let binary = bytes.get(at + 8..at + 8 + n_binary).ok_or("its binary chunk was cut off")?;
+    Ok((document, binary))
+}
+
+/// The elements of an accessor, and the type of their numbers.
+fn elements(
+    document: &Document,
+    binary: &[u8],
+    accessor: usize,
+) -> Result<(u32, Vec<Vec<u8>>), String> {
+    let accessor = document.accessors.get(accessor).ok_or("an accessor is missing")?;
+    let view: &View = accessor
+        .buffer_view
+        .and_then(|view| document.buffer_views.get(view))
+        .ok_or("a view is missing")?;
+    let size = match accessor.component_type {
+        5120 | 5121 => 1,
+        5122 | 5123 => 2,
+        5125 | 5126 => 4,
+        other => return Err(format!("components of type {other}")),
+    };
+    let n_numbers = match accessor.kind.as_str() {
+        "SCALAR" => 1,
+        "VEC3" => 3,
+        "VEC4" => 4,
+        other => return Err(format!("elements of type {other}")),
+    };
+    let stride = view.byte_stride.map_or(size * n_numbers, |stride| stride as usize);
+    let part = |offset: u64, n_bytes: u64| {
+        let (start, n) = (offset as usize, n_bytes as usize);
+        binary.get(start..start.saturating_add(n)).ok_or("a view lies beyond the file")
+    };
+    let unpacked;
+    let data = match &view.extensions.meshopt {
+        Some(packing) => {
+            if packing.count.saturating_mul(packing.byte_stride) > 1 << 30 {
+                return Err("a view of more than a gibibyte".to_owned());
+            }
+            unpacked = decode(packing, part(packing.byte_offset, packing.byte_length)?)?;
+            &unpacked[..]
+        }
+        None => part(view.byte_offset, view.byte_length)?,
+    };
+    let data = data.get(accessor.byte_offset as usize..).ok_or("an accessor beyond its view")?;
+    let count = accessor.count as usize;
+    let needed = count.saturating_sub(1).saturating_mul(stride).saturating_add(size * n_numbers);
+    if count > 0 && data.len() < needed {
+        return Err("an accessor beyond its view".to_owned());
+    }
+    let rows = data.chunks(stride.max(1)).take(count);
+    Ok((accessor.component_type, rows.map(|row| row[..size * n_numbers].to_vec()).collect()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tile_out::{TileForm, encode_tile};
+    use super::*;
+
+    fn sorted(mesh: &TileMesh) -> Vec<[([i32; 3], [i8; 3]); 3]> {
+        let corner = |v: u32| (mesh.positions[v as usize], mesh.normals[v as usize]);
+        let turned = |t: &[u32; 3]| {
+            let t = t.map(corner);
+            let first = (0..3).min_by_key(|&k| t[k]).unwrap();
+            [t[first], t[(first + 1) % 3], t[(first + 2) % 3]]
+        };
+        let mut out: Vec<_> = mesh.triangles.iter().map(turned).collect();
+        out.sort_unstable();
+        out
+    }
+
+    #[test]
+    fn a_tile_comes_back_as_it_was() {
+        for (n, wide) in [(2, 1), (20, 1), (300, 1), (9, 9000)] {
+            let mut mesh = TileMesh::default();
+            for i in 0..n * n {
+                let (x, y) = (i % n, i / n);
+                mesh.positions.push([wide * (x - 5), wide * y, -7 + (x * y) % 5]);
+                mesh.normals.push([(x % 100) as i8, -(y % 100) as i8, 127]);
+                mesh.colours.push([(i * 7 % 65_536) as u16, 0, 65_535]);
+            }
+            for i in 0..(n - 1) * (n - 1) {
+                let a = (i / (n - 1) * n + i % (n - 1)) as u32;
+                let n = n as u32;
+                mesh.triangles.extend([[a, a + 1, a + n + 1], [a, a + n + 1, a + n]]);
+            }
+            for packs in [false, true] {
+                let form = TileForm { step: 0.25, packs, is_z_up: packs };
+                let bytes = encode_tile(mesh.clone(), form);
+                let back = decode_tile(&bytes).unwrap();
+                assert_eq!((back.step, back.is_z_up), (0.25, packs));
+                assert_eq!(sorted(&back.mesh), sorted(&mesh), "{n} {packs}");
+                // Cut off anywhere or with a byte changed it is refused or read, and never panics.
+                for cut in (0..bytes.len()).step_by(bytes.len() / 50 + 1) {
+                    assert!(decode_tile(&bytes[..cut]).is_err());
+                }
+            }
+        }
+    }
+}

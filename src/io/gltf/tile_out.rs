@@ -1,0 +1,233 @@
+//! A tile as GLB: few triangles, in memory, with positions on a lattice.
+//!
+//! Positions are whole steps from the corner of the tile (`KHR_mesh_quantization`), so tiles of one step agree to the
+//! bit in what they share. A tile wider than 65,535 steps has them as floats, which hold whole numbers
+//! of 24 bits exactly. Colours are linear, as glTF wants them.
+
+use super::meshopt_out::{pack_rows, pack_triangles, reorder};
+use serde_json::{Value, json};
+
+/// Numbers of glTF 2.0 for types of components and uses of buffers.
+const I8: u32 = 5120;
+const U16: u32 = 5123;
+const U32: u32 = 5125;
+const F32: u32 = 5126;
+const ARRAY_BUFFER: u32 = 34962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+
+const MESHOPT: &str = "EXT_meshopt_compression";
+
+/// A mesh that becomes a tile.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TileMesh {
+    /// Positions in whole steps.
+    pub positions: Vec<[i32; 3]>,
+    /// Normals of length 127.
+    pub normals: Vec<[i8; 3]>,
+    /// Linear colours; empty without any.
+    pub colours: Vec<[u16; 3]>,
+    /// Corners; every vertex is used.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Form of the tiles of a tree.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TileForm {
+    /// Length of a step.
+    pub step: f64,
+    /// Packs with EXT_meshopt_compression.
+    pub packs: bool,
+    /// True if z points upwards in the mesh; in glTF y does.
+    pub is_z_up: bool,
+}
+
+/// Turns coordinates with z upwards into those of glTF.
+const Z_UP: [f64; 16] = [1., 0., 0., 0., 0., 0., -1., 0., 0., 1., 0., 0., 0., 0., 0., 1.];
+
+/// Parts of the binary chunk and their views.
+struct Binary {
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    /// Bytes that the packed views have when unpacked.
+    unpacked: usize,
+    packs: bool,
+}
+
+impl Binary {
+    /// Adds a view of rows; returns its number.
+    fn rows<const N: usize>(&mut self, rows: &[[u8; N]]) -> usize {
+        let packed = if self.packs { pack_rows(rows) } else { rows.as_flattened().to_vec() };
+        let mut view =
+            self.view(&packed, rows.len() * N, json!({ "byteStride": N, "count": rows.len() }));
+        view["byteStride"] = N.into();
+        view["target"] = ARRAY_BUFFER.into();
+        self.views.push(view);
+        self.views.len() - 1
+    }
+
+    /// Adds a view of triangles; returns its number.
+    fn triangles(&mut self, triangles: &[[u32; 3]], n_vertices: usize) -> (usize, u32) {
+        let corners = triangles.as_flattened();
+        let (stride, component) = if n_vertices < 65_535 { (2, U16) } else { (4, U32) };
+        let packed = match self.packs {
+            true => pack_triangles(triangles, n_vertices),
+            false => corners.iter().flat_map(|c| c.to_le_bytes()[..stride].to_vec()).collect(),
+        };
+        let packing = json!({ "byteStride": stride, "count": corners.len(), "mode": "TRIANGLES" });
+        let mut view = self.view(&packed, corners.len() * stride, packing);
+        view["target"] = ELEMENT_ARRAY_BUFFER.into();
+        self.views.push(view);
+        (self.views.len() - 1, component)
+    }
+
+    fn view(&mut self, packed: &[u8], n_bytes: usize, packing: Value) -> Value {
+        let at = self.bytes.len();
+        self.bytes.extend_from_slice(packed);
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        if !self.packs {
+            return json!({ "buffer": 0, "byteOffset": at, "byteLength": n_bytes });
+        }
+        let mut packing = packing;
+        packing["buffer"] = 0.into();
+        packing["byteOffset"] = at.into();
+        packing["byteLength"] = packed.len().into();
+        if packing.get("mode").is_none() {
+            packing["mode"] = "ATTRIBUTES".into();
+        }
+        let place = self.unpacked;
+        self.unpacked += n_bytes.next_multiple_of(4);
+        json!({
+            "buffer": 1, "byteOffset": place, "byteLength": n_bytes,
+            "extensions": { MESHOPT: packing },
+        })
+    }
+}
+
+/// Encodes a tile. Panics without a triangle.
+pub fn encode_tile(mut mesh: TileMesh, form: TileForm) -> Vec<u8> {
+    let order = reorder(&mut mesh.triangles, mesh.positions.len());
+    let n_vertices = order.len();
+    let position = |v: &u32| mesh.positions[*v as usize];
+    let bound = |start: i32, pick: fn(i32, i32) -> i32| {
+        order.iter().map(position).fold([start; 3], |b, p| [0, 1, 2].map(|k| pick(b[k], p[k])))
+    };
+    let (low, high) = (bound(i32::MAX, i32::min), bound(i32::MIN, i32::max));
+    let span = [0, 1, 2].map(|k| i64::from(high[k]) - i64::from(low[k]));
+    let is_narrow = span.iter().all(|&x| x <= 65_535);
+    let from_corner = |v: &u32| {
+        let p = position(v);
+        [0, 1, 2].map(|k| (i64::from(p[k]) - i64::from(low[k])) as u32)
+    };
+    let mut binary =
+        Binary { bytes: Vec::new(), views: Vec::new(), unpacked: 0, packs: form.packs };
+    let position_view = match is_narrow {
+        true => {
+            let rows: Vec<[u8; 8]> = order
+                .iter()
+                .map(|v| {
+                    let [x, y, z] = from_corner(v).map(|x| (x as u16).to_le_bytes());
+                    [x[0], x[1], y[0], y[1], z[0], z[1], 0, 0]
+                })
+                .collect();
+            binary.rows(&rows)
+        }
+        false => {
+            let row = |v: &u32| -> [u8; 12] {
+                let flat = from_corner(v).map(|x| (x as f32).to_le_bytes());
+                flat.as_flattened().try_into().expect("three floats")
+            };
+            binary.rows(&order.iter().map(row).collect::<Vec<_>>())
+        }
+    };
+    let mut accessors = vec![json!({
+        "bufferView": position_view, "count": n_vertices, "type": "VEC3",
+        "componentType": if is_narrow { U16 } else { F32 }, "min": [0, 0, 0], "max": span,
+    })];
+    let mut attributes = json!({ "POSITION": 0 });
+    if !mesh.normals.is_empty() {
+        let row = |v: &u32| -> [u8; 4] {
+            let [x, y, z] = mesh.normals[*v as usize];
+            [x as u8, y as u8, z as u8, 0]
+        };
+        let view = binary.rows(&order.iter().map(row).collect::<Vec<_>>());
+        attributes["NORMAL"] = accessors.len().into();
+        accessors.push(json!({
+            "bufferView": view, "count": n_vertices, "type": "VEC3", "componentType": I8,
+            "normalized": true,
+        }));
+    }
+    if !mesh.colours.is_empty() {
+        let row = |v: &u32| -> [u8; 8] {
+            let [r, g, b] = mesh.colours[*v as usize].map(u16::to_le_bytes);
+            [r[0], r[1], g[0], g[1], b[0], b[1], 255, 255]
+        };
+        let view = binary.rows(&order.iter().map(row).collect::<Vec<_>>());
+        attributes["COLOR_0"] = accessors.len().into();
+        accessors.push(json!({
+            "bufferView": view, "count": n_vertices, "type": "VEC4", "componentType": U16,
+            "normalized": true,
+        }));
+    }
+    let (view, component) = binary.triangles(&mesh.triangles, n_vertices);
+    let indices = accessors.len();
+    accessors.push(json!({
+        "bufferView": view, "count": 3 * mesh.triangles.len(), "type": "SCALAR",
+        "componentType": component,
+    }));
+    let corner = low.map(|x| f64::from(x) * form.step);
+    let mut nodes = vec![json!({
+        "mesh": 0, "translation": corner, "scale": [form.step, form.step, form.step],
+    })];
+    if form.is_z_up {
+        nodes.push(json!({ "matrix": Z_UP, "children": [0] }));
+    }
+    let mut used = vec!["KHR_mesh_quantization"];
+    let mut buffers = vec![json!({ "byteLength": binary.bytes.len() })];
+    if form.packs {
+        used.push(MESHOPT);
+        buffers.push(json!({
+            "byteLength": binary.unpacked, "extensions": { MESHOPT: { "fallback": true } },
+        }));
+    }
+    let grey = if mesh.colours.is_empty() { 0.6 } else { 1.0 };
+    let document = json!({
+        "asset": { "version": "2.0", "generator": concat!("stonecut ", env!("CARGO_PKG_VERSION")) },
+        "extensionsUsed": used,
+        "extensionsRequired": used,
+        "buffers": buffers,
+        "bufferViews": binary.views,
+        "accessors": accessors,
+        "materials": [{
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [grey, grey, grey, 1.0], "metallicFactor": 0.0,
+                "roughnessFactor": 0.9,
+            },
+            "doubleSided": true,
+        }],
+        "meshes": [{ "primitives": [{
+            "attributes": attributes, "indices": indices, "material": 0, "mode": 4,
+        }] }],
+        "nodes": nodes,
+        "scenes": [{ "nodes": [nodes.len() - 1] }],
+        "scene": 0,
+    });
+    glb(&document, &binary.bytes)
+}
+
+/// The two chunks of a GLB file (Khronos, section 4.4).
+fn glb(document: &Value, binary: &[u8]) -> Vec<u8> {
+    let mut text = document.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let total = 28 + text.len() + binary.len();
+    let mut out = Vec::with_capacity(total);
+    out.extend_from_slice(b"glTF");
+    for word in [2, total, text.len()] {
+        out.extend_from_slice(&(word as u32).to_le_bytes());
+    }
+    out.extend_from_slice(b"JSON");
+    out.extend_from_slice(&text);
+    out.extend_from_slice(&(binary.len() as u32).to_le_bytes());
+    out.extend_from_slice(b"BIN\0");
+    out.extend_from_slice(binary);
+    out
+}

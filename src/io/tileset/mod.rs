@@ -1,0 +1,9 @@
+//! The JSON of a tree of tiles, OGC 3D Tiles 1.1 with explicit tiles: out, and in as far as a checker needs it.
+//!
+//! A large tree is cut into several files, each of which a tile of another one points to.
+
+mod read;
+mod write;
+
+pub use read::{Asset, Content, Tile, Tileset, Volume, read_tileset};
+pub use write::{FILE_NAME, TileTree, TreeTile, write_tilesets};

@@ -1,0 +1,121 @@
+//! Checks a tree of tiles that `stonecut tiles` has written: its rules, its files, and whether neighbours meet.
+//!
+//! Knows nothing of the program that wrote it but the format (docs/design/tiles.md): the JSON of 3D Tiles 1.1, the
+//! numbers in the files, and the facts in `extras` that say which tiles are shown finer together.
+
+mod borders;
+mod found;
+mod rules;
+
+use crate::error::Result;
+use crate::io::tileset::FILE_NAME;
+use crate::io::{StoredTile, decode_tile};
+use crate::system::parallel::{guarded, in_order};
+use crate::system::progress::Progress;
+use borders::{Borders, Edge, boundary};
+pub use found::TilesetCheck;
+use rules::{CheckedTile, Tree};
+use std::path::Path;
+
+/// A tile as it was read.
+#[derive(Default)]
+struct Looked {
+    outcome: Option<std::result::Result<(u64, Vec<Edge>), String>>,
+}
+
+/// Checks the tree in `folder`. Memory: a few hundred bytes a tile, and 60 for each edge on the border of a tile of one
+/// level.
+///
+/// Errors: `BadInput` if there is no tree, or none of this program. Faults of a tree are findings, not errors.
+pub fn check_tileset(folder: &Path, threads: usize, progress: &Progress) -> Result<TilesetCheck> {
+    let mut found = TilesetCheck::default();
+    let tree = Tree::read(folder, &mut found)?;
+    tree.check(&mut found);
+    found.levels = tree.tiles.iter().map(|tile| tile.level + 1).max().unwrap_or(0);
+    let (mut finer, mut total) = (None, 0);
+    for level in 0..found.levels {
+        let tiles: Vec<u32> = (0u32..)
+            .zip(&tree.tiles)
+            .filter(|(_, tile)| tile.level == level && tile.content.is_some())
+            .map(|(number, _)| number)
+            .collect();
+        let mut borders = Borders::new(level);
+        in_order(
+            tiles.len() as u64,
+            threads,
+            progress,
+            |index, out: &mut Looked| {
+                let tile = &tree.tiles[tiles[index as usize] as usize];
+                out.outcome = Some(look(folder, tile, &tree));
+                Ok(())
+            },
+            |index, looked| {
+                let number = tiles[index as usize];
+                match looked.outcome.take() {
+                    Some(Ok((n, edges))) => {
+                        found.tiles += 1;
+                        total += n;
+                        found.triangles += if level == 0 { n } else { 0 };
+                        borders.add(number, edges);
+                    }
+                    Some(Err(what)) => {
+                        let name = tree.tiles[number as usize].name();
+                        found.fault(|| format!("{name}: {what}"));
+                    }
+                    None => {}
+                }
+                Ok(())
+            },
+        )?;
+        borders.within(&tree, &mut found);
+        if let Some(finer) = &finer {
+            Borders::across(finer, &borders, &tree, &mut found);
+        }
+        finer = Some(borders);
+    }
+    found.triangles_of_all_levels = total;
+    if tree.input_triangles != found.triangles {
+        let (n, wanted) = (found.triangles, tree.input_triangles);
+        found.fault(|| format!("the finest tiles have {n} triangles, the mesh had {wanted}"));
+    }
+    Ok(found)
+}
+
+/// Tells if a folder is a tree of tiles.
+pub fn is_tileset(path: &Path) -> bool {
+    path.is_dir() && path.join(FILE_NAME).is_file()
+}
+
+/// Reads a tile and holds it against its description; returns its triangles and the edges on its border.
+fn look(
+    folder: &Path,
+    tile: &CheckedTile,
+    tree: &Tree,
+) -> std::result::Result<(u64, Vec<Edge>), String> {
+    let path = folder.join(tile.name());
+    let bytes = std::fs::read(&path).map_err(|e| format!("cannot be read: {e}"))?;
+    // The decoder of compressed data checks by panicking in places.
+    let decoded = guarded(|| Ok(decode_tile(&bytes)));
+    let stored: StoredTile = decoded.map_err(|_| "its data is damaged".to_owned())??;
+    let mesh = &stored.mesh;
+    let n = mesh.triangles.len() as u64;
+    if n != tile.triangles {
+        return Err(format!("it has {n} triangles, its tile says {}", tile.triangles));
+    }
+    let step = tree.step * f64::from(tile.level).exp2();
+    if (stored.step / step - 1.0).abs() > 1e-9 || stored.is_z_up != tree.is_z_up {
+        return Err(format!("its step is {}, not {step}, or another axis points up", stored.step));
+    }
+    let Some(volume) = tile.content_volume.or(tile.volume) else { return Ok((n, Vec::new())) };
+    for p in &mesh.positions {
+        let p = p.map(|x| f64::from(x) * step);
+        let p = if tree.is_z_up { p } else { [p[0], -p[2], p[1]] };
+        if !volume.contains(p, step) {
+            return Err(format!("its vertex at {p:?} lies outside of its volume"));
+        }
+    }
+    if let Some(i) = mesh.normals.iter().position(|n| *n == [0; 3]) {
+        return Err(format!("the normal of its vertex {i} has no direction"));
+    }
+    Ok((n, boundary(mesh)))
+}

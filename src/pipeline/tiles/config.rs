@@ -1,0 +1,67 @@
+//! Decided settings of a run of `tiles`: every value final.
+
+use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+/// Triangles of a tile, unless another number is asked for.
+pub const TILE_TRIANGLES: u64 = 16_000;
+
+/// A run of `tiles`.
+#[derive(Clone, Debug)]
+pub struct TilesConfig {
+    /// The mesh.
+    pub input: PathBuf,
+    /// The folder of the tree.
+    pub output: PathBuf,
+    /// Triangles of a tile, about.
+    pub tile_triangles: u64,
+    /// Pixels that the distance from the input may have on the screen of a viewer with its defaults.
+    pub pixels: f64,
+    /// Packs tiles with EXT_meshopt_compression.
+    pub packs: bool,
+    /// True if z points upwards in the mesh, false if y does.
+    pub is_z_up: bool,
+    /// From the frame of the mesh, z upwards, to that of the world; by columns.
+    pub transform: [f64; 16],
+    /// Memory budget in bytes.
+    pub memory_bytes: u64,
+    /// Worker threads.
+    pub threads: NonZeroUsize,
+    /// Folder of the temporary data.
+    pub job_folder: PathBuf,
+    /// Leave the job folder in place after success.
+    pub keep_temp: bool,
+    /// Replace an earlier tree.
+    pub force: bool,
+    /// Throw away what an earlier run left.
+    pub restart: bool,
+    /// Drop and count broken faces and vertices instead of failing.
+    pub skip_bad: bool,
+    /// Progress within a stage is made durable so often; does not change the result.
+    pub checkpoint_every: std::time::Duration,
+}
+
+impl TilesConfig {
+    /// Every setting that changes the result, by name.
+    pub fn settings(&self) -> BTreeMap<String, String> {
+        let transform: Vec<String> = self.transform.iter().map(f64::to_string).collect();
+        BTreeMap::from([
+            ("command".to_owned(), "tiles".to_owned()),
+            ("tile_triangles".to_owned(), self.tile_triangles.to_string()),
+            ("pixels".to_owned(), self.pixels.to_string()),
+            ("compress".to_owned(), if self.packs { "meshopt" } else { "none" }.to_owned()),
+            ("up".to_owned(), if self.is_z_up { "z" } else { "y" }.to_owned()),
+            ("transform".to_owned(), transform.join(",")),
+            ("skip_bad".to_owned(), self.skip_bad.to_string()),
+        ])
+    }
+
+    /// The folder that is written before it gets its name.
+    pub fn pending_output(&self) -> PathBuf {
+        let mut name = std::ffi::OsString::from(".");
+        name.push(self.output.file_name().unwrap_or_default());
+        name.push(".stonecut-tiles");
+        self.output.with_file_name(name)
+    }
+}

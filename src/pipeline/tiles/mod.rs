@@ -1,0 +1,479 @@
+//! The program of `tiles`: from a mesh larger than memory to a tree of tiles.
+//!
+//! Partition into the groups of the first round; then round after round: write the tiles of the level below, simplify
+//! every group, regroup what is left, until one group holds all. Every step is sealed in the job folder, the
+//! folder of the tree gets its name when everything in it is durable.
+//!
+//! docs/design/tiles.md.
+
+mod config;
+mod plan;
+pub mod report;
+mod tree;
+
+pub use config::{TILE_TRIANGLES, TilesConfig};
+pub use plan::{PreparedTiles, TilesPlan, prepare_tiles};
+
+use super::abandon;
+use super::run_report::{InputReport, StageReport};
+use crate::error::{Error, Result};
+use crate::io::tileset::{TileTree, write_tilesets};
+use crate::kernel;
+use crate::measure::step;
+use crate::mesh::codec::ChannelKind;
+use crate::stages::partition::{Partition, partition_into_groups};
+use crate::stages::simplify::{Beside, Goal, channel_lengths, simplify_cells_beside, work_bytes};
+use crate::stages::stitch::{self, NewCells, within_reach};
+use crate::stages::tiles::{self, TileRound};
+use crate::store::cells::{
+    BoxKey, CellStore, GroupGrid, GroupRecord, StoreInfo, SurvivorInfo, SurvivorPack, TileRecord,
+    VertexLayout,
+};
+use crate::store::job::fingerprint::unchanged;
+use crate::store::job::{Identity, Job};
+use crate::store::stage_context::StageContext;
+use crate::system::disk::Disk;
+use crate::system::json_keys::SCHEMA_VERSION;
+use crate::system::memory::{BASE_BYTES, peak_bytes};
+use crate::system::parallel::guarded;
+use crate::system::progress::Progress;
+use plan::{LEFT, layout, too_little};
+use report::{LevelReport, TilesReport};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Instant;
+use tree::Levels;
+
+/// A round whose one group has at most this many tiles' triangles is the last.
+const LAST: u64 = 8;
+
+/// A group that keeps more than this share of its triangles is stuck, unless it has but a tile.
+const STUCK: f64 = 0.8;
+
+/// Writes the tree of tiles of `config.input` to `config.output`.
+pub fn make_tiles(
+    prepared: PreparedTiles,
+    config: &TilesConfig,
+    progress: &Progress,
+) -> Result<TilesReport> {
+    make_tiles_on(&Disk::default(), prepared, config, progress)
+}
+
+/// The same through a given disk, so that a test can make it fail. A panic on the way becomes an error.
+pub fn make_tiles_on(
+    disk: &Disk,
+    prepared: PreparedTiles,
+    config: &TilesConfig,
+    progress: &Progress,
+) -> Result<TilesReport> {
+    guarded(|| run(disk, prepared, config, progress))
+}
+
+fn run(
+    disk: &Disk,
+    prepared: PreparedTiles,
+    config: &TilesConfig,
+    progress: &Progress,
+) -> Result<TilesReport> {
+    let started = Instant::now();
+    let PreparedTiles { source, plan, marks } = prepared;
+    if config.memory_bytes < 2 * plan.needed_memory_bytes {
+        crate::system::memory::keep_nothing_back();
+    }
+    let mut input_marks = marks.clone();
+    input_marks.insert("vertices".to_owned(), source.n_vertices().to_string());
+    input_marks.insert("faces".to_owned(), source.n_face_rows().to_string());
+    let input = std::path::absolute(&config.input).unwrap_or_else(|_| config.input.clone());
+    let identity =
+        Identity { input: input.display().to_string(), input_marks, settings: config.settings() };
+    let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
+    let pending = config.pending_output();
+    if job.outcome::<bool>(BEGUN)?.is_none() {
+        // Of another job, or of one that was thrown away.
+        if pending.exists() {
+            std::fs::remove_dir_all(&pending)
+                .map_err(|e| Error::io(&pending, "cannot remove", e))?;
+        }
+        job.record(BEGUN, &true)?;
+    }
+    disk.create_dir(&pending)?;
+    let run = StageContext {
+        job: &job,
+        progress,
+        threads: config.threads.get(),
+        memory_bytes: plan.usable_memory_bytes,
+        checkpoint_every: config.checkpoint_every,
+    };
+    let mut stages = Stages {
+        run,
+        config,
+        pending: &pending,
+        layout: layout(&source),
+        kernel: kernel_options(&source),
+        reports: Vec::new(),
+        n_stages: 2 * plan.levels,
+    };
+    let n = source.n_triangles();
+    let cut = stages.stage("partition", "partition", n, |run| {
+        let outcome = guarded(|| partition_into_groups(&source, config.tile_triangles, run));
+        unchanged(&config.input, &marks, outcome)
+    });
+    let cut = cut.and_then(|cut: (Partition, GroupGrid)| match cut.0.store.triangles {
+        0 => Err(Error::bad_input(
+            &config.input,
+            "no triangle has three different corners: there is nothing to cut into tiles",
+        )),
+        _ => Ok(cut),
+    });
+    let (partition, grid) = match cut {
+        Ok(cut) => cut,
+        Err(error) => {
+            let _ = std::fs::remove_dir_all(&pending);
+            return Err(abandon(&job, error));
+        }
+    };
+    let (rounds, top) = stages.rounds(&partition, &grid)?;
+    let run = stages.run;
+    run.progress.begin("write", stages.reports.len() as u32 + 1, stages.n_stages, 1);
+    let levels =
+        Levels { lattice: grid.lattice, rounds: &rounds, top: &top, pixels: config.pixels };
+    let (tiles, deviations) = tree::tree(&levels);
+    let root = tiles.iter().rposition(|tile| tile.level as usize == rounds.len()).unwrap_or(0);
+    let leaf_triangles: u64 =
+        tiles.iter().filter(|tile| tile.level == 0).map(|tile| tile.triangles).sum();
+    let tree = TileTree {
+        root: root as u32,
+        transform: placed(&config.transform, grid.lattice.origin, config.is_z_up),
+        is_z_up: config.is_z_up,
+        extras: json!({ "stonecut": {
+            "input_triangles": leaf_triangles, "levels": rounds.len() + 1,
+            "step": grid.lattice.step, "pixels": config.pixels, "up": if config.is_z_up { "z" } else { "y" },
+            "origin": grid.lattice.origin,
+        } }),
+        tiles,
+    };
+    let (n_sets, set_bytes) = write_tilesets(&tree, &pending, disk)?;
+    disk.disown(set_bytes);
+    disk.sync_all_below(&pending)?;
+    if config.output.exists() && !config.force && !is_empty(&config.output) {
+        let output = config.output.display();
+        return Err(Error::Usage(format!(
+            "{output} has appeared during the run; give --force to replace it"
+        )));
+    }
+    disk.replace_folder(&pending, &config.output)?;
+    let reports = stages.reports;
+    let level_reports = level_reports(&rounds, &top, &deviations, config.tile_triangles);
+    let seconds = started.elapsed().as_secs_f64();
+    let dropped = partition.degenerate_faces;
+    let report = TilesReport {
+        schema_version: SCHEMA_VERSION,
+        version: env!("CARGO_PKG_VERSION").to_owned(),
+        input: InputReport {
+            path: config.input.display().to_string(),
+            bytes: source.file_bytes(),
+            vertices: source.n_vertices(),
+            triangles: source.n_triangles(),
+            bounds: partition.bounds.into(),
+            faults: faults(&source, &partition, dropped),
+        },
+        settings: config.settings(),
+        output: config.output.display().to_string(),
+        tiles: level_reports.iter().map(|level| level.tiles).sum(),
+        tilesets: n_sets,
+        output_bytes: level_reports.iter().map(|level| level.bytes).sum::<u64>() + set_bytes,
+        stuck: level_reports.iter().map(|level| level.stuck).sum(),
+        levels: level_reports,
+        seconds,
+        triangles_per_second: source.n_triangles() as f64 / seconds.max(1e-9),
+        peak_memory_bytes: peak_bytes(),
+        peak_temp_bytes: disk.peak_bytes(),
+        stages: reports,
+        notes: notes(&source),
+    };
+    if !config.keep_temp {
+        job.remove()?;
+    }
+    Ok(report)
+}
+
+/// Recorded before anything is written into the folder of the tree.
+const BEGUN: &str = "tiles begun";
+
+fn is_empty(folder: &Path) -> bool {
+    std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none())
+}
+
+/// Texture coordinates and regions mean nothing outside of their chart.
+fn kernel_options(source: &crate::io::ply::MeshSource) -> kernel::Options {
+    let kinds = source.schema().kernel_codec(&[]).channel_kinds(source.schema());
+    let is_confined = |kind: &ChannelKind| *kind == ChannelKind::Texture;
+    kernel::Options {
+        fit: kernel::Fit::Off,
+        confined: kinds.iter().map(is_confined).collect(),
+        ..kernel::Options::default()
+    }
+}
+
+fn faults(
+    source: &crate::io::ply::MeshSource,
+    partition: &Partition,
+    degenerate: u64,
+) -> BTreeMap<String, u64> {
+    let found = source.faults();
+    BTreeMap::from([
+        ("degenerate_faces".to_owned(), degenerate),
+        ("bad_faces".to_owned(), partition.bad_faces + found.bad_faces),
+        ("bad_vertices".to_owned(), found.bad_vertices),
+        ("missing_faces".to_owned(), found.missing_faces),
+        ("missing_vertices".to_owned(), found.missing_vertices),
+    ])
+}
+
+/// Parts of the input that tiles do not carry.
+fn notes(source: &crate::io::ply::MeshSource) -> Vec<String> {
+    let mut notes = Vec::new();
+    if source.require_no_texture().is_err() {
+        notes.push(
+            "texture coordinates and images are not carried: tiles have vertex colours only"
+                .to_owned(),
+        );
+    }
+    let faces: Vec<String> = source.face_properties().into_iter().map(|p| p.name).collect();
+    if !faces.is_empty() {
+        notes.push(format!("properties of faces are not carried: {}", faces.join(", ")));
+    }
+    notes
+}
+
+/// The transform of the tree: from its middle to the frame of the mesh, from there to the world.
+fn placed(world: &[f64; 16], origin: [f64; 3], is_z_up: bool) -> [f64; 16] {
+    let [x, y, z] = if is_z_up { origin } else { [origin[0], -origin[2], origin[1]] };
+    let mut out = *world;
+    for k in 0..3 {
+        out[12 + k] = world[k] * x + world[4 + k] * y + world[8 + k] * z + world[12 + k];
+    }
+    out
+}
+
+fn level_reports(
+    rounds: &[Vec<GroupRecord>],
+    top: &TileRecord,
+    deviations: &[f64],
+    tile_triangles: u64,
+) -> Vec<LevelReport> {
+    let mut out = Vec::new();
+    for level in 0..=rounds.len() {
+        let tiles: Vec<&TileRecord> = match rounds.get(level) {
+            Some(round) => round.iter().flat_map(|record| &record.tiles).collect(),
+            None => vec![top],
+        };
+        let groups = level.checked_sub(1).map_or(&[][..], |round| &rounds[round]);
+        let is_stuck = |record: &&GroupRecord| {
+            let [before, after] = record.triangles;
+            before > tile_triangles && after as f64 > STUCK * before as f64
+        };
+        out.push(LevelReport {
+            level: level as u32,
+            tiles: tiles.len() as u64,
+            triangles: tiles.iter().map(|tile| tile.triangles).sum(),
+            bytes: tiles.iter().map(|tile| tile.bytes).sum(),
+            groups: groups.len() as u64,
+            stuck: groups.iter().filter(is_stuck).count() as u64,
+            error_max: level.checked_sub(1).map_or(0.0, |round| deviations[round]),
+        });
+    }
+    out
+}
+
+/// The steps of one run: each is sealed in the job, timed and reported.
+struct Stages<'a> {
+    run: StageContext<'a>,
+    config: &'a TilesConfig,
+    pending: &'a Path,
+    layout: VertexLayout,
+    kernel: kernel::Options,
+    reports: Vec<StageReport>,
+    n_stages: u32,
+}
+
+/// Count of triangles of an outcome, for the report.
+trait Counted {
+    fn triangles(&self) -> u64;
+}
+
+impl Counted for (Partition, GroupGrid) {
+    fn triangles(&self) -> u64 {
+        self.0.store.triangles
+    }
+}
+
+impl Counted for StoreInfo {
+    fn triangles(&self) -> u64 {
+        self.triangles
+    }
+}
+
+impl Counted for SurvivorInfo {
+    fn triangles(&self) -> u64 {
+        self.triangles
+    }
+}
+
+impl Stages<'_> {
+    fn stage<T: Serialize + DeserializeOwned + Counted>(
+        &mut self,
+        key: &str,
+        name: &'static str,
+        triangles_in: u64,
+        work: impl FnOnce(&StageContext) -> Result<T>,
+    ) -> Result<T> {
+        let run = self.run;
+        let number = self.reports.len() as u32 + 1;
+        run.progress.begin(name, number, self.n_stages.max(number), triangles_in);
+        run.progress.check()?;
+        let (outcome, report): (T, StageReport) = run.job.sealed(key, || {
+            let (read, written, start) =
+                (run.disk().bytes_read(), run.disk().bytes_written(), Instant::now());
+            let outcome = work(&run)?;
+            crate::system::memory::give_back();
+            let report = StageReport {
+                name: name.to_owned(),
+                part: name.to_owned(),
+                seconds: start.elapsed().as_secs_f64(),
+                triangles_in,
+                triangles_out: outcome.triangles(),
+                bytes_read: run.disk().bytes_read() - read,
+                bytes_written: run.disk().bytes_written() - written,
+                peak_memory_bytes: peak_bytes(),
+            };
+            Ok((outcome, report))
+        })?;
+        self.reports.push(report);
+        Ok(outcome)
+    }
+
+    fn store(&self, info: StoreInfo) -> Result<CellStore> {
+        CellStore::open(self.run.disk(), self.run.job.folder(), info, self.layout.clone())
+    }
+
+    /// All rounds, and the tile at the top.
+    fn rounds(
+        &mut self,
+        partition: &Partition,
+        grid: &GroupGrid,
+    ) -> Result<(Vec<Vec<GroupRecord>>, TileRecord)> {
+        let run = self.run;
+        let tile = self.config.tile_triangles;
+        let mut store = partition.store.clone();
+        if self.layout.n_weighted() > 0 {
+            let target = (store.triangles as f64 * LEFT) as u64;
+            self.kernel.weights = run.job.sealed("channel lengths", || {
+                channel_lengths(&self.store(store.clone())?, target, &run)
+            })?;
+        }
+        let mut groups = grid.groups.clone();
+        let mut parts: Option<Vec<Vec<(BoxKey, u64)>>> = None;
+        let mut rounds: Vec<Vec<GroupRecord>> = Vec::new();
+        let mut was_single = false;
+        loop {
+            let round = rounds.len() as u32 + 1;
+            let is_last = groups.len() == 1 && (was_single || store.triangles <= LAST * tile);
+            was_single = groups.len() == 1;
+            let quarter = (store.triangles as f64 * LEFT) as u64;
+            let wanted = if is_last { quarter.min(tile) } else { quarter };
+            let wanted = within_reach(wanted, store.triangles, store.shared_vertices);
+            let goal = Goal { round, triangles: wanted.max(4).min(store.triangles) };
+            self.check_memory(&store)?;
+            let disk = run.disk().clone();
+            let layout = self.layout.clone();
+            let work = TileRound {
+                lattice: grid.lattice,
+                round,
+                groups: &groups,
+                parts: parts.as_deref(),
+                is_last,
+                tile_triangles: tile,
+                folder: self.pending,
+                packs: self.config.packs,
+                is_z_up: self.config.is_z_up,
+                layout: &layout,
+                disk: &disk,
+                deviation: &step::deviation,
+            };
+            let (options, info, pending) = (self.kernel.clone(), store.clone(), self.pending);
+            let rows = layout.clone();
+            let left = self.stage(
+                &format!("round {round}"),
+                if round == 1 { "simplify" } else { "round" },
+                store.triangles,
+                |run| {
+                    let store = CellStore::open(run.disk(), run.job.folder(), info, rows)?;
+                    let beside = Beside {
+                        bytes_per_triangle: tiles::BYTES_PER_TRIANGLE,
+                        is_whole: &|cell, left| Ok(work.is_whole(cell, left)),
+                        look: &|cell, before, left| work.look(cell, &before, left),
+                    };
+                    let left = simplify_cells_beside(&store, goal, &options, beside, run)?;
+                    run.disk().sync_all_below(pending)?;
+                    Ok(left)
+                },
+            )?;
+            let mut left: SurvivorInfo = left;
+            run.disk().remove(&run.job.path(&store.pack))?;
+            let records = std::mem::take(&mut left.statistics.groups);
+            if left.triangles == 0 {
+                let what = format!("no triangle is left after round {round}; nothing was written");
+                return Err(Error::Empty { path: self.config.output.clone(), what });
+            }
+            if is_last {
+                let top = run.job.sealed("top", || {
+                    let pack = self.survivors(left.clone())?;
+                    let top = work.write_root(&pack.load(0)?)?;
+                    run.disk().sync_all_below(self.pending)?;
+                    Ok(top)
+                })?;
+                rounds.push(records);
+                return Ok((rounds, top));
+            }
+            let (next, next_parts) = tiles::next_groups(&records);
+            let of_triangles = |cell: usize, _: &crate::store::cells::Survivors| {
+                tiles::next_cells(&records[cell].parts, &next)
+            };
+            let old_packs = left.packs.clone();
+            let rows = self.layout.clone();
+            store =
+                self.stage(&format!("regroup {round}"), "repartition", left.triangles, |run| {
+                    let pack = SurvivorPack::open(run.disk(), run.job.folder(), left, rows)?;
+                    let n_cells = next.len() as u32;
+                    let map = NewCells { n_cells, of_triangles: &of_triangles };
+                    stitch::regroup(&pack, map, round + 1, run)
+                })?;
+            for file in old_packs {
+                run.disk().remove(&run.job.path(&file.pack))?;
+            }
+            rounds.push(records);
+            groups = next;
+            parts = Some(next_parts);
+        }
+    }
+
+    fn survivors(&self, info: SurvivorInfo) -> Result<SurvivorPack> {
+        SurvivorPack::open(self.run.disk(), self.run.job.folder(), info, self.layout.clone())
+    }
+
+    /// Fails where the largest group does not fit into memory.
+    fn check_memory(&self, store: &StoreInfo) -> Result<()> {
+        let bytes = |cell: &crate::store::cells::CellTally| {
+            work_bytes(*cell, *cell, 1.0, &self.layout) + tiles::BYTES_PER_TRIANGLE * cell.triangles
+        };
+        let largest = store.cells.iter().map(bytes).max().unwrap_or(0);
+        match largest > self.run.memory_bytes {
+            true => Err(too_little(self.config, largest + BASE_BYTES)),
+            false => Ok(()),
+        }
+    }
+}

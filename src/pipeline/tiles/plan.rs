@@ -1,0 +1,195 @@
+//! Opens the input of `tiles`, checks it against what was asked for, and plans the run; nothing is written yet.
+
+use super::config::TilesConfig;
+use crate::error::{Error, Result};
+use crate::io::StageOptions;
+use crate::io::ply::{MeshSource, ReadOptions};
+use crate::io::tileset::{FILE_NAME, read_tileset};
+use crate::pipeline::plan::disk::check_space;
+use crate::stages::partition::{Shares, Sizes, store_bytes};
+use crate::stages::simplify::work_bytes;
+use crate::stages::tiles::BYTES_PER_TRIANGLE;
+use crate::store::cells::{CellTally, VertexLayout, plan_cells};
+use crate::store::job::fingerprint::{input_marks, unchanged};
+use crate::system::disk::folder_of;
+use crate::system::memory::BASE_BYTES;
+use crate::system::units::{show_bytes, show_count};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Boxes of the finest level in a group that a sheet passes through.
+const TILES_OF_GROUP: u64 = 16;
+
+/// The largest group that is planned for, in groups that a sheet passes through.
+const UNEVEN: f64 = 1.5;
+
+/// Share of its triangles that a round leaves.
+pub(super) const LEFT: f64 = 0.25;
+
+/// Bytes of output for each triangle of a tile, packed and not.
+const OUTPUT_BYTES: [u64; 2] = [7, 16];
+
+/// End-to-end speed on one core of the reference machine in triangles/s, for the expected time only.
+const TRIANGLES_PER_SECOND_PER_CORE: f64 = 0.8e6;
+
+/// Forecast of a run.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct TilesPlan {
+    /// Triangles of the input.
+    pub triangles_in: u64,
+    /// Levels of detail, about.
+    pub levels: u32,
+    /// Tiles of all levels, about.
+    pub tiles: u64,
+    /// Memory the stages may share, in bytes.
+    pub usable_memory_bytes: u64,
+    /// Memory that the most demanding stage needs at least, in bytes.
+    pub needed_memory_bytes: u64,
+    /// Peak bytes in the job folder.
+    pub temp_bytes: u64,
+    /// Bytes of the output.
+    pub output_bytes: u64,
+    /// Expected seconds.
+    pub seconds: f64,
+}
+
+/// An input that has been opened and planned for; nothing has been written yet.
+#[derive(Debug)]
+pub struct PreparedTiles {
+    /// The open input.
+    pub source: MeshSource,
+    /// Plan of the run.
+    pub plan: TilesPlan,
+    /// Fingerprint of the input, taken before it was opened.
+    pub marks: BTreeMap<String, String>,
+}
+
+/// Opens the input and plans the run.
+pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
+    refuse_to_replace(&config.output, config.force)?;
+    let marks = input_marks(&config.input)?;
+    let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
+    let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+    stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
+    let source = MeshSource::open_staged(&config.input, &stage);
+    let source = unchanged(&config.input, &marks, source)?;
+    let plan = TilesPlan::new(&source, config)?;
+    let (temp, output) = (plan.temp_bytes, plan.output_bytes);
+    check_space((&config.output, &config.job_folder), temp, output, temp + output)?;
+    Ok(PreparedTiles { source, plan, marks })
+}
+
+/// Refuses a folder that exists; with `force` only one that is not a tree of this program.
+fn refuse_to_replace(output: &Path, force: bool) -> Result<()> {
+    let Ok(meta) = std::fs::symlink_metadata(output) else { return Ok(()) };
+    let shown = output.display();
+    if !meta.is_dir() {
+        return Err(Error::Usage(format!("{shown} is not a folder; give the name of a new one")));
+    }
+    if std::fs::read_dir(output).is_ok_and(|mut entries| entries.next().is_none()) {
+        return Ok(());
+    }
+    if !force {
+        return Err(Error::Usage(format!("{shown} exists; give --force to replace it")));
+    }
+    let text = std::fs::read(output.join(FILE_NAME)).unwrap_or_default();
+    let is_ours = read_tileset(&text).is_ok_and(|set| set.asset.generator.starts_with("stonecut"));
+    if is_ours {
+        return Ok(());
+    }
+    Err(Error::Usage(format!(
+        "{shown} is not a tree of tiles that stonecut has written; remove it yourself, or give another name"
+    )))
+}
+
+impl TilesPlan {
+    fn new(source: &MeshSource, config: &TilesConfig) -> Result<TilesPlan> {
+        let triangles_in = source.n_triangles();
+        if triangles_in == 0 {
+            let what = "has no triangles (element face, row 0): there is nothing to cut into tiles";
+            return Err(Error::bad_input(source.path(), what));
+        }
+        let layout = layout(source);
+        let per_triangle = source.n_vertices() as f64 / triangles_in as f64;
+        let group = TILES_OF_GROUP * config.tile_triangles;
+        let most = ((group as f64 * UNEVEN) as u64).min(triangles_in);
+        let tally = CellTally {
+            vertices: (most as f64 * per_triangle.clamp(0.5, 3.0)) as u64,
+            triangles: most,
+        };
+        let work = work_bytes(tally, tally, 1.0, &layout) + BYTES_PER_TRIANGLE * most;
+        let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
+        let store = store_bytes(source.n_vertices(), triangles_in, &layout);
+        let n_cells = plan_cells(triangles_in, group);
+        let sizes =
+            Sizes { n_vertices: source.n_vertices(), n_cells, store_bytes: store, layout: &layout };
+        let tables = Shares::new(sizes, config.threads.get(), usable).least_bytes;
+        let needed = work.max(tables) + BASE_BYTES;
+        if work.max(tables) > usable {
+            return Err(too_little(config, needed));
+        }
+        let (mut levels, mut left, mut all) = (1, triangles_in as f64, triangles_in as f64);
+        while left > config.tile_triangles as f64 {
+            left *= LEFT;
+            all += left;
+            levels += 1;
+        }
+        // Later rounds carry ids and channels with every vertex.
+        let row = (9 + layout.row_bytes(true)) as f64 * per_triangle.clamp(0.5, 3.0) + 12.0;
+        let output = OUTPUT_BYTES[usize::from(!config.packs)] as f64 * all;
+        Ok(TilesPlan {
+            triangles_in,
+            levels,
+            tiles: (1.5 * all / config.tile_triangles as f64).ceil() as u64,
+            usable_memory_bytes: usable,
+            needed_memory_bytes: needed,
+            temp_bytes: store + (triangles_in as f64 * LEFT * row) as u64,
+            output_bytes: output as u64,
+            seconds: triangles_in as f64
+                / (TRIANGLES_PER_SECOND_PER_CORE * config.threads.get() as f64),
+        })
+    }
+
+    /// The plan for people, one fact a line.
+    pub fn lines(&self, config: &TilesConfig) -> Vec<String> {
+        vec![
+            format!("input    {} triangles", show_count(self.triangles_in)),
+            format!(
+                "tiles    about {} of about {} triangles, {} levels",
+                show_count(self.tiles),
+                show_count(config.tile_triangles),
+                self.levels
+            ),
+            format!(
+                "memory   budget {}, at least {} needed; {} threads",
+                show_bytes(config.memory_bytes),
+                show_bytes(self.needed_memory_bytes),
+                config.threads
+            ),
+            format!(
+                "disk     about {} temporary in {}, {} output",
+                show_bytes(self.temp_bytes),
+                config.job_folder.display(),
+                show_bytes(self.output_bytes)
+            ),
+            format!("time     about {:.0} s", self.seconds.max(1.0)),
+        ]
+    }
+}
+
+/// Fails for want of memory; `needed` would do.
+pub(super) fn too_little(config: &TilesConfig, needed: u64) -> Error {
+    Error::NoMemory(format!(
+        "a group of tiles needs {} of memory, the budget is {}; give --memory {} or fewer --tile-triangles than {}",
+        show_bytes(needed),
+        show_bytes(config.memory_bytes),
+        show_bytes(needed.next_multiple_of(1 << 20)).replace(' ', ""),
+        config.tile_triangles
+    ))
+}
+
+/// Rows of vertices of a run.
+pub(super) fn layout(source: &MeshSource) -> VertexLayout {
+    let weights = crate::mesh::attribute_weights::Weights::default();
+    VertexLayout::for_kernel(source.schema(), source.n_vertices(), &[], &weights)
+}

@@ -1,0 +1,68 @@
+//! The report of a run of `tiles`, as `--report` writes it; docs/design/tiles.md describes the keys.
+
+use crate::pipeline::run_report::{InputReport, StageReport};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// A level of detail.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct LevelReport {
+    /// 0 for the finest.
+    pub level: u32,
+    /// Tiles with content.
+    pub tiles: u64,
+    /// Triangles of all of them.
+    pub triangles: u64,
+    /// Bytes of their files.
+    pub bytes: u64,
+    /// Groups that were simplified to make it; 0 for the finest.
+    pub groups: u64,
+    /// Groups that kept most of their triangles.
+    pub stuck: u64,
+    /// Largest distance from the input, at most, in input units.
+    pub error_max: f64,
+}
+
+/// The report of a run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct TilesReport {
+    /// `SCHEMA_VERSION`.
+    pub schema_version: u32,
+    /// Version of the program.
+    pub version: String,
+    /// The input.
+    pub input: InputReport,
+    /// Settings that change the result.
+    pub settings: BTreeMap<String, String>,
+    /// The folder as it was given.
+    pub output: String,
+    /// Tiles with content.
+    pub tiles: u64,
+    /// Files of JSON.
+    pub tilesets: u64,
+    /// Bytes of all files.
+    pub output_bytes: u64,
+    /// Levels, the finest first.
+    pub levels: Vec<LevelReport>,
+    /// Groups that kept most of their triangles, on all levels.
+    pub stuck: u64,
+    /// Wall time.
+    pub seconds: f64,
+    /// Triangles of the input for each second.
+    pub triangles_per_second: f64,
+    /// Peak resident memory of the process, in bytes.
+    pub peak_memory_bytes: u64,
+    /// The most bytes in the job folder at one time.
+    pub peak_temp_bytes: u64,
+    /// Stages one after the other.
+    pub stages: Vec<StageReport>,
+    /// Parts of the input that are not carried, for people.
+    pub notes: Vec<String>,
+}
+
+impl TilesReport {
+    /// Returns whether the result is not all that was asked for.
+    pub fn is_short(&self) -> bool {
+        self.stuck > 0 || self.input.lost_rows() > 0
+    }
+}

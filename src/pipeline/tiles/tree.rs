@@ -1,0 +1,206 @@
+//! Puts the tiles of all rounds into one tree: parents, volumes, errors.
+//!
+//! All tiles that a group shows finer have the volume and the error of the group, and a group's volume holds those of
+//! all groups below that share a tile with it, its error exceeds theirs. So whatever rule of error and distance
+//! a viewer has, it refines a group whole, and only after all groups above it: neighbours always fit together.
+//!
+//! docs/design/tiles.md.
+
+use crate::io::tileset::TreeTile;
+use crate::mesh::bounds::Bounds;
+use crate::stages::tiles::tile_path;
+use crate::store::cells::{BoxKey, GroupRecord, Lattice, TileRecord, group_of, parent_of};
+
+/// Errors grow from level to level by this share at least.
+const LEAST_STEP: f64 = 1.0 / 512.0;
+
+/// Pixels that viewers let an error have by default.
+const VIEWER_PIXELS: f64 = 16.0;
+
+/// The rounds of a tree and the tile at its top.
+pub(super) struct Levels<'a> {
+    pub(super) lattice: Lattice,
+    /// The groups of each round, sorted.
+    pub(super) rounds: &'a [Vec<GroupRecord>],
+    pub(super) top: &'a TileRecord,
+    /// Pixels that the distance from the input may have on the screen.
+    pub(super) pixels: f64,
+}
+
+/// The tiles of a tree, the top last, and the largest distance from the input of each level above the finest.
+pub(super) fn tree(levels: &Levels) -> (Vec<TreeTile>, Vec<f64>) {
+    let mut tree = Tree::default();
+    let n_rounds = levels.rounds.len() as u32;
+    for (level, round) in (0u32..).zip(levels.rounds) {
+        let mut first = Vec::with_capacity(round.len());
+        for (cell, record) in round.iter().enumerate() {
+            first.push(tree.tiles.len() as u32);
+            for (n, tile) in record.tiles.iter().enumerate() {
+                let path = tile_path(level, cell, n);
+                tree.push(levels, level, tile.key, Some((path, tile)));
+            }
+        }
+        first.push(tree.tiles.len() as u32);
+        tree.first.push(first);
+    }
+    let root = tree.push(levels, n_rounds, levels.top.key, None);
+    let top = &mut tree.tiles[root as usize];
+    top.content = Some(tile_path(n_rounds, 0, 0));
+    top.content_bounds = bounds_of(levels.top);
+    top.triangles = levels.top.triangles;
+    top.group = (n_rounds > 0).then_some(0);
+    tree.owned = levels.rounds.iter().map(|round| vec![Vec::new(); round.len()]).collect();
+    for tile in 0..root {
+        if let Some((round, group)) = tree.owner(tile) {
+            tree.owned[round][group].push(tile);
+        }
+    }
+    if let Some(last) = tree.owned.last_mut() {
+        last[0] = vec![root];
+    }
+    for round in (0..levels.rounds.len()).rev() {
+        tree.attach(levels, round);
+    }
+    let deviations = tree.bound(levels);
+    // The top comes last for those who look at the list.
+    (tree.tiles, deviations)
+}
+
+#[derive(Default)]
+struct Tree {
+    tiles: Vec<TreeTile>,
+    keys: Vec<BoxKey>,
+    /// For each round the number of the first tile that each of its groups has written, and their end.
+    first: Vec<Vec<u32>>,
+    /// For each round and group the tiles that it shows finer.
+    owned: Vec<Vec<Vec<u32>>>,
+}
+
+impl Tree {
+    fn push(
+        &mut self,
+        levels: &Levels,
+        level: u32,
+        key: BoxKey,
+        content: Option<(String, &TileRecord)>,
+    ) -> u32 {
+        let group = match level {
+            0 => None,
+            _ => levels.rounds[level as usize - 1]
+                .binary_search_by_key(&group_of(key), |record| record.group)
+                .ok()
+                .map(|group| group as u32),
+        };
+        let mut tile = TreeTile { level, group, ..TreeTile::default() };
+        if let Some((path, record)) = content {
+            tile.content = Some(path);
+            tile.content_bounds = bounds_of(record);
+            tile.triangles = record.triangles;
+        }
+        self.tiles.push(tile);
+        self.keys.push(key);
+        self.tiles.len() as u32 - 1
+    }
+
+    /// Round and group that show a tile finer.
+    fn owner(&self, tile: u32) -> Option<(usize, usize)> {
+        let tile = &self.tiles[tile as usize];
+        Some((tile.level as usize - 1, tile.group? as usize))
+    }
+
+    /// Gives the tiles that a round has written their parents. A group of which nothing is left gets a parent without
+    /// content.
+    fn attach(&mut self, levels: &Levels, round: usize) {
+        for group in 0..levels.rounds[round].len() {
+            let tiles = self.first[round][group]..self.first[round][group + 1];
+            if tiles.is_empty() {
+                continue;
+            }
+            if self.owned[round][group].is_empty() {
+                let key = parent_of(self.keys[tiles.start as usize]);
+                let empty = self.push(levels, round as u32 + 1, key, None);
+                self.tiles[empty as usize].group = Some(group as u32);
+                self.owned[round][group].push(empty);
+                // Rounds above have their parents already.
+                let above = self.above(levels, round + 1, group_of(parent_of(key)));
+                self.tiles[above as usize].children.push(empty);
+            }
+            for tile in tiles {
+                let wanted = parent_of(self.keys[tile as usize]);
+                let parents = &self.owned[round][group];
+                let off_sq = |parent: &u32| -> i64 {
+                    let key = self.keys[*parent as usize];
+                    (0..3).map(|k| (i64::from(key[k]) - i64::from(wanted[k])).pow(2)).sum()
+                };
+                let parent = parents.iter().copied().min_by_key(|p| (off_sq(p), *p));
+                let parent = parent.expect("there is at least one");
+                self.tiles[parent as usize].children.push(tile);
+            }
+        }
+    }
+
+    /// A tile that the group of a round shows finer, or the nearest group that has any.
+    fn above(&self, levels: &Levels, round: usize, group: BoxKey) -> u32 {
+        let off_sq = |other: BoxKey| -> i64 {
+            (0..3).map(|k| (i64::from(group[k]) - i64::from(other[k])).pow(2)).sum()
+        };
+        let groups = levels.rounds[round].iter().zip(&self.owned[round]);
+        let near = groups
+            .filter(|(_, owned)| !owned.is_empty())
+            .min_by_key(|(record, _)| off_sq(record.group));
+        near.expect("the last round has the top").1[0]
+    }
+
+    /// Volumes and errors, from the finest level upwards; returns the largest deviation of each level.
+    fn bound(&mut self, levels: &Levels) -> Vec<f64> {
+        for tile in &mut self.tiles {
+            tile.bounds = tile.content_bounds;
+        }
+        let mut deviations = Vec::new();
+        // Of the groups of the round before: distance without the rounding to the lattice.
+        let mut geometry: Vec<f64> = Vec::new();
+        for (round, records) in levels.rounds.iter().enumerate() {
+            // A vertex moves to the nearest point of the lattice; at the border of a group that is a coarser one.
+            let rounding = 3f64.sqrt() * levels.lattice.step_of(round as u32 + 1);
+            let mut own = Vec::with_capacity(records.len());
+            let mut most = 0.0f64;
+            for (group, record) in records.iter().enumerate() {
+                let (mut bounds, mut below, mut error) = (Bounds::EMPTY, 0.0f64, 0.0f64);
+                for &tile in &self.owned[round][group] {
+                    let tile = &self.tiles[tile as usize];
+                    bounds = bounds.joined(&tile.content_bounds);
+                    for &child in &tile.children {
+                        let child = &self.tiles[child as usize];
+                        bounds = bounds.joined(&child.bounds);
+                        error = error.max(child.geometric_error);
+                        if let Some(group) = child.group {
+                            below = below.max(geometry[group as usize]);
+                        }
+                    }
+                }
+                let distance = below + record.deviation;
+                own.push(distance);
+                let deviation = distance + rounding;
+                most = most.max(deviation);
+                let wanted = VIEWER_PIXELS / levels.pixels * deviation;
+                let geometric_error = wanted.max(error * (1.0 + LEAST_STEP));
+                for tile in self.owned[round][group].clone() {
+                    let tile = &mut self.tiles[tile as usize];
+                    tile.bounds = bounds;
+                    tile.geometric_error = geometric_error;
+                    tile.deviation = deviation;
+                }
+            }
+            geometry = own;
+            deviations.push(most);
+        }
+        deviations
+    }
+}
+
+/// Bounds of a tile, a little wider, so that a flat one has a volume.
+fn bounds_of(tile: &TileRecord) -> Bounds {
+    let extent = (0..3).map(|k| tile.high[k] - tile.low[k]).fold(0.0, f64::max);
+    let rim = extent.max(f64::MIN_POSITIVE) / 8192.0;
+    Bounds { low: tile.low.map(|x| x - rim), high: tile.high.map(|x| x + rim) }
+}

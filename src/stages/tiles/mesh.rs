@@ -1,0 +1,105 @@
+//! Turns a part of a cell into a tile: positions on the lattice, normals, linear colours.
+
+use crate::io::{TileMesh, find_colour, find3, unit_colour};
+use crate::mesh::Mesh;
+use crate::mesh::property::{Scalar, read_scalar};
+use crate::mesh::vec3::{length_sq, normal};
+use crate::store::cells::{Lattice, VertexLayout};
+
+/// A cell whose tiles are made.
+pub(super) struct Whole<'a> {
+    pub(super) mesh: &'a Mesh,
+    /// Records as first read.
+    pub(super) records: &'a [u8],
+    /// True for vertices on the border of the group.
+    pub(super) shared: &'a [bool],
+    /// Normals by the cell's triangles, of any length.
+    normals: Vec<[f64; 3]>,
+    layout: &'a VertexLayout,
+    colour: Option<[(Scalar, usize); 3]>,
+    normal: Option<[(Scalar, usize); 3]>,
+}
+
+impl<'a> Whole<'a> {
+    pub(super) fn new(
+        mesh: &'a Mesh,
+        records: &'a [u8],
+        shared: &'a [bool],
+        layout: &'a VertexLayout,
+    ) -> Whole<'a> {
+        let colour = find_colour(&layout.schema);
+        let given = find3(&layout.schema, ["nx", "ny", "nz"]);
+        let mut normals = Vec::new();
+        if given.is_none() {
+            normals = vec![[0.0; 3]; mesh.positions.len()];
+            for t in 0..mesh.triangles.len() {
+                let n = normal(mesh.corners(t));
+                for v in mesh.triangles[t] {
+                    (0..3).for_each(|k| normals[v as usize][k] += n[k]);
+                }
+            }
+        }
+        Whole { mesh, records, shared, normals, layout, colour, normal: given }
+    }
+
+    /// The tile of some triangles; `local` has a place for every vertex, `u32::MAX` in all of them before and after.
+    pub(super) fn tile(
+        &self,
+        triangles: impl Iterator<Item = usize>,
+        lattice: &Lattice,
+        level: u32,
+        local: &mut [u32],
+    ) -> TileMesh {
+        let mut used: Vec<u32> = Vec::new();
+        let mut out = TileMesh::default();
+        for t in triangles {
+            out.triangles.push(self.mesh.triangles[t].map(|v| {
+                let place = &mut local[v as usize];
+                if *place == u32::MAX {
+                    *place = used.len() as u32;
+                    used.push(v);
+                }
+                *place
+            }));
+        }
+        let mut record = Vec::new();
+        for &v in &used {
+            let vertex = v as usize;
+            local[vertex] = u32::MAX;
+            let place = self.mesh.positions[vertex];
+            // Tiles of this level and of the next one meet at the border of a group: on the coarser lattice.
+            out.positions.push(match self.shared[vertex] {
+                true => lattice.nearest(level + 1, place).map(|x| 2 * x),
+                false => lattice.nearest(level, place),
+            });
+            if self.colour.is_some() || self.normal.is_some() {
+                let n = self.layout.schema.record_bytes();
+                let old = &self.records[vertex * n..(vertex + 1) * n];
+                record.clear();
+                self.layout.codec.encode(place, self.mesh.channels_of(v), old, &mut record);
+            }
+            out.normals.push(unit(match self.normal {
+                Some(fields) => fields.map(|(scalar, at)| read_scalar(scalar, &record, at)),
+                None => self.normals[vertex],
+            }));
+            if let Some(fields) = self.colour {
+                out.colours
+                    .push(fields.map(|(scalar, at)| linear(unit_colour(scalar, &record, at))));
+            }
+        }
+        out
+    }
+}
+
+/// A direction in 127ths; upwards if there is none.
+fn unit(n: [f64; 3]) -> [i8; 3] {
+    let length = length_sq(n).sqrt();
+    let n = if length > 0.0 && length.is_finite() { n.map(|x| x / length) } else { [0., 0., 1.] };
+    n.map(|x| (x * 127.0).round() as i8)
+}
+
+/// A colour component of sRGB in linear light (IEC 61966-2-1).
+fn linear(x: f64) -> u16 {
+    let y = if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) };
+    (y * 65_535.0).round() as u16
+}

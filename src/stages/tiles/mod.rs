@@ -1,0 +1,232 @@
+//! The tiles of a tree: written group by group, beside the simplification of each.
+//!
+//! A round loads a group of eight boxes of its level with the mesh of the level below. Its tiles are written as they
+//! come in, then it is simplified, and what is left is put in the order of the boxes of the round's own level. Decides
+//! nothing about the order of rounds, and does not know the JSON of a tree.
+//!
+//! docs/design/tiles.md.
+
+mod boxes;
+mod mesh;
+
+use crate::error::{Error, Result};
+use crate::io::{TileForm, encode_tile};
+use crate::mesh::Mesh;
+use crate::store::cells::{
+    BoxKey, CellMesh, GroupRecord, Lattice, Survivors, TileRecord, VertexLayout, group_of,
+    parent_of,
+};
+use crate::system::disk::Disk;
+use boxes::Boxes;
+use mesh::Whole;
+use std::path::Path;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Groups whose tiles lie in one folder: at most 64 tiles each, fewer than 1,000 files together.
+const GROUPS_PER_FOLDER: usize = 15;
+
+/// Memory for the tiles of a group and for measuring it, in bytes for each of its triangles.
+pub const BYTES_PER_TRIANGLE: u64 = 60;
+
+/// A round of groups whose tiles are written.
+pub struct TileRound<'a> {
+    /// The lattice of the tree.
+    pub lattice: Lattice,
+    /// The round, from 1: it writes tiles of the level below.
+    pub round: u32,
+    /// The group of each cell.
+    pub groups: &'a [BoxKey],
+    /// The boxes of the level below in each cell with their triangles, in the order in which a cell is loaded; none in
+    /// the first round.
+    pub parts: Option<&'a [Vec<(BoxKey, u64)>]>,
+    /// True if all that is left becomes one tile.
+    pub is_last: bool,
+    /// Triangles of a full tile.
+    pub tile_triangles: u64,
+    /// The folder of the tree.
+    pub folder: &'a Path,
+    /// True if tiles are packed.
+    pub packs: bool,
+    /// True if z points upwards in the mesh.
+    pub is_z_up: bool,
+    /// Rows of vertices.
+    pub layout: &'a VertexLayout,
+    /// The disk that is written through.
+    pub disk: &'a Disk,
+    /// Measures how far a mesh and its simplified version are apart, at most.
+    pub deviation: &'a (dyn Fn(&Mesh, &Mesh) -> f64 + Sync),
+}
+
+/// Path of a tile in its tree: number `n` of those that `cell` holds.
+pub fn tile_path(level: u32, cell: usize, n: usize) -> String {
+    format!("tiles/{level}/{}/{cell}-{n}.glb", cell / GROUPS_PER_FOLDER)
+}
+
+impl TileRound<'_> {
+    /// Writes the tiles of a cell, measures what became of it, and puts that in the order of its boxes.
+    pub fn look(&self, cell: usize, before: &CellMesh, left: &mut Survivors) -> Result<()> {
+        let group = self.groups[cell];
+        let mesh = &before.mesh;
+        let boxes = match self.parts {
+            None => boxes::of_leaves(mesh, &self.lattice, group, self.tile_triangles),
+            Some(parts) => {
+                let n: u64 = parts[cell].iter().map(|(_, n)| n).sum();
+                if n != mesh.triangles.len() as u64 {
+                    return Err(Error::Internal(format!(
+                        "cell {cell} of round {} has {} triangles, its boxes {n}",
+                        self.round,
+                        mesh.triangles.len()
+                    )));
+                }
+                Boxes { counts: joined(&parts[cell]), order: sorted_order(&parts[cell]) }
+            }
+        };
+        let whole = Whole::new(mesh, &before.records, &before.shared, self.layout);
+        let tiles = self.write(cell, self.round - 1, &whole, &boxes)?;
+        let deviation = match left.mesh.triangles.is_empty() || mesh.triangles.is_empty() {
+            true => diagonal(mesh),
+            false => (self.deviation)(mesh, &left.mesh),
+        };
+        let parts = match self.is_last {
+            true => Boxes {
+                counts: vec![(group, left.mesh.triangles.len() as u64)],
+                order: (0..left.mesh.triangles.len() as u32).collect(),
+            },
+            false => {
+                boxes::of_parts(&left.mesh, &self.lattice, (self.round, group), self.tile_triangles)
+            }
+        };
+        let old = std::mem::take(&mut left.mesh.triangles);
+        left.mesh.triangles = parts.order.iter().map(|&t| old[t as usize]).collect();
+        left.statistics.groups = vec![GroupRecord {
+            group,
+            tiles,
+            parts: parts.counts,
+            deviation,
+            triangles: [mesh.triangles.len() as u64, old.len() as u64],
+        }];
+        Ok(())
+    }
+
+    /// Writes the tile at the top of the tree: all that the last round has left.
+    pub fn write_root(&self, left: &Survivors) -> Result<TileRecord> {
+        let n = left.mesh.triangles.len() as u32;
+        let boxes = Boxes { counts: vec![([0; 3], u64::from(n))], order: (0..n).collect() };
+        let shared = vec![false; left.ids.len()];
+        let whole = Whole::new(&left.mesh, &left.records, &shared, self.layout);
+        let tiles = self.write(0, self.round, &whole, &boxes)?;
+        tiles.into_iter().next().ok_or_else(|| Error::Internal("no tile was written".to_owned()))
+    }
+
+    /// Tells if all tiles that were written with a cell are still there as they were.
+    pub fn is_whole(&self, cell: usize, left: &Survivors) -> bool {
+        let [record] = &left.statistics.groups[..] else { return false };
+        record.tiles.iter().enumerate().all(|(n, tile)| {
+            let path = self.folder.join(tile_path(self.round - 1, cell, n));
+            std::fs::read(path).is_ok_and(|bytes| xxh3_64(&bytes) == tile.checksum)
+        })
+    }
+
+    fn write(
+        &self,
+        cell: usize,
+        level: u32,
+        whole: &Whole,
+        boxes: &Boxes,
+    ) -> Result<Vec<TileRecord>> {
+        let step = self.lattice.step_of(level);
+        let form = TileForm { step, packs: self.packs, is_z_up: self.is_z_up };
+        let mut local = vec![u32::MAX; whole.mesh.positions.len()];
+        let mut tiles = Vec::with_capacity(boxes.counts.len());
+        let mut rest = &boxes.order[..];
+        for (n, &(key, n_triangles)) in boxes.counts.iter().enumerate() {
+            let (own, others) = rest.split_at(n_triangles as usize);
+            rest = others;
+            let triangles = own.iter().map(|&t| t as usize);
+            let mesh = whole.tile(triangles, &self.lattice, level, &mut local);
+            let fold = |start: i32, pick: fn(i32, i32) -> i32| {
+                let bounds = mesh
+                    .positions
+                    .iter()
+                    .fold([start; 3], |b, p| [0, 1, 2].map(|k| pick(b[k], p[k])));
+                bounds.map(|x| f64::from(x) * step)
+            };
+            let (low, high) = (fold(i32::MAX, i32::min), fold(i32::MIN, i32::max));
+            let vertices = mesh.positions.len() as u64;
+            let bytes = encode_tile(mesh, form);
+            self.put(&self.folder.join(tile_path(level, cell, n)), &bytes)?;
+            tiles.push(TileRecord {
+                key,
+                triangles: n_triangles,
+                vertices,
+                bytes: bytes.len() as u64,
+                checksum: xxh3_64(&bytes),
+                low,
+                high,
+            });
+        }
+        Ok(tiles)
+    }
+
+    fn put(&self, path: &Path, bytes: &[u8]) -> Result<()> {
+        let folder = crate::system::disk::folder_of(path);
+        if !folder.is_dir() {
+            self.disk.create_dir(folder)?;
+        }
+        let mut file = self.disk.create(path)?;
+        file.append(bytes)?;
+        self.disk.disown(bytes.len() as u64);
+        Ok(())
+    }
+}
+
+/// The new cell of each triangle of a cell that was put in the order of its boxes: that of the group of the next round
+/// that the box lies in. `groups` are sorted.
+pub fn next_cells(parts: &[(BoxKey, u64)], groups: &[BoxKey]) -> Vec<u32> {
+    let mut out = Vec::new();
+    for &(key, n) in parts {
+        let group = group_of(parent_of(key));
+        let cell = groups.binary_search(&group).expect("made of all boxes") as u32;
+        out.resize(out.len() + n as usize, cell);
+    }
+    out
+}
+
+/// The groups of the next round, sorted, and for each of them its boxes in the order in which `next_cells` brings them.
+pub fn next_groups(records: &[GroupRecord]) -> (Vec<BoxKey>, Vec<Vec<(BoxKey, u64)>>) {
+    let all = || records.iter().flat_map(|record| &record.parts);
+    let mut groups: Vec<BoxKey> = all().map(|(key, _)| group_of(parent_of(*key))).collect();
+    groups.sort_unstable();
+    groups.dedup();
+    let mut parts = vec![Vec::new(); groups.len()];
+    for &(key, n) in all() {
+        let group = group_of(parent_of(key));
+        let cell = groups.binary_search(&group).expect("made of all boxes");
+        parts[cell].push((key, n));
+    }
+    (groups, parts)
+}
+
+/// Numbers of triangles, box by box; boxes come in any order, one perhaps in several parts.
+fn sorted_order(parts: &[(BoxKey, u64)]) -> Vec<u32> {
+    let mut first = 0u32;
+    let mut runs: Vec<(BoxKey, u32, u32)> = Vec::with_capacity(parts.len());
+    for &(key, n) in parts {
+        runs.push((key, first, n as u32));
+        first += n as u32;
+    }
+    runs.sort_unstable();
+    runs.iter().flat_map(|&(_, first, n)| first..first + n).collect()
+}
+
+fn joined(parts: &[(BoxKey, u64)]) -> Vec<(BoxKey, u64)> {
+    let mut sorted = parts.to_vec();
+    sorted.sort_unstable();
+    let sum = |run: &[(BoxKey, u64)]| (run[0].0, run.iter().map(|(_, n)| n).sum());
+    sorted.chunk_by(|a, b| a.0 == b.0).map(sum).collect()
+}
+
+/// Diagonal of the bounding box.
+fn diagonal(mesh: &Mesh) -> f64 {
+    crate::mesh::bounds::Bounds::around(&mesh.positions).or_origin().diagonal()
+}
