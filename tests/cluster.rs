@@ -122,7 +122,7 @@ fn every_unit_twice_and_at_once_gives_the_same_bytes() {
     let (folder, whole) = scan("statue", "60k", "--ratio 5% --cell-triangles 3000");
     let at = folder.path();
     for (_, units) in
-        plan(at, &format!("job {} --units 3", SCAN.replace("in.ply", "in.ply out.ply")))
+        plan(at, &format!("job {} --units 12", SCAN.replace("in.ply", "in.ply out.ply")))
     {
         // All of the phase and its double together.
         let both = units.iter().chain(&units);
@@ -136,11 +136,11 @@ fn every_unit_twice_and_at_once_gives_the_same_bytes() {
     // Once it is over any unit says so, and the same plan is printed again.
     ends_well(start(at, "job", "simplify/5", ""), "simplify/5");
     ends_well(start(at, "job", "simplify/5", "--mend"), "simplify/5");
-    plan(at, &format!("job {} --units 3", SCAN.replace("in.ply", "in.ply out.ply")));
+    plan(at, &format!("job {} --units 12", SCAN.replace("in.ply", "in.ply out.ply")));
     let status = run(at, "status job --json");
     let json: serde_json::Value = serde_json::from_slice(&status.stdout).unwrap();
     assert_eq!((json["is_over"].as_bool(), json["share"].as_f64()), (Some(true), Some(1.0)));
-    assert_eq!(json["phases"][2]["done"], 12);
+    assert_eq!(json["phases"][2]["done"], json["phases"][2]["units"]);
     assert_eq!(json["report"]["target_met"], true);
 }
 
@@ -169,7 +169,7 @@ fn killed_units_are_done_again_and_leave_nothing() {
 
 /// Plans a job and does all units of the first phases.
 fn until(at: &Path, last: &str) -> Vec<(String, Vec<String>)> {
-    let phases = plan(at, "job in.ply out.ply --ratio 5% --cell-triangles 3000 --units 2");
+    let phases = plan(at, "job in.ply out.ply --ratio 5% --cell-triangles 3000 --units 8");
     for (name, units) in &phases {
         units.iter().for_each(|unit| ends_well(start(at, "job", unit, ""), unit));
         if name == last {
@@ -237,8 +237,8 @@ fn another_input_program_or_plan_is_refused() {
         assert!(expect(at, &format!("work job {unit}"), 2).contains("simplify/0 to 7"));
     }
     for (other, code) in [
-        ("job in.ply out.ply --ratio 6% --cell-triangles 3000 --units 2", 8),
-        ("job in.ply other.ply --ratio 5% --cell-triangles 3000 --units 2", 8),
+        ("job in.ply out.ply --ratio 6% --cell-triangles 3000 --units 8", 8),
+        ("job in.ply other.ply --ratio 5% --cell-triangles 3000 --units 8", 8),
         ("job in.ply out.ply --ratio 5% --cell-triangles 3000 --units 3", 8),
         ("other in.ply out.ply --max-error 0.1 --units 2", 2),
         ("other in.ply out.ply --ratio 5% --until partition --units 2", 2),
@@ -273,7 +273,7 @@ fn another_input_program_or_plan_is_refused() {
 fn a_worker_ends_with_its_parent() {
     let (folder, _) = scan("statue", "60k", "--ratio 5% --cell-triangles 3000");
     let at = folder.path();
-    plan(at, "job in.ply out.ply --ratio 5% --cell-triangles 3000 --units 2");
+    plan(at, "job in.ply out.ply --ratio 5% --cell-triangles 3000 --units 8");
     // Waits for the partition, which never comes.
     let mut shell = Command::new("sh")
         .current_dir(at)
@@ -448,7 +448,7 @@ fn a_script_for_slurm_chains_arrays() {
             "--ratio",
             "5%",
             "--units",
-            "300",
+            "1200",
             "--slurm",
             "-p compute -c 2",
         ])

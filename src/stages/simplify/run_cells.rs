@@ -162,6 +162,8 @@ fn run_cells_with(
 ) -> Result<SurvivorInfo> {
     let name = run.job.name(&format!("round-{}.survivors", goal.round));
     let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
+    // Sources are freed as soon as the data is synced, so the name must be durable before that.
+    run.disk().sync_folder_of(&run.job.folder().join(&name))?;
     let mut is_done = vec![false; store.n_cells()];
     let finished = writer.finished();
     let earlier = match (&beside, finished.is_empty()) {

@@ -283,8 +283,6 @@ impl SurvivorWriter {
         } else {
             PackWriter::create(disk, &path)?
         };
-        // Sources are freed as soon as the data is synced, so the name must be durable before that.
-        disk.sync_folder_of(&path)?;
         let appended = BTreeMap::new();
         Ok(SurvivorWriter { name: name.to_owned(), pack, layout: layout.clone(), appended })
     }
