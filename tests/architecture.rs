@@ -43,7 +43,7 @@ const ROOMS: [(&str, &[&str]); 15] = [
 ];
 
 /// Homes of outside crates; those that are not listed may be used anywhere.
-const HOMES: [(&str, &[&str]); 17] = [
+const HOMES: [(&str, &[&str]); 18] = [
     ("base64", &["io/gltf/buffers.rs", "report/"]),
     ("clap", &["cli/", "config.rs"]),
     ("clap_complete", &["cli/pages.rs"]),
@@ -57,6 +57,7 @@ const HOMES: [(&str, &[&str]); 17] = [
     ("noto_sans_mono_bitmap", &["render/picture.rs"]),
     ("png", &["render/picture.rs"]),
     ("rayon", &["system/parallel.rs"]),
+    ("robust", &["measure/intersections/pair.rs"]),
     ("rustix", &["cli/mod.rs", "error.rs", "pipeline/plan/", "store/job/lock.rs", "system/"]),
     ("signal_hook", &["cli/"]),
     ("thiserror", &["error.rs"]),

@@ -233,7 +233,7 @@ fn measurements_keep_the_schema() {
 fn answers_about_files_and_jobs_keep_the_schema() {
     let folder = folder_with("terrain", "--triangles 20k");
     let out = folder.path();
-    for options in ["", "--check", "--check --memory 48MiB"] {
+    for options in ["", "--check", "--check --memory 48MiB", "--check --self-intersections"] {
         assert_keeps("info", &printed(out, &format!("info in.ply --json {options}")));
     }
     expect(out, "simplify in.ply o.ply --ratio 5% --cell-triangles 3k --until simplify -q", 0);

@@ -2,11 +2,12 @@
 
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
-use crate::measure::check::{self, COUNT_BYTES};
+use crate::measure::check::{self, COUNT_BYTES, Checked};
+use crate::measure::intersections::{self, SelfIntersections};
 use crate::measure::load;
 use crate::measure::tileset::{TilesetCheck, check_tileset, is_tileset};
 use crate::mesh::topology_counts::Topology;
-use crate::stages::components::{Below, ComponentSizes, below_list, sizes_in_memory};
+use crate::stages::components::{Below, below_list, sizes_in_memory};
 use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
@@ -26,6 +27,9 @@ pub struct Args {
     /// Reads everything and counts connectivity and faults
     #[arg(long)]
     check: bool,
+    /// With --check, also counts pairs of triangles that pass through or lie on each other
+    #[arg(long, requires = "check")]
+    self_intersections: bool,
     /// Prints JSON
     #[arg(long)]
     json: bool,
@@ -73,6 +77,9 @@ pub(super) struct Report {
     /// Connectivity; only with `--check`.
     #[serde(flatten)]
     check: Option<Topology>,
+    /// Pairs of triangles that meet where they should not; only with `--self-intersections`.
+    #[serde(flatten)]
+    intersections: Option<SelfIntersections>,
     /// Components by size; only with `--check`.
     #[serde(skip_serializing_if = "Option::is_none")]
     component_sizes: Option<Sizes>,
@@ -160,12 +167,12 @@ pub(super) fn look(
 ) -> Result<(MeshSource, Report, Option<String>)> {
     let threads = super::arguments::threads(args.threads).get();
     let source = super::arguments::open_mesh(&args.file, args.temp_dir())?;
-    let (check, sizes) = match args.check {
+    let (check, sizes, intersections) = match args.check {
         true => {
-            let (topology, sizes) = count(args, &source, threads, progress)?;
-            (Some(topology), Some(sizes))
+            let found = count(args, &source, threads, progress)?;
+            (Some(found.topology), Some(found.sizes), found.intersections)
         }
-        false => (None, None),
+        false => (None, None, None),
     };
     let list = sizes.as_ref().map(below_list);
     let schema = source.schema();
@@ -184,6 +191,7 @@ pub(super) fn look(
         vertices: check.is_none().then(|| source.n_vertices()),
         triangles: check.is_none().then(|| source.n_triangles()),
         check,
+        intersections,
         component_sizes: sizes.map(|s| Sizes {
             found: s.found,
             largest: s.largest,
@@ -193,19 +201,30 @@ pub(super) fn look(
     Ok((source, report, list))
 }
 
-fn count(
-    args: &Args,
-    source: &MeshSource,
-    threads: usize,
-    progress: &Progress,
-) -> Result<(Topology, ComponentSizes)> {
+fn count(args: &Args, source: &MeshSource, threads: usize, progress: &Progress) -> Result<Checked> {
+    let has_intersections = args.self_intersections;
     let budget = super::arguments::memory_budget(args.memory);
-    let whole = load::bytes_in_memory(source).saturating_add(COUNT_BYTES * source.n_triangles());
+    let n = source.n_triangles();
+    // One after the other, so the larger counts.
+    let boxes_bytes = if has_intersections { intersections::bytes(n) } else { 0 };
+    let whole = load::bytes_in_memory(source).saturating_add(boxes_bytes.max(COUNT_BYTES * n));
     if whole > budget / 2 || u32::try_from(source.n_vertices()).is_err() {
-        return check::check(source, args.temp_dir(), threads, budget * 3 / 4, progress);
+        let cutting = check::cutting(args.temp_dir(), threads, budget * 3 / 4, has_intersections);
+        return check::check(source, cutting, has_intersections, progress);
     }
     let loaded = load::load(source, threads, progress)?;
-    Ok((load::topology_of(&loaded), sizes_in_memory(&loaded.mesh)))
+    let mut found = Checked {
+        topology: load::topology_of(&loaded),
+        sizes: sizes_in_memory(&loaded.mesh),
+        intersections: None,
+    };
+    if has_intersections {
+        progress.begin("self-intersections", 1, 1, n);
+        let mut intersections = intersections::in_memory(&loaded.mesh, threads, progress)?;
+        intersections.collinear_triangles += loaded.n_degenerate;
+        found.intersections = Some(intersections);
+    }
+    Ok(found)
 }
 
 fn table(source: &MeshSource, report: &Report, below: Option<String>) -> String {
@@ -240,6 +259,14 @@ fn table(source: &MeshSource, report: &Report, below: Option<String>) -> String 
             ("degenerate triangles", t.degenerate_triangles.to_string()),
             ("duplicate triangles", t.duplicate_triangles.to_string()),
             ("unreferenced vertices", t.unreferenced_vertices.to_string()),
+        ]);
+    }
+    if let Some(found) = &report.intersections {
+        rows.extend([
+            ("self-intersections", format!("{} pairs of triangles", found.self_intersections)),
+            ("overlaps among them", found.coplanar_overlaps.to_string()),
+            ("triangles in them", found.self_intersecting_triangles.to_string()),
+            ("left out, no area", found.collinear_triangles.to_string()),
         ]);
     }
     if let (Some(sizes), Some(below)) = (&report.component_sizes, below) {

@@ -1,8 +1,9 @@
-//! Counts the connectivity of a mesh of any size, cell by cell, and the sizes of its components.
+//! Counts the connectivity of a mesh of any size, cell by cell, the sizes of its components, its self-intersections.
 
 use crate::config::DEFAULT_CELL_TRIANGLES;
 use crate::error::Result;
 use crate::io::ply::MeshSource;
+use crate::measure::intersections::{self, SelfIntersections};
 use crate::measure::temp_store::{Cutting, Scratch};
 use crate::mesh::topology_counts::{CellPart, Topology, TopologyCounter, count_cell};
 use crate::stages::components::{self, ComponentSizes, Least};
@@ -19,24 +20,52 @@ pub const COUNT_BYTES: u64 = 64;
 /// seam has about three a vertex, once for each cell until equal ones are united; lists grow by doubling.
 const SEAM_BYTES: u64 = 240;
 
-/// Counts by way of a scratch store in `temp_dir`. Memory: tables and cells within `memory_bytes`, and what
-/// lies on seams.
-pub fn check(
-    source: &MeshSource,
+/// Fewest triangles of a cell where two of them must fit the memory.
+const LEAST_CELL_TRIANGLES: u64 = 16_000;
+
+/// Findings of `check`.
+#[derive(Clone, Debug, Default)]
+pub struct Checked {
+    /// Connectivity.
+    pub topology: Topology,
+    /// Components by size.
+    pub sizes: ComponentSizes,
+    /// Self-intersections, if asked for.
+    pub intersections: Option<SelfIntersections>,
+}
+
+/// The cutting for `check`: cells are smaller where pairs of them must fit the memory.
+pub fn cutting(
     temp_dir: &Path,
     threads: usize,
     memory_bytes: u64,
+    has_intersections: bool,
+) -> Cutting<'_> {
+    let fitting = memory_bytes / threads.max(1) as u64 / intersections::job_bytes();
+    let cell_triangles = match has_intersections {
+        true => fitting.clamp(LEAST_CELL_TRIANGLES, DEFAULT_CELL_TRIANGLES),
+        false => DEFAULT_CELL_TRIANGLES,
+    };
+    Cutting { cell_triangles, temp_dir, threads, memory_bytes }
+}
+
+/// Counts by way of a scratch store, self-intersections too if asked for. Memory: tables and cells within that of
+/// `cutting`, and what lies on seams.
+pub fn check(
+    source: &MeshSource,
+    cutting: Cutting,
+    has_intersections: bool,
     progress: &Progress,
-) -> Result<(Topology, ComponentSizes)> {
+) -> Result<Checked> {
     let n = source.n_triangles();
-    progress.begin("partition", 1, 3, n);
-    let cell_triangles = DEFAULT_CELL_TRIANGLES;
-    let cutting = Cutting { cell_triangles, temp_dir, threads, memory_bytes };
+    let Cutting { threads, memory_bytes, .. } = cutting;
+    let n_stages = if has_intersections { 4 } else { 3 };
+    progress.begin("partition", 1, n_stages, n);
     let (scratch, sizes) = Scratch::cut_and_look(source, cutting, progress, |store, run| {
-        progress.begin("components", 2, 3, n);
+        progress.begin("components", 2, n_stages, n);
         components::find(store, Least::default(), run).map(|found| found.sizes)
     })?;
-    progress.begin("count", 3, 3, n);
+    progress.begin("count", 3, n_stages, n);
     let store = scratch.store();
     let counter = Mutex::new(TopologyCounter::default());
     let weigh = |item: usize| {
@@ -69,5 +98,13 @@ pub fn check(
     // The reader has left degenerate faces out of the cells.
     topology.degenerate_triangles += scratch.partition().degenerate_faces;
     topology.triangles += scratch.partition().degenerate_faces;
-    Ok((topology, sizes))
+    let mut intersections = None;
+    if has_intersections {
+        progress.begin("self-intersections", 4, n_stages, 2 * n);
+        let bounds = &scratch.partition().bounds;
+        let mut found = intersections::in_store(store, bounds, threads, memory_bytes, progress)?;
+        found.collinear_triangles += scratch.partition().degenerate_faces;
+        intersections = Some(found);
+    }
+    Ok(Checked { topology, sizes, intersections })
 }

@@ -504,13 +504,17 @@ def info(
     file: PathLike,
     *,
     check: bool = False,
+    self_intersections: bool = False,
     memory: Size | None = None,
     temp_dir: PathLike | None = None,
     threads: int | None = None,
     progress: OnProgress | None = None,
 ) -> Report:
-    """Content of a mesh file; with ``check`` it is read whole, and connectivity and faults are counted."""
+    """Content of a mesh file; with ``check`` it is read whole, and connectivity and faults are counted.
+
+    ``self_intersections`` also counts the pairs of triangles that pass through or lie on each other (with ``check``)."""
     words = ["info", path("file", file), *options(check=check, memory=memory, threads=threads)]
+    words += options(self_intersections=self_intersections)
     words += [] if temp_dir is None else options(temp_dir=path("temp_dir", temp_dir))
     return _report(words, progress)[0]
 
