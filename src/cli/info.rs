@@ -111,6 +111,10 @@ impl Args {
 
 /// Looks at a folder of tiles. Without `--check` it is read all the same: what it holds is known no sooner.
 pub(super) fn look_at_tiles(args: &Args, progress: &Progress) -> Result<TilesetCheck> {
+    if args.self_intersections {
+        let what = "--self-intersections is for mesh files, and FILE is a folder of tiles; name one of its tiles";
+        return Err(Error::Usage(what.to_owned()));
+    }
     let threads = super::arguments::threads(args.threads).get();
     check_tileset(&args.file, threads, progress)
 }
