@@ -131,6 +131,7 @@ fn config(folder: &Path, output: &str) -> TilesConfig {
         packs: true,
         is_z_up: true,
         transform,
+        viewer: false,
         memory_bytes: 512 << 20,
         threads: std::num::NonZeroUsize::MIN,
         job_folder: folder.join(format!("{output}.stonecut-job")),

@@ -19,6 +19,7 @@ mod pages;
 mod plan;
 mod render;
 mod report;
+mod serve;
 mod signals;
 mod simplify;
 mod status;
@@ -61,6 +62,7 @@ enum Command {
     Render(render::Args),
     Report(report::Args),
     Synth(synth::Args),
+    Serve(serve::Args),
     Status(status::Args),
     Plan(Box<plan::Args>),
     Work(work::Args),
@@ -119,6 +121,7 @@ impl Command {
             Command::Render(args) => args.paths(),
             Command::Report(args) => args.paths(),
             Command::Synth(args) => args.paths(),
+            Command::Serve(args) => Ok(args.paths()),
             Command::Status(args) => Ok(args.paths()),
             Command::Plan(args) => args.paths(),
             Command::Work(args) => Ok(args.paths()),
@@ -145,6 +148,7 @@ impl Command {
             | Command::Render(_)
             | Command::Report(_)
             | Command::Synth(_)
+            | Command::Serve(_)
             | Command::Status(_)
             | Command::Plan(_)
             | Command::Demo(_)
@@ -170,6 +174,7 @@ fn dispatch(
         Command::Report(args) => report::run(args, progress, log).map(|()| 0),
         Command::Render(args) => render::run(args, progress, &mut Said(log)).map(|()| 0),
         Command::Synth(args) => synth::run(args, progress, &mut Said(log)).map(|()| 0),
+        Command::Serve(args) => serve::run(args, progress, log).map(|()| 0),
         Command::Status(args) => status::run(args, progress).map(|()| 0),
         Command::Plan(args) => plan::run(args, talk, log).map(|()| 0),
         Command::Work(args) => {

@@ -42,6 +42,9 @@ pub struct Args {
     /// Transform from the mesh (z upwards) to the world: 16 numbers, column by column, joined by commas.
     #[arg(long, value_name = "M16", value_parser = parse_transform, allow_hyphen_values = true)]
     transform: Option<Transform>,
+    /// Write a page that shows the tiles in a browser (index.html; `stonecut serve OUTPUT` offers it).
+    #[arg(long)]
+    viewer: bool,
     /// Memory budget, everything included: 512MiB, 4GiB, 50% [default: 75 % of the tightest limit in force].
     #[arg(long, value_name = "SIZE", value_parser = parse_memory)]
     memory: Option<u64>,
@@ -173,6 +176,7 @@ impl Args {
             packs: self.compress == Compress::Meshopt,
             is_z_up: self.up == Up::Z,
             transform,
+            viewer: self.viewer,
             memory_bytes: memory_budget(self.memory),
             threads: super::arguments::threads(self.threads),
             job_folder: super::arguments::job_folder(&self.output, self.temp_dir.as_deref())?,
@@ -246,10 +250,10 @@ fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {
     }
     log.say(format!(
         "{}: {} tiles, {} files of JSON, {} in {:.1} s ({} triangles/s), peak {} memory, {} temporary",
-        report.output,
+        report.output.path,
         report.tiles,
         report.tilesets,
-        show_bytes(report.output_bytes),
+        show_bytes(report.output.bytes),
         report.seconds,
         show_count(report.triangles_per_second as u64),
         show_bytes(report.peak_memory_bytes),

@@ -24,6 +24,8 @@ pub struct TilesConfig {
     pub is_z_up: bool,
     /// From the frame of the mesh, z upwards, to that of the world; by columns.
     pub transform: [f64; 16],
+    /// Write a page that shows the tree.
+    pub viewer: bool,
     /// Memory budget in bytes.
     pub memory_bytes: u64,
     /// Worker threads.
@@ -54,6 +56,7 @@ impl TilesConfig {
             ("up".to_owned(), if self.is_z_up { "z" } else { "y" }.to_owned()),
             ("transform".to_owned(), transform.join(",")),
             ("skip_bad".to_owned(), self.skip_bad.to_string()),
+            ("viewer".to_owned(), self.viewer.to_string()),
         ])
     }
 

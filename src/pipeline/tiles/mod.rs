@@ -10,6 +10,7 @@ mod config;
 mod plan;
 pub mod report;
 mod tree;
+mod viewer;
 
 pub use config::{TILE_TRIANGLES, TilesConfig};
 pub use plan::{PreparedTiles, TilesPlan, prepare_tiles};
@@ -38,7 +39,7 @@ use crate::system::memory::{BASE_BYTES, peak_bytes};
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
 use plan::{LEFT, layout, too_little};
-use report::{LevelReport, TilesReport};
+use report::{FolderReport, LevelReport, TilesReport};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::json;
@@ -157,6 +158,10 @@ fn run(
     };
     let (n_sets, set_bytes) = write_tilesets(&tree, &pending, disk)?;
     disk.disown(set_bytes);
+    let viewer_bytes = match config.viewer {
+        true => viewer::write_viewer(&pending, disk)?,
+        false => 0,
+    };
     disk.sync_all_below(&pending)?;
     if config.output.exists() && !config.force && !is_empty(&config.output) {
         let output = config.output.display();
@@ -181,10 +186,14 @@ fn run(
             faults: faults(&source, &partition, dropped),
         },
         settings: config.settings(),
-        output: config.output.display().to_string(),
+        output: FolderReport {
+            path: config.output.display().to_string(),
+            bytes: level_reports.iter().map(|level| level.bytes).sum::<u64>()
+                + set_bytes
+                + viewer_bytes,
+        },
         tiles: level_reports.iter().map(|level| level.tiles).sum(),
         tilesets: n_sets,
-        output_bytes: level_reports.iter().map(|level| level.bytes).sum::<u64>() + set_bytes,
         stuck: level_reports.iter().map(|level| level.stuck).sum(),
         levels: level_reports,
         seconds,

@@ -23,6 +23,15 @@ pub struct LevelReport {
     pub error_max: f64,
 }
 
+/// The folder of a tree.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FolderReport {
+    /// As it was given.
+    pub path: String,
+    /// Bytes of all files.
+    pub bytes: u64,
+}
+
 /// The report of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TilesReport {
@@ -34,14 +43,12 @@ pub struct TilesReport {
     pub input: InputReport,
     /// Settings that change the result.
     pub settings: BTreeMap<String, String>,
-    /// The folder as it was given.
-    pub output: String,
+    /// The folder.
+    pub output: FolderReport,
     /// Tiles with content.
     pub tiles: u64,
     /// Files of JSON.
     pub tilesets: u64,
-    /// Bytes of all files.
-    pub output_bytes: u64,
     /// Levels, the finest first.
     pub levels: Vec<LevelReport>,
     /// Groups that kept most of their triangles, on all levels.
