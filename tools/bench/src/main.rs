@@ -5,6 +5,7 @@
 mod bench;
 mod billion;
 mod child;
+mod cluster;
 mod colours;
 mod compare;
 mod forecast;
@@ -97,6 +98,28 @@ enum Command {
         /// The page
         #[arg(short, default_value = "docs/results/billion.md")]
         output: PathBuf,
+    },
+    /// Says what a job in units would take on other numbers of workers, from the records of one that was run
+    Cluster {
+        /// Folder of the finished job
+        job: PathBuf,
+        #[arg(long, value_delimiter = ',', default_value = "1,2,4,8,16")]
+        workers: Vec<usize>,
+        /// Threads of each worker
+        #[arg(long, default_value = "1")]
+        threads: f64,
+        /// Gigabytes a second that a worker moves
+        #[arg(long, default_value = "1.25")]
+        link: f64,
+        /// Gigabytes a second that the file system moves
+        #[arg(long, default_value = "20")]
+        files: f64,
+        /// Seconds that starting and ending a unit takes
+        #[arg(long, default_value = "0.04")]
+        start: f64,
+        /// Multiplies the work and the bytes of every unit
+        #[arg(long, default_value = "1")]
+        times: f64,
     },
     /// Says what 10 and 100 billion triangles would take, from the reports of runs that were made
     Forecast {
@@ -341,6 +364,12 @@ fn run(command: Command) -> Outcome<()> {
                 keep,
             };
             billion::run(&request, &output)
+        }
+        Command::Cluster { job, workers, threads, link, files, start, times } => {
+            let machines =
+                cluster::Machines { workers: 1, threads, link: link * 1e9, files: files * 1e9 };
+            print!("{}", cluster::Job::read(&job, times, start)?.table(&workers, machines));
+            Ok(())
         }
         Command::Forecast { reports, sizes, cores, measured_cores, memory, disk } => {
             let machine = forecast::Machine {
