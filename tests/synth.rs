@@ -245,6 +245,7 @@ fn noise_makes_the_specks_of_a_volume_and_whole_values_its_flat_triangles() {
         Settings { noise: f64::NAN, ..settings(Kind::Volume, 1000) },
         Settings { noise: 0.5, ..settings(Kind::Statue, 1000) },
         Settings { integer: true, ..settings(Kind::Gyroid, 1000) },
+        Settings { sea: true, ..settings(Kind::Statue, 1000) },
     ] {
         assert_eq!(mesh(&refused).unwrap_err().exit_code(), 2);
     }

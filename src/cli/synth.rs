@@ -37,6 +37,9 @@ pub struct Args {
     /// volume: whole voxel values, which meet the level exactly: triangles of no area, coinciding vertices.
     #[arg(long)]
     pub integer: bool,
+    /// terrain: water at a height of exactly 0 instead of ground below it.
+    #[arg(long)]
+    pub sea: bool,
     /// rooms: largest number of texture images, written beside OUTPUT [default: one for 25k triangles, at most 1000].
     ///
     /// PLY names them in its comments (texcoord and texnumber at faces), OBJ by a material library; STL and GLB
@@ -97,6 +100,7 @@ pub(super) fn make(args: &Args, progress: &Progress) -> Result<synth::Counts> {
         uv: args.uv,
         noise: args.noise,
         integer: args.integer,
+        sea: args.sea,
         pages: args.pages,
     };
     let threads = super::arguments::threads(args.threads).get();

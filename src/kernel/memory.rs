@@ -7,7 +7,8 @@ use crate::kernel::options::Fit;
 
 /// Peak memory of `simplify_mesh` in bytes, the mesh it is given included.
 ///
-/// Measured: 60 to 63 bytes a triangle beyond the input, 70 on dirty scans (docs/results/kernel.md). What
+/// Measured: 60 to 63 bytes a triangle beyond the input, 70 on dirty scans (docs/results/kernel.md); surfaces with exact planes
+/// take 4 more. What
 /// mending adds is up to the caller, who knows the input.
 pub fn peak_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {
     102 * n_triangles + n_vertices * (24 + 8 * n_channels as u64)

@@ -64,6 +64,7 @@ pub(crate) fn start(mesh: Mesh, locked: &[bool], options: &Options, simd: Simd) 
         driver.probes = Some(Probes::take(&driver.state.surface));
     }
     driver.mend();
+    driver.state.find_flats(options);
     if let Some(bound) = options.bound {
         driver.collapser.may_close = false;
         driver.reach_channel = bound.channel;

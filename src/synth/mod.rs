@@ -98,6 +98,8 @@ pub struct Settings {
     pub noise: f64,
     /// Whole voxel values that meet the level exactly; `volume` alone has voxels.
     pub integer: bool,
+    /// Water at a height of exactly 0; `terrain` alone has any.
+    pub sea: bool,
     /// Largest number of texture images; `rooms` alone has any. One for 25,000 triangles, at most 1000, if `None`.
     pub pages: Option<u64>,
 }
@@ -114,6 +116,7 @@ impl Settings {
             uv: false,
             noise: 1.0,
             integer: false,
+            sea: false,
             pages: None,
         }
     }
@@ -183,13 +186,14 @@ fn write_surface(
     let layout = FileProperties { uv: settings.uv && rooms.is_none(), ..layout(settings) };
     let mut header = OutputHeader::new(layout.schema(), counts.n_vertices, counts.n_triangles);
     header.settings = format!(
-        "synth {} --triangles {} --seed {}{}{}{}{}",
+        "synth {} --triangles {} --seed {}{}{}{}{}{}",
         settings.kind.name(),
         settings.n_triangles,
         settings.seed,
         if settings.shuffle { " --shuffle" } else { "" },
         if settings.noise == 1.0 { String::new() } else { format!(" --noise {}", settings.noise) },
         if settings.integer { " --integer" } else { "" },
+        if settings.sea { " --sea" } else { "" },
         settings.pages.map_or_else(String::new, |pages| format!(" --pages {pages}")),
     );
     let stream = Stream { surface, layout, threads: writing.threads, progress };
@@ -269,7 +273,9 @@ fn reordered(mesh: &Mesh, order: &Order) -> Mesh {
 fn surface(settings: &Settings, threads: usize, progress: &Progress) -> Result<Box<dyn Surface>> {
     let Settings { n_triangles, seed, color, .. } = *settings;
     Ok(match settings.kind {
-        Kind::Terrain => ordered(terrain::Terrain::new(n_triangles, seed, color), settings),
+        Kind::Terrain => {
+            ordered(terrain::Terrain::new(n_triangles, seed, color, settings.sea), settings)
+        }
         Kind::Statue => ordered(statue::Statue::new(n_triangles, seed, color), settings),
         Kind::Gyroid => Box::new(Counted::at_least(n_triangles, threads, progress, |scale| {
             gyroid::Gyroid::new(n_triangles, scale, seed, color)
@@ -327,6 +333,9 @@ fn check(settings: &Settings) -> Result<()> {
             "--noise and --integer are properties of a scanned volume: only `synth volume` has them"
                 .to_owned(),
         ));
+    }
+    if settings.kind != Kind::Terrain && settings.sea {
+        return Err(Error::Usage("--sea: only `synth terrain` has a sea".to_owned()));
     }
     if settings.kind != Kind::Rooms && settings.pages.is_some() {
         return Err(Error::Usage("--pages: only `synth rooms` has texture images".to_owned()));

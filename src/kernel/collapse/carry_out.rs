@@ -11,7 +11,7 @@ use crate::kernel::simd::unchecked::KnownIds;
 use crate::kernel::surface::class::Class;
 use crate::kernel::surface::{HUB, Ring, Surface, boundary_quadric};
 use crate::kernel::vertex::GONE;
-use crate::mesh::vec3::{Vec3, along};
+use crate::mesh::vec3::{Vec3, along, length_sq};
 
 impl Collapser {
     #[inline(always)]
@@ -40,11 +40,17 @@ impl Collapser {
         } else if !fixed {
             let (centre, unscale) = (&around.centre, surface.unscale);
             let place = |i: usize| centre[i] + f64::from(plan.place[i]) * unscale;
-            let place = [place(0), place(1), place(2)];
+            let mut place = [place(0), place(1), place(2)];
+            if let Some(flats) = &mut surface.flats {
+                let half = around.half.map(f64::from);
+                place = flats.hold((v0, v1), place, 2.0 * length_sq(half).sqrt() * unscale);
+            }
             if surface.n_channels > 0 {
                 self.blend_channels(surface, plan, place);
             }
             known.at_mut(&mut surface.vertices, v1).position = place;
+        } else if let Some(flats) = &mut surface.flats {
+            flats.hold_fixed((v0, v1), surface.vertices[v1 as usize].position);
         }
         // The rows of vanishing triangles also touch v0, which is deleted.
         let (bs, cs) = (self.b.as_chunks::<8>().0, self.c.as_chunks::<8>().0);

@@ -18,9 +18,9 @@ pub(crate) const REGULARISATION: f32 = 3e-5;
 /// nothing else tells them apart. Rounding alone is worth 1e-7.
 pub(crate) const LENGTH_COST: f32 = 1e-6;
 /// The volume is kept where |G| is at least this share of the trace; at most it is 2.
-const VOLUME_SHARE: f32 = 0.2;
+pub(crate) const VOLUME_SHARE: f32 = 0.2;
 /// The survivor lies at most this many half lengths from the midpoint.
-const MAX_REACH: f32 = 4.0;
+pub(crate) const MAX_REACH: f32 = 4.0;
 
 /// Triangles that may be without area by a double area of f32, as a share of the squares of two edges.
 pub(crate) const MAY_BE_FLAT: f32 = 1e-5;

@@ -113,7 +113,11 @@ impl<'a> Work<'a> {
         let place: Vec<V> = surface.vertices.iter().map(|v| local(&v.position)).collect();
         let is_free =
             |r: &crate::kernel::surface::Ring| r.class == Some(Class::Interior) && r.len > 0;
-        let free = surface.rings.iter().map(is_free).collect();
+        // What lies in a plane exactly stays there.
+        let in_plane =
+            |v: usize| surface.flats.as_ref().is_some_and(|flats| flats.of(v as u32) != 0);
+        let free = surface.rings.iter().enumerate();
+        let free = free.map(|(v, ring)| is_free(ring) && !in_plane(v)).collect();
         let around = vec![0.0; place.len()];
         Work {
             state,

@@ -2,7 +2,7 @@
 
 use crate::kernel::collapse::collapser::eight;
 use crate::kernel::cost::quadric::{self, Evaluated};
-use crate::kernel::cost::{placement, seam};
+use crate::kernel::cost::{flats, placement, seam};
 use crate::kernel::options::Placement;
 use crate::kernel::simd::Lanes;
 use crate::kernel::simd::unchecked::KnownIds;
@@ -30,6 +30,9 @@ pub(super) fn evaluate_eight<L: Lanes>(
         true => evaluate_attributes::<L>((known, state), v0, v1, fixed),
         false => quadric::edges::<L>(from, to, fixed, surface.scale),
     };
+    if let Some(flats) = &surface.flats {
+        flats::correct((surface, flats), v0, v1, fixed, &mut found);
+    }
     if surface.placement != Placement::Optimal {
         placement::choose(surface.placement, (from, to), fixed, surface.scale, &mut found);
     }

@@ -82,6 +82,7 @@ impl MeshState {
             channels,
             n_channels,
             placement: Placement::default(),
+            flats: None,
             scale,
             unscale: 1.0 / scale,
         };
@@ -142,6 +143,9 @@ impl MeshState {
         let may_be_flat = sum_quadrics(known, surface, simd);
         list_rings(known, surface);
         simd.run(Classify { known, surface, classes });
+        if let Some(flats) = &mut surface.flats {
+            flats.assign(&surface.vertices, &surface.triangles);
+        }
         if let Some(wedges) = &mut self.wedges {
             wedges.find_seams(surface);
         }

@@ -8,8 +8,11 @@ pub(crate) mod recompute;
 pub(crate) mod validate;
 
 use crate::kernel::cost::attributes::Attributes;
+use crate::kernel::options::{Options, Placement};
 use crate::kernel::surface::Surface;
+use crate::kernel::surface::flats::Flats;
 use crate::kernel::surface::wedges::{Corners, Wedges};
+use crate::kernel::vertex::Vertex;
 
 /// A surface with the sums of its attributes and the wedges of its seams.
 #[derive(Clone)]
@@ -22,6 +25,20 @@ pub(crate) struct MeshState {
 }
 
 impl MeshState {
+    /// Finds the planes that parts of the surface lie in exactly: where positions are free and nothing but them counts.
+    pub(crate) fn find_flats(&mut self, options: &Options) {
+        let is_plain = self.attributes.is_none() && self.wedges.is_none();
+        if options.placement != Placement::Optimal || options.bound.is_some() || !is_plain {
+            return;
+        }
+        let spacing = match options.spacing > 0.0 {
+            true => options.spacing,
+            false => spacing(&self.surface.vertices),
+        };
+        let Surface { vertices, triangles, flats, .. } = &mut self.surface;
+        *flats = Flats::find(vertices, triangles, spacing);
+    }
+
     /// Sets one channel of every vertex, on seams too.
     pub(crate) fn set_channel(&mut self, channel: usize, values: &[f32]) {
         let n = self.surface.n_channels.max(1);
@@ -37,4 +54,17 @@ impl MeshState {
     pub(crate) fn corners(&self) -> Corners<'_> {
         Corners { surface: &self.surface, wedges: self.wedges.as_deref() }
     }
+}
+
+/// Rounding of the coordinates as far as they tell it themselves: that of `f32`, if some of them are such numbers.
+fn spacing(vertices: &[Vertex]) -> f64 {
+    let step = vertices.len().div_ceil(1024).max(1);
+    let coordinates = || vertices.iter().step_by(step).flat_map(|vertex| vertex.position);
+    let (mut n, mut n_short, mut most) = (0, 0, 0.0f64);
+    for x in coordinates() {
+        n += 1;
+        n_short += usize::from(f64::from(x as f32) == x);
+        most = most.max(x.abs());
+    }
+    most * if 2 * n_short >= n { f64::from(f32::EPSILON) } else { 16.0 * f64::EPSILON }
 }

@@ -6,6 +6,7 @@
 pub(crate) mod class;
 pub(crate) mod faces;
 pub(crate) mod fan;
+pub(crate) mod flats;
 pub(crate) mod morton;
 mod rings;
 pub(crate) mod wedges;
@@ -13,6 +14,7 @@ pub(crate) mod wedges;
 use crate::kernel::options::Placement;
 use crate::kernel::simd::unchecked::KnownIds;
 use crate::kernel::surface::class::Class;
+use crate::kernel::surface::flats::Flats;
 use crate::kernel::vertex::Vertex;
 use crate::mesh::vec3::Vec3;
 
@@ -59,6 +61,8 @@ pub(crate) struct Surface {
     pub(crate) n_channels: usize,
     /// Position of survivors; set by the owner.
     pub(crate) placement: Placement,
+    /// Planes that parts of it lie in exactly, if there are any.
+    pub(crate) flats: Option<Box<Flats>>,
     /// Power of two that brings edges near to length 1, so that f32 neither over- nor underflows.
     pub(crate) scale: f64,
     /// 1 / scale, which is exact.

@@ -1,0 +1,125 @@
+//! Cost and place of collapses next to planes that a surface lies in exactly: the survivor stays in all planes of both ends.
+//!
+//! Takes the place of what `cost::quadric` found, edge by edge, after its lanes are through; on surfaces without such
+//! planes it is not called. The costs mean the same: both quadrics at the place.
+//!
+//! docs/algorithm.md, section 2.
+
+use crate::kernel::cost::quadric::{
+    Evaluated, LENGTH_COST, MAX_REACH, REGULARISATION, VOLUME_SHARE,
+};
+use crate::kernel::surface::Surface;
+use crate::kernel::surface::flats::{Flats, Meeting, across};
+use crate::kernel::vertex::Vertex;
+use crate::mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub};
+
+/// Multiple of the cost of a collapse that cannot keep its planes.
+const BROKEN: f32 = 4.0;
+
+/// Corrects eight edges; where `fixed` is not 0, the survivor stays at `v1`.
+#[inline(never)]
+pub(crate) fn correct(
+    (surface, flats): (&Surface, &Flats),
+    v0: &[u32; 8],
+    v1: &[u32; 8],
+    fixed: &[f32; 8],
+    found: &mut Evaluated,
+) {
+    for i in 0..8 {
+        let mask = flats.of(v0[i]) | flats.of(v1[i]);
+        if mask == 0 || found.cost[i] == f32::INFINITY {
+            continue;
+        }
+        let (from, to) = (&surface.vertices[v0[i] as usize], &surface.vertices[v1[i] as usize]);
+        if fixed[i] != 0.0 {
+            if !flats.contain(mask, to.position) {
+                found.cost[i] *= BROKEN;
+            }
+            continue;
+        }
+        let half = scale(sub(to.position, from.position), 0.5 * surface.scale);
+        let centre = scale(add(from.position, to.position), 0.5);
+        let best = flats.meeting(mask, centre).and_then(|mut meeting| {
+            meeting.nearest = scale(meeting.nearest, surface.scale);
+            best_within((from, to), half, &meeting)
+        });
+        match best {
+            None => found.cost[i] *= BROKEN,
+            Some((place, cost)) => {
+                found.cost[i] = cost as f32;
+                for (row, x) in found.place.iter_mut().zip(place) {
+                    row[i] = x as f32;
+                }
+            }
+        }
+    }
+}
+
+/// x^T A y for the first six numbers of a quadric.
+fn product(q: &[f32; 9], x: Vec3) -> Vec3 {
+    let q = q.map(f64::from);
+    [dot([q[0], q[1], q[2]], x), dot([q[1], q[3], q[4]], x), dot([q[2], q[4], q[5]], x)]
+}
+
+/// The place of least error where the planes meet, relative to the midpoint, and its cost; `None` where that is too
+/// far away.
+fn best_within(
+    (from, to): (&Vertex, &Vertex),
+    half: Vec3,
+    meeting: &Meeting,
+) -> Option<(Vec3, f64)> {
+    let (q0, q1) = (&from.quadric, &to.quadric);
+    let trace: f64 = [0, 3, 5].iter().map(|&k: &usize| f64::from(q0[k]) + f64::from(q1[k])).sum();
+    let lift = trace * f64::from(REGULARISATION) + 1e-30;
+    let times = |x: Vec3| add(add(product(q0, x), product(q1, x)), scale(x, lift));
+    let wanted = sub(product(q1, half), product(q0, half));
+    // Inverse of the quadric within the planes.
+    let [n0, n1, _] = meeting.normals;
+    let solve: Box<dyn Fn(Vec3) -> Vec3> = match meeting.rank {
+        1 => {
+            let (u, v) = across(n0)?;
+            let (ku, kv) = (times(u), times(v));
+            let (uu, uv, vv) = (dot(u, ku), dot(u, kv), dot(v, kv));
+            let determinant = uu * vv - uv * uv;
+            Box::new(move |r| {
+                let (a, b) = (dot(u, r), dot(v, r));
+                let (x, y) = (a * vv - b * uv, b * uu - a * uv);
+                add(scale(u, x / determinant), scale(v, y / determinant))
+            })
+        }
+        2 => {
+            let along = cross(n0, n1);
+            let steepness = dot(along, times(along));
+            Box::new(move |r| scale(along, dot(along, r) / steepness))
+        }
+        _ => Box::new(|_| [0.0; 3]),
+    };
+    let nearest = meeting.nearest;
+    let free = add(nearest, solve(sub(wanted, times(nearest))));
+    // Written so that NaN is too far.
+    let half_sq = length_sq(half);
+    let is_near = |x: Vec3| length_sq(x) <= half_sq * f64::from(MAX_REACH * MAX_REACH);
+    if !is_near(free) {
+        return None;
+    }
+    // The volume is kept as far as the planes let it.
+    let normals = |q: &[f32; 9]| [q[6], q[7], q[8]].map(f64::from);
+    let (g0, g1) = (normals(q0), normals(q1));
+    let g = add(g0, g1);
+    let way = solve(g);
+    let within = sub(
+        g,
+        meeting.normals[..meeting.rank]
+            .iter()
+            .fold([0.0; 3], |sum, n| add(sum, scale(*n, dot(*n, g)))),
+    );
+    let mut place = free;
+    if length_sq(within) > (trace * f64::from(VOLUME_SHARE)).powi(2) {
+        let step = (dot(sub(g1, g0), half) - dot(g, free)) / dot(g, way);
+        let kept = add(free, scale(way, step));
+        place = if is_near(kept) { kept } else { free };
+    }
+    let error = |q: &[f32; 9], x: Vec3| dot(x, product(q, x));
+    let error = error(q0, add(place, half)) + error(q1, sub(place, half));
+    Some((place, error.max(0.0) + trace * half_sq * f64::from(LENGTH_COST)))
+}
