@@ -141,7 +141,8 @@ impl<'a> Soup<'a> {
         is_wanted: impl Fn(usize, &Bounds) -> bool,
         progress: &Progress,
     ) -> Result<(Soup<'a>, u64)> {
-        let (mut items, mut n_flat) = (Vec::new(), 0);
+        // Growing by doubling would hold the list twice.
+        let (mut items, mut n_flat) = (Vec::with_capacity(mesh.triangles.len()), 0);
         for i in 0..mesh.triangles.len() {
             if i % STOP_ROWS == 0 {
                 progress.check()?;

@@ -27,18 +27,12 @@ fn side([a, b, c]: &Corners, d: &Vector) -> Ordering {
 }
 
 fn side_of(a: &Vector, b: &Vector, c: &Vector, d: &Vector) -> Ordering {
-    let [a, b, c, d] = [a, b, c, d].map(|p| Coord3D { x: p[0], y: p[1], z: p[2] });
-    orient3d(a, b, c, d).total_cmp_to_zero()
+    let place = |p: &Vector| Coord3D { x: p[0], y: p[1], z: p[2] };
+    sign(orient3d(place(a), place(b), place(c), place(d)))
 }
 
-trait Sign {
-    fn total_cmp_to_zero(self) -> Ordering;
-}
-
-impl Sign for f64 {
-    fn total_cmp_to_zero(self) -> Ordering {
-        self.partial_cmp(&0.0).unwrap_or(Equal)
-    }
+fn sign(x: f64) -> Ordering {
+    x.partial_cmp(&0.0).unwrap_or(Equal)
 }
 
 /// The two coordinates that are left when a plane is seen along an axis.
@@ -56,8 +50,8 @@ impl View {
 
     /// Sense of three points.
     fn turn(self, a: &Vector, b: &Vector, c: &Vector) -> Ordering {
-        let [a, b, c] = [a, b, c].map(|p| Coord { x: p[self.0], y: p[self.1] });
-        orient2d(a, b, c).total_cmp_to_zero()
+        let place = |p: &Vector| Coord { x: p[self.0], y: p[self.1] };
+        sign(orient2d(place(a), place(b), place(c)))
     }
 }
 
@@ -97,20 +91,22 @@ fn from(t: &Corners, first: usize) -> Corners {
     [t[first], t[(first + 1) % 3], t[(first + 2) % 3]]
 }
 
-/// Triangles with a common edge meet elsewhere only if one is folded onto the other.
+/// Triangles with a common edge meet elsewhere only if one is folded onto the other. Seen along an axis they are then on
+/// the same side of the edge, which hardly any neighbours are: the plane comes last.
 fn at_edge(a: &Corners, own: &Vector, other: &Vector, [p, q]: [&Vector; 2]) -> Meeting {
-    if side(a, other) != Equal {
-        return Meeting::None;
-    }
-    match View::of(a) {
-        Some((view, _)) if view.turn(p, q, own) == view.turn(p, q, other) => Meeting::Overlap,
-        _ => Meeting::None,
+    let is_same_side = |(view, _): (View, Ordering)| view.turn(p, q, own) == view.turn(p, q, other);
+    match View::of(a).is_some_and(is_same_side) && side(a, other) == Equal {
+        true => Meeting::Overlap,
+        false => Meeting::None,
     }
 }
 
 /// Both begin at their common corner. Their planes meet in a line through it, of which each triangle holds a segment
 /// that begins there: they meet elsewhere if the edge opposite of one meets the other.
 fn at_corner(a: &Corners, b: &Corners) -> Meeting {
+    if is_parted_at_corner(a, b) {
+        return Meeting::None;
+    }
     let of_b = [side(a, &b[1]), side(a, &b[2])];
     if of_b == [Equal; 2] {
         return in_plane_at_corner(a, b);
@@ -125,6 +121,23 @@ fn at_corner(a: &Corners, b: &Corners) -> Meeting {
     let is_crossing =
         segment_meets([&b[1], &b[2]], of_b, a) || segment_meets([&a[1], &a[2]], of_a, b);
     if is_crossing { Meeting::Crossing } else { Meeting::None }
+}
+
+/// Returns whether a plane across an axis through the common corner parts the triangles, and one of them meets it there
+/// only. True for half of all neighbours.
+fn is_parted_at_corner(a: &Corners, b: &Corners) -> bool {
+    (0..3).any(|k| {
+        let p = a[0][k];
+        let (a, b) = ([a[1][k], a[2][k]], [b[1][k], b[2][k]]);
+        let above = |ends: [f64; 2]| ends[0] > p && ends[1] > p;
+        let below = |ends: [f64; 2]| ends[0] < p && ends[1] < p;
+        let reaches = |ends: [f64; 2]| (ends[0].min(ends[1]) >= p, ends[0].max(ends[1]) <= p);
+        let (from_a, from_b) = (reaches(a), reaches(b));
+        (above(a) && from_b.1)
+            || (below(a) && from_b.0)
+            || (above(b) && from_a.1)
+            || (below(b) && from_a.0)
+    })
 }
 
 /// Triangles without a common corner.
