@@ -183,7 +183,8 @@ mod tests {
             (sheet(50, |x, y| 0.1 * x * y), 0.1),
         ] {
             let bound = deviation(&fine, &flat);
-            assert!(bound >= far && bound <= 1.27 * far + 1e-12, "{bound} {far}");
+            // Corners on edges of the other mesh may name triangles that do not hold the piece: the last halving counts.
+            assert!(bound >= far && bound <= 1.27 * far + 0.5 / 1024.0, "{bound} {far}");
             // The other way round: large triangles over small ones.
             let back = deviation(&flat, &fine);
             assert!(back >= 0.9 * far, "{back} {far}");
