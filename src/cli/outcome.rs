@@ -3,7 +3,9 @@
 use super::log::{Log, Talk};
 use crate::error::Result;
 use crate::mesh::face_properties::FacePolicy;
-use crate::pipeline::run_report::{BoundReport, FaceReport, GridReport, QualityReport, RunReport};
+use crate::pipeline::run_report::{
+    BoundReport, FaceReport, GridReport, QualityReport, RunReport, StageReport,
+};
 use crate::stages::components::ComponentSizes;
 use crate::system::units::{show_bytes, show_count, show_length};
 use std::path::Path;
@@ -17,17 +19,7 @@ pub(super) fn is_short(report: &RunReport) -> bool {
 /// Says what a run has done.
 pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     if talk.verbose {
-        for stage in &report.stages {
-            log.say(format!(
-                "{:11} {:7.2} s  {} -> {} triangles, {} read, {} written",
-                stage.name,
-                stage.seconds,
-                show_count(stage.triangles_in),
-                show_count(stage.triangles_out),
-                show_bytes(stage.bytes_read),
-                show_bytes(stage.bytes_written)
-            ));
-        }
+        report.stages.iter().for_each(|stage| log.say(stage_line(stage)));
     }
     for level in &report.levels {
         log.say(format!(
@@ -98,6 +90,19 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     if !report.quality.bearable {
         log.say(unbearable_line(&report.quality));
     }
+}
+
+/// Tells the time and the counts of a stage.
+pub(super) fn stage_line(stage: &StageReport) -> String {
+    format!(
+        "{:11} {:7.2} s  {} -> {} triangles, {} read, {} written",
+        stage.name,
+        stage.seconds,
+        show_count(stage.triangles_in),
+        show_count(stage.triangles_out),
+        show_bytes(stage.bytes_read),
+        show_bytes(stage.bytes_written)
+    )
 }
 
 /// Explains a result that cannot stand for its input.

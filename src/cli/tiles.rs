@@ -3,6 +3,7 @@
 use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
 use super::log::{EXIT_SHORT, Log, Talk};
+use super::outcome::stage_line;
 use crate::error::{Error, Result};
 use crate::pipeline::tiles::report::TilesReport;
 use crate::pipeline::tiles::{TILE_TRIANGLES, TilesConfig, make_tiles, prepare_tiles};
@@ -223,17 +224,7 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
 
 fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {
     if talk.verbose {
-        for stage in &report.stages {
-            log.say(format!(
-                "{:11} {:7.2} s  {} -> {} triangles, {} read, {} written",
-                stage.name,
-                stage.seconds,
-                show_count(stage.triangles_in),
-                show_count(stage.triangles_out),
-                show_bytes(stage.bytes_read),
-                show_bytes(stage.bytes_written)
-            ));
-        }
+        report.stages.iter().for_each(|stage| log.say(stage_line(stage)));
     }
     for level in report.levels.iter().rev() {
         log.say(format!(

@@ -56,9 +56,6 @@ pub struct Options {
     pub bound: Option<Bound>,
     /// Places where the bound is tighter than elsewhere: there an earlier run of the same kind went beyond it.
     pub tight: Arc<[Tight]>,
-    /// Rounding of the coordinates, in input units: what lies in one plane but for that is kept there. 0: that of `f32`, if
-    /// half of the coordinates are such numbers.
-    pub spacing: f64,
     /// Estimates the quality of the result; its time was not measured.
     pub estimate: bool,
     /// Asks the call to return early, with `Statistics::interrupted`; by default nothing does.
@@ -145,7 +142,6 @@ impl Default for Options {
             seam_share: 0.0,
             bound: None,
             tight: Arc::from([]),
-            spacing: 0.0,
             estimate: false,
             interrupt: Interrupt::default(),
         }

@@ -12,6 +12,7 @@ pub mod plan;
 mod prepare;
 mod quality;
 pub mod run_report;
+mod sealed_stages;
 pub(crate) mod seam_points;
 mod source_facts;
 mod stage_runner;
@@ -187,7 +188,7 @@ fn reduce(
     }
     match (step, left) {
         (Step::Finish, left) => {
-            let result = stages.finish(left.clone())?;
+            let result = stages.finish(&left)?;
             Ok(Some((Some(left), result)))
         }
         (_, Left::Survivors(left)) => Ok(Some((None, left))),

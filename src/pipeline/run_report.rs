@@ -3,12 +3,14 @@
 //! docs/report.md describes every key, docs/report.schema.json says the same for machines, and tests/report_schema.rs holds
 //! real reports against both.
 
-use crate::io::ply::type_name;
+use crate::io::ply::{MeshSource, type_name};
 use crate::io::{NUMBER, OutputKind, TexturePlan};
+use crate::mesh::bounds::Bounds;
 use crate::mesh::face_properties::{FacePolicy, FacePropertyPlan};
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::path::Path;
 
 /// One stage of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -69,6 +71,18 @@ pub struct InputReport {
 }
 
 impl InputReport {
+    /// The report on an input without faults.
+    pub(super) fn new(path: &Path, source: &MeshSource, bounds: Bounds) -> Self {
+        InputReport {
+            path: path.display().to_string(),
+            bytes: source.file_bytes(),
+            vertices: source.n_vertices(),
+            triangles: source.n_triangles(),
+            bounds: bounds.into(),
+            faults: BTreeMap::new(),
+        }
+    }
+
     /// Rows that were broken or missing, and dropped on request: the result is of a part of the input only.
     pub fn lost_rows(&self) -> u64 {
         let lost = ["bad_faces", "bad_vertices", "missing_faces", "missing_vertices"];

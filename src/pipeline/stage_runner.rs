@@ -1,4 +1,4 @@
-//! The stages of one run, one method each: sealed in the job folder, timed, reported.
+//! The stages of one run of `simplify`, one method each.
 //!
 //! `pipeline` says in which order. Opens what a stage needs from the outcome of the one before, removes what
 //! is not needed any more, and sums up what all of them did. Decides nothing about meshes.
@@ -8,6 +8,7 @@ mod report;
 use super::kernel_side::{Facts, kernel_side};
 use super::prepare::WRITING;
 use super::quality::QualityCurve;
+use super::sealed_stages::SealedStages;
 use crate::config::{Config, Target};
 use crate::error::{Error, Result};
 use crate::io::ply::{MeshSource, OutputHeader, Place};
@@ -29,8 +30,6 @@ use crate::store::job::fingerprint::unchanged;
 use crate::store::stage_context::StageContext;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
-use serde::Serialize;
-use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
@@ -56,6 +55,7 @@ impl Left {
 
 /// The stages of one run: each is sealed in the job, timed and reported.
 pub(super) struct Stages<'a> {
+    stages: SealedStages<'a>,
     pub(super) run: StageContext<'a>,
     config: &'a Config,
     layout: VertexLayout,
@@ -85,8 +85,6 @@ pub(super) struct Stages<'a> {
     /// Refused collapses, and changes of the topology, by kind, over all rounds and the finish.
     rejects: BTreeMap<String, u64>,
     changes: BTreeMap<String, u64>,
-    reports: Vec<StageReport>,
-    n_stages: u32,
     input_bytes: u64,
 }
 
@@ -99,14 +97,16 @@ impl<'a> Stages<'a> {
         source: &MeshSource,
     ) -> Self {
         let (layout, kernel) = kernel_side(&Facts::new(source, plan), config);
+        let run = StageContext {
+            job,
+            progress,
+            threads: config.threads.get(),
+            memory_bytes: plan.usable_memory_bytes,
+            checkpoint_every: config.checkpoint_every,
+        };
         Stages {
-            run: StageContext {
-                job,
-                progress,
-                threads: config.threads.get(),
-                memory_bytes: plan.usable_memory_bytes,
-                checkpoint_every: config.checkpoint_every,
-            },
+            stages: SealedStages::new(run, plan.n_stages),
+            run,
             config,
             layout,
             kernel,
@@ -125,8 +125,6 @@ impl<'a> Stages<'a> {
             reach: 0.0,
             rejects: BTreeMap::new(),
             changes: BTreeMap::new(),
-            reports: Vec::new(),
-            n_stages: plan.n_stages,
             input_bytes: source.file_bytes(),
         }
     }
@@ -139,40 +137,6 @@ impl<'a> Stages<'a> {
         self.kernel.fit = self.config.kernel.fit.decided(plan.triangles_in, target);
     }
 
-    /// Runs a stage, or takes its outcome from the manifest; `count` tells the triangles of an outcome.
-    fn stage<T: Serialize + DeserializeOwned>(
-        &mut self,
-        key: &str,
-        name: &'static str,
-        triangles_in: u64,
-        count: impl Fn(&T) -> u64,
-        work: impl FnOnce(&StageContext) -> Result<T>,
-    ) -> Result<T> {
-        let run = self.run;
-        let number = self.reports.len() as u32 + 1;
-        run.progress.begin(name, number, self.n_stages.max(number), triangles_in);
-        run.progress.check()?;
-        let (outcome, report): (T, StageReport) = run.job.sealed(key, || {
-            let (read, written, start) =
-                (run.disk().bytes_read(), run.disk().bytes_written(), Instant::now());
-            let outcome = work(&run)?;
-            crate::system::memory::give_back();
-            let report = StageReport {
-                name: name.to_owned(),
-                part: StageReport::part_of(name).to_owned(),
-                seconds: start.elapsed().as_secs_f64(),
-                triangles_in,
-                triangles_out: count(&outcome),
-                bytes_read: run.disk().bytes_read() - read,
-                bytes_written: run.disk().bytes_written() - written,
-                peak_memory_bytes: crate::system::memory::peak_bytes(),
-            };
-            Ok((outcome, report))
-        })?;
-        self.reports.push(report);
-        Ok(outcome)
-    }
-
     pub(super) fn partition(
         &mut self,
         source: &MeshSource,
@@ -180,9 +144,8 @@ impl<'a> Stages<'a> {
     ) -> Result<Partition> {
         let config = self.config;
         let (size, n) = (self.config.cell_triangles, source.n_triangles());
-        let partition = self.stage(
-            "partition",
-            "partition",
+        let partition = self.stages.stage(
+            ("partition", "partition"),
             n,
             |p: &Partition| p.store.triangles,
             |run| {
@@ -191,7 +154,7 @@ impl<'a> Stages<'a> {
                 unchanged(&config.input, marks, outcome)
             },
         )?;
-        if let Some(report) = self.reports.last_mut() {
+        if let Some(report) = self.stages.reports.last_mut() {
             report.bytes_read += self.input_bytes;
         }
         self.shared_by_round.push(partition.store.shared_vertices);
@@ -203,9 +166,8 @@ impl<'a> Stages<'a> {
         let Some(min) = self.config.min_component else { return Ok(None) };
         let least = components::Least::of(min, partition.bounds.diagonal());
         let (info, layout) = (partition.store.clone(), self.layout.clone());
-        let found = self.stage(
-            "components",
-            "components",
+        let found = self.stages.stage(
+            ("components", "components"),
             partition.store.triangles,
             |c: &Components| c.store.triangles,
             |run| {
@@ -284,9 +246,8 @@ impl<'a> Stages<'a> {
         options.use_share_of_bound(stitch::bound_share(round), stitch::PATIENCE);
         let (layout, n) = (self.layout.clone(), info.triangles);
         let pack = info.pack.clone();
-        let left = self.stage(
-            &format!("round {round}"),
-            name,
+        let left = self.stages.stage(
+            (&format!("round {round}"), name),
             n,
             |s: &SurvivorInfo| s.triangles,
             |run| {
@@ -311,9 +272,8 @@ impl<'a> Stages<'a> {
         let (round, size, n) = (self.rounds_done, self.config.cell_triangles, info.triangles);
         let packs = info.packs.clone();
         let layout = self.layout.clone();
-        let store = self.stage(
-            &format!("recut {round}"),
-            "repartition",
+        let store = self.stages.stage(
+            (&format!("recut {round}"), "repartition"),
             n,
             |s: &StoreInfo| s.triangles,
             |run| {
@@ -327,7 +287,7 @@ impl<'a> Stages<'a> {
     }
 
     /// Joins everything in memory and meets the target exactly; what it takes in stays.
-    pub(super) fn finish(&mut self, left: Left) -> Result<SurvivorInfo> {
+    pub(super) fn finish(&mut self, left: &Left) -> Result<SurvivorInfo> {
         let target = if self.is_bound_only { 0 } else { self.target };
         let options = self.kernel.clone();
         let n = left.triangles();
@@ -337,16 +297,15 @@ impl<'a> Stages<'a> {
             0 => ("finish".to_owned(), "result.survivors".to_owned()),
             level => (format!("finish {level}"), format!("result-{level}.survivors")),
         };
-        let result = self.stage(
-            &key,
-            "finish",
+        let result = self.stages.stage(
+            (&key, "finish"),
             n,
             |s: &SurvivorInfo| s.triangles,
             |run| {
                 let (disk, folder) = (run.disk(), run.job.folder());
                 match left {
                     Left::Survivors(left) => {
-                        let left = SurvivorPack::open(disk, folder, left, layout.clone())?;
+                        let left = SurvivorPack::open(disk, folder, left.clone(), layout.clone())?;
                         let parts = Parts {
                             cells: &left.info().cells,
                             layout: &layout,
@@ -355,7 +314,7 @@ impl<'a> Stages<'a> {
                         stitch::finish(parts, &name, target, &options, run)
                     }
                     Left::Cells(info) => {
-                        let store = CellStore::open(disk, folder, info, layout.clone())?;
+                        let store = CellStore::open(disk, folder, info.clone(), layout.clone())?;
                         let load = |cell| {
                             store.load_tidy(cell).map(|cell| Survivors::all_of(cell, &layout))
                         };
@@ -429,8 +388,7 @@ impl<'a> Stages<'a> {
         }
         // Never taken from the manifest: the output may have been moved away since.
         let run = self.run;
-        let number = self.reports.len() as u32 + 1;
-        run.progress.begin("write", number, self.n_stages.max(number), result.triangles);
+        self.stages.begin("write", result.triangles);
         let (read, start) = (run.disk().bytes_read(), Instant::now());
         let kind = Some(self.kind()?);
         let form = Form {
@@ -440,7 +398,7 @@ impl<'a> Stages<'a> {
             has_reach: self.config.error_field,
         };
         let written = write::write(&pack, place, header, form, &run)?;
-        self.reports.push(StageReport {
+        self.stages.reports.push(StageReport {
             name: "write".to_owned(),
             part: "write".to_owned(),
             seconds: start.elapsed().as_secs_f64(),

@@ -61,6 +61,42 @@ fn product(q: &[f32; 9], x: Vec3) -> Vec3 {
     [dot([q[0], q[1], q[2]], x), dot([q[1], q[3], q[4]], x), dot([q[2], q[4], q[5]], x)]
 }
 
+/// Inverse of a quadric within the planes of a meeting: over a plane, along a line, or nothing at a point.
+struct Inverse {
+    /// Directions that lie in all planes.
+    directions: [Vec3; 2],
+    /// The inverse between them: of the first, across, of the second.
+    numbers: [f64; 3],
+}
+
+impl Inverse {
+    /// Inverts the quadric that `times` multiplies by; `None` if the plane has no directions.
+    fn within(meeting: &Meeting, times: impl Fn(Vec3) -> Vec3) -> Option<Inverse> {
+        let [n0, n1, _] = meeting.normals;
+        Some(match meeting.rank {
+            1 => {
+                let (u, v) = across(n0)?;
+                let (ku, kv) = (times(u), times(v));
+                let (uu, uv, vv) = (dot(u, ku), dot(u, kv), dot(v, kv));
+                let determinant = uu * vv - uv * uv;
+                Inverse { directions: [u, v], numbers: [vv, -uv, uu].map(|x| x / determinant) }
+            }
+            2 => {
+                let along = cross(n0, n1);
+                let steepness = dot(along, times(along));
+                Inverse { directions: [along, [0.0; 3]], numbers: [1.0 / steepness, 0.0, 0.0] }
+            }
+            _ => Inverse { directions: [[0.0; 3]; 2], numbers: [0.0; 3] },
+        })
+    }
+
+    fn times(&self, x: Vec3) -> Vec3 {
+        let [u, v] = self.directions;
+        let ([uu, uv, vv], a, b) = (self.numbers, dot(u, x), dot(v, x));
+        add(scale(u, uu * a + uv * b), scale(v, uv * a + vv * b))
+    }
+}
+
 /// The place of least error where the planes meet, relative to the midpoint, and its cost; `None` where that is too
 /// far away.
 fn best_within(
@@ -73,29 +109,9 @@ fn best_within(
     let lift = trace * f64::from(REGULARISATION) + 1e-30;
     let times = |x: Vec3| add(add(product(q0, x), product(q1, x)), scale(x, lift));
     let wanted = sub(product(q1, half), product(q0, half));
-    // Inverse of the quadric within the planes.
-    let [n0, n1, _] = meeting.normals;
-    let solve: Box<dyn Fn(Vec3) -> Vec3> = match meeting.rank {
-        1 => {
-            let (u, v) = across(n0)?;
-            let (ku, kv) = (times(u), times(v));
-            let (uu, uv, vv) = (dot(u, ku), dot(u, kv), dot(v, kv));
-            let determinant = uu * vv - uv * uv;
-            Box::new(move |r| {
-                let (a, b) = (dot(u, r), dot(v, r));
-                let (x, y) = (a * vv - b * uv, b * uu - a * uv);
-                add(scale(u, x / determinant), scale(v, y / determinant))
-            })
-        }
-        2 => {
-            let along = cross(n0, n1);
-            let steepness = dot(along, times(along));
-            Box::new(move |r| scale(along, dot(along, r) / steepness))
-        }
-        _ => Box::new(|_| [0.0; 3]),
-    };
+    let inverse = Inverse::within(meeting, times)?;
     let nearest = meeting.nearest;
-    let free = add(nearest, solve(sub(wanted, times(nearest))));
+    let free = add(nearest, inverse.times(sub(wanted, times(nearest))));
     // Written so that NaN is too far.
     let half_sq = length_sq(half);
     let is_near = |x: Vec3| length_sq(x) <= half_sq * f64::from(MAX_REACH * MAX_REACH);
@@ -106,7 +122,7 @@ fn best_within(
     let normals = |q: &[f32; 9]| [q[6], q[7], q[8]].map(f64::from);
     let (g0, g1) = (normals(q0), normals(q1));
     let g = add(g0, g1);
-    let way = solve(g);
+    let way = inverse.times(g);
     let within = sub(
         g,
         meeting.normals[..meeting.rank]

@@ -31,10 +31,7 @@ impl MeshState {
         if options.placement != Placement::Optimal || options.bound.is_some() || !is_plain {
             return;
         }
-        let spacing = match options.spacing > 0.0 {
-            true => options.spacing,
-            false => spacing(&self.surface.vertices),
-        };
+        let spacing = spacing(&self.surface.vertices);
         let Surface { vertices, triangles, flats, .. } = &mut self.surface;
         *flats = Flats::find(vertices, triangles, spacing);
     }

@@ -20,6 +20,8 @@ use crate::store::cells::{CellTally, VertexLayout, plan_cells};
 use crate::system::memory::BASE_BYTES;
 use crate::system::paths::existing_parent;
 use crate::system::units::{show_bytes, show_count, show_length};
+use std::num::NonZeroUsize;
+use std::path::Path;
 use steps::{Finish, check_chain, rounds_of_chain, rounds_within_bound};
 
 /// Safety factor: largest accepted cell relative to the planned size.
@@ -294,7 +296,7 @@ impl Plan {
     /// The plan for people, one fact a line.
     pub fn lines(&self, config: &Config) -> Vec<String> {
         let rounds: Vec<String> = self.rounds.iter().map(|&n| show_count(n)).collect();
-        vec![
+        let mut lines = vec![
             format!("input    {} triangles", show_count(self.triangles_in)),
             self.target_line(config),
             format!(
@@ -304,21 +306,40 @@ impl Plan {
                 if rounds.is_empty() { "-".to_owned() } else { rounds.join(", ") },
                 if self.finish { ", then one finish" } else { "" }
             ),
-            format!(
-                "memory   budget {}, at least {} needed; {} threads",
-                show_bytes(config.memory_bytes),
-                show_bytes(self.needed_memory_bytes),
-                config.threads
-            ),
-            format!(
-                "disk     about {} temporary in {}, {} output",
-                show_bytes(self.temp_bytes),
-                config.job_folder.display(),
-                show_bytes(self.output_bytes)
-            ),
-            format!("time     about {:.0} s", self.seconds.max(1.0)),
-        ]
+        ];
+        lines.extend(price_lines(
+            [config.memory_bytes, self.needed_memory_bytes],
+            config.threads,
+            [self.temp_bytes, self.output_bytes],
+            &config.job_folder,
+            self.seconds,
+        ));
+        lines
     }
+}
+
+/// The lines of a plan that tell its price: memory (`budget`, `needed`), disk (`temporary`, `output`; all in bytes), time.
+pub(super) fn price_lines(
+    [budget, needed]: [u64; 2],
+    threads: NonZeroUsize,
+    [temporary, output]: [u64; 2],
+    job_folder: &Path,
+    seconds: f64,
+) -> [String; 3] {
+    [
+        format!(
+            "memory   budget {}, at least {} needed; {threads} threads",
+            show_bytes(budget),
+            show_bytes(needed)
+        ),
+        format!(
+            "disk     about {} temporary in {}, {} output",
+            show_bytes(temporary),
+            job_folder.display(),
+            show_bytes(output)
+        ),
+        format!("time     about {:.0} s", seconds.max(1.0)),
+    ]
 }
 
 /// Fails where the disk cannot hold what it takes to move what faces carry to vertices, which happens before

@@ -54,14 +54,7 @@ impl Stages<'_> {
         RunReport {
             schema_version: SCHEMA_VERSION,
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            input: InputReport {
-                path: config.input.display().to_string(),
-                bytes: source.file_bytes(),
-                vertices: source.n_vertices(),
-                triangles: source.n_triangles(),
-                bounds: partition.bounds.into(),
-                ..InputReport::default()
-            },
+            input: InputReport::new(&config.input, source, partition.bounds),
             settings: config.settings(),
             cells: partition.store.cells.len() as u32,
             rounds: self.rounds_done,
@@ -94,7 +87,7 @@ impl Stages<'_> {
             target_met: levels.iter().all(|level| level.target_met),
             stop_reason: coarsest.stop_reason,
             levels: if config.coarser.is_empty() { Vec::new() } else { levels },
-            stages: self.reports.clone(),
+            stages: self.stages.reports.clone(),
             method: config.method.name().to_owned(),
             max_error: self.config.kernel.bound.map(|bound| BoundReport {
                 bound: bound.distance,

@@ -16,7 +16,8 @@ pub use config::{TILE_TRIANGLES, TilesConfig};
 pub use plan::{PreparedTiles, TilesPlan, prepare_tiles};
 
 use super::abandon;
-use super::run_report::{InputReport, StageReport};
+use super::run_report::InputReport;
+use super::sealed_stages::SealedStages;
 use crate::error::{Error, Result};
 use crate::io::tileset::{TileTree, write_tilesets};
 use crate::kernel;
@@ -40,8 +41,6 @@ use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
 use plan::{LEFT, layout, too_little};
 use report::{FolderReport, LevelReport, TilesReport};
-use serde::Serialize;
-use serde::de::DeserializeOwned;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -109,16 +108,16 @@ fn run(
         checkpoint_every: config.checkpoint_every,
     };
     let mut stages = Stages {
+        stages: SealedStages::new(run, 2 * plan.levels),
         run,
         config,
         pending: &pending,
         layout: layout(&source),
         kernel: kernel_options(&source),
-        reports: Vec::new(),
-        n_stages: 2 * plan.levels,
     };
     let n = source.n_triangles();
-    let cut = stages.stage("partition", "partition", n, |run| {
+    let count = |cut: &(Partition, GroupGrid)| cut.0.store.triangles;
+    let cut = stages.stages.stage(("partition", "partition"), n, count, |run| {
         let outcome = guarded(|| partition_into_groups(&source, config.tile_triangles, run));
         unchanged(&config.input, &marks, outcome)
     });
@@ -137,8 +136,7 @@ fn run(
         }
     };
     let (rounds, top) = stages.rounds(&partition, &grid)?;
-    let run = stages.run;
-    run.progress.begin("write", stages.reports.len() as u32 + 1, stages.n_stages, 1);
+    stages.stages.begin("write", 1);
     let levels =
         Levels { lattice: grid.lattice, rounds: &rounds, top: &top, pixels: config.pixels };
     let (tiles, deviations) = tree::tree(&levels);
@@ -170,7 +168,7 @@ fn run(
         )));
     }
     disk.replace_folder(&pending, &config.output)?;
-    let reports = stages.reports;
+    let reports = stages.stages.reports;
     let level_reports = level_reports(&rounds, &top, &deviations, config.tile_triangles);
     let seconds = started.elapsed().as_secs_f64();
     let dropped = partition.degenerate_faces;
@@ -178,12 +176,8 @@ fn run(
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION").to_owned(),
         input: InputReport {
-            path: config.input.display().to_string(),
-            bytes: source.file_bytes(),
-            vertices: source.n_vertices(),
-            triangles: source.n_triangles(),
-            bounds: partition.bounds.into(),
             faults: faults(&source, &partition, dropped),
+            ..InputReport::new(&config.input, &source, partition.bounds)
         },
         settings: config.settings(),
         output: FolderReport {
@@ -300,71 +294,15 @@ fn level_reports(
 
 /// The steps of one run: each is sealed in the job, timed and reported.
 struct Stages<'a> {
+    stages: SealedStages<'a>,
     run: StageContext<'a>,
     config: &'a TilesConfig,
     pending: &'a Path,
     layout: VertexLayout,
     kernel: kernel::Options,
-    reports: Vec<StageReport>,
-    n_stages: u32,
-}
-
-/// Count of triangles of an outcome, for the report.
-trait Counted {
-    fn triangles(&self) -> u64;
-}
-
-impl Counted for (Partition, GroupGrid) {
-    fn triangles(&self) -> u64 {
-        self.0.store.triangles
-    }
-}
-
-impl Counted for StoreInfo {
-    fn triangles(&self) -> u64 {
-        self.triangles
-    }
-}
-
-impl Counted for SurvivorInfo {
-    fn triangles(&self) -> u64 {
-        self.triangles
-    }
 }
 
 impl Stages<'_> {
-    fn stage<T: Serialize + DeserializeOwned + Counted>(
-        &mut self,
-        key: &str,
-        name: &'static str,
-        triangles_in: u64,
-        work: impl FnOnce(&StageContext) -> Result<T>,
-    ) -> Result<T> {
-        let run = self.run;
-        let number = self.reports.len() as u32 + 1;
-        run.progress.begin(name, number, self.n_stages.max(number), triangles_in);
-        run.progress.check()?;
-        let (outcome, report): (T, StageReport) = run.job.sealed(key, || {
-            let (read, written, start) =
-                (run.disk().bytes_read(), run.disk().bytes_written(), Instant::now());
-            let outcome = work(&run)?;
-            crate::system::memory::give_back();
-            let report = StageReport {
-                name: name.to_owned(),
-                part: name.to_owned(),
-                seconds: start.elapsed().as_secs_f64(),
-                triangles_in,
-                triangles_out: outcome.triangles(),
-                bytes_read: run.disk().bytes_read() - read,
-                bytes_written: run.disk().bytes_written() - written,
-                peak_memory_bytes: peak_bytes(),
-            };
-            Ok((outcome, report))
-        })?;
-        self.reports.push(report);
-        Ok(outcome)
-    }
-
     fn store(&self, info: StoreInfo) -> Result<CellStore> {
         CellStore::open(self.run.disk(), self.run.job.folder(), info, self.layout.clone())
     }
@@ -415,10 +353,10 @@ impl Stages<'_> {
             };
             let (options, info, pending) = (self.kernel.clone(), store.clone(), self.pending);
             let rows = layout.clone();
-            let left = self.stage(
-                &format!("round {round}"),
-                if round == 1 { "simplify" } else { "round" },
+            let mut left = self.stages.stage(
+                (&format!("round {round}"), if round == 1 { "simplify" } else { "round" }),
                 store.triangles,
+                |left: &SurvivorInfo| left.triangles,
                 |run| {
                     let store = CellStore::open(run.disk(), run.job.folder(), info, rows)?;
                     let beside = Beside {
@@ -431,7 +369,6 @@ impl Stages<'_> {
                     Ok(left)
                 },
             )?;
-            let mut left: SurvivorInfo = left;
             run.disk().remove(&run.job.path(&store.pack))?;
             let records = std::mem::take(&mut left.statistics.groups);
             if left.triangles == 0 {
@@ -454,13 +391,17 @@ impl Stages<'_> {
             };
             let old_packs = left.packs.clone();
             let rows = self.layout.clone();
-            store =
-                self.stage(&format!("regroup {round}"), "repartition", left.triangles, |run| {
+            store = self.stages.stage(
+                (&format!("regroup {round}"), "repartition"),
+                left.triangles,
+                |store: &StoreInfo| store.triangles,
+                |run| {
                     let pack = SurvivorPack::open(run.disk(), run.job.folder(), left, rows)?;
                     let n_cells = next.len() as u32;
                     let map = NewCells { n_cells, of_triangles: &of_triangles };
                     stitch::regroup(&pack, map, round + 1, run)
-                })?;
+                },
+            )?;
             for file in old_packs {
                 run.disk().remove(&run.job.path(&file.pack))?;
             }

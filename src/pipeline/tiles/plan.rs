@@ -6,6 +6,7 @@ use crate::io::StageOptions;
 use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::tileset::{FILE_NAME, read_tileset};
 use crate::pipeline::plan::disk::check_space;
+use crate::pipeline::plan::price_lines;
 use crate::stages::partition::{Shares, Sizes, store_bytes};
 use crate::stages::simplify::work_bytes;
 use crate::stages::tiles::BYTES_PER_TRIANGLE;
@@ -152,7 +153,7 @@ impl TilesPlan {
 
     /// The plan for people, one fact a line.
     pub fn lines(&self, config: &TilesConfig) -> Vec<String> {
-        vec![
+        let mut lines = vec![
             format!("input    {} triangles", show_count(self.triangles_in)),
             format!(
                 "tiles    about {} of about {} triangles, {} levels",
@@ -160,20 +161,15 @@ impl TilesPlan {
                 show_count(config.tile_triangles),
                 self.levels
             ),
-            format!(
-                "memory   budget {}, at least {} needed; {} threads",
-                show_bytes(config.memory_bytes),
-                show_bytes(self.needed_memory_bytes),
-                config.threads
-            ),
-            format!(
-                "disk     about {} temporary in {}, {} output",
-                show_bytes(self.temp_bytes),
-                config.job_folder.display(),
-                show_bytes(self.output_bytes)
-            ),
-            format!("time     about {:.0} s", self.seconds.max(1.0)),
-        ]
+        ];
+        lines.extend(price_lines(
+            [config.memory_bytes, self.needed_memory_bytes],
+            config.threads,
+            [self.temp_bytes, self.output_bytes],
+            &config.job_folder,
+            self.seconds,
+        ));
+        lines
     }
 }
 
