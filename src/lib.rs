@@ -5,6 +5,7 @@
 //! `io` reads and writes mesh files, and `kernel` collapses edges and knows no files, threads, clock or logging.
 //! docs/ARCHITECTURE.md has the map.
 
+mod bake;
 pub mod cli;
 pub mod config;
 pub mod error;

@@ -26,7 +26,7 @@ pub(crate) mod region;
 mod sample;
 mod side;
 pub mod step;
-mod sums;
+pub(crate) mod sums;
 pub mod temp_store;
 pub mod tileset;
 mod tilted;

@@ -27,6 +27,10 @@ pub(crate) struct ImageFacts {
     pub(crate) mime: Option<&'static str>,
     /// The ending of a file of this type.
     pub(crate) ending: &'static str,
+    /// Width and height that the header says.
+    pub(crate) size: Option<[u32; 2]>,
+    /// True if a side is longer than programs can show.
+    pub(crate) is_too_large: bool,
     /// Reason why other programs may refuse it.
     pub(crate) fault: Option<String>,
 }
@@ -65,7 +69,8 @@ pub(crate) fn look(data: &ImageData) -> Result<ImageFacts, String> {
         _ if n_bytes == 0 => return Err("is empty".to_owned()),
         _ => return Err("is not an image of a known type".to_owned()),
     };
-    let fault = match imagesize::blob_size(&head) {
+    let found = imagesize::blob_size(&head);
+    let fault = match &found {
         Err(_) => Some("its size cannot be read from its header".to_owned()),
         Ok(size) if size.width == 0 || size.height == 0 => Some("it has no pixels".to_owned()),
         Ok(size) if size.width > MAX_SIDE || size.height > MAX_SIDE => Some(format!(
@@ -77,7 +82,10 @@ pub(crate) fn look(data: &ImageData) -> Result<ImageFacts, String> {
         }
         Ok(_) => None,
     };
-    Ok(ImageFacts { n_bytes, mime, ending, fault })
+    let side = |n: usize| u32::try_from(n).ok().filter(|&n| n > 0);
+    let size = found.ok().and_then(|size| Some([side(size.width)?, side(size.height)?]));
+    let is_too_large = size.is_some_and(|size| size.iter().any(|&n| n as usize > MAX_SIDE));
+    Ok(ImageFacts { n_bytes, mime, ending, size, is_too_large, fault })
 }
 
 /// Hands the bytes of an image to `each`, a MiB at a time; returns their number.

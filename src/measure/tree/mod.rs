@@ -93,19 +93,29 @@ impl Tree {
     /// Of equally near triangles the one whose corners come first in lexicographic order is taken, so the
     /// answer depends neither on the guess nor on the tree.
     pub fn nearest(&self, point: Vector, guess: Nearest) -> Nearest {
-        self.search(point, guess, -1.0, || ())
+        self.search(point, guess, -1.0, |_| true, || ())
+    }
+
+    /// The nearest of the triangles whose canonical corners are accepted; a guess must be one of them, or none.
+    pub fn nearest_where(
+        &self,
+        point: Vector,
+        guess: Nearest,
+        accepts: impl Fn(&[Vector; 3]) -> bool,
+    ) -> Nearest {
+        self.search(point, guess, -1.0, accepts, || ())
     }
 
     /// Boxes and triangles that `nearest` looks at, for those who count work instead of seconds.
     pub fn looks(&self, point: Vector) -> u64 {
         let mut n = 0;
-        self.search(point, Nearest::NONE, -1.0, || n += 1);
+        self.search(point, Nearest::NONE, -1.0, |_| true, || n += 1);
         n
     }
 
     /// Like `nearest`, but free to stop at any triangle whose squared distance is at most `enough_sq`.
     pub fn nearest_unless_within(&self, point: Vector, guess: Nearest, enough_sq: f64) -> Nearest {
-        self.search(point, guess, enough_sq, || ())
+        self.search(point, guess, enough_sq, |_| true, || ())
     }
 
     #[inline(always)]
@@ -114,6 +124,7 @@ impl Tree {
         point: Vector,
         guess: Nearest,
         enough_sq: f64,
+        accepts: impl Fn(&[Vector; 3]) -> bool,
         mut look: impl FnMut(),
     ) -> Nearest {
         let mut best = guess;
@@ -134,8 +145,9 @@ impl Tree {
             look();
             if at & LEAF != 0 {
                 let slot = at & !LEAF;
-                let (distance_sq, _) = triangle::closest(point, &self.corners[slot as usize]);
-                if self.is_better(distance_sq, slot, best) {
+                let t = &self.corners[slot as usize];
+                let (distance_sq, _) = triangle::closest(point, t);
+                if self.is_better(distance_sq, slot, best) && accepts(t) {
                     best = Nearest { distance_sq, slot };
                     if distance_sq <= enough_sq {
                         return best;
@@ -145,7 +157,8 @@ impl Tree {
                 continue;
             }
             if at & TILTED != 0 {
-                best = self.search_tilted(point, best, enough_sq, at & !TILTED, &mut look);
+                let root = at & !TILTED;
+                best = self.search_tilted(point, (best, enough_sq), root, &accepts, &mut look);
                 if best.distance_sq <= enough_sq {
                     return best;
                 }
@@ -177,9 +190,9 @@ impl Tree {
     fn search_tilted(
         &self,
         point: Vector,
-        mut best: Nearest,
-        enough_sq: f64,
+        (mut best, enough_sq): (Nearest, f64),
         root: u32,
+        accepts: &impl Fn(&[Vector; 3]) -> bool,
         look: &mut impl FnMut(),
     ) -> Nearest {
         // Halving goes down to groups from at most 2^31 triangles.
@@ -195,7 +208,8 @@ impl Tree {
             look();
             match self.tilted.open(at, point) {
                 Inside::AllAt(distance_sq, slot) => {
-                    if self.is_better(distance_sq, slot, best) {
+                    let t = &self.corners[slot as usize];
+                    if self.is_better(distance_sq, slot, best) && accepts(t) {
                         best = Nearest { distance_sq, slot };
                     }
                 }
@@ -204,7 +218,7 @@ impl Tree {
                         look();
                         let t = &self.corners[slot as usize];
                         let (distance_sq, _) = triangle::closest(point, t);
-                        if self.is_better(distance_sq, slot, best) {
+                        if self.is_better(distance_sq, slot, best) && accepts(t) {
                             best = Nearest { distance_sq, slot };
                         }
                     }

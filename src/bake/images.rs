@@ -1,0 +1,274 @@
+//! Decoded images of the original, as many as the memory for them holds; the longest unused goes first.
+//!
+//! An image comes with all its halves, so that no look-up skips texels. What cannot be decoded is noted and stays without
+//! an image. Does not know materials.
+
+use super::paint::{MapUse, Palette, Picture};
+use crate::error::Result;
+use crate::io::materials::copy_bytes;
+use crate::mesh::oklab::{linear_of_srgb, srgb_of_linear};
+use crate::system::parallel::{guarded, in_order};
+use crate::system::progress::Progress;
+use std::collections::BTreeMap;
+use std::io::Cursor;
+use std::sync::Arc;
+use std::sync::{Mutex, PoisonError};
+
+/// Colour in linear light, and opacity.
+pub(super) type Light = [f32; 4];
+
+/// A decoded image: sRGB and opacity, in its size and all halves of it.
+pub(super) struct Decoded {
+    levels: Vec<Level>,
+}
+
+struct Level {
+    size: [u32; 2],
+    pixels: Vec<[u8; 4]>,
+}
+
+/// Linear light of the 256 values of sRGB.
+pub(super) struct LightTable([f32; 256]);
+
+impl LightTable {
+    pub fn new() -> LightTable {
+        LightTable(std::array::from_fn(|i| linear_of_srgb(i as f64 / 255.0) as f32))
+    }
+
+    /// Colour of a pixel, multiplied by its opacity.
+    pub fn of(&self, [r, g, b, a]: [u8; 4]) -> Light {
+        let opacity = f32::from(a) / 255.0;
+        let light = |x: u8| self.0[usize::from(x)] * opacity;
+        [light(r), light(g), light(b), opacity]
+    }
+}
+
+/// The pixel of a colour that is multiplied by its opacity.
+pub(super) fn pixel_of([r, g, b, opacity]: Light) -> [u8; 4] {
+    if opacity.is_nan() || opacity <= 0.0 {
+        return [0; 4];
+    }
+    let value = |light: f32| {
+        let light = f64::from(light / opacity).clamp(0.0, 1.0);
+        (255.0 * srgb_of_linear(light)).round() as u8
+    };
+    [value(r), value(g), value(b), (255.0 * opacity.min(1.0)).round() as u8]
+}
+
+impl Decoded {
+    /// Decodes a picture; the error says in words why that is not possible.
+    fn new(picture: &Picture, table: &LightTable) -> Result<Decoded, String> {
+        let mut bytes = Vec::new();
+        let read = copy_bytes(&picture.data, |part| {
+            bytes.extend_from_slice(part);
+            Ok(())
+        });
+        read.map_err(|error| error.to_string())?;
+        let mut reader = image::ImageReader::new(Cursor::new(bytes))
+            .with_guessed_format()
+            .map_err(|error| error.to_string())?;
+        let mut limits = image::Limits::default();
+        // The header was looked at before; a decoder that finds another size is stopped.
+        limits.max_image_width = Some(picture.size[0]);
+        limits.max_image_height = Some(picture.size[1]);
+        limits.max_alloc = Some(16 * picture.bytes() + (16 << 20));
+        reader.limits(limits);
+        let pixels = reader.decode().map_err(|error| error.to_string())?.into_rgba8();
+        let size = [pixels.width(), pixels.height()];
+        let first = Level { size, pixels: pixels.into_raw().as_chunks::<4>().0.to_vec() };
+        let mut levels = vec![first];
+        while let Some(half) = levels.last().and_then(|level| level.half(table)) {
+            levels.push(half);
+        }
+        Ok(Decoded { levels })
+    }
+
+    /// The colour at coordinates, mixed of four texels, in the size in which a point is about `width` texels of the
+    /// whole image apart from the next; `None` where coordinates are not numbers.
+    pub fn at(&self, map: &MapUse, uv: [f32; 2], width: f32, table: &LightTable) -> Option<Light> {
+        let halvings = if width > 1.0 { width.log2().round() as usize } else { 0 };
+        let level = &self.levels[halvings.min(self.levels.len() - 1)];
+        let (texels, share) = map.texels(uv, level.size)?;
+        let mut sum = [0.0; 4];
+        for (y, row_share) in [(0, 1.0 - share[1]), (1, share[1])] {
+            for (x, column_share) in [(0, 1.0 - share[0]), (1, share[0])] {
+                let at = texels[1][y] * level.size[0] as usize + texels[0][x];
+                let light = table.of(level.pixels[at]);
+                for (sum, light) in sum.iter_mut().zip(light) {
+                    *sum += row_share * column_share * light;
+                }
+            }
+        }
+        Some(sum)
+    }
+}
+
+impl Level {
+    /// The same in half the size; `None` of a single pixel.
+    fn half(&self, table: &LightTable) -> Option<Level> {
+        if self.size == [1, 1] {
+            return None;
+        }
+        let size = self.size.map(|side| (side / 2).max(1));
+        let mut pixels = Vec::with_capacity(size[0] as usize * size[1] as usize);
+        for y in 0..size[1] {
+            for x in 0..size[0] {
+                let mut sum = [0.0; 4];
+                for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                    let from = [
+                        (2 * x + dx).min(self.size[0] - 1) as usize,
+                        (2 * y + dy).min(self.size[1] - 1) as usize,
+                    ];
+                    let light = table.of(self.pixels[from[1] * self.size[0] as usize + from[0]]);
+                    for (sum, light) in sum.iter_mut().zip(light) {
+                        *sum += 0.25 * light;
+                    }
+                }
+                pixels.push(pixel_of(sum));
+            }
+        }
+        Some(Level { size, pixels })
+    }
+}
+
+/// Decoded images within a budget.
+pub(super) struct ImageCache<'a> {
+    palette: &'a Palette,
+    budget_bytes: u64,
+    pub table: LightTable,
+    held: Mutex<Held>,
+}
+
+#[derive(Default)]
+struct Held {
+    /// `None` for images that cannot be decoded.
+    images: BTreeMap<usize, (u64, Option<Arc<Decoded>>)>,
+    uses: u64,
+    faults: BTreeMap<usize, String>,
+}
+
+impl<'a> ImageCache<'a> {
+    pub fn new(palette: &'a Palette, budget_bytes: u64) -> Self {
+        let (table, held) = (LightTable::new(), Mutex::default());
+        ImageCache { palette, budget_bytes, table, held }
+    }
+
+    /// Images that could not be decoded, a line each.
+    pub fn notes(&self) -> Vec<String> {
+        let held = self.held();
+        let line = |(&number, fault): (&usize, &String)| {
+            let name = self.picture(number).map_or("", |picture| &picture.name);
+            format!("image {name} cannot be decoded ({fault}): its material's colour stands for it")
+        };
+        held.faults.iter().map(line).collect()
+    }
+
+    /// As many of the images from the first on as the budget holds together, at least one.
+    pub fn fitting(&self, numbers: &[usize]) -> usize {
+        let mut sum = 0;
+        let fits = |&&number: &&usize| {
+            sum += self.bytes(number);
+            sum <= self.budget_bytes
+        };
+        numbers.iter().take_while(fits).count().max(1).min(numbers.len())
+    }
+
+    /// Some images, decoded; `fitting` says how many can be had at a time.
+    pub fn get(
+        &self,
+        numbers: &[usize],
+        threads: usize,
+        progress: &Progress,
+    ) -> Result<Vec<Option<Arc<Decoded>>>> {
+        let missing = self.make_room(numbers);
+        let decode = |i: u64, out: &mut Option<Result<Decoded, String>>| {
+            let picture = self.picture(missing[i as usize]);
+            let decoded = picture.map(|picture| {
+                // A decoder that panics is a damaged image, not a fault of the run.
+                guarded(|| Ok(Decoded::new(picture, &self.table)))
+                    .unwrap_or_else(|error| Err(error.to_string()))
+            });
+            *out = decoded;
+            Ok(())
+        };
+        in_order(missing.len() as u64, threads, progress, decode, |i, decoded| {
+            let number = missing[i as usize];
+            let mut held = self.held();
+            let image = match decoded.take() {
+                Some(Ok(image)) => Some(Arc::new(image)),
+                Some(Err(fault)) => {
+                    held.faults.insert(number, fault);
+                    None
+                }
+                None => None,
+            };
+            let uses = held.uses;
+            held.images.insert(number, (uses, image));
+            Ok(())
+        })?;
+        let held = self.held();
+        let image = |number: &usize| held.images.get(number).and_then(|(_, image)| image.clone());
+        Ok(numbers.iter().map(image).collect())
+    }
+
+    /// Notes a use of all, and gives up others until those that are missing fit; returns the latter.
+    fn make_room(&self, numbers: &[usize]) -> Vec<usize> {
+        let mut held = self.held();
+        held.uses += 1;
+        let now = held.uses;
+        let mut missing = Vec::new();
+        for &number in numbers {
+            match held.images.get_mut(&number) {
+                Some((used, _)) => *used = now,
+                None => missing.push(number),
+            }
+        }
+        let wanted: u64 = missing.iter().map(|&number| self.bytes(number)).sum();
+        let size = |(&number, (_, image)): (&usize, &(u64, Option<Arc<Decoded>>))| {
+            if image.is_some() { self.bytes(number) } else { 0 }
+        };
+        let mut there: u64 = held.images.iter().map(size).sum();
+        while there + wanted > self.budget_bytes {
+            let idle = held.images.iter().filter(|(_, (used, image))| {
+                *used < now && image.is_some()
+            });
+            let oldest = idle.min_by_key(|(number, (used, _))| (*used, **number));
+            let Some((&number, _)) = oldest else { break };
+            held.images.remove(&number);
+            there -= self.bytes(number);
+        }
+        missing
+    }
+
+    fn bytes(&self, number: usize) -> u64 {
+        self.picture(number).map_or(0, Picture::bytes)
+    }
+
+    fn picture(&self, number: usize) -> Option<&Picture> {
+        self.palette.images.get(number)?.as_ref()
+    }
+
+    fn held(&self) -> std::sync::MutexGuard<'_, Held> {
+        self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn light_is_mixed_not_its_values() {
+        let table = LightTable::new();
+        let level = |pixels: Vec<[u8; 4]>| Level { size: [2, 1], pixels };
+        let half = level(vec![[0, 0, 0, 255], [255, 255, 255, 255]]).half(&table).unwrap();
+        assert_eq!(half.pixels, [[188, 188, 188, 255]]);
+        // The colour of what cannot be seen does not count.
+        let half = level(vec![[255, 0, 0, 0], [0, 0, 255, 255]]).half(&table).unwrap();
+        assert_eq!(half.pixels, [[0, 0, 255, 128]]);
+        for value in 0..=255 {
+            let pixel = [value, 255 - value, 7, 255];
+            assert_eq!(pixel_of(table.of(pixel)), pixel);
+        }
+    }
+}

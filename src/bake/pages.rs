@@ -1,0 +1,426 @@
+//! Pages: texels in a file without a name while they are filled, images when they are done.
+//!
+//! Colours grow beyond the borders of charts, so that neither filtering nor smaller sizes of an image mix what lies
+//! between charts into them; what is then left has the mean colour of the page. Rows go through memory in bands.
+
+use super::Means;
+use super::charts::PADDING;
+use super::texels::Texel;
+use crate::error::{Error, Result};
+use crate::system::disk::{Disk, DiskFile, scratch_file};
+use crate::system::parallel::in_order;
+use serde::{Deserialize, Serialize};
+use std::cell::RefCell;
+use std::fs::File;
+use std::io::Write;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+/// Bytes of a texel.
+const BYTES: usize = 4;
+
+/// A texel that no chart covers.
+const EMPTY: [u8; BYTES] = [0; BYTES];
+
+/// Rows that are made at a time.
+const BAND_ROWS: u32 = 64;
+
+/// Steps by which colours grow: one more than the charts are apart from the middle between them.
+const GROWTH: u32 = PADDING + 1;
+
+/// Quality of JPEG pages, of 100.
+const JPEG_QUALITY: u8 = 90;
+
+/// Type of a page's image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PageKind {
+    /// JPEG, where all images of the original are and nothing lets light through.
+    Jpeg,
+    /// PNG, with opacity where there is any.
+    Png,
+}
+
+impl PageKind {
+    /// The ending of files.
+    pub fn ending(self) -> &'static str {
+        match self {
+            PageKind::Jpeg => "jpg",
+            PageKind::Png => "png",
+        }
+    }
+}
+
+/// A finished page.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Page {
+    /// Its file.
+    pub path: PathBuf,
+    /// Its type.
+    pub kind: PageKind,
+    /// Texels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Bytes of the file.
+    pub bytes: u64,
+}
+
+/// Pages while they are filled.
+pub(super) struct Canvas {
+    file: File,
+    folder: PathBuf,
+    sizes: Vec<[u32; 2]>,
+    /// Place of each page in the file.
+    starts: Vec<u64>,
+    has_alpha: bool,
+}
+
+impl Canvas {
+    /// Empty pages of given width and height. Disk: 4 bytes a texel, taken as they are filled.
+    pub fn new(sizes: &[[u32; 2]], folder: &Path) -> Result<Canvas> {
+        let fail = |e| Error::io(folder, "cannot write temporary data", e);
+        let file = scratch_file(folder).map_err(fail)?;
+        let (mut starts, mut end) = (Vec::new(), 0);
+        for [width, height] in sizes {
+            starts.push(end);
+            end += BYTES as u64 * u64::from(*width) * u64::from(*height);
+        }
+        file.set_len(end).map_err(fail)?;
+        let folder = folder.to_path_buf();
+        Ok(Canvas { file, folder, sizes: sizes.to_vec(), starts, has_alpha: false })
+    }
+
+    /// Writes texels of a page, given row by row.
+    pub fn put(&mut self, page: u32, texels: &[Texel]) -> Result<()> {
+        let (start, width) = (self.starts[page as usize], self.sizes[page as usize][0]);
+        let follows = |a: &Texel, b: &Texel| a.row == b.row && a.column + 1 == b.column;
+        let mut bytes = Vec::new();
+        for run in texels.chunk_by(follows) {
+            bytes.clear();
+            for texel in run {
+                self.has_alpha |= texel.pixel[3] < 255;
+                // The colour of what cannot be seen tells it from what no chart covers.
+                let pixel = if texel.pixel[3] == 0 { [0, 0, 1, 0] } else { texel.pixel };
+                bytes.extend_from_slice(&pixel);
+            }
+            let at = u64::from(run[0].row) * u64::from(width) + u64::from(run[0].column);
+            self.file
+                .write_all_at(&bytes, start + BYTES as u64 * at)
+                .map_err(|e| Error::io(&self.folder, "cannot write temporary data", e))?;
+        }
+        Ok(())
+    }
+
+    /// Makes images of all pages, durably; returns them and the number of texels that charts cover.
+    ///
+    /// Memory: 100 rows of a page a thread.
+    pub fn finish(
+        &self,
+        kind: PageKind,
+        (place, name): (&Path, &str),
+        means: Means,
+    ) -> Result<(Vec<Page>, u64)> {
+        let (mut pages, mut n_covered) = (Vec::new(), 0);
+        in_order(
+            self.sizes.len() as u64,
+            means.threads,
+            means.progress,
+            |number, out: &mut Option<(Page, u64)>| {
+                let number = number as usize;
+                let [width, height] = self.sizes[number];
+                let path = place.join(format!("{name}-page-{number}.part"));
+                let (mean, covered) = self.mean(number)?;
+                let rows = Rows { canvas: self, page: number, mean };
+                let bytes = match kind {
+                    PageKind::Jpeg => rows.write_jpeg(&path, means.disk)?,
+                    PageKind::Png => rows.write_png(&path, means.disk, self.has_alpha)?,
+                };
+                *out = Some((Page { path, kind, width, height, bytes }, covered));
+                Ok(())
+            },
+            |_, page| {
+                if let Some((page, covered)) = page.take() {
+                    pages.push(page);
+                    n_covered += covered;
+                }
+                Ok(())
+            },
+        )?;
+        Ok((pages, n_covered))
+    }
+
+    /// The mean of a page's texels, opaque, and their number.
+    fn mean(&self, page: usize) -> Result<([u8; 4], u64)> {
+        let mut sums = [0u64; 4];
+        for first in (0..self.sizes[page][1]).step_by(BAND_ROWS as usize) {
+            for pixel in self.read(page, first, first + BAND_ROWS)? {
+                if pixel != EMPTY {
+                    let weight = u64::from(pixel[3]);
+                    (0..3).for_each(|k| sums[k] += weight * u64::from(pixel[k]));
+                    sums[3] += weight;
+                }
+            }
+        }
+        let mean = |k: usize| (sums[k] / sums[3].max(1)) as u8;
+        let mut n = 0;
+        for first in (0..self.sizes[page][1]).step_by(BAND_ROWS as usize) {
+            let rows = self.read(page, first, first + BAND_ROWS)?;
+            n += rows.iter().filter(|&&pixel| pixel != EMPTY).count() as u64;
+        }
+        Ok(([mean(0), mean(1), mean(2), 255], n))
+    }
+
+    /// Rows of a page, as far as there are such.
+    fn read(&self, page: usize, first: u32, end: u32) -> Result<Vec<[u8; 4]>> {
+        let [width, height] = self.sizes[page];
+        let end = end.min(height);
+        let mut pixels = vec![EMPTY; width as usize * (end - first) as usize];
+        let at = self.starts[page] + BYTES as u64 * u64::from(width) * u64::from(first);
+        self.file
+            .read_exact_at(bytemuck::cast_slice_mut(&mut pixels), at)
+            .map_err(|e| Error::reading(&self.folder, "cannot read temporary data", e))?;
+        Ok(pixels)
+    }
+}
+
+/// The rows of a finished page.
+struct Rows<'a> {
+    canvas: &'a Canvas,
+    page: usize,
+    /// Colour of what is far from all charts.
+    mean: [u8; 4],
+}
+
+impl Rows<'_> {
+    fn size(&self) -> [u32; 2] {
+        self.canvas.sizes[self.page]
+    }
+
+    /// Rows `first..first + BAND_ROWS`, as far as there are such, with colours beyond the borders of charts.
+    fn band(&self, first: u32) -> Result<Vec<[u8; 4]>> {
+        let width = self.size()[0] as usize;
+        let above = first.min(GROWTH);
+        let mut pixels =
+            self.canvas.read(self.page, first - above, first + BAND_ROWS + GROWTH)?;
+        grow(&mut pixels, width, GROWTH);
+        let n = (self.size()[1] - first).min(BAND_ROWS) as usize * width;
+        let skipped = above as usize * width;
+        let mut band = pixels[skipped..skipped + n].to_vec();
+        for pixel in &mut band {
+            if *pixel == EMPTY {
+                *pixel = self.mean;
+            } else if pixel[3] == 0 {
+                *pixel = [self.mean[0], self.mean[1], self.mean[2], 0];
+            }
+        }
+        Ok(band)
+    }
+
+    fn write_png(&self, path: &Path, disk: &Disk, has_alpha: bool) -> Result<u64> {
+        let [width, height] = self.size();
+        let mut out = Out { file: disk.create(path)?, failed: None };
+        let result = (|| {
+            let mut encoder = png::Encoder::new(&mut out, width, height);
+            let color = if has_alpha { png::ColorType::Rgba } else { png::ColorType::Rgb };
+            encoder.set_color(color);
+            encoder.set_depth(png::BitDepth::Eight);
+            encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+            let mut writer = encoder.write_header()?;
+            let mut stream = writer.stream_writer()?;
+            for first in (0..height).step_by(BAND_ROWS as usize) {
+                let band = self.band(first).map_err(std::io::Error::other)?;
+                match has_alpha {
+                    true => stream.write_all(bytemuck::cast_slice(&band))?,
+                    false => {
+                        let rgb: Vec<u8> = band.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
+                        stream.write_all(&rgb)?;
+                    }
+                }
+            }
+            stream.finish()
+        })();
+        out.finish(path, result.map_err(|error| error.to_string()))
+    }
+
+    fn write_jpeg(&self, path: &Path, disk: &Disk) -> Result<u64> {
+        let mut out = Out { file: disk.create(path)?, failed: None };
+        let image = JpegRows { rows: self, held: RefCell::default() };
+        let mut encoder = jpeg_encoder::Encoder::new(&mut out, JPEG_QUALITY);
+        // Half the colours, as photographs have them.
+        encoder.set_sampling_factor(jpeg_encoder::SamplingFactor::F_2_2);
+        let result = encoder.encode_image(&image).map_err(|error| error.to_string());
+        if let Some(error) = image.held.take().failed {
+            return Err(error);
+        }
+        out.finish(path, result)
+    }
+}
+
+/// A file that an encoder writes to, and the first error of the disk.
+struct Out {
+    file: DiskFile,
+    failed: Option<Error>,
+}
+
+impl Write for Out {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        if let Err(error) = self.file.append(bytes) {
+            let words = error.to_string();
+            self.failed.get_or_insert(error);
+            return Err(std::io::Error::other(words));
+        }
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+impl Out {
+    fn finish(mut self, path: &Path, result: Result<(), String>) -> Result<u64> {
+        if let Some(error) = self.failed.take() {
+            return Err(error);
+        }
+        result.map_err(|what| {
+            Error::Internal(format!("{}: cannot encode a page: {what}", path.display()))
+        })?;
+        self.file.sync()?;
+        Ok(self.file.length())
+    }
+}
+
+/// Rows for the encoder of JPEG, which takes them one by one.
+struct JpegRows<'a> {
+    rows: &'a Rows<'a>,
+    held: RefCell<HeldBand>,
+}
+
+#[derive(Default)]
+struct HeldBand {
+    first: Option<u32>,
+    pixels: Vec<[u8; 4]>,
+    failed: Option<Error>,
+}
+
+impl jpeg_encoder::ImageBuffer for &JpegRows<'_> {
+    fn get_jpeg_color_type(&self) -> jpeg_encoder::JpegColorType {
+        jpeg_encoder::JpegColorType::Ycbcr
+    }
+
+    fn width(&self) -> u16 {
+        self.rows.size()[0] as u16
+    }
+
+    fn height(&self) -> u16 {
+        self.rows.size()[1] as u16
+    }
+
+    fn fill_buffers(&self, y: u16, buffers: &mut [Vec<u8>; 4]) {
+        let mut held = self.held.borrow_mut();
+        let first = u32::from(y) / BAND_ROWS * BAND_ROWS;
+        let width = self.rows.size()[0] as usize;
+        if held.first != Some(first) && held.failed.is_none() {
+            match self.rows.band(first) {
+                Ok(pixels) => (held.first, held.pixels) = (Some(first), pixels),
+                Err(error) => held.failed = Some(error),
+            }
+        }
+        let from = (u32::from(y) - first) as usize * width;
+        for x in 0..width {
+            let [r, g, b, _] = held.pixels.get(from + x).copied().unwrap_or(EMPTY);
+            let (luma, blue, red) = jpeg_encoder::rgb_to_ycbcr(r, g, b);
+            buffers[0].push(luma);
+            buffers[1].push(blue);
+            buffers[2].push(red);
+        }
+    }
+}
+
+/// Lets colours grow into empty texels, `steps` times by one texel: the mean of the neighbours that have a colour.
+fn grow(pixels: &mut [[u8; 4]], width: usize, steps: u32) {
+    let height = pixels.len() / width.max(1);
+    let around = |at: usize| {
+        let (x, y) = (at % width, at / width);
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        let rows = y.saturating_sub(1)..(y + 2).min(height);
+        rows.flat_map(move |y| columns.clone().map(move |x| y * width + x))
+    };
+    let is_border = |pixels: &[[u8; 4]], at: usize| {
+        pixels[at] == EMPTY && around(at).any(|other| pixels[other] != EMPTY)
+    };
+    let mut border: Vec<u32> =
+        (0..pixels.len()).filter(|&at| is_border(pixels, at)).map(|at| at as u32).collect();
+    let mut grown = Vec::new();
+    for _ in 0..steps {
+        grown.clear();
+        for &at in &border {
+            let mut sums = [0u32; 5];
+            for other in around(at as usize) {
+                let pixel = pixels[other];
+                if pixel != EMPTY {
+                    // What cannot be seen has no colour.
+                    let weight = u32::from(pixel[3]);
+                    (0..3).for_each(|k| sums[k] += weight * u32::from(pixel[k]));
+                    sums[3] += weight;
+                    sums[4] += 1;
+                }
+            }
+            let colour = |k: usize| ((sums[k] + sums[3] / 2) / sums[3].max(1)) as u8;
+            let opacity = (sums[3] / sums[4].max(1)) as u8;
+            let pixel = [colour(0), colour(1), colour(2), opacity];
+            grown.push(if opacity == 0 { [0, 0, 1, 0] } else { pixel });
+        }
+        border.iter().zip(&grown).for_each(|(&at, &pixel)| pixels[at as usize] = pixel);
+        let mut next: Vec<u32> = border
+            .iter()
+            .flat_map(|&at| around(at as usize))
+            .filter(|&at| pixels[at] == EMPTY)
+            .map(|at| at as u32)
+            .collect();
+        next.sort_unstable();
+        next.dedup();
+        border = next;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colours_grow_by_a_texel_a_step() {
+        let width = 9;
+        let mut pixels = vec![EMPTY; width * 5];
+        pixels[2 * width + 1] = [10, 20, 30, 255];
+        pixels[2 * width + 8] = [200, 0, 0, 255];
+        grow(&mut pixels, width, 2);
+        let row: Vec<u8> = pixels[2 * width..3 * width].iter().map(|p| p[0]).collect();
+        assert_eq!(row, [10, 10, 10, 10, 0, 0, 200, 200, 200]);
+        assert_eq!(pixels[0], [10, 20, 30, 255]);
+    }
+
+    #[test]
+    fn bands_do_not_show() {
+        let folder = tempfile::tempdir().unwrap();
+        let size = [40, 200];
+        let mut canvas = Canvas::new(&[[8, 8], size], folder.path()).unwrap();
+        let mut texels = Vec::new();
+        for row in (5..190).step_by(17) {
+            for column in 10..20 {
+                texels.push(Texel { row, column, pixel: [row as u8, column as u8, 7, 255] });
+            }
+        }
+        canvas.put(1, &texels).unwrap();
+        let (mean, n) = canvas.mean(1).unwrap();
+        assert_eq!(n, texels.len() as u64);
+        let rows = Rows { canvas: &canvas, page: 1, mean };
+        let bands = (0..200).step_by(BAND_ROWS as usize);
+        let pixels: Vec<_> = bands.flat_map(|first| rows.band(first).unwrap()).collect();
+        let mut whole = canvas.read(1, 0, 200).unwrap();
+        grow(&mut whole, 40, GROWTH);
+        whole.iter_mut().filter(|pixel| **pixel == EMPTY).for_each(|pixel| *pixel = mean);
+        assert_eq!(pixels, whole);
+    }
+}

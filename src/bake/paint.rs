@@ -1,0 +1,365 @@
+//! Colours of the original: its materials as factors and images, ready for looking up.
+//!
+//! Images are looked at, not decoded: kind and size from their headers. Decides what cannot be baked, and says so.
+
+use crate::error::{Error, Result};
+use crate::io::materials::{Alpha, ImageData, Map, MapKind, Material, Materials, look_at_image};
+use crate::mesh::oklab::linear_of_srgb;
+use crate::system::units::show_bytes;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Bytes of a decoded pixel, with all smaller sizes of the image.
+const PIXEL_BYTES: u64 = 4;
+
+/// Materials and images of the original.
+pub(super) struct Palette {
+    /// By the number that a face has.
+    pub paints: Vec<Paint>,
+    /// Images as the materials number them; `None` for those that cannot be used or are not needed.
+    pub images: Vec<Option<Picture>>,
+    /// True where colours are as screens show them (MTL); false where they are linear light (glTF).
+    is_mtl: bool,
+    materials: Vec<Material>,
+    notes: Vec<String>,
+}
+
+/// An image that can be decoded.
+pub(super) struct Picture {
+    pub data: ImageData,
+    pub name: String,
+    pub size: [u32; 2],
+    pub is_jpeg: bool,
+}
+
+impl Picture {
+    /// Bytes of the image once it is decoded, with its smaller sizes.
+    pub fn bytes(&self) -> u64 {
+        let [width, height] = self.size.map(u64::from);
+        PIXEL_BYTES * width * height / 3 * 4 + 4096
+    }
+}
+
+/// Colour of a material.
+#[derive(Clone, Debug)]
+pub(super) struct Paint {
+    /// Linear light, and opacity.
+    pub factor: [f32; 4],
+    pub base: Option<MapUse>,
+    pub opacity: Option<MapUse>,
+}
+
+/// An image with the way that coordinates lead to it.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct MapUse {
+    pub image: usize,
+    pub size: [u32; 2],
+    wrap: [Wrap; 2],
+    scale: [f64; 2],
+    offset: [f64; 2],
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Wrap {
+    Repeat,
+    Mirror,
+    Clamp,
+}
+
+impl Wrap {
+    /// Tiling as glTF numbers it.
+    fn of(number: u32) -> Wrap {
+        match number {
+            33071 => Wrap::Clamp,
+            33648 => Wrap::Mirror,
+            _ => Wrap::Repeat,
+        }
+    }
+
+    /// The texel that stands for number `at` of a side of `n`.
+    fn texel(self, at: i64, n: i64) -> usize {
+        let at = match self {
+            Wrap::Repeat => at.rem_euclid(n),
+            Wrap::Clamp => at.clamp(0, n - 1),
+            Wrap::Mirror => {
+                let at = at.rem_euclid(2 * n);
+                at.min(2 * n - 1 - at)
+            }
+        };
+        at as usize
+    }
+}
+
+/// Coordinates that are larger come to nothing in single precision.
+const FARTHEST: f64 = 1e7;
+
+impl MapUse {
+    fn new(map: &Map, size: [u32; 2]) -> MapUse {
+        let mut out = MapUse {
+            image: map.image,
+            size,
+            wrap: map.wrap.map_or([Wrap::Repeat; 2], |wrap| wrap.map(Wrap::of)),
+            scale: [1.0; 2],
+            offset: [0.0; 2],
+        };
+        let words: Vec<&str> = map.options.split_whitespace().collect();
+        for (i, word) in words.iter().enumerate() {
+            let number = |k: usize| words.get(i + k).and_then(|word| word.parse::<f64>().ok());
+            let pair = |rest: f64| number(1).map(|first| [first, number(2).unwrap_or(rest)]);
+            match *word {
+                "-s" => out.scale = pair(1.0).unwrap_or(out.scale),
+                "-o" => out.offset = pair(0.0).unwrap_or(out.offset),
+                "-clamp" if words.get(i + 1) == Some(&"on") => out.wrap = [Wrap::Clamp; 2],
+                _ => {}
+            }
+        }
+        out
+    }
+
+    /// Place in an image of `size` at coordinates, v upwards: the four texels around it, and shares of the right and
+    /// lower ones. `None` where coordinates are not numbers.
+    pub fn texels(&self, uv: [f32; 2], size: [u32; 2]) -> Option<([[usize; 2]; 2], [f32; 2])> {
+        let uv = [0, 1].map(|k| f64::from(uv[k]) * self.scale[k] + self.offset[k]);
+        if !uv.iter().all(|x| x.abs() < FARTHEST) {
+            return None;
+        }
+        let at = [uv[0], 1.0 - uv[1]];
+        let at = [0, 1].map(|k| at[k] * f64::from(size[k]) - 0.5);
+        let low = at.map(f64::floor);
+        let texel = |k: usize, step: i64| {
+            self.wrap[k].texel(low[k] as i64 + step, i64::from(size[k].max(1)))
+        };
+        let share = [0, 1].map(|k| (at[k] - low[k]) as f32);
+        Some(([[texel(0, 0), texel(0, 1)], [texel(1, 0), texel(1, 1)]], share))
+    }
+
+    /// Texels of the image for a length of 1 in its coordinates.
+    pub fn texels_per_coordinate(&self) -> f64 {
+        let [width, height] = self.size.map(f64::from);
+        (width * height * (self.scale[0] * self.scale[1]).abs()).sqrt()
+    }
+}
+
+/// Look of the pages of a bake, besides their images.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Finish {
+    /// Colour and opacity that multiply the pages, as the input's format has them.
+    pub base: [f32; 4],
+    /// Opaque from this value on, where opacity is a mask.
+    pub mask: Option<f32>,
+    /// True if a share of the light passes.
+    pub blends: bool,
+    /// True if both sides are drawn.
+    pub two_sided: bool,
+    /// True if light does not matter.
+    pub unlit: bool,
+    /// Share of metal.
+    pub metallic: Option<f32>,
+    /// Roughness.
+    pub roughness: Option<f32>,
+}
+
+impl Palette {
+    /// Looks at all materials and images; fails if an image does not fit into `image_bytes` once it is decoded.
+    pub fn new(materials: Option<&Materials>, image_bytes: u64) -> Result<Palette> {
+        let none = Materials::default();
+        let materials = materials.unwrap_or(&none);
+        let mut palette = Palette {
+            paints: Vec::new(),
+            images: Vec::new(),
+            is_mtl: !materials.libraries.is_empty(),
+            materials: materials.list.clone(),
+            notes: materials.notes.clone(),
+        };
+        palette.look(materials, image_bytes)?;
+        let (images, is_mtl) = (&palette.images, palette.is_mtl);
+        let use_of = |material: &Material, kind: MapKind| {
+            let map = material.maps.iter().find(|map| map.kind == kind)?;
+            Some(MapUse::new(map, images[map.image].as_ref()?.size))
+        };
+        let paint = |material: &Material| Paint {
+            factor: linear(material.base, is_mtl),
+            base: use_of(material, MapKind::Base),
+            opacity: use_of(material, MapKind::Opacity),
+        };
+        let mut paints: Vec<Paint> = materials.list.iter().map(paint).collect();
+        // What all share stays with the material, where every viewer treats it as it did.
+        if palette.common_base().is_some() {
+            paints.iter_mut().for_each(|paint| paint.factor = [1.0; 4]);
+        }
+        palette.paints = paints;
+        palette.note_losses();
+        Ok(palette)
+    }
+
+    fn look(&mut self, materials: &Materials, image_bytes: u64) -> Result<()> {
+        let is_needed = |number: usize| {
+            let needs = |map: &Map| {
+                map.image == number && matches!(map.kind, MapKind::Base | MapKind::Opacity)
+            };
+            materials.list.iter().any(|material| material.maps.iter().any(needs))
+        };
+        let mut faults: BTreeMap<String, (usize, String)> = BTreeMap::new();
+        for (number, image) in materials.images.iter().enumerate() {
+            if !is_needed(number) {
+                self.images.push(None);
+                continue;
+            }
+            let name = match &image.data {
+                ImageData::File(path) => path.display().to_string(),
+                ImageData::Inside(_) => image.name.clone(),
+            };
+            let found = look_at_image(&image.data).and_then(|facts| {
+                let size = facts.size.ok_or_else(|| "has no size in its header".to_owned())?;
+                Ok((size, facts))
+            });
+            let picture = match found {
+                Ok((size, facts)) if facts.is_too_large => {
+                    let [width, height] = size;
+                    Err(format!("is not used: its header says {width} x {height} pixels"))
+                }
+                Ok((size, facts)) => Ok(Picture {
+                    data: image.data.clone(),
+                    name: name.clone(),
+                    size,
+                    is_jpeg: facts.ending == "jpg",
+                }),
+                Err(fault) => Err(fault),
+            };
+            match picture {
+                Ok(picture) if picture.bytes() > image_bytes => {
+                    let [width, height] = picture.size;
+                    return Err(Error::NoMemory(format!(
+                        "image {name} of {width} x {height} pixels takes {} once it is decoded, of which the budget \
+                         leaves {}: give more --memory, or choose --texture keep",
+                        show_bytes(picture.bytes()),
+                        show_bytes(image_bytes)
+                    )));
+                }
+                Ok(picture) => self.images.push(Some(picture)),
+                Err(fault) => {
+                    self.images.push(None);
+                    faults.entry(fault).or_insert_with(|| (0, name)).0 += 1;
+                }
+            }
+        }
+        self.notes.extend(faults.into_iter().map(|(fault, (n, first))| match n {
+            1 => format!("image {first} {fault}: its material's colour stands for it"),
+            n => format!(
+                "image {first} {fault}, and {} more like it: their materials' colours stand for them",
+                n - 1
+            ),
+        }));
+        Ok(())
+    }
+
+    /// Says what of the materials has no place on the pages.
+    fn note_losses(&mut self) {
+        let mut lost: BTreeMap<&'static str, usize> = BTreeMap::new();
+        for material in &self.materials {
+            for map in &material.maps {
+                if !matches!(map.kind, MapKind::Base | MapKind::Opacity) {
+                    *lost.entry(map.kind.name()).or_default() += 1;
+                }
+            }
+        }
+        let lines = lost.iter().map(|(what, n)| match n {
+            1 => format!("{what} of 1 material: not baked"),
+            n => format!("{what} of {n} materials: not baked"),
+        });
+        self.notes.extend(lines.collect::<Vec<_>>());
+    }
+
+    /// Missing, damaged and lost parts, a line each.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// True if any image can be used.
+    pub fn has_images(&self) -> bool {
+        self.images.iter().any(Option::is_some)
+    }
+
+    /// True if all images are photographs in the way of JPEG.
+    pub fn is_photographic(&self) -> bool {
+        self.has_images() && self.images.iter().flatten().all(|picture| picture.is_jpeg)
+    }
+
+    /// Colour and opacity of all materials, if they are the same and every one has an image.
+    fn common_base(&self) -> Option<[f32; 4]> {
+        let first = self.materials.first()?.base;
+        let has_image = |material: &Material| {
+            let map = material.maps.iter().find(|map| map.kind == MapKind::Base);
+            map.is_some_and(|map| self.images[map.image].is_some())
+        };
+        let is_same = |material: &Material| material.base == first && has_image(material);
+        self.materials.iter().all(is_same).then_some(first)
+    }
+
+    /// Look of the pages.
+    pub fn finish(&self, has_alpha: bool) -> Finish {
+        fn same<T: PartialEq + Copy>(mut all: impl Iterator<Item = Option<T>>) -> Option<T> {
+            let first = all.next()??;
+            all.all(|x| x == Some(first)).then_some(first)
+        }
+        let list = &self.materials;
+        let mask = same(list.iter().map(|material| match material.alpha {
+            Alpha::Mask(from) => Some(from),
+            Alpha::Plain | Alpha::Blend => None,
+        }));
+        let base = self.common_base().unwrap_or([1.0; 4]);
+        let is_clear = has_alpha || base[3] < 1.0;
+        Finish {
+            base,
+            mask: mask.filter(|_| is_clear),
+            blends: mask.is_none() && is_clear,
+            two_sided: list.iter().any(|material| material.two_sided),
+            unlit: !list.is_empty() && list.iter().all(|material| material.unlit),
+            metallic: same(list.iter().map(|material| material.metallic)),
+            roughness: same(list.iter().map(|material| material.roughness)),
+        }
+    }
+}
+
+/// A material's colour in linear light.
+fn linear(base: [f32; 4], is_mtl: bool) -> [f32; 4] {
+    let [r, g, b, opacity] = base.map(|x| if x.is_finite() { x.clamp(0.0, 1.0) } else { 1.0 });
+    let [r, g, b] = match is_mtl {
+        true => [r, g, b].map(|x| linear_of_srgb(f64::from(x)) as f32),
+        false => [r, g, b],
+    };
+    [r, g, b, opacity]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn map(options: &str, wrap: Option<[u32; 2]>) -> MapUse {
+        let map = Map { kind: MapKind::Base, image: 0, options: options.to_owned(), wrap };
+        MapUse::new(&map, [4, 2])
+    }
+
+    /// Texels of the upper left corner for coordinates at the middle of a texel.
+    fn at(map: &MapUse, uv: [f32; 2]) -> Option<[usize; 2]> {
+        map.texels(uv, [4, 2]).map(|(texels, _)| [texels[0][0], texels[1][0]])
+    }
+
+    #[test]
+    fn coordinates_lead_to_texels_whatever_they_are() {
+        let plain = map("", None);
+        assert_eq!(at(&plain, [0.125, 0.75]), Some([0, 0]));
+        assert_eq!(at(&plain, [0.875, 0.25]), Some([3, 1]));
+        assert_eq!(at(&plain, [7.125, -1.25]), Some([0, 0]));
+        assert_eq!(at(&plain, [f32::NAN, 0.0]), None);
+        assert_eq!(at(&plain, [f32::INFINITY, 0.0]), None);
+        assert_eq!(at(&plain, [3e38, 0.0]), None);
+        let clamped = map("-clamp on", None);
+        assert_eq!(at(&clamped, [7.125, -1.25]), Some([3, 1]));
+        let mirrored = map("", Some([33648, 10497]));
+        assert_eq!(at(&mirrored, [1.125, 0.75]), Some([3, 0]));
+        let scaled = map("-s 2 1 1 -o 0.25 0", None);
+        assert_eq!(at(&scaled, [0.0625, 0.75]), Some([1, 0]));
+        assert_eq!(scaled.texels_per_coordinate(), 4.0);
+    }
+}

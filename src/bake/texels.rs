@@ -1,0 +1,494 @@
+//! Fills the texels of all charts: points of the result, their places on the original, the colours there.
+//!
+//! A texel is the mean of a few points spread evenly over it, in linear light, weighted by opacity; points outside of the
+//! chart do not count. A chart, or some rows of a large one, is filled as a whole, so a texel is written once, and its
+//! colour does not depend on what is worked on together. Charts come in the order of their places in space, so that the
+//! original is visited region by region.
+
+use super::charts::{Charts, NONE};
+use super::images::{Decoded, ImageCache, Light, pixel_of};
+use super::original::{CellCache, Hit, Original, Seekers};
+use super::pages::Canvas;
+use super::paint::{Paint, Palette};
+use crate::error::Result;
+use crate::measure::triangle::{self, Vector};
+use crate::mesh::Mesh;
+use crate::mesh::bounds::Bounds;
+use crate::mesh::morton::spread;
+use crate::mesh::vec3::{length_sq, sub};
+use crate::system::parallel::in_order;
+use crate::system::progress::Progress;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Bytes of a point under way: the point, its places, its colour, and where it is listed.
+const POINT_BYTES: u64 = 192;
+
+/// Points for a side of a texel: two where the original is about as dense, more where it is denser. Beyond, smaller
+/// sizes of its images are read.
+const SIDES: [u32; 3] = [2, 3, 4];
+
+/// Points that a thread takes at a time when colours are looked up.
+const BLOCK: usize = 4096;
+
+/// A place that faces the result may be farther than the nearest one by this share of the triangle's longest edge.
+const GRACE: f64 = 0.25;
+
+/// Inputs of a bake that is under way.
+pub(super) struct Scene<'a> {
+    pub mesh: &'a Mesh,
+    pub charts: &'a Charts,
+    pub original: &'a Original,
+    pub palette: &'a Palette,
+    pub images: &'a ImageCache<'a>,
+    pub cell_bytes: u64,
+    pub batch_bytes: u64,
+    pub threads: usize,
+    pub progress: &'a Progress,
+}
+
+/// Findings on the way.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Seen {
+    /// True if any texel lets light through.
+    pub has_alpha: bool,
+}
+
+/// Rows of a chart that are filled together.
+#[derive(Clone, Debug)]
+struct Band {
+    /// Place of the chart's triangles in `Work::order`.
+    triangles: Range<usize>,
+    page: u32,
+    rows: Range<u32>,
+    n_points: u64,
+}
+
+/// All charts.
+struct Work {
+    /// Triangles, chart by chart.
+    order: Vec<u32>,
+    /// Bands in the order in which they are filled.
+    bands: Vec<Band>,
+    /// Points for a side of a texel.
+    side: u32,
+}
+
+/// A point of the result.
+#[derive(Clone, Copy, Debug)]
+struct Point {
+    at: Vector,
+    triangle: u32,
+    row: u32,
+    column: u32,
+}
+
+/// Points of several bands.
+struct Batch<'a> {
+    mesh: &'a Mesh,
+    points: Vec<Point>,
+}
+
+impl Seekers for Batch<'_> {
+    fn n(&self) -> usize {
+        self.points.len()
+    }
+
+    fn point(&self, i: usize) -> Vector {
+        self.points[i].at
+    }
+
+    fn normal(&self, i: usize) -> Vector {
+        triangle::area_normal(&self.mesh.corners(self.points[i].triangle as usize))
+    }
+
+    fn grace(&self, i: usize) -> f64 {
+        let [a, b, c] = self.mesh.corners(self.points[i].triangle as usize);
+        let sq = length_sq(sub(b, a)).max(length_sq(sub(c, b))).max(length_sq(sub(a, c)));
+        GRACE * sq.sqrt()
+    }
+}
+
+/// Fills the texels of all charts.
+///
+/// Memory: cells and images within their budgets, and `batch_bytes` for points, those of a row of the largest page at
+/// least.
+pub(super) fn fill(scene: &Scene, canvas: &mut Canvas) -> Result<Seen> {
+    let most_points = (scene.batch_bytes / POINT_BYTES).max(1);
+    let work = Work::new(scene, most_points / 4);
+    let mut cells = CellCache::new(scene.cell_bytes);
+    let mut seen = Seen::default();
+    let n_rows = work.bands.len().max(1) as u64;
+    let n_triangles = scene.mesh.triangles.len() as u64;
+    let (mut first, mut counted) = (0, 0);
+    while first < work.bands.len() {
+        scene.progress.check()?;
+        let (mut end, mut n_points) = (first, 0);
+        while end < work.bands.len()
+            && (end == first || n_points + work.bands[end].n_points <= most_points)
+        {
+            n_points += work.bands[end].n_points;
+            end += 1;
+        }
+        let bands = &work.bands[first..end];
+        let batch_seen = work.fill_bands(scene, bands, &mut cells, canvas)?;
+        seen.has_alpha |= batch_seen.has_alpha;
+        first = end;
+        let done = n_triangles * first as u64 / n_rows;
+        scene.progress.add(done - counted);
+        counted = done;
+    }
+    Ok(seen)
+}
+
+impl Work {
+    fn new(scene: &Scene, most_points: u64) -> Work {
+        let charts = scene.charts;
+        let of_images = scene.original.density_of_images();
+        let ratio = of_images.map_or(1.0, |density| density / charts.texels_per_unit);
+        let side = SIDES.iter().find(|&&side| ratio <= 0.75 * f64::from(side)).copied();
+        let side = side.unwrap_or(SIDES[SIDES.len() - 1]);
+        let mut order: Vec<u32> = (0..charts.chart.len() as u32)
+            .filter(|&t| charts.chart[t as usize] != NONE)
+            .collect();
+        order.sort_by_key(|&t| (charts.chart[t as usize], t));
+        let mut around = Bounds::EMPTY;
+        scene.mesh.positions.iter().for_each(|&p| around.add(p));
+        let scale = 1023.0 / around.side();
+        let mut placed = Vec::new();
+        let chart_of = |at: usize| order.get(at).map(|&t| charts.chart[t as usize]);
+        let mut start = 0;
+        while start < order.len() {
+            let mut end = start;
+            while end < order.len() && chart_of(end) == chart_of(start) {
+                end += 1;
+            }
+            let (mut own, mut texels, mut rows) = (Bounds::EMPTY, 0.0, [f32::MAX, 0f32]);
+            for &t in &order[start..end] {
+                let t = t as usize;
+                scene.mesh.corners(t).iter().for_each(|&corner| own.add(corner));
+                texels += area(&charts.corners[t]);
+                for [_, y] in charts.corners[t] {
+                    rows = [rows[0].min(y), rows[1].max(y)];
+                }
+            }
+            let middle = own.middle();
+            let cell =
+                [0, 1, 2].map(|k| spread(((middle[k] - around.low[k]) * scale).max(0.0) as u32));
+            let key = cell[0] << 2 | cell[1] << 1 | cell[2];
+            let page = charts.page[order[start] as usize];
+            let height = charts.pages[page as usize][1];
+            let rows = (rows[0].max(0.0) as u32).min(height)..(rows[1].ceil() as u32 + 1).min(height);
+            let n_points = (texels * f64::from(side * side)) as u64 + 4 * (end - start) as u64;
+            let n_bands = n_points.div_ceil(most_points.max(1)).clamp(1, rows.len().max(1) as u64);
+            let step = (rows.len() as u64).div_ceil(n_bands).max(1) as usize;
+            for first in rows.clone().step_by(step) {
+                let rows = first..(first + step as u32).min(rows.end);
+                let n_points = n_points / n_bands + 1;
+                placed.push((key, placed.len(), Band { triangles: start..end, page, rows, n_points }));
+            }
+            start = end;
+        }
+        placed.sort_by_key(|&(key, number, _)| (key, number));
+        Work { order, bands: placed.into_iter().map(|(_, _, band)| band).collect(), side }
+    }
+
+    fn fill_bands(
+        &self,
+        scene: &Scene,
+        bands: &[Band],
+        cells: &mut CellCache,
+        canvas: &mut Canvas,
+    ) -> Result<Seen> {
+        let mut batch = Batch { mesh: scene.mesh, points: Vec::new() };
+        let mut ends = Vec::new();
+        in_order(
+            bands.len() as u64,
+            scene.threads,
+            scene.progress,
+            |i, points: &mut Vec<Point>| {
+                points.clear();
+                self.points(scene, &bands[i as usize], points);
+                Ok(())
+            },
+            |_, points| {
+                batch.points.append(points);
+                ends.push(batch.points.len());
+                Ok(())
+            },
+        )?;
+        let hits = scene.original.nearest(&batch, cells, (scene.threads, scene.progress))?;
+        let lights = self.lights(scene, &hits)?;
+        drop(hits);
+        let mut seen = Seen::default();
+        in_order(
+            bands.len() as u64,
+            scene.threads,
+            scene.progress,
+            |i, texels: &mut Vec<Texel>| {
+                let i = i as usize;
+                let from = if i == 0 { 0 } else { ends[i - 1] };
+                mean_texels(&batch.points[from..ends[i]], &lights[from..ends[i]], texels);
+                Ok(())
+            },
+            |i, texels| {
+                seen.has_alpha |= texels.iter().any(|texel| texel.pixel[3] < 255);
+                canvas.put(bands[i as usize].page, texels)
+            },
+        )?;
+        Ok(seen)
+    }
+
+    /// Points of the texels of a band. A triangle that lies between all points has one in its middle.
+    fn points(&self, scene: &Scene, band: &Band, out: &mut Vec<Point>) {
+        let width = scene.charts.pages[band.page as usize][0];
+        for &t in &self.order[band.triangles.clone()] {
+            let flat = scene.charts.corners[t as usize].map(|at| at.map(f64::from));
+            let corners = scene.mesh.corners(t as usize);
+            let mut put = |x: f64, y: f64, weights: [f64; 3]| {
+                let (row, column) = (y as u32, (x.max(0.0) as u32).min(width - 1));
+                if band.rows.contains(&row) {
+                    let at = triangle::point_at(&corners, weights);
+                    out.push(Point { at, triangle: t, row, column });
+                }
+            };
+            let mut n = 0;
+            let is_small = area(&scene.charts.corners[t as usize]) < 2.0;
+            // Small ones are looked at as a whole, so that the count does not depend on the rows.
+            let rows = if is_small { 0..u32::MAX } else { band.rows.clone() };
+            each_point(&flat, self.side, rows, |x, y, weights| {
+                n += 1;
+                put(x, y, weights);
+            });
+            if n == 0 && is_small {
+                let third = 1.0 / 3.0;
+                let middle = [0, 1].map(|k| third * (flat[0][k] + flat[1][k] + flat[2][k]));
+                put(middle[0], middle[1], [third; 3]);
+            }
+        }
+    }
+
+    /// The colour of every place.
+    fn lights(&self, scene: &Scene, hits: &[Hit]) -> Result<Vec<Light>> {
+        let table = &scene.images.table;
+        let spacing = scene.charts.texels_per_unit * f64::from(self.side);
+        let paint = |hit: &Hit| scene.palette.paints.get(hit.material as usize);
+        // First what needs no image; what an image says is multiplied with it.
+        let plain = |hit: &Hit| -> Light {
+            let factor = paint(hit).map_or([1.0; 4], |paint| paint.factor);
+            let has_image = paint(hit).is_some_and(|paint| paint.base.is_some());
+            if has_image || !scene.original.has_colours() {
+                return times_opacity(factor);
+            }
+            let [r, g, b] = hit.colour;
+            let [r, g, b, _] = table.of([r, g, b, 255]);
+            times_opacity([r, g, b, factor[3]])
+        };
+        let mut lights: Vec<Light> = hits.iter().map(plain).collect();
+        for role in [Role::Base, Role::Opacity] {
+            let image = |hit: &Hit| role.map(paint(hit)?).map(|map| map.image);
+            let mut wanted: Vec<(u32, u32)> = Vec::new();
+            for (i, hit) in hits.iter().enumerate() {
+                if let Some(image) = image(hit) {
+                    wanted.push((image as u32, i as u32));
+                }
+            }
+            wanted.sort_unstable();
+            let mut numbers: Vec<usize> = wanted.iter().map(|&(image, _)| image as usize).collect();
+            numbers.dedup();
+            let mut from = 0;
+            while from < numbers.len() {
+                let n = scene.images.fitting(&numbers[from..]);
+                let group = &numbers[from..from + n];
+                let images = scene.images.get(group, scene.threads, scene.progress)?;
+                let begin = wanted.partition_point(|&(image, _)| (image as usize) < group[0]);
+                let end = wanted.partition_point(|&(image, _)| image as usize <= group[n - 1]);
+                let some = &wanted[begin..end];
+                let look = Look { role, images: &images, group, spacing };
+                in_order(
+                    some.len().div_ceil(BLOCK) as u64,
+                    scene.threads,
+                    scene.progress,
+                    |block, out: &mut Vec<(u32, Light)>| {
+                        out.clear();
+                        let first = block as usize * BLOCK;
+                        for &(image, i) in &some[first..(first + BLOCK).min(some.len())] {
+                            let hit = &hits[i as usize];
+                            if let Some(light) = paint(hit)
+                                .and_then(|paint| look.at(paint, image as usize, hit, scene))
+                            {
+                                out.push((i, light));
+                            }
+                        }
+                        Ok(())
+                    },
+                    |_, found| {
+                        for &(i, light) in found.iter() {
+                            let own = &mut lights[i as usize];
+                            *own = std::array::from_fn(|k| own[k] * light[k]);
+                        }
+                        Ok(())
+                    },
+                )?;
+                from += n;
+            }
+        }
+        Ok(lights)
+    }
+}
+
+/// Role of an image at a place.
+#[derive(Clone, Copy)]
+enum Role {
+    Base,
+    Opacity,
+}
+
+impl Role {
+    fn map(self, paint: &Paint) -> Option<&super::paint::MapUse> {
+        match self {
+            Role::Base => paint.base.as_ref(),
+            Role::Opacity => paint.opacity.as_ref(),
+        }
+    }
+}
+
+/// Some images that colours are looked up in.
+struct Look<'a> {
+    role: Role,
+    images: &'a [Option<Arc<Decoded>>],
+    /// Their numbers, ascending.
+    group: &'a [usize],
+    /// Points per unit of length.
+    spacing: f64,
+}
+
+impl Look<'_> {
+    /// The factor that an image gives at a place; `None` where it has nothing to say.
+    fn at(&self, paint: &Paint, image: usize, hit: &Hit, scene: &Scene) -> Option<Light> {
+        let map = self.role.map(paint)?;
+        let decoded = self.images[self.group.binary_search(&image).ok()?].as_ref()?;
+        let width = f64::from(hit.per_unit) * map.texels_per_coordinate() / self.spacing;
+        let light = decoded.at(map, hit.uv, width as f32, &scene.images.table)?;
+        Some(match self.role {
+            Role::Base => light,
+            // Opacity is in the brightness of an image, as a number and not as light, or in its own opacity.
+            Role::Opacity => {
+                let [r, g, b, a] = pixel_of(light).map(|x| f32::from(x) / 255.0);
+                let opacity = if a < 1.0 { a } else { (r + g + b) / 3.0 };
+                [opacity; 4]
+            }
+        })
+    }
+}
+
+fn times_opacity([r, g, b, opacity]: Light) -> Light {
+    [r * opacity, g * opacity, b * opacity, opacity]
+}
+
+/// A finished texel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Texel {
+    pub row: u32,
+    pub column: u32,
+    pub pixel: [u8; 4],
+}
+
+/// The mean of the points of each texel.
+fn mean_texels(points: &[Point], lights: &[Light], out: &mut Vec<Texel>) {
+    out.clear();
+    let mut order: Vec<u32> = (0..points.len() as u32).collect();
+    let place = |i: u32| (points[i as usize].row, points[i as usize].column);
+    order.sort_unstable_by_key(|&i| (place(i), i));
+    for same in order.chunk_by(|&a, &b| place(a) == place(b)) {
+        let mut sum = [0f32; 4];
+        for &i in same {
+            sum.iter_mut().zip(lights[i as usize]).for_each(|(sum, light)| *sum += light);
+        }
+        let (row, column) = place(same[0]);
+        out.push(Texel { row, column, pixel: pixel_of(sum.map(|sum| sum / same.len() as f32)) });
+    }
+}
+
+/// Area of a triangle on a page.
+fn area(t: &[[f32; 2]; 3]) -> f64 {
+    let [a, b, c] = t.map(|at| at.map(f64::from));
+    0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs()
+}
+
+/// Calls `each` with the points of a grid of `side` by `side` points a texel that lie in a triangle, and their
+/// barycentric coordinates, in the texels of some rows.
+fn each_point(
+    t: &[[f64; 2]; 3],
+    side: u32,
+    rows: Range<u32>,
+    mut each: impl FnMut(f64, f64, [f64; 3]),
+) {
+    let [a, b, c] = *t;
+    let twice = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+    if twice == 0.0 || !twice.is_finite() {
+        return;
+    }
+    let n = f64::from(side);
+    let at = |k: i64| (k as f64 + 0.5) / n;
+    // The first point at or behind a coordinate.
+    let from = |x: f64| (x * n - 0.5).ceil() as i64;
+    let low = t.iter().fold(f64::INFINITY, |low, p| low.min(p[1]));
+    let high = t.iter().fold(f64::NEG_INFINITY, |high, p| high.max(p[1]));
+    let first = from(low).max(i64::from(rows.start) * i64::from(side));
+    let end = from(high).min(i64::from(rows.end) * i64::from(side));
+    for k in first..end {
+        let y = at(k);
+        let mut span = [f64::INFINITY, f64::NEG_INFINITY];
+        for (p, q) in [(a, b), (b, c), (c, a)] {
+            // Both triangles at an edge follow it from the same end.
+            let (p, q) = if (p[1], p[0]) < (q[1], q[0]) { (p, q) } else { (q, p) };
+            if p[1] <= y && y < q[1] {
+                let x = p[0] + (y - p[1]) / (q[1] - p[1]) * (q[0] - p[0]);
+                span = [span[0].min(x), span[1].max(x)];
+            }
+        }
+        if span[0] > span[1] {
+            continue;
+        }
+        for j in from(span[0])..from(span[1]) {
+            let x = at(j);
+            let v = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / twice;
+            let w = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / twice;
+            each(x, y, [1.0 - v - w, v, w]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A square of 5 by 5 texels, cut along its diagonal at odd places.
+    #[test]
+    fn triangles_share_the_points_of_a_square() {
+        let [a, b, c, d] = [[0.3, 0.2], [5.3, 0.2], [5.3, 5.2], [0.3, 5.2]];
+        let mut found = Vec::new();
+        for t in [[a, b, c], [a, c, d]] {
+            each_point(&t, 2, 0..10, |x, y, weights| {
+                let back = [0, 1].map(|k| (0..3).map(|i| weights[i] * t[i][k]).sum::<f64>());
+                assert!((back[0] - x).abs() < 1e-9 && (back[1] - y).abs() < 1e-9);
+                assert!(weights.iter().all(|&w| w > -1e-9), "{weights:?}");
+                found.push([(2.0 * x) as i32, (2.0 * y) as i32]);
+            });
+        }
+        let n = found.len();
+        found.sort_unstable();
+        found.dedup();
+        assert_eq!((n, found.len()), (100, 100));
+        // Rows of the middle only, and the same points there.
+        let mut some = 0;
+        for t in [[a, b, c], [a, c, d]] {
+            each_point(&t, 2, 2..3, |_, y, _| {
+                assert_eq!(y as u32, 2);
+                some += 1;
+            });
+        }
+        assert_eq!(some, 20);
+    }
+}
