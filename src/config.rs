@@ -100,6 +100,41 @@ impl Method {
     }
 }
 
+/// Fate of texture coordinates and images.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Texture {
+    /// Baked below `BAKE_BELOW` and where charts leave too many triangles, kept otherwise.
+    #[default]
+    Auto,
+    /// The charts of the input stay, as far as triangles stay.
+    Keep,
+    /// The result gets charts and images of its own, filled from the input's.
+    Bake,
+}
+
+/// Share of the input's triangles below which a new texture looks more like the input than the old one
+/// (docs/results/textures.md).
+pub const BAKE_BELOW: f64 = 0.1;
+
+/// Pages of a new texture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BakeSettings {
+    /// Side of a page in texels.
+    pub page_size: u32,
+    /// Pages at most.
+    pub most_pages: Option<u32>,
+}
+
+/// Sides that pages can have.
+pub const PAGE_SIZES: std::ops::RangeInclusive<u32> = 64..=16_384;
+
+impl Default for BakeSettings {
+    /// The longest side that every graphics card shows.
+    fn default() -> Self {
+        BakeSettings { page_size: 4096, most_pages: None }
+    }
+}
+
 /// The stage after which a run stops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Until {
@@ -264,6 +299,10 @@ pub struct Config {
     pub skip_bad: bool,
     /// Give up texture coordinates at corners.
     pub drop_texture: bool,
+    /// Fate of the texture if it is not given up.
+    pub texture: Texture,
+    /// Pages, if a new texture is made.
+    pub bake: BakeSettings,
     /// Give up scalar properties of faces.
     pub drop_faces: bool,
     /// Treatment of images; by the kind of output if `None`.
@@ -289,6 +328,8 @@ impl Config {
     /// (docs/report.md). A test holds them; whoever changes one raises `FORMAT_VERSION` of the manifest.
     pub fn settings(&self) -> BTreeMap<String, String> {
         let carried = |is_dropped: bool| if is_dropped { "drop" } else { "carry" }.to_owned();
+        let is_baked = self.texture == Texture::Bake;
+        let texture = if is_baked { "bake".to_owned() } else { carried(self.drop_texture) };
         let mut settings = BTreeMap::from([
             ("target".to_owned(), self.target.to_string()),
             ("cell_triangles".to_owned(), self.cell_triangles.to_string()),
@@ -296,7 +337,7 @@ impl Config {
             ("placement".to_owned(), placement_name(self.kernel.placement).to_owned()),
             ("merge_distance".to_owned(), self.kernel.merge_distance.to_string()),
             ("weight".to_owned(), self.attributes.weights.to_string()),
-            ("texture".to_owned(), carried(self.drop_texture)),
+            ("texture".to_owned(), texture),
             ("faces".to_owned(), carried(self.drop_faces)),
             ("label".to_owned(), self.attributes.labels.join(",")),
             ("normals".to_owned(), self.attributes.normals.name().to_owned()),
@@ -307,6 +348,12 @@ impl Config {
             (self.kernel.bound, self.target)
         {
             settings.insert("max_error".to_owned(), bound.distance.to_string());
+        }
+        if is_baked {
+            settings.insert("bake_size".to_owned(), self.bake.page_size.to_string());
+            if let Some(most) = self.bake.most_pages {
+                settings.insert("bake_pages".to_owned(), most.to_string());
+            }
         }
         if let Some(mode) = self.textures {
             settings.insert("textures".to_owned(), mode.name().to_owned());
@@ -383,6 +430,8 @@ mod tests {
             format: crate::io::OutputFormat::default(),
             skip_bad: false,
             drop_texture: false,
+            texture: Texture::Keep,
+            bake: BakeSettings::default(),
             drop_faces: false,
             textures: None,
             textures_beside: "out.ply".into(),
@@ -443,6 +492,12 @@ mod tests {
         assert_eq!(Target::MaxError(0.5).to_string(), "max_error=0.5");
         other.textures = Some(crate::io::TextureMode::Link);
         assert_eq!(other.settings()["textures"], "link");
+        other.texture = Texture::Bake;
+        other.bake.most_pages = Some(3);
+        let settings = other.settings();
+        let named = ["texture", "bake_size", "bake_pages"].map(|name| settings[name].as_str());
+        assert_eq!(named, ["bake", "4096", "3"]);
+        other.texture = Texture::Keep;
         let clusters =
             Config { method: Method::Cluster, target: Target::CellSize(2.5), ..config() };
         let expected =

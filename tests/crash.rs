@@ -39,6 +39,8 @@ fn config(folder: &Path, targets: &[u64]) -> Config {
         drop_texture: false,
         textures: None,
         textures_beside: folder.join("out.ply"),
+        texture: stonecut::config::Texture::Keep,
+        bake: stonecut::config::BakeSettings::default(),
         drop_faces: false,
         error_field: false,
         min_component: None,

@@ -32,20 +32,13 @@ use std::path::{Path, PathBuf};
 /// Settings of a bake that change its result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
-    /// Side of a page in texels, from `LEAST_PAGE` to `MOST_PAGE`.
+    /// Side of a page in texels.
     pub page_size: u32,
     /// Pages at most; as many as the original's texel density takes if `None`.
     pub most_pages: Option<u32>,
     /// Triangles per cell of the original.
     pub cell_triangles: u64,
 }
-
-/// Sides of pages that can be asked for, and the default.
-pub const LEAST_PAGE: u32 = 64;
-/// The longest side that programs can show.
-pub const MOST_PAGE: u32 = 16_384;
-/// The longest side that every graphics card shows.
-pub const DEFAULT_PAGE: u32 = 4096;
 
 /// Memory and places of a bake.
 #[derive(Clone, Copy, Debug)]
@@ -147,18 +140,8 @@ pub fn bake(
     means: Means,
 ) -> Result<Baked> {
     let progress = means.progress;
-    let needed = load::bytes_in_memory(shape) + Charts::bytes(shape.n_triangles());
-    let free_bytes = means.memory_bytes.checked_sub(needed).filter(|free| *free > LEAST_WORK_BYTES);
-    let Some(free_bytes) = free_bytes else {
-        return Err(Error::NoMemory(format!(
-            "the charts of {} triangles take {} besides {} to work in, the budget leaves {}: give more --memory, \
-             ask for fewer triangles, or choose --texture keep",
-            shape.n_triangles(),
-            show_bytes(needed),
-            show_bytes(LEAST_WORK_BYTES),
-            show_bytes(means.memory_bytes)
-        )));
-    };
+    let taken = load::bytes_in_memory(shape) + Charts::bytes(shape.n_triangles());
+    let free_bytes = free_bytes(shape.n_triangles(), taken, means.memory_bytes)?;
     let mut mesh = load::load(shape, means.threads, progress)?.mesh;
     (mesh.channels, mesh.n_channels) = (Vec::new(), 0);
     if mesh.triangles.len() as u64 != shape.n_face_rows() {
@@ -210,3 +193,44 @@ pub fn bake(
 
 /// Memory without which nothing can be baked: a cell of the original, an image, points under way.
 const LEAST_WORK_BYTES: u64 = 48 << 20;
+
+/// Bytes of a triangle of a result in memory, with half a vertex that carries colours.
+const SHAPE_BYTES: u64 = 36;
+
+fn free_bytes(n_triangles: u64, taken: u64, memory_bytes: u64) -> Result<u64> {
+    let free = memory_bytes.checked_sub(taken).filter(|free| *free >= LEAST_WORK_BYTES);
+    free.ok_or_else(|| {
+        Error::NoMemory(format!(
+            "a new texture for {n_triangles} triangles takes {} of memory, {} are left for it: give more --memory, ask \
+             for fewer triangles, or choose --texture keep",
+            show_bytes(taken + LEAST_WORK_BYTES),
+            show_bytes(memory_bytes)
+        ))
+    })
+}
+
+/// Fails where a bake of a result of `n_triangles` would fail for want of memory, before any work is done; returns the
+/// disk that it will take beside the result, in bytes.
+pub fn check(original: &MeshSource, n_triangles: u64, memory_bytes: u64) -> Result<u64> {
+    let taken = SHAPE_BYTES * n_triangles + Charts::bytes(n_triangles);
+    let free = free_bytes(n_triangles, taken, memory_bytes)?;
+    let palette = Palette::new(original.materials().map(|all| &**all), free / IMAGE_SHARE)?;
+    Ok(CORNER_BYTES * original.n_corners() + PAGE_BYTES * palette.n_pixels())
+}
+
+/// Bytes on disk for a corner of the original: sorted to part vertices along charts, then in cells.
+const CORNER_BYTES: u64 = 80;
+
+/// Bytes on disk for a pixel of the original's images: a page is rarely more than half full, and becomes an image.
+const PAGE_BYTES: u64 = 12;
+
+/// Tells if the original has texture coordinates and an image that can be used.
+pub fn has_images(original: &MeshSource) -> bool {
+    let palette = Palette::new(original.materials().map(|all| &**all), u64::MAX);
+    original.has_corner_texture() && palette.is_ok_and(|palette| palette.has_images())
+}
+
+/// Tells if the original has anything that can be baked.
+pub fn has_looks(original: &MeshSource) -> bool {
+    original.has_corner_texture() || crate::measure::ColourChannels::of(original.schema()).is_some()
+}

@@ -140,10 +140,9 @@ impl Original {
         let drop_properties = source.has_corner_texture();
         let mut carry =
             survey_faces(&source, &SurveyOptions { drop_properties, ..SurveyOptions::default() })?;
-        for property in &mut carry.properties {
-            if property.property.name != NUMBER {
-                property.how = FacePolicy::Dropped;
-            }
+        let others = carry.properties.iter().map(|p| p.property.name.clone());
+        for name in others.filter(|name| name != NUMBER).collect::<Vec<_>>() {
+            carry.drop_property(&name, "");
         }
         let number = carry.properties.iter().find(|p| p.property.name == NUMBER).cloned();
         let stage = StageOptions {

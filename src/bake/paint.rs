@@ -275,6 +275,12 @@ impl Palette {
         &self.notes
     }
 
+    /// Pixels of all images.
+    pub fn n_pixels(&self) -> u64 {
+        let pixels = |picture: &Picture| u64::from(picture.size[0]) * u64::from(picture.size[1]);
+        self.images.iter().flatten().map(pixels).sum()
+    }
+
     /// True if any image can be used.
     pub fn has_images(&self) -> bool {
         self.images.iter().any(Option::is_some)

@@ -2,7 +2,7 @@
 
 use super::log::{Log, Talk};
 use super::simplify;
-use crate::config::{Config, Level};
+use crate::config::{Config, Level, Texture};
 use crate::error::{Error, Result};
 use crate::pipeline::units::{MOST_UNITS, freeze};
 use crate::store::job::units::{Frozen, Phase, UnitJob};
@@ -51,6 +51,11 @@ impl Args {
         let here = |level: &Level| Level { output: folder.join(&level.output), ..level.clone() };
         let levels = config.coarser.iter().map(here).collect();
         Ok(Config {
+            // A new texture is not for a job in units.
+            texture: match config.texture {
+                Texture::Auto => Texture::Keep,
+                other => other,
+            },
             input: if_not_stream(folder, &config.input),
             output: if_not_stream(folder, &config.output),
             textures_beside: folder.join(&config.textures_beside),

@@ -8,8 +8,8 @@ use super::log::{EXIT_SHORT, Log, Talk};
 use super::method::{self, TypedMethod, Wishes};
 use super::outcome::{is_short, tell, write_report};
 use crate::config::{
-    Attributes, Config, DEFAULT_CELL_TRIANGLES, FEATURE_ANGLE, Level, Method, MinComponent,
-    Normals, Until,
+    Attributes, BakeSettings, Config, DEFAULT_CELL_TRIANGLES, FEATURE_ANGLE, Level, Method,
+    MinComponent, Normals, PAGE_SIZES, Texture, Until,
 };
 use crate::error::{Error, Result};
 use crate::io::{OutputFormat, TextureMode};
@@ -72,7 +72,18 @@ pub struct Args {
     /// vertices in exactly the same place (seams). --ratio still means the triangles of the whole input.
     #[arg(long, value_name = "N|SIZE")]
     min_component: Option<MinComponent>,
-    /// Give up texture coordinates and materials of textured faces.
+    /// Texture of the result: keep (the input's charts and images), bake (charts and images made for the result, filled
+    /// from the input's), auto (bake below 10 % of the triangles, and where charts leave too many) or none.
+    #[arg(long, value_enum, value_name = "WHAT", default_value = "auto")]
+    texture: TypedTexture,
+    /// With a new texture: side of its pages in texels, 64 to 16384.
+    #[arg(long, value_name = "N", value_parser = parse_page_size, default_value_t = BakeSettings::default().page_size)]
+    bake_size: u32,
+    /// With a new texture: pages at most; texels become larger where they do not fit [default: as many as texels of
+    /// the input's size take].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    bake_pages: Option<u32>,
+    /// Give up texture coordinates and materials of textured faces; the same as --texture none.
     #[arg(long)]
     drop_texture: bool,
     /// Texture images: copy (beside OUTPUT, unless they lie in its folder), link (named where they are), embed (GLB)
@@ -125,6 +136,24 @@ pub struct Args {
     /// Write the vertices on the seams of the first round, as a point set.
     #[arg(long, value_name = "FILE")]
     seams: Option<PathBuf>,
+}
+
+/// The choices of `--texture`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum TypedTexture {
+    /// The charts and images of the input.
+    Keep,
+    /// Charts and images of the result's own.
+    Bake,
+    /// Whichever looks more like the input.
+    Auto,
+    /// None.
+    None,
+}
+
+fn parse_page_size(text: &str) -> std::result::Result<u32, String> {
+    let side = text.parse().ok().filter(|side| PAGE_SIZES.contains(side));
+    side.ok_or_else(|| format!("a side in texels from {} to {}", PAGE_SIZES.start(), PAGE_SIZES.end()))
 }
 
 /// The choices of `--topology`.
@@ -199,7 +228,13 @@ impl Args {
             verify: self.verify,
             format: self.format,
             skip_bad: self.skip_bad,
-            drop_texture: self.drop_texture,
+            drop_texture: self.drop_texture || self.texture == TypedTexture::None,
+            texture: match self.texture {
+                TypedTexture::Keep | TypedTexture::None => Texture::Keep,
+                TypedTexture::Bake => Texture::Bake,
+                TypedTexture::Auto => Texture::Auto,
+            },
+            bake: BakeSettings { page_size: self.bake_size, most_pages: self.bake_pages },
             drop_faces: self.drop_faces,
             textures: self.textures,
             error_field: self.error_field,
@@ -258,6 +293,7 @@ impl Args {
             ("--merge-distance", self.merge_distance != 0.0),
             ("--seams", self.seams.is_some()),
             ("--textures", self.textures.is_some()),
+            ("--texture bake", self.texture == TypedTexture::Bake),
         ])
     }
 

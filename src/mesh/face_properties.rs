@@ -80,6 +80,13 @@ impl FacePropertyPlan {
         self.texture || self.properties.iter().any(FaceProperty::is_moved)
     }
 
+    /// Leaves a property out.
+    pub(crate) fn drop_property(&mut self, name: &str, reason: &'static str) {
+        for property in self.properties.iter_mut().filter(|p| p.property.name == name) {
+            (property.how, property.reason) = (FacePolicy::Dropped, reason);
+        }
+    }
+
     /// Returns whether there are regions.
     pub fn has_regions(&self) -> bool {
         self.properties.iter().any(|p| p.how == FacePolicy::Region)

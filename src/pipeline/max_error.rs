@@ -10,7 +10,7 @@
 //! more output, and that copy.
 
 use super::prepare::{Prepared, WRITING, prepare};
-use crate::config::{Attributes, Config, Normals, Target};
+use crate::config::{Attributes, Config, Normals, Target, Texture};
 use crate::error::Result;
 use crate::io::{OutputFormat, OutputKind};
 use crate::kernel::{self, Tight};
@@ -215,6 +215,7 @@ fn write_kept(n_input: u64, config: &Config, progress: &Progress) -> Result<Path
         restart: false,
         format: OutputFormat { kind: Some(OutputKind::Ply), ..OutputFormat::default() },
         drop_texture: true,
+        texture: Texture::Keep,
         drop_faces: true,
         attributes: Attributes { normals: Normals::Drop, ..Attributes::default() },
         kernel: kernel::Options {

@@ -4,6 +4,7 @@
 //! write. Every stage is sealed in the job folder before the next one begins, so the same command continues
 //! wherever an earlier run stopped.
 
+pub(crate) mod bake;
 pub mod in_memory;
 mod kernel_side;
 pub(crate) mod max_error;
@@ -20,7 +21,7 @@ pub mod tiles;
 pub mod units;
 pub(crate) mod verify;
 
-use crate::config::{Config, Until};
+use crate::config::{Config, Texture, Until};
 use crate::error::{Error, Result};
 use crate::stages::components::ComponentSizes;
 use crate::stages::stitch::{Step, begins_from_result};
@@ -62,6 +63,7 @@ fn run_stages(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
+    let config = &prepared.settled(config);
     let identity = job_identity(&prepared.source, &prepared.marks, config);
     let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
     run_stages_in(&job, prepared, config, progress)
@@ -75,7 +77,7 @@ fn run_stages_in(
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
     let started = Instant::now();
-    let Prepared { source, plan, textures, marks } = prepared;
+    let Prepared { source, plan, textures, marks, .. } = prepared;
     // With more memory, what the allocator keeps back does no harm.
     if config.memory_bytes < 2 * plan.needed_memory_bytes {
         crate::system::memory::keep_nothing_back();
@@ -119,7 +121,8 @@ fn run_stages_in(
     }
     let mut left = Left::Cells(store);
     let mut levels = Vec::new();
-    let of_textures = textures.first().map(TextureReport::of);
+    let mut of_textures = textures.first().map(TextureReport::of);
+    let mut baked = None;
     let mut textures = textures.into_iter();
     for level in 0..=config.coarser.len() {
         stages.begin_level(level, &plan);
@@ -142,13 +145,22 @@ fn run_stages_in(
         if config.until == Some(Until::Stitch) {
             return Ok(None);
         }
-        let written = stages.write(&source, textures.next(), &result)?;
+        let written = match config.texture {
+            Texture::Bake => {
+                let done = stages.write_baked(&source, &marks, &result)?;
+                if let Some(done) = done.report {
+                    (of_textures, baked) = (Some(done.textures), Some(done.bake));
+                }
+                done.written
+            }
+            Texture::Auto | Texture::Keep => stages.write(&source, textures.next(), &result)?,
+        };
         levels.push(stages.level_report(&source, written));
         left = kept.unwrap_or(Left::Survivors(result));
     }
 
     let mut report = stages.report(&source, config, &partition, levels, started);
-    report.textures = of_textures;
+    (report.textures, report.bake) = (of_textures, baked);
     report.input.faults = faults(&source, &partition, stages.dropped.unwrap_or_default());
     report.components = components.map(|found| found.sizes);
     if config.verify {

@@ -1,12 +1,12 @@
 //! Opens the input, checks it against what was asked for, and plans the run; nothing is written yet.
 
 use super::plan::{Plan, check_split};
-use super::verify;
-use crate::config::{Config, Method};
+use super::{bake, verify};
+use crate::config::{Config, Method, Texture};
 use crate::error::{Error, Result};
 use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::{
-    OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest, faces_to_vertices,
+    NUMBER, OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest, faces_to_vertices,
     survey_faces,
 };
 use crate::stages::write::REACH;
@@ -26,10 +26,25 @@ pub struct Prepared {
     pub source: MeshSource,
     /// Plan of the run: work, memory, disk.
     pub plan: Plan,
-    /// Materials and images of each output, if there are any.
+    /// Materials and images of each output, if there are any; of a new texture, none yet.
     pub textures: Vec<TexturePlan>,
+    /// Fate of the texture: never `Texture::Auto`.
+    pub texture: Texture,
     /// Fingerprint of the input, taken before it was opened.
     pub marks: BTreeMap<String, String>,
+}
+
+impl Prepared {
+    /// The settings of the run, with everything decided that was left to the program.
+    pub(crate) fn settled(&self, config: &Config) -> Config {
+        settled(config, self.texture)
+    }
+}
+
+/// A new texture begins where the old one is given up.
+fn settled(config: &Config, texture: Texture) -> Config {
+    let drop_texture = config.drop_texture || texture == Texture::Bake;
+    Config { texture, drop_texture, ..config.clone() }
 }
 
 /// Opens the input and plans the run. Other files than plain PLY are first unpacked beside the output.
@@ -47,14 +62,23 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
     let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
+    let (mut texture, mut bake_bytes) = (Texture::Keep, 0);
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
+        texture = bake::decide(&source, config)?;
+        let config = &settled(config, texture);
+        if texture == Texture::Bake {
+            bake_bytes = bake::check(&source, config)?;
+        }
         check_labels(&source, &config.attributes.labels)?;
         let survey = SurveyOptions {
             drop_texture: config.drop_texture,
             drop_properties: config.drop_faces,
             labels: &config.attributes.labels,
         };
-        let carry = survey_faces(&source, &survey)?;
+        let mut carry = survey_faces(&source, &survey)?;
+        if texture == Texture::Bake {
+            carry.drop_property(NUMBER, "a new texture has its own");
+        }
         if !config.drop_texture && !carry.texture {
             source.require_no_texture()?;
         }
@@ -62,15 +86,22 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         faces_to_vertices(source, carry, &stage)
     });
     let source = unchanged(&config.input, &marks, source)?;
+    let config = &settled(config, texture);
     config.targets().try_for_each(|target| target.check(source.n_triangles()))?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     config.attributes.weights.check(&codec.channel_kinds(source.schema()))?;
     check_error_field(&source, config)?;
     let mut plan = Plan::new(&source, config)?;
-    let textures = plan_textures(&source, config)?;
+    let textures = match texture {
+        Texture::Bake => Vec::new(),
+        Texture::Auto | Texture::Keep => plan_textures(&source, config)?,
+    };
     plan.add_output_bytes(textures.iter().map(|textures| textures.bytes).sum());
+    if texture == Texture::Bake {
+        plan.add_bake(bake_bytes);
+    }
     plan.check_disk(config)?;
-    Ok(Prepared { source, plan, textures, marks })
+    Ok(Prepared { source, plan, textures, texture, marks })
 }
 
 /// Looks at every image and decides what becomes of it, for each output; empty where there are no materials.

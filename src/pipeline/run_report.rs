@@ -273,6 +273,9 @@ pub struct RunReport {
     /// Materials and images; absent where the input has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub textures: Option<TextureReport>,
+    /// Findings of a new texture; absent where none was made. Of a chain, those of its coarsest level.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bake: Option<crate::bake::BakeReport>,
     /// Triangles wanted; with `--max-error` those of the output.
     pub target: u64,
     /// True if the output (of a chain, every one) has at most `target` triangles; with `--max-error`, if the bound is kept.

@@ -3,6 +3,7 @@
 //! `pipeline` says in which order. Opens what a stage needs from the outcome of the one before, removes what
 //! is not needed any more, and sums up what all of them did. Decides nothing about meshes.
 
+mod baked;
 mod report;
 
 use super::kernel_side::{Facts, kernel_side};

@@ -260,6 +260,13 @@ impl Plan {
         self.together_bytes += bytes;
     }
 
+    /// Adds a new texture for every level, which takes `bytes` for the time being, and as much for its pages at most.
+    pub fn add_bake(&mut self, bytes: u64) {
+        self.temp_bytes += bytes + self.output_bytes;
+        self.together_bytes += bytes + self.output_bytes;
+        self.n_stages += 1 + self.coarser.len() as u32;
+    }
+
     /// Fails where output or temporary data would not fit, or their folders do not take files.
     pub fn check_disk(&self, config: &Config) -> Result<()> {
         let output_bytes = self.output_bytes + self.spool_bytes;

@@ -16,7 +16,7 @@ pub use task::Task;
 
 use super::prepare;
 use super::run_report::RunReport;
-use crate::config::{Config, Method};
+use crate::config::{Config, Method, Texture};
 use crate::error::{Error, Result};
 use crate::store::job::fingerprint::{input_marks, job_identity};
 use crate::store::job::units::{Phase, Record, UnitJob};
@@ -92,6 +92,7 @@ fn refuse(config: &Config) -> Result<()> {
         (config.until.is_some(), "--until"),
         (config.restart, "--restart"),
         (config.keep_temp, "--keep-temp"),
+        (config.texture == Texture::Bake, "--texture bake"),
         (config.seams.is_some(), "--seams"),
         (config.input == Path::new("-"), "standard input"),
         (config.output == Path::new("-"), "standard output"),

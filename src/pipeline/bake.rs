@@ -1,0 +1,110 @@
+//! Keeping the texture of the input or making a new one: decided and checked before any work.
+//!
+//! The decision depends on the input and the settings alone, so a resumed run comes to the same.
+
+use crate::bake;
+use crate::config::{Config, BAKE_BELOW, Target, Texture};
+use crate::error::{Error, Result};
+use crate::io::ply::MeshSource;
+use crate::io::{OutputKind, TextureMode};
+use crate::mesh::codec::TEXTURE_NAMES;
+use crate::system::memory::BASE_BYTES;
+use crate::system::disk::folder_of;
+use std::path::Path;
+
+/// Decides on the texture of an input that is open; never `Texture::Auto`.
+///
+/// Errors: a new texture that was asked for and cannot be made, with the reason.
+pub(super) fn decide(source: &MeshSource, config: &Config) -> Result<Texture> {
+    if config.drop_texture && config.texture != Texture::Bake {
+        return Ok(Texture::Keep);
+    }
+    match config.texture {
+        Texture::Keep => Ok(Texture::Keep),
+        Texture::Bake => match obstacle(source, config)? {
+            None => Ok(Texture::Bake),
+            Some(what) => Err(Error::Usage(format!("--texture bake: {what}"))),
+        },
+        Texture::Auto => {
+            let n = source.n_triangles();
+            let fewest = config.targets().map(|target| target.triangles(n)).min().unwrap_or(n);
+            let is_strong = (fewest as f64) < BAKE_BELOW * n as f64;
+            let is_to_count = matches!(config.target, Target::Triangles(_) | Target::Ratio(_));
+            let bakes = is_strong
+                && is_to_count
+                && bake::has_images(source)
+                && obstacle(source, config)?.is_none();
+            Ok(if bakes { Texture::Bake } else { Texture::Keep })
+        }
+    }
+}
+
+/// Tells if a run whose charts left too many triangles could be made with a new texture.
+pub(crate) fn would_help(source: &MeshSource, config: &Config) -> bool {
+    let is_possible = || matches!(obstacle(source, config), Ok(None));
+    config.texture == Texture::Auto
+        && !config.drop_texture
+        && config.kernel.bound.is_none()
+        && bake::has_images(source)
+        && is_possible()
+}
+
+/// The reason why no new texture can be made, if there is one.
+fn obstacle(source: &MeshSource, config: &Config) -> Result<Option<String>> {
+    let stream = Path::new("-");
+    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
+    let has_own = |name: &&str| source.schema().own_property(name).is_some();
+    let at_vertices = TEXTURE_NAMES.iter().any(|pair| pair.iter().all(has_own));
+    let found = [
+        (config.drop_texture, "not with --drop-texture"),
+        (kind == OutputKind::Stl, "STL has no place for a texture; write .obj, .glb or .ply"),
+        (config.input == stream, "standard input cannot be read again; give a file"),
+        (config.output == stream, "beside standard output there is no place for images; give a file"),
+        (config.kernel.bound.is_some(), "not with --max-error; give --triangles or --ratio"),
+        (
+            matches!(config.textures, Some(TextureMode::Link | TextureMode::None)),
+            "its images are new; choose --textures copy or embed",
+        ),
+        (
+            at_vertices,
+            "the input has texture coordinates at vertices; convert it to OBJ and back to PLY first, or choose keep",
+        ),
+        (
+            !bake::has_looks(source),
+            "the input has neither texture coordinates at the corners of faces nor colours of vertices",
+        ),
+    ];
+    Ok(found.into_iter().find(|(is_so, _)| *is_so).map(|(_, what)| what.to_owned()))
+}
+
+/// Fails where a new texture would fail for want of memory or because of what lies beside the output; returns the bytes
+/// that it takes on disk for the time being.
+pub(super) fn check(source: &MeshSource, config: &Config) -> Result<u64> {
+    let n = source.n_triangles();
+    let most = config.targets().map(|target| target.triangles(n)).max().unwrap_or(n);
+    let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
+    let bytes = bake::check(source, most.min(n), usable)?;
+    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
+    let is_ours = config.force || (!config.restart && super::has_begun_to_write(&config.job_folder));
+    if kind == OutputKind::Glb || is_ours {
+        return Ok(bytes);
+    }
+    let outputs = std::iter::once(&config.textures_beside)
+        .chain(config.coarser.iter().map(|level| &level.output));
+    for output in outputs {
+        let stem = output.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let folder = folder_of(output).join(format!("{stem}_textures"));
+        let has_files = std::fs::read_dir(&folder).is_ok_and(|mut files| files.next().is_some());
+        let library = output.with_extension("mtl");
+        let found = match (has_files, kind == OutputKind::Obj && library.exists()) {
+            (true, _) => &folder,
+            (false, true) => &library,
+            (false, false) => continue,
+        };
+        return Err(Error::Usage(format!(
+            "{} is there already; give --force to replace what the new texture needs, or OUTPUT another name",
+            found.display()
+        )));
+    }
+    Ok(bytes)
+}

@@ -1,0 +1,258 @@
+//! Writes a result with a new texture: its shape, the bake, and the output with the new pages.
+//!
+//! The shape is a PLY file in the job folder, as it would be written without a texture; the bake is sealed like any stage.
+//! So a run that dies while it bakes, or after that, goes on from there.
+
+use super::Stages;
+use crate::bake::{self, Baked, BakeReport, Corner, Means};
+use crate::error::{Error, Result};
+use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
+use crate::io::ply::raw::RawFile;
+use crate::io::ply::{
+    Encoding, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle, VertexBlock,
+};
+use crate::io::{
+    MeshSink, NUMBER, OutputFormat, OutputKind, StageOptions, TexturePlan, TextureRequest,
+};
+use crate::mesh::property::{Property, Scalar};
+use crate::pipeline::prepare::WRITING;
+use crate::pipeline::run_report::{StageReport, TextureReport};
+use crate::stages::write::{self, Form, Written};
+use crate::store::cells::SurvivorInfo;
+use crate::store::job::fingerprint::unchanged;
+use crate::system::units::show_count;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Faces that go to the file together.
+const CHUNK: usize = 65_536;
+
+/// A level with a new texture.
+pub(in crate::pipeline) struct WrittenBake {
+    pub(in crate::pipeline) written: Written,
+    /// Absent where an earlier run has written the level.
+    pub(in crate::pipeline) report: Option<BakeSummary>,
+}
+
+/// Report of a new texture.
+pub(in crate::pipeline) struct BakeSummary {
+    pub(in crate::pipeline) textures: TextureReport,
+    pub(in crate::pipeline) bake: BakeReport,
+}
+
+impl Stages<'_> {
+    /// Makes a new texture for the result of the level at work, and writes both.
+    pub(in crate::pipeline) fn write_baked(
+        &mut self,
+        source: &MeshSource,
+        marks: &BTreeMap<String, String>,
+        result: &SurvivorInfo,
+    ) -> Result<WrittenBake> {
+        let written_key = format!("written {}", self.level);
+        let path = self.output().to_path_buf();
+        if let Some(written) = self.run.job.outcome::<Written>(&written_key)? {
+            super::require_written(&path, written, self.run.job.folder())?;
+            return Ok(WrittenBake { written, report: None });
+        }
+        let shape = self.run.job.path(&format!("shape-{}.part", self.level));
+        let baked = self.bake(source, marks, result, &shape)?;
+        let BakeReport { charts, pages, texel_density, original_texel_density, .. } = &baked.report;
+        let of_original = original_texel_density
+            .map_or_else(String::new, |density| format!("; the input has {density:.4}"));
+        self.run.progress.note(format!(
+            "texture {} charts on {pages} pages, {texel_density:.4} texels per unit of length{of_original}",
+            show_count(*charts)
+        ));
+        if self.run.job.outcome::<()>(WRITING)?.is_none() {
+            self.run.job.record(WRITING, &())?;
+        }
+        // Never taken from the manifest: the output may have been moved away since.
+        let run = self.run;
+        let number = self.reports.len() as u32 + 1;
+        run.progress.begin("write", number, self.n_stages.max(number), result.triangles);
+        let (read, start) = (run.disk().bytes_read(), Instant::now());
+        let (written, plan) = self.write_with_pages(source, &shape, &baked)?;
+        self.reports.push(StageReport {
+            name: "write".to_owned(),
+            part: "write".to_owned(),
+            seconds: start.elapsed().as_secs_f64(),
+            triangles_in: result.triangles,
+            triangles_out: written.triangles,
+            bytes_read: run.disk().bytes_read() - read,
+            bytes_written: written.bytes,
+            peak_memory_bytes: crate::system::memory::peak_bytes(),
+        });
+        if self.level < self.config.coarser.len() {
+            run.job.record(&written_key, &written)?;
+        }
+        let mut textures = TextureReport::of(&plan);
+        textures.notes.splice(0..0, baked.report.notes.iter().cloned());
+        Ok(WrittenBake { written, report: Some(BakeSummary { textures, bake: baked.report }) })
+    }
+
+    /// The stage that makes the texture.
+    fn bake(
+        &mut self,
+        source: &MeshSource,
+        marks: &BTreeMap<String, String>,
+        result: &SurvivorInfo,
+        shape: &Path,
+    ) -> Result<Baked> {
+        let (config, level) = (self.config, self.level);
+        let pack = self.survivors(result.clone())?;
+        let options = bake::Options {
+            page_size: config.bake.page_size,
+            most_pages: config.bake.most_pages,
+            cell_triangles: config.cell_triangles,
+        };
+        let carried = source.carried().cloned().unwrap_or_default();
+        let header = OutputHeader {
+            comments: source.plain_comments(),
+            obj_infos: source.obj_infos().to_vec(),
+            ..OutputHeader::new(source.schema().clone(), 0, 0)
+        };
+        let n = result.triangles;
+        self.stage(&format!("bake {level}"), "bake", n, |_| n, |run| {
+            // What a bake that was killed has left.
+            run.job.clear_scratch()?;
+            let kind = Some(OutputKind::Ply);
+            let encoding = Some(Encoding::BinaryLittleEndian);
+            let form = Form {
+                format: OutputFormat { kind, encoding, ..OutputFormat::default() },
+                faces: carried,
+                normals: config.attributes.normals,
+                has_reach: config.error_field,
+            };
+            let place =
+                Place { path: shape.to_path_buf(), disk: run.disk().clone(), replace: true };
+            write::write(&pack, place, header, form, run)?;
+            let shape = MeshSource::open(shape)?;
+            let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
+            let stage = StageOptions {
+                read,
+                memory_bytes: run.memory_bytes / 2,
+                ..StageOptions::new(run.job.folder())
+            };
+            let means = Means {
+                memory_bytes: run.memory_bytes,
+                threads: run.threads,
+                temp_dir: run.job.folder(),
+                disk: run.disk(),
+                progress: run.progress,
+            };
+            let name = run.job.name(&format!("bake-{level}"));
+            let baked = MeshSource::open_staged(&config.input, &stage).and_then(|original| {
+                bake::bake(&shape, original, &options, (run.job.folder(), &name), means)
+            });
+            unchanged(&config.input, marks, baked)
+        })
+    }
+
+    /// Writes the output: the shape with the new coordinates, materials and images.
+    fn write_with_pages(
+        &self,
+        source: &MeshSource,
+        shape: &Path,
+        baked: &Baked,
+    ) -> Result<(Written, TexturePlan)> {
+        let (path, config) = (self.output().to_path_buf(), self.config);
+        let shape = MeshSource::open(shape)?;
+        let beside = if self.level == 0 { &config.textures_beside } else { &path };
+        let stem = beside.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let request = TextureRequest {
+            output: beside,
+            kind: self.kind()?,
+            mode: config.textures,
+            force: config.force,
+        };
+        let mut materials = materials_of(baked, &stem)?;
+        // A library of the input is not to be replaced.
+        materials.libraries = source.materials().map_or(Vec::new(), |all| all.libraries.clone());
+        let plan = TexturePlan::new(Arc::new(materials), &request)?;
+        let settings = config.settings_of_level(self.level).into_iter();
+        let mut header =
+            OutputHeader::new(shape.schema().clone(), shape.n_vertices(), shape.n_face_rows());
+        header.comments = shape.plain_comments();
+        header.comments.retain(|line| !line.starts_with("stonecut "));
+        header.obj_infos = shape.obj_infos().to_vec();
+        header.settings = settings.map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" ");
+        header.faces.texture = true;
+        header.faces.properties = shape.face_properties();
+        header.faces.properties.push(Property::new(NUMBER, Scalar::I32));
+        header.textures = Some(plan.clone());
+        header.sort_memory_bytes = write::sort_memory_bytes(&self.run);
+        let (disk, replace) = (self.run.disk().clone(), config.force);
+        let format = OutputFormat { kind: Some(self.kind()?), ..config.format };
+        let mut sink = MeshSink::create(Place { path, disk, replace }, header, format)?;
+        let mut block = VertexBlock::default();
+        for i in 0..shape.n_vertex_blocks() {
+            self.run.progress.check()?;
+            shape.read_vertices(i, &mut block)?;
+            sink.write_vertices(&block.records)?;
+        }
+        let corners = RawFile::open(&baked.corners)?;
+        if corners.len() != shape.n_face_rows() * Corner::BYTES as u64 {
+            return Err(Error::corrupt(&baked.corners, "has another length; run again with --restart"));
+        }
+        let (mut faces, mut values, mut bytes) = (Vec::new(), Vec::new(), Vec::new());
+        shape.each_full_face(|row, face| {
+            let at = row as usize % CHUNK;
+            if at == 0 {
+                self.run.progress.check()?;
+                sink.write_full_faces(&faces, &values)?;
+                faces.clear();
+                values.clear();
+                let left = (shape.n_face_rows() - row).min(CHUNK as u64) as usize;
+                bytes.resize(left * Corner::BYTES, 0);
+                corners.read_exact_at(&mut bytes, row * Corner::BYTES as u64)?;
+            }
+            let corner = Corner::read(&bytes.as_chunks().0[at]);
+            let Some(&ids) = face.corners.first_chunk::<3>() else {
+                return Err(Error::Internal("a face of a result is not a triangle".to_owned()));
+            };
+            faces.push(TexturedTriangle { corners: ids, texture: corner.uv });
+            values.extend_from_slice(&face.values);
+            values.extend_from_slice(&(corner.page as i32).to_le_bytes());
+            Ok(())
+        })?;
+        sink.write_full_faces(&faces, &values)?;
+        let (vertices, triangles) = (shape.n_vertices(), shape.n_face_rows());
+        Ok((Written { vertices, triangles, bytes: sink.finish()? }, plan))
+    }
+}
+
+/// A material for each page.
+fn materials_of(baked: &Baked, stem: &str) -> Result<Materials> {
+    let mut out = Materials::default();
+    let finish = &baked.finish;
+    for (number, page) in baked.pages.iter().enumerate() {
+        let name = format!("{stem}_{number}");
+        let file = Arc::new(RawFile::open(&page.path)?);
+        if file.len() != page.bytes {
+            return Err(Error::corrupt(&page.path, "has another length; run again with --restart"));
+        }
+        let ending = page.kind.ending();
+        // A part of a file, so that it is copied although it lies below the output's folder for now.
+        let data = ImageData::Inside(Part { n_bytes: file.len(), file, offset: 0 });
+        let image = out.add_image(Image { name: format!("{name}.{ending}"), data });
+        let map = Map { kind: MapKind::Base, image, options: String::new(), wrap: None };
+        out.list.push(Material {
+            name,
+            base: finish.base,
+            metallic: finish.metallic,
+            roughness: finish.roughness,
+            alpha: match (finish.mask, finish.blends) {
+                (Some(from), _) => Alpha::Mask(from),
+                (None, true) => Alpha::Blend,
+                (None, false) => Alpha::Plain,
+            },
+            two_sided: finish.two_sided,
+            unlit: finish.unlit,
+            maps: vec![map],
+            ..Material::default()
+        });
+    }
+    Ok(out)
+}
