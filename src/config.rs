@@ -108,7 +108,7 @@ pub enum Texture {
     Auto,
     /// The charts of the input stay, as far as triangles stay.
     Keep,
-    /// The result gets charts and images of its own, filled from the input's.
+    /// The result gets charts and images made for it, filled from the input's.
     Bake,
 }
 

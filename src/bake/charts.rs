@@ -4,7 +4,7 @@
 //! do not grow faster than the result. Charts end where blocks do. Knows nothing of the original.
 
 use super::original::Density;
-use super::{Corner, Means, Options};
+use super::settings::{Corner, Means, Options};
 use crate::error::{Error, Result};
 use crate::measure::triangle;
 use crate::mesh::Mesh;
@@ -24,8 +24,8 @@ const BLOCK_TEXELS: f64 = (1u64 << 28) as f64;
 /// At 1/8 of the size a texel is 8 wide, and a point between two of them mixes what is up to 12 away.
 pub(super) const PADDING: u32 = 12;
 
-/// Sides of cropped pages are multiples of this, as compressed textures want them.
-const SIDE_STEP: u32 = 4;
+/// Sides of cropped pages are multiples of this: halves of them down to 1/16 are whole, and so are compressed blocks.
+const SIDE_STEP: u32 = 16;
 
 /// Attempts to meet a count of pages.
 const MOST_TRIES: usize = 8;
@@ -109,7 +109,8 @@ impl Charts {
         vertices.iter().for_each(|&v| around.add(mesh.positions[v as usize]));
         // Single precision is enough around the middle.
         let middle = around.middle();
-        let local = |&v: &u32| [0, 1, 2].map(|k| (mesh.positions[v as usize][k] - middle[k]) as f32);
+        let local =
+            |&v: &u32| [0, 1, 2].map(|k| (mesh.positions[v as usize][k] - middle[k]) as f32);
         let positions: Vec<[f32; 3]> = vertices.iter().map(local).collect();
         let place = |v: u32| vertices.binary_search(&v).expect("collected above") as u32;
         let indices: Vec<u32> = corners.map(place).collect();
@@ -165,9 +166,8 @@ impl Charts {
     fn corner(&self, triangle: usize) -> Corner {
         let page = self.page[triangle];
         let [width, height] = self.pages[page as usize].map(|side| side as f32);
-        let uv = self.corners[triangle].map(|[x, y]| {
-            [(x / width).clamp(0.0, 1.0), (1.0 - y / height).clamp(0.0, 1.0)]
-        });
+        let uv = self.corners[triangle]
+            .map(|[x, y]| [(x / width).clamp(0.0, 1.0), (1.0 - y / height).clamp(0.0, 1.0)]);
         Corner { page, uv }
     }
 
@@ -196,9 +196,8 @@ fn blocks(mesh: &Mesh, texels_per_unit: f64) -> Vec<Vec<u32>> {
         let [a, b, c] = mesh.corners(t as usize);
         [0, 1, 2].map(|k| a[k] + b[k] + c[k])
     };
-    let texels = |t: u32| {
-        triangle::area(&mesh.corners(t as usize)) * texels_per_unit * texels_per_unit
-    };
+    let texels =
+        |t: u32| triangle::area(&mesh.corners(t as usize)) * texels_per_unit * texels_per_unit;
     let mut open: Vec<Vec<u32>> = vec![(0..mesh.triangles.len() as u32).collect()];
     let mut done = Vec::new();
     while let Some(mut block) = open.pop() {

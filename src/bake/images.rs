@@ -229,9 +229,8 @@ impl<'a> ImageCache<'a> {
         };
         let mut there: u64 = held.images.iter().map(size).sum();
         while there + wanted > self.budget_bytes {
-            let idle = held.images.iter().filter(|(_, (used, image))| {
-                *used < now && image.is_some()
-            });
+            let idle =
+                held.images.iter().filter(|(_, (used, image))| *used < now && image.is_some());
             let oldest = idle.min_by_key(|(number, (used, _))| (*used, **number));
             let Some((&number, _)) = oldest else { break };
             held.images.remove(&number);

@@ -8,52 +8,28 @@
 
 mod charts;
 mod images;
+mod nearest;
 mod original;
 mod pages;
 mod paint;
+mod settings;
 mod texels;
 
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::measure::load;
-use crate::system::disk::Disk;
-use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
 use charts::Charts;
 use images::ImageCache;
 use original::Original;
 use pages::Canvas;
-pub use pages::{Page, PageKind};
+pub use pages::Page;
+use pages::PageKind;
 pub use paint::Finish;
 use paint::Palette;
 use serde::{Deserialize, Serialize};
+pub use settings::{BakeReport, Corner, Means, Options};
 use std::path::{Path, PathBuf};
-
-/// Settings of a bake that change its result.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Options {
-    /// Side of a page in texels.
-    pub page_size: u32,
-    /// Pages at most; as many as the original's texel density takes if `None`.
-    pub most_pages: Option<u32>,
-    /// Triangles per cell of the original.
-    pub cell_triangles: u64,
-}
-
-/// Memory and places of a bake.
-#[derive(Clone, Copy, Debug)]
-pub struct Means<'a> {
-    /// Memory for everything, in bytes.
-    pub memory_bytes: u64,
-    /// Worker threads.
-    pub threads: usize,
-    /// Folder for temporary data without names.
-    pub temp_dir: &'a Path,
-    /// The disk that pages are written through.
-    pub disk: &'a Disk,
-    /// Counts triangles of the result; asks to stop.
-    pub progress: &'a Progress,
-}
 
 /// Finished pages, and the texture coordinates of the result's corners in a file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -66,58 +42,6 @@ pub struct Baked {
     pub finish: Finish,
     /// For people and for the report.
     pub report: BakeReport,
-}
-
-/// Findings of a bake.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct BakeReport {
-    /// Charts of the result.
-    pub charts: u64,
-    /// Pages.
-    pub pages: u64,
-    /// Side of a page in texels; pages that are not full are smaller.
-    pub page_size: u32,
-    /// Texels of all pages.
-    pub texels: u64,
-    /// Texels that show the surface.
-    pub covered_texels: u64,
-    /// Texels per input unit of length.
-    pub texel_density: f64,
-    /// The same of the original's images, by area; absent where it has none.
-    pub original_texel_density: Option<f64>,
-    /// Bytes of the pages' files.
-    pub bytes: u64,
-    /// Missing, damaged and lost parts, a line each.
-    pub notes: Vec<String>,
-}
-
-/// Page and texture coordinates of a triangle of the result.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Corner {
-    /// Number of the page.
-    pub page: u32,
-    /// Coordinates of the three corners, from 0 to 1, v upwards.
-    pub uv: [[f32; 2]; 3],
-}
-
-impl Corner {
-    /// Bytes of a record.
-    pub const BYTES: usize = 28;
-
-    /// Reads a record.
-    pub fn read(bytes: &[u8; Self::BYTES]) -> Corner {
-        let words = bytes.as_chunks::<4>().0;
-        let float = |i: usize| f32::from_le_bytes(words[1 + i]);
-        Corner {
-            page: u32::from_le_bytes(words[0]),
-            uv: [0, 2, 4].map(|i| [float(i), float(i + 1)]),
-        }
-    }
-
-    fn write(&self, out: &mut Vec<u8>) {
-        out.extend_from_slice(&self.page.to_le_bytes());
-        self.uv.as_flattened().iter().for_each(|x| out.extend_from_slice(&x.to_le_bytes()));
-    }
 }
 
 /// Shares of the memory: cells of the original, decoded images, points under way.
@@ -147,27 +71,34 @@ pub fn bake(
     if mesh.triangles.len() as u64 != shape.n_face_rows() {
         return Err(Error::Internal("a result has degenerate faces".to_owned()));
     }
+    progress.count_from_zero(original.n_triangles());
     let palette = Palette::new(original.materials().map(|all| &**all), free_bytes / IMAGE_SHARE)?;
-    let original = Original::cut(original, &palette, options.cell_triangles, Means {
-        memory_bytes: free_bytes,
-        ..means
-    })?;
+    let original = Original::cut(
+        original,
+        &palette,
+        options.cell_triangles,
+        Means { memory_bytes: free_bytes, ..means },
+    )?;
     let density = original.density(options);
     let charts = Charts::make(&mesh, density, options, means)?;
     let mut notes = original.notes(&palette);
+    progress.count_from_zero(mesh.triangles.len() as u64);
     let mut canvas = Canvas::new(&charts.pages, means.temp_dir)?;
     let cache = ImageCache::new(&palette, free_bytes / IMAGE_SHARE);
-    let seen = texels::fill(&texels::Scene {
-        mesh: &mesh,
-        charts: &charts,
-        original: &original,
-        palette: &palette,
-        images: &cache,
-        cell_bytes: free_bytes / CELL_SHARE,
-        batch_bytes: free_bytes / 4,
-        threads: means.threads,
-        progress,
-    }, &mut canvas)?;
+    let seen = texels::fill(
+        &texels::Scene {
+            mesh: &mesh,
+            charts: &charts,
+            original: &original,
+            palette: &palette,
+            images: &cache,
+            cell_bytes: free_bytes / CELL_SHARE,
+            batch_bytes: free_bytes / 4,
+            threads: means.threads,
+            progress,
+        },
+        &mut canvas,
+    )?;
     notes.extend(cache.notes());
     let kind = match palette.is_photographic() && !seen.has_alpha {
         true => PageKind::Jpeg,

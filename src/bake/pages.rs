@@ -3,9 +3,8 @@
 //! Colours grow beyond the borders of charts, so that neither filtering nor smaller sizes of an image mix what lies
 //! between charts into them; what is then left has the mean colour of the page. Rows go through memory in bands.
 
-use super::Means;
 use super::charts::PADDING;
-use super::texels::Texel;
+use super::settings::Means;
 use crate::error::{Error, Result};
 use crate::system::disk::{Disk, DiskFile, scratch_file};
 use crate::system::parallel::in_order;
@@ -64,6 +63,14 @@ pub struct Page {
     pub height: u32,
     /// Bytes of the file.
     pub bytes: u64,
+}
+
+/// A finished texel.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Texel {
+    pub row: u32,
+    pub column: u32,
+    pub pixel: [u8; 4],
 }
 
 /// Pages while they are filled.
@@ -201,8 +208,7 @@ impl Rows<'_> {
     fn band(&self, first: u32) -> Result<Vec<[u8; 4]>> {
         let width = self.size()[0] as usize;
         let above = first.min(GROWTH);
-        let mut pixels =
-            self.canvas.read(self.page, first - above, first + BAND_ROWS + GROWTH)?;
+        let mut pixels = self.canvas.read(self.page, first - above, first + BAND_ROWS + GROWTH)?;
         grow(&mut pixels, width, GROWTH);
         let n = (self.size()[1] - first).min(BAND_ROWS) as usize * width;
         let skipped = above as usize * width;

@@ -14,7 +14,7 @@ const PIXEL_BYTES: u64 = 4;
 
 /// Materials and images of the original.
 pub(super) struct Palette {
-    /// By the number that a face has.
+    /// Paints in the order of the numbers that faces have.
     pub paints: Vec<Paint>,
     /// Images as the materials number them; `None` for those that cannot be used or are not needed.
     pub images: Vec<Option<Picture>>,

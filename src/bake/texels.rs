@@ -7,8 +7,9 @@
 
 use super::charts::{Charts, NONE};
 use super::images::{Decoded, ImageCache, Light, pixel_of};
-use super::original::{CellCache, Hit, Original, Seekers};
-use super::pages::Canvas;
+use super::nearest::{CellCache, Seekers};
+use super::original::{Hit, Original};
+use super::pages::{Canvas, Texel};
 use super::paint::{Paint, Palette};
 use crate::error::Result;
 use crate::measure::triangle::{self, Vector};
@@ -148,9 +149,8 @@ impl Work {
         let ratio = of_images.map_or(1.0, |density| density / charts.texels_per_unit);
         let side = SIDES.iter().find(|&&side| ratio <= 0.75 * f64::from(side)).copied();
         let side = side.unwrap_or(SIDES[SIDES.len() - 1]);
-        let mut order: Vec<u32> = (0..charts.chart.len() as u32)
-            .filter(|&t| charts.chart[t as usize] != NONE)
-            .collect();
+        let mut order: Vec<u32> =
+            (0..charts.chart.len() as u32).filter(|&t| charts.chart[t as usize] != NONE).collect();
         order.sort_by_key(|&t| (charts.chart[t as usize], t));
         let mut around = Bounds::EMPTY;
         scene.mesh.positions.iter().for_each(|&p| around.add(p));
@@ -178,14 +178,19 @@ impl Work {
             let key = cell[0] << 2 | cell[1] << 1 | cell[2];
             let page = charts.page[order[start] as usize];
             let height = charts.pages[page as usize][1];
-            let rows = (rows[0].max(0.0) as u32).min(height)..(rows[1].ceil() as u32 + 1).min(height);
+            let rows =
+                (rows[0].max(0.0) as u32).min(height)..(rows[1].ceil() as u32 + 1).min(height);
             let n_points = (texels * f64::from(side * side)) as u64 + 4 * (end - start) as u64;
             let n_bands = n_points.div_ceil(most_points.max(1)).clamp(1, rows.len().max(1) as u64);
             let step = (rows.len() as u64).div_ceil(n_bands).max(1) as usize;
             for first in rows.clone().step_by(step) {
                 let rows = first..(first + step as u32).min(rows.end);
                 let n_points = n_points / n_bands + 1;
-                placed.push((key, placed.len(), Band { triangles: start..end, page, rows, n_points }));
+                placed.push((
+                    key,
+                    placed.len(),
+                    Band { triangles: start..end, page, rows, n_points },
+                ));
             }
             start = end;
         }
@@ -384,14 +389,6 @@ impl Look<'_> {
 
 fn times_opacity([r, g, b, opacity]: Light) -> Light {
     [r * opacity, g * opacity, b * opacity, opacity]
-}
-
-/// A finished texel.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Texel {
-    pub row: u32,
-    pub column: u32,
-    pub pixel: [u8; 4],
 }
 
 /// The mean of the points of each texel.

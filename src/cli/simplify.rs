@@ -153,7 +153,9 @@ enum TypedTexture {
 
 fn parse_page_size(text: &str) -> std::result::Result<u32, String> {
     let side = text.parse().ok().filter(|side| PAGE_SIZES.contains(side));
-    side.ok_or_else(|| format!("a side in texels from {} to {}", PAGE_SIZES.start(), PAGE_SIZES.end()))
+    side.ok_or_else(|| {
+        format!("a side in texels from {} to {}", PAGE_SIZES.start(), PAGE_SIZES.end())
+    })
 }
 
 /// The choices of `--topology`.

@@ -3,13 +3,14 @@
 //! The decision depends on the input and the settings alone, so a resumed run comes to the same.
 
 use crate::bake;
-use crate::config::{Config, BAKE_BELOW, Target, Texture};
+use crate::config::{BAKE_BELOW, Config, Target, Texture};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::{OutputKind, TextureMode};
 use crate::mesh::codec::TEXTURE_NAMES;
-use crate::system::memory::BASE_BYTES;
+use crate::store::job;
 use crate::system::disk::folder_of;
+use crate::system::memory::BASE_BYTES;
 use std::path::Path;
 
 /// Decides on the texture of an input that is open; never `Texture::Auto`.
@@ -30,7 +31,7 @@ pub(super) fn decide(source: &MeshSource, config: &Config) -> Result<Texture> {
             let fewest = config.targets().map(|target| target.triangles(n)).min().unwrap_or(n);
             let is_strong = (fewest as f64) < BAKE_BELOW * n as f64;
             let is_to_count = matches!(config.target, Target::Triangles(_) | Target::Ratio(_));
-            let bakes = is_strong
+            let bakes = (is_strong || has_begun(config))
                 && is_to_count
                 && bake::has_images(source)
                 && obstacle(source, config)?.is_none();
@@ -39,8 +40,16 @@ pub(super) fn decide(source: &MeshSource, config: &Config) -> Result<Texture> {
     }
 }
 
+/// Tells if an earlier run of the same command has begun with a new texture, after the old one left too much.
+fn has_begun(config: &Config) -> bool {
+    let is_baked = |view: job::ManifestView| {
+        view.identity.settings.get("texture").is_some_and(|texture| texture == "bake")
+    };
+    !config.restart && job::view(&config.job_folder).is_ok_and(is_baked)
+}
+
 /// Tells if a run whose charts left too many triangles could be made with a new texture.
-pub(crate) fn would_help(source: &MeshSource, config: &Config) -> bool {
+pub(super) fn would_help(source: &MeshSource, config: &Config) -> bool {
     let is_possible = || matches!(obstacle(source, config), Ok(None));
     config.texture == Texture::Auto
         && !config.drop_texture
@@ -59,7 +68,10 @@ fn obstacle(source: &MeshSource, config: &Config) -> Result<Option<String>> {
         (config.drop_texture, "not with --drop-texture"),
         (kind == OutputKind::Stl, "STL has no place for a texture; write .obj, .glb or .ply"),
         (config.input == stream, "standard input cannot be read again; give a file"),
-        (config.output == stream, "beside standard output there is no place for images; give a file"),
+        (
+            config.output == stream,
+            "beside standard output there is no place for images; give a file",
+        ),
         (config.kernel.bound.is_some(), "not with --max-error; give --triangles or --ratio"),
         (
             matches!(config.textures, Some(TextureMode::Link | TextureMode::None)),
@@ -79,14 +91,15 @@ fn obstacle(source: &MeshSource, config: &Config) -> Result<Option<String>> {
 
 /// Fails where a new texture would fail for want of memory or because of what lies beside the output; returns the bytes
 /// that it takes on disk for the time being.
-pub(super) fn check(source: &MeshSource, config: &Config) -> Result<u64> {
+///
+/// `may_be_ours` if an earlier run of the same job may have written that.
+pub(super) fn check(source: &MeshSource, config: &Config, may_be_ours: bool) -> Result<u64> {
     let n = source.n_triangles();
     let most = config.targets().map(|target| target.triangles(n)).max().unwrap_or(n);
     let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
     let bytes = bake::check(source, most.min(n), usable)?;
     let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
-    let is_ours = config.force || (!config.restart && super::has_begun_to_write(&config.job_folder));
-    if kind == OutputKind::Glb || is_ours {
+    if kind == OutputKind::Glb || config.force || may_be_ours {
         return Ok(bytes);
     }
     let outputs = std::iter::once(&config.textures_beside)

@@ -63,10 +63,41 @@ fn run_stages(
     config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
-    let config = &prepared.settled(config);
-    let identity = job_identity(&prepared.source, &prepared.marks, config);
-    let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
-    run_stages_in(&job, prepared, config, progress)
+    let settled = prepared.settled(config);
+    let identity = job_identity(&prepared.source, &prepared.marks, &settled);
+    let job = Job::open(&settled.job_folder, disk, &identity, settled.restart)?;
+    match run_stages_in(&job, prepared, &settled, progress)? {
+        Ended::Done(report) => Ok(Some(*report)),
+        Ended::Early => Ok(None),
+        Ended::ShortOfTarget(left) => {
+            drop(job);
+            progress.note(format!(
+                "the input's charts leave {left} triangles: again with a new texture (--texture bake)"
+            ));
+            let config = Config { texture: Texture::Bake, restart: true, ..config.clone() };
+            run_stages(disk, prepare(&config)?, &config, progress)
+        }
+    }
+}
+
+/// End of the stages of a run.
+enum Ended {
+    /// The output is there.
+    Done(Box<RunReport>),
+    /// `--until` ended the run.
+    Early,
+    /// The texture of the input left this many triangles, too many, where a new one can be made; nothing was written.
+    ShortOfTarget(u64),
+}
+
+impl Ended {
+    /// The report of a run that came to its end.
+    fn report(self) -> Option<RunReport> {
+        match self {
+            Ended::Done(report) => Some(*report),
+            Ended::Early | Ended::ShortOfTarget(_) => None,
+        }
+    }
 }
 
 /// Runs the stages whose outcomes the job does not have yet.
@@ -75,9 +106,9 @@ fn run_stages_in(
     prepared: Prepared,
     config: &Config,
     progress: &Progress,
-) -> Result<Option<RunReport>> {
+) -> Result<Ended> {
     let started = Instant::now();
-    let Prepared { source, plan, textures, marks, .. } = prepared;
+    let Prepared { source, plan, textures, marks, can_bake, .. } = prepared;
     // With more memory, what the allocator keeps back does no harm.
     if config.memory_bytes < 2 * plan.needed_memory_bytes {
         crate::system::memory::keep_nothing_back();
@@ -99,7 +130,7 @@ fn run_stages_in(
         Err(error) => return Err(abandon(job, error)),
     };
     if config.until == Some(Until::Partition) {
-        return Ok(None);
+        return Ok(Ended::Early);
     }
     let components = stages.components(&partition)?;
     let store = match &components {
@@ -127,7 +158,7 @@ fn run_stages_in(
     for level in 0..=config.coarser.len() {
         stages.begin_level(level, &plan);
         let Some((taken_in, result)) = reduce(&mut stages, left, config.until)? else {
-            return Ok(None);
+            return Ok(Ended::Early);
         };
         if result.triangles == 0 || result.statistics.is_flat {
             let error = empty_result(&result, stages.target, stages.output().to_path_buf());
@@ -142,8 +173,12 @@ fn run_stages_in(
             }
             other => other,
         };
+        let is_short = result.triangles > stages.target;
+        if is_short && can_bake && config.coarser.is_empty() {
+            return Ok(Ended::ShortOfTarget(result.triangles));
+        }
         if config.until == Some(Until::Stitch) {
-            return Ok(None);
+            return Ok(Ended::Early);
         }
         let written = match config.texture {
             Texture::Bake => {
@@ -169,7 +204,7 @@ fn run_stages_in(
     if !config.keep_temp {
         job.remove()?;
     }
-    Ok(Some(report))
+    Ok(Ended::Done(Box::new(report)))
 }
 
 /// The rounds and the finish of one level: what the finish took in, if there was one, and the result; `None` when

@@ -6,8 +6,8 @@ use crate::config::{Config, Method, Texture};
 use crate::error::{Error, Result};
 use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::{
-    NUMBER, OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest, faces_to_vertices,
-    survey_faces,
+    NUMBER, OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest,
+    faces_to_vertices, survey_faces,
 };
 use crate::stages::write::REACH;
 use crate::store::job;
@@ -30,6 +30,8 @@ pub struct Prepared {
     pub textures: Vec<TexturePlan>,
     /// Fate of the texture: never `Texture::Auto`.
     pub texture: Texture,
+    /// True if the texture stays but a new one can be made where it leaves too many triangles.
+    pub can_bake: bool,
     /// Fingerprint of the input, taken before it was opened.
     pub marks: BTreeMap<String, String>,
 }
@@ -62,12 +64,14 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
     let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
-    let (mut texture, mut bake_bytes) = (Texture::Keep, 0);
+    let (mut texture, mut bake_bytes, mut can_bake) = (Texture::Keep, 0, false);
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
         texture = bake::decide(&source, config)?;
+        can_bake = texture == Texture::Keep && bake::would_help(&source, config);
         let config = &settled(config, texture);
         if texture == Texture::Bake {
-            bake_bytes = bake::check(&source, config)?;
+            let is_ours = !config.restart && has_begun_to_write(&config.job_folder);
+            bake_bytes = bake::check(&source, config, is_ours)?;
         }
         check_labels(&source, &config.attributes.labels)?;
         let survey = SurveyOptions {
@@ -101,7 +105,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         plan.add_bake(bake_bytes);
     }
     plan.check_disk(config)?;
-    Ok(Prepared { source, plan, textures, texture, marks })
+    Ok(Prepared { source, plan, textures, texture, can_bake, marks })
 }
 
 /// Looks at every image and decides what becomes of it, for each output; empty where there are no materials.

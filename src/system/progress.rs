@@ -40,6 +40,12 @@ impl Progress {
         self.done.store(0, Ordering::Relaxed);
     }
 
+    /// Begins the running stage again from 0, with another total, where its first part was counted in other units.
+    pub fn count_from_zero(&self, total: u64) {
+        self.stage.lock().unwrap_or_else(PoisonError::into_inner).total = total;
+        self.done.store(0, Ordering::Relaxed);
+    }
+
     /// Counts finished work units.
     pub fn add(&self, units: u64) {
         self.done.fetch_add(units, Ordering::Relaxed);

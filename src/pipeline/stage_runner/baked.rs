@@ -4,7 +4,7 @@
 //! So a run that dies while it bakes, or after that, goes on from there.
 
 use super::Stages;
-use crate::bake::{self, Baked, BakeReport, Corner, Means};
+use crate::bake::{self, BakeReport, Baked, Corner, Means};
 use crate::error::{Error, Result};
 use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 use crate::io::ply::raw::RawFile;
@@ -114,40 +114,46 @@ impl Stages<'_> {
             ..OutputHeader::new(source.schema().clone(), 0, 0)
         };
         let n = result.triangles;
-        self.stage(&format!("bake {level}"), "bake", n, |_| n, |run| {
-            // What a bake that was killed has left.
-            run.job.clear_scratch()?;
-            let kind = Some(OutputKind::Ply);
-            let encoding = Some(Encoding::BinaryLittleEndian);
-            let form = Form {
-                format: OutputFormat { kind, encoding, ..OutputFormat::default() },
-                faces: carried,
-                normals: config.attributes.normals,
-                has_reach: config.error_field,
-            };
-            let place =
-                Place { path: shape.to_path_buf(), disk: run.disk().clone(), replace: true };
-            write::write(&pack, place, header, form, run)?;
-            let shape = MeshSource::open(shape)?;
-            let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
-            let stage = StageOptions {
-                read,
-                memory_bytes: run.memory_bytes / 2,
-                ..StageOptions::new(run.job.folder())
-            };
-            let means = Means {
-                memory_bytes: run.memory_bytes,
-                threads: run.threads,
-                temp_dir: run.job.folder(),
-                disk: run.disk(),
-                progress: run.progress,
-            };
-            let name = run.job.name(&format!("bake-{level}"));
-            let baked = MeshSource::open_staged(&config.input, &stage).and_then(|original| {
-                bake::bake(&shape, original, &options, (run.job.folder(), &name), means)
-            });
-            unchanged(&config.input, marks, baked)
-        })
+        self.stage(
+            &format!("bake {level}"),
+            "bake",
+            n,
+            |_| n,
+            |run| {
+                // What a bake that was killed has left.
+                run.job.clear_scratch()?;
+                let kind = Some(OutputKind::Ply);
+                let encoding = Some(Encoding::BinaryLittleEndian);
+                let form = Form {
+                    format: OutputFormat { kind, encoding, ..OutputFormat::default() },
+                    faces: carried,
+                    normals: config.attributes.normals,
+                    has_reach: config.error_field,
+                };
+                let place =
+                    Place { path: shape.to_path_buf(), disk: run.disk().clone(), replace: true };
+                write::write(&pack, place, header, form, run)?;
+                let shape = MeshSource::open(shape)?;
+                let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
+                let stage = StageOptions {
+                    read,
+                    memory_bytes: run.memory_bytes / 2,
+                    ..StageOptions::new(run.job.folder())
+                };
+                let means = Means {
+                    memory_bytes: run.memory_bytes,
+                    threads: run.threads,
+                    temp_dir: run.job.folder(),
+                    disk: run.disk(),
+                    progress: run.progress,
+                };
+                let name = run.job.name(&format!("bake-{level}"));
+                let baked = MeshSource::open_staged(&config.input, &stage).and_then(|original| {
+                    bake::bake(&shape, original, &options, (run.job.folder(), &name), means)
+                });
+                unchanged(&config.input, marks, baked)
+            },
+        )
     }
 
     /// Writes the output: the shape with the new coordinates, materials and images.
@@ -194,7 +200,10 @@ impl Stages<'_> {
         }
         let corners = RawFile::open(&baked.corners)?;
         if corners.len() != shape.n_face_rows() * Corner::BYTES as u64 {
-            return Err(Error::corrupt(&baked.corners, "has another length; run again with --restart"));
+            return Err(Error::corrupt(
+                &baked.corners,
+                "has another length; run again with --restart",
+            ));
         }
         let (mut faces, mut values, mut bytes) = (Vec::new(), Vec::new(), Vec::new());
         shape.each_full_face(|row, face| {

@@ -168,7 +168,7 @@ impl Run<'_> {
             more.insert(FIRST_ROUND.to_owned(), value);
         }
         let job = self.guest(more);
-        let report = run_stages_in(&job, prepared, self.config, self.progress)?;
+        let report = run_stages_in(&job, prepared, self.config, self.progress)?.report();
         let mut report =
             report.ok_or_else(|| Error::Internal("the run has no report".to_owned()))?;
         let began = self.earlier["partition"].iter().map(|(_, record)| record.span[0]);

@@ -8,7 +8,7 @@ mod lock;
 mod manifest;
 pub mod units;
 
-pub use manifest::{Identity, view};
+pub use manifest::{Identity, ManifestView, view};
 
 use crate::error::{Error, Result};
 use crate::system::disk::Disk;

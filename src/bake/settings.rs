@@ -1,0 +1,85 @@
+//! Settings, means and findings of a bake, for all files of this room.
+
+use crate::system::disk::Disk;
+use crate::system::progress::Progress;
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+/// Settings of a bake that change its result.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Side of a page in texels.
+    pub page_size: u32,
+    /// Pages at most; as many as the original's texel density takes if `None`.
+    pub most_pages: Option<u32>,
+    /// Triangles per cell of the original.
+    pub cell_triangles: u64,
+}
+
+/// Memory and places of a bake.
+#[derive(Clone, Copy, Debug)]
+pub struct Means<'a> {
+    /// Memory for everything, in bytes.
+    pub memory_bytes: u64,
+    /// Worker threads.
+    pub threads: usize,
+    /// Folder for temporary data without names.
+    pub temp_dir: &'a Path,
+    /// The disk that pages are written through.
+    pub disk: &'a Disk,
+    /// Counts triangles of the result; asks to stop.
+    pub progress: &'a Progress,
+}
+
+/// Findings of a bake.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct BakeReport {
+    /// Charts of the result.
+    pub charts: u64,
+    /// Pages.
+    pub pages: u64,
+    /// Side of a page in texels; pages that are not full are smaller.
+    pub page_size: u32,
+    /// Texels of all pages.
+    pub texels: u64,
+    /// Texels that show the surface.
+    pub covered_texels: u64,
+    /// Texels per input unit of length.
+    pub texel_density: f64,
+    /// The same of the original's images, by area; absent where it has none.
+    pub original_texel_density: Option<f64>,
+    /// Bytes of the pages' files.
+    pub bytes: u64,
+    /// Missing, damaged and lost parts, a line each.
+    pub notes: Vec<String>,
+}
+
+/// Page and texture coordinates of a triangle of the result.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Corner {
+    /// Number of the page.
+    pub page: u32,
+    /// Coordinates of the three corners, from 0 to 1, v upwards.
+    pub uv: [[f32; 2]; 3],
+}
+
+impl Corner {
+    /// Bytes of a record.
+    pub const BYTES: usize = 28;
+
+    /// Reads a record.
+    pub fn read(bytes: &[u8; Self::BYTES]) -> Corner {
+        let words = bytes.as_chunks::<4>().0;
+        let float = |i: usize| f32::from_le_bytes(words[1 + i]);
+        Corner {
+            page: u32::from_le_bytes(words[0]),
+            uv: [0, 2, 4].map(|i| [float(i), float(i + 1)]),
+        }
+    }
+
+    /// Appends the record.
+    pub fn write(&self, out: &mut Vec<u8>) {
+        out.extend_from_slice(&self.page.to_le_bytes());
+        self.uv.as_flattened().iter().for_each(|x| out.extend_from_slice(&x.to_le_bytes()));
+    }
+}
