@@ -182,7 +182,8 @@ fn nothing_bleeds_from_chart_to_chart() {
                 ((side % 3) as f64 * f64::from(SIDE), (side / 3) as f64 * f64::from(SIDE));
             let is_inside = [x, y].iter().all(|t| (2.5..5.5).contains(&(t % 8.0)));
             if is_inside {
-                let is_bright = (((own_x + x) / 8.0) as u32 + ((own_y + y) / 8.0) as u32) % 2 == 0;
+                let is_bright =
+                    (((own_x + x) / 8.0) as u32 + ((own_y + y) / 8.0) as u32).is_multiple_of(2);
                 let value = look_up(&levels[0], [u, v]).into_iter().fold(0.0, f64::max);
                 let expected = if is_bright { 250.0 } else { 90.0 };
                 assert!((value - expected).abs() < 20.0, "{value} for {expected}: {a} {b}");

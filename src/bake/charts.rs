@@ -30,8 +30,8 @@ const SIDE_STEP: u32 = 16;
 /// Attempts to meet a count of pages.
 const MOST_TRIES: usize = 8;
 
-/// Bytes of a triangle in a block while it is unwrapped: 0.9 to 1.3 KiB were measured.
-const UNWRAP_BYTES: u64 = 1536;
+/// Bytes of a triangle in a block while it is unwrapped; 0.5 KiB were measured (68,771 triangles, 8,481 charts).
+const UNWRAP_BYTES: u64 = 1024;
 
 /// No chart.
 pub(super) const NONE: u32 = u32::MAX;

@@ -51,7 +51,7 @@ const IMAGE_SHARE: u64 = 3;
 /// Gives the result `shape` a texture from `original`; files get names that begin with `name` in the folder `place`.
 ///
 /// `original` is the input as it was opened, texture coordinates at its corners; `shape` has no degenerate faces.
-/// Memory: the result with its charts (about 100 bytes a triangle, 1.5 KiB a triangle of a block of at most 200,000), one
+/// Memory: the result with its charts (about 100 bytes a triangle, 1 KiB a triangle of a block of at most 200,000), one
 /// cell of the original, one decoded image, and points under way. Disk: the original in cells with texture coordinates
 /// (about 40 bytes a triangle, three times that for a while), 4 bytes a texel, and the pages.
 ///
@@ -79,6 +79,15 @@ pub fn bake(
         options.cell_triangles,
         Means { memory_bytes: free_bytes, ..means },
     )?;
+    let (largest, share) = (original.largest_cell_bytes(), free_bytes / CELL_SHARE);
+    if largest > share {
+        return Err(Error::NoMemory(format!(
+            "a cell of the input takes {} with its texture coordinates, the budget has {} for it: give more --memory, \
+             smaller --cell-triangles, or choose --texture keep",
+            show_bytes(largest),
+            show_bytes(share)
+        )));
+    }
     let density = original.density(options);
     let charts = Charts::make(&mesh, density, options, means)?;
     let mut notes = original.notes(&palette);

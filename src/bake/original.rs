@@ -23,9 +23,6 @@ use crate::system::parallel::{Weighted, largest_first};
 use crate::system::progress::Progress;
 use std::sync::{Mutex, PoisonError};
 
-/// Texels of a triangle that count for the density.
-const MOST_TEXELS: f64 = (1u64 << 40) as f64;
-
 /// No material.
 const NONE: u32 = u32::MAX;
 
@@ -39,8 +36,8 @@ pub(super) struct Original {
     pub boxes: Vec<Bounds>,
     area: f64,
     n_triangles: u64,
-    /// Area with an image, and texels there.
-    textured: [f64; 2],
+    /// Texels per unit of length of the images, by area; NaN without any.
+    density: f64,
     /// Triangles whose coordinates are not numbers although their material has an image.
     n_lost: u64,
 }
@@ -67,6 +64,55 @@ pub(super) struct Density {
     pub wanted: f64,
     /// Those of the original's images, by area.
     pub of_images: Option<f64>,
+}
+
+/// Area and texels by the density of the texels: bins of half an octave.
+struct Densities(Vec<[Sum; 2]>);
+
+impl Densities {
+    /// Bins, and the one of a texel a unit.
+    const N: usize = 256;
+    const MIDDLE: f64 = 128.0;
+    /// This share of the area, the densest, does not count: a few triangles with odd coordinates are not the scan.
+    const SKIPPED: f64 = 0.01;
+    /// Texels for a pixel of the images at most: an image that repeats a hundred times is not wanted as often.
+    const MOST_TEXELS: f64 = 4.0;
+
+    fn new(diagonal: f64) -> Densities {
+        let most = diagonal * diagonal;
+        let densest = |bin: usize| (bin as f64 + 1.0 - Self::MIDDLE).exp2();
+        Densities((0..Self::N).map(|bin| [Sum::new(most), Sum::new(most * densest(bin))]).collect())
+    }
+
+    fn add(&mut self, area: f64, per_unit: f64) {
+        let bin = (2.0 * per_unit.log2() + Self::MIDDLE).floor();
+        if (0.0..Self::N as f64).contains(&bin) {
+            let [areas, texels] = &mut self.0[bin as usize];
+            areas.add(area);
+            texels.add(area * per_unit * per_unit);
+        }
+    }
+
+    fn merge(&mut self, other: &Densities) {
+        let pairs = self.0.iter_mut().flatten().zip(other.0.iter().flatten());
+        pairs.for_each(|(all, sum)| all.merge(sum));
+    }
+
+    /// Root of texels over area; NaN without any area.
+    fn mean(&self, n_pixels: u64) -> f64 {
+        let all: f64 = self.0.iter().map(|[area, _]| area.value()).sum();
+        let (mut skip, mut area, mut texels) = (Self::SKIPPED * all, 0.0, 0.0);
+        for [areas, of_bin] in self.0.iter().rev() {
+            let counted = (areas.value() - skip).max(0.0);
+            skip = (skip - areas.value()).max(0.0);
+            if counted > 0.0 {
+                area += counted;
+                texels += of_bin.value() * (counted / areas.value());
+            }
+        }
+        let most = Self::MOST_TEXELS * n_pixels as f64 / all;
+        (texels / area).min(most).sqrt()
+    }
 }
 
 /// A place on the original.
@@ -163,7 +209,7 @@ impl Original {
             boxes: Vec::new(),
             area: 0.0,
             n_triangles: 0,
-            textured: [0.0; 2],
+            density: f64::NAN,
             n_lost: 0,
         };
         original.survey(palette, means)?;
@@ -174,7 +220,8 @@ impl Original {
     fn survey(&mut self, palette: &Palette, means: Means) -> Result<()> {
         struct Look {
             boxes: Vec<Bounds>,
-            sums: [Sum; 3],
+            area: Sum,
+            densities: Densities,
             n_triangles: u64,
             n_lost: u64,
         }
@@ -183,7 +230,8 @@ impl Original {
         let area_sum = || Sum::new(diagonal * diagonal);
         let look = Mutex::new(Look {
             boxes: vec![Bounds::EMPTY; n_cells],
-            sums: [area_sum(), area_sum(), Sum::new(MOST_TEXELS)],
+            area: area_sum(),
+            densities: Densities::new(diagonal),
             n_triangles: 0,
             n_lost: 0,
         });
@@ -191,32 +239,33 @@ impl Original {
         let soon = |cell: usize| self.scratch.store().expect(cell);
         largest_first(jobs, means.threads, means.memory_bytes, means.progress, soon, |number| {
             let (mesh, material) = self.load_mesh(number)?;
-            let (mut sums, mut n_lost) = ([area_sum(), area_sum(), Sum::new(MOST_TEXELS)], 0);
+            let (mut sum, mut densities, mut n_lost) = (area_sum(), Densities::new(diagonal), 0);
             for (t, &material) in material.iter().enumerate() {
                 let area = triangle::area(&mesh.corners(t));
-                sums[0].add(area);
+                sum.add(area);
                 let Some(map) = map_of(palette, material) else { continue };
-                let per_unit = f64::from(self.per_unit(&mesh, t));
-                let texels = area * (per_unit * map.texels_per_coordinate()).powi(2);
-                if texels.is_finite() && self.uv(&mesh, t, [1.0, 0.0, 0.0])[0].is_finite() {
-                    sums[1].add(area);
-                    sums[2].add(texels.min(MOST_TEXELS));
-                } else {
-                    n_lost += 1;
+                let corners = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+                let is_known =
+                    corners.iter().all(|&weights| map.leads_to_texels(self.uv(&mesh, t, weights)));
+                let per_unit = f64::from(self.per_unit(&mesh, t)) * map.texels_per_coordinate();
+                match is_known {
+                    true => densities.add(area, per_unit),
+                    false => n_lost += 1,
                 }
             }
             let mut look = look.lock().unwrap_or_else(PoisonError::into_inner);
             look.boxes[number] = Bounds::of(&mesh);
             look.n_triangles += mesh.triangles.len() as u64;
             look.n_lost += n_lost;
-            look.sums.iter_mut().zip(&sums).for_each(|(all, sum)| all.merge(sum));
+            look.area.merge(&sum);
+            look.densities.merge(&densities);
             Ok(())
         })?;
         let look = look.into_inner().unwrap_or_else(PoisonError::into_inner);
         self.boxes = look.boxes;
         (self.n_triangles, self.n_lost) = (look.n_triangles, look.n_lost);
-        self.area = look.sums[0].value();
-        self.textured = [look.sums[1].value(), look.sums[2].value()];
+        self.area = look.area.value();
+        self.density = look.densities.mean(palette.n_pixels());
         Ok(())
     }
 
@@ -233,8 +282,7 @@ impl Original {
 
     /// Texels per unit of length of the original's images, by area.
     pub fn density_of_images(&self) -> Option<f64> {
-        let [area, texels] = self.textured;
-        Some((texels / area).sqrt()).filter(|x| x.is_finite() && *x > 0.0)
+        Some(self.density).filter(|x| x.is_finite() && *x > 0.0)
     }
 
     /// Missing, damaged and lost parts, a line each.
@@ -247,6 +295,11 @@ impl Original {
             ));
         }
         notes
+    }
+
+    /// Bytes of the largest cell in memory.
+    pub fn largest_cell_bytes(&self) -> u64 {
+        (0..self.boxes.len()).map(|cell| self.bytes(cell)).max().unwrap_or(0)
     }
 
     /// Bytes of a cell in memory with its tree.

@@ -133,6 +133,11 @@ impl MapUse {
         Some(([[texel(0, 0), texel(0, 1)], [texel(1, 0), texel(1, 1)]], share))
     }
 
+    /// Tells if coordinates are numbers that a texel can be found for.
+    pub fn leads_to_texels(&self, uv: [f32; 2]) -> bool {
+        self.texels(uv, self.size).is_some()
+    }
+
     /// Texels of the image for a length of 1 in its coordinates.
     pub fn texels_per_coordinate(&self) -> f64 {
         let [width, height] = self.size.map(f64::from);

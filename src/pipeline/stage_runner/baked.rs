@@ -70,11 +70,10 @@ impl Stages<'_> {
         }
         // Never taken from the manifest: the output may have been moved away since.
         let run = self.run;
-        let number = self.reports.len() as u32 + 1;
-        run.progress.begin("write", number, self.n_stages.max(number), result.triangles);
+        self.stages.begin("write", result.triangles);
         let (read, start) = (run.disk().bytes_read(), Instant::now());
         let (written, plan) = self.write_with_pages(source, &shape, &baked)?;
-        self.reports.push(StageReport {
+        self.stages.reports.push(StageReport {
             name: "write".to_owned(),
             part: "write".to_owned(),
             seconds: start.elapsed().as_secs_f64(),
@@ -114,9 +113,8 @@ impl Stages<'_> {
             ..OutputHeader::new(source.schema().clone(), 0, 0)
         };
         let n = result.triangles;
-        self.stage(
-            &format!("bake {level}"),
-            "bake",
+        self.stages.stage(
+            (&format!("bake {level}"), "bake"),
             n,
             |_| n,
             |run| {

@@ -297,6 +297,9 @@ def simplify_file(
     format: str | None = None,
     skip_bad: bool = False,
     min_component: int | str | None = None,
+    texture: Literal["auto", "keep", "bake", "none"] = "auto",
+    bake_size: int | None = None,
+    bake_pages: int | None = None,
     drop_texture: bool = False,
     drop_faces: bool = False,
     weight: Mapping[str, float] | None = None,
@@ -325,6 +328,8 @@ def simplify_file(
         temp_dir: where the job folder lies [beside the output].
         force: replace the output if it exists. restart: throw away what an earlier call left.
         min_component: drop components below a count of triangles, or below ``"size=2.5"`` or ``"size=0.1%"``.
+        texture: keep the input's charts and images, or bake new ones for the result on pages of ``bake_size`` texels a
+            side, ``bake_pages`` at most [bake below 10 % of the triangles].
         verify: measure the result; ``report["measured"]``.
         report: write the report to this file, too.
         progress: called with a :class:`Progress`; an exception from it ends the call, and the next one continues.
