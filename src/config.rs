@@ -112,8 +112,8 @@ pub enum Texture {
     Bake,
 }
 
-/// Share of the input's triangles below which a new texture looks more like the input than the old one
-/// (docs/results/textures.md).
+/// Share of the input's triangles below which a new texture is made: kept charts look right down to half of it, and fall
+/// apart before a tenth (docs/results/textures.md).
 pub const BAKE_BELOW: f64 = 0.1;
 
 /// Pages of a new texture.
