@@ -9,6 +9,7 @@
 //! - `schedule`: the order of collapses: `levels` of blocks, the `queue`, the inner loop (`drain`)
 //! - `fit`: moves the vertices of the result towards the original; `quality` estimates the error
 //! - `topology`: components that vanish, tubes that are cut; `repair`: what is cleaned, joined and taken apart
+//! - `followed`: where each vertex of the input went
 //! - `bound`: refuses collapses that lead too far from the original
 //! - `collapse`: one collapse, its legality and carrying it out
 //! - `state`: the surface with its attributes and seams; builds, compacts, checks it
@@ -20,6 +21,7 @@ mod bound;
 mod collapse;
 mod cost;
 mod fit;
+mod followed;
 mod interrupt;
 mod memory;
 mod options;

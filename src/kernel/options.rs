@@ -58,6 +58,8 @@ pub struct Options {
     pub tight: Arc<[Tight]>,
     /// Estimates the quality of the result; its time was not measured.
     pub estimate: bool,
+    /// Notes where every vertex of the input went (`Simplified::followed`), for 4 bytes a vertex.
+    pub follow: bool,
     /// Asks the call to return early, with `Statistics::interrupted`; by default nothing does.
     pub interrupt: Interrupt,
 }
@@ -143,6 +145,7 @@ impl Default for Options {
             bound: None,
             tight: Arc::from([]),
             estimate: false,
+            follow: false,
             interrupt: Interrupt::default(),
         }
     }

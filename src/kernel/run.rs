@@ -4,6 +4,7 @@ use crate::kernel::bound::tracker::Tracker;
 use crate::kernel::collapse::legality::Reject;
 use crate::kernel::fit;
 use crate::kernel::fit::samples::Samples;
+use crate::kernel::followed::Followed;
 use crate::kernel::options::{MAX_TRIANGLES, MAX_VERTICES, Options, Placement, Stop, Topology};
 use crate::kernel::quality::Probes;
 use crate::kernel::repair;
@@ -60,6 +61,9 @@ pub(crate) fn start(mesh: Mesh, locked: &[bool], options: &Options, simd: Simd) 
     let mut driver = Driver::new(state, simd, options.topology);
     driver.interrupt = options.interrupt.clone();
     driver.changes.add_cleaned(cleaned, approached);
+    if options.follow {
+        driver.followed = Some(Followed::new(&driver.state.surface.source, n));
+    }
     if options.estimate {
         driver.probes = Some(Probes::take(&driver.state.surface));
     }
@@ -140,6 +144,10 @@ pub(crate) fn finish(mut driver: Driver, mut statistics: Statistics) -> Simplifi
             driver.state.set_channel(channel, &reach);
         }
     }
+    let surface = &driver.state.surface;
+    let followed =
+        driver.followed.take().map(|followed| followed.by_source(&surface.rings, &surface.source));
     let (mesh, source) = driver.state.into_mesh();
-    Simplified { mesh, source, statistics }
+    let followed = followed.map_or(Vec::new(), |followed| followed.into_result(&source));
+    Simplified { mesh, source, followed, statistics }
 }

@@ -40,6 +40,9 @@ pub struct Simplified {
     /// For each vertex of `mesh`, the input vertex that survived as it (`v1` of its collapses).
     /// A locked vertex that the input's triangles use always survives, bit for bit.
     pub source: Vec<u32>,
+    /// With `Options::follow`, for each vertex of the input the vertex of `mesh` that it went into by collapses;
+    /// `u32::MAX` where it leads nowhere. Empty otherwise.
+    pub followed: Vec<u32>,
     /// Counters.
     pub statistics: Statistics,
 }

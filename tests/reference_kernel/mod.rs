@@ -151,7 +151,7 @@ pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplifi
         .map(|(&t, _)| t)
         .collect();
     let (mesh, source) = compact(work.mesh);
-    Simplified { mesh, source, statistics }
+    Simplified { mesh, source, statistics, ..Simplified::default() }
 }
 
 impl<'a> Reference<'a> {

@@ -6,6 +6,7 @@ use crate::kernel::bound::tracker::Tracker;
 use crate::kernel::collapse::collapser::Collapser;
 use crate::kernel::collapse::legality::RejectCounts;
 use crate::kernel::fit::samples::Samples;
+use crate::kernel::followed::Followed;
 use crate::kernel::interrupt::Interrupt;
 use crate::kernel::options::Topology;
 use crate::kernel::quality::{Probes, QualityAt, STEP_ON_THE_WAY};
@@ -44,6 +45,8 @@ pub(crate) struct Driver {
     pub(crate) samples: Option<Samples>,
     /// Probes that the quality of the result is estimated from.
     pub(crate) probes: Option<Probes>,
+    /// Where each vertex of the input is now, where that was asked for.
+    pub(crate) followed: Option<Followed>,
     /// Estimates of the quality after each level on the way to a count.
     pub(crate) curve: Vec<QualityAt>,
     /// Ends the work early, as if nothing legal were left.
@@ -138,6 +141,7 @@ impl Driver {
             reach_channel: None,
             samples: None,
             probes: None,
+            followed: None,
             curve: Vec::new(),
             interrupt: Interrupt::default(),
         }
@@ -165,12 +169,7 @@ impl Driver {
         // The wedges of a seam belong to one vertex each, which must not be taken apart.
         let is_plain = self.state.wedges.is_none() && self.bound.is_none();
         if self.topology == Topology::Error && self.changes.may_mend && is_plain {
-            if let Some(samples) = &mut self.samples {
-                samples.follow(&self.state.surface.rings);
-            }
-            if let Some(probes) = &mut self.probes {
-                probes.follow(&self.state.surface.rings);
-            }
+            self.follow();
             let done = make_manifold::mend(&mut self.state, &mut self.spare_sources, self.simd);
             validate(&self.state);
             if let Some(place) = &done.rebuilt {
@@ -179,6 +178,20 @@ impl Driver {
             }
             self.small_components = None;
             self.changes.add(done);
+        }
+    }
+
+    /// Leads all that names vertices to those that are still there.
+    fn follow(&mut self) {
+        let rings = &self.state.surface.rings;
+        if let Some(samples) = &mut self.samples {
+            samples.follow(rings);
+        }
+        if let Some(probes) = &mut self.probes {
+            probes.follow(rings);
+        }
+        if let Some(followed) = &mut self.followed {
+            followed.follow(rings);
         }
     }
 
@@ -191,17 +204,15 @@ impl Driver {
         if let Some(probes) = &mut self.probes {
             probes.renumber(place);
         }
+        if let Some(followed) = &mut self.followed {
+            followed.renumber(place);
+        }
     }
 
     pub(super) fn tidy(&mut self) {
         validate(&self.state);
         if (self.state.surface.n_alive as f64) < 0.75 * self.state.surface.triangles.len() as f64 {
-            if let Some(samples) = &mut self.samples {
-                samples.follow(&self.state.surface.rings);
-            }
-            if let Some(probes) = &mut self.probes {
-                probes.follow(&self.state.surface.rings);
-            }
+            self.follow();
             if let Some(tracker) = &mut self.bound {
                 tracker.before_compaction(&self.state.surface.triangles);
             }

@@ -53,6 +53,11 @@ const LAST: u64 = 8;
 /// A group that keeps more than this share of its triangles is stuck, unless it has but a tile.
 const STUCK: f64 = 0.8;
 
+/// The bound of a round's step exceeds the largest distance that was found by at most this factor. The first round has
+/// three quarters of all triangles and the smallest share of the sum.
+const FIRST_SLACK: f64 = 1.5;
+const SLACK: f64 = 1.25;
+
 /// Writes the tree of tiles of `config.input` to `config.output`.
 pub fn make_tiles(
     prepared: PreparedTiles,
@@ -216,6 +221,7 @@ fn kernel_options(source: &crate::io::ply::MeshSource) -> kernel::Options {
     let is_confined = |kind: &ChannelKind| *kind == ChannelKind::Texture;
     kernel::Options {
         fit: kernel::Fit::Off,
+        follow: true,
         confined: kinds.iter().map(is_confined).collect(),
         ..kernel::Options::default()
     }
@@ -349,7 +355,10 @@ impl Stages<'_> {
                 is_z_up: self.config.is_z_up,
                 layout: &layout,
                 disk: &disk,
-                deviation: &step::deviation,
+                deviation: &|fine, coarse, followed| {
+                    let slack = if round == 1 { FIRST_SLACK } else { SLACK };
+                    step::deviation(fine, coarse, followed, slack)
+                },
             };
             let (options, info, pending) = (self.kernel.clone(), store.clone(), self.pending);
             let rows = layout.clone();

@@ -53,8 +53,8 @@ pub struct TileRound<'a> {
     pub layout: &'a VertexLayout,
     /// The disk that is written through.
     pub disk: &'a Disk,
-    /// Measures how far a mesh and its simplified version are apart, at most.
-    pub deviation: &'a (dyn Fn(&Mesh, &Mesh) -> f64 + Sync),
+    /// Measures how far a mesh and its simplified version are apart, at most; given where each vertex of the mesh went.
+    pub deviation: &'a (dyn Fn(&Mesh, &Mesh, &[u32]) -> f64 + Sync),
 }
 
 /// Path of a tile in its tree: number `n` of those that `cell` holds.
@@ -85,7 +85,7 @@ impl TileRound<'_> {
         let tiles = self.write(cell, self.round - 1, &whole, &boxes)?;
         let deviation = match left.mesh.triangles.is_empty() || mesh.triangles.is_empty() {
             true => diagonal(mesh),
-            false => (self.deviation)(mesh, &left.mesh),
+            false => (self.deviation)(mesh, &left.mesh, &left.followed),
         };
         let parts = match self.is_last {
             true => Boxes {

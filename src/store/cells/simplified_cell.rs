@@ -70,6 +70,9 @@ pub struct Survivors {
     pub mesh: Mesh,
     /// Statistics of the kernel.
     pub statistics: CellStatistics,
+    /// For each vertex of the cell as it was loaded the vertex that it went into, with `kernel::Options::follow`; not
+    /// on disk.
+    pub followed: Vec<u32>,
 }
 
 /// The kernel's statistics as they are kept with a cell, or the sum of several.
@@ -167,7 +170,7 @@ impl Survivors {
         let is_flat = !mesh.has_area(layout.schema.rounding());
         let statistics =
             CellStatistics { reached: true, dropped, is_flat, ..CellStatistics::default() };
-        Survivors { ids, shared, records, mesh, statistics }
+        Survivors { ids, shared, records, mesh, statistics, followed: Vec::new() }
     }
 
     /// Turns the kernel's result for `cell` into rows; positions go back into the records, in the input's type.
@@ -186,6 +189,7 @@ impl Survivors {
             shared: Vec::with_capacity(simplified.source.len()),
             records: Vec::with_capacity(simplified.source.len() * record_bytes),
             mesh: simplified.mesh,
+            followed: simplified.followed,
         };
         for (vertex, &source) in simplified.source.iter().enumerate() {
             let source = source as usize;
@@ -254,7 +258,7 @@ impl Survivors {
             .map(|b| [corner(&b[0..4]), corner(&b[4..8]), corner(&b[8..12])])
             .collect();
         let mesh = Mesh { positions, channels, n_channels, triangles };
-        Some(Survivors { ids, shared, records, mesh, statistics })
+        Some(Survivors { ids, shared, records, mesh, statistics, followed: Vec::new() })
     }
 }
 

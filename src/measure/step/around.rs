@@ -1,0 +1,98 @@
+//! Lists of triangles around vertices.
+
+use crate::mesh::Mesh;
+
+/// No vertex, or no triangle.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// For each of some vertices a list of triangles; 4 bytes an entry and a vertex.
+pub(super) struct Around {
+    first: Vec<u32>,
+    triangles: Vec<u32>,
+}
+
+impl Around {
+    /// The triangles at each vertex of a mesh.
+    pub(super) fn vertices(mesh: &Mesh) -> Around {
+        Around::build(mesh.positions.len(), &mesh.triangles, |v| v)
+    }
+
+    /// For each of `n` vertices the triangles of `mesh` that have a corner with that hint.
+    pub(super) fn hints(mesh: &Mesh, hints: &[u32], n: usize) -> Around {
+        Around::build(n, &mesh.triangles, |v| hints[v as usize])
+    }
+
+    fn build(n: usize, triangles: &[[u32; 3]], place: impl Fn(u32) -> u32) -> Around {
+        let mut first = vec![0u32; n + 1];
+        each(triangles, &place, |v, _| first[v as usize] += 1);
+        let mut sum = 0;
+        for first in &mut first {
+            sum += *first;
+            *first = sum;
+        }
+        let mut list = vec![0u32; sum as usize];
+        // From behind, so that each start ends where its list begins.
+        each(triangles, &place, |v, t| {
+            let at = &mut first[v as usize];
+            *at -= 1;
+            list[*at as usize] = t;
+        });
+        Around { first, triangles: list }
+    }
+
+    /// The triangles of a vertex.
+    #[inline]
+    pub(super) fn of(&self, vertex: u32) -> &[u32] {
+        let v = vertex as usize;
+        &self.triangles[self.first[v] as usize..self.first[v + 1] as usize]
+    }
+}
+
+/// Visits every triangle with the places of its corners, each place once.
+#[inline]
+fn each(triangles: &[[u32; 3]], place: &impl Fn(u32) -> u32, mut visit: impl FnMut(u32, u32)) {
+    for (t, corners) in (0u32..).zip(triangles) {
+        let [a, b, c] = corners.map(place);
+        if a != NONE {
+            visit(a, t);
+        }
+        if b != NONE && b != a {
+            visit(b, t);
+        }
+        if c != NONE && c != a && c != b {
+            visit(c, t);
+        }
+    }
+}
+
+/// Vertices by their hints.
+pub(super) struct Groups {
+    first: Vec<u32>,
+    vertices: Vec<u32>,
+}
+
+impl Groups {
+    /// Sorts vertices by hints below `n`.
+    pub(super) fn new(hints: &[u32], n: usize) -> Groups {
+        let mut first = vec![0u32; n + 1];
+        hints.iter().filter(|hint| **hint != NONE).for_each(|&hint| first[hint as usize] += 1);
+        let mut sum = 0;
+        for first in &mut first {
+            sum += *first;
+            *first = sum;
+        }
+        let mut vertices = vec![0u32; sum as usize];
+        for (v, &hint) in (0u32..).zip(hints).filter(|(_, hint)| **hint != NONE) {
+            let at = &mut first[hint as usize];
+            *at -= 1;
+            vertices[*at as usize] = v;
+        }
+        Groups { first, vertices }
+    }
+
+    /// The hints with their vertices.
+    pub(super) fn each(&self) -> impl Iterator<Item = (u32, &[u32])> {
+        let list = |w: &[u32]| &self.vertices[w[0] as usize..w[1] as usize];
+        (0u32..).zip(self.first.windows(2).map(list)).filter(|(_, own)| !own.is_empty())
+    }
+}

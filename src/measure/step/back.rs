@@ -1,0 +1,94 @@
+//! From the simplified version back to the mesh: samples, each held against what went into the vertices around it.
+
+use super::Largest;
+use super::around::{Around, NONE};
+use super::exact::Exact;
+use super::forward::Doubtful;
+use super::forward::Forward;
+use crate::measure::triangle::{Vector, closest};
+use crate::mesh::Mesh;
+use std::collections::BinaryHeap;
+
+struct Back<'a> {
+    fine: &'a Mesh,
+    /// For each vertex of the version the triangles of the mesh with a corner that went into it.
+    near: Around,
+    /// Samples that are farther than what is accepted.
+    doubtful: BinaryHeap<Doubtful>,
+    points: Vec<Vector>,
+}
+
+/// Looks at all vertices of `coarse`, at the middles of the edges of its boundary, and at the middles of triangles on which
+/// no vertex has its foot. Elsewhere the pieces of the way there cover it.
+pub(super) fn samples(
+    (fine, coarse): (&Mesh, &Mesh),
+    around: &Around,
+    hints: &[u32],
+    forward: &Forward,
+    largest: &mut Largest,
+) {
+    let mut back = Back {
+        fine,
+        near: Around::hints(fine, hints, coarse.positions.len()),
+        doubtful: BinaryHeap::new(),
+        points: Vec::new(),
+    };
+    // Around a vertex inside of a surface every edge comes in as often as it goes out.
+    let mut balance = vec![0u32; coarse.positions.len()];
+    for &[a, b, c] in &coarse.triangles {
+        for (v, next, last) in [(a, b, c), (b, c, a), (c, a, b)] {
+            balance[v as usize] = balance[v as usize].wrapping_add(next).wrapping_sub(last);
+        }
+    }
+    let mut has_foot = vec![false; coarse.triangles.len()];
+    forward.feet_triangles().for_each(|t| has_foot[t as usize] = true);
+    for (v, &point) in (0u32..).zip(&coarse.positions) {
+        if !around.of(v).is_empty() {
+            back.look(point, &[v], largest);
+        }
+    }
+    for (t, &corners) in coarse.triangles.iter().enumerate() {
+        let at = coarse.corners(t);
+        back.look([0, 1, 2].map(|k| (at[0][k] + at[1][k] + at[2][k]) / 3.0), &corners, largest);
+        for k in 0..3 {
+            let (v, w) = (corners[k], corners[(k + 1) % 3]);
+            let is_border = balance[v as usize] != 0 && balance[w as usize] != 0;
+            if is_border {
+                let (p, q) = (at[k], at[(k + 1) % 3]);
+                back.look([0, 1, 2].map(|k| 0.5 * (p[k] + q[k])), &[v, w], largest);
+            }
+        }
+    }
+    let mut exact = Exact::new(fine);
+    while let Some(Doubtful { distance_sq, item }) = back.doubtful.pop() {
+        if largest.accepts(distance_sq) {
+            break;
+        }
+        let point = back.points[item as usize];
+        largest.add(exact.nearest(point, (distance_sq, NONE)).0);
+    }
+}
+
+impl Back<'_> {
+    /// The distance of a sample from the triangles that went into some vertices, at most.
+    fn look(&mut self, point: Vector, hints: &[u32], largest: &mut Largest) {
+        let mut best_sq = f64::INFINITY;
+        let enough_sq = largest.certain_sq;
+        'found: for &hint in hints {
+            for &t in self.near.of(hint) {
+                let (distance_sq, _) = closest(point, &self.fine.corners(t as usize));
+                if distance_sq < best_sq {
+                    best_sq = distance_sq;
+                    if best_sq <= enough_sq {
+                        break 'found;
+                    }
+                }
+            }
+        }
+        if !largest.accepts(best_sq) {
+            let item = self.points.len() as u32;
+            self.points.push(point);
+            self.doubtful.push(Doubtful { distance_sq: best_sq, item });
+        }
+    }
+}

@@ -1,0 +1,54 @@
+use super::*;
+
+fn sheet(n: usize, height: impl Fn(f64, f64) -> f64) -> Mesh {
+    let at = |i: usize| {
+        let (x, y) = ((i % (n + 1)) as f64 / n as f64, (i / (n + 1)) as f64 / n as f64);
+        [x, y, height(x, y)]
+    };
+    let positions = (0..(n + 1) * (n + 1)).map(at).collect();
+    let mut triangles = Vec::new();
+    for i in 0..n * n {
+        let a = (i / n * (n + 1) + i % n) as u32;
+        let n = n as u32;
+        triangles.extend([[a, a + 1, a + n + 2], [a, a + n + 2, a + n + 1]]);
+    }
+    Mesh::new(positions, triangles)
+}
+
+#[test]
+fn a_bound_is_never_below_the_distance_and_not_far_above() {
+    let flat = sheet(4, |_, _| 0.0);
+    let spike = |x: f64, y: f64| if (x, y) == (0.5, 0.5) { 0.3 } else { 0.0 };
+    for (fine, far) in [
+        (sheet(16, |_, _| 0.0), 0.0),
+        (sheet(16, spike), 0.3),
+        (sheet(16, |_, _| 0.02), 0.02),
+        (sheet(50, |x, y| 0.1 * x * y), 0.1),
+    ] {
+        // Where every vertex went; nothing; what is wrong; what is wrong for a part and missing for another.
+        let near = |a: [f64; 3], mesh: &Mesh| {
+            let off = |b: &[f64; 3]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
+            let all = (0u32..).zip(&mesh.positions);
+            all.min_by(|a, b| off(a.1).total_cmp(&off(b.1))).unwrap().0
+        };
+        let right: Vec<u32> = fine.positions.iter().map(|&p| near(p, &flat)).collect();
+        let wrong = vec![3; fine.positions.len()];
+        let mixed =
+            (0u32..).zip(&right).map(|(i, &v)| [v, 0, u32::MAX, 7][i as usize % 4]).collect();
+        for followed in [right, Vec::new(), wrong, mixed] {
+            let bound = deviation(&fine, &flat, &followed, 1.25);
+            // Corners on edges of the other mesh may name triangles that do not hold the piece: the last halving counts.
+            assert!(bound >= far && bound <= 1.27 * far + 0.5 / 1024.0, "{bound} {far}");
+        }
+        // The other way round: large triangles over small ones.
+        let back: Vec<u32> = flat.positions.iter().map(|&p| near(p, &fine)).collect();
+        let bound = deviation(&flat, &fine, &back, 1.25);
+        assert!(bound >= 0.9 * far && bound <= 1.27 * far + 0.5 / 1024.0, "{bound} {far}");
+    }
+}
+
+#[test]
+fn nothing_done_is_no_distance() {
+    let sheet = sheet(9, |x, y| x * y);
+    assert_eq!(deviation(&sheet, &sheet.clone(), &[], 1.25), 0.0);
+}
