@@ -203,7 +203,10 @@ fn tiles_that_were_lost_while_a_run_was_stopped_are_written_again() {
 /// The mesh of a level, from all its tiles.
 fn level(folder: &Path, level: u32) -> Mesh {
     let mut mesh = Mesh::default();
-    for (_, bytes) in files(&folder.join(format!("tiles/{level}"))) {
+    for (name, bytes) in files(&folder.join(format!("tiles/{level}"))) {
+        if name.extension().is_none_or(|extension| extension != "glb") {
+            continue;
+        }
         let tile = decode_tile(&bytes).unwrap();
         let first = mesh.positions.len() as u32;
         let place = |p: &[i32; 3]| p.map(|x| f64::from(x) * tile.step);
@@ -321,8 +324,16 @@ fn every_kind_of_damage_is_found() {
     std::fs::write(&tile, &bytes[..bytes.len() - 5]).unwrap();
     expect_fault(path, "not a whole GLB");
     restore();
-    // A tile one step off its neighbours, then 40: a crack, then seams that are missing.
-    for (steps, words) in [(1.0, "apart"), (40.0, "has no edge")] {
+    let numbers = out.join("tiles/0/0/3.ids");
+    let bytes = std::fs::read(&numbers).unwrap();
+    std::fs::write(&numbers, &bytes[1..]).unwrap();
+    expect_fault(path, "numbers of vertices are damaged");
+    restore();
+    std::fs::copy(out.join("tiles/0/0/2.ids"), &numbers).unwrap();
+    expect_fault(path, "");
+    restore();
+    // A tile one step off its neighbours, then 40.
+    for (steps, words) in [(1.0, "apart"), (40.0, "steps away")] {
         change_tile(&tile, |document| {
             let node = &mut document["nodes"][0];
             let step = node["scale"][0].as_f64().unwrap();

@@ -32,7 +32,7 @@ impl Followed {
                     _ => break,
                 }
             }
-            if !rings.get(*at as usize).is_some_and(|ring| ring.class.is_some()) {
+            if rings.get(*at as usize).is_none_or(|ring| ring.class.is_none()) {
                 *at = GONE;
             }
         }

@@ -171,7 +171,7 @@ mod tests {
             }
             for packs in [false, true] {
                 let form = TileForm { step: 0.25, packs, is_z_up: packs };
-                let bytes = encode_tile(mesh.clone(), form);
+                let (bytes, _) = encode_tile(mesh.clone(), form);
                 let back = decode_tile(&bytes).unwrap();
                 assert_eq!((back.step, back.is_z_up), (0.25, packs));
                 assert_eq!(sorted(&back.mesh), sorted(&mesh), "{n} {packs}");

@@ -103,8 +103,8 @@ impl Binary {
     }
 }
 
-/// Encodes a tile. Panics without a triangle.
-pub fn encode_tile(mut mesh: TileMesh, form: TileForm) -> Vec<u8> {
+/// Encodes a tile; returns the file, and for each of its vertices the number it had in `mesh`. Panics without a triangle.
+pub fn encode_tile(mut mesh: TileMesh, form: TileForm) -> (Vec<u8>, Vec<u32>) {
     let order = reorder(&mut mesh.triangles, mesh.positions.len());
     let n_vertices = order.len();
     let position = |v: &u32| mesh.positions[*v as usize];
@@ -211,7 +211,7 @@ pub fn encode_tile(mut mesh: TileMesh, form: TileForm) -> Vec<u8> {
         "scenes": [{ "nodes": [nodes.len() - 1] }],
         "scene": 0,
     });
-    glb(&document, &binary.bytes)
+    (glb(&document, &binary.bytes), order)
 }
 
 /// The two chunks of a GLB file (Khronos, section 4.4).

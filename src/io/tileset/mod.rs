@@ -2,8 +2,10 @@
 //!
 //! A large tree is cut into several files, each of which a tile of another one points to.
 
+mod borders;
 mod read;
 mod write;
 
+pub use borders::{TileBorder, border_path, decode_borders, encode_borders};
 pub use read::{Asset, Content, Tile, Tileset, Volume, read_tileset};
 pub use write::{FILE_NAME, TileTree, TreeTile, write_tilesets};

@@ -28,12 +28,17 @@ struct Largest {
     bound_sq: f64,
     /// What lies within this factor of the certain one, squared, is not looked at again.
     slack_sq: f64,
+    /// The rounding of coordinates, squared: less is no distance.
+    rounding_sq: f64,
 }
+
+/// Rounding of distances as a share of the largest coordinate.
+const ROUNDING: f64 = 1.0 / (1u64 << 44) as f64;
 
 impl Largest {
     /// The largest squared distance that needs no second look.
     fn enough_sq(&self) -> f64 {
-        self.certain_sq * self.slack_sq
+        (self.certain_sq * self.slack_sq).max(self.rounding_sq)
     }
 
     /// Tells if a squared distance, or a bound of one, needs no second look; takes it into the bound if so.
@@ -59,7 +64,10 @@ impl Largest {
 /// Both have triangles. Memory: 60 bytes for each triangle of `fine`; 150 where many feet are not found nearby.
 pub fn deviation(fine: &Mesh, coarse: &Mesh, followed: &[u32], slack: f64) -> f64 {
     let hints = hints(fine, coarse, followed);
-    let mut largest = Largest { certain_sq: 0.0, bound_sq: 0.0, slack_sq: slack * slack };
+    let size = coarse.positions.iter().flatten().fold(0.0f64, |size, x| size.max(x.abs()));
+    let rounding_sq = (size * ROUNDING) * (size * ROUNDING);
+    let slack_sq = slack * slack;
+    let mut largest = Largest { certain_sq: 0.0, bound_sq: 0.0, slack_sq, rounding_sq };
     let around = Around::vertices(coarse);
     let mut exact = Exact::new(coarse);
     let mut forward = Forward::new(fine, coarse, &around, &hints);

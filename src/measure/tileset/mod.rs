@@ -8,11 +8,11 @@ mod found;
 mod rules;
 
 use crate::error::Result;
-use crate::io::tileset::FILE_NAME;
+use crate::io::tileset::{FILE_NAME, TileBorder, border_path, decode_borders};
 use crate::io::{StoredTile, decode_tile};
 use crate::system::parallel::{guarded, in_order};
 use crate::system::progress::Progress;
-use borders::{Borders, Edge, boundary};
+use borders::{Border, Borders, border};
 pub use found::TilesetCheck;
 use rules::{CheckedTile, Tree};
 use std::path::Path;
@@ -20,10 +20,10 @@ use std::path::Path;
 /// A tile as it was read.
 #[derive(Default)]
 struct Looked {
-    outcome: Option<std::result::Result<(u64, Vec<Edge>), String>>,
+    outcome: Option<std::result::Result<(u64, Border), String>>,
 }
 
-/// Checks the tree in `folder`. Memory: a few hundred bytes a tile, and 60 for each edge on the border of a tile of one
+/// Checks the tree in `folder`. Memory: a few hundred bytes a tile, and 48 for each edge on the border of a tile of one
 /// level.
 ///
 /// Errors: `BadInput` if there is no tree, or none of this program. Faults of a tree are findings, not errors.
@@ -52,11 +52,11 @@ pub fn check_tileset(folder: &Path, threads: usize, progress: &Progress) -> Resu
             |index, looked| {
                 let number = tiles[index as usize];
                 match looked.outcome.take() {
-                    Some(Ok((n, edges))) => {
+                    Some(Ok((n, border))) => {
                         found.tiles += 1;
                         total += n;
                         found.triangles += if level == 0 { n } else { 0 };
-                        borders.add(number, edges);
+                        borders.add(number, border);
                     }
                     Some(Err(what)) => {
                         let name = tree.tiles[number as usize].name();
@@ -67,7 +67,14 @@ pub fn check_tileset(folder: &Path, threads: usize, progress: &Progress) -> Resu
                 Ok(())
             },
         )?;
-        borders.within(&tree, &mut found);
+        let open = borders.within(&tree, &mut found);
+        if level == 0 {
+            found.boundary_edges = open;
+        } else if open > 0 && found.boundary_edges == 0 {
+            found.fault(|| {
+                format!("level {level} has {open} edges of one triangle, the finest level none")
+            });
+        }
         if let Some(finer) = &finer {
             Borders::across(finer, &borders, &tree, &mut found);
         }
@@ -91,7 +98,7 @@ fn look(
     folder: &Path,
     tile: &CheckedTile,
     tree: &Tree,
-) -> std::result::Result<(u64, Vec<Edge>), String> {
+) -> std::result::Result<(u64, Border), String> {
     let path = folder.join(tile.name());
     let bytes = std::fs::read(&path).map_err(|e| format!("cannot be read: {e}"))?;
     // The decoder of compressed data checks by panicking in places.
@@ -106,7 +113,9 @@ fn look(
     if (stored.step / step - 1.0).abs() > 1e-9 || stored.is_z_up != tree.is_z_up {
         return Err(format!("its step is {}, not {step}, or another axis points up", stored.step));
     }
-    let Some(volume) = tile.content_volume.or(tile.volume) else { return Ok((n, Vec::new())) };
+    let Some(volume) = tile.content_volume.or(tile.volume) else {
+        return Ok((n, Border::default()));
+    };
     for p in &mesh.positions {
         let p = p.map(|x| f64::from(x) * step);
         let p = if tree.is_z_up { p } else { [p[0], -p[2], p[1]] };
@@ -117,5 +126,17 @@ fn look(
     if let Some(i) = mesh.normals.iter().position(|n| *n == [0; 3]) {
         return Err(format!("the normal of its vertex {i} has no direction"));
     }
-    Ok((n, boundary(mesh)))
+    Ok((n, border(mesh, &numbers_of(folder, tile.name())?)?))
+}
+
+/// The numbers of the vertices that a tile has in common with others.
+fn numbers_of(folder: &Path, tile: &str) -> std::result::Result<TileBorder, String> {
+    let (name, n) = border_path(tile).ok_or("its name is not that of a tile")?;
+    let bytes =
+        std::fs::read(folder.join(&name)).map_err(|e| format!("{name} cannot be read: {e}"))?;
+    let mut tiles = decode_borders(&bytes).map_err(|what| format!("{name}: {what}"))?;
+    if n >= tiles.len() {
+        return Err(format!("{name} has {} tiles, this is number {n}", tiles.len()));
+    }
+    Ok(tiles.swap_remove(n))
 }

@@ -19,7 +19,7 @@ use super::abandon;
 use super::run_report::InputReport;
 use super::sealed_stages::SealedStages;
 use crate::error::{Error, Result};
-use crate::io::tileset::{TileTree, write_tilesets};
+use crate::io::tileset::{FILE_NAME, TileTree, write_tilesets};
 use crate::kernel;
 use crate::measure::step;
 use crate::mesh::codec::ChannelKind;
@@ -32,7 +32,7 @@ use crate::store::cells::{
     VertexLayout,
 };
 use crate::store::job::fingerprint::unchanged;
-use crate::store::job::{Identity, Job};
+use crate::store::job::{Identity, Job, hold};
 use crate::store::stage_context::StageContext;
 use crate::system::disk::Disk;
 use crate::system::json_keys::SCHEMA_VERSION;
@@ -40,18 +40,16 @@ use crate::system::memory::{BASE_BYTES, peak_bytes};
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
 use plan::{LEFT, layout, too_little};
-use report::{FolderReport, LevelReport, TilesReport};
+use report::{FolderReport, TilesReport, level_reports};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 use tree::Levels;
+use xxhash_rust::xxh3::xxh3_64;
 
 /// A round whose one group has at most this many tiles' triangles is the last.
 const LAST: u64 = 8;
-
-/// A group that keeps more than this share of its triangles is stuck, unless it has but a tile.
-const STUCK: f64 = 0.8;
 
 /// The bound of a round's step exceeds the largest distance that was found by at most this factor. The first round has
 /// three quarters of all triangles and the smallest share of the sum.
@@ -99,12 +97,15 @@ fn run(
     if job.outcome::<bool>(BEGUN)?.is_none() {
         // Of another job, or of one that was thrown away.
         if pending.exists() {
+            hold(&pending)?;
             std::fs::remove_dir_all(&pending)
                 .map_err(|e| Error::io(&pending, "cannot remove", e))?;
         }
         job.record(BEGUN, &true)?;
     }
     disk.create_dir(&pending)?;
+    // Runs with other job folders may have the same output.
+    let _held = hold(&pending)?;
     let run = StageContext {
         job: &job,
         progress,
@@ -172,6 +173,9 @@ fn run(
             "{output} has appeared during the run; give --force to replace it"
         )));
     }
+    let set = pending.join(FILE_NAME);
+    let text = std::fs::read(&set).map_err(|e| Error::reading(&set, "cannot read", e))?;
+    job.record(NAMED, &xxh3_64(&text))?;
     disk.replace_folder(&pending, &config.output)?;
     let reports = stages.stages.reports;
     let level_reports = level_reports(&rounds, &top, &deviations, config.tile_triangles);
@@ -210,6 +214,9 @@ fn run(
 
 /// Recorded before anything is written into the folder of the tree.
 const BEGUN: &str = "tiles begun";
+
+/// Recorded before the folder gets its name: the checksum of its first file of JSON.
+const NAMED: &str = "tiles named";
 
 fn is_empty(folder: &Path) -> bool {
     std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none())
@@ -264,36 +271,6 @@ fn placed(world: &[f64; 16], origin: [f64; 3], is_z_up: bool) -> [f64; 16] {
     let mut out = *world;
     for k in 0..3 {
         out[12 + k] = world[k] * x + world[4 + k] * y + world[8 + k] * z + world[12 + k];
-    }
-    out
-}
-
-fn level_reports(
-    rounds: &[Vec<GroupRecord>],
-    top: &TileRecord,
-    deviations: &[f64],
-    tile_triangles: u64,
-) -> Vec<LevelReport> {
-    let mut out = Vec::new();
-    for level in 0..=rounds.len() {
-        let tiles: Vec<&TileRecord> = match rounds.get(level) {
-            Some(round) => round.iter().flat_map(|record| &record.tiles).collect(),
-            None => vec![top],
-        };
-        let groups = level.checked_sub(1).map_or(&[][..], |round| &rounds[round]);
-        let is_stuck = |record: &&GroupRecord| {
-            let [before, after] = record.triangles;
-            before > tile_triangles && after as f64 > STUCK * before as f64
-        };
-        out.push(LevelReport {
-            level: level as u32,
-            tiles: tiles.len() as u64,
-            triangles: tiles.iter().map(|tile| tile.triangles).sum(),
-            bytes: tiles.iter().map(|tile| tile.bytes).sum(),
-            groups: groups.len() as u64,
-            stuck: groups.iter().filter(is_stuck).count() as u64,
-            error_max: level.checked_sub(1).map_or(0.0, |round| deviations[round]),
-        });
     }
     out
 }

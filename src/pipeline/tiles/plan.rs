@@ -1,5 +1,6 @@
 //! Opens the input of `tiles`, checks it against what was asked for, and plans the run; nothing is written yet.
 
+use super::NAMED;
 use super::config::TilesConfig;
 use crate::error::{Error, Result};
 use crate::io::StageOptions;
@@ -11,12 +12,14 @@ use crate::stages::partition::{Shares, Sizes, store_bytes};
 use crate::stages::simplify::work_bytes;
 use crate::stages::tiles::BYTES_PER_TRIANGLE;
 use crate::store::cells::{CellTally, VertexLayout, plan_cells};
+use crate::store::job::Job;
 use crate::store::job::fingerprint::{input_marks, unchanged};
-use crate::system::disk::folder_of;
+use crate::system::disk::{Disk, folder_of};
 use crate::system::memory::BASE_BYTES;
 use crate::system::units::{show_bytes, show_count};
 use std::collections::BTreeMap;
 use std::path::Path;
+use xxhash_rust::xxh3::xxh3_64;
 
 /// Boxes of the finest level in a group that a sheet passes through.
 const TILES_OF_GROUP: u64 = 16;
@@ -67,7 +70,8 @@ pub struct PreparedTiles {
 
 /// Opens the input and plans the run.
 pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
-    refuse_to_replace(&config.output, config.force)?;
+    let is_over = clear_finished(config)?;
+    refuse_to_replace(&config.output, config.force, is_over)?;
     let marks = input_marks(&config.input)?;
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
     let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
@@ -80,8 +84,23 @@ pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
     Ok(PreparedTiles { source, plan, marks })
 }
 
+/// Clears up after a run that gave the tree its name and was killed before its job folder was gone; true if there was one.
+fn clear_finished(config: &TilesConfig) -> Result<bool> {
+    let Ok(text) = std::fs::read(config.output.join(FILE_NAME)) else { return Ok(false) };
+    let named = serde_json::Value::from(xxh3_64(&text));
+    let disk = Disk::default();
+    let is_over =
+        Job::remove_if(&config.job_folder, &disk, |done| done.get(NAMED) == Some(&named))?;
+    let pending = config.pending_output();
+    if is_over && pending.exists() {
+        // The tree that was replaced.
+        std::fs::remove_dir_all(&pending).map_err(|e| Error::io(&pending, "cannot remove", e))?;
+    }
+    Ok(is_over)
+}
+
 /// Refuses a folder that exists; with `force` only one that is not a tree of this program.
-fn refuse_to_replace(output: &Path, force: bool) -> Result<()> {
+fn refuse_to_replace(output: &Path, force: bool, is_over: bool) -> Result<()> {
     let Ok(meta) = std::fs::symlink_metadata(output) else { return Ok(()) };
     let shown = output.display();
     if !meta.is_dir() {
@@ -89,6 +108,11 @@ fn refuse_to_replace(output: &Path, force: bool) -> Result<()> {
     }
     if std::fs::read_dir(output).is_ok_and(|mut entries| entries.next().is_none()) {
         return Ok(());
+    }
+    if !force && is_over {
+        return Err(Error::Usage(format!(
+            "{shown} is complete: the run that wrote it was stopped while it cleared up, which is done now; give --force to write it again"
+        )));
     }
     if !force {
         return Err(Error::Usage(format!("{shown} exists; give --force to replace it")));

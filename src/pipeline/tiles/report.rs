@@ -1,6 +1,7 @@
 //! The report of a run of `tiles`, as `--report` writes it; docs/design/tiles.md describes the keys.
 
 use crate::pipeline::run_report::{InputReport, StageReport};
+use crate::store::cells::{GroupRecord, TileRecord};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -72,4 +73,41 @@ impl TilesReport {
     pub fn is_short(&self) -> bool {
         self.stuck > 0 || self.input.lost_rows() > 0
     }
+}
+
+/// A group that keeps more than this share of its triangles is stuck, unless it has but a tile.
+const STUCK: f64 = 0.8;
+
+/// What is said of each level, the finest first; `deviations` are the distances from the input of the others, at most.
+pub(super) fn level_reports(
+    rounds: &[Vec<GroupRecord>],
+    top: &TileRecord,
+    deviations: &[f64],
+    tile_triangles: u64,
+) -> Vec<LevelReport> {
+    let mut out = Vec::new();
+    for level in 0..=rounds.len() {
+        let tiles: Vec<&TileRecord> = match rounds.get(level) {
+            Some(round) => round.iter().flat_map(|record| &record.tiles).collect(),
+            None => vec![top],
+        };
+        let borders = rounds
+            .get(level)
+            .map_or(0, |round| round.iter().map(|record| record.borders.1).sum::<u64>());
+        let groups = level.checked_sub(1).map_or(&[][..], |round| &rounds[round]);
+        let is_stuck = |record: &&GroupRecord| {
+            let [before, after] = record.triangles;
+            before > tile_triangles && after as f64 > STUCK * before as f64
+        };
+        out.push(LevelReport {
+            level: level as u32,
+            tiles: tiles.len() as u64,
+            triangles: tiles.iter().map(|tile| tile.triangles).sum(),
+            bytes: tiles.iter().map(|tile| tile.bytes).sum::<u64>() + borders,
+            groups: groups.len() as u64,
+            stuck: groups.iter().filter(is_stuck).count() as u64,
+            error_max: level.checked_sub(1).map_or(0.0, |round| deviations[round]),
+        });
+    }
+    out
 }

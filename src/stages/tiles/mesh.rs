@@ -11,6 +11,8 @@ pub(super) struct Whole<'a> {
     pub(super) mesh: &'a Mesh,
     /// Records as first read.
     pub(super) records: &'a [u8],
+    /// Numbers of the vertices in the input.
+    pub(super) ids: &'a [u64],
     /// True for vertices on the border of the group.
     pub(super) shared: &'a [bool],
     /// Normals by the cell's triangles, of any length.
@@ -24,7 +26,7 @@ impl<'a> Whole<'a> {
     pub(super) fn new(
         mesh: &'a Mesh,
         records: &'a [u8],
-        shared: &'a [bool],
+        (ids, shared): (&'a [u64], &'a [bool]),
         layout: &'a VertexLayout,
     ) -> Whole<'a> {
         let colour = find_colour(&layout.schema);
@@ -39,17 +41,17 @@ impl<'a> Whole<'a> {
                 }
             }
         }
-        Whole { mesh, records, shared, normals, layout, colour, normal: given }
+        Whole { mesh, records, ids, shared, normals, layout, colour, normal: given }
     }
 
-    /// The tile of some triangles; `local` has a place for every vertex, `u32::MAX` in all of them before and after.
+    /// The tile of some triangles, and the number of each of its vertices in the cell; `local` has a place for every vertex, `u32::MAX` in all of them before and after.
     pub(super) fn tile(
         &self,
         triangles: impl Iterator<Item = usize>,
         lattice: &Lattice,
         level: u32,
         local: &mut [u32],
-    ) -> TileMesh {
+    ) -> (TileMesh, Vec<u32>) {
         let mut used: Vec<u32> = Vec::new();
         let mut out = TileMesh::default();
         for t in triangles {
@@ -87,7 +89,7 @@ impl<'a> Whole<'a> {
                     .push(fields.map(|(scalar, at)| linear(unit_colour(scalar, &record, at))));
             }
         }
-        out
+        (out, used)
     }
 }
 

@@ -10,6 +10,7 @@ mod boxes;
 mod mesh;
 
 use crate::error::{Error, Result};
+use crate::io::tileset::{TileBorder, encode_borders};
 use crate::io::{TileForm, encode_tile};
 use crate::mesh::Mesh;
 use crate::store::cells::{
@@ -62,6 +63,30 @@ pub fn tile_path(level: u32, cell: usize, n: usize) -> String {
     format!("tiles/{level}/{}/{cell}-{n}.glb", cell / GROUPS_PER_FOLDER)
 }
 
+/// Path of the numbers of the vertices that the tiles of a cell have in common with others.
+fn border_name(level: u32, cell: usize) -> String {
+    format!("tiles/{level}/{}/{cell}.ids", cell / GROUPS_PER_FOLDER)
+}
+
+/// True for vertices that more than one tile has: those of several boxes and those of several cells.
+fn common(triangles: &[[u32; 3]], boxes: &Boxes, shared: &[bool]) -> Vec<bool> {
+    let mut common = shared.to_vec();
+    let mut first = vec![u32::MAX; shared.len()];
+    let mut rest = &boxes.order[..];
+    for (n, (_, count)) in (0u32..).zip(&boxes.counts) {
+        let (own, others) = rest.split_at(*count as usize);
+        rest = others;
+        for &v in own.iter().flat_map(|&t| &triangles[t as usize]) {
+            let first = &mut first[v as usize];
+            match *first {
+                u32::MAX => *first = n,
+                other => common[v as usize] |= other != n,
+            }
+        }
+    }
+    common
+}
+
 impl TileRound<'_> {
     /// Writes the tiles of a cell, measures what became of it, and puts that in the order of its boxes.
     pub fn look(&self, cell: usize, before: &CellMesh, left: &mut Survivors) -> Result<()> {
@@ -81,8 +106,9 @@ impl TileRound<'_> {
                 Boxes { counts: joined(&parts[cell]), order: sorted_order(&parts[cell]) }
             }
         };
-        let whole = Whole::new(mesh, &before.records, &before.shared, self.layout);
-        let tiles = self.write(cell, self.round - 1, &whole, &boxes)?;
+        let own = (&before.ids[..], &before.shared[..]);
+        let whole = Whole::new(mesh, &before.records, own, self.layout);
+        let (tiles, borders) = self.write(cell, self.round - 1, &whole, &boxes)?;
         let deviation = match left.mesh.triangles.is_empty() || mesh.triangles.is_empty() {
             true => diagonal(mesh),
             false => (self.deviation)(mesh, &left.mesh, &left.followed),
@@ -101,6 +127,7 @@ impl TileRound<'_> {
         left.statistics.groups = vec![GroupRecord {
             group,
             tiles,
+            borders,
             parts: parts.counts,
             deviation,
             triangles: [mesh.triangles.len() as u64, old.len() as u64],
@@ -113,18 +140,20 @@ impl TileRound<'_> {
         let n = left.mesh.triangles.len() as u32;
         let boxes = Boxes { counts: vec![([0; 3], u64::from(n))], order: (0..n).collect() };
         let shared = vec![false; left.ids.len()];
-        let whole = Whole::new(&left.mesh, &left.records, &shared, self.layout);
-        let tiles = self.write(0, self.round, &whole, &boxes)?;
+        let whole = Whole::new(&left.mesh, &left.records, (&left.ids, &shared), self.layout);
+        let (tiles, _) = self.write(0, self.round, &whole, &boxes)?;
         tiles.into_iter().next().ok_or_else(|| Error::Internal("no tile was written".to_owned()))
     }
 
     /// Tells if all tiles that were written with a cell are still there as they were.
     pub fn is_whole(&self, cell: usize, left: &Survivors) -> bool {
         let [record] = &left.statistics.groups[..] else { return false };
-        record.tiles.iter().enumerate().all(|(n, tile)| {
-            let path = self.folder.join(tile_path(self.round - 1, cell, n));
-            std::fs::read(path).is_ok_and(|bytes| xxh3_64(&bytes) == tile.checksum)
-        })
+        let is_there = |name: String, checksum: u64| {
+            std::fs::read(self.folder.join(name)).is_ok_and(|bytes| xxh3_64(&bytes) == checksum)
+        };
+        let mut tiles = record.tiles.iter().enumerate();
+        is_there(border_name(self.round - 1, cell), record.borders.0)
+            && tiles.all(|(n, tile)| is_there(tile_path(self.round - 1, cell, n), tile.checksum))
     }
 
     fn write(
@@ -133,17 +162,19 @@ impl TileRound<'_> {
         level: u32,
         whole: &Whole,
         boxes: &Boxes,
-    ) -> Result<Vec<TileRecord>> {
+    ) -> Result<(Vec<TileRecord>, (u64, u64))> {
         let step = self.lattice.step_of(level);
         let form = TileForm { step, packs: self.packs, is_z_up: self.is_z_up };
         let mut local = vec![u32::MAX; whole.mesh.positions.len()];
         let mut tiles = Vec::with_capacity(boxes.counts.len());
+        let common = common(&whole.mesh.triangles, boxes, whole.shared);
+        let mut borders: Vec<TileBorder> = Vec::with_capacity(boxes.counts.len());
         let mut rest = &boxes.order[..];
         for (n, &(key, n_triangles)) in boxes.counts.iter().enumerate() {
             let (own, others) = rest.split_at(n_triangles as usize);
             rest = others;
             let triangles = own.iter().map(|&t| t as usize);
-            let mesh = whole.tile(triangles, &self.lattice, level, &mut local);
+            let (mesh, used) = whole.tile(triangles, &self.lattice, level, &mut local);
             let fold = |start: i32, pick: fn(i32, i32) -> i32| {
                 let bounds = mesh
                     .positions
@@ -153,7 +184,10 @@ impl TileRound<'_> {
             };
             let (low, high) = (fold(i32::MAX, i32::min), fold(i32::MIN, i32::max));
             let vertices = mesh.positions.len() as u64;
-            let bytes = encode_tile(mesh, form);
+            let (bytes, order) = encode_tile(mesh, form);
+            let old = order.iter().map(|&v| used[v as usize] as usize);
+            let numbered = (0u32..).zip(old).filter(|&(_, v)| common[v]);
+            borders.push(numbered.map(|(at, v)| (at, whole.ids[v])).collect());
             self.put(&self.folder.join(tile_path(level, cell, n)), &bytes)?;
             tiles.push(TileRecord {
                 key,
@@ -165,7 +199,9 @@ impl TileRound<'_> {
                 high,
             });
         }
-        Ok(tiles)
+        let bytes = encode_borders(&borders);
+        self.put(&self.folder.join(border_name(level, cell)), &bytes)?;
+        Ok((tiles, (xxh3_64(&bytes), bytes.len() as u64)))
     }
 
     fn put(&self, path: &Path, bytes: &[u8]) -> Result<()> {

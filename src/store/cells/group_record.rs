@@ -10,6 +10,8 @@ pub struct GroupRecord {
     pub group: BoxKey,
     /// The tiles of the level below that it holds, in the order of their files.
     pub tiles: Vec<TileRecord>,
+    /// xxh3 and bytes of the file of the numbers of their common vertices.
+    pub borders: (u64, u64),
     /// Boxes of the group's level with their triangles, in the order of the triangles that are left.
     pub parts: Vec<(BoxKey, u64)>,
     /// Largest distance from the tiles to the parts, at most, or back, whichever is larger.

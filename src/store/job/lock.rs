@@ -71,6 +71,21 @@ impl Lock {
     }
 }
 
+/// Holds a folder itself against other runs, without a file in it; dropping the outcome gives it free.
+pub fn hold(folder: &Path) -> Result<File> {
+    let file = File::open(folder).map_err(|e| Error::io(folder, "cannot open", e))?;
+    match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+        Ok(()) => Ok(file),
+        Err(rustix::io::Errno::WOULDBLOCK) => Err(Error::Locked {
+            path: folder.into(),
+            what:
+                "another run writes the same output there; wait for it, or give a different output"
+                    .to_owned(),
+        }),
+        Err(e) => Err(Error::io(folder, "cannot lock", e.into())),
+    }
+}
+
 /// Returns whether the lock of a job folder is free; `None` without a lock.
 pub fn is_free(folder: &Path) -> Option<bool> {
     let file = File::open(folder.join(FILE_NAME)).ok()?;

@@ -8,6 +8,7 @@ mod lock;
 mod manifest;
 pub mod units;
 
+pub use lock::hold;
 pub use manifest::{Identity, ManifestView, view};
 
 use crate::error::{Error, Result};
@@ -33,6 +34,21 @@ pub struct Job {
 }
 
 impl Job {
+    /// Removes a job folder that no run holds if `is_over` says so of its recorded outcomes; true if it did.
+    pub fn remove_if(
+        folder: &Path,
+        disk: &Disk,
+        is_over: impl FnOnce(&BTreeMap<String, serde_json::Value>) -> bool,
+    ) -> Result<bool> {
+        let Ok(view) = view(folder) else { return Ok(false) };
+        if !is_over(&view.outcomes) || lock::is_free(folder) == Some(false) {
+            return Ok(false);
+        }
+        let job = Job::open(folder, disk, &view.identity, false)?;
+        job.remove()?;
+        Ok(true)
+    }
+
     /// Opens the job in `folder`, or begins it; `restart` throws away what an earlier run left.
     ///
     /// Errors: `Locked` when a living run works there, `StateMismatch` when the folder belongs to another
