@@ -7,6 +7,7 @@ mod compare;
 pub mod convert;
 mod demo;
 mod display;
+mod extract;
 mod info;
 mod levels;
 mod log;
@@ -57,6 +58,7 @@ enum Command {
     Convert(convert::Args),
     Info(info::Args),
     Tiles(tiles::Args),
+    Extract(extract::Args),
     Measure(measure::Args),
     Compare(compare::Args),
     Render(render::Args),
@@ -116,6 +118,7 @@ impl Command {
             Command::Convert(args) => args.paths(),
             Command::Info(args) => Ok(args.paths()),
             Command::Tiles(args) => args.paths(),
+            Command::Extract(args) => args.paths(),
             Command::Measure(args) => args.paths(),
             Command::Compare(args) => args.paths(),
             Command::Render(args) => args.paths(),
@@ -145,6 +148,7 @@ impl Command {
                 Offers { resumes: false, temp_dir: true }
             }
             Command::Compare(_)
+            | Command::Extract(_)
             | Command::Render(_)
             | Command::Report(_)
             | Command::Synth(_)
@@ -169,6 +173,7 @@ fn dispatch(
         Command::Convert(args) => convert::run(args, progress, &mut Said(log)),
         Command::Info(args) => info::run(args, &mut std::io::stdout(), progress),
         Command::Tiles(args) => tiles::run(args, talk, progress, log),
+        Command::Extract(args) => extract::run(args, talk, progress, log),
         Command::Measure(args) => measure::run(args, talk, progress, log).map(|()| 0),
         Command::Compare(args) => compare::run(args, progress, log).map(|()| 0),
         Command::Report(args) => report::run(args, progress, log).map(|()| 0),

@@ -5,6 +5,7 @@
 //! wherever an earlier run stopped.
 
 pub(crate) mod bake;
+pub mod extract;
 pub mod in_memory;
 mod kernel_side;
 pub(crate) mod max_error;

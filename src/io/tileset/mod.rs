@@ -7,5 +7,5 @@ mod read;
 mod write;
 
 pub use borders::{TileBorder, border_path, decode_borders, encode_borders};
-pub use read::{Asset, Content, Tile, Tileset, Volume, read_tileset};
+pub use read::{Asset, Content, Tile, Tileset, Volume, read_tileset, resolve};
 pub use write::{FILE_NAME, TileTree, TreeTile, write_tilesets};

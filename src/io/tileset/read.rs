@@ -72,3 +72,17 @@ pub struct Content {
 pub fn read_tileset(text: &[u8]) -> Result<Tileset, String> {
     serde_json::from_slice(text).map_err(|e| format!("its JSON is not that of a tileset: {e}"))
 }
+
+/// The path in the folder of the tree that an address in `file` leads to; none if that lies outside.
+pub fn resolve(file: &str, uri: &str) -> Option<String> {
+    let mut parts: Vec<&str> = file.split('/').collect();
+    parts.pop();
+    for part in uri.split('/') {
+        match part {
+            ".." => drop(parts.pop()?),
+            "" | "." => return None,
+            part => parts.push(part),
+        }
+    }
+    Some(parts.join("/"))
+}

@@ -45,7 +45,7 @@ pub(crate) struct Driver {
     pub(crate) samples: Option<Samples>,
     /// Probes that the quality of the result is estimated from.
     pub(crate) probes: Option<Probes>,
-    /// Where each vertex of the input is now, where that was asked for.
+    /// Present places of the vertices of the input, if they are asked for.
     pub(crate) followed: Option<Followed>,
     /// Estimates of the quality after each level on the way to a count.
     pub(crate) curve: Vec<QualityAt>,

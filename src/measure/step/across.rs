@@ -5,7 +5,7 @@
 //! over a piece, so nowhere larger than at the piece's corners.
 
 use super::around::Around;
-use super::forward::Foot;
+use super::foot::Foot;
 use crate::measure::triangle::{Vector, closest, closest_on_edge};
 use crate::mesh::Mesh;
 use crate::mesh::vec3::{dot, length_sq, sub};

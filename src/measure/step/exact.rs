@@ -4,7 +4,7 @@ use crate::measure::tree::{Nearest, Tree};
 use crate::measure::triangle::{Vector, closest};
 use crate::mesh::Mesh;
 
-/// Points that look at all triangles one by one before a tree is built: it costs as much as about so many.
+/// Points that look at all triangles one by one before a tree is built, which costs about as much.
 const WITHOUT_TREE: u32 = 12;
 
 /// The nearest triangle of a mesh.

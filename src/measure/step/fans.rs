@@ -7,7 +7,7 @@
 //! corners by at most S L / sqrt 3, and at a corner the height is at most sqrt(1 + S^2) times as far away as the foot.
 
 use super::around::Around;
-use super::forward::others;
+use super::foot::others;
 use crate::measure::triangle::Vector;
 use crate::mesh::Mesh;
 use crate::mesh::vec3::{add, cross, dot, length_sq, scale, sub};
@@ -165,7 +165,7 @@ impl Builder<'_> {
     }
 }
 
-/// What was seen of some triangles along a normal, from a vertex.
+/// Some triangles as seen along a normal, from a vertex.
 struct Seen {
     origin: Vector,
     /// Two directions across, and the normal.

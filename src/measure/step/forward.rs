@@ -1,10 +1,11 @@
 //! From the mesh to its simplified version: a foot for every vertex, and a proven bound for every triangle.
 
-use super::Largest;
 use super::across::across_sq;
 use super::around::{Around, Groups, NONE};
 use super::exact::Exact;
 use super::fans::Fans;
+use super::foot::{Doubtful, Foot, others};
+use super::largest::Largest;
 use crate::measure::triangle::{Vector, closest};
 use crate::mesh::Mesh;
 use crate::mesh::vec3::{cross, dot, length_sq, sub};
@@ -14,16 +15,6 @@ use std::collections::BinaryHeap;
 /// A triangle is quartered so often, at most.
 const DEEPEST: u32 = 6;
 
-/// A point with a triangle near it.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Foot {
-    pub(super) point: Vector,
-    pub(super) distance_sq: f64,
-    pub(super) triangle: u32,
-    /// The corner of the triangle that is nearest to the foot, about.
-    pub(super) hint: u32,
-}
-
 /// Feet of vertices, and the bounds of triangles.
 pub(super) struct Forward<'a> {
     fine: &'a Mesh,
@@ -31,27 +22,6 @@ pub(super) struct Forward<'a> {
     around: &'a Around,
     /// Squared distance and triangle for each vertex of the mesh.
     feet: Vec<(f64, u32)>,
-}
-
-/// A distance that may be too large, in a heap.
-#[derive(Clone, Copy, PartialEq)]
-pub(super) struct Doubtful {
-    pub(super) distance_sq: f64,
-    pub(super) item: u32,
-}
-
-impl Eq for Doubtful {}
-
-impl Ord for Doubtful {
-    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
-        self.distance_sq.total_cmp(&other.distance_sq).then(other.item.cmp(&self.item))
-    }
-}
-
-impl PartialOrd for Doubtful {
-    fn partial_cmp(&self, other: &Self) -> Option<std::cmp::Ordering> {
-        Some(self.cmp(other))
-    }
 }
 
 impl<'a> Forward<'a> {
@@ -270,16 +240,5 @@ impl<'a> Forward<'a> {
         for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {
             self.cover(part, depth + 1, largest, exact);
         }
-    }
-}
-
-/// The two other corners of a triangle, in its sense of rotation.
-pub(super) fn others([a, b, c]: [u32; 3], v: u32) -> (u32, u32) {
-    if a == v {
-        (b, c)
-    } else if b == v {
-        (c, a)
-    } else {
-        (a, b)
     }
 }

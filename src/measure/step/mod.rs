@@ -12,50 +12,15 @@ mod around;
 mod back;
 mod exact;
 mod fans;
+mod foot;
 mod forward;
+mod largest;
 
 use crate::mesh::Mesh;
 use around::{Around, NONE};
 use exact::Exact;
 use forward::Forward;
-
-/// The largest distance found so far.
-#[derive(Clone, Copy, Debug)]
-struct Largest {
-    /// Of a point, for certain; squared.
-    certain_sq: f64,
-    /// Of what was accepted, at most; squared.
-    bound_sq: f64,
-    /// What lies within this factor of the certain one, squared, is not looked at again.
-    slack_sq: f64,
-    /// The rounding of coordinates, squared: less is no distance.
-    rounding_sq: f64,
-}
-
-/// Rounding of distances as a share of the largest coordinate.
-const ROUNDING: f64 = 1.0 / (1u64 << 44) as f64;
-
-impl Largest {
-    /// The largest squared distance that needs no second look.
-    fn enough_sq(&self) -> f64 {
-        (self.certain_sq * self.slack_sq).max(self.rounding_sq)
-    }
-
-    /// Tells if a squared distance, or a bound of one, needs no second look; takes it into the bound if so.
-    fn accepts(&mut self, distance_sq: f64) -> bool {
-        let is_near = distance_sq <= self.enough_sq();
-        if is_near {
-            self.bound_sq = self.bound_sq.max(distance_sq);
-        }
-        is_near
-    }
-
-    /// Takes a distance that is certain.
-    fn add(&mut self, distance_sq: f64) {
-        self.certain_sq = self.certain_sq.max(distance_sq);
-        self.bound_sq = self.bound_sq.max(distance_sq);
-    }
-}
+use largest::{Largest, ROUNDING};
 
 /// The distance from `fine` to `coarse`, at most, or back as far as samples show it, whichever is larger.
 ///

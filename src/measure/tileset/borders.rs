@@ -7,6 +7,7 @@ use super::found::TilesetCheck;
 use super::rules::Tree;
 use crate::io::TileMesh;
 use crate::io::tileset::TileBorder;
+use std::collections::BTreeMap;
 
 /// A place in steps of the tile's level.
 type Node = [i32; 3];
@@ -90,32 +91,38 @@ impl Borders {
     pub(super) fn within(&mut self, tree: &Tree, found: &mut TilesetCheck) -> u64 {
         self.edges.sort_unstable();
         let step = tree.step * f64::from(self.level).exp2();
-        let mut boundary = self.open;
+        let (mut boundary, mut shared) = (self.open, 0);
+        // The largest gap of each pair of tiles.
+        let mut gaps: BTreeMap<(u32, u32), i32> = BTreeMap::new();
         for run in self.runs() {
             if run.len() == 1 {
                 boundary += 1;
                 continue;
             }
-            found.shared_edges += 1;
+            shared += 1;
             let (edge, tile) = run[0];
             for (other, neighbour) in &run[1..] {
-                let gap = f64::from(off(&edge.places, &other.places)) * step;
-                if gap > 0.0 {
-                    found.gap_within = found.gap_within.max(gap);
-                    let [a, b] = [tile, *neighbour].map(|t| tree.tiles[t as usize].name());
-                    found.fault(|| {
-                        format!("{a} and {b}, tiles of one level, are {gap:e} apart at an edge")
-                    });
+                let gap = off(&edge.places, &other.places);
+                if gap > 0 {
+                    let most = gaps.entry((tile, *neighbour)).or_default();
+                    *most = gap.max(*most);
                 }
             }
+        }
+        found.shared_edges += shared;
+        for ((tile, neighbour), steps) in gaps {
+            let gap = f64::from(steps) * step;
+            found.gap_within = found.gap_within.max(gap);
+            let [a, b] = [tile, neighbour].map(|t| tree.tiles[t as usize].name());
+            found.fault(|| format!("{a} and {b}, tiles of one level, are {gap:e} apart"));
         }
         boundary
     }
 
-    /// The edges that tiles of different groups have in common, with one of the tiles.
+    /// The edges that tiles of different groups have in common, with their tiles.
     fn seams(&self, group: impl Fn(u32) -> Option<u32>) -> Vec<(Edge, u32)> {
         let is_seam = |run: &&[(Edge, u32)]| run.iter().any(|e| group(e.1) != group(run[0].1));
-        self.runs().filter(is_seam).map(|run| run[0]).collect()
+        self.runs().filter(is_seam).flatten().copied().collect()
     }
 
     /// Holds the borders of groups as the finer level has them against those of the coarser level.

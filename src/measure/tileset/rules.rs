@@ -2,7 +2,7 @@
 
 use super::found::TilesetCheck;
 use crate::error::{Error, Result};
-use crate::io::tileset::{FILE_NAME, Tile, Tileset, Volume, read_tileset};
+use crate::io::tileset::{FILE_NAME, Tile, Tileset, Volume, read_tileset, resolve};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -127,7 +127,7 @@ impl Tree {
         (parent, depth): (Option<u32>, usize),
         found: &mut TilesetCheck,
     ) {
-        let uri = tile.content.as_ref().map(|content| resolved(file, &content.uri));
+        let uri = tile.content.as_ref().map(|content| resolve(file, &content.uri));
         let uri = match uri {
             Some(None) => {
                 found.fault(|| format!("{file}: a content leads out of the folder"));
@@ -267,18 +267,4 @@ impl Tree {
         let parent = self.tiles[tile as usize].parent?;
         self.tiles[parent as usize].group
     }
-}
-
-/// The path in the folder of the tree that an address in `file` leads to; none if that lies outside.
-fn resolved(file: &str, uri: &str) -> Option<String> {
-    let mut parts: Vec<&str> = file.split('/').collect();
-    parts.pop();
-    for part in uri.split('/') {
-        match part {
-            ".." => drop(parts.pop()?),
-            "" | "." => return None,
-            part => parts.push(part),
-        }
-    }
-    Some(parts.join("/"))
 }

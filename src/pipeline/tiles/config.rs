@@ -7,6 +7,9 @@ use std::path::PathBuf;
 /// Triangles of a tile, unless another number is asked for.
 pub const TILE_TRIANGLES: u64 = 16_000;
 
+/// Recorded in the job before the folder gets its name: the checksum of its first file of JSON.
+pub(super) const NAMED: &str = "tiles named";
+
 /// A run of `tiles`.
 #[derive(Clone, Debug)]
 pub struct TilesConfig {

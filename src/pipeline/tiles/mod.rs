@@ -12,6 +12,7 @@ pub mod report;
 mod tree;
 mod viewer;
 
+use config::NAMED;
 pub use config::{TILE_TRIANGLES, TilesConfig};
 pub use plan::{PreparedTiles, TilesPlan, prepare_tiles};
 
@@ -214,9 +215,6 @@ fn run(
 
 /// Recorded before anything is written into the folder of the tree.
 const BEGUN: &str = "tiles begun";
-
-/// Recorded before the folder gets its name: the checksum of its first file of JSON.
-const NAMED: &str = "tiles named";
 
 fn is_empty(folder: &Path) -> bool {
     std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none())

@@ -1,7 +1,6 @@
 //! Opens the input of `tiles`, checks it against what was asked for, and plans the run; nothing is written yet.
 
-use super::NAMED;
-use super::config::TilesConfig;
+use super::config::{NAMED, TilesConfig};
 use crate::error::{Error, Result};
 use crate::io::StageOptions;
 use crate::io::ply::{MeshSource, ReadOptions};

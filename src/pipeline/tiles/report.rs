@@ -78,7 +78,7 @@ impl TilesReport {
 /// A group that keeps more than this share of its triangles is stuck, unless it has but a tile.
 const STUCK: f64 = 0.8;
 
-/// What is said of each level, the finest first; `deviations` are the distances from the input of the others, at most.
+/// Facts about each level, the finest first; `deviations` are the distances from the input of the others, at most.
 pub(super) fn level_reports(
     rounds: &[Vec<GroupRecord>],
     top: &TileRecord,

@@ -1,0 +1,137 @@
+//! `stonecut extract`: a mesh from a tree of tiles, as fine as is asked for, finer in a box.
+
+use super::arguments::{memory_budget, parse_length, parse_memory};
+use super::display::watch;
+use super::log::{EXIT_SHORT, Log, Talk};
+use crate::error::Result;
+use crate::io::OutputFormat;
+use crate::pipeline::extract::{ExtractConfig, Wanted, extract};
+use crate::system::paths::{Paths, Role};
+use crate::system::progress::Progress;
+use crate::system::units::{parse_count, show_bytes, show_count};
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+/// Extracts one mesh from a folder of tiles, as fine as is asked for, finer in a box
+///
+/// Reads only the tiles that it needs. What was closed is closed: coarse and fine parts meet in common vertices.
+#[derive(Clone, Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("fineness").required(true).args(["max_error", "triangles"]))]
+pub struct Args {
+    /// A folder that 'stonecut tiles' has written.
+    tiles: PathBuf,
+    /// A file ending in .ply, .stl, .obj or .glb.
+    output: PathBuf,
+    /// Largest distance from the mesh that was cut into tiles, in its units; 0 gives that mesh.
+    #[arg(long, value_name = "E", value_parser = parse_length)]
+    max_error: Option<f64>,
+    /// Number of triangles.
+    #[arg(long, value_name = "N", value_parser = parse_wanted)]
+    triangles: Option<u64>,
+    /// A box, in units of the mesh, that is finer or coarser; --triangles leaves its content alone.
+    #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = parse_box, allow_hyphen_values = true, requires = "max_error_inside")]
+    inside: Option<Corners>,
+    /// Largest distance from the mesh in that box.
+    #[arg(long, value_name = "E", value_parser = parse_length, requires = "inside")]
+    max_error_inside: Option<f64>,
+    /// Words joined by commas: ascii, binary_little_endian or binary_big_endian; float or double coordinates; int or
+    /// uint indices; ply, stl, obj or glb.
+    #[arg(long, value_name = "FORMAT", default_value = "")]
+    format: OutputFormat,
+    /// Memory budget, everything included: 512MiB, 4GiB, 50% [default: 75 % of the tightest limit in force].
+    #[arg(long, value_name = "SIZE", value_parser = parse_memory)]
+    memory: Option<u64>,
+    /// Worker threads [default: the cores this process may use].
+    #[arg(long, value_name = "N")]
+    threads: Option<NonZeroUsize>,
+    /// Overwrite an existing file.
+    #[arg(long)]
+    force: bool,
+}
+
+/// The lower and the upper corner of a box.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Corners([[f64; 3]; 2]);
+
+fn parse_wanted(text: &str) -> std::result::Result<u64, String> {
+    match parse_count(text)? {
+        0 => Err("a mesh has at least one triangle".to_owned()),
+        n => Ok(n),
+    }
+}
+
+fn parse_box(text: &str) -> std::result::Result<Corners, String> {
+    let parse = |word: &str| word.trim().parse().ok().filter(|x: &f64| x.is_finite());
+    let list: Option<Vec<f64>> = text.split(',').map(parse).collect();
+    let corners: Option<[f64; 6]> = list.and_then(|list| list.try_into().ok());
+    let Some([a, b, c, d, e, f]) = corners else {
+        return Err("six numbers, the lower corner first: -1,-1,0,1,1,2".to_owned());
+    };
+    let (low, high) = ([a, b, c], [d, e, f]);
+    match (0..3).all(|k| low[k] <= high[k]) {
+        true => Ok(Corners([low, high])),
+        false => Err("the lower corner comes first: no number may exceed its partner".to_owned()),
+    }
+}
+
+impl Args {
+    pub(super) fn paths(&self) -> Result<Paths> {
+        self.format.check(&self.output)?;
+        Ok(Paths::new(self.force).with(Role::InputFolder, "TILES", &self.tiles).with(
+            Role::Output,
+            "OUTPUT",
+            &self.output,
+        ))
+    }
+
+    fn config(&self) -> ExtractConfig {
+        let wanted = match (self.max_error, self.triangles) {
+            (_, Some(n)) => Wanted::Triangles(n),
+            (error, None) => Wanted::MaxError(error.unwrap_or(0.0)),
+        };
+        ExtractConfig {
+            tiles: self.tiles.clone(),
+            output: self.output.clone(),
+            format: self.format,
+            wanted,
+            inside: self.inside.zip(self.max_error_inside).map(|(Corners(c), most)| (c, most)),
+            memory_bytes: memory_budget(self.memory),
+            threads: super::arguments::threads(self.threads),
+        }
+    }
+}
+
+/// Runs the command and gives its exit code.
+pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
+    let config = args.config();
+    super::arguments::warn_of_limit(args.memory, log);
+    let done = watch(talk, progress, log, || extract(&config, progress))?;
+    log.say(format!(
+        "{}: {} triangles, {} vertices, {}, from {} tiles of {} triangles at most {:.3e} from the input",
+        config.output.display(),
+        done.triangles,
+        done.vertices,
+        show_bytes(done.bytes),
+        done.tiles,
+        show_count(done.cut_triangles),
+        done.deviation
+    ));
+    if !done.reached {
+        log.say("the number of triangles was not met: what lies in the box stays, or nothing legal is left to collapse".to_owned());
+        return Ok(EXIT_SHORT);
+    }
+    Ok(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boxes_have_six_numbers_in_order() {
+        assert_eq!(parse_box("-1,0,2, 3,0,5"), Ok(Corners([[-1.0, 0.0, 2.0], [3.0, 0.0, 5.0]])));
+        for text in ["", "1,2,3", "1,0,0,0,1,1", "1,2,3,4,5,nan", "1,2,3,4,5,6,7"] {
+            assert!(parse_box(text).is_err(), "{text}");
+        }
+    }
+}

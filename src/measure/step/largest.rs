@@ -1,0 +1,39 @@
+//! The largest distance that was found, and what needs no second look beside it.
+
+/// The largest distance found so far.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Largest {
+    /// Of a point, for certain; squared.
+    pub(super) certain_sq: f64,
+    /// Of what was accepted, at most; squared.
+    pub(super) bound_sq: f64,
+    /// What lies within this factor of the certain one, squared, is not looked at again.
+    pub(super) slack_sq: f64,
+    /// The rounding of coordinates, squared: less is no distance.
+    pub(super) rounding_sq: f64,
+}
+
+/// Rounding of distances as a share of the largest coordinate.
+pub(super) const ROUNDING: f64 = 1.0 / (1u64 << 44) as f64;
+
+impl Largest {
+    /// The largest squared distance that needs no second look.
+    pub(super) fn enough_sq(&self) -> f64 {
+        (self.certain_sq * self.slack_sq).max(self.rounding_sq)
+    }
+
+    /// Tells if a squared distance, or a bound of one, needs no second look; takes it into the bound if so.
+    pub(super) fn accepts(&mut self, distance_sq: f64) -> bool {
+        let is_near = distance_sq <= self.enough_sq();
+        if is_near {
+            self.bound_sq = self.bound_sq.max(distance_sq);
+        }
+        is_near
+    }
+
+    /// Takes a distance that is certain.
+    pub(super) fn add(&mut self, distance_sq: f64) {
+        self.certain_sq = self.certain_sq.max(distance_sq);
+        self.bound_sq = self.bound_sq.max(distance_sq);
+    }
+}

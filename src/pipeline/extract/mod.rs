@@ -1,0 +1,231 @@
+//! The program of `extract`: a mesh from a tree of tiles, as fine as is asked for, finer in a box.
+//!
+//! A cut through the groups of the tree is one mesh without gaps; a number of triangles is met from the smallest cut that has
+//! as many, by the kernel. Everything happens in memory: a cut that does not fit is refused before a tile is read.
+//!
+//! docs/design/tiles.md, "Extract".
+
+mod tree;
+mod weld;
+
+use crate::error::{Error, Result};
+use crate::io::ply::OutputHeader;
+use crate::io::{MeshSink, OutputFormat};
+use crate::kernel::{self, Fit, Options, Stop};
+use crate::mesh::Mesh;
+use crate::mesh::bounds::Bounds;
+use crate::mesh::property::{Property, Scalar};
+use crate::mesh::record::VertexSchema;
+use crate::system::memory::BASE_BYTES;
+use crate::system::parallel::guarded;
+use crate::system::progress::Progress;
+use crate::system::units::{show_bytes, show_count};
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+use tree::{Allowed, Cut, Tree};
+
+/// Fineness of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Wanted {
+    /// The largest distance from the input, in its units.
+    MaxError(f64),
+    /// Number of triangles.
+    Triangles(u64),
+}
+
+/// A run of `extract`.
+#[derive(Clone, Debug)]
+pub struct ExtractConfig {
+    /// The folder of the tree.
+    pub tiles: PathBuf,
+    /// The mesh.
+    pub output: PathBuf,
+    /// Its format.
+    pub format: OutputFormat,
+    /// Fineness, outside of the box if there is one.
+    pub wanted: Wanted,
+    /// A box, its lower and its upper corner, and the largest distance from the input in it; in units of the input.
+    pub inside: Option<([[f64; 3]; 2], f64)>,
+    /// Memory budget in bytes.
+    pub memory_bytes: u64,
+    /// Worker threads.
+    pub threads: NonZeroUsize,
+}
+
+/// Outcome of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Extracted {
+    /// Vertices of the mesh.
+    pub vertices: u64,
+    /// Its triangles.
+    pub triangles: u64,
+    /// Tiles that it was made of.
+    pub tiles: u64,
+    /// Triangles that they had together.
+    pub cut_triangles: u64,
+    /// The largest distance of the tiles from the input, at most, in input units.
+    pub deviation: f64,
+    /// True if the number of triangles was met, or none was asked for.
+    pub reached: bool,
+    /// Bytes of the file.
+    pub bytes: u64,
+}
+
+/// Vertices of a triangle that are planned for: half as many and some for borders.
+const VERTICES_PER_TRIANGLE: f64 = 0.6;
+
+/// Channels of a mesh with colours.
+const COLOURS: usize = 3;
+
+/// Vertices that are written at a time.
+const BLOCK: usize = 65_536;
+
+/// Extracts a mesh.
+///
+/// Memory: 70 bytes a triangle of the cut, 130 where a number of triangles is to be met. Errors: `BadInput` for what is not
+/// a tree of this program, `NoMemory` if the cut does not fit into the budget, `Usage` for a box without a tile.
+pub fn extract(config: &ExtractConfig, progress: &Progress) -> Result<Extracted> {
+    guarded(|| run(config, progress))
+}
+
+fn run(config: &ExtractConfig, progress: &Progress) -> Result<Extracted> {
+    let tree = Tree::read(&config.tiles)?;
+    let inside = config.inside.map(|([low, high], most)| {
+        let local = |p: [f64; 3]| [0, 1, 2].map(|k| p[k] - tree.origin[k]);
+        (Bounds { low: local(low), high: local(high) }, most)
+    });
+    let (cut, target) = choose(&tree, config.wanted, inside)?;
+    if cut.tiles.is_empty() {
+        return Err(Error::bad_input(&config.tiles, "has no tile with triangles"));
+    }
+    check_memory(config, &tree, (&cut, target), inside)?;
+    progress.begin("extract", 1, 1 + u32::from(target.is_some()), cut.triangles);
+    let memory_bytes = config.memory_bytes.saturating_sub(BASE_BYTES);
+    let threads = config.threads.get();
+    let mut mesh = weld::join(&config.tiles, (&tree, &cut), threads, memory_bytes, progress)?;
+    let mut reached = true;
+    if let Some(target) = target {
+        progress.begin("finish", 2, 2, mesh.triangles.len() as u64);
+        progress.check()?;
+        let fine = config.inside.map(|(corners, _)| corners);
+        (mesh, reached) = finish(mesh, target, fine);
+    }
+    progress.check()?;
+    let bytes = write(config, &mesh, tree.step)?;
+    Ok(Extracted {
+        vertices: mesh.positions.len() as u64,
+        triangles: mesh.triangles.len() as u64,
+        tiles: cut.tiles.len() as u64,
+        cut_triangles: cut.triangles,
+        deviation: cut.deviation,
+        reached,
+        bytes,
+    })
+}
+
+/// The cut, and the number of triangles that it is brought down to.
+fn choose(
+    tree: &Tree,
+    wanted: Wanted,
+    inside: Option<(Bounds, f64)>,
+) -> Result<(Cut, Option<u64>)> {
+    let n = match wanted {
+        Wanted::MaxError(outside) => return Ok((tree.cut(&Allowed { outside, inside }), None)),
+        Wanted::Triangles(n) => n,
+    };
+    // Of the distances that groups have, the largest that leaves enough triangles; all finest tiles if none does.
+    let distances = tree.deviations();
+    let with = |outside: f64| tree.cut(&Allowed { outside, inside });
+    let coarsest = with(f64::INFINITY);
+    let too_few = distances.partition_point(|&outside| with(outside).triangles < n);
+    let cut = match distances.get(too_few) {
+        _ if coarsest.triangles >= n => coarsest,
+        Some(&outside) => with(outside),
+        None => with(-1.0),
+    };
+    let target = (cut.triangles > n).then_some(n);
+    Ok((cut, target))
+}
+
+/// Refuses a cut that does not fit, and names the fineness that does.
+fn check_memory(
+    config: &ExtractConfig,
+    tree: &Tree,
+    (cut, target): (&Cut, Option<u64>),
+    inside: Option<(Bounds, f64)>,
+) -> Result<()> {
+    let needed = |triangles: u64| {
+        let vertices = (triangles as f64 * VERTICES_PER_TRIANGLE) as u64;
+        let joined = weld::join_bytes(vertices, triangles, true);
+        let kernel = kernel::peak_bytes(vertices, triangles, COLOURS);
+        BASE_BYTES + if target.is_some() { joined.max(kernel) } else { joined }
+    };
+    let bytes = needed(cut.triangles);
+    if bytes <= config.memory_bytes && cut.triangles <= kernel::MAX_TRIANGLES {
+        return Ok(());
+    }
+    let with = |outside: f64| tree.cut(&Allowed { outside, inside }).triangles;
+    let fits = |outside: &&f64| needed(with(**outside)) <= config.memory_bytes;
+    let distances = tree.deviations();
+    let advice = match distances.iter().rev().find(fits) {
+        Some(outside) => format!(
+            "; --max-error {outside:.4} gives {} triangles, which fit",
+            show_count(with(*outside))
+        ),
+        None => String::new(),
+    };
+    Err(Error::NoMemory(format!(
+        "a cut of {} triangles needs {} of memory, the budget is {}; give --memory {}{advice}",
+        show_count(cut.triangles),
+        show_bytes(bytes),
+        show_bytes(config.memory_bytes),
+        show_bytes(bytes.next_multiple_of(1 << 20)).replace(' ', ""),
+    )))
+}
+
+/// Meets a number of triangles; what lies in the box stays. Tells if it was met.
+fn finish(mesh: Mesh, target: u64, inside: Option<[[f64; 3]; 2]>) -> (Mesh, bool) {
+    let is_inside = |p: &[f64; 3]| {
+        inside.is_some_and(|[low, high]| (0..3).all(|k| low[k] <= p[k] && p[k] <= high[k]))
+    };
+    let locked: Vec<bool> = mesh.positions.iter().map(is_inside).collect();
+    let options = Options { stop: Stop::Triangles(target), fit: Fit::Off, ..Options::default() };
+    let done = kernel::simplify_mesh(mesh, &locked, &options);
+    let reached = done.statistics.reached || done.mesh.triangles.len() as u64 <= target;
+    (done.mesh, reached)
+}
+
+/// Writes the mesh; returns the bytes of the file. `step`: of the finest lattice.
+fn write(config: &ExtractConfig, mesh: &Mesh, step: f64) -> Result<u64> {
+    let largest = mesh.positions.iter().flatten().fold(0.0f64, |most, x| most.max(x.abs()));
+    // Floats where they hold half a step of the lattice.
+    let fits = largest * f64::from(f32::EPSILON) <= step;
+    let mut properties = Vec::new();
+    if mesh.n_channels == COLOURS {
+        properties = ["red", "green", "blue"].map(|name| Property::new(name, Scalar::U8)).to_vec();
+    }
+    let coordinate = if fits { Scalar::F32 } else { Scalar::F64 };
+    let schema = VertexSchema { coordinate, properties };
+    let (n_vertices, n_faces) = (mesh.positions.len() as u64, mesh.triangles.len() as u64);
+    let mut header = OutputHeader::new(schema.clone(), n_vertices, n_faces);
+    header.settings = "extract".to_owned();
+    let mut sink = MeshSink::create(config.output.as_path(), header, config.format)?;
+    let mut records = Vec::new();
+    for first in (0..mesh.positions.len()).step_by(BLOCK) {
+        records.clear();
+        for v in first..(first + BLOCK).min(mesh.positions.len()) {
+            schema.encode_position(mesh.positions[v], &mut records);
+            records.extend(mesh.channels_of(v as u32).iter().map(|&x| stored(x)));
+        }
+        sink.write_vertices(&records)?;
+    }
+    sink.write_faces_u32(&mesh.triangles)?;
+    sink.finish()
+}
+
+/// A colour component of linear light as one of sRGB (IEC 61966-2-1).
+fn stored(linear: f32) -> u8 {
+    let x = f64::from(linear).clamp(0.0, 1.0);
+    let y = if x <= 0.003_130_8 { 12.92 * x } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
+    (y * 255.0).round() as u8
+}

@@ -1,0 +1,244 @@
+//! The tiles of a tree as `extract` needs them, and the cuts through it.
+//!
+//! All tiles of a group are shown, or all that are finer below them; and a group is refined only if all groups are that its
+//! tiles came from. Tiles on both sides of the border of a group have the same vertices there, so that every such cut is
+//! one mesh.
+
+use crate::error::{Error, Result};
+use crate::io::tileset::{FILE_NAME, Tile, Volume, read_tileset, resolve};
+use crate::mesh::bounds::Bounds;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Deepest nesting of tiles and files that is followed.
+const DEEPEST: usize = 64;
+
+/// A tile. Lengths are in units of the mesh.
+#[derive(Clone, Debug)]
+pub(super) struct Node {
+    pub(super) level: u32,
+    /// Number of its group in `Tree::groups`; none on level 0.
+    group: Option<usize>,
+    parent: Option<usize>,
+    pub(super) triangles: u64,
+    pub(super) content: Option<String>,
+    /// Bounds of the content, from the origin of the lattice.
+    bounds: Bounds,
+}
+
+/// Tiles that are shown finer together.
+#[derive(Clone, Debug, Default)]
+struct Group {
+    /// Distance of its tiles from the input, at most.
+    deviation: f64,
+    /// Its tiles, and the finer ones below them.
+    own: Vec<usize>,
+    below: Vec<usize>,
+}
+
+/// A tree of tiles.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Tree {
+    pub(super) nodes: Vec<Node>,
+    /// Finer levels first.
+    groups: Vec<Group>,
+    /// Place of coordinate 0 of the lattice.
+    pub(super) origin: [f64; 3],
+    /// Length of a step of level 0.
+    pub(super) step: f64,
+}
+
+/// The largest distances that are allowed, in units of the mesh.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Allowed {
+    pub(super) outside: f64,
+    /// A box, from the origin of the lattice, and the distance in it.
+    pub(super) inside: Option<(Bounds, f64)>,
+}
+
+/// Tiles that make a mesh together.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Cut {
+    /// Coarse ones first.
+    pub(super) tiles: Vec<usize>,
+    pub(super) triangles: u64,
+    /// The largest stated distance from the input.
+    pub(super) deviation: f64,
+}
+
+impl Tree {
+    /// Reads the JSON of a tree. Errors: `BadInput` if there is none of this program.
+    pub(super) fn read(folder: &Path) -> Result<Tree> {
+        let bad = |what: String| Error::bad_input(folder, what);
+        let text = std::fs::read(folder.join(FILE_NAME)).map_err(|e| {
+            bad(format!(
+                "{FILE_NAME} cannot be read: {e}; name a folder that 'stonecut tiles' has written"
+            ))
+        })?;
+        let set = read_tileset(&text).map_err(|what| bad(format!("{FILE_NAME}: {what}")))?;
+        let facts = &set.extras["stonecut"];
+        let numbers: Option<Vec<f64>> =
+            facts["origin"].as_array().and_then(|list| list.iter().map(|x| x.as_f64()).collect());
+        let (Some(step), Some(origin)) = (facts["step"].as_f64(), numbers.as_deref()) else {
+            let what = "has no facts of 'stonecut tiles' in its extras: only its trees are known";
+            return Err(bad(format!("{FILE_NAME} {what}")));
+        };
+        let &[x, y, z] = origin else {
+            return Err(bad(format!("{FILE_NAME}: its origin is not a place")));
+        };
+        let is_z_up = facts["up"].as_str() != Some("y");
+        let mut reader = Reader { folder, is_z_up, nodes: Vec::new(), facts: BTreeMap::new() };
+        reader.tile(FILE_NAME, &set.root, (None, 0))?;
+        let mut tree = Tree { origin: [x, y, z], step, ..Tree::default() };
+        let Reader { mut nodes, facts, .. } = reader;
+        let numbers: BTreeMap<(u32, u32), usize> = facts.keys().copied().zip(0..).collect();
+        tree.groups =
+            facts.values().map(|facts| Group { deviation: facts.0, ..Group::default() }).collect();
+        for (node, key) in
+            facts.iter().flat_map(|(key, (_, own))| own.iter().map(move |n| (*n, key)))
+        {
+            nodes[node].group = Some(numbers[key]);
+        }
+        for (number, node) in nodes.iter().enumerate() {
+            if let Some(group) = node.group {
+                tree.groups[group].own.push(number);
+            }
+            if let Some(group) = node.parent.and_then(|parent| nodes[parent].group) {
+                tree.groups[group].below.push(number);
+            }
+        }
+        tree.nodes = nodes;
+        Ok(tree)
+    }
+
+    /// The coarsest cut that keeps within the allowed distances.
+    pub(super) fn cut(&self, allowed: &Allowed) -> Cut {
+        let mut refined = vec![false; self.groups.len()];
+        // Groups are sorted by level, so those below come first.
+        for (number, group) in self.groups.iter().enumerate() {
+            let touches = |bounds: &Bounds| {
+                let tiles = group.own.iter().chain(&group.below);
+                tiles.map(|&node| &self.nodes[node]).any(|node| meets(&node.bounds, bounds))
+            };
+            let is_near =
+                |(bounds, most): &(Bounds, f64)| group.deviation > *most && touches(bounds);
+            let needed = |node: &usize| self.nodes[*node].group.is_some_and(|below| refined[below]);
+            refined[number] = group.deviation > allowed.outside
+                || allowed.inside.as_ref().is_some_and(is_near)
+                || group.below.iter().any(needed);
+        }
+        let mut cut = Cut::default();
+        let is_refined = |node: &Node| node.group.is_some_and(|group| refined[group]);
+        for (number, node) in self.nodes.iter().enumerate() {
+            let is_below = node.parent.is_none_or(|parent| is_refined(&self.nodes[parent]));
+            if is_below && !is_refined(node) && node.content.is_some() {
+                cut.tiles.push(number);
+                cut.triangles += node.triangles;
+                let deviation = node.group.map_or(0.0, |group| self.groups[group].deviation);
+                cut.deviation = cut.deviation.max(deviation);
+            }
+        }
+        cut.tiles.sort_by_key(|&tile| (std::cmp::Reverse(self.nodes[tile].level), tile));
+        cut
+    }
+
+    /// The distances that groups have from the input, largest first.
+    pub(super) fn deviations(&self) -> Vec<f64> {
+        let mut all: Vec<f64> = self.groups.iter().map(|group| group.deviation).collect();
+        all.sort_by(|a, b| b.total_cmp(a));
+        all.dedup();
+        all
+    }
+}
+
+fn meets(a: &Bounds, b: &Bounds) -> bool {
+    (0..3).all(|k| a.low[k] <= b.high[k] && b.low[k] <= a.high[k])
+}
+
+/// Groups by level and number: their distance from the input and their tiles.
+type Facts = BTreeMap<(u32, u32), (f64, Vec<usize>)>;
+
+struct Reader<'a> {
+    folder: &'a Path,
+    is_z_up: bool,
+    nodes: Vec<Node>,
+    facts: Facts,
+}
+
+impl Reader<'_> {
+    fn tile(
+        &mut self,
+        file: &str,
+        tile: &Tile,
+        (parent, depth): (Option<usize>, usize),
+    ) -> Result<()> {
+        let bad = |what: String| {
+            Error::bad_input(
+                self.folder,
+                format!("{file}: {what}; see what 'stonecut info --check' finds"),
+            )
+        };
+        if depth > DEEPEST {
+            return Err(bad(format!("tiles nest deeper than {DEEPEST}")));
+        }
+        let content = match &tile.content {
+            Some(content) => Some(
+                resolve(file, &content.uri)
+                    .ok_or_else(|| bad(format!("'{}' leads out of the folder", content.uri)))?,
+            ),
+            None => None,
+        };
+        if let Some(name) = content.as_ref().filter(|name| name.ends_with(".json")) {
+            let text = std::fs::read(self.folder.join(name))
+                .map_err(|e| bad(format!("{name} cannot be read: {e}")))?;
+            let set = read_tileset(&text).map_err(|what| bad(format!("{name}: {what}")))?;
+            return self.tile(name, &set.root, (parent, depth + 1));
+        }
+        let facts = &tile.extras;
+        let level = facts["level"].as_u64().and_then(|level| u32::try_from(level).ok());
+        let level = level
+            .filter(|level| *level < 64)
+            .ok_or_else(|| bad("a tile has no level".to_owned()))?;
+        let above = parent.map(|parent| self.nodes[parent].level);
+        if above.is_some_and(|above| above <= level) {
+            return Err(bad("a tile is not finer than the one above it".to_owned()));
+        }
+        let number = self.nodes.len();
+        if level > 0 {
+            let group = facts["group"].as_u64().and_then(|group| u32::try_from(group).ok());
+            let deviation = facts["deviation"].as_f64().filter(|x| x.is_finite());
+            let (Some(group), Some(deviation)) = (group, deviation) else {
+                return Err(bad("a tile has no group or no deviation".to_owned()));
+            };
+            let known = self.facts.entry((level, group)).or_insert((deviation, Vec::new()));
+            known.0 = known.0.max(deviation);
+            known.1.push(number);
+        }
+        let volume = tile.content.as_ref().and_then(|content| content.bounding_volume.as_ref());
+        self.nodes.push(Node {
+            level,
+            group: None,
+            parent,
+            triangles: facts["triangles"].as_u64().unwrap_or(0),
+            content,
+            bounds: volume.map_or(Bounds::EMPTY, |volume| self.bounds(volume)),
+        });
+        for child in &tile.children {
+            self.tile(file, child, (Some(number), depth + 1))?;
+        }
+        Ok(())
+    }
+
+    /// The bounds of a volume in the frame of the mesh; a volume that is not a box is everywhere.
+    fn bounds(&self, volume: &Volume) -> Bounds {
+        let Some(b) = volume.cuboid else {
+            return Bounds { low: [f64::NEG_INFINITY; 3], high: [f64::INFINITY; 3] };
+        };
+        let half = [b[3], b[7], b[11]];
+        let (low, high) = ([0, 1, 2].map(|k| b[k] - half[k]), [0, 1, 2].map(|k| b[k] + half[k]));
+        match self.is_z_up {
+            true => Bounds { low, high },
+            false => Bounds { low: [low[0], low[2], -high[1]], high: [high[0], high[2], -low[1]] },
+        }
+    }
+}
