@@ -7,9 +7,9 @@ pub(super) struct Largest {
     pub(super) certain_sq: f64,
     /// Of what was accepted, at most; squared.
     pub(super) bound_sq: f64,
-    /// What lies within this factor of the certain one, squared, is not looked at again.
+    /// Factor, squared: up to it times the certain one nothing is looked at again.
     pub(super) slack_sq: f64,
-    /// The rounding of coordinates, squared: less is no distance.
+    /// The rounding of coordinates, squared: anything less counts as 0.
     pub(super) rounding_sq: f64,
 }
 

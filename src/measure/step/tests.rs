@@ -1,3 +1,5 @@
+//! Bounds of steps between sheets whose distance is known.
+
 use super::*;
 
 fn sheet(n: usize, height: impl Fn(f64, f64) -> f64) -> Mesh {
