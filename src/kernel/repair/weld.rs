@@ -54,9 +54,9 @@ pub(crate) fn coincident(
             || (0..a.len()).any(|c| confined.get(c) == Some(&true) && differ(c))
     };
     if join.iter().any(|pair| kept_apart(surface, pair)) {
-        let mut wedges = Box::new(Wedges::new(surface, simd));
+        let mut wedges = Box::new(Wedges::new(surface, confined, simd));
         if topology == Topology::Error {
-            wedges.join_equal(&join, confined);
+            wedges.join_equal(&join);
         }
         wedges.find_charts(&surface.triangles);
         state.wedges = Some(wedges);

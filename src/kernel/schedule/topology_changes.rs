@@ -91,11 +91,8 @@ impl Driver {
             CutPlan::Strip(triangles, _) => Some(triangles),
         };
         let number = (self.collapses + 1) as u32;
-        let n = self.spare_sources.len();
-        let Some(&sources) = self.spare_sources.last_chunk::<3>() else { return };
-        let new = cut(&mut self.state, cycle, sources, number, self.simd);
-        let Some(new) = new else { return };
-        self.spare_sources.truncate(n - 3);
+        let spare = &mut self.spare_sources;
+        let Some(new) = cut(&mut self.state, cycle, spare, number, self.simd) else { return };
         self.collapses += 1;
         validate_small(&self.state);
         if let Some(triangles) = strip {

@@ -8,28 +8,37 @@ use crate::kernel::state::recompute::recompute_quadric;
 use crate::kernel::surface::Ring;
 use crate::kernel::surface::class::Class;
 use crate::kernel::surface::wedges::Corners;
+use crate::kernel::surface::wedges::divide::Sectors;
 use crate::kernel::topology::sector;
 
 /// Cuts along a cycle of three edges and caps both sides. What lies to the right of the cycle gets new
-/// vertices, which take over `sources`; they are returned. `None`, and nothing done, if it cannot be.
+/// vertices, which are returned; their sources come from the end of `spare`. `None`, and nothing done, if it cannot be.
 pub(crate) fn cut(
     state: &mut MeshState,
     cycle: [u32; 3],
-    sources: [u32; 3],
+    spare: &mut Vec<u32>,
     number: u32,
     simd: Simd,
 ) -> Option<[u32; 3]> {
     let surface = &mut state.surface;
-    let at_seam = |v: u32| state.wedges.as_ref().is_some_and(|wedges| wedges.is_seam(v));
-    if cycle.into_iter().any(at_seam) {
-        return None;
-    }
-    let mut right: [Vec<u32>; 3] = Default::default();
+    let (mut left, mut right) = (Sectors::default(), Sectors::default());
     for i in 0..3 {
         let (next, prev) = (cycle[(i + 1) % 3], cycle[(i + 2) % 3]);
         right[i] = sector(surface, cycle[i], prev, next)?;
-        sector(surface, cycle[i], next, prev)?;
+        left[i] = sector(surface, cycle[i], next, prev)?;
     }
+    let division = match &mut state.wedges {
+        Some(wedges) => Some(wedges.divide(surface, cycle, [&left, &right], spare)?),
+        None => None,
+    };
+    let sources = match &division {
+        Some(division) => division.sources,
+        None => {
+            let sources = *spare.last_chunk::<3>()?;
+            spare.truncate(spare.len() - 3);
+            sources
+        }
+    };
     let first = surface.vertices.len() as u32;
     let new = [first, first + 1, first + 2];
     let caps = [surface.triangles.len() as u32, surface.triangles.len() as u32 + 1];
@@ -61,14 +70,8 @@ pub(crate) fn cut(
             *triangle = triangle.map(|v| if v == cycle[i] { new[i] } else { v });
         }
     }
-    if let Some(wedges) = &mut state.wedges {
-        let old = cycle.map(|v| wedges.single(surface, v).unwrap_or(0));
-        let added: [u32; 3] = std::array::from_fn(|i| wedges.add(surface, cycle[i], sources[i]));
-        wedges.corner.push([old[1], old[0], old[2]]);
-        wedges.corner.push(added);
-        for i in 0..3 {
-            wedges.rename(surface, &right[i], new[i], added[i]);
-        }
+    if let (Some(wedges), Some(division)) = (&mut state.wedges, &division) {
+        wedges.divided(surface, (cycle, new), &right, division);
     }
     for v in cycle.into_iter().chain(new) {
         recompute_quadric(surface, v, simd);

@@ -7,11 +7,12 @@
 //! wedge of the same chart, the two become one, interpolated along the edge; any other keeps its value.
 //! A channel in which all wedges of both ends agree (a colour beside the texture) knows no seam and is
 //! interpolated for all of them.
-//! `collapse` changes them, `cost::seam` prices that; `MeshState::into_mesh` splits the result again.
+//! `collapse` and `divide` (for cuts) change them, `cost::seam` prices collapses; `MeshState::into_mesh` splits the result again.
 //!
 //! Source: wedges of Hoppe 1999 (docs/references.md; docs/algorithm.md, section 7).
 
 mod collapse;
+pub(crate) mod divide;
 pub(crate) mod pairs;
 
 use crate::kernel::simd::Simd;
@@ -49,6 +50,8 @@ pub(crate) struct Wedges {
     /// True if a vertex has several wedges.
     is_seam: Vec<bool>,
     n_channels: usize,
+    /// True for channels that mean nothing outside of their chart.
+    confined: Vec<bool>,
     /// The channel that tells regions apart, whose borders are kept as boundaries are.
     pub(crate) region: Option<usize>,
     /// Cost of moving any other seam, as a share of that.
@@ -61,13 +64,14 @@ pub(crate) struct Wedges {
 
 impl Wedges {
     /// Wedges of a surface that is about to be welded: each vertex is its own.
-    pub(crate) fn new(surface: &Surface, simd: Simd) -> Wedges {
+    pub(crate) fn new(surface: &Surface, confined: &[bool], simd: Simd) -> Wedges {
         Wedges {
             corner: surface.triangles.clone(),
             values: surface.channels.clone(),
             source: surface.source.clone(),
             is_seam: Vec::new(),
             n_channels: surface.n_channels,
+            confined: confined.to_vec(),
             region: None,
             seam_share: 0.0,
             chart: Vec::new(),
@@ -121,7 +125,8 @@ impl Wedges {
     }
 
     /// Makes one of wedges that are to be joined and have the same confined values; lowest first.
-    pub(crate) fn join_equal(&mut self, join: &[(u32, u32)], confined: &[bool]) {
+    pub(crate) fn join_equal(&mut self, join: &[(u32, u32)]) {
+        let confined = &self.confined;
         let alike = |a: &[f32], b: &[f32]| {
             let mut pairs = a.iter().zip(b).zip(confined);
             pairs.all(|((a, b), confined)| !confined || a.to_bits() == b.to_bits())
@@ -240,16 +245,6 @@ impl Wedges {
                 }
             }
         }
-    }
-
-    /// New wedges for vertices that a cut adds to the surface, off the seams: with the values of `like`.
-    pub(crate) fn add(&mut self, surface: &Surface, like: u32, source: u32) -> u32 {
-        self.values.extend_from_slice(surface.channels_of(like));
-        self.source.push(source);
-        let chart = self.single(surface, like).map(|wedge| self.chart[wedge as usize]);
-        self.chart.push(chart.unwrap_or(self.source.len() as u32 - 1));
-        self.is_seam.push(false);
-        (self.source.len() - 1) as u32
     }
 
     /// Contradictions between corners, wedges and the surface, in words.

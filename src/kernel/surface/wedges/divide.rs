@@ -1,0 +1,143 @@
+//! Wedges at a cut of the surface: each side keeps what its triangles use, and the caps lie in one chart each.
+
+use super::Wedges;
+use crate::kernel::surface::Surface;
+
+/// Triangles around the corners of a cut on one side, from corner to corner in their sense of rotation.
+pub(crate) type Sectors = [Vec<u32>; 3];
+
+/// The wedges of a cut that is about to be made.
+pub(crate) struct Division {
+    /// Wedges that both sides use, corner by corner, and what those of the right side become.
+    copies: [Vec<(u32, u32)>; 3],
+    /// Wedges of the corners of the left cap, in the order of the cycle.
+    pub(crate) left_cap: [u32; 3],
+    /// The same of the right cap, which lies between the new vertices.
+    pub(crate) right_cap: [u32; 3],
+    /// Sources of the new vertices.
+    pub(crate) sources: [u32; 3],
+}
+
+/// A cap has at most one wedge that no triangle has used before.
+const CAPS: usize = 2;
+
+impl Wedges {
+    /// Makes the wedges for a cut along `cycle`. `left` begins at each corner with the triangle over the edge to the next
+    /// one, `right` ends with it. New wedges take their sources from the end of `spare`; `None`, and nothing done, if these are
+    /// too few.
+    pub(crate) fn divide(
+        &mut self,
+        surface: &Surface,
+        cycle: [u32; 3],
+        [left, right]: [&Sectors; 2],
+        spare: &mut Vec<u32>,
+    ) -> Option<Division> {
+        let used = |i: usize, side: &Sectors| {
+            let mut list: Vec<u32> = Vec::new();
+            for &t in &side[i] {
+                let wedge = self.at(surface, t, cycle[i]);
+                if !list.contains(&wedge) {
+                    list.push(wedge);
+                }
+            }
+            list
+        };
+        let shared: [Vec<u32>; 3] = std::array::from_fn(|i| {
+            let left = used(i, left);
+            used(i, right).into_iter().filter(|wedge| left.contains(wedge)).collect()
+        });
+        if spare.len() < shared.iter().map(Vec::len).sum::<usize>() + CAPS {
+            return None;
+        }
+        let over = |side: &Sectors, at: fn(&[u32]) -> Option<&u32>| {
+            let mut ends = [[0; 2]; 3];
+            for (i, end) in ends.iter_mut().enumerate() {
+                let &t = at(&side[i])?;
+                *end = [cycle[i], cycle[(i + 1) % 3]].map(|v| self.at(surface, t, v));
+            }
+            Some(ends)
+        };
+        let (over_left, over_right) = (over(left, <[u32]>::first)?, over(right, <[u32]>::last)?);
+        let left_cap = self.cap(over_left, spare)?;
+        let right_cap = self.cap(over_right, spare)?;
+        let copies = shared.map(|list| {
+            let copy = |wedge| Some((wedge, self.copy(wedge, spare.pop()?)));
+            list.into_iter().filter_map(copy).collect::<Vec<_>>()
+        });
+        let source = |i: usize| {
+            let wedge = right[i].first().map_or(0, |&t| self.at(surface, t, cycle[i]));
+            self.source[new_of(&copies[i], wedge) as usize]
+        };
+        let sources = std::array::from_fn(source);
+        let right_cap = std::array::from_fn(|i| new_of(&copies[i], right_cap[i]));
+        Some(Division { copies, left_cap, right_cap, sources })
+    }
+
+    /// Takes over what was divided, after the surface has been cut: `right` have the vertices `new`, and the caps
+    /// are its last two triangles.
+    pub(crate) fn divided(
+        &mut self,
+        surface: &mut Surface,
+        (cycle, new): ([u32; 3], [u32; 3]),
+        right: &Sectors,
+        division: &Division,
+    ) {
+        let [a, b, c] = division.left_cap;
+        self.corner.extend([[b, a, c], division.right_cap]);
+        self.is_seam.extend([true; 3]);
+        for i in 0..3 {
+            for &t in &right[i] {
+                let corners = surface.triangles[t as usize];
+                for (wedge, &v) in self.corner[t as usize].iter_mut().zip(&corners) {
+                    if v == new[i] {
+                        *wedge = new_of(&division.copies[i], *wedge);
+                    }
+                }
+            }
+        }
+        for v in cycle.into_iter().chain(new) {
+            self.is_seam[v as usize] = true;
+            self.look_again(surface, v);
+        }
+    }
+
+    /// Wedges for the corners of a cap; `ends` are those of the triangles over its edges. Where two of these lie in one chart,
+    /// the cap does, too. Else it is the first one's, and its third corner lies between the other two in the image.
+    fn cap(&mut self, ends: [[u32; 2]; 3], spare: &mut Vec<u32>) -> Option<[u32; 3]> {
+        for i in 0..3 {
+            let (j, k) = ((i + 1) % 3, (i + 2) % 3);
+            if ends[i][1] == ends[j][0] {
+                let mut cap = [0; 3];
+                (cap[i], cap[j], cap[k]) = (ends[i][0], ends[i][1], ends[j][1]);
+                return Some(cap);
+            }
+        }
+        let [a, b] = ends[0];
+        let third = self.copy(ends[1][1], spare.pop()?);
+        self.chart[third as usize] = self.chart[a as usize];
+        for channel in 0..self.n_channels {
+            let value = |wedge: u32| self.values_of(wedge)[channel];
+            let between = match self.confined.get(channel) {
+                _ if self.region == Some(channel) => value(a),
+                Some(true) => 0.5 * (value(a) + value(b)),
+                _ => continue,
+            };
+            self.values[third as usize * self.n_channels + channel] = between;
+        }
+        Some([a, b, third])
+    }
+
+    /// A new wedge with the values and the chart of another one.
+    fn copy(&mut self, wedge: u32, source: u32) -> u32 {
+        let values = wedge as usize * self.n_channels;
+        self.values.extend_from_within(values..values + self.n_channels);
+        self.source.push(source);
+        self.chart.push(self.chart[wedge as usize]);
+        (self.source.len() - 1) as u32
+    }
+}
+
+/// The copy of a wedge, or itself if it has none.
+fn new_of(copies: &[(u32, u32)], wedge: u32) -> u32 {
+    copies.iter().find(|(old, _)| *old == wedge).map_or(wedge, |(_, new)| *new)
+}
