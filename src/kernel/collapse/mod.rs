@@ -24,6 +24,8 @@ use crate::kernel::surface::Surface;
 use crate::kernel::surface::class::Class;
 use crate::kernel::surface::wedges::{Corners, Wedges};
 
+/// A survivor this near to an end of the edge, as a share of it, carries what that end does.
+const NEAR_END: f32 = 1e-4;
 /// A normal that turns further than this cosine is put off.
 const FLIP_COSINE: f32 = 0.5;
 /// Double area over the sum of squared edges below which a triangle is a needle (an aspect of about 70),
@@ -164,7 +166,14 @@ impl Collapser {
             return;
         }
         let surface = &mut state.surface;
-        let seam = wedges.plan(surface, (v0, v1), place_on_edge(around.half, plan.place));
+        let on_edge = place_on_edge(around.half, plan.place);
+        // Values that are to be the same have to be so bit by bit.
+        let on_edge = match on_edge {
+            s if s < NEAR_END => 0.0,
+            s if s > 1.0 - NEAR_END => 1.0,
+            s => s,
+        };
+        let seam = wedges.plan(surface, (v0, v1), on_edge);
         self.carry_out::<Portable>(known, surface, plan, around, quadric, number);
         wedges.carry_out(surface, &self.ids[..self.n0], v1, seam);
         if let Some(attributes) = &mut state.attributes {

@@ -1,18 +1,23 @@
 //! Cost of collapses at attribute seams, and where their survivors go.
 //!
-//! The survivor stays on the edge, at the place where the attributes' and the geometric error are least
-//! together. What that costs is summed up over both rings directly, eight triangles at once; nothing is
+//! The survivor goes to a place beside the edge, square to it, that keeps the volume, where the attributes' and the
+//! geometric error are least together; what it carries is that of the nearest place on the edge. What that costs is summed up over both rings directly, eight triangles at once; nothing is
 //! kept at a seam.
 
 use crate::kernel::cost::attribute_lanes::LEAST_SHAPE_SQ;
 use crate::kernel::cost::attributes::MAX_WEIGHTED;
-use crate::kernel::cost::quadric::{Evaluated, LENGTH_COST, cross3, dot3, sub3};
+use crate::kernel::cost::quadric::{
+    Evaluated, LENGTH_COST, MAX_REACH, VOLUME_SHARE, cross3, dot3, sub3,
+};
 use crate::kernel::simd::{Job, Lanes};
 use crate::kernel::surface::wedges::Wedges;
 use crate::kernel::surface::wedges::pairs::Pairs;
 use crate::kernel::surface::{MAX_VALENCE, Surface, boundary_quadric};
 use crate::kernel::vertex::GONE;
-use crate::mesh::vec3::{dot, length_sq};
+use crate::mesh::vec3::{Vec3, add, dot, length_sq, scale, sub};
+
+/// A surface has a side where at least this share of its normal, squared, is square to the edge.
+const STEEP: f64 = 0.25;
 
 /// Room for a ring, in whole eights. Longer ones do not collapse.
 const ROOM: usize = (MAX_VALENCE as usize).next_multiple_of(8);
@@ -139,9 +144,64 @@ impl Job for Correct<'_> {
     }
 }
 
+/// Places for a survivor, relative to the edge's midpoint: `start + s way`, with `s` from 0 at `v0` to 1 at `v1`.
+#[derive(Clone, Copy)]
+struct Line {
+    start: Vec3,
+    way: Vec3,
+}
+
+impl Line {
+    /// The places beside the edge, square to it, where the volume under the surface is kept; `None` where the surface has no
+    /// side.
+    fn of_volume(ends: [&[f32; 9]; 2], half: Vec3) -> Option<Line> {
+        let [g0, g1] = ends.map(|q| [q[6], q[7], q[8]].map(f64::from));
+        let g = add(g0, g1);
+        let trace: f64 =
+            ends.iter().map(|q| f64::from(q[0]) + f64::from(q[3]) + f64::from(q[5])).sum();
+        let side = sub(g, scale(half, dot(g, half) / length_sq(half)));
+        let steep = dot(g, side);
+        let least = (trace * f64::from(VOLUME_SHARE)).powi(2);
+        // Written so that NaN has no side.
+        if !(steep > least && steep > STEEP * length_sq(g)) {
+            return None;
+        }
+        let edge = scale(half, 2.0);
+        let offset = dot(sub(g1, g0), half) + dot(g, half);
+        let start = add(scale(half, -1.0), scale(side, offset / steep));
+        let way = sub(edge, scale(side, dot(g, edge) / steep));
+        Some(Line { start, way })
+    }
+
+    fn at(&self, s: f64) -> Vec3 {
+        add(self.start, scale(self.way, s))
+    }
+
+    /// The cost as a polynomial in `s`, `c0 + 2 c1 s + c2 s^2`; `away` is what attributes and seams add at the far end.
+    fn cost(&self, ends: [&[f32; 9]; 2], half: Vec3, away: [f64; 2]) -> [f64; 3] {
+        let mut c = [away[1], -away[1], away[0] + away[1]];
+        for (q, from) in [(ends[0], half), (ends[1], scale(half, -1.0))] {
+            let q = q.map(f64::from);
+            let product = |x: Vec3| {
+                [
+                    q[0] * x[0] + q[1] * x[1] + q[2] * x[2],
+                    q[1] * x[0] + q[3] * x[1] + q[4] * x[2],
+                    q[2] * x[0] + q[4] * x[1] + q[5] * x[2],
+                ]
+            };
+            let start = add(self.start, from);
+            let (at_start, on_way) = (product(start), product(self.way));
+            c[0] += dot(start, at_start);
+            c[1] += dot(self.way, at_start);
+            c[2] += dot(self.way, on_way);
+        }
+        c
+    }
+}
+
 impl Wedges {
-    /// Cost and place (relative to the edge's midpoint) of a collapse at a seam: the best place on the edge
-    /// itself. `active` are the channels that count, with their factors.
+    /// Cost and place (relative to the edge's midpoint) of a collapse at a seam: the best place beside the edge
+    /// (on it where the volume says nothing). `active` are the channels that count, with their factors.
     #[inline(always)]
     fn evaluate<L: Lanes>(
         &self,
@@ -171,24 +231,14 @@ impl Wedges {
             return (f32::INFINITY, half_f32);
         }
         let edge = half.map(|x| 2.0 * x);
-        // Quadratic in the place on the edge, 0 at v0 and 1 at v1: c0 + 2 c1 s + c2 s^2. An error at the far end
-        // of v0 is c2; one of v1 is at its own far end, s = 0.
-        let geometric = |v: u32| {
-            let q = surface.vertices[v as usize].quadric.map(f64::from);
-            let product = [
-                q[0] * edge[0] + q[1] * edge[1] + q[2] * edge[2],
-                q[1] * edge[0] + q[3] * edge[1] + q[4] * edge[2],
-                q[2] * edge[0] + q[4] * edge[1] + q[5] * edge[2],
-            ];
-            (dot(edge, product), q[0] + q[3] + q[5])
-        };
-        let ((mut away0, area0), (mut away1, area1)) = (geometric(v0), geometric(v1));
+        let ends = [v0, v1].map(|v| &surface.vertices[v as usize].quadric);
+        let [area0, area1] = ends.map(|q| f64::from(q[0]) + f64::from(q[3]) + f64::from(q[5]));
         let common = ring0.common & ring1.common;
-        let ends = [&*ring0, &*ring1];
+        let both = [&*ring0, &*ring1];
         let mut misfit = [0.0; 2];
         for end in 0..2 {
             let v = if end == 0 { v0 } else { v1 };
-            let other_end = ends[1 - end];
+            let other_end = both[1 - end];
             let step = |wedge: u32, bit: usize, channel: usize| {
                 let pair = if end == 0 { pairs.of_v0(wedge) } else { pairs.of_v1(wedge) };
                 let to = match pair {
@@ -206,35 +256,52 @@ impl Wedges {
             };
             let sign = if end == 0 { 1.0 } else { -1.0 };
             misfit[end] =
-                self.misfit::<L>(surface, (v, ends[end]), edge_f32.map(|x| sign * x), active, step);
+                self.misfit::<L>(surface, (v, both[end]), edge_f32.map(|x| sign * x), active, step);
         }
-        away0 += f64::from(misfit[0]);
-        away1 += f64::from(misfit[1]);
+        // Errors of what v0 and v1 carry, at the other end of the edge.
+        let mut away = misfit.map(f64::from);
         if self.is_seam(v0) {
-            away0 += self.border_cost::<L>(surface, v0, &*ring0, edge);
+            away[0] += self.border_cost::<L>(surface, v0, &*ring0, edge);
         }
         if self.is_seam(v1) {
-            away1 += self.border_cost::<L>(surface, v1, &*ring1, edge);
+            away[1] += self.border_cost::<L>(surface, v1, &*ring1, edge);
         }
-        let c = [away1, -away1, away0 + away1];
-        // Neither infinity nor NaN is a cost.
-        if !c[2].is_finite() {
+        let least = |line: &Line| {
+            let c = line.cost(ends, half, away);
+            // Neither infinity nor NaN is a cost.
+            if !c[2].is_finite() {
+                return None;
+            }
+            let free = if c[2] > 0.0 { (-c[1] / c[2]).clamp(0.0, 1.0) } else { 0.5 };
+            let s = match (fixed || pairs.joins, pairs.splits) {
+                (true, _) => 1.0,
+                (_, true) => 0.0,
+                _ => free,
+            };
+            Some((s, (c[0] + s * (2.0 * c[1] + s * c[2])).max(0.0)))
+        };
+        let far_sq = length_sq(half) * f64::from(MAX_REACH * MAX_REACH);
+        // Written so that NaN is too far.
+        let is_near = |line: &Line, s: f64| length_sq(line.at(s)) <= far_sq;
+        let volume = if fixed { None } else { Line::of_volume(ends, half) };
+        let beside = volume.and_then(|line| Some((least(&line)?, line)));
+        let beside = beside.filter(|((s, _), line)| is_near(line, *s));
+        let is_on_edge = beside.is_none();
+        let on_edge = || {
+            let line = Line { start: half.map(|x| -x), way: edge };
+            Some((least(&line)?, line))
+        };
+        let Some(((s, cost), line)) = beside.or_else(on_edge) else {
             return (f32::INFINITY, half_f32);
-        }
-        let free = if c[2] > 0.0 { (-c[1] / c[2]).clamp(0.0, 1.0) } else { 0.5 };
-        let s = match (fixed || pairs.joins, pairs.splits) {
-            (true, _) => 1.0,
-            (_, true) => 0.0,
-            _ => free,
         };
         let floor = (area0 + area1) * length_sq(half) * f64::from(LENGTH_COST);
-        let cost = (c[0] + s * (2.0 * c[1] + s * c[2])).max(0.0) + floor;
+        let cost = cost + floor;
         // NaN is not a cost.
         let cost = if cost < f64::from(f32::MAX) { cost as f32 } else { f32::INFINITY };
-        let place = match s {
-            1.0 => half_f32,
-            0.0 => half_f32.map(|x| -x),
-            _ => half.map(|x| ((2.0 * s - 1.0) * x) as f32),
+        let place = match (is_on_edge, s) {
+            (true, 1.0) => half_f32,
+            (true, 0.0) => half_f32.map(|x| -x),
+            _ => line.at(s).map(|x| x as f32),
         };
         (cost, place)
     }
