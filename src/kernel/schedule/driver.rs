@@ -166,9 +166,8 @@ impl Driver {
 
     /// Makes the surface manifold as far as sources for new vertices are at hand; see `make_manifold`.
     pub(crate) fn mend(&mut self) {
-        // The wedges of a seam belong to one vertex each, which must not be taken apart.
-        let is_plain = self.state.wedges.is_none() && self.bound.is_none();
-        if self.topology == Topology::Error && self.changes.may_mend && is_plain {
+        let is_free = self.topology == Topology::Error && self.bound.is_none();
+        if is_free && self.changes.may_mend {
             self.follow();
             let done = make_manifold::mend(&mut self.state, &mut self.spare_sources, self.simd);
             validate(&self.state);

@@ -6,7 +6,7 @@
 //! are paired first: those that belong together already, then those of opposite direction whose ends coincide,
 //! the flattest first. The corners that hang together over pairs become one vertex each; so no vertex has two
 //! fans. Where that would repeat a directed edge, or where neighbours disagree in orientation, all is left as
-//! found. Locked vertices stay what they are. Memory: 9 bytes a vertex, 40 an affected triangle.
+//! found. Wedges of seams that sheets share are copied. Locked vertices stay what they are. Memory: 9 bytes a vertex, 40 an affected triangle.
 //!
 //! Source: cutting and stitching after Gueziec et al. 1998 (docs/references.md).
 
@@ -16,6 +16,7 @@ mod vertices;
 
 pub(crate) use vertices::Mended;
 
+use crate::kernel::options::MAX_VERTICES;
 use crate::kernel::repair::duplicate_triangles::{Repeats, from_least};
 use crate::kernel::simd::Simd;
 use crate::kernel::state::MeshState;
@@ -43,19 +44,30 @@ pub(crate) fn mend(state: &mut MeshState, spare: &mut Vec<u32>, simd: Simd) -> M
     let mut corners = Union::default();
     let mut scratch = vec![NONE; surface.vertices.len()];
     let mut plan;
+    // Beside wedges, which have the sources, vertices need none.
+    let n_spare = if state.wedges.is_some() { MAX_VERTICES as usize } else { spare.len() };
     loop {
         patch.pair_up(surface, &mut corners, &known, &mut scratch);
-        plan = VertexPlan::new(surface, &patch, &mut corners, spare.len(), &mut scratch);
+        plan = VertexPlan::new(surface, &patch, &mut corners, n_spare, &mut scratch);
         if !plan.has_conflicts(&patch, &mut known) {
             break;
         }
+    }
+    let parting = state.wedges.as_ref().map(|wedges| wedges.part(&patch.triangles, &plan.vertex));
+    if let Some(parting) = parting.as_ref().filter(|parting| parting.n_new > spare.len()) {
+        plan = VertexPlan::as_found(&patch, (parting.n_new - spare.len()) as u64);
     }
     mended.missing = plan.missing;
     if plan.is_idle() && mended.duplicates == 0 {
         return mended;
     }
-    plan.carry_out(surface, &patch, spare, &mut mended);
-    if patch.triangles.len() > surface.triangles.len() / REBUILD_SHARE {
+    let wedges = state.wedges.as_deref_mut().filter(|_| !plan.is_idle());
+    if let (Some(wedges), Some(parting)) = (wedges, &parting) {
+        wedges.parted(parting, spare);
+    }
+    plan.carry_out(state, &patch, spare, &mut mended);
+    let is_large = patch.triangles.len() > state.surface.triangles.len() / REBUILD_SHARE;
+    if is_large && state.wedges.is_none() {
         drop((patch, corners, known, scratch));
         mended.rebuilt = Some(state.compact(simd));
     } else {

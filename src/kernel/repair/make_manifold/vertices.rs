@@ -165,23 +165,36 @@ impl VertexPlan {
         is_new
     }
 
+    /// Changes nothing; `missing` vertices would have to be made.
+    pub(super) fn as_found(patch: &Patch, missing: u64) -> Self {
+        VertexPlan { vertex: patch.vertex.clone(), copies: Vec::new(), gone: Vec::new(), missing }
+    }
+
     pub(super) fn is_idle(&self) -> bool {
         self.copies.is_empty() && self.gone.is_empty()
     }
 
     pub(super) fn carry_out(
         &self,
-        surface: &mut Surface,
+        state: &mut MeshState,
         patch: &Patch,
         spare: &mut Vec<u32>,
         mended: &mut Mended,
     ) {
+        let MeshState { surface, wedges, .. } = state;
         for &v in &self.gone {
-            spare.push(surface.source[v as usize]);
+            if wedges.is_none() {
+                spare.push(surface.source[v as usize]);
+            }
             surface.rings[v as usize].len = 0;
         }
+        let first_new = surface.vertices.len() as u32;
         for &original in &self.copies {
-            let Some(source) = spare.pop() else { break };
+            let source = match wedges {
+                None => spare.pop(),
+                Some(_) => Some(surface.source[original as usize]),
+            };
+            let Some(source) = source else { break };
             surface.vertices.push(surface.vertices[original as usize]);
             surface.source.push(source);
             let n = surface.n_channels;
@@ -189,6 +202,11 @@ impl VertexPlan {
             // Of some length, so that it is not taken for gone; rings are built again.
             let class = Some(Class::Complex);
             surface.rings.push(Ring { start: 0, len: 1, room: 0, class });
+        }
+        if let Some(wedges) = wedges {
+            for (c, &v) in self.vertex.iter().enumerate().filter(|(_, v)| **v >= first_new) {
+                surface.source[v as usize] = wedges.source_at(patch.triangles[c / 3], c % 3);
+            }
         }
         for (&t, vertices) in patch.triangles.iter().zip(self.vertex.as_chunks::<3>().0) {
             surface.triangles[t as usize] = *vertices;
@@ -229,6 +247,9 @@ impl VertexPlan {
             list.clear();
             list.extend(ring.iter().map(|&(_, t)| t));
             surface.set_ring(ring[0].0, &list);
+        }
+        if let Some(wedges) = &mut state.wedges {
+            wedges.look_at(surface, &changed);
         }
         touched.extend(changed);
         recompute_vertices(state, &mut touched, simd);

@@ -141,3 +141,56 @@ impl Wedges {
 fn new_of(copies: &[(u32, u32)], wedge: u32) -> u32 {
     copies.iter().find(|(old, _)| *old == wedge).map_or(wedge, |(_, new)| *new)
 }
+
+/// Corners that need a wedge of their own, since theirs would belong to several vertices.
+pub(crate) struct Parting {
+    /// Wedge, new vertex, and the corner (triangle, 0..3) that uses it, in this order; those that keep the wedge are not here.
+    corners: Vec<(u32, u32, u32, u8)>,
+    /// Wedges that have to be made.
+    pub(crate) n_new: usize,
+}
+
+impl Wedges {
+    /// Finds the wedges that `vertex`, the vertices for the corners of `triangles`, would take apart.
+    pub(crate) fn part(&self, triangles: &[u32], vertex: &[u32]) -> Parting {
+        let mut corners = Vec::with_capacity(vertex.len());
+        for (&t, vertices) in triangles.iter().zip(vertex.as_chunks::<3>().0) {
+            let list = self.corner[t as usize].iter().zip(vertices).zip(0..);
+            corners.extend(list.map(|((&wedge, &v), k)| (wedge, v, t, k)));
+        }
+        corners.sort_unstable();
+        let mut n_new = 0;
+        let mut moved = Vec::new();
+        for same in corners.chunk_by(|a, b| a.0 == b.0) {
+            let others = &same[same.iter().take_while(|corner| corner.1 == same[0].1).count()..];
+            n_new += others.chunk_by(|a, b| a.1 == b.1).count();
+            moved.extend_from_slice(others);
+        }
+        Parting { corners: moved, n_new }
+    }
+
+    /// Makes these wedges, with sources from the end of `spare`, of which there are enough.
+    pub(crate) fn parted(&mut self, parting: &Parting, spare: &mut Vec<u32>) {
+        for same in parting.corners.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+            let Some(source) = spare.pop() else { return };
+            let new = self.copy(same[0].0, source);
+            for &(_, _, t, k) in same {
+                self.corner[t as usize][usize::from(k)] = new;
+            }
+        }
+    }
+
+    /// Finds out which of these vertices are on seams, after triangles have changed hands between vertices.
+    pub(crate) fn look_at(&mut self, surface: &mut Surface, vertices: &[u32]) {
+        self.is_seam.resize(surface.vertices.len(), false);
+        for &v in vertices {
+            self.is_seam[v as usize] = surface.rings[v as usize].len > 0;
+            self.look_again(surface, v);
+        }
+    }
+
+    /// A source for a vertex that has these corners' wedges: that of the first.
+    pub(crate) fn source_at(&self, t: u32, k: usize) -> u32 {
+        self.source[self.corner[t as usize][k] as usize]
+    }
+}
