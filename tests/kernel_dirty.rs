@@ -179,6 +179,94 @@ fn a_thin_tube_is_cut_only_if_asked() {
     assert_eq!(n_edges(&cut.mesh, |n| n != 2), 0);
 }
 
+/// The mesh in charts of texture: each has vertices of its own, the place in an image of its own, and the chart's number as
+/// channels 0 to 2.
+fn in_charts(mesh: &Mesh, chart: impl Fn([f64; 3]) -> u32) -> Mesh {
+    let mut split = Mesh { n_channels: 3, ..Mesh::default() };
+    let mut known = BTreeMap::new();
+    for t in &mesh.triangles {
+        let corners = t.map(|v| mesh.positions[v as usize]);
+        let middle = [0, 1, 2].map(|k| corners.iter().map(|p| p[k]).sum::<f64>() / 3.0);
+        let chart = chart(middle);
+        split.triangles.push(t.map(|v| {
+            *known.entry((chart, v)).or_insert_with(|| {
+                let p = mesh.positions[v as usize];
+                split.positions.push(p);
+                split.channels.extend([p[0] as f32, p[1] as f32, chart as f32]);
+                split.positions.len() as u32 - 1
+            })
+        }));
+    }
+    split
+}
+
+/// Simplifies a mesh in charts; no vertex of the result may belong to two charts, or two to one source.
+fn run_charts(mesh: &Mesh, triangles: u64) -> Simplified {
+    let options = Options {
+        stop: Stop::Triangles(triangles),
+        weights: vec![0.05, 0.05, 0.0],
+        confined: vec![true; 3],
+        region: Some(2),
+        ..Options::default()
+    };
+    let result = simplify_mesh(mesh.clone(), &vec![false; mesh.positions.len()], &options);
+    for t in &result.mesh.triangles {
+        let chart = |v: u32| result.mesh.channels_of(v)[2];
+        assert!(t.iter().all(|&v| chart(v) == chart(t[0])), "a triangle lies in one chart");
+    }
+    let sources: BTreeSet<u32> = result.source.iter().copied().collect();
+    assert_eq!(sources.len(), result.source.len());
+    result
+}
+
+/// The mesh with one vertex in each place.
+fn in_one_chart(mesh: &Mesh) -> Mesh {
+    let mut joined = Mesh::default();
+    let mut known = BTreeMap::new();
+    let place: Vec<u32> = (mesh.positions.iter())
+        .map(|p| {
+            *known.entry(p.map(f64::to_bits)).or_insert_with(|| {
+                joined.positions.push(*p);
+                joined.positions.len() as u32 - 1
+            })
+        })
+        .collect();
+    joined.triangles = mesh.triangles.iter().map(|t| t.map(|v| place[v as usize])).collect();
+    joined
+}
+
+#[test]
+fn a_thin_tube_with_seams_is_cut_and_stays_closed() {
+    let turns = |p: [f64; 3]| (p[1].atan2(p[0]) * 4.0).floor() as i32;
+    // Along the tube, so that every cut meets seams; and around it, too.
+    let along = |p: [f64; 3]| u32::from(p[2] > 0.0);
+    let both = |p: [f64; 3]| 2 * (turns(p) + 20) as u32 + u32::from(p[2] > 0.0);
+    for chart in [&along as &dyn Fn([f64; 3]) -> u32, &both] {
+        // A sheet gives up vertices that a cut may use again.
+        let mut whole = torus(120, 4, 0.01);
+        append(&mut whole, &sheet(24, |_, _| false), 1.0, [0.0, 0.0, 2.0]);
+        let mesh = in_charts(&whole, chart);
+        let result = run_charts(&mesh, 30);
+        assert!(result.statistics.reached, "{} triangles", result.mesh.triangles.len());
+        assert!(count(&result, "handles_cut") > 0);
+        let welded = in_one_chart(&result.mesh);
+        assert!(edges(&welded).values().all(|&n| n <= 2));
+    }
+}
+
+#[test]
+fn textured_sheets_that_touch_are_taken_apart() {
+    // A chart may pass from one sheet to the other over the row that they share.
+    for chart in [|p: [f64; 3]| u32::from(p[0] > 1.0), |p: [f64; 3]| u32::from(p[1] * p[2] > 0.0)] {
+        let mesh = in_charts(&touching(10), chart);
+        let result = run_charts(&mesh, 200);
+        assert!(result.statistics.reached);
+        assert!(count(&result, "vertices_split") > 0);
+        let plain = run(&touching(10), 200, Topology::Error);
+        assert_eq!(plain.mesh.triangles.len(), result.mesh.triangles.len());
+    }
+}
+
 #[test]
 fn triangles_without_area_vanish_first() {
     // A vertex in the middle of an edge, so that the triangle over it has no area.
