@@ -142,7 +142,7 @@ fn new_of(copies: &[(u32, u32)], wedge: u32) -> u32 {
     copies.iter().find(|(old, _)| *old == wedge).map_or(wedge, |(_, new)| *new)
 }
 
-/// Corners that need a wedge of their own, since theirs would belong to several vertices.
+/// Corners that need a new wedge, since theirs would belong to several vertices.
 pub(crate) struct Parting {
     /// Wedge, new vertex, and the corner (triangle, 0..3) that uses it, in this order; those that keep the wedge are not here.
     corners: Vec<(u32, u32, u32, u8)>,
