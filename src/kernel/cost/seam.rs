@@ -177,11 +177,10 @@ impl Line {
         add(self.start, scale(self.way, s))
     }
 
-    /// The cost as a polynomial in `s`, `c0 + 2 c1 s + c2 s^2`; `away` is what attributes and seams add at the far end.
-    fn cost(&self, ends: [&[f32; 9]; 2], half: Vec3, away: [f64; 2]) -> [f64; 3] {
+    /// The cost as a polynomial in `s`, `c0 + 2 c1 s + c2 s^2`; `away` is what attributes add at the far end.
+    fn cost(&self, quadrics: &[[f64; 9]; 2], half: Vec3, away: [f64; 2]) -> [f64; 3] {
         let mut c = [away[1], -away[1], away[0] + away[1]];
-        for (q, from) in [(ends[0], half), (ends[1], scale(half, -1.0))] {
-            let q = q.map(f64::from);
+        for (q, from) in quadrics.iter().zip([half, scale(half, -1.0)]) {
             let product = |x: Vec3| {
                 [
                     q[0] * x[0] + q[1] * x[1] + q[2] * x[2],
@@ -259,15 +258,15 @@ impl Wedges {
                 self.misfit::<L>(surface, (v, both[end]), edge_f32.map(|x| sign * x), active, step);
         }
         // Errors of what v0 and v1 carry, at the other end of the edge.
-        let mut away = misfit.map(f64::from);
-        if self.is_seam(v0) {
-            away[0] += self.border_cost::<L>(surface, v0, &*ring0, edge);
-        }
-        if self.is_seam(v1) {
-            away[1] += self.border_cost::<L>(surface, v1, &*ring1, edge);
+        let away = misfit.map(f64::from);
+        let mut quadrics = ends.map(|q| q.map(f64::from));
+        for (quadric, (v, ring)) in quadrics.iter_mut().zip([(v0, &*ring0), (v1, &*ring1)]) {
+            if self.is_seam(v) {
+                self.add_borders::<L>(surface, v, ring, quadric);
+            }
         }
         let least = |line: &Line| {
-            let c = line.cost(ends, half, away);
+            let c = line.cost(&quadrics, half, away);
             // Neither infinity nor NaN is a cost.
             if !c[2].is_finite() {
                 return None;
@@ -365,12 +364,11 @@ impl Wedges {
         sum
     }
 
-    /// Cost of moving `v` off the seams that end there by the vector `way`: squared length times
-    /// squared distance for each, as at a boundary of the surface; less where it is not the border of a region.
+    /// Adds the cost of moving `v` off the seams that end there: squared length times squared distance for each, as at a
+    /// boundary of the surface; less where it is not the border of a region.
     #[inline(always)]
-    fn border_cost<L: Lanes>(&self, surface: &Surface, v: u32, ring: &Ring, way: [f64; 3]) -> f64 {
+    fn add_borders<L: Lanes>(&self, surface: &Surface, v: u32, ring: &Ring, sum: &mut [f64; 9]) {
         let region = |w: u32| self.region.map(|channel| self.values_of(w)[channel].to_bits());
-        let mut cost = 0.0;
         for i in 0..ring.n {
             let Some(next) = ring.across::<L>(i) else { continue };
             let (own, other) = (ring.wedge[i], ring.wedge[next]);
@@ -379,15 +377,11 @@ impl Wedges {
             }
             let share = if region(own) == region(other) { self.seam_share } else { 1.0 };
             if share > 0.0 {
-                let q = boundary_quadric(surface.edge(v, ring.b[i])).map(f64::from);
-                let product = [
-                    q[0] * way[0] + q[1] * way[1] + q[2] * way[2],
-                    q[1] * way[0] + q[3] * way[1] + q[4] * way[2],
-                    q[2] * way[0] + q[4] * way[1] + q[5] * way[2],
-                ];
-                cost += share * dot(way, product);
+                let q = boundary_quadric(surface.edge(v, ring.b[i]));
+                for (sum, x) in sum.iter_mut().zip(q) {
+                    *sum += share * f64::from(x);
+                }
             }
         }
-        cost
     }
 }

@@ -1,8 +1,8 @@
 //! Cuts survivors into new cells whose seams run elsewhere.
 //!
 //! The same as partitioning, but every old cell already holds positions for all its corners, so one pass
-//! over the survivors is enough. A vertex interior to an old cell is shared if its triangles go to several
-//! new cells; for a vertex on an old seam that is settled once all old cells are through.
+//! over the survivors is enough. A vertex interior to an old cell is shared if its triangles, or those of another
+//! wedge in its place, go to several new cells; for a vertex on an old seam that is settled once all old cells are through.
 
 use crate::error::Result;
 use crate::io::{ExternalSort, halves, whole};
@@ -150,8 +150,8 @@ struct Apart {
     vertices: Vec<(u32, Vec<u8>)>,
     triangles: Vec<(u32, Vec<u8>)>,
     marks: Vec<(u32, Vec<u8>)>,
-    /// Vertices of old seams and the new cells that use them.
-    open: Vec<(u64, u32)>,
+    /// Vertices of old seams, each behind the key of its place, and the new cells that use them.
+    open: Vec<(u64, u64, u32)>,
     n_shared: u64,
 }
 
@@ -170,7 +170,7 @@ fn scatter(
     let mut triangles = buffers(ChunkKind::Triangles);
     let mut marks = buffers(ChunkKind::SharedIds);
     let memory = (run.memory_bytes / SORT_SHARE).clamp(1 << 20, 256 << 20) as usize;
-    let mut open = ExternalSort::<3>::new(run.job.folder(), memory);
+    let mut open = ExternalSort::<5>::new(run.job.folder(), memory);
     let mut n_shared = 0;
     in_order(
         survivors.info().cells.len() as u64,
@@ -194,40 +194,52 @@ fn scatter(
             for (cell, rows) in &apart.marks {
                 marks.push(pack, *cell, rows)?;
             }
-            for &(id, cell) in &apart.open {
-                let [high, low] = halves(id);
-                open.push([high, low, cell])?;
+            for &(place, id, cell) in &apart.open {
+                let ([a, b], [high, low]) = (halves(place), halves(id));
+                open.push([a, b, high, low, cell])?;
             }
             n_shared += apart.n_shared;
             run.progress.add(survivors.info().cells[cell as usize].triangles);
             Ok(())
         },
     )?;
-    let mut row = Vec::new();
-    // The vertex before, the last cell that uses it, and whether it is marked there.
-    let mut last: Option<(u64, u32, bool)> = None;
-    open.drain(|[high, low, cell]| {
-        let id = whole(high, low);
-        match last {
-            Some((known, before, _)) if known == id && before == cell => return Ok(()),
-            Some((known, before, is_marked)) if known == id => {
-                row.clear();
-                layout.ids.push(id, &mut row);
-                if !is_marked {
-                    n_shared += 1;
-                    marks.push(pack, before, &row)?;
-                }
-                marks.push(pack, cell, &row)?;
-                last = Some((id, cell, true));
-            }
-            _ => last = Some((id, cell, false)),
+    // Vertices in one place, with the cells that use them.
+    let mut users: Vec<(u64, u32)> = Vec::new();
+    let mut last = None;
+    let mut settle = |users: &mut Vec<(u64, u32)>| -> Result<()> {
+        users.dedup();
+        let is_shared = users.iter().any(|user| user.1 != users[0].1);
+        let mut row = Vec::new();
+        for of_vertex in users.chunk_by(|a, b| a.0 == b.0).filter(|_| is_shared) {
+            n_shared += 1;
+            row.clear();
+            layout.ids.push(of_vertex[0].0, &mut row);
+            of_vertex.iter().try_for_each(|&(_, cell)| marks.push(pack, cell, &row))?;
         }
+        users.clear();
+        Ok(())
+    };
+    open.drain(|[a, b, high, low, cell]| {
+        if last.replace([a, b]).is_some_and(|last| last != [a, b]) {
+            settle(&mut users)?;
+        }
+        users.push((whole(high, low), cell));
         Ok(())
     })?;
+    settle(&mut users)?;
     vertices.finish(pack)?;
     triangles.finish(pack)?;
     marks.finish(pack)?;
     Ok(n_shared)
+}
+
+/// A number for a place. Two places have the same one by chance only, and their vertices are shared together then.
+fn place_key(place: [f64; 3]) -> u64 {
+    place.iter().fold(0, |key: u64, x| {
+        // Adding 0 makes -0 and 0 the same place.
+        let mixed = (key ^ (x + 0.0).to_bits()).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        mixed ^ mixed >> 29
+    })
 }
 
 /// Takes an old cell apart; `cells` has the new cell of every triangle.
@@ -252,15 +264,22 @@ fn take_apart(part: &Survivors, cells: &[u32], survivors: &SurvivorPack) -> Apar
     }
     users.sort_unstable();
     users.dedup();
+    // The wedges of a seam lie in one place, and their triangles may go to different cells.
+    let has_seams = layout.codec.has_seams(&layout.schema);
+    let place = |v: u32| match has_seams || part.shared[v as usize] {
+        true => place_key(part.mesh.positions[v as usize]),
+        false => u64::from(v),
+    };
+    let mut by_place: Vec<(u64, u32, u32)> =
+        users.iter().map(|&(v, cell)| (place(v), v, cell)).collect();
+    by_place.sort_unstable();
     let mut marked: Vec<(u32, u64)> = Vec::new();
-    for of_vertex in users.chunk_by(|a, b| a.0 == b.0) {
-        let vertex = of_vertex[0].0 as usize;
-        let id = part.ids[vertex];
-        if part.shared[vertex] {
-            out.open.extend(of_vertex.iter().map(|&(_, cell)| (id, cell)));
-        } else if of_vertex.len() > 1 {
-            out.n_shared += 1;
-            marked.extend(of_vertex.iter().map(|&(_, cell)| (cell, id)));
+    for here in by_place.chunk_by(|a, b| a.0 == b.0) {
+        if here.iter().any(|&(_, v, _)| part.shared[v as usize]) {
+            out.open.extend(here.iter().map(|&(key, v, cell)| (key, part.ids[v as usize], cell)));
+        } else if here.iter().any(|user| user.2 != here[0].2) {
+            out.n_shared += here.chunk_by(|a, b| a.1 == b.1).count() as u64;
+            marked.extend(here.iter().map(|&(_, v, cell)| (cell, part.ids[v as usize])));
         }
     }
     marked.sort_unstable();

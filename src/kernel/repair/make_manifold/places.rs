@@ -9,7 +9,7 @@ pub(super) const NONE: u32 = u32::MAX;
 
 /// Vertices that lie in the same place, and those that mending looks at.
 pub(super) struct Places {
-    /// For each vertex the first one in exactly the same place, if both are open; else itself.
+    /// For each vertex the first one in exactly the same place, if both are open or locked; else itself.
     pub(super) place: Vec<u32>,
     /// Non-manifold vertices, and open ones that share their place. All others stay what they are: one fan.
     pub(super) is_affected: Vec<bool>,
@@ -21,15 +21,19 @@ impl Places {
         // Adding 0 makes -0 and 0 the same place.
         let at = |v: usize| surface.vertices[v].position.map(|x| (x + 0.0).to_bits());
         let is_complex = |v: u32| surface.rings[v as usize].class == Some(Class::Complex);
+        // Locked ones in one place are not joined, but the sheets between them belong together all the same.
+        let is_locked = |v: u32| surface.rings[v as usize].class == Some(Class::Locked);
         let mut open: Vec<([u64; 3], u32)> = Vec::new();
         for (v, ring) in surface.rings.iter().enumerate() {
-            if ring.len > 0 && matches!(ring.class, Some(Class::Boundary | Class::Complex)) {
+            if ring.len > 0 && !matches!(ring.class, Some(Class::Interior) | None) {
                 open.push((at(v), v as u32));
             }
         }
         open.sort_unstable();
         let groups = || open.chunk_by(|a, b| a.0 == b.0);
-        if groups().all(|same| same.len() == 1 && !is_complex(same[0].1)) {
+        let is_met =
+            |same: &[([u64; 3], u32)], v: u32| !is_locked(v) && (same.len() > 1 || is_complex(v));
+        if groups().all(|same| same.iter().all(|&(_, v)| !is_met(same, v))) {
             return None;
         }
         let mut place: Vec<u32> = (0..surface.vertices.len() as u32).collect();
@@ -37,7 +41,7 @@ impl Places {
         for same in groups() {
             for &(_, v) in same {
                 place[v as usize] = same[0].1;
-                is_affected[v as usize] = same.len() > 1 || is_complex(v);
+                is_affected[v as usize] = is_met(same, v);
             }
         }
         Some(Places { place, is_affected })
