@@ -6,6 +6,7 @@ use stonecut::Mesh;
 use stonecut::kernel::{Fit, Options, Simplified, Stop, simplify_mesh};
 use stonecut::measure;
 use stonecut::measure::Deviation;
+use stonecut::mesh::relief::Relief;
 use stonecut::synth::{self, Kind, Settings};
 use stonecut::system::progress::Progress;
 
@@ -196,5 +197,69 @@ fn nothing_to_fit_to_is_no_harm() {
         let options = Options { stop: Stop::Triangles(0), fit: Fit::On, ..Options::default() };
         let result = simplify_mesh(mesh, &locked, &options);
         assert!(result.mesh.positions.iter().flatten().all(|x| x.is_finite()));
+    }
+}
+
+/// Rounds of one cell each: every one fits to what the one before knew of the original.
+fn through_rounds(mesh: &Mesh, shares: &[f64], hands_on: bool) -> Mesh {
+    let mut now = mesh.clone();
+    for (i, &share) in shares.iter().enumerate() {
+        let locked = vec![false; now.positions.len()];
+        let target = (mesh.triangles.len() as f64 * share) as u64;
+        let keeps_relief = hands_on && i + 1 < shares.len();
+        let (stop, fit) = (Stop::Triangles(target), Fit::On);
+        let options = Options { stop, fit, keeps_relief, ..Options::default() };
+        now = simplify_mesh(now, &locked, &options).mesh;
+        assert_eq!(now.relief.len(), if keeps_relief { now.triangles.len() } else { 0 });
+    }
+    now
+}
+
+#[test]
+fn relief_stands_for_the_original_from_round_to_round() {
+    let mesh = synth::mesh(&Settings::new(Kind::Terrain, 200_000)).unwrap();
+    let rms = |result: &Mesh| deviation(&mesh, result).rms;
+    let once = rms(&through_rounds(&mesh, &[0.1], false));
+    let shares = [0.4, 0.2, 0.11, 0.1];
+    let with = rms(&through_rounds(&mesh, &shares, true)) / once;
+    let without = rms(&through_rounds(&mesh, &shares, false)) / once;
+    assert!(with < 1.01 && with < 0.997 * without, "{with} {without}");
+}
+
+#[test]
+fn relief_of_the_wrong_length_is_ignored() {
+    let mut mesh = sheet(60, bumps);
+    let locked = vec![false; mesh.positions.len()];
+    let plain = simplified(&mesh, &locked, 700, Fit::On);
+    mesh.relief = vec![Relief::new([1.0; 3]); 5];
+    assert_eq!(plain, simplified(&mesh, &locked, 700, Fit::On));
+}
+
+#[test]
+fn a_threshold_fits_only_where_a_share_is_expected() {
+    let mesh = sheet(120, bumps);
+    let mut locked = vec![false; mesh.positions.len()];
+    locked.iter_mut().step_by(11).for_each(|locked| *locked = true);
+    let run = |expected_share: f64| {
+        let stop = Stop::Costs(vec![1e-10, 1e-9]);
+        let options = Options {
+            stop,
+            fit: Fit::On,
+            expected_share,
+            keeps_relief: true,
+            ..Options::default()
+        };
+        simplify_mesh(mesh.clone(), &locked, &options)
+    };
+    let (without, with) = (run(0.0), run(0.3));
+    assert_eq!(without.mesh.triangles, with.mesh.triangles);
+    assert_eq!(without.statistics.fit, None);
+    assert!(without.mesh.relief.is_empty());
+    let fit = with.statistics.fit.unwrap();
+    assert!(fit.moved > 0 && fit.rms_after < fit.rms_before, "{fit:?}");
+    let off = |result: &Simplified| deviation(&mesh, &result.mesh).rms;
+    assert!(off(&with) < 0.95 * off(&without));
+    for (v, &source) in with.source.iter().enumerate().filter(|(_, s)| locked[**s as usize]) {
+        assert_eq!(with.mesh.positions[v], mesh.positions[source as usize]);
     }
 }

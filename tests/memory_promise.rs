@@ -209,6 +209,8 @@ fn the_least_budget_is_enough_and_not_twice_the_need() {
         ("statue", "statue in.ply --triangles 700k", "--ratio 50% --fit on"),
         ("volume", "volume in.ply --triangles 900k", "--ratio 60% --fit on"),
         ("volume", "volume in.ply --triangles 900k", "--ratio 5%"),
+        // Rounds that fit, the last of them without a finish after it.
+        ("statue", "statue in.ply --triangles 700k", "--ratio 30% --fit on --cell-triangles 40k"),
         ("colours", "terrain in.ply --triangles 600k --color --uv", "--ratio 10%"),
         ("fragments", "", "--ratio 5%"),
         ("wide", "", "--ratio 5%"),

@@ -170,7 +170,7 @@ enum TypedTopology {
 /// The choices of `--fit`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum TypedFit {
-    /// Always, where the result fits into one finish.
+    /// Always.
     On,
     /// Never.
     Off,

@@ -20,6 +20,11 @@ pub fn fit_bytes(fit: Fit, n_triangles: u64, target: u64) -> u64 {
     if fit.applies(n_triangles, target) { fit::samples::bytes(n_triangles, target) } else { 0 }
 }
 
+/// Returns the memory that the samples of a fit add in the first round, or in a later one, whose mesh has relief.
+pub fn round_fit_bytes(n_triangles: u64, is_first: bool) -> u64 {
+    fit::samples::round_bytes(n_triangles, is_first)
+}
+
 /// Returns the memory that a bound adds to `peak_bytes`: its witnesses, the input's triangles, and which are around a vertex.
 pub fn bound_bytes(n_vertices: u64, n_triangles: u64) -> u64 {
     40 * n_vertices + 28 * n_triangles

@@ -41,7 +41,9 @@ mod vertex;
 
 pub use cost::attributes::MAX_WEIGHTED;
 pub use interrupt::Interrupt;
-pub use memory::{attribute_bytes, bound_bytes, fit_bytes, peak_bytes, wedge_bytes};
+pub use memory::{
+    attribute_bytes, bound_bytes, fit_bytes, peak_bytes, round_fit_bytes, wedge_bytes,
+};
 pub use options::{
     AUTO_FIT_RATIO, Bound, Fit, MAX_TRIANGLES, MAX_VERTICES, Options, Placement, Stop, Tight,
     Topology,

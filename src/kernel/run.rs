@@ -5,7 +5,7 @@ use crate::kernel::collapse::legality::Reject;
 use crate::kernel::fit;
 use crate::kernel::fit::samples::Samples;
 use crate::kernel::followed::Followed;
-use crate::kernel::options::{MAX_TRIANGLES, MAX_VERTICES, Options, Placement, Stop, Topology};
+use crate::kernel::options::{FitGoal, MAX_TRIANGLES, MAX_VERTICES, Options, Stop, Topology};
 use crate::kernel::quality::Probes;
 use crate::kernel::repair;
 use crate::kernel::schedule::driver::Driver;
@@ -31,13 +31,21 @@ pub fn simplify_mesh_portably(mesh: Mesh, locked: &[bool], options: &Options) ->
 }
 
 /// Makes a surface of the mesh and mends it.
-pub(crate) fn start(mesh: Mesh, locked: &[bool], options: &Options, simd: Simd) -> Driver {
+///
+/// `goal` tells the result that it will be fitted for.
+pub(crate) fn start(
+    mesh: Mesh,
+    locked: &[bool],
+    options: &Options,
+    goal: impl Fn(&Options, u64) -> Option<FitGoal>,
+    simd: Simd,
+) -> Driver {
     let (n, n_triangles) = (mesh.positions.len(), mesh.triangles.len());
     assert!(n_triangles as u64 <= MAX_TRIANGLES, "{n_triangles} triangles are too many at once");
     assert!(n as u64 <= MAX_VERTICES, "{n} vertices are too many at once");
     assert!(locked.len() == n && mesh.channels.len() == n * mesh.n_channels, "lengths agree");
     let scales = (&options.weights[..], &options.confined[..]);
-    let (mut state, may_be_flat) = MeshState::new(mesh, locked, scales, simd);
+    let (mut state, may_be_flat, relief) = MeshState::new(mesh, locked, scales, simd);
     state.surface.placement = options.placement;
     // Under a bound a triangle without area counts as the line that it is, and only a collapse may remove it.
     let flat = if options.bound.is_some() { &[][..] } else { &may_be_flat[..] };
@@ -67,6 +75,10 @@ pub(crate) fn start(mesh: Mesh, locked: &[bool], options: &Options, simd: Simd) 
     if options.estimate {
         driver.probes = Some(Probes::take(&driver.state.surface));
     }
+    if let Some(goal) = goal(options, driver.state.surface.n_alive) {
+        driver.samples = Some(Samples::take(&driver.state.surface, goal, &relief));
+    }
+    drop(relief);
     driver.mend();
     driver.state.find_flats(options);
     if let Some(bound) = options.bound {
@@ -81,22 +93,14 @@ pub(crate) fn start(mesh: Mesh, locked: &[bool], options: &Options, simd: Simd) 
 }
 
 pub(crate) fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: Simd) -> Simplified {
-    let mut driver = start(mesh, locked, options, simd);
+    let mut driver = start(mesh, locked, options, Options::fit_goal, simd);
     let mut statistics = Statistics::default();
     match &options.stop {
         Stop::Triangles(target) if options.bound.is_some() => {
             statistics.reached = driver.reach_within_bound(*target);
         }
         Stop::Triangles(target) => {
-            let is_free = options.placement == Placement::Optimal;
-            if is_free && options.fit.applies(driver.state.surface.n_alive, *target) {
-                driver.samples = Some(Samples::take(&driver.state.surface, *target));
-            }
             statistics.reached = driver.reach(*target);
-            if let Some(samples) = driver.samples.take().filter(|_| !options.interrupt.is_raised())
-            {
-                statistics.fit = Some(fit::fit(&mut driver.state, samples, simd));
-            }
         }
         Stop::Costs(levels) => {
             for &level in levels.iter().take_while(|_| !options.interrupt.is_raised()) {
@@ -117,11 +121,21 @@ pub(crate) fn run(mesh: Mesh, locked: &[bool], options: &Options, simd: Simd) ->
             statistics.reached = true;
         }
     }
-    finish(driver, statistics)
+    finish(driver, statistics, options.keeps_relief)
 }
 
-/// Sums up what was done and takes the mesh out of the surface.
-pub(crate) fn finish(mut driver: Driver, mut statistics: Statistics) -> Simplified {
+/// Fits the surface, sums up what was done and takes the mesh out of the surface.
+pub(crate) fn finish(
+    mut driver: Driver,
+    mut statistics: Statistics,
+    keeps_relief: bool,
+) -> Simplified {
+    let mut relief = Vec::new();
+    if let Some(samples) = driver.samples.take().filter(|_| !driver.interrupt.is_raised()) {
+        let (fitted, found) = fit::fit(&mut driver.state, samples, keeps_relief, driver.simd);
+        statistics.fit = Some(fitted);
+        relief = found;
+    }
     if let Some(mut probes) = driver.probes.take() {
         let removed_error = driver.changes.removed_error;
         statistics.quality = Some(probes.sum_up(&driver.state.surface, removed_error, 1));
@@ -147,7 +161,8 @@ pub(crate) fn finish(mut driver: Driver, mut statistics: Statistics) -> Simplifi
     let surface = &driver.state.surface;
     let followed =
         driver.followed.take().map(|followed| followed.by_source(&surface.rings, &surface.source));
-    let (mesh, source) = driver.state.into_mesh();
+    let (mut mesh, source) = driver.state.into_mesh();
+    mesh.relief = relief;
     let followed = followed.map_or(Vec::new(), |followed| followed.into_result(&source));
     Simplified { mesh, source, followed, statistics }
 }

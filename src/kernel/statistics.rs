@@ -61,3 +61,21 @@ pub struct FitStatistics {
     /// The same of a quarter of them afterwards.
     pub rms_after: f64,
 }
+
+impl FitStatistics {
+    /// Those of two parts of a mesh together.
+    pub fn with(&self, other: &FitStatistics) -> FitStatistics {
+        let samples = self.samples + other.samples;
+        let mean = |a: f64, b: f64| {
+            let sum = a * a * self.samples as f64 + b * b * other.samples as f64;
+            (sum / samples.max(1) as f64).sqrt()
+        };
+        FitStatistics {
+            samples,
+            sweeps: self.sweeps.max(other.sweeps),
+            moved: self.moved + other.moved,
+            rms_before: mean(self.rms_before, other.rms_before),
+            rms_after: mean(self.rms_after, other.rms_after),
+        }
+    }
+}

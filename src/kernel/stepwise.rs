@@ -17,6 +17,7 @@ use crate::mesh::Mesh;
 pub struct Stepwise {
     driver: Driver,
     level_counts: Vec<u64>,
+    keeps_relief: bool,
 }
 
 /// Memory of a copy for each triangle that is left: the surface is compact after a level to three quarters.
@@ -25,8 +26,8 @@ const BYTES_PER_TRIANGLE: u64 = 120;
 impl Stepwise {
     /// Begins; `options.stop` is ignored. Panics as `simplify_mesh` does.
     pub fn new(mesh: Mesh, locked: &[bool], options: &Options) -> Self {
-        let driver = start(mesh, locked, options, Simd::detect());
-        Stepwise { driver, level_counts: Vec::new() }
+        let driver = start(mesh, locked, options, Options::round_goal, Simd::detect());
+        Stepwise { driver, level_counts: Vec::new(), keeps_relief: options.keeps_relief }
     }
 
     /// Simplifies to a cost threshold in units^4; gives back how many triangles are left.
@@ -51,16 +52,18 @@ impl Stepwise {
         let probes = self.driver.probes.as_ref().map_or(0, |probes| probes.bytes());
         let tracker = self.driver.bound.as_ref().map_or(0, |tracker| tracker.bytes());
         let followed = self.driver.followed.as_ref().map_or(0, |followed| followed.bytes());
+        let samples = self.driver.samples.as_ref().map_or(0, |samples| samples.bytes());
         more * (BYTES_PER_TRIANGLE * surface.triangles.len() as u64 + channels)
             + probes
             + tracker
             + followed
+            + samples
     }
 
     /// Ends, with the mesh as it is.
     pub fn finish(self) -> Simplified {
         let statistics =
             Statistics { level_counts: self.level_counts, reached: true, ..Statistics::default() };
-        finish(self.driver, statistics)
+        finish(self.driver, statistics, self.keeps_relief)
     }
 }

@@ -12,14 +12,17 @@ pub(crate) mod morton;
 pub(crate) mod oklab;
 pub mod property;
 pub mod record;
+pub mod relief;
 pub mod topology_counts;
 pub(crate) mod union_find;
 pub(crate) mod vec3;
 pub(crate) mod viridis;
 
+use relief::Relief;
+
 /// An indexed triangle mesh: positions, further per-vertex channels, triangles.
 ///
-/// Memory: 24 bytes a vertex + 4 per channel and vertex, 12 bytes a triangle.
+/// Memory: 24 bytes a vertex + 4 per channel and vertex, 12 bytes a triangle, 6 more with relief.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// One position a vertex, in input units, relative to whatever origin its owner chose.
@@ -30,12 +33,14 @@ pub struct Mesh {
     pub n_channels: usize,
     /// Corner indices into `positions`, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
+    /// The original over each triangle, where the mesh was fitted to one; else empty.
+    pub relief: Vec<Relief>,
 }
 
 impl Mesh {
     /// A mesh of bare geometry.
     pub fn new(positions: Vec<[f64; 3]>, triangles: Vec<[u32; 3]>) -> Self {
-        Mesh { positions, channels: Vec::new(), n_channels: 0, triangles }
+        Mesh { positions, triangles, ..Mesh::default() }
     }
 
     /// The channels of one vertex.

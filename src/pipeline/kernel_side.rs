@@ -37,8 +37,11 @@ pub(super) fn kernel_side(facts: &Facts, config: &Config) -> (VertexLayout, kern
     let Facts { schema, n_vertices, n_triangles, target } = facts;
     let bound = config.kernel.bound;
     let attributes = &config.attributes;
+    // Whether it is worth its time is a question of the whole job, not of what the finish sees.
+    let fit = config.kernel.fit.decided(*n_triangles, *target);
     let layout = VertexLayout {
         has_reach: bound.is_some(),
+        has_relief: config.carries_relief(*n_triangles),
         ..VertexLayout::for_kernel(schema, *n_vertices, &attributes.labels, &attributes.weights)
     };
     let channel = layout.reach_channel();
@@ -46,8 +49,7 @@ pub(super) fn kernel_side(facts: &Facts, config: &Config) -> (VertexLayout, kern
         confined: confined(schema, config),
         region: region(schema, config),
         seam_share: attributes.weights.seam_share(),
-        // Whether it is worth its time is a question of the whole job, not of what the finish sees.
-        fit: config.kernel.fit.decided(*n_triangles, *target),
+        fit,
         bound: bound.map(|bound| kernel::Bound { channel, ..bound }),
         ..config.kernel.clone()
     };

@@ -445,6 +445,7 @@ fn compact(mesh: Mesh) -> (Mesh, Vec<u32>) {
         channels: source.iter().flat_map(|&v| mesh.channels_of(v).iter().copied()).collect(),
         n_channels: mesh.n_channels,
         triangles: mesh.triangles.iter().map(|t| t.map(|v| place[v as usize])).collect(),
+        ..Mesh::default()
     };
     (compacted, source)
 }

@@ -390,7 +390,7 @@ mod tests {
         let locked: Vec<bool> = (0..mesh.positions.len()).map(|v| v % 97 == 0).collect();
         let simd = Simd::detect();
         let weights = [0.02, 0.01, 0.02, 0.0];
-        let (state, _) = MeshState::new(mesh, &locked, (&weights, &[]), simd);
+        let (state, ..) = MeshState::new(mesh, &locked, (&weights, &[]), simd);
         let mut driver = Driver::new(state, simd, crate::kernel::Topology::Error);
         assert!(driver.reach(900));
         let kept = driver.state.attributes.take().expect("there are weights");

@@ -50,15 +50,23 @@ impl Work<'_> {
             }
             moved[v] = add(self.place[v], *step);
         }
+        let mut touched = unsound(terms.iter(), &self.before, &moved);
+        let mut is_touched = vec![false; moved.len()];
         for round in 0..MAX_ROUNDS {
-            let touched = unsound(terms, &self.before, &moved);
             if touched.is_empty() {
                 break;
             }
-            for v in touched.into_iter().map(|v| v as usize) {
+            for &v in &touched {
+                let v = v as usize;
                 steps[v] = if round < HALVINGS { scale(steps[v], 0.5) } else { [0.0; 3] };
                 moved[v] = add(self.place[v], steps[v]);
+                is_touched[v] = true;
             }
+            // The others are as sound as they were.
+            let around = terms.iter().filter(|t| t.corners.iter().any(|&v| is_touched[v as usize]));
+            let next = unsound(around, &self.before, &moved);
+            touched.iter().for_each(|&v| is_touched[v as usize] = false);
+            touched = next;
         }
         self.place = moved;
     }
@@ -77,7 +85,7 @@ impl Work<'_> {
 
 /// Corners of triangles that turn too far or become needles on the way from one place to the other: those
 /// that do move.
-fn unsound(terms: &[FaceTerm], from: &[V], to: &[V]) -> Vec<u32> {
+fn unsound<'a>(terms: impl Iterator<Item = &'a FaceTerm>, from: &[V], to: &[V]) -> Vec<u32> {
     let mut corners = Vec::new();
     for term in terms {
         let before = term.corners.map(|v| from[v as usize]);

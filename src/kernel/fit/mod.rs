@@ -11,6 +11,7 @@
 mod bounds;
 mod nearest;
 mod normal_equations;
+mod relief;
 pub(crate) mod samples;
 
 use crate::kernel::fit::nearest::{Foot, feet, nearest_around};
@@ -21,12 +22,10 @@ use crate::kernel::statistics::FitStatistics;
 use crate::kernel::surface::class::Class;
 use crate::kernel::surface::faces::Face;
 use crate::kernel::vertex::GONE;
+use crate::mesh::relief::Relief;
 use crate::mesh::vec3::{dot, normal, scale, sub};
 use normal_equations::{Element, FaceTerm, V, solve};
 
-/// Times that the nearest triangles are found and the vertices moved. One leaves 5 % more error on the
-/// samples, a third gains 1 to 3 % for half as much time again (docs/results/kernel.md, "The fit").
-const SWEEPS: u64 = 2;
 /// Share of the samples (one in this many) that check whether the fit lowered the error.
 const CHECKED_STEP: u32 = 4;
 /// Share of the samples that tell how far away the others are, roughly.
@@ -60,8 +59,15 @@ impl Energy {
 
 /// Fits the surface to the samples; vertices that are not interior keep their bits.
 ///
-/// Memory: about 140 bytes a triangle of the surface and 40 a sample, those that are given included.
-pub(crate) fn fit(state: &mut MeshState, mut samples: Samples, simd: Simd) -> FitStatistics {
+/// Gives back the relief of the samples over the triangles as well, in their order, if that is to be kept.
+///
+/// Memory: about 140 bytes a triangle of the surface (190 for the relief) and 40 a sample, those that are given included.
+pub(crate) fn fit(
+    state: &mut MeshState,
+    mut samples: Samples,
+    keeps_relief: bool,
+    simd: Simd,
+) -> (FitStatistics, Vec<Relief>) {
     let surface = &mut state.surface;
     samples.follow(&surface.rings);
     surface.vertices.shrink_to_fit();
@@ -69,24 +75,45 @@ pub(crate) fn fit(state: &mut MeshState, mut samples: Samples, simd: Simd) -> Fi
     surface.arena.shrink_to_fit();
     surface.triangles.shrink_to_fit();
     let mut work = Work::new(state, &samples);
-    work.far_sq = work.suspicious(&samples, simd);
-    let mut statistics = FitStatistics { sweeps: SWEEPS, ..FitStatistics::default() };
-    for sweep in 0..SWEEPS {
+    let sweeps = samples.goal.sweeps;
+    // One sweep, in a round, must be cheap: the next round mends what it misses.
+    let is_quick = sweeps == 1;
+    if !is_quick {
+        work.far_sq = work.suspicious(&samples, simd);
+    }
+    let mut statistics = FitStatistics { sweeps, ..FitStatistics::default() };
+    let mut last = None;
+    let mut change = 0.0;
+    for sweep in 0..sweeps {
         let (terms, energy, checked) = work.terms(&mut samples.list, simd);
+        let known = if is_quick { &energy } else { &checked };
         if sweep == 0 {
-            statistics.rms_before = checked.rms(work.state.surface.scale);
+            statistics.rms_before = known.rms(work.state.surface.scale);
             statistics.samples = samples.list.len() as u64;
         }
         let steps = solve(&terms, &work.free);
+        let from = if is_quick || keeps_relief { work.place.clone() } else { Vec::new() };
         work.go(&terms, steps, energy.mean(), simd);
+        if is_quick {
+            change = terms.iter().map(|term| term.change(&from, &work.place)).sum();
+            let after = Energy { sum: (energy.sum + change).max(0.0), ..energy };
+            statistics.rms_after = after.rms(work.state.surface.scale);
+        }
+        last = Some((terms, from)).filter(|_| keeps_relief);
     }
-    let energy = work.energy(samples.sparse(CHECKED_STEP), simd);
-    statistics.rms_after = energy.rms(work.state.surface.scale);
+    if !is_quick {
+        let energy = work.energy(samples.sparse(CHECKED_STEP), simd);
+        statistics.rms_after = energy.rms(work.state.surface.scale);
+        change = statistics.rms_after - statistics.rms_before;
+    }
     // Written so that NaN is not a gain.
-    if statistics.rms_after < statistics.rms_before {
+    if change < 0.0 {
         statistics.moved = work.write_back(simd);
+    } else {
+        work.place.clone_from(&work.before);
     }
-    statistics
+    let relief = last.map(|(terms, from)| relief::relief(&terms, &from, &work.place));
+    (statistics, relief.unwrap_or_default())
 }
 
 /// The surface in f32, relative to the centre of the samples.

@@ -26,6 +26,13 @@ pub(super) struct Element {
 impl Element {
     pub(super) const ZERO: Element = Element { mass: [0.0; 6], pull: [0.0; 3] };
 
+    /// Sums of the weights times products of two barycentric weights, as a full matrix, and those with the height.
+    pub(super) fn moments(&self) -> ([[f64; 3]; 3], [f64; 3]) {
+        let m = self.mass.map(f64::from);
+        let mass = [[m[0], m[1], m[2]], [m[1], m[3], m[4]], [m[2], m[4], m[5]]];
+        (mass, self.pull.map(f64::from))
+    }
+
     #[inline]
     pub(super) fn add(&mut self, weight: f32, foot: &Foot) {
         let b = foot.weights;
@@ -46,6 +53,21 @@ pub(super) struct FaceTerm {
     pub(super) corners: [u32; 3],
     pub(super) normal: V,
     pub(super) element: Element,
+}
+
+impl FaceTerm {
+    /// Change of the weighted squared heights of the samples when the vertices go from one place to another, as far as each
+    /// sample keeps its foot.
+    pub(super) fn change(&self, from: &[V], to: &[V]) -> f64 {
+        let rise = |v: u32| f64::from(dot(self.normal, sub(to[v as usize], from[v as usize])));
+        let d = self.corners.map(rise);
+        let (mass, pull) = self.element.moments();
+        (0..3).map(|k| d[k] * (dot64(mass[k], d) - 2.0 * pull[k])).sum()
+    }
+}
+
+fn dot64(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Solves for the step of each vertex; those that are not `free` stay.

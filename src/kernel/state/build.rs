@@ -14,6 +14,7 @@ use crate::kernel::surface::wedges::Corners;
 use crate::kernel::surface::{AHEAD, Ring, Surface, morton};
 use crate::kernel::vertex::{GONE, Vertex};
 use crate::mesh::Mesh;
+use crate::mesh::relief::Relief;
 
 fn is_proper(t: &[u32; 3]) -> bool {
     t[0] != t[1] && t[1] != t[2] && t[2] != t[0]
@@ -39,13 +40,20 @@ enum Classes {
 
 impl MeshState {
     /// Takes a mesh apart. Triangles that repeat a corner are dropped. Returns also the triangles that may be without
-    /// area.
+    /// area, and the relief of all, if the mesh has one.
     pub(crate) fn new(
         mut mesh: Mesh,
         locked: &[bool],
         (weights, confined): (&[f32], &[bool]),
         simd: Simd,
-    ) -> (Self, Vec<u32>) {
+    ) -> (Self, Vec<u32>, Vec<Relief>) {
+        let mut reliefs = std::mem::take(&mut mesh.relief);
+        if reliefs.len() == mesh.triangles.len() {
+            let mut of_triangles = mesh.triangles.iter();
+            reliefs.retain(|_| of_triangles.next().is_some_and(is_proper));
+        } else {
+            reliefs.clear();
+        }
         mesh.triangles.retain(is_proper);
         let extent = morton::bounds(&mesh.positions);
         let order = morton::morton(&mesh.positions, &mesh.triangles, extent);
@@ -70,8 +78,12 @@ impl MeshState {
         for (t, &new) in mesh.triangles.iter().zip(&order.triangle_place) {
             triangles[new as usize] = t.map(|v| order.vertex_place[v as usize]);
         }
+        let mut relief = vec![Relief::default(); reliefs.len()];
+        for (&given, &new) in reliefs.iter().zip(&order.triangle_place) {
+            relief[new as usize] = given;
+        }
         let n_alive = triangles.len() as u64;
-        drop((mesh, order.vertex_place, order.triangle_place));
+        drop((reliefs, mesh, order.vertex_place, order.triangle_place));
         let surface = Surface {
             vertices,
             rings,
@@ -89,7 +101,7 @@ impl MeshState {
         let attributes = Attributes::new(weights, confined, scale, simd).map(Box::new);
         let mut state = MeshState { surface, attributes, wedges: None };
         let may_be_flat = state.build(simd, Classes::Unknown);
-        (state, may_be_flat)
+        (state, may_be_flat, relief)
     }
 
     /// Drops what is gone, keeps the order of the rest, and builds rings and quadrics again. Returns for each vertex

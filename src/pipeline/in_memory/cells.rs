@@ -98,6 +98,7 @@ impl Cut {
                     .iter()
                     .map(|&t| mesh.triangles[t as usize].map(|v| ranks.rank(v)))
                     .collect(),
+                relief: rows.iter().filter_map(|&t| mesh.relief.get(t as usize).copied()).collect(),
             },
             ..CellMesh::default()
         };

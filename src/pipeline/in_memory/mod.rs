@@ -351,6 +351,7 @@ fn sorted(whole: Whole) -> Whole {
             channels,
             n_channels: mesh.n_channels,
             triangles: mesh.triangles.iter().map(|t| t.map(|v| place[v as usize])).collect(),
+            relief: mesh.relief,
         },
     }
 }

@@ -33,6 +33,7 @@ impl Whole {
             channels: Vec::with_capacity(n_vertices * n_channels),
             n_channels,
             triangles: Vec::with_capacity(n_triangles),
+            relief: Vec::new(),
         };
         let mut local = Vec::new();
         for Left { ids: inputs, simplified } in cells {
@@ -47,6 +48,7 @@ impl Whole {
             }
             let triangles = simplified.mesh.triangles.iter();
             mesh.triangles.extend(triangles.map(|t| t.map(|v| local[v as usize])));
+            mesh.relief.extend_from_slice(&simplified.mesh.relief);
         }
         Whole { ids: ids.into_iter().map(|id| id as u32).collect(), mesh }
     }

@@ -13,7 +13,7 @@ use crate::mesh::record::VertexSchema;
 use crate::stages::components;
 use crate::stages::partition::{self, Shares, Sizes};
 use crate::stages::simplify::{
-    FREED_AT_A_TIME, fit_bytes, frees_sources, result_bytes, work_bytes,
+    FREED_AT_A_TIME, fit_bytes, frees_sources, result_bytes, round_fit_bytes, work_bytes,
 };
 use crate::stages::write;
 use crate::store::cells::{CellTally, VertexLayout, plan_cells};
@@ -96,6 +96,7 @@ impl Plan {
         let attributes = &config.attributes;
         let layout = VertexLayout {
             has_reach: config.kernel.bound.is_some(),
+            has_relief: config.carries_relief(triangles_in),
             ..VertexLayout::for_kernel(
                 source.schema(),
                 source.n_vertices(),
@@ -153,9 +154,14 @@ impl Plan {
             let fit = config.kernel.fit.decided(triangles_in, finish.after);
             stage_bytes(finish.before, left) + fit_bytes(fit, finish.before, finish.after)
         };
+        let befores = std::iter::once(&triangles_in).chain(&rounds);
+        let fitting = befores.zip(&rounds).enumerate().map(|(round, (&before, &after))| {
+            round_fit_bytes(&layout, cell, after as f64 / before.max(1) as f64, round == 0)
+        });
         // A detailed cell may keep nearly all it has.
+        let cell_bytes = stage_bytes(cell, 1.0) + fitting.max().unwrap_or(0);
         let works = (finishes.iter().flatten().map(finish_bytes))
-            .fold(stage_bytes(cell, 1.0).max(writing_bytes), u64::max);
+            .fold(cell_bytes.max(writing_bytes), u64::max);
         // Tables take more of a larger budget; the least budget is the one that they fill.
         let mut least = works.max(tables);
         for _ in 0..MOST_STEPS {

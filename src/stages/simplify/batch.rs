@@ -2,6 +2,7 @@
 //!
 //! Cells lie in the pack in their order, so that two attempts at a batch write equal packs.
 
+use super::fitted;
 use super::memory::{cell_bytes, result_bytes};
 use super::pilot::sealed_thresholds;
 use super::run_cells::{Goal, drain};
@@ -32,6 +33,7 @@ pub fn simplify_batch(
     cells: Range<usize>,
 ) -> Result<SurvivorInfo> {
     let (thresholds, _) = sealed_thresholds(store, goal, options, run, false)?;
+    let options = &fitted(options, store, goal);
     let name = run.job.name(&format!("round-{}.survivors", goal.round));
     let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
     in_order(

@@ -1,5 +1,6 @@
 //! Simplifies cells to an exact total, by a trial run of every cell.
 
+use super::fitted;
 use super::pilot::sealed_thresholds;
 use super::run_cells::{Goal, drain, kernel_run, run_all, run_cells};
 use crate::error::Result;
@@ -36,6 +37,7 @@ pub fn simplify_cells_exactly(
             Ok(ExactLevels { levels, n_levels, n_ahead })
         })?;
     let ExactLevels { levels: fine, n_levels, n_ahead } = plan;
+    let options = &Options { keeps_relief: false, ..fitted(options, store, goal) };
     run_cells(store, goal, run, |index, cell| {
         let depth = n_levels + usize::from(index < n_ahead);
         if depth == 0 {

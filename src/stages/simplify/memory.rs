@@ -9,15 +9,18 @@ use crate::store::cells::{CellStore, CellTally, VertexLayout, load_bytes};
 /// Memory of the kernel on a dirty scan beyond `kernel::peak_bytes`, in bytes a triangle.
 const DIRT_BYTES: u64 = 8;
 
-/// Memory of a fitted triangle besides its samples, in bytes.
+/// Memory of a fitted triangle besides its samples, in bytes; and with its relief.
 const FITTED_BYTES: u64 = 140;
+const FITTED_WITH_RELIEF: u64 = 170;
 
 /// Memory in bytes that a cell takes while it is loaded, simplified and encoded; `share` of its triangles should be
 /// left.
 pub fn cell_bytes(store: &CellStore, cell: usize, share: f64) -> u64 {
     // Detailed cells keep more than others.
     let left = (2.0 * share).min(1.0);
-    work_bytes(store.rows(cell), store.info().cells[cell], left, store.layout())
+    let tally = store.info().cells[cell];
+    work_bytes(store.rows(cell), tally, left, store.layout())
+        + round_fit_bytes(store.layout(), tally.triangles, share, !store.info().has_channels)
 }
 
 /// Memory in bytes for loading `rows`, simplifying what of them is not left out, and encoding a share `left` of it.
@@ -34,14 +37,16 @@ pub fn work_bytes(rows: CellTally, tally: CellTally, left: f64, layout: &VertexL
 
 /// Memory in bytes for a result and its encoded form, side by side when it is written or read.
 pub fn result_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
-    let encoded = tally.vertices * (9 + layout.row_bytes(true)) as u64 + 12 * tally.triangles;
+    let triangle = layout.survivor_triangle_bytes() as u64;
+    let encoded = tally.vertices * (9 + layout.row_bytes(true)) as u64 + triangle * tally.triangles;
     plain_bytes(tally, layout) + encoded
 }
 
 /// Memory in bytes for a result.
 fn plain_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
     let mesh = 24 + 4 * layout.n_channels() as u64;
-    tally.vertices * (kept_bytes(layout) + mesh) + 12 * tally.triangles
+    let triangle = layout.survivor_triangle_bytes() as u64;
+    tally.vertices * (kept_bytes(layout) + mesh) + triangle * tally.triangles
 }
 
 /// Bytes that stay with a vertex while the kernel has its mesh: id, mark and record.
@@ -55,6 +60,16 @@ pub fn fit_bytes(fit: Fit, n_triangles: u64, target: u64) -> u64 {
         0 => 0,
         samples => samples + FITTED_BYTES * target.min(n_triangles),
     }
+}
+
+/// Memory that the fit adds to a cell in a round that should leave a `share` of it: nothing if no relief is kept.
+pub fn round_fit_bytes(layout: &VertexLayout, n_triangles: u64, share: f64, is_first: bool) -> u64 {
+    if !layout.has_relief {
+        return 0;
+    }
+    // Detailed cells keep more than others.
+    let left = (2.0 * share).min(1.0) * n_triangles as f64;
+    kernel::round_fit_bytes(n_triangles, is_first) + (FITTED_WITH_RELIEF as f64 * left) as u64
 }
 
 /// Memory in bytes that the kernel takes for a mesh, the mesh it is given included.

@@ -16,7 +16,7 @@ mod run_cells;
 pub use batch::{batches, find_thresholds, simplify_batch};
 pub use exact::simplify_cells_exactly;
 pub use ladder::{Thresholds, descend, ladder, pilot_cells};
-pub use memory::{fit_bytes, result_bytes, work_bytes};
+pub use memory::{fit_bytes, result_bytes, round_fit_bytes, work_bytes};
 pub use run_cells::{Beside, FREED_AT_A_TIME, Goal, frees_sources};
 
 use crate::error::Result;
@@ -39,6 +39,7 @@ pub fn simplify_cells(
     options: &Options,
     run: &StageContext,
 ) -> Result<SurvivorInfo> {
+    let options = &fitted(options, store, goal);
     let (thresholds, begun) = sealed_thresholds(store, goal, options, run, true)?;
     let work = |index, cell| to_threshold((store, index, cell), &thresholds, &begun, options);
     run_cells(store, goal, run, work)
@@ -52,9 +53,17 @@ pub fn simplify_cells_beside(
     beside: Beside,
     run: &StageContext,
 ) -> Result<SurvivorInfo> {
+    let options = &fitted(options, store, goal);
     let (thresholds, begun) = sealed_thresholds(store, goal, options, run, true)?;
     let work = |index, cell| to_threshold((store, index, cell), &thresholds, &begun, options);
     run_cells_beside(store, goal, beside, run, work)
+}
+
+/// The options of a round: its cells are fitted where the job ends with a fit, and tell the next round of the original.
+fn fitted(options: &Options, store: &CellStore, goal: Goal) -> Options {
+    let expected_share = goal.triangles as f64 / store.info().triangles.max(1) as f64;
+    let keeps_relief = store.layout().has_relief;
+    Options { expected_share, keeps_relief, ..options.clone() }
 }
 
 /// Simplifies a cell to the threshold of its round, from where the pilot has left it.

@@ -83,7 +83,11 @@ fn pilot(
     // Counts after each level, by cell.
     let curves = Mutex::new(BTreeMap::new());
     let free_bytes = AtomicU64::new(bytes_for_copies(store, run));
-    let options = Options { estimate: begun.is_some(), ..options.clone() };
+    let mut options = Options { estimate: begun.is_some(), ..options.clone() };
+    if begun.is_none() {
+        // Only counts are asked for.
+        options.expected_share = 0.0;
+    }
     for_cells((store, goal), sample.iter().copied(), run, |index| {
         let mut cell = store.load_tidy(index)?;
         let mesh = std::mem::take(&mut cell.mesh);

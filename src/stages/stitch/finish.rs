@@ -74,6 +74,7 @@ fn join(parts: &Parts, run: &StageContext) -> Result<Survivors> {
             channels: Vec::with_capacity(n_vertices as usize * n_channels),
             n_channels,
             triangles: Vec::with_capacity(n_triangles as usize),
+            relief: Vec::new(),
         },
         ..Survivors::default()
     };
@@ -99,6 +100,7 @@ fn join(parts: &Parts, run: &StageContext) -> Result<Survivors> {
             local.push(index);
         }
         out.mesh.triangles.extend(part.mesh.triangles.iter().map(|t| t.map(|v| local[v as usize])));
+        out.mesh.relief.extend_from_slice(&part.mesh.relief);
     }
     Ok(out)
 }

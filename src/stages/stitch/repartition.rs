@@ -165,6 +165,7 @@ fn scatter(
     let layout = survivors.layout();
     let id_bytes = layout.ids.bytes;
     let row_bytes = id_bytes + layout.row_bytes(true);
+    let triangle_bytes = layout.triangle_row_bytes(true);
     let buffers = |kind| Scatter::new(kind, map.n_cells, run.memory_bytes / BUFFER_SHARE);
     let mut vertices = buffers(ChunkKind::Vertices);
     let mut triangles = buffers(ChunkKind::Triangles);
@@ -188,7 +189,7 @@ fn scatter(
                 vertices.push(pack, *cell, rows)?;
             }
             for (cell, rows) in &apart.triangles {
-                tally[*cell as usize].triangles += (rows.len() / (3 * id_bytes)) as u64;
+                tally[*cell as usize].triangles += (rows.len() / triangle_bytes) as u64;
                 triangles.push(pack, *cell, rows)?;
             }
             for (cell, rows) in &apart.marks {
@@ -253,11 +254,15 @@ fn take_apart(part: &Survivors, cells: &[u32], survivors: &SurvivorPack) -> Apar
     let mut users: Vec<(u32, u32)> = Vec::with_capacity(part.ids.len() + part.ids.len() / 8);
     for run in order.chunk_by(|a, b| a.0 == b.0) {
         let cell = run[0].0;
-        let mut rows = Vec::with_capacity(run.len() * 3 * layout.ids.bytes);
+        let mut rows = Vec::with_capacity(run.len() * layout.triangle_row_bytes(true));
         for &(_, triangle) in run {
             for v in part.mesh.triangles[triangle as usize] {
                 layout.ids.push(part.ids[v as usize], &mut rows);
                 users.push((v, cell));
+            }
+            if layout.has_relief {
+                let relief = part.mesh.relief.get(triangle as usize).copied();
+                relief.unwrap_or_default().push(&mut rows);
             }
         }
         out.triangles.push((cell, rows));

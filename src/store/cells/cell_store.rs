@@ -12,6 +12,7 @@ use crate::mesh::Mesh;
 use crate::mesh::attribute_weights::Weights;
 use crate::mesh::codec::VertexCodec;
 use crate::mesh::record::VertexSchema;
+use crate::mesh::relief::Relief;
 use crate::store::pack_format::{Chunk, ChunkKind, IdWidth};
 use crate::system::disk::Disk;
 use crate::system::progress::Progress;
@@ -78,6 +79,8 @@ pub struct VertexLayout {
     pub weights: Vec<f64>,
     /// True if one more channel says how far the mesh is from the input around each vertex, at most.
     pub has_reach: bool,
+    /// True if triangles carry their relief from round to round.
+    pub has_relief: bool,
 }
 
 impl VertexLayout {
@@ -89,6 +92,7 @@ impl VertexLayout {
             ids: IdWidth::for_vertices(n_vertices),
             weights: Vec::new(),
             has_reach: false,
+            has_relief: false,
         }
     }
 
@@ -123,6 +127,17 @@ impl VertexLayout {
     pub fn row_bytes(&self, has_channels: bool) -> usize {
         self.schema.record_bytes() + if has_channels { 4 * self.n_channels() } else { 0 }
     }
+
+    /// Bytes of one triangle row of a store: three ids, and the relief in all rounds but the first.
+    pub fn triangle_row_bytes(&self, is_later: bool) -> usize {
+        let relief = if is_later && self.has_relief { Relief::BYTES } else { 0 };
+        3 * self.ids.bytes + relief
+    }
+
+    /// Bytes of one triangle among survivors.
+    pub fn survivor_triangle_bytes(&self) -> usize {
+        12 + if self.has_relief { Relief::BYTES } else { 0 }
+    }
 }
 
 /// A store opened for reading; cells load from any thread.
@@ -137,12 +152,14 @@ pub struct CellStore {
 /// Peak bytes of loading a cell, beyond the mesh the kernel takes over (counted by the kernel).
 pub fn load_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
     let per_vertex = 8 + 1 + layout.schema.record_bytes() + 24 + 4 * layout.n_channels();
-    tally.vertices * per_vertex as u64 + tally.triangles * 12 + IdMap::bytes(tally.vertices)
+    tally.vertices * per_vertex as u64
+        + tally.triangles * layout.survivor_triangle_bytes() as u64
+        + IdMap::bytes(tally.vertices)
 }
 
 /// Bytes on disk of a vertex row and of a triangle row of a store.
 pub fn store_row_bytes(layout: &VertexLayout, has_channels: bool) -> (usize, usize) {
-    (layout.ids.bytes + layout.row_bytes(has_channels), 3 * layout.ids.bytes)
+    (layout.ids.bytes + layout.row_bytes(has_channels), layout.triangle_row_bytes(has_channels))
 }
 
 impl CellStore {
@@ -190,7 +207,8 @@ impl CellStore {
         let is_rows = |chunk: &&Chunk| chunk.kind == ChunkKind::Triangles;
         let bytes: u64 =
             self.pack.chunks_of(cell as u32).iter().filter(is_rows).map(|chunk| chunk.bytes).sum();
-        CellTally { triangles: bytes / (3 * self.layout.ids.bytes as u64), ..tally }
+        let row_bytes = self.layout.triangle_row_bytes(self.info.has_channels);
+        CellTally { triangles: bytes / row_bytes as u64, ..tally }
     }
 
     /// Returns whether a cell is a part of one that was split: such cells do not hold all vertices of a place.
@@ -273,8 +291,9 @@ impl CellStore {
         if let Some(chunk) = chunks.iter().find(|chunk| chunk.kind == ChunkKind::Triangles) {
             self.pack.read(chunk, &mut payload)?;
         }
-        let corners = payload.chunks_exact(id_bytes).take(3 * MOST);
-        let corners: Vec<u64> = corners.map(|id| layout.ids.read(id)).collect();
+        let rows = payload.chunks_exact(layout.triangle_row_bytes(self.info.has_channels));
+        let ids = rows.take(MOST).flat_map(|row| row[..3 * id_bytes].chunks_exact(id_bytes));
+        let corners: Vec<u64> = ids.map(|id| layout.ids.read(id)).collect();
         let mut ids = corners.clone();
         ids.sort_unstable();
         ids.dedup();
@@ -304,6 +323,11 @@ impl CellStore {
         out.shared = vec![false; out.ids.len()];
         out.mesh.triangles.reserve_exact(tally.triangles as usize);
         let id_bytes = self.layout.ids.bytes;
+        let row_bytes = self.layout.triangle_row_bytes(self.info.has_channels);
+        let has_relief = row_bytes > 3 * id_bytes;
+        if has_relief {
+            out.mesh.relief.reserve_exact(tally.triangles as usize);
+        }
         for chunk in chunks {
             let missing = |id| {
                 let what = format!("byte {}: no vertex {id} in cell {cell}", chunk.offset);
@@ -316,10 +340,13 @@ impl CellStore {
             match chunk.kind {
                 ChunkKind::Triangles => {
                     self.pack.read(chunk, &mut payload)?;
-                    for row in payload.chunks_exact(3 * id_bytes) {
+                    for row in payload.chunks_exact(row_bytes) {
                         let corners =
                             [find(row)?, find(&row[id_bytes..])?, find(&row[2 * id_bytes..])?];
                         out.mesh.triangles.push(corners);
+                        if has_relief {
+                            out.mesh.relief.push(Relief::read(&row[3 * id_bytes..]));
+                        }
                     }
                 }
                 ChunkKind::SharedIds => {

@@ -161,6 +161,7 @@ mod tests {
                 channels: (0..6).map(|i| i as f32).collect(),
                 n_channels: 1,
                 triangles,
+                ..Mesh::default()
             },
             ..CellMesh::default()
         };

@@ -9,6 +9,7 @@ use super::pack::{Pack, PackWriter};
 use crate::error::{Error, Result};
 use crate::kernel::{FitStatistics, Quality, QualityAt, Simplified, Statistics};
 use crate::mesh::Mesh;
+use crate::mesh::relief::Relief;
 use crate::store::cells::cell_mesh::CellMesh;
 use crate::store::cells::cell_mesh::Dropped;
 use crate::store::pack_format::ChunkKind;
@@ -150,7 +151,10 @@ impl CellStatistics {
         self.collapses += other.collapses;
         self.reached &= other.reached;
         self.reach = self.reach.max(other.reach);
-        self.fit = self.fit.or(other.fit);
+        self.fit = match (self.fit, other.fit) {
+            (Some(own), Some(other)) => Some(own.with(&other)),
+            (own, other) => own.or(other),
+        };
         self.dropped += other.dropped;
         self.charts_vanished += other.charts_vanished;
         self.quality.add(&other.quality);
@@ -213,8 +217,11 @@ impl Survivors {
         let n_channels = layout.n_channels();
         let record_bytes = layout.schema.record_bytes();
         let rows = self.ids.len() * (9 + record_bytes + 4 * n_channels);
-        let mut out =
-            Vec::with_capacity(24 + statistics.len() + rows + 12 * self.mesh.triangles.len());
+        let mut out = Vec::with_capacity(
+            24 + statistics.len()
+                + rows
+                + layout.survivor_triangle_bytes() * self.mesh.triangles.len(),
+        );
         for count in [self.ids.len(), self.mesh.triangles.len(), statistics.len()] {
             out.extend_from_slice(&(count as u64).to_le_bytes());
         }
@@ -225,6 +232,11 @@ impl Survivors {
         self.mesh.channels.iter().for_each(|value| out.extend_from_slice(&value.to_le_bytes()));
         for triangle in &self.mesh.triangles {
             triangle.iter().for_each(|v| out.extend_from_slice(&v.to_le_bytes()));
+        }
+        if layout.has_relief {
+            // A cell that no kernel has seen lies on the original.
+            let relief = |t: usize| self.mesh.relief.get(t).copied().unwrap_or_default();
+            (0..self.mesh.triangles.len()).for_each(|t| relief(t).push(&mut out));
         }
         out
     }
@@ -257,14 +269,18 @@ impl Survivors {
             .chunks_exact(12)
             .map(|b| [corner(&b[0..4]), corner(&b[4..8]), corner(&b[8..12])])
             .collect();
-        let mesh = Mesh { positions, channels, n_channels, triangles };
+        let relief_bytes = if layout.has_relief { Relief::BYTES } else { 0 };
+        let relief = take(n_triangles.checked_mul(relief_bytes)?)?;
+        let relief = relief.chunks_exact(Relief::BYTES).map(Relief::read).collect();
+        let mesh = Mesh { positions, channels, n_channels, triangles, relief };
         Some(Survivors { ids, shared, records, mesh, statistics, followed: Vec::new() })
     }
 }
 
-/// Bytes on disk of survivors, but for counts and statistics: id, mark, record and channels; three corners.
+/// Bytes on disk of survivors, but for counts and statistics: id, mark, record and channels; three corners, relief.
 pub fn survivor_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
-    tally.vertices * (9 + layout.row_bytes(true)) as u64 + 12 * tally.triangles
+    tally.vertices * (9 + layout.row_bytes(true)) as u64
+        + layout.survivor_triangle_bytes() as u64 * tally.triangles
 }
 
 /// Writes survivors as cells are finished, from several threads behind one lock.

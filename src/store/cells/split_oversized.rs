@@ -94,7 +94,7 @@ impl Old<'_> {
         let ids = self.layout.ids.bytes;
         let row_bytes = match kind {
             ChunkKind::Vertices => ids + self.layout.row_bytes(self.info.has_channels),
-            ChunkKind::Triangles => 3 * ids,
+            ChunkKind::Triangles => self.layout.triangle_row_bytes(self.info.has_channels),
             _ => ids,
         };
         let mut payload = Vec::new();
