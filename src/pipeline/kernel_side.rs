@@ -50,6 +50,7 @@ pub(super) fn kernel_side(facts: &Facts, config: &Config) -> (VertexLayout, kern
         region: region(schema, config),
         seam_share: attributes.weights.seam_share(),
         fit,
+        fits_first_round: config.kernel.fit == kernel::Fit::On,
         bound: bound.map(|bound| kernel::Bound { channel, ..bound }),
         ..config.kernel.clone()
     };

@@ -61,9 +61,10 @@ pub fn simplify_cells_beside(
 
 /// The options of a round: its cells are fitted where the job ends with a fit, and tell the next round of the original.
 fn fitted(options: &Options, store: &CellStore, goal: Goal) -> Options {
-    let expected_share = goal.triangles as f64 / store.info().triangles.max(1) as f64;
-    let keeps_relief = store.layout().has_relief;
-    Options { expected_share, keeps_relief, ..options.clone() }
+    let is_fitted = goal.round > 0 || options.fits_first_round;
+    let share = goal.triangles as f64 / store.info().triangles.max(1) as f64;
+    let keeps_relief = is_fitted && store.layout().has_relief;
+    Options { expected_share: if is_fitted { share } else { 0.0 }, keeps_relief, ..options.clone() }
 }
 
 /// Simplifies a cell to the threshold of its round, from where the pilot has left it.
