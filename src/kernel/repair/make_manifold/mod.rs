@@ -34,8 +34,9 @@ const REBUILD_SHARE: usize = 4;
 /// Mends a surface. New vertices take over `spare` sources; sources of vertices that go are added to it.
 /// Sorts what touches an affected vertex, nothing else.
 pub(crate) fn mend(state: &mut MeshState, spare: &mut Vec<u32>, simd: Simd) -> Mended {
+    let has_seams = state.wedges.is_some();
     let surface = &mut state.surface;
-    let Some(mut places) = Places::new(surface) else { return Mended::default() };
+    let Some(mut places) = Places::new(surface, has_seams) else { return Mended::default() };
     let mut touched = Vec::new();
     let duplicates = drop_duplicates(surface, &mut places, &mut touched);
     let mut mended = Mended { duplicates, ..Mended::default() };

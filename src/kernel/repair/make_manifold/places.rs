@@ -16,16 +16,21 @@ pub(super) struct Places {
 }
 
 impl Places {
-    /// `None` if no vertex is affected.
-    pub(super) fn new(surface: &Surface) -> Option<Self> {
+    /// `None` if no vertex is affected. With `has_seams`, sheets between locked vertices of one place belong together.
+    pub(super) fn new(surface: &Surface, has_seams: bool) -> Option<Self> {
         // Adding 0 makes -0 and 0 the same place.
         let at = |v: usize| surface.vertices[v].position.map(|x| (x + 0.0).to_bits());
         let is_complex = |v: u32| surface.rings[v as usize].class == Some(Class::Complex);
-        // Locked ones in one place are not joined, but the sheets between them belong together all the same.
+        // Locked wedges in one place are not joined, but the sheets between them belong together all the same.
         let is_locked = |v: u32| surface.rings[v as usize].class == Some(Class::Locked);
         let mut open: Vec<([u64; 3], u32)> = Vec::new();
         for (v, ring) in surface.rings.iter().enumerate() {
-            if ring.len > 0 && !matches!(ring.class, Some(Class::Interior) | None) {
+            let is_open = match ring.class {
+                Some(Class::Boundary | Class::Complex) => true,
+                Some(Class::Locked) => has_seams,
+                Some(Class::Interior) | None => false,
+            };
+            if ring.len > 0 && is_open {
                 open.push((at(v), v as u32));
             }
         }
