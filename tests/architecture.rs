@@ -70,7 +70,7 @@ const HOMES: [(&str, &[&str]); 22] = [
 ];
 
 /// The rooms and files of the kernel from top to bottom; each imports only those below it.
-const KERNEL_ROOMS: [&str; 21] = [
+const KERNEL_ROOMS: [&str; 22] = [
     "tests",
     "mod",
     "stepwise",
@@ -84,6 +84,7 @@ const KERNEL_ROOMS: [&str; 21] = [
     "fit",
     "statistics",
     "quality",
+    "history",
     "followed",
     "state",
     "cost",

@@ -9,7 +9,7 @@
 //! - `schedule`: the order of collapses: `levels` of blocks, the `queue`, the inner loop (`drain`)
 //! - `fit`: moves the vertices of the result towards the original; `quality` estimates the error
 //! - `topology`: components that vanish, tubes that are cut; `repair`: what is cleaned, joined and taken apart
-//! - `followed`: where each vertex of the input went
+//! - `followed`: where each vertex of the input went; `history`: every step, so that it can be taken back
 //! - `bound`: refuses collapses that lead too far from the original
 //! - `collapse`: one collapse, its legality and carrying it out
 //! - `state`: the surface with its attributes and seams; builds, compacts, checks it
@@ -22,6 +22,7 @@ mod collapse;
 mod cost;
 mod fit;
 mod followed;
+mod history;
 mod interrupt;
 mod memory;
 mod options;
@@ -40,9 +41,10 @@ mod topology;
 mod vertex;
 
 pub use cost::attributes::MAX_WEIGHTED;
+pub use history::{Cursor, Gone, History, Step};
 pub use interrupt::Interrupt;
 pub use memory::{
-    attribute_bytes, bound_bytes, fit_bytes, peak_bytes, round_fit_bytes, wedge_bytes,
+    attribute_bytes, bound_bytes, fit_bytes, history_bytes, peak_bytes, round_fit_bytes, wedge_bytes,
 };
 pub use options::{
     AUTO_FIT_RATIO, Bound, Fit, MAX_TRIANGLES, MAX_VERTICES, Options, Placement, Stop, Tight,

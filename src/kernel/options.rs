@@ -67,6 +67,10 @@ pub struct Options {
     pub estimate: bool,
     /// Notes where every vertex of the input went (`Simplified::followed`), for 4 bytes a vertex.
     pub follow: bool,
+    /// Keeps every step (`Simplified::history`), for `history_bytes`; only where the stop is a count, under
+    /// `Topology::Error`, without a bound, a fit or attribute seams. All steps come out of one queue then, so that a run to fewer
+    /// triangles passes through the meshes of runs to more.
+    pub record: bool,
     /// Asks the call to return early, with `Statistics::interrupted`; by default nothing does.
     pub interrupt: Interrupt,
 }
@@ -202,6 +206,7 @@ impl Default for Options {
             tight: Arc::from([]),
             estimate: false,
             follow: false,
+            record: false,
             interrupt: Interrupt::default(),
         }
     }

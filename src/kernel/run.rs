@@ -5,6 +5,7 @@ use crate::kernel::collapse::legality::Reject;
 use crate::kernel::fit;
 use crate::kernel::fit::samples::Samples;
 use crate::kernel::followed::Followed;
+use crate::kernel::history::History;
 use crate::kernel::options::{FitGoal, MAX_TRIANGLES, MAX_VERTICES, Options, Stop, Topology};
 use crate::kernel::quality::Probes;
 use crate::kernel::repair;
@@ -71,6 +72,9 @@ pub(crate) fn start(
     driver.changes.add_cleaned(cleaned, approached);
     if options.follow {
         driver.followed = Some(Followed::new(&driver.state.surface.source, n));
+    }
+    if options.record && driver.state.wedges.is_none() && options.bound.is_none() {
+        driver.history = Some(Box::new(History::new(driver.state.surface.n_channels)));
     }
     if options.estimate {
         driver.probes = Some(Probes::take(&driver.state.surface));
@@ -161,8 +165,12 @@ pub(crate) fn finish(
     let surface = &driver.state.surface;
     let followed =
         driver.followed.take().map(|followed| followed.by_source(&surface.rings, &surface.source));
+    let mut history = driver.history.take();
+    if let Some(history) = &mut history {
+        history.end(surface);
+    }
     let (mut mesh, source) = driver.state.into_mesh();
     mesh.relief = relief;
     let followed = followed.map_or(Vec::new(), |followed| followed.into_result(&source));
-    Simplified { mesh, source, followed, statistics }
+    Simplified { mesh, source, followed, history, statistics }
 }

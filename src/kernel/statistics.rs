@@ -1,5 +1,6 @@
 //! Results of the kernel: the simplified mesh, where its vertices come from, and what was counted.
 
+use crate::kernel::history::History;
 use crate::kernel::quality::{Quality, QualityAt};
 use crate::mesh::Mesh;
 
@@ -43,6 +44,8 @@ pub struct Simplified {
     /// With `Options::follow`, for each vertex of the input the vertex of `mesh` that it went into by collapses;
     /// `u32::MAX` where it leads nowhere. Empty otherwise.
     pub followed: Vec<u32>,
+    /// With `Options::record`, the steps that led here.
+    pub history: Option<Box<History>>,
     /// Counters.
     pub statistics: Statistics,
 }

@@ -78,6 +78,13 @@ impl Collapser {
         }
     }
 
+    /// Of the collapse that was carried out last: the triangles whose corner `v0` became `v1`, and those that vanished, each with
+    /// its third corner.
+    pub(crate) fn carried_out(&self) -> (&[u32], impl Iterator<Item = (u32, u32)>) {
+        let gone = &self.ids[self.n_kept..self.n];
+        (&self.ids[..self.n0], gone.iter().copied().zip(self.opposite))
+    }
+
     /// The lists as attributes need them.
     pub(super) fn lists(&self, plan: Plan) -> RingLists<'_> {
         RingLists {

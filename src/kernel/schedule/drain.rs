@@ -234,9 +234,16 @@ impl Driver {
             None => None,
         };
         let bound = self.bound.as_deref_mut();
+        if let Some(history) = &mut self.history {
+            history.before(&self.state.surface, entry.v0, entry.v1);
+        }
         match self.collapser.attempt::<L>(known, &mut self.state, plan, number, bound) {
             Ok(()) => {
                 self.collapses += 1;
+                if let Some(history) = &mut self.history {
+                    let (fan, gone) = self.collapser.carried_out();
+                    history.collapsed(&self.state.surface, (entry.v0, entry.v1), fan, gone);
+                }
                 if self.spare_sources.len() < MAX_SPARE {
                     if self.state.wedges.is_none() {
                         self.spare_sources.push(self.state.surface.source[entry.v0 as usize]);

@@ -7,6 +7,7 @@ use crate::kernel::collapse::collapser::Collapser;
 use crate::kernel::collapse::legality::RejectCounts;
 use crate::kernel::fit::samples::Samples;
 use crate::kernel::followed::Followed;
+use crate::kernel::history::History;
 use crate::kernel::interrupt::Interrupt;
 use crate::kernel::options::Topology;
 use crate::kernel::quality::{Probes, QualityAt, STEP_ON_THE_WAY};
@@ -47,6 +48,8 @@ pub(crate) struct Driver {
     pub(crate) probes: Option<Probes>,
     /// Present places of the vertices of the input, if they are asked for.
     pub(crate) followed: Option<Followed>,
+    /// Every step, if they are recorded.
+    pub(crate) history: Option<Box<History>>,
     /// Estimates of the quality after each level on the way to a count.
     pub(crate) curve: Vec<QualityAt>,
     /// Ends the work early, as if nothing legal were left.
@@ -142,6 +145,7 @@ impl Driver {
             samples: None,
             probes: None,
             followed: None,
+            history: None,
             curve: Vec::new(),
             interrupt: Interrupt::default(),
         }

@@ -64,6 +64,9 @@ impl Driver {
 
     /// Simplifies to at most `target` triangles; false if nothing legal is left before.
     pub(crate) fn reach(&mut self, target: u64) -> bool {
+        if self.history.is_some() {
+            return self.recorded(target);
+        }
         let enough = (target as f64 * EXACT_MULTIPLE) as u64;
         let mut least = MIN_LEVEL_TRIANGLES;
         while self.state.surface.n_alive > enough.max(least) && !self.interrupt.is_raised() {
@@ -78,6 +81,17 @@ impl Driver {
             }
         }
         self.exact(target)
+    }
+
+    /// The same, all steps recorded: out of one queue, since levels depend on the target. What is mended at last comes before
+    /// the first step.
+    fn recorded(&mut self, target: u64) -> bool {
+        self.mend_at_last(0);
+        self.drained = 0.0;
+        if let Some(history) = &mut self.history {
+            history.clear();
+        }
+        self.drain_to(target)
     }
 
     pub(super) fn n_blocks(&self) -> usize {

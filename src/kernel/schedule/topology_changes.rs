@@ -52,6 +52,9 @@ impl Driver {
         let hold = small_components.hold_cost(&self.state.surface, removal, triangles.len());
         let is_due = is_due(queue, (bucket, entry), cost.max(hold), limits, &mut self.deferred);
         if is_due && leaves_enough(&self.state.surface, triangles.len(), limits) {
+            if let Some(history) = &mut self.history {
+                history.vanishes(&self.state.surface, triangles);
+            }
             topology::vanish(&mut self.state.surface, triangles);
             small_components.removed(removal, triangles.len());
             self.changes.removed(removal, self.state.surface.unscale);
@@ -100,6 +103,9 @@ impl Driver {
             self.changes.stripped += 1;
             return;
         }
+        if let Some(history) = &mut self.history {
+            history.cut(&self.state.surface, cycle, new, &[]);
+        }
         self.changes.cuts += 1;
         queue.push(bucket, entry);
         let [a, b, c] = new;
@@ -120,6 +126,9 @@ impl Driver {
             .find(|&t| self.state.surface.triangles[t as usize].iter().all(|v| cap_of.contains(v)));
         let mut gone = triangles.to_vec();
         gone.extend(cap);
+        if let Some(history) = &mut self.history {
+            history.cut(&self.state.surface, cycle, new, &gone);
+        }
         topology::vanish(&mut self.state.surface, &gone);
         validate_small(&self.state);
     }
