@@ -258,6 +258,15 @@ pub struct Attributes {
 /// Settings that mean something for methods other than the collapse.
 const OF_ALL_METHODS: [&str; 4] = ["target", "skip_bad", "label", "normals"];
 
+/// A progressive mesh beside the result.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Progressive {
+    /// Path of its file.
+    pub path: PathBuf,
+    /// Bits of coordinates and other floats; `None`: bit by bit.
+    pub bits: Option<u32>,
+}
+
 /// A run of `simplify`.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -311,6 +320,8 @@ pub struct Config {
     pub textures_beside: PathBuf,
     /// Write the distance from the input with every vertex; only with a bound on it.
     pub error_field: bool,
+    /// Write a progressive mesh of the finish.
+    pub progressive: Option<Progressive>,
     /// Leave out components below this.
     pub min_component: Option<MinComponent>,
     /// Progress within a stage is made durable so often; does not change the result.
@@ -363,6 +374,10 @@ impl Config {
         }
         if self.error_field {
             settings.insert("error_field".to_owned(), "true".to_owned());
+        }
+        if let Some(progressive) = &self.progressive {
+            let bits = progressive.bits.map_or("exact".to_owned(), |bits| bits.to_string());
+            settings.insert("progressive".to_owned(), bits);
         }
         if let Some(least) = self.min_component {
             settings.insert("min_component".to_owned(), least.to_string());
@@ -444,6 +459,7 @@ mod tests {
             textures: None,
             textures_beside: "out.ply".into(),
             error_field: false,
+            progressive: None,
             min_component: None,
             checkpoint_every: std::time::Duration::from_secs(30),
             attributes: Attributes::default(),

@@ -15,6 +15,7 @@ pub mod measure;
 pub mod mesh;
 mod methods;
 pub mod pipeline;
+pub mod progressive;
 pub mod render;
 mod report;
 mod stages;

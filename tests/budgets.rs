@@ -44,6 +44,7 @@ fn config(folder: &Path, ratio: f64) -> Config {
         bake: stonecut::config::BakeSettings::default(),
         drop_faces: false,
         error_field: false,
+        progressive: None,
         min_component: None,
         checkpoint_every: CHECKPOINT_EVERY,
         attributes: Attributes::default(),

@@ -523,6 +523,7 @@ fn config(folder: &Path) -> Config {
         bake: stonecut::config::BakeSettings::default(),
         drop_faces: false,
         error_field: false,
+        progressive: None,
         min_component: Some(MinComponent::Triangles(100)),
         checkpoint_every: std::time::Duration::ZERO,
         attributes: Attributes::default(),

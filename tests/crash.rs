@@ -43,6 +43,7 @@ fn config(folder: &Path, targets: &[u64]) -> Config {
         bake: stonecut::config::BakeSettings::default(),
         drop_faces: false,
         error_field: false,
+        progressive: None,
         min_component: None,
         checkpoint_every: stonecut::config::CHECKPOINT_EVERY,
         attributes: Attributes::default(),

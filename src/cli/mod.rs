@@ -18,6 +18,8 @@ mod outcome;
 pub mod pace;
 mod pages;
 mod plan;
+mod progressive;
+mod refine;
 mod render;
 mod report;
 mod serve;
@@ -59,6 +61,7 @@ enum Command {
     Info(info::Args),
     Tiles(tiles::Args),
     Extract(extract::Args),
+    Refine(refine::Args),
     Measure(measure::Args),
     Compare(compare::Args),
     Render(render::Args),
@@ -119,6 +122,7 @@ impl Command {
             Command::Info(args) => Ok(args.paths()),
             Command::Tiles(args) => args.paths(),
             Command::Extract(args) => args.paths(),
+            Command::Refine(args) => args.paths(),
             Command::Measure(args) => args.paths(),
             Command::Compare(args) => args.paths(),
             Command::Render(args) => args.paths(),
@@ -149,6 +153,7 @@ impl Command {
             }
             Command::Compare(_)
             | Command::Extract(_)
+            | Command::Refine(_)
             | Command::Render(_)
             | Command::Report(_)
             | Command::Synth(_)
@@ -174,6 +179,7 @@ fn dispatch(
         Command::Info(args) => info::run(args, &mut std::io::stdout(), progress),
         Command::Tiles(args) => tiles::run(args, talk, progress, log),
         Command::Extract(args) => extract::run(args, talk, progress, log),
+        Command::Refine(args) => refine::run(args, talk, progress, log),
         Command::Measure(args) => measure::run(args, talk, progress, log).map(|()| 0),
         Command::Compare(args) => compare::run(args, progress, log).map(|()| 0),
         Command::Report(args) => report::run(args, progress, log).map(|()| 0),

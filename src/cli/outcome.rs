@@ -148,7 +148,12 @@ fn face_line(property: &FaceReport) -> String {
 
 /// Writes the report in JSON.
 pub(super) fn write_report(path: &Path, report: &RunReport) -> Result<()> {
-    let mut json = serde_json::to_vec_pretty(&report.written()).expect("plain data");
+    write_json(path, &report.written())
+}
+
+/// Writes a report of any command in JSON.
+pub(super) fn write_json(path: &Path, report: &impl serde::Serialize) -> Result<()> {
+    let mut json = serde_json::to_vec_pretty(report).expect("plain data");
     json.push(b'\n');
     crate::system::pending_file::write_whole(path, &json)
 }

@@ -7,6 +7,7 @@ use super::levels::TypedTarget;
 use super::log::{EXIT_SHORT, Log, Talk};
 use super::method::{self, TypedMethod, Wishes};
 use super::outcome::{is_short, tell, write_report};
+use super::progressive::TypedProgressive;
 use crate::config::{
     Attributes, BakeSettings, Config, DEFAULT_CELL_TRIANGLES, FEATURE_ANGLE, Level, Method,
     MinComponent, Normals, PAGE_SIZES, Texture, Until,
@@ -123,6 +124,8 @@ pub struct Args {
     /// Let free boundaries at most this far apart, in input units, meet and join; 0: none.
     #[arg(long, value_name = "T", value_parser = super::arguments::parse_length, default_value_t = 0.0)]
     merge_distance: f64,
+    #[command(flatten)]
+    progressive: TypedProgressive,
     /// Print the plan and stop.
     #[arg(long)]
     dry_run: bool,
@@ -210,6 +213,14 @@ impl Args {
             let what = "--max-error may take several runs: not with --until or --seams";
             return Err(Error::Usage(what.to_owned()));
         }
+        let progressive = self.progressive.settings(&[
+            ("--max-error", max_error.is_some()),
+            ("a list of targets", !levels.is_empty()),
+            ("--topology keep", self.topology == TypedTopology::Keep),
+            ("--fit on", self.fit == TypedFit::On),
+            ("--normals recompute", self.normals == Normals::Recompute),
+            ("--texture bake", self.texture == TypedTexture::Bake),
+        ])?;
         Ok(Config {
             input: self.input.clone(),
             textures_beside: output.clone(),
@@ -234,12 +245,14 @@ impl Args {
             texture: match self.texture {
                 TypedTexture::Keep | TypedTexture::None => Texture::Keep,
                 TypedTexture::Bake => Texture::Bake,
+                TypedTexture::Auto if progressive.is_some() => Texture::Keep,
                 TypedTexture::Auto => Texture::Auto,
             },
             bake: BakeSettings { page_size: self.bake_size, most_pages: self.bake_pages },
             drop_faces: self.drop_faces,
             textures: self.textures,
             error_field: self.error_field,
+            progressive: progressive.clone(),
             min_component: self.min_component,
             checkpoint_every: crate::config::CHECKPOINT_EVERY,
             attributes: Attributes {
@@ -253,6 +266,7 @@ impl Args {
                     TypedTopology::Error => kernel::Topology::Error,
                 },
                 fit: match self.fit {
+                    _ if progressive.is_some() => kernel::Fit::Off,
                     TypedFit::On => kernel::Fit::On,
                     TypedFit::Off => kernel::Fit::Off,
                     TypedFit::Auto => kernel::Fit::Auto,
@@ -294,6 +308,7 @@ impl Args {
             ("--placement", self.placement != TypedPlacement::Optimal),
             ("--merge-distance", self.merge_distance != 0.0),
             ("--seams", self.seams.is_some()),
+            ("--progressive", self.progressive.progressive.is_some()),
             ("--textures", self.textures.is_some()),
             ("--texture bake", self.texture == TypedTexture::Bake),
         ])
@@ -338,6 +353,7 @@ impl Args {
         Ok(paths
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
             .with_option(Role::Side(Kind::Seams), "--seams", self.seams.as_ref())
+            .with_option(Role::Output, "--progressive", self.progressive.progressive.as_ref())
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
             .with(Role::JobFolder, "the job folder", job_folder))
     }

@@ -211,6 +211,7 @@ fn write_kept(n_input: u64, config: &Config, progress: &Progress) -> Result<Path
         keep_temp: false,
         verify: false,
         error_field: false,
+        progressive: None,
         force: true,
         restart: false,
         format: OutputFormat { kind: Some(OutputKind::Ply), ..OutputFormat::default() },

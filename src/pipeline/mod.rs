@@ -13,6 +13,7 @@ pub mod methods;
 pub mod plan;
 mod prepare;
 mod quality;
+pub mod refine;
 pub mod run_report;
 mod sealed_stages;
 pub(crate) mod seam_points;
@@ -24,6 +25,7 @@ pub(crate) mod verify;
 
 use crate::config::{Config, Texture, Until};
 use crate::error::{Error, Result};
+use crate::io::ply::MeshSource;
 use crate::stages::components::ComponentSizes;
 use crate::stages::stitch::{Step, begins_from_result};
 use crate::store::cells::SurvivorInfo;
@@ -158,7 +160,7 @@ fn run_stages_in(
     let mut textures = textures.into_iter();
     for level in 0..=config.coarser.len() {
         stages.begin_level(level, &plan);
-        let Some((taken_in, result)) = reduce(&mut stages, left, config.until)? else {
+        let Some((taken_in, result)) = reduce(&mut stages, &source, left, config.until)? else {
             return Ok(Ended::Early);
         };
         if result.triangles == 0 || result.statistics.is_flat {
@@ -212,6 +214,7 @@ fn run_stages_in(
 /// `--until` ends the run after the first round.
 fn reduce(
     stages: &mut Stages,
+    source: &MeshSource,
     mut left: Left,
     until: Option<Until>,
 ) -> Result<Option<(Option<Left>, SurvivorInfo)>> {
@@ -236,7 +239,7 @@ fn reduce(
     }
     match (step, left) {
         (Step::Finish, left) => {
-            let result = stages.finish(&left)?;
+            let result = stages.finish(source, &left)?;
             Ok(Some((Some(left), result)))
         }
         (_, Left::Survivors(left)) => Ok(Some((None, left))),

@@ -100,6 +100,9 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         Texture::Bake => Vec::new(),
         Texture::Auto | Texture::Keep => plan_textures(&source, config)?,
     };
+    if config.progressive.is_some() {
+        check_recording(&source, &plan)?;
+    }
     plan.add_output_bytes(textures.iter().map(|textures| textures.bytes).sum());
     if texture == Texture::Bake {
         plan.add_bake(bake_bytes);
@@ -140,6 +143,25 @@ fn check_error_field(source: &MeshSource, config: &Config) -> Result<()> {
         let what = format!(
             "--error-field: the vertices of {} already have a property '{REACH}'; rename it, or leave the option out",
             source.path().display()
+        );
+        return Err(Error::Usage(what));
+    }
+    Ok(())
+}
+
+/// Refuses a progressive mesh where collapses are more than that, or where there is no finish to record.
+fn check_recording(source: &MeshSource, plan: &Plan) -> Result<()> {
+    let codec = source.schema().codec();
+    if codec.has_seams(source.schema()) || source.carried().is_some_and(|carry| carry.is_moved()) {
+        let what = "--progressive: texture coordinates and what faces carry are not recorded; give them up with --texture none \
+                    and --drop-faces, or texture coordinates at vertices with 'convert'";
+        return Err(Error::Usage(what.to_owned()));
+    }
+    if !plan.finish || plan.target >= plan.triangles_in {
+        let what = format!(
+            "--progressive: {} of {} triangles are reached without a finish that could be recorded; ask for fewer triangles, or \
+             give larger cells (--cell-triangles)",
+            plan.target, plan.triangles_in
         );
         return Err(Error::Usage(what));
     }

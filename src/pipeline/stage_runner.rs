@@ -20,7 +20,7 @@ use crate::pipeline::run_report::StageReport;
 use crate::stages::components::{self, Components};
 use crate::stages::partition::{self, Partition};
 use crate::stages::simplify::{self, Goal};
-use crate::stages::stitch::{self, Parts, Step};
+use crate::stages::stitch::{self, Parts, Recording, Step};
 use crate::stages::write::{self, Form, Written};
 use crate::store::cells::{
     CellStore, Dropped, StoreInfo, SurvivorFile, SurvivorInfo, SurvivorPack, Survivors,
@@ -30,6 +30,7 @@ use crate::store::job::Job;
 use crate::store::job::fingerprint::unchanged;
 use crate::store::stage_context::StageContext;
 use crate::system::parallel::guarded;
+use crate::system::pending_file;
 use crate::system::progress::Progress;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -288,7 +289,15 @@ impl<'a> Stages<'a> {
     }
 
     /// Joins everything in memory and meets the target exactly; what it takes in stays.
-    pub(super) fn finish(&mut self, left: &Left) -> Result<SurvivorInfo> {
+    pub(super) fn finish(&mut self, source: &MeshSource, left: &Left) -> Result<SurvivorInfo> {
+        let (comments, settings) = (source.plain_comments(), self.config.settings());
+        let recording = self.config.progressive.as_ref().map(|progressive| Recording {
+            comments: &comments,
+            obj_infos: source.obj_infos(),
+            settings: &settings,
+            normals: self.config.attributes.normals,
+            bits: progressive.bits,
+        });
         let target = if self.is_bound_only { 0 } else { self.target };
         let options = self.kernel.clone();
         let n = left.triangles();
@@ -312,7 +321,7 @@ impl<'a> Stages<'a> {
                             layout: &layout,
                             load: &|c| left.load(c),
                         };
-                        stitch::finish(parts, &name, target, &options, run)
+                        stitch::finish(parts, &name, target, &options, recording.as_ref(), run)
                     }
                     Left::Cells(info) => {
                         let store = CellStore::open(disk, folder, info.clone(), layout.clone())?;
@@ -321,7 +330,7 @@ impl<'a> Stages<'a> {
                         };
                         let parts =
                             Parts { cells: &store.info().cells, layout: &layout, load: &load };
-                        stitch::finish(parts, &name, target, &options, run)
+                        stitch::finish(parts, &name, target, &options, recording.as_ref(), run)
                     }
                 }
             },
@@ -409,11 +418,24 @@ impl<'a> Stages<'a> {
             bytes_written: written.bytes,
             peak_memory_bytes: crate::system::memory::peak_bytes(),
         });
+        self.adopt_progressive()?;
         if self.level < self.config.coarser.len() {
             // The next level takes the pack away that this file came from.
             self.run.job.record(&written_key, &written)?;
         }
         Ok(written)
+    }
+
+    /// Gives the progressive mesh its name, unless an earlier run that was cut off has.
+    fn adopt_progressive(&self) -> Result<()> {
+        let Some(progressive) = &self.config.progressive else { return Ok(()) };
+        let made = self.run.job.path(stitch::PROGRESSIVE);
+        let path = progressive.path.clone();
+        if !made.exists() && path.exists() {
+            return Ok(());
+        }
+        let (disk, replace) = (self.run.disk().clone(), self.config.force);
+        pending_file::adopt(&made, Place { path, disk, replace })
     }
 
     /// Output of the level at work.

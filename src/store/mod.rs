@@ -3,4 +3,5 @@
 pub mod cells;
 pub mod job;
 pub mod pack_format;
+pub mod shape;
 pub mod stage_context;

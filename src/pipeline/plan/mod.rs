@@ -7,6 +7,7 @@ use crate::config::{Config, Normals, Target};
 use crate::error::{Error, Remedy, Result};
 use crate::io::ply::{FaceSchema, MeshSource, VertexBlock};
 use crate::io::{Expected, OutputKind, expected_bytes};
+use crate::kernel::history_bytes;
 use crate::mesh::face_properties::FacePropertyPlan;
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
@@ -152,7 +153,14 @@ impl Plan {
                 false => (finish.after as f64 / finish.before.max(1) as f64).min(1.0),
             };
             let fit = config.kernel.fit.decided(triangles_in, finish.after);
-            stage_bytes(finish.before, left) + fit_bytes(fit, finish.before, finish.after)
+            let record = match config.progressive {
+                Some(_) => {
+                    let tally = tally_of(finish.before);
+                    history_bytes(tally.vertices, tally.triangles, layout.n_channels())
+                }
+                None => 0,
+            };
+            stage_bytes(finish.before, left) + fit_bytes(fit, finish.before, finish.after) + record
         };
         let befores = std::iter::once(&triangles_in).chain(&rounds);
         let fitting = befores.zip(&rounds).enumerate().map(|(round, (&before, &after))| {

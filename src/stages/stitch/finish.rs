@@ -1,13 +1,19 @@
 //! Joins all cells in memory, by id, and simplifies the whole to the exact target.
 
-use crate::error::Result;
-use crate::kernel::{self, Options, Stop};
+use crate::config::Normals;
+use crate::error::{Error, Result};
+use crate::kernel::{self, Fit, History, Options, Stop};
 use crate::mesh::Mesh;
 use crate::mesh::attribute_weights::ChannelSample;
+use crate::mesh::vec3::Vec3;
+use crate::progressive::{self, Original};
 use crate::store::cells::{
     CellTally, IdMap, SurvivorInfo, SurvivorWriter, Survivors, VertexLayout,
 };
+use crate::store::shape::Shape;
 use crate::store::stage_context::StageContext;
+use crate::system::pending_file::Place;
+use std::collections::BTreeMap;
 
 /// The cells that are joined.
 pub struct Parts<'a> {
@@ -19,13 +25,32 @@ pub struct Parts<'a> {
     pub load: &'a dyn Fn(usize) -> Result<Survivors>,
 }
 
+/// File in the job folder that a progressive mesh is in until the result is written.
+pub const PROGRESSIVE: &str = "result.pm";
+
+/// What a progressive mesh of the finish is made with.
+pub struct Recording<'a> {
+    /// Comments of the input.
+    pub comments: &'a [String],
+    /// `obj_info` of the input.
+    pub obj_infos: &'a [String],
+    /// Settings of the run.
+    pub settings: &'a BTreeMap<String, String>,
+    /// Fate of normals: kept or dropped.
+    pub normals: Normals,
+    /// Bits of coordinates and other floats; `None`: bit by bit.
+    pub bits: Option<u32>,
+}
+
 /// Joins the survivors and collapses (with `options.weights`, or those that the joined mesh asks for) until
-/// exactly the target is met; the result goes to the pack `name`, as one cell.
+/// exactly the target is met; the result goes to the pack `name`, as one cell. With a `recording` the steps back go to the
+/// file `PROGRESSIVE`, and nothing is fitted.
 pub fn finish(
     parts: Parts,
     name: &str,
     target: u64,
     options: &Options,
+    recording: Option<&Recording>,
     run: &StageContext,
 ) -> Result<SurvivorInfo> {
     let layout = parts.layout;
@@ -40,13 +65,26 @@ pub fn finish(
         sample.add(&joined.mesh, &channel_kinds);
         options.weights = sample.lengths(&layout.weights, &channel_kinds, n_triangles, target);
     }
+    if recording.is_some() {
+        (options.record, options.fit) = (true, Fit::Off);
+    }
     let Survivors { ids, records, mesh, statistics, .. } = joined;
     let locked = vec![false; ids.len()];
-    let simplified = kernel::simplify_mesh(mesh, &locked, &options);
+    let mut simplified = kernel::simplify_mesh(mesh, &locked, &options);
+    let history = simplified.history.take();
     let mut result = Survivors::new(&ids, &locked, &records, simplified, layout);
     // The result is encoded next, which takes as much again.
-    drop((ids, locked, records));
+    drop((ids, locked));
     result.statistics.dropped = statistics.dropped;
+    if let Some(recording) = recording {
+        let history = history.ok_or_else(|| {
+            Error::Usage(
+                "--progressive: the mesh has attribute seams, which are not recorded".to_owned(),
+            )
+        })?;
+        record(recording, &history, &records, layout, run)?;
+    }
+    drop(records);
     run.progress.add(n_triangles);
     let path = run.job.path(name);
     run.disk().remove(&path)?;
@@ -54,6 +92,45 @@ pub fn finish(
     let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, layout)?;
     writer.append(0, &result)?;
     writer.finish(run.disk(), run.job.folder(), 0..1)
+}
+
+/// Writes the progressive mesh.
+fn record(
+    recording: &Recording,
+    history: &History,
+    records: &[u8],
+    layout: &VertexLayout,
+    run: &StageContext,
+) -> Result<()> {
+    let shape = Shape::new(&layout.schema, 0, recording.normals, false);
+    let n = layout.schema.record_bytes();
+    let encode = |source: u32, place: Vec3, channels: &[f32], out: &mut Vec<u8>| {
+        let mut record = Vec::with_capacity(n);
+        let own = &records[source as usize * n..(source as usize + 1) * n];
+        layout.codec.encode(place, channels, own, &mut record);
+        shape.put(&record, None, 0.0, out);
+    };
+    let original = Original {
+        schema: &shape.schema,
+        encode: &encode,
+        comments: recording.comments,
+        obj_infos: recording.obj_infos,
+        settings: recording.settings,
+        bits: recording.bits,
+    };
+    let place = Place { path: run.job.path(PROGRESSIVE), disk: run.disk().clone(), replace: true };
+    let check = || run.progress.check();
+    let written = progressive::write(place, history, original, &check)?;
+    let of = |bytes: u64| 8.0 * bytes as f64 / written.vertices.max(1) as f64;
+    run.progress.note(format!(
+        "progressive mesh: {} steps to {} triangles; bits a vertex: {:.1} connectivity, {:.1} order, {:.1} values",
+        written.steps,
+        written.finest,
+        of(written.spent.connectivity),
+        of(written.spent.order),
+        of(written.spent.values)
+    ));
+    Ok(())
 }
 
 /// All cells as one mesh; a vertex that several cells hold becomes one again.

@@ -11,7 +11,7 @@ mod finish;
 mod repartition;
 
 use crate::kernel;
-pub use finish::{Parts, finish};
+pub use finish::{PROGRESSIVE, Parts, Recording, finish};
 pub use repartition::{NewCells, recut, regroup};
 
 /// The finish takes at most this many cells' worth of triangles.

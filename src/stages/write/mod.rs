@@ -3,13 +3,12 @@
 //! Vertices have numbers in the order of the first cell that holds them. Where texture coordinates came
 //! from corners, or values from faces, `join` makes one vertex of what lies in one place, and faces have
 //! them again (`faces`).
-//! `shape` says what of a record is written, `normals` recomputes it if asked.
+//! `store/shape` says what of a record is written, `normals` recomputes it if asked.
 
 mod faces;
 mod join;
 mod normals;
 mod numbering;
-mod shape;
 
 use crate::config::Normals;
 use crate::error::Result;
@@ -19,6 +18,8 @@ use crate::mesh::codec::TEXTURE_NAMES;
 use crate::mesh::face_properties::FacePropertyPlan;
 use crate::mesh::record::VertexSchema;
 use crate::store::cells::SurvivorPack;
+pub use crate::store::shape::REACH;
+pub(crate) use crate::store::shape::Shape;
 use crate::store::stage_context::StageContext;
 use faces::BackToFaces;
 use join::Joined;
@@ -26,8 +27,6 @@ pub use join::sort_memory_bytes;
 use normals::Recomputed;
 pub use numbering::shared_bytes;
 use numbering::{encode, index_vertices, own_vertices};
-pub use shape::REACH;
-pub(crate) use shape::Shape;
 
 /// Triangles that go to the file together.
 const CHUNK: usize = 65_536;

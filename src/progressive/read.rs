@@ -1,0 +1,310 @@
+//! Reads a progressive mesh, as far as is asked for.
+
+use super::columns::{Planes, beside};
+use super::file::{BlockHead, BlockReader, Head, Kind};
+use super::replay::{NONE, Replay};
+use super::rows::Rows;
+use super::steps::{Layout, StepReader};
+use crate::error::{Error, Result};
+use crate::io::ply::raw::RawFile;
+use crate::mesh::record::VertexSchema;
+use crate::system::units::show_bytes;
+use std::path::Path;
+
+/// No block holds more vertices, triangles or steps.
+const MOST_IN_BLOCK: u32 = 1 << 20;
+
+/// A progressive mesh that was opened, at one of its meshes.
+///
+/// It begins with no triangles. Memory: values and 8 bytes for each vertex, 28 bytes for each triangle.
+pub struct Refiner {
+    blocks: BlockReader,
+    head: Head,
+    replay: Replay,
+    memory_bytes: u64,
+    is_base_read: bool,
+}
+
+impl Refiner {
+    /// Opens a file. Reading ends with `NoMemory` where a mesh would take more than `memory_bytes`.
+    pub fn open(path: &Path, memory_bytes: u64) -> Result<Refiner> {
+        Ok(Refiner::new(BlockReader::open(path)?, memory_bytes))
+    }
+
+    /// The same for the bytes of a file.
+    pub fn of_bytes(bytes: Vec<u8>, memory_bytes: u64) -> Result<Refiner> {
+        let file = RawFile::from_bytes("progressive mesh", bytes);
+        Ok(Refiner::new(BlockReader::of(file)?, memory_bytes))
+    }
+
+    fn new((blocks, head): (BlockReader, Head), memory_bytes: u64) -> Refiner {
+        let replay = Replay::new(head.rows.stride());
+        Refiner { blocks, head, replay, memory_bytes, is_base_read: false }
+    }
+
+    /// The description of the file.
+    pub fn head(&self) -> &Head {
+        &self.head
+    }
+
+    /// Records of vertices.
+    pub fn schema(&self) -> &VertexSchema {
+        &self.head.rows.schema
+    }
+
+    /// Triangles of the mesh at hand.
+    pub fn n_triangles(&self) -> u64 {
+        self.replay.n_triangles
+    }
+
+    /// Bytes of the file that were needed so far.
+    pub fn bytes_read(&self) -> u64 {
+        self.blocks.offset()
+    }
+
+    /// Goes to the finest mesh of at most `n` triangles, once: the coarsest if all have more. `check` ends it early.
+    ///
+    /// Errors: `BadInput` with block and byte offset if a block that is needed is missing or damaged, `NoMemory`.
+    pub fn refine(&mut self, n: u64, check: &dyn Fn() -> Result<()>) -> Result<()> {
+        if !self.is_base_read {
+            self.base(check)?;
+            self.is_base_read = true;
+        }
+        loop {
+            check()?;
+            let remedy = self.remedy();
+            let head = match self.blocks.head(&remedy) {
+                Ok(head) => head,
+                // Nothing finer is needed, so that whatever follows may be missing.
+                Err(Error::BadInput { .. }) if self.replay.n_triangles >= n => return Ok(()),
+                Err(other) => return Err(other),
+            };
+            if head.kind == Kind::End || head.least > n {
+                return Ok(());
+            }
+            if head.kind != Kind::Steps {
+                return Err(self.blocks.bad(
+                    self.blocks.offset(),
+                    "a block of steps was expected",
+                    &remedy,
+                ));
+            }
+            let at = self.blocks.offset();
+            let payload = self.read(&head, &remedy)?;
+            let bad = |blocks: &BlockReader, what: &str| blocks.bad(at, what, &remedy);
+            let layout = Layout { rows: &self.head.rows, has_keys: self.head.bits.is_none() };
+            let mut steps = StepReader::new(&payload, head.n as usize, layout)
+                .map_err(|what| bad(&self.blocks, &what))?;
+            // As far as the last mesh that is small enough, if no later block has one.
+            let mut now = self.replay.n_triangles as i64;
+            let mut last = 0;
+            for (i, freed) in steps.freed().enumerate() {
+                now += freed;
+                if now <= n as i64 {
+                    last = i + 1;
+                }
+            }
+            let is_whole = last == head.n as usize || {
+                let next = self.peek()?;
+                next.is_some_and(|next| next.kind == Kind::Steps && next.least <= n)
+            };
+            let end = if is_whole { head.n as usize } else { last };
+            for _ in 0..end {
+                steps.step(&mut self.replay).map_err(|what| bad(&self.blocks, &what))?;
+            }
+            self.blocks.number += 1;
+            if !is_whole {
+                return Ok(());
+            }
+            if self.replay.n_triangles != head.triangles {
+                return Err(bad(
+                    &self.blocks,
+                    "the block gives another number of triangles than it says",
+                ));
+            }
+        }
+    }
+
+    /// The head of the next block; `None` where the file is cut off, which matters once that block is needed.
+    fn peek(&self) -> Result<Option<BlockHead>> {
+        match self.blocks.head("") {
+            Ok(head) => Ok(Some(head)),
+            Err(Error::BadInput { .. }) => Ok(None),
+            Err(other) => Err(other),
+        }
+    }
+
+    fn remedy(&self) -> String {
+        match self.is_base_read {
+            true => format!(
+                "what comes before is whole: --triangles {} or fewer can be had, or make the file again",
+                self.replay.n_triangles
+            ),
+            false => "make the file again".to_owned(),
+        }
+    }
+
+    /// Reads a block's bytes if the mesh behind it fits into memory.
+    fn read(&mut self, head: &BlockHead, remedy: &str) -> Result<Vec<u8>> {
+        if head.n > MOST_IN_BLOCK {
+            return Err(self.blocks.bad(self.blocks.offset(), "no block holds that much", remedy));
+        }
+        let element = self.replay.stride as u64 + 8 + 2 * 28;
+        let needed = self.replay.bytes() + u64::from(head.n) * element;
+        if needed > self.memory_bytes {
+            return Err(Error::NoMemory(format!(
+                "a mesh of {} triangles needs more than {} of memory; ask for fewer triangles, or give more --memory",
+                head.triangles.max(self.replay.n_triangles),
+                show_bytes(self.memory_bytes)
+            )));
+        }
+        self.blocks.payload(head, remedy)
+    }
+
+    fn base(&mut self, check: &dyn Fn() -> Result<()>) -> Result<()> {
+        let remedy = self.remedy();
+        let Head { base_vertices, base_triangles, .. } = self.head;
+        let (mut last, mut last_key) = (vec![0; self.replay.stride], 0);
+        let (mut last_corners, mut last_triangle) = ([0u32; 3], 0);
+        while (self.replay.keys.len() as u64) < base_vertices
+            || self.replay.n_triangles < base_triangles
+        {
+            check()?;
+            let head = self.blocks.head(&remedy)?;
+            let at = self.blocks.offset();
+            let wanted = match (self.replay.keys.len() as u64) < base_vertices {
+                true => Kind::Vertices,
+                false => Kind::Triangles,
+            };
+            if head.kind != wanted || head.n == 0 {
+                return Err(self.blocks.bad(
+                    at,
+                    "another part of the coarsest mesh was expected",
+                    &remedy,
+                ));
+            }
+            let payload = self.read(&head, &remedy)?;
+            let n = head.n as usize;
+            let parsed = match wanted {
+                Kind::Vertices => self.vertices(&payload, n, &mut last, &mut last_key),
+                _ => self.triangles(&payload, n, &mut last_corners, &mut last_triangle),
+            };
+            parsed.map_err(|what| self.blocks.bad(at, &what, &remedy))?;
+            self.blocks.number += 1;
+        }
+        let is_it = self.replay.keys.len() as u64 == base_vertices
+            && self.replay.n_triangles == base_triangles;
+        match is_it {
+            true => Ok(()),
+            false => {
+                let what = "the coarsest mesh has other numbers of vertices or triangles than the head says";
+                Err(self.blocks.bad(self.blocks.offset(), what, &remedy))
+            }
+        }
+    }
+
+    fn vertices(
+        &mut self,
+        mut payload: &[u8],
+        n: usize,
+        last: &mut Vec<u8>,
+        last_key: &mut u32,
+    ) -> Result<(), String> {
+        let rows = &self.head.rows;
+        let values = Planes::read(&mut payload, n, rows.stride())?;
+        let keys =
+            self.head.bits.is_none().then(|| Planes::read(&mut payload, n, 4)).transpose()?;
+        let mut row = last.clone();
+        for i in 0..n {
+            rows.pull(&values, i, last, &mut row);
+            *last_key = match &keys {
+                Some(keys) => beside(keys.get(i) as u32, *last_key),
+                None => self.replay.keys.len() as u32,
+            };
+            self.replay.add_vertex(&row, *last_key);
+            last.copy_from_slice(&row);
+        }
+        Ok(())
+    }
+
+    fn triangles(
+        &mut self,
+        mut payload: &[u8],
+        n: usize,
+        last: &mut [u32; 3],
+        last_key: &mut u32,
+    ) -> Result<(), String> {
+        let corners = Planes::read(&mut payload, n, 12)?;
+        let keys =
+            self.head.bits.is_none().then(|| Planes::read(&mut payload, n, 4)).transpose()?;
+        let n_vertices = self.replay.keys.len() as u32;
+        for i in 0..n {
+            let mut bytes = [0; 12];
+            corners.get_bytes(i, 0, &mut bytes);
+            for (k, word) in bytes.as_chunks::<4>().0.iter().enumerate() {
+                last[k] = beside(u32::from_le_bytes(*word), last[k]);
+            }
+            let [a, b, c] = *last;
+            if a == b || b == c || c == a || last.iter().any(|&v| v >= n_vertices) {
+                return Err(format!(
+                    "a triangle has the corners {last:?} of {n_vertices} vertices"
+                ));
+            }
+            *last_key = match &keys {
+                Some(keys) => beside(keys.get(i) as u32, *last_key),
+                None => self.replay.triangles.len() as u32,
+            };
+            self.replay.add_triangle(*last, *last_key);
+        }
+        Ok(())
+    }
+
+    /// Hands the records of the mesh at hand to `vertices`, some at a time, then its triangles to `triangles`; in the order of
+    /// direct runs if the file has it. Returns the numbers of both.
+    pub fn write_to(
+        &self,
+        begin: impl FnOnce(u64, u64) -> Result<()>,
+        mut vertices: impl FnMut(&[u8]) -> Result<()>,
+        mut triangles: impl FnMut(&[[u32; 3]]) -> Result<()>,
+    ) -> Result<(u64, u64)> {
+        const BLOCK: usize = 1 << 16;
+        let replay = &self.replay;
+        let n = replay.keys.len() as u32;
+        let mut order: Vec<(u32, u32)> = (0..n)
+            .filter(|&v| replay.has_vertex(v))
+            .map(|v| (replay.keys[v as usize], v))
+            .collect();
+        let is_ordered = self.head.bits.is_none();
+        if is_ordered {
+            order.sort_unstable();
+        }
+        let mut place = vec![NONE; n as usize];
+        for (new, &(_, v)) in (0..).zip(&order) {
+            place[v as usize] = new;
+        }
+        let n_vertices = order.len() as u64;
+        begin(n_vertices, replay.n_triangles)?;
+        let mut records = Vec::new();
+        for block in order.chunks(BLOCK) {
+            records.clear();
+            block.iter().for_each(|&(_, v)| self.rows().put_record(replay.row(v), &mut records));
+            vertices(&records)?;
+        }
+        let there = (0..replay.triangles.len() as u32).filter(|&t| replay.has_triangle(t));
+        let mut order: Vec<(u32, u32)> =
+            there.map(|t| (replay.triangle_keys[t as usize], t)).collect();
+        if is_ordered {
+            order.sort_unstable();
+        }
+        for block in order.chunks(BLOCK) {
+            let corners =
+                |&(_, t): &(u32, u32)| replay.triangles[t as usize].map(|v| place[v as usize]);
+            triangles(&block.iter().map(corners).collect::<Vec<_>>())?;
+        }
+        Ok((n_vertices, replay.n_triangles))
+    }
+
+    fn rows(&self) -> &Rows {
+        &self.head.rows
+    }
+}

@@ -1,0 +1,542 @@
+//! Steps from coarse to fine as columns, and back: what a step says is relative to the mesh it is taken on.
+//!
+//! A split says which vertex is split, which of the triangles around it go to the new vertex, which triangles appear
+//! between the two, and what both vertices carry. Where the triangles around the vertex are in order, two small numbers
+//! say all of the second, and one number all of the third. Anything else is spelt out.
+
+use super::columns::{Planes, apart, beside, read, unzigzag, write, zigzag};
+use super::replay::{NONE, Order, Replay};
+use super::rows::Rows;
+use crate::error::Result;
+
+/// Kinds of steps.
+const SPLIT: u8 = 0;
+const OTHER: u8 = 1;
+
+/// Stands for a length where triangles are told by a bit each.
+const BY_BITS: u8 = 255;
+
+/// No step changes more triangles or vertices than this, besides those around a vertex.
+const MOST_OTHERS: u32 = 1 << 16;
+
+/// A vertex split: the inverse of a collapse. Corners are vertices of the replay, or `Replay::keys.len()` for the new one.
+pub(super) struct Split<'a> {
+    pub(super) kept: u32,
+    /// Triangles that go from it to the new vertex.
+    pub(super) fan: &'a [u32],
+    /// New triangles and their keys; two at most.
+    pub(super) gone: &'a [([u32; 3], u32)],
+    /// Keys of the new vertex and of `kept`.
+    pub(super) keys: [u32; 2],
+    /// Rows of both.
+    pub(super) rows: [&'a [u8]; 2],
+}
+
+/// Any other step: vertices and triangles appear, then a cut may be taken back.
+#[derive(Default)]
+pub(super) struct Other {
+    pub(super) rows: Vec<u8>,
+    pub(super) keys: Vec<u32>,
+    /// Corners may be the new vertices.
+    pub(super) triangles: Vec<([u32; 3], u32)>,
+    /// Vertices of the cut, those that go, and caps.
+    pub(super) join: Option<([u32; 3], [u32; 3], [u32; 2])>,
+}
+
+impl Other {
+    /// Triangles that it adds.
+    pub(super) fn freed(&self) -> i64 {
+        self.triangles.len() as i64 - if self.join.is_some() { 2 } else { 0 }
+    }
+}
+
+/// What the columns depend on.
+#[derive(Clone, Copy)]
+pub(super) struct Layout<'a> {
+    pub(super) rows: &'a Rows,
+    /// True if vertices and triangles have places in an order; otherwise splits come in the order of their vertices.
+    pub(super) has_keys: bool,
+}
+
+/// The columns of a block.
+struct Columns {
+    kinds: Vec<u8>,
+    freed: Planes,
+    kept: Planes,
+    starts: Vec<u8>,
+    lengths: Vec<u8>,
+    shapes: Vec<u8>,
+    keys: Planes,
+    of_kept: Planes,
+    of_new: Planes,
+    extra: Vec<u8>,
+}
+
+/// Widths: of a count of triangles, an index, and the keys of two vertices and two triangles.
+const FREED_BYTES: usize = 2;
+const INDEX_BYTES: usize = 4;
+const KEYS_BYTES: usize = 16;
+
+/// Bytes that columns take, by their meaning.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Spent {
+    /// Which vertices are split, and how.
+    pub connectivity: u64,
+    /// Places in the order of the output.
+    pub order: u64,
+    /// Positions and other values.
+    pub values: u64,
+}
+
+/// A block of steps that is being written.
+pub(super) struct StepWriter<'a> {
+    layout: Layout<'a>,
+    columns: Columns,
+    last_kept: u32,
+}
+
+/// The corners of a new triangle on one side of a split: on the first side of the fan, or on the second.
+fn side(i: usize, rim: u32, kept: u32, new: u32) -> [u32; 3] {
+    if i == 0 { [new, kept, rim] } else { [new, rim, kept] }
+}
+
+fn turned(t: [u32; 3], by: usize) -> [u32; 3] {
+    std::array::from_fn(|k| t[(k + 3 - by) % 3])
+}
+
+impl<'a> StepWriter<'a> {
+    pub(super) fn new(layout: Layout<'a>) -> StepWriter<'a> {
+        let stride = layout.rows.stride();
+        StepWriter {
+            layout,
+            columns: Columns {
+                kinds: Vec::new(),
+                freed: Planes::new(FREED_BYTES),
+                kept: Planes::new(INDEX_BYTES),
+                starts: Vec::new(),
+                lengths: Vec::new(),
+                shapes: Vec::new(),
+                keys: Planes::new(KEYS_BYTES),
+                of_kept: Planes::new(stride),
+                of_new: Planes::new(stride),
+                extra: Vec::new(),
+            },
+            last_kept: 0,
+        }
+    }
+
+    /// Steps so far.
+    pub(super) fn len(&self) -> usize {
+        self.columns.kinds.len()
+    }
+
+    fn extra(&mut self, x: u32) {
+        self.columns.extra.extend(x.to_le_bytes());
+    }
+
+    fn begin(&mut self, kind: u8, freed: i64) {
+        self.columns.kinds.push(kind);
+        self.columns.freed.push(zigzag(freed as u64, 16));
+    }
+
+    /// Takes a split; returns the order in which `gone` became triangles.
+    pub(super) fn split(&mut self, replay: &mut Replay, split: &Split) -> Vec<usize> {
+        let new = replay.keys.len() as u32;
+        let kept = split.kept;
+        self.begin(SPLIT, split.gone.len() as i64);
+        let difference = match self.layout.has_keys {
+            true => kept,
+            false => kept.wrapping_sub(std::mem::replace(&mut self.last_kept, kept)),
+        };
+        self.columns.kept.push(u64::from(difference));
+        let around = replay.around(kept);
+        let n = around.triangles.len();
+        let is_moved: Vec<bool> = around.triangles.iter().map(|t| split.fan.contains(t)).collect();
+        let length = is_moved.iter().filter(|&&moved| moved).count();
+        let starts = match around.order {
+            Order::None => 0..0,
+            Order::Closed => 0..n,
+            Order::Open => 0..n + 1 - length,
+        };
+        let is_arc = |&start: &usize| around.arc(start, length).all(|i| is_moved[i]);
+        // Where no triangle goes, the place on the rim is that of the new triangle.
+        let sides_of = |start: usize| {
+            let sides = around.sides(start, length)?;
+            let of = |t: &[u32; 3]| {
+                (0..6).find(|&at| turned(side(at / 3, sides[at / 3], kept, new), at % 3) == *t)
+            };
+            let mut at: Vec<(usize, usize)> = split
+                .gone
+                .iter()
+                .enumerate()
+                .map(|(i, (t, _))| of(t).map(|at| (at, i)))
+                .collect::<Option<_>>()?;
+            at.sort_unstable();
+            let is_each_once = at.chunk_by(|a, b| a.0 / 3 == b.0 / 3).all(|one| one.len() == 1);
+            (is_each_once && !at.is_empty()).then_some(at)
+        };
+        let found = starts.clone().filter(is_arc).find_map(|start| Some((start, sides_of(start)?)));
+        let start = found.as_ref().map(|found| found.0).or_else(|| starts.clone().find(is_arc));
+        match start {
+            Some(start) => {
+                self.columns.starts.push(start as u8);
+                self.columns.lengths.push(length as u8);
+            }
+            None => {
+                self.columns.starts.push(0);
+                self.columns.lengths.push(BY_BITS);
+                self.extra(n as u32);
+                for eight in is_moved.chunks(8) {
+                    let bits =
+                        eight.iter().rev().fold(0u8, |bits, &moved| bits << 1 | u8::from(moved));
+                    self.columns.extra.push(bits);
+                }
+            }
+        }
+        let order: Vec<usize> = match &found {
+            Some((_, sides)) => {
+                let (mut shape, mut factor) = (0, [4, 12]);
+                for &(at, _) in sides {
+                    let turn = if self.layout.has_keys { at % 3 } else { 0 };
+                    shape += (1 << (at / 3)) + factor[at / 3] * turn as u8;
+                    factor[at / 3] = 0;
+                }
+                self.columns.shapes.push(shape);
+                sides.iter().map(|&(_, i)| i).collect()
+            }
+            None => {
+                self.columns.shapes.push(0);
+                self.extra(split.gone.len() as u32);
+                for (t, _) in split.gone {
+                    t.iter().for_each(|&v| self.extra(v));
+                }
+                (0..split.gone.len()).collect()
+            }
+        };
+        let turn = |i: usize| match &found {
+            // Without an order corners begin with the new vertex.
+            Some((_, sides)) if !self.layout.has_keys => {
+                let at = sides.iter().find(|side| side.1 == i).map_or(0, |side| side.0 % 3);
+                turned(split.gone[i].0, (3 - at) % 3)
+            }
+            _ => split.gone[i].0,
+        };
+        let gone: Vec<([u32; 3], u32)> =
+            order.iter().map(|&i| (turn(i), split.gone[i].1)).collect();
+        if self.layout.has_keys {
+            let base = first_key(replay, &around.triangles);
+            let key = |i: usize| gone.get(i).map_or(0, |t| apart(t.1, base));
+            let [of_new, of_kept] = split.keys.map(|key| apart(key, replay.keys[kept as usize]));
+            let bytes: Vec<u8> =
+                [of_new, of_kept, key(0), key(1)].iter().flat_map(|x| x.to_le_bytes()).collect();
+            self.columns.keys.push_bytes(&bytes);
+        }
+        let rows = self.layout.rows;
+        rows.push(split.rows[1], replay.row(kept), &mut self.columns.of_kept);
+        let mut guess = vec![0; rows.stride()];
+        rows.opposite(replay.row(kept), split.rows[1], &mut guess);
+        rows.push(split.rows[0], &guess, &mut self.columns.of_new);
+        let mut fan = split.fan.to_vec();
+        fan.sort_unstable();
+        carry_out(replay, split, &fan, &gone);
+        order
+    }
+
+    /// Takes another step.
+    pub(super) fn other(&mut self, replay: &mut Replay, other: &Other) {
+        let freed = other.freed();
+        self.begin(OTHER, freed);
+        let counts = [other.keys.len(), other.triangles.len(), usize::from(other.join.is_some())];
+        counts.into_iter().for_each(|n| self.extra(n as u32));
+        self.columns.extra.extend_from_slice(&other.rows);
+        if self.layout.has_keys {
+            other.keys.iter().for_each(|&key| self.extra(key));
+        }
+        for &(t, key) in &other.triangles {
+            t.into_iter().for_each(|v| self.extra(v));
+            if self.layout.has_keys {
+                self.extra(key);
+            }
+        }
+        if let Some((cycle, new, caps)) = other.join {
+            cycle.into_iter().chain(new).chain(caps).for_each(|x| self.extra(x));
+        }
+        carry_out_other(replay, other);
+    }
+
+    /// The block's bytes.
+    pub(super) fn finish(self, spent: &mut Spent) -> Vec<u8> {
+        let columns = self.columns;
+        let mut out = Vec::new();
+        write(&columns.kinds, &mut out);
+        columns.freed.write(&mut out);
+        columns.kept.write(&mut out);
+        [&columns.starts, &columns.lengths, &columns.shapes, &columns.extra]
+            .into_iter()
+            .for_each(|column| write(column, &mut out));
+        spent.connectivity += out.len() as u64;
+        let before = out.len();
+        if self.layout.has_keys {
+            columns.keys.write(&mut out);
+        }
+        spent.order += (out.len() - before) as u64;
+        let before = out.len();
+        columns.of_kept.write(&mut out);
+        columns.of_new.write(&mut out);
+        spent.values += (out.len() - before) as u64;
+        out
+    }
+}
+
+fn first_key(replay: &Replay, around: &[u32]) -> u32 {
+    around.first().map_or(0, |&t| replay.triangle_keys[t as usize])
+}
+
+/// Takes a split; `fan` is sorted.
+fn carry_out(replay: &mut Replay, split: &Split, fan: &[u32], gone: &[([u32; 3], u32)]) {
+    let new = replay.add_vertex(split.rows[0], split.keys[0]);
+    replay.set_row(split.kept, split.rows[1]);
+    replay.keys[split.kept as usize] = split.keys[1];
+    replay.move_corners(split.kept, new, |t| fan.binary_search(&t).is_ok());
+    for &(t, key) in gone {
+        replay.add_triangle(t, key);
+    }
+}
+
+fn carry_out_other(replay: &mut Replay, other: &Other) {
+    let stride = replay.stride;
+    for (i, &key) in other.keys.iter().enumerate() {
+        replay.add_vertex(&other.rows[i * stride..(i + 1) * stride], key);
+    }
+    for &(t, key) in &other.triangles {
+        replay.add_triangle(t, key);
+    }
+    if let Some((cycle, new, caps)) = other.join {
+        replay.join(cycle, new, caps);
+    }
+}
+
+/// A block of steps that was read. Nothing in it is trusted.
+pub(super) struct StepReader<'a> {
+    layout: Layout<'a>,
+    columns: Columns,
+    /// Steps taken, splits among them, and bytes of `extra` that were used.
+    at: usize,
+    splits: usize,
+    used: usize,
+    last_kept: u32,
+}
+
+impl<'a> StepReader<'a> {
+    /// Takes the columns of `n` steps out of a block.
+    pub(super) fn new(mut bytes: &[u8], n: usize, layout: Layout<'a>) -> Result<Self, String> {
+        let input = &mut bytes;
+        let kinds = read(input)?;
+        if kinds.len() != n || kinds.iter().any(|&kind| kind > OTHER) {
+            return Err(format!("{} steps of known kinds were expected", n));
+        }
+        let n_splits = kinds.iter().filter(|&&kind| kind == SPLIT).count();
+        let stride = layout.rows.stride();
+        let columns = Columns {
+            kinds,
+            freed: Planes::read(input, n, FREED_BYTES)?,
+            kept: Planes::read(input, n_splits, INDEX_BYTES)?,
+            starts: read(input)?,
+            lengths: read(input)?,
+            shapes: read(input)?,
+            extra: read(input)?,
+            keys: match layout.has_keys {
+                true => Planes::read(input, n_splits, KEYS_BYTES)?,
+                false => Planes::default(),
+            },
+            of_kept: Planes::read(input, n_splits, stride)?,
+            of_new: Planes::read(input, n_splits, stride)?,
+        };
+        let lists = [&columns.starts, &columns.lengths, &columns.shapes];
+        if lists.iter().any(|list| list.len() != n_splits) || !input.is_empty() {
+            return Err("columns do not fit each other".to_owned());
+        }
+        Ok(StepReader { layout, columns, at: 0, splits: 0, used: 0, last_kept: 0 })
+    }
+
+    /// Triangles that each step adds.
+    pub(super) fn freed(&self) -> impl Iterator<Item = i64> {
+        (0..self.columns.kinds.len()).map(|i| self.freed_by(i))
+    }
+
+    fn freed_by(&self, i: usize) -> i64 {
+        i64::from(unzigzag(self.columns.freed.get(i), 16) as u16 as i16)
+    }
+
+    fn bytes(&mut self, n: usize) -> Result<&[u8], String> {
+        let end = self.used.saturating_add(n);
+        let found = self.columns.extra.get(self.used..end).ok_or("too few numbers")?;
+        self.used = end;
+        Ok(found)
+    }
+
+    fn number(&mut self) -> Result<u32, String> {
+        let bytes = self.bytes(4)?.first_chunk().ok_or("too few numbers")?;
+        Ok(u32::from_le_bytes(*bytes))
+    }
+
+    fn numbers<const N: usize>(&mut self) -> Result<[u32; N], String> {
+        let mut out = [0; N];
+        for x in &mut out {
+            *x = self.number()?;
+        }
+        Ok(out)
+    }
+
+    fn count(&mut self) -> Result<usize, String> {
+        match self.number()? {
+            n if n <= MOST_OTHERS => Ok(n as usize),
+            n => Err(format!("{n} things in one step")),
+        }
+    }
+
+    /// Takes the next step.
+    pub(super) fn step(&mut self, replay: &mut Replay) -> Result<(), String> {
+        let expected = self.columns.kinds.get(self.at).map(|_| self.freed_by(self.at));
+        let before = replay.n_triangles;
+        let kind = self.columns.kinds.get(self.at).copied();
+        self.at += 1;
+        match kind {
+            Some(SPLIT) => self.split(replay)?,
+            Some(_) => self.other(replay)?,
+            None => return Err("too few steps".to_owned()),
+        }
+        match expected == Some(replay.n_triangles as i64 - before as i64) {
+            true => Ok(()),
+            false => Err("a step adds another number of triangles than it says".to_owned()),
+        }
+    }
+
+    fn split(&mut self, replay: &mut Replay) -> Result<(), String> {
+        let i = self.splits;
+        self.splits += 1;
+        let new = replay.keys.len() as u32;
+        let number = self.columns.kept.get(i) as u32;
+        let kept = match self.layout.has_keys {
+            true => number,
+            false => self.last_kept.wrapping_add(number),
+        };
+        self.last_kept = kept;
+        if kept >= new {
+            return Err(format!("vertex {kept} of {new} is split"));
+        }
+        let around = replay.around(kept);
+        let n = around.triangles.len();
+        let (start, length) = (usize::from(self.columns.starts[i]), self.columns.lengths[i]);
+        let mut fan: Vec<u32> = if length == BY_BITS {
+            if self.number()? as usize != n {
+                return Err("another number of triangles is around a vertex".to_owned());
+            }
+            let bits = self.bytes(n.div_ceil(8))?;
+            let is_moved = |i: &usize| bits[i / 8] >> (i % 8) & 1 == 1;
+            (0..n).filter(is_moved).map(|i| around.triangles[i]).collect()
+        } else {
+            let length = usize::from(length);
+            let fits = match around.order {
+                Order::Closed => start < n && length <= n,
+                Order::Open => start + length <= n,
+                Order::None => false,
+            };
+            if !fits {
+                return Err("triangles around a vertex are named that are not there".to_owned());
+            }
+            around.arc(start, length).map(|i| around.triangles[i]).collect()
+        };
+        fan.sort_unstable();
+        let shape = self.columns.shapes[i];
+        let mut gone: Vec<([u32; 3], u32)> = Vec::new();
+        if shape == 0 {
+            for _ in 0..self.count()? {
+                let t = self.numbers()?;
+                check_corners(t, new + 1)?;
+                gone.push((t, 0));
+            }
+        } else {
+            let sides = match length {
+                BY_BITS => None,
+                length => around.sides(start, usize::from(length)),
+            };
+            let sides = sides.ok_or("a split has no sides")?;
+            for (k, turn) in [(0, shape / 4 % 3), (1, shape / 12 % 3)] {
+                if shape >> k & 1 == 1 {
+                    let t = turned(side(k, sides[k], kept, new), usize::from(turn));
+                    check_corners(t, new + 1)?;
+                    gone.push((t, 0));
+                }
+            }
+        }
+        let mut keys = [new, kept];
+        if self.layout.has_keys {
+            let mut bytes = [0; KEYS_BYTES];
+            self.columns.keys.get_bytes(i, 0, &mut bytes);
+            let difference =
+                |k: usize| u32::from_le_bytes([0, 1, 2, 3].map(|byte| bytes[4 * k + byte]));
+            let (base, own) = (first_key(replay, &around.triangles), replay.keys[kept as usize]);
+            keys = [0, 1].map(|k| beside(difference(k), own));
+            for (k, t) in gone.iter_mut().enumerate().take(2) {
+                t.1 = beside(difference(2 + k), base);
+            }
+        }
+        let rows = self.layout.rows;
+        let (mut of_kept, mut of_new) = (vec![0; rows.stride()], vec![0; rows.stride()]);
+        rows.pull(&self.columns.of_kept, i, replay.row(kept), &mut of_kept);
+        let mut guess = vec![0; rows.stride()];
+        rows.opposite(replay.row(kept), &of_kept, &mut guess);
+        rows.pull(&self.columns.of_new, i, &guess, &mut of_new);
+        let split = Split { kept, fan: &fan, gone: &gone, keys, rows: [&of_new, &of_kept] };
+        carry_out(replay, &split, &fan, &gone);
+        Ok(())
+    }
+
+    fn other(&mut self, replay: &mut Replay) -> Result<(), String> {
+        let (n_vertices, n_triangles, has_join) = (self.count()?, self.count()?, self.number()?);
+        let first = replay.keys.len() as u32;
+        let end = first + n_vertices as u32;
+        let mut other =
+            Other { rows: self.bytes(n_vertices * replay.stride)?.to_vec(), ..Other::default() };
+        for i in 0..n_vertices as u32 {
+            let key = if self.layout.has_keys { self.number()? } else { first + i };
+            other.keys.push(key);
+        }
+        for _ in 0..n_triangles {
+            let t = self.numbers()?;
+            check_corners(t, end)?;
+            let key = if self.layout.has_keys { self.number()? } else { 0 };
+            other.triangles.push((t, key));
+        }
+        if has_join > 0 {
+            let (cycle, new, caps) = (self.numbers()?, self.numbers()?, self.numbers::<2>()?);
+            let mut vertices: Vec<u32> = cycle.into_iter().chain(new).collect();
+            vertices.sort_unstable();
+            vertices.dedup();
+            let n_before = replay.triangles.len() as u32;
+            let is_there = |t: u32| match t.checked_sub(n_before) {
+                Some(i) => (i as usize) < n_triangles,
+                None => replay.has_triangle(t),
+            };
+            if vertices.len() < 6
+                || vertices.iter().any(|&v| v >= end)
+                || caps[0] == caps[1]
+                || !caps.into_iter().all(is_there)
+            {
+                return Err("a cut is taken back that is not there".to_owned());
+            }
+            other.join = Some((cycle, new, caps));
+        }
+        carry_out_other(replay, &other);
+        Ok(())
+    }
+}
+
+fn check_corners(t: [u32; 3], end: u32) -> Result<(), String> {
+    let is_proper = t[0] != t[1] && t[1] != t[2] && t[2] != t[0];
+    match is_proper && t.iter().all(|&v| v < end && v != NONE) {
+        true => Ok(()),
+        false => Err(format!("a triangle has the corners {t:?} of {end} vertices")),
+    }
+}
