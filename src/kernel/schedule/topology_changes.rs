@@ -51,7 +51,8 @@ impl Driver {
         let cost = topology::price(removal.error, triangles.len());
         let hold = small_components.hold_cost(&self.state.surface, removal, triangles.len());
         let is_due = is_due(queue, (bucket, entry), cost.max(hold), limits, &mut self.deferred);
-        if is_due && leaves_enough(&self.state.surface, triangles.len(), limits) {
+        let may_pass = self.history.is_some();
+        if is_due && leaves_enough(&self.state.surface, triangles.len(), limits, may_pass) {
             if let Some(history) = &mut self.history {
                 history.vanishes(&self.state.surface, triangles);
             }
@@ -81,7 +82,8 @@ impl Driver {
             CutPlan::Strip(triangles, cost) => (*cost, triangles.len() - 1),
         };
         let is_due = is_due(queue, (bucket, entry), cost, limits, &mut self.deferred);
-        if !is_due || !leaves_enough(&self.state.surface, n_freed, limits) {
+        let may_pass = self.history.is_some();
+        if !is_due || !leaves_enough(&self.state.surface, n_freed, limits, may_pass) {
             return;
         }
         let strip = match plan {
@@ -134,9 +136,10 @@ impl Driver {
     }
 }
 
-/// Returns whether `n_freed` triangles can go without passing the target.
-fn leaves_enough(surface: &Surface, n_freed: usize, limits: Limits) -> bool {
-    surface.n_alive + 2 >= limits.triangles + n_freed as u64
+/// Returns whether `n_freed` triangles can go without passing the target. Where steps are recorded they `may_pass` it: what is
+/// done must not depend on the target then.
+fn leaves_enough(surface: &Surface, n_freed: usize, limits: Limits, may_pass: bool) -> bool {
+    may_pass || surface.n_alive + 2 >= limits.triangles + n_freed as u64
 }
 
 /// Returns whether a change of this cost may be made now; if not, but within the limit, its entry waits for that cost

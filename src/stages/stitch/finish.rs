@@ -28,6 +28,9 @@ pub struct Parts<'a> {
 /// File in the job folder that a progressive mesh is in until the result is written.
 pub const PROGRESSIVE: &str = "result.pm";
 
+/// Channels weigh in a record as on the way to this part of the triangles, whatever the target.
+const RECORDED_WEIGHTS: u64 = 16;
+
 /// What a progressive mesh of the finish is made with.
 pub struct Recording<'a> {
     /// Comments of the input.
@@ -59,7 +62,8 @@ pub fn finish(
     run.progress.check()?;
     let mut options = Options { stop: Stop::Triangles(target), estimate: true, ..options.clone() };
     if options.weights.is_empty() && layout.n_weighted() > 0 {
-        // No round was before that.
+        // No round was before that. What is recorded must not depend on the target.
+        let target = if recording.is_some() { n_triangles / RECORDED_WEIGHTS } else { target };
         let channel_kinds = layout.codec.channel_kinds(&layout.schema);
         let mut sample = ChannelSample::default();
         sample.add(&joined.mesh, &channel_kinds);
