@@ -19,7 +19,7 @@ const KIND_AT: u32 = 30;
 const GONE_AT: u32 = 28;
 const LENGTH: u32 = (1 << GONE_AT) - 1;
 
-/// The steps of a run, and what they left: about 42 bytes for each triangle of the mesh that they began with, and 4 bytes a
+/// The steps of a run, and what they left: about 50 bytes for each triangle of the mesh that they began with, and 4 bytes a
 /// channel for each collapse and each vertex.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct History {

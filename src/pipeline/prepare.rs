@@ -102,6 +102,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     };
     if config.progressive.is_some() {
         check_recording(&source, &plan)?;
+        plan.add_progressive(source.schema().record_bytes());
     }
     plan.add_output_bytes(textures.iter().map(|textures| textures.bytes).sum());
     if texture == Texture::Bake {

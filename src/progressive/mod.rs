@@ -1,7 +1,7 @@
 //! Progressive meshes: a coarse mesh and the steps back to a finer one, in one file.
 //!
 //! `write` takes the history of a run of the kernel, `Refiner` a file and goes as far as is asked for. Both take the same
-//! steps on a `replay`; `steps` tells them as columns of bytes (`columns`, `rows`), `file` frames those in blocks. Knows
+//! steps on a `replay`; `steps` tells them as columns of bytes (`columns`, `rows`), `step_reader` takes them out, `file` frames those in blocks. Knows
 //! nothing of mesh files: records of vertices come and go as the caller encodes them.
 //!
 //! Source: Hoppe 1996; columns in batches after Pajarola & Rossignac 2000 (docs/references.md).
@@ -13,6 +13,7 @@ mod order;
 mod read;
 mod replay;
 mod rows;
+mod step_reader;
 mod steps;
 mod write;
 

@@ -1,23 +1,19 @@
-//! Steps from coarse to fine as columns, and back: what a step says is relative to the mesh it is taken on.
+//! Steps from coarse to fine as columns: what a step says is relative to the mesh it is taken on.
 //!
 //! A split says which vertex is split, which of the triangles around it go to the new vertex, which triangles appear
 //! between the two, and what both vertices carry. Where the triangles around the vertex are in order, two small numbers
 //! say all of the second, and one number all of the third. Anything else is spelt out.
 
-use super::columns::{Planes, apart, beside, read, unzigzag, write, zigzag};
-use super::replay::{NONE, Order, Replay};
+use super::columns::{Planes, apart, write, zigzag};
+use super::replay::{Order, Replay};
 use super::rows::Rows;
-use crate::error::Result;
 
 /// Kinds of steps.
-const SPLIT: u8 = 0;
-const OTHER: u8 = 1;
+pub(super) const SPLIT: u8 = 0;
+pub(super) const OTHER: u8 = 1;
 
 /// Stands for a length where triangles are told by a bit each.
-const BY_BITS: u8 = 255;
-
-/// No step changes more triangles or vertices than this, besides those around a vertex.
-const MOST_OTHERS: u32 = 1 << 16;
+pub(super) const BY_BITS: u8 = 255;
 
 /// A vertex split: the inverse of a collapse. Corners are vertices of the replay, or `Replay::keys.len()` for the new one.
 pub(super) struct Split<'a> {
@@ -59,23 +55,23 @@ pub(super) struct Layout<'a> {
 }
 
 /// The columns of a block.
-struct Columns {
-    kinds: Vec<u8>,
-    freed: Planes,
-    kept: Planes,
-    starts: Vec<u8>,
-    lengths: Vec<u8>,
-    shapes: Vec<u8>,
-    keys: Planes,
-    of_kept: Planes,
-    of_new: Planes,
-    extra: Vec<u8>,
+pub(super) struct Columns {
+    pub(super) kinds: Vec<u8>,
+    pub(super) freed: Planes,
+    pub(super) kept: Planes,
+    pub(super) starts: Vec<u8>,
+    pub(super) lengths: Vec<u8>,
+    pub(super) shapes: Vec<u8>,
+    pub(super) keys: Planes,
+    pub(super) of_kept: Planes,
+    pub(super) of_new: Planes,
+    pub(super) extra: Vec<u8>,
 }
 
 /// Widths: of a count of triangles, an index, and the keys of two vertices and two triangles.
-const FREED_BYTES: usize = 2;
-const INDEX_BYTES: usize = 4;
-const KEYS_BYTES: usize = 16;
+pub(super) const FREED_BYTES: usize = 2;
+pub(super) const INDEX_BYTES: usize = 4;
+pub(super) const KEYS_BYTES: usize = 16;
 
 /// Bytes that columns take, by their meaning.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -96,11 +92,11 @@ pub(super) struct StepWriter<'a> {
 }
 
 /// The corners of a new triangle on one side of a split: on the first side of the fan, or on the second.
-fn side(i: usize, rim: u32, kept: u32, new: u32) -> [u32; 3] {
+pub(super) fn side(i: usize, rim: u32, kept: u32, new: u32) -> [u32; 3] {
     if i == 0 { [new, kept, rim] } else { [new, rim, kept] }
 }
 
-fn turned(t: [u32; 3], by: usize) -> [u32; 3] {
+pub(super) fn turned(t: [u32; 3], by: usize) -> [u32; 3] {
     std::array::from_fn(|k| t[(k + 3 - by) % 3])
 }
 
@@ -288,12 +284,12 @@ impl<'a> StepWriter<'a> {
     }
 }
 
-fn first_key(replay: &Replay, around: &[u32]) -> u32 {
+pub(super) fn first_key(replay: &Replay, around: &[u32]) -> u32 {
     around.first().map_or(0, |&t| replay.triangle_keys[t as usize])
 }
 
 /// Takes a split; `fan` is sorted.
-fn carry_out(replay: &mut Replay, split: &Split, fan: &[u32], gone: &[([u32; 3], u32)]) {
+pub(super) fn carry_out(replay: &mut Replay, split: &Split, fan: &[u32], gone: &[([u32; 3], u32)]) {
     let new = replay.add_vertex(split.rows[0], split.keys[0]);
     replay.set_row(split.kept, split.rows[1]);
     replay.keys[split.kept as usize] = split.keys[1];
@@ -303,7 +299,7 @@ fn carry_out(replay: &mut Replay, split: &Split, fan: &[u32], gone: &[([u32; 3],
     }
 }
 
-fn carry_out_other(replay: &mut Replay, other: &Other) {
+pub(super) fn carry_out_other(replay: &mut Replay, other: &Other) {
     let stride = replay.stride;
     for (i, &key) in other.keys.iter().enumerate() {
         replay.add_vertex(&other.rows[i * stride..(i + 1) * stride], key);
@@ -313,230 +309,5 @@ fn carry_out_other(replay: &mut Replay, other: &Other) {
     }
     if let Some((cycle, new, caps)) = other.join {
         replay.join(cycle, new, caps);
-    }
-}
-
-/// A block of steps that was read. Nothing in it is trusted.
-pub(super) struct StepReader<'a> {
-    layout: Layout<'a>,
-    columns: Columns,
-    /// Steps taken, splits among them, and bytes of `extra` that were used.
-    at: usize,
-    splits: usize,
-    used: usize,
-    last_kept: u32,
-}
-
-impl<'a> StepReader<'a> {
-    /// Takes the columns of `n` steps out of a block.
-    pub(super) fn new(mut bytes: &[u8], n: usize, layout: Layout<'a>) -> Result<Self, String> {
-        let input = &mut bytes;
-        let kinds = read(input)?;
-        if kinds.len() != n || kinds.iter().any(|&kind| kind > OTHER) {
-            return Err(format!("{} steps of known kinds were expected", n));
-        }
-        let n_splits = kinds.iter().filter(|&&kind| kind == SPLIT).count();
-        let stride = layout.rows.stride();
-        let columns = Columns {
-            kinds,
-            freed: Planes::read(input, n, FREED_BYTES)?,
-            kept: Planes::read(input, n_splits, INDEX_BYTES)?,
-            starts: read(input)?,
-            lengths: read(input)?,
-            shapes: read(input)?,
-            extra: read(input)?,
-            keys: match layout.has_keys {
-                true => Planes::read(input, n_splits, KEYS_BYTES)?,
-                false => Planes::default(),
-            },
-            of_kept: Planes::read(input, n_splits, stride)?,
-            of_new: Planes::read(input, n_splits, stride)?,
-        };
-        let lists = [&columns.starts, &columns.lengths, &columns.shapes];
-        if lists.iter().any(|list| list.len() != n_splits) || !input.is_empty() {
-            return Err("columns do not fit each other".to_owned());
-        }
-        Ok(StepReader { layout, columns, at: 0, splits: 0, used: 0, last_kept: 0 })
-    }
-
-    /// Triangles that each step adds.
-    pub(super) fn freed(&self) -> impl Iterator<Item = i64> {
-        (0..self.columns.kinds.len()).map(|i| self.freed_by(i))
-    }
-
-    fn freed_by(&self, i: usize) -> i64 {
-        i64::from(unzigzag(self.columns.freed.get(i), 16) as u16 as i16)
-    }
-
-    fn bytes(&mut self, n: usize) -> Result<&[u8], String> {
-        let end = self.used.saturating_add(n);
-        let found = self.columns.extra.get(self.used..end).ok_or("too few numbers")?;
-        self.used = end;
-        Ok(found)
-    }
-
-    fn number(&mut self) -> Result<u32, String> {
-        let bytes = self.bytes(4)?.first_chunk().ok_or("too few numbers")?;
-        Ok(u32::from_le_bytes(*bytes))
-    }
-
-    fn numbers<const N: usize>(&mut self) -> Result<[u32; N], String> {
-        let mut out = [0; N];
-        for x in &mut out {
-            *x = self.number()?;
-        }
-        Ok(out)
-    }
-
-    fn count(&mut self) -> Result<usize, String> {
-        match self.number()? {
-            n if n <= MOST_OTHERS => Ok(n as usize),
-            n => Err(format!("{n} things in one step")),
-        }
-    }
-
-    /// Takes the next step.
-    pub(super) fn step(&mut self, replay: &mut Replay) -> Result<(), String> {
-        let expected = self.columns.kinds.get(self.at).map(|_| self.freed_by(self.at));
-        let before = replay.n_triangles;
-        let kind = self.columns.kinds.get(self.at).copied();
-        self.at += 1;
-        match kind {
-            Some(SPLIT) => self.split(replay)?,
-            Some(_) => self.other(replay)?,
-            None => return Err("too few steps".to_owned()),
-        }
-        match expected == Some(replay.n_triangles as i64 - before as i64) {
-            true => Ok(()),
-            false => Err("a step adds another number of triangles than it says".to_owned()),
-        }
-    }
-
-    fn split(&mut self, replay: &mut Replay) -> Result<(), String> {
-        let i = self.splits;
-        self.splits += 1;
-        let new = replay.keys.len() as u32;
-        let number = self.columns.kept.get(i) as u32;
-        let kept = match self.layout.has_keys {
-            true => number,
-            false => self.last_kept.wrapping_add(number),
-        };
-        self.last_kept = kept;
-        if kept >= new {
-            return Err(format!("vertex {kept} of {new} is split"));
-        }
-        let around = replay.around(kept);
-        let n = around.triangles.len();
-        let (start, length) = (usize::from(self.columns.starts[i]), self.columns.lengths[i]);
-        let mut fan: Vec<u32> = if length == BY_BITS {
-            if self.number()? as usize != n {
-                return Err("another number of triangles is around a vertex".to_owned());
-            }
-            let bits = self.bytes(n.div_ceil(8))?;
-            let is_moved = |i: &usize| bits[i / 8] >> (i % 8) & 1 == 1;
-            (0..n).filter(is_moved).map(|i| around.triangles[i]).collect()
-        } else {
-            let length = usize::from(length);
-            let fits = match around.order {
-                Order::Closed => start < n && length <= n,
-                Order::Open => start + length <= n,
-                Order::None => false,
-            };
-            if !fits {
-                return Err("triangles around a vertex are named that are not there".to_owned());
-            }
-            around.arc(start, length).map(|i| around.triangles[i]).collect()
-        };
-        fan.sort_unstable();
-        let shape = self.columns.shapes[i];
-        let mut gone: Vec<([u32; 3], u32)> = Vec::new();
-        if shape == 0 {
-            for _ in 0..self.count()? {
-                let t = self.numbers()?;
-                check_corners(t, new + 1)?;
-                gone.push((t, 0));
-            }
-        } else {
-            let sides = match length {
-                BY_BITS => None,
-                length => around.sides(start, usize::from(length)),
-            };
-            let sides = sides.ok_or("a split has no sides")?;
-            for (k, turn) in [(0, shape / 4 % 3), (1, shape / 12 % 3)] {
-                if shape >> k & 1 == 1 {
-                    let t = turned(side(k, sides[k], kept, new), usize::from(turn));
-                    check_corners(t, new + 1)?;
-                    gone.push((t, 0));
-                }
-            }
-        }
-        let mut keys = [new, kept];
-        if self.layout.has_keys {
-            let mut bytes = [0; KEYS_BYTES];
-            self.columns.keys.get_bytes(i, 0, &mut bytes);
-            let difference =
-                |k: usize| u32::from_le_bytes([0, 1, 2, 3].map(|byte| bytes[4 * k + byte]));
-            let (base, own) = (first_key(replay, &around.triangles), replay.keys[kept as usize]);
-            keys = [0, 1].map(|k| beside(difference(k), own));
-            for (k, t) in gone.iter_mut().enumerate().take(2) {
-                t.1 = beside(difference(2 + k), base);
-            }
-        }
-        let rows = self.layout.rows;
-        let (mut of_kept, mut of_new) = (vec![0; rows.stride()], vec![0; rows.stride()]);
-        rows.pull(&self.columns.of_kept, i, replay.row(kept), &mut of_kept);
-        let mut guess = vec![0; rows.stride()];
-        rows.opposite(replay.row(kept), &of_kept, &mut guess);
-        rows.pull(&self.columns.of_new, i, &guess, &mut of_new);
-        let split = Split { kept, fan: &fan, gone: &gone, keys, rows: [&of_new, &of_kept] };
-        carry_out(replay, &split, &fan, &gone);
-        Ok(())
-    }
-
-    fn other(&mut self, replay: &mut Replay) -> Result<(), String> {
-        let (n_vertices, n_triangles, has_join) = (self.count()?, self.count()?, self.number()?);
-        let first = replay.keys.len() as u32;
-        let end = first + n_vertices as u32;
-        let mut other =
-            Other { rows: self.bytes(n_vertices * replay.stride)?.to_vec(), ..Other::default() };
-        for i in 0..n_vertices as u32 {
-            let key = if self.layout.has_keys { self.number()? } else { first + i };
-            other.keys.push(key);
-        }
-        for _ in 0..n_triangles {
-            let t = self.numbers()?;
-            check_corners(t, end)?;
-            let key = if self.layout.has_keys { self.number()? } else { 0 };
-            other.triangles.push((t, key));
-        }
-        if has_join > 0 {
-            let (cycle, new, caps) = (self.numbers()?, self.numbers()?, self.numbers::<2>()?);
-            let mut vertices: Vec<u32> = cycle.into_iter().chain(new).collect();
-            vertices.sort_unstable();
-            vertices.dedup();
-            let n_before = replay.triangles.len() as u32;
-            let is_there = |t: u32| match t.checked_sub(n_before) {
-                Some(i) => (i as usize) < n_triangles,
-                None => replay.has_triangle(t),
-            };
-            if vertices.len() < 6
-                || vertices.iter().any(|&v| v >= end)
-                || caps[0] == caps[1]
-                || !caps.into_iter().all(is_there)
-            {
-                return Err("a cut is taken back that is not there".to_owned());
-            }
-            other.join = Some((cycle, new, caps));
-        }
-        carry_out_other(replay, &other);
-        Ok(())
-    }
-}
-
-fn check_corners(t: [u32; 3], end: u32) -> Result<(), String> {
-    let is_proper = t[0] != t[1] && t[1] != t[2] && t[2] != t[0];
-    match is_proper && t.iter().all(|&v| v < end && v != NONE) {
-        true => Ok(()),
-        false => Err(format!("a triangle has the corners {t:?} of {end} vertices")),
     }
 }
