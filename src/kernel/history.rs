@@ -28,7 +28,7 @@ pub struct History {
     places: Vec<Vec3>,
     channels: Vec<f32>,
     n_channels: usize,
-    /// What a collapse under way needs from before.
+    /// Kept from before a collapse that is under way.
     sources: [u32; 2],
     place: Vec3,
     /// Places of all vertices at the end; of one that is gone, its last.

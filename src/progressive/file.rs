@@ -102,7 +102,7 @@ pub(super) fn write_block(
 /// A file that is read from its beginning, block by block.
 pub(super) struct BlockReader {
     file: RawFile,
-    /// Where the next block begins, and its number.
+    /// Beginning of the next block, and its number.
     offset: u64,
     pub(super) number: u64,
 }

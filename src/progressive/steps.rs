@@ -46,7 +46,7 @@ impl Other {
     }
 }
 
-/// What the columns depend on.
+/// Facts that the columns depend on.
 #[derive(Clone, Copy)]
 pub(super) struct Layout<'a> {
     pub(super) rows: &'a Rows,
@@ -76,7 +76,7 @@ pub(super) const KEYS_BYTES: usize = 16;
 /// Bytes that columns take, by their meaning.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Spent {
-    /// Which vertices are split, and how.
+    /// Vertices that are split, and the triangles that go.
     pub connectivity: u64,
     /// Places in the order of the output.
     pub order: u64,

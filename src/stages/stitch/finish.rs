@@ -31,7 +31,7 @@ pub const PROGRESSIVE: &str = "result.pm";
 /// Channels weigh in a record as on the way to this part of the triangles, whatever the target.
 const RECORDED_WEIGHTS: u64 = 16;
 
-/// What a progressive mesh of the finish is made with.
+/// Contents of a progressive mesh of the finish besides its steps.
 pub struct Recording<'a> {
     /// Comments of the input.
     pub comments: &'a [String],
