@@ -97,11 +97,12 @@ impl Refiner {
             let mut steps = StepReader::new(&payload, head.n as usize, layout)
                 .map_err(|what| bad(&self.blocks, &what))?;
             // As far as the last mesh that is small enough, if no later block has one.
+            let most = i64::try_from(n).unwrap_or(i64::MAX);
             let mut now = self.replay.n_triangles as i64;
             let mut last = 0;
             for (i, freed) in steps.freed().enumerate() {
                 now += freed;
-                if now <= n as i64 {
+                if now <= most {
                     last = i + 1;
                 }
             }
@@ -208,14 +209,14 @@ impl Refiner {
         &mut self,
         mut payload: &[u8],
         n: usize,
-        last: &mut Vec<u8>,
+        last: &mut [u8],
         last_key: &mut u32,
     ) -> Result<(), String> {
         let rows = &self.head.rows;
         let values = Planes::read(&mut payload, n, rows.stride())?;
         let keys =
             self.head.bits.is_none().then(|| Planes::read(&mut payload, n, 4)).transpose()?;
-        let mut row = last.clone();
+        let mut row = last.to_vec();
         for i in 0..n {
             rows.pull(&values, i, last, &mut row);
             *last_key = match &keys {
