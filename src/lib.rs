@@ -22,6 +22,7 @@ mod stages;
 mod store;
 pub mod synth;
 pub mod system;
+mod texture;
 
 pub use error::{Error, Result};
 pub use kernel::simplify_mesh;

@@ -70,6 +70,13 @@ fn the_page_is_whole_by_itself() {
     ] {
         assert!(text.contains(part), "no {part}");
     }
+    // The picture and the line that matters come first.
+    let at = |part: &str| text.find(part).unwrap_or_else(|| panic!("no {part}"));
+    assert!(at("The whole") < at("class=\"line\"") && at("class=\"line\"") < at("Asked and done"));
+    let run = std::fs::read(folder.path().join("run.json")).unwrap();
+    let run: serde_json::Value = serde_json::from_slice(&run).unwrap();
+    let count = format!("triangles became <b>{}</b>", run["output"]["triangles"]);
+    assert!(text.replace('\u{2009}', "").contains(&count), "{count}");
     // Four views of both meshes.
     assert_eq!(text.matches("data:image/png;base64,").count(), 8);
     // Nothing is fetched: no script, style, picture or frame from elsewhere.

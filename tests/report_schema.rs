@@ -218,6 +218,7 @@ fn measurements_keep_the_schema() {
         "--memory 64MiB --cell-triangles 2k",
         "--certify --tolerance 5%",
         "--memory 64MiB --cell-triangles 2k --certify",
+        "--appearance --views 2",
     ] {
         let samples = "--samples 5k --report m.json --json";
         let answer = printed(out, &format!("measure in.ply out.ply {options} {samples}"));
@@ -226,6 +227,7 @@ fn measurements_keep_the_schema() {
         assert_eq!(answer["forward"]["color_delta_e"], answer["forward"]["colour_delta_e"]);
         assert!(answer["forward"]["color_delta_e"].is_number(), "{answer}");
         assert_eq!(answer["hausdorff"].is_object(), options.contains("--certify"), "{options}");
+        assert_eq!(answer["appearance"].is_object(), options.contains("--app"), "{options}");
     }
 }
 

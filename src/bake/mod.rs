@@ -7,11 +7,9 @@
 //! the two meshes, the images and the options: not on threads, memory or the order of work. Does not write meshes.
 
 mod charts;
-mod images;
 mod nearest;
 mod original;
 mod pages;
-mod paint;
 mod settings;
 mod texels;
 
@@ -19,14 +17,13 @@ use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::measure::load;
 use crate::system::units::show_bytes;
+pub use crate::texture::Finish;
+use crate::texture::{ImageCache, Palette, Purpose};
 use charts::Charts;
-use images::ImageCache;
 use original::Original;
 use pages::Canvas;
 pub use pages::Page;
 use pages::PageKind;
-pub use paint::Finish;
-use paint::Palette;
 use serde::{Deserialize, Serialize};
 pub use settings::{BakeReport, Corner, Means, Options};
 use std::path::{Path, PathBuf};
@@ -72,7 +69,11 @@ pub fn bake(
         return Err(Error::Internal("a result has degenerate faces".to_owned()));
     }
     progress.count_from_zero(original.n_triangles());
-    let palette = Palette::new(original.materials().map(|all| &**all), free_bytes / IMAGE_SHARE)?;
+    let palette = Palette::new(
+        original.materials().map(|all| &**all),
+        free_bytes / IMAGE_SHARE,
+        Purpose::Bake,
+    )?;
     let original = Original::cut(
         original,
         &palette,
@@ -154,7 +155,8 @@ fn free_bytes(n_triangles: u64, taken: u64, memory_bytes: u64) -> Result<u64> {
 pub fn check(original: &MeshSource, n_triangles: u64, memory_bytes: u64) -> Result<u64> {
     let taken = SHAPE_BYTES * n_triangles + Charts::bytes(n_triangles);
     let free = free_bytes(n_triangles, taken, memory_bytes)?;
-    let palette = Palette::new(original.materials().map(|all| &**all), free / IMAGE_SHARE)?;
+    let palette =
+        Palette::new(original.materials().map(|all| &**all), free / IMAGE_SHARE, Purpose::Bake)?;
     Ok(CORNER_BYTES * original.n_corners() + PAGE_BYTES * palette.n_pixels())
 }
 
@@ -166,7 +168,7 @@ const PAGE_BYTES: u64 = 12;
 
 /// Tells if the original has texture coordinates and an image that can be used.
 pub fn has_images(original: &MeshSource) -> bool {
-    let palette = Palette::new(original.materials().map(|all| &**all), u64::MAX);
+    let palette = Palette::new(original.materials().map(|all| &**all), u64::MAX, Purpose::Bake);
     original.has_corner_texture() && palette.is_ok_and(|palette| palette.has_images())
 }
 

@@ -2,7 +2,6 @@
 //!
 //! Finding the nearest place is in `nearest`.
 
-use super::paint::{MapUse, Palette};
 use super::settings::{Means, Options};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
@@ -21,6 +20,7 @@ use crate::mesh::vec3::dot;
 use crate::store::cells::load_bytes;
 use crate::system::parallel::{Weighted, largest_first};
 use crate::system::progress::Progress;
+use crate::texture::{MapUse, Palette};
 use std::sync::{Mutex, PoisonError};
 
 /// No material.

@@ -6,11 +6,9 @@
 //! original is visited region by region.
 
 use super::charts::{Charts, NONE};
-use super::images::{Decoded, ImageCache, Light, pixel_of};
 use super::nearest::{CellCache, Seekers};
 use super::original::{Hit, Original};
 use super::pages::{Canvas, Texel};
-use super::paint::{Paint, Palette};
 use crate::error::Result;
 use crate::measure::triangle::{self, Vector};
 use crate::mesh::Mesh;
@@ -19,6 +17,7 @@ use crate::mesh::morton::spread;
 use crate::mesh::vec3::{length_sq, sub};
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
+use crate::texture::{Decoded, ImageCache, Light, MapUse, Paint, Palette, opacity_of, pixel_of};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -350,7 +349,7 @@ enum Role {
 }
 
 impl Role {
-    fn map(self, paint: &Paint) -> Option<&super::paint::MapUse> {
+    fn map(self, paint: &Paint) -> Option<&MapUse> {
         match self {
             Role::Base => paint.base.as_ref(),
             Role::Opacity => paint.opacity.as_ref(),
@@ -377,12 +376,7 @@ impl Look<'_> {
         let light = decoded.at(map, hit.uv, width as f32, &scene.images.table)?;
         Some(match self.role {
             Role::Base => light,
-            // Opacity is in the brightness of an image, as a number and not as light, or in its own opacity.
-            Role::Opacity => {
-                let [r, g, b, a] = pixel_of(light).map(|x| f32::from(x) / 255.0);
-                let opacity = if a < 1.0 { a } else { (r + g + b) / 3.0 };
-                [opacity; 4]
-            }
+            Role::Opacity => [opacity_of(light); 4],
         })
     }
 }

@@ -4,12 +4,17 @@ use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
 use super::log::{Log, Talk};
 use crate::error::{Error, Result};
+use crate::io::ply::{MeshSource, Place};
+use crate::measure::appearance::{
+    self, Appearance, DEFAULT_VIEWS, Likeness, MOST_VIEWS, Settings, WorstView,
+};
 use crate::measure::compare::{self, CELL_TRIANGLES, Comparison, Report, Request};
 use crate::measure::{
     self, Certificate, Certify, LEAST_TOLERANCE, On, Options, Region, Side, TriangleSizes, heatmap,
     load,
 };
 use crate::mesh::topology_counts::Topology;
+use crate::render::{Picture, Resources};
 use crate::system::disk::folder_of;
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::progress::Progress;
@@ -70,6 +75,19 @@ pub struct Args {
     /// Width of that interval, relative to its upper end
     #[arg(long, value_name = "SHARE", requires = "certify", value_parser = parse_tolerance, default_value = "1%")]
     tolerance: f64,
+    /// Also compares pictures of both, taken from all around: PSNR and SSIM over the silhouette
+    #[arg(long)]
+    appearance: bool,
+    /// Pictures of each
+    #[arg(long, value_name = "N", requires = "appearance", default_value_t = DEFAULT_VIEWS,
+          value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_VIEWS)))]
+    views: u32,
+    /// Pictures with lamps and shade, though the original has colours
+    #[arg(long, requires = "appearance")]
+    lit: bool,
+    /// Writes the pictures into a folder, both of a view side by side
+    #[arg(long, value_name = "DIR", requires = "appearance")]
+    pictures: Option<PathBuf>,
 }
 
 /// A tolerance from a percentage or a share.
@@ -114,6 +132,9 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
         watch(talk, progress, log, || compare::compare(request, progress))
     })?;
     let json = write_report(args, &report, progress)?;
+    for line in progress.take_notes() {
+        log.say(format!("warning: {line}"));
+    }
     let mut out = std::io::stdout().lock();
     let printed =
         if args.json { writeln!(out, "{json}") } else { write!(out, "{}", table(&report)) };
@@ -183,9 +204,36 @@ pub(super) fn report(
             }
         }
     }
+    let appearance = match args.appearance {
+        true => Some(appearance(args, [&original, &simplified], threads, progress)?),
+        false => None,
+    };
     Ok(Report {
         triangle_sizes,
+        appearance,
         ..Report::new(&request, &comparison, begin.elapsed().as_secs_f64())
+    })
+}
+
+/// Compares pictures, and writes them where that was asked for.
+fn appearance(
+    args: &Args,
+    [original, simplified]: [&MeshSource; 2],
+    threads: usize,
+    progress: &Progress,
+) -> Result<Appearance> {
+    if let Some(folder) = &args.pictures {
+        std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "cannot make folder", e))?;
+    }
+    let resources = Resources { memory_bytes: memory_budget(args.memory), threads };
+    let settings = Settings { views: args.views, lit: args.lit };
+    let meshes = (original, simplified);
+    appearance::compare(meshes, settings, resources, progress, |number, [first, second]| {
+        let Some(folder) = &args.pictures else { return Ok(()) };
+        let both = Picture::side_by_side(&[(first, "original"), (second, "simplified")]);
+        let path = folder.join(format!("view-{number:02}.png"));
+        let place = Place { replace: args.force, ..Place::from(&path) };
+        crate::system::pending_file::write_whole(place, &both.to_png()?)
     })
 }
 
@@ -268,6 +316,10 @@ pub(super) fn table(report: &Report) -> String {
         text.push_str(&certificate_line(certificate));
         text.push('\n');
     }
+    if let Some(appearance) = &report.appearance {
+        text.push_str(&appearance_line(appearance));
+        text.push('\n');
+    }
     if let Some(sizes) = &report.triangle_sizes {
         text.push_str(&format!(
             "mean area of simplified triangles: near {:.6e} ({}), far {:.6e} ({})\n",
@@ -275,6 +327,25 @@ pub(super) fn table(report: &Report) -> String {
         ));
     }
     text
+}
+
+/// The line for people about pictures.
+fn appearance_line(appearance: &Appearance) -> String {
+    let show = |likeness: &Likeness| {
+        let psnr =
+            likeness.psnr.map_or("no difference".to_owned(), |psnr| format!("PSNR {psnr:.2} dB"));
+        let ssim =
+            likeness.ssim.map_or("nothing seen".to_owned(), |ssim| format!("SSIM {ssim:.4}"));
+        format!("{psnr}, {ssim}")
+    };
+    let WorstView { view, direction: [x, y, z], likeness } = &appearance.worst;
+    format!(
+        "appearance in {} views ({}): {}; worst view {view} (--view {x:.3},{y:.3},{z:.3}): {}",
+        appearance.views,
+        appearance.lighting,
+        show(&appearance.likeness),
+        show(likeness)
+    )
 }
 
 /// The line for people about a certificate; digits are cut off away from the distance.

@@ -4,8 +4,8 @@ use crate::error::{Error, Result};
 use crate::io::ply::{FaceBlock, MeshSource, Place, VertexBlock};
 use crate::mesh::Mesh;
 use crate::render::{
-    Coloring, Direction, Picture, Resources, Scale, Sphere, View, aim_source, render_mesh,
-    render_source, top_of,
+    Coloring, Direction, Lighting, Picture, Resources, Scale, Sphere, View, aim_source, has_images,
+    render_mesh, render_source, top_of,
 };
 use crate::system::disk::folder_of;
 use crate::system::memory::{DEFAULT_SHARE, limit_bytes};
@@ -46,13 +46,18 @@ pub struct Args {
     /// Facet by facet instead of smooth across edges.
     #[arg(long)]
     pub flat: bool,
-    /// Paint: vertex colours or plain clay.
-    #[arg(long, value_name = "PAINT", default_value = "plain", value_parser = ["vertex", "plain"])]
-    pub color: String,
+    /// Paint: materials with their images, vertex colours, or plain clay [default: texture where a mesh has images,
+    /// otherwise plain].
+    #[arg(long, value_name = "PAINT", value_parser = ["texture", "vertex", "plain"])]
+    pub color: Option<String>,
     /// Paint by a number that the vertices carry, with a legend: 'error' for what 'simplify --error-field' wrote
     /// (a distance in the mesh's units), or any other property of vertices; several meshes share one scale.
+    /// 'texture' is the same as --color texture.
     #[arg(long, value_name = "PROPERTY", conflicts_with_all = ["color", "quadrics"])]
     pub color_by: Option<String>,
+    /// Without lamps and shade: every surface shows its own colour, before plain grey.
+    #[arg(long)]
+    pub unlit: bool,
     /// Upper end of the scale of --color-by [default: what 99.9 % of the vertices do not exceed].
     #[arg(long, value_name = "VALUE", requires = "color_by", value_parser = parse_scale_end)]
     pub scale_to: Option<f64>,
@@ -70,6 +75,9 @@ pub struct Args {
     #[arg(long)]
     pub force: bool,
 }
+
+/// The word of `--color-by` that is not a property.
+const TEXTURE: &str = "texture";
 
 impl Args {
     pub(super) fn paths(&self) -> Result<Paths> {
@@ -91,6 +99,9 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
     progress.check()?;
     write(args, &picture)?;
     let (output, n) = (args.output.display(), show_count(n_triangles));
+    for line in progress.take_notes() {
+        let _ = writeln!(log, "warning: {line}");
+    }
     // A closed standard error is not a reason to fail: the picture is there.
     let _ = writeln!(log, "{output}: {}x{} pixels, {n} triangles", picture.width, picture.height);
     Ok(())
@@ -112,10 +123,13 @@ impl Args {
             zoom: self.zoom,
             edges: self.edges,
             smooth: !self.flat,
-            coloring: match self.color.as_str() {
-                "vertex" => Coloring::Vertex { channel: 0 },
+            coloring: match self.color.as_deref() {
+                Some("vertex") => Coloring::Vertex { channel: 0 },
+                Some("texture") => Coloring::Texture,
+                _ if self.color_by.as_deref() == Some(TEXTURE) => Coloring::Texture,
                 _ => Coloring::Plain,
             },
+            lighting: if self.unlit { Lighting::Unlit } else { Lighting::Studio },
             scale: None,
             n_quadrics: self.quadrics,
             aim: None,
@@ -133,7 +147,7 @@ pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)
         true => Path::new("."),
         false => folder_of(&args.output),
     };
-    if let Some(property) = &args.color_by {
+    if let Some(property) = args.color_by.as_ref().filter(|property| *property != TEXTURE) {
         let mut top = 0f64;
         for path in &args.mesh {
             let source = super::arguments::open_mesh(path, temp_dir)?;
@@ -149,6 +163,11 @@ pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)
         n_triangles += source.n_triangles();
         if args.mesh.len() > 1 && !args.own_camera && view.aim.is_none() {
             view.aim = Some(aim_source(&source, &view, resources, progress)?);
+        }
+        let is_free = args.color.is_none() && args.color_by.is_none();
+        if is_free {
+            let is_textured = args.quadrics == 0 && has_images(&source);
+            view.coloring = if is_textured { Coloring::Texture } else { Coloring::Plain };
         }
         pictures.push(if args.quadrics > 0 {
             render_mesh(&read_whole(&source, progress)?, &view, threads, progress)?

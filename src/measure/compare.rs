@@ -6,6 +6,7 @@
 use crate::config::DEFAULT_CELL_TRIANGLES;
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
+use crate::measure::appearance::Appearance;
 use crate::measure::deviation::Deviation;
 use crate::measure::heatmap;
 use crate::measure::load;
@@ -88,6 +89,9 @@ pub struct Report {
     /// The Hausdorff distance enclosed; only with `--certify`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hausdorff: Option<Certificate>,
+    /// Likeness of pictures; only with `--appearance`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub appearance: Option<Appearance>,
     /// Areas of triangles near and far from the points of `--near`; only with that option.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub triangle_sizes: Option<TriangleSizes>,
@@ -121,6 +125,7 @@ impl Report {
             simplified: file(request.simplified, measured.simplified),
             deviation: measured.deviation.clone(),
             hausdorff: measured.certificate.clone(),
+            appearance: None,
             triangle_sizes: None,
             seed: request.options.seed,
             cells: comparison.cells,

@@ -8,6 +8,7 @@
 // Three axes (and eight lanes) run through several arrays side by side; an index shows that best.
 #![allow(clippy::needless_range_loop)]
 
+pub mod appearance;
 pub(crate) mod carried;
 mod certificate;
 mod certify;

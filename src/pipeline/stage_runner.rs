@@ -369,6 +369,22 @@ impl<'a> Stages<'a> {
         }
     }
 
+    /// Header and form of a file of survivors of an input.
+    fn form(&self, source: &MeshSource, format: OutputFormat) -> (OutputHeader, Form) {
+        let header = OutputHeader {
+            comments: source.plain_comments(),
+            obj_infos: source.obj_infos().to_vec(),
+            ..OutputHeader::new(source.schema().clone(), 0, 0)
+        };
+        let form = Form {
+            format,
+            faces: source.carried().cloned().unwrap_or_default(),
+            normals: self.config.attributes.normals,
+            has_reach: self.config.error_field,
+        };
+        (header, form)
+    }
+
     pub(super) fn write(
         &mut self,
         source: &MeshSource,
@@ -382,13 +398,13 @@ impl<'a> Stages<'a> {
             return Ok(written);
         }
         let settings = self.config.settings_of_level(self.level).into_iter();
+        let kind = Some(self.kind()?);
+        let (header, form) = self.form(source, OutputFormat { kind, ..self.config.format });
         let header = OutputHeader {
-            comments: source.plain_comments(),
-            obj_infos: source.obj_infos().to_vec(),
             settings: settings.map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" "),
             textures,
             sort_memory_bytes: write::sort_memory_bytes(&self.run),
-            ..OutputHeader::new(source.schema().clone(), 0, 0)
+            ..header
         };
         let pack = self.survivors(result.clone())?;
         let (disk, replace) = (self.run.disk().clone(), self.config.force);
@@ -400,13 +416,6 @@ impl<'a> Stages<'a> {
         let run = self.run;
         self.stages.begin("write", result.triangles);
         let (read, start) = (run.disk().bytes_read(), Instant::now());
-        let kind = Some(self.kind()?);
-        let form = Form {
-            format: OutputFormat { kind, ..self.config.format },
-            faces: source.carried().cloned().unwrap_or_default(),
-            normals: self.config.attributes.normals,
-            has_reach: self.config.error_field,
-        };
         let written = write::write(&pack, place, header, form, &run)?;
         self.stages.reports.push(StageReport {
             name: "write".to_owned(),

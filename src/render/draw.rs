@@ -3,13 +3,15 @@
 use super::camera::{Camera, Extent, Silhouette};
 use super::picture::Picture;
 use super::quadrics::Facet;
-use super::raster::{Corner, Frame, SAMPLE_BYTES, Style};
+use super::raster::{Corner, Frame, SAMPLE_BYTES, Shown, Style};
 use super::scene::{Faces, Points, Scene};
 use super::shade;
+use super::skin::Skins;
 use super::vector::smoothstep;
 use super::vertices::{Vertices, vertex_bytes};
-use super::view::{Aim, Direction, Resources, Sphere, View, per_pixel};
+use super::view::{Aim, Direction, Lighting, Resources, Sphere, View, per_pixel};
 use crate::error::Result;
+use crate::io::ply::FaceLook;
 use crate::mesh::vec3::unit;
 use crate::mesh::vec3::{Vec3, add, dot, normal, scale};
 use crate::system::parallel::in_order;
@@ -25,14 +27,60 @@ const MOST_SMOOTH_FACES: u64 = 12_000_000;
 /// Memory for whatever is neither vertices nor samples: blocks under way, the finished picture.
 const SLACK_BYTES: u64 = 64 << 20;
 
-/// Renders a scene, and over it some facets given in object space.
-pub(super) fn render(
+/// Layers that are looked through where images have holes.
+const LAYERS: usize = 8;
+
+/// A scene in a frame of samples, not yet lit.
+pub(super) struct Drawn {
+    pub(super) frame: Frame,
+    camera: Camera,
+    per_pixel: usize,
+}
+
+impl Drawn {
+    /// Lights the frame.
+    pub(super) fn picture(
+        &self,
+        lighting: Lighting,
+        threads: usize,
+        progress: &Progress,
+    ) -> Result<Picture> {
+        match lighting {
+            Lighting::Studio => {
+                shade::shade(&self.frame, &self.camera, self.per_pixel, threads, progress)
+            }
+            Lighting::Unlit => shade::plain(&self.frame, self.per_pixel, threads, progress),
+        }
+    }
+
+    /// For each pixel, row by row, whether any surface is seen there.
+    pub(super) fn covered(&self) -> Vec<bool> {
+        let (n, width) = (self.per_pixel, self.frame.width);
+        let mut covered = vec![false; width / n * (self.frame.height / n)];
+        for (row, samples) in self.frame.samples.chunks_exact(width).enumerate() {
+            for (column, sample) in samples.iter().enumerate() {
+                covered[row / n * (width / n) + column / n] |= sample.nearness > 0.0;
+            }
+        }
+        covered
+    }
+}
+
+/// Memory for vertices and images beside the frame of a view.
+pub(super) fn free_bytes(view: &View, resources: Resources) -> Result<u64> {
+    let per_pixel = per_pixel(view)?;
+    let n_samples = u64::from(view.width) * u64::from(view.height) * (per_pixel * per_pixel) as u64;
+    Ok(resources.memory_bytes.saturating_sub(n_samples * SAMPLE_BYTES as u64 + SLACK_BYTES))
+}
+
+/// Draws a scene, and over it some facets given in object space; `budget` is the memory for vertices.
+pub(super) fn draw(
     scene: &dyn Scene,
     view: &View,
-    overlay: &[Facet],
-    resources: Resources,
+    (skins, overlay): (Option<&Skins>, &[Facet]),
+    (resources, budget): (Resources, u64),
     progress: &Progress,
-) -> Result<Picture> {
+) -> Result<Drawn> {
     let per_pixel = per_pixel(view)?;
     let camera = match &view.aim {
         Some(Aim(camera)) => camera.clone(),
@@ -41,8 +89,6 @@ pub(super) fn render(
     let threads = resources.threads;
     let mut frame =
         Frame::new(view.width as usize * per_pixel, view.height as usize * per_pixel, &camera);
-    let frame_bytes = (frame.samples.len() * SAMPLE_BYTES) as u64;
-    let budget = resources.memory_bytes.saturating_sub(frame_bytes + SLACK_BYTES);
     let mut vertices = Vertices::new(scene, &camera, budget, threads, progress)?;
     let smooth_bytes = scene.n_vertices().saturating_mul(vertex_bytes(scene.is_colored(), true));
     let smooth = view.smooth && scene.n_triangles() <= MOST_SMOOTH_FACES && smooth_bytes <= budget;
@@ -52,37 +98,60 @@ pub(super) fn render(
     let style = Style {
         line: if view.edges { 0.5 * LINE_WIDTH * per_pixel as f32 } else { 0.0 },
         samples: per_pixel as f32,
+        shown: None,
     };
-    each_block(scene, threads, progress, |triangles| {
-        vertices.tick();
-        for ids in triangles {
-            draw_face(ids, &mut vertices, &mut frame, style)?;
+    for _ in 0..LAYERS {
+        each_block(scene, threads, progress, |faces| {
+            vertices.tick();
+            for (i, ids) in faces.triangles.iter().enumerate() {
+                let look = skins.zip(faces.looks.of(i));
+                draw_face(ids, look, &mut vertices, &mut frame, style)?;
+            }
+            Ok(())
+        })?;
+        let Some(skins) = skins else { break };
+        let cut = skins.colour(&mut frame, threads, progress)?;
+        if cut.is_empty() {
+            break;
         }
-        Ok(())
-    })?;
+        frame.open_behind(&cut);
+    }
+    frame.open_all();
     drop(vertices);
     for facet in overlay {
         let corners = [0, 1, 2].map(|i| Corner {
             place: camera.place(facet.corners[i]).map(|x| x as f32),
             normal: camera.axes.map(|axis| dot(axis, facet.normals[i]) as f32),
             color: facet.color,
+            uv: [0.0; 2],
         });
         frame.triangle(&corners, Style { line: 0.0, ..style });
     }
-    shade::shade(&frame, &camera, per_pixel, threads, progress)
+    Ok(Drawn { frame, camera, per_pixel })
 }
 
 fn draw_face(
     ids: &[u64; 3],
+    look: Option<(&Skins, FaceLook)>,
     vertices: &mut Vertices,
     frame: &mut Frame,
-    style: Style,
+    mut style: Style,
 ) -> Result<()> {
     let mut corners = [Corner::default(); 3];
+    let skin = look.and_then(|(skins, (_, material))| skins.get(material));
     for (corner, id) in corners.iter_mut().zip(ids) {
         let (place, color) = vertices.get(*id)?;
         corner.place = place;
-        corner.color = color.map_or(CLAY, |color| color.map(|c| f32::from(c) / 255.0));
+        let own = color.map(|color| color.map(|c| f32::from(c) / 255.0));
+        corner.color = match (own, skin) {
+            (Some(own), _) => own,
+            (None, Some(skin)) => skin.color,
+            (None, None) => CLAY,
+        };
+    }
+    if let (Some((_, (uv, material))), Some(texels)) = (look, skin.and_then(|skin| skin.texels)) {
+        style.shown = Some(Shown { material, texels });
+        (0..3).for_each(|i| corners[i].uv = uv[i]);
     }
     if !frame.may_show(&corners) {
         return Ok(());
@@ -115,8 +184,8 @@ fn vertex_normals(
     progress: &Progress,
 ) -> Result<Vec<[f32; 3]>> {
     let mut normals = vec![[0.0f32; 3]; scene.n_vertices() as usize];
-    each_block(scene, threads, progress, |triangles| {
-        for ids in triangles {
+    each_block(scene, threads, progress, |faces| {
+        for ids in &faces.triangles {
             let mut places = [[0.0; 3]; 3];
             for (place, id) in places.iter_mut().zip(ids) {
                 *place = vertices.get(*id)?.0.map(f64::from);
@@ -153,8 +222,7 @@ pub(super) fn aim(
     }
     let size = [view.width as usize * per_pixel, view.height as usize * per_pixel];
     let threads = resources.threads;
-    let mut extent = Extent::default();
-    each_point(scene, threads, progress, |points| points.iter().for_each(|p| extent.add(*p)))?;
+    let extent = extent(scene, threads, progress)?;
     let (up, natural) = extent.natural_view();
     let direction = match (view.direction, &view.zoom) {
         (Direction::From(direction), _) => direction,
@@ -178,6 +246,13 @@ pub(super) fn aim(
     Ok(camera)
 }
 
+/// Size, place and main directions of a scene.
+pub(super) fn extent(scene: &dyn Scene, threads: usize, progress: &Progress) -> Result<Extent> {
+    let mut extent = Extent::default();
+    each_point(scene, threads, progress, |points| points.iter().for_each(|p| extent.add(*p)))?;
+    Ok(extent)
+}
+
 /// Returns the mean normal of the surface inside a sphere; `None` if nothing is there.
 fn facing(
     scene: &dyn Scene,
@@ -190,9 +265,9 @@ fn facing(
     let budget = resources.memory_bytes.saturating_sub(SLACK_BYTES);
     let mut vertices = Vertices::new(scene, &camera, budget, threads, progress)?;
     let mut sum = [0.0; 3];
-    each_block(scene, threads, progress, |triangles| {
+    each_block(scene, threads, progress, |faces| {
         vertices.tick();
-        for ids in triangles {
+        for ids in &faces.triangles {
             let first = vertices.get(ids[0])?.0.map(f64::from);
             if dot(first, first) < sphere.radius * sphere.radius {
                 let [_, b, c] = *ids;
@@ -225,8 +300,8 @@ fn each_block(
     scene: &dyn Scene,
     threads: usize,
     progress: &Progress,
-    mut visit: impl FnMut(&[[u64; 3]]) -> Result<()>,
+    mut visit: impl FnMut(&Faces) -> Result<()>,
 ) -> Result<()> {
     let read = |block: u64, faces: &mut Faces| scene.faces(block, faces);
-    in_order(scene.n_face_blocks(), threads, progress, read, |_, faces| visit(&faces.triangles))
+    in_order(scene.n_face_blocks(), threads, progress, read, |_, faces| visit(faces))
 }

@@ -12,19 +12,22 @@ mod quadrics;
 mod raster;
 mod scene;
 mod shade;
+mod shots;
+mod skin;
 mod vector;
 mod vertices;
 mod view;
 
 pub use legend::top_of;
 pub use picture::{Letters, Picture, text_width};
-pub use view::{Aim, Coloring, Direction, Resources, Scale, Sphere, View};
+pub use shots::{Shot, aims_around, has_images, has_looks, shots};
+pub use view::{Aim, Coloring, Direction, Lighting, Resources, Scale, Sphere, View};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::mesh::Mesh;
 use crate::system::progress::Progress;
-use draw::{aim, render};
+use draw::{aim, draw, free_bytes};
 use scene::{InMemory, OnDisk};
 use view::per_pixel;
 
@@ -44,10 +47,14 @@ pub fn render_mesh(
     let resources = Resources { memory_bytes: u64::MAX, threads };
     let scene = InMemory { mesh, color };
     let overlay = quadrics::ellipsoids(mesh, view.n_quadrics);
-    render(&scene, view, &overlay, resources, progress)
+    let free = free_bytes(view, resources)?;
+    let drawn = draw(&scene, view, (None, &overlay), (resources, free), progress)?;
+    drawn.picture(view.lighting, threads, progress)
 }
 
 /// A picture of a mesh on disk, in bounded memory: faces stream by, vertices are held as far as they fit.
+///
+/// Images that are missing or damaged are noted in `progress`; their materials' colours stand for them.
 ///
 /// Errors: unreadable or broken files; shuffled meshes whose vertices do not fit into memory.
 pub fn render_source(
@@ -56,7 +63,13 @@ pub fn render_source(
     resources: Resources,
     progress: &Progress,
 ) -> Result<Picture> {
-    let mut picture = render(&OnDisk::new(source, view), view, &[], resources, progress)?;
+    let mut found = None;
+    let views = std::slice::from_ref(view);
+    shots(source, views, resources, progress, |_, shot| {
+        found = Some(shot.picture);
+        Ok(())
+    })?;
+    let mut picture = found.ok_or_else(|| Error::Internal("a view has no picture".to_owned()))?;
     if let Some(scale) = &view.scale {
         legend::draw(scale, &mut picture);
     }

@@ -12,24 +12,55 @@ use super::vector::smoothstep;
 pub(super) const SAMPLE_BYTES: usize = std::mem::size_of::<Sample>();
 /// Sides of the bounding box, in samples, up to which a triangle is averaged into its samples.
 const SMALL: f32 = 2.0;
+/// Texels from sample to sample at most; more than any image has.
+const WIDEST: f32 = 1e6;
 /// Depths that differ by at most this many samples' width count as the same surface for averaging.
 const SAME_SURFACE: f32 = 3.0;
 
 /// Surface that is seen at one sample.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Sample {
     /// 1 / distance from the eye; 0 where nothing is seen.
     pub(super) nearness: f32,
     /// Sum of normals, towards the viewer, in camera space.
     pub(super) normal: [f32; 3],
-    /// Sum of colours times weight, sRGB values in [0, 1].
+    /// Sum of colours times weight; as `material` says.
     pub(super) color: [f32; 3],
     /// Sum of weights.
     pub(super) weight: f32,
-    /// Cover by edge lines in [0, 1].
-    pub(super) ink: f32,
-    /// True if the back of the surface is seen.
-    pub(super) back: bool,
+    /// Meaning of `color`: `PLAIN`, `LIGHT`, or the number of a material with an image, where it is two texture
+    /// coordinates and the texels from here to the next sample.
+    pub(super) material: u32,
+    /// Cover by edge lines, of 255.
+    pub(super) ink: u8,
+    /// `BACK`, `UNLIT`.
+    pub(super) flags: u8,
+}
+
+impl Sample {
+    /// Colours are sRGB values in [0, 1].
+    pub(super) const PLAIN: u32 = u32::MAX;
+    /// Colours are linear light.
+    pub(super) const LIGHT: u32 = u32::MAX - 1;
+    /// The back of the surface is seen.
+    pub(super) const BACK: u8 = 1;
+    /// Light does not matter.
+    pub(super) const UNLIT: u8 = 2;
+    /// Nothing.
+    const NONE: Sample = Sample {
+        nearness: 0.0,
+        normal: [0.0; 3],
+        color: [0.0; 3],
+        weight: 0.0,
+        material: Sample::PLAIN,
+        ink: 0,
+        flags: 0,
+    };
+
+    /// True if `color` is a place in an image.
+    fn is_on_image(&self) -> bool {
+        self.material < Sample::LIGHT
+    }
 }
 
 /// A corner of a triangle in camera space.
@@ -41,6 +72,17 @@ pub(super) struct Corner {
     pub(super) normal: [f32; 3],
     /// sRGB values in [0, 1].
     pub(super) color: [f32; 3],
+    /// Texture coordinates.
+    pub(super) uv: [f32; 2],
+}
+
+/// Image that a triangle shows.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shown {
+    /// Number of the material.
+    pub(super) material: u32,
+    /// Texels for a length of 1 in each coordinate.
+    pub(super) texels: [f32; 2],
 }
 
 /// Style in which triangles are drawn.
@@ -50,6 +92,8 @@ pub(super) struct Style {
     pub(super) line: f32,
     /// Samples along one side of a pixel.
     pub(super) samples: f32,
+    /// The image in place of the corners' colours.
+    pub(super) shown: Option<Shown>,
 }
 
 /// The samples of a picture, row by row.
@@ -60,6 +104,8 @@ pub(super) struct Frame {
     pub(super) height: usize,
     /// All samples.
     pub(super) samples: Vec<Sample>,
+    /// For each sample the nearness that only what is farther away is drawn at; empty: all is drawn.
+    limits: Vec<f32>,
     focal: f32,
     centre: [f32; 2],
     distance: f32,
@@ -79,12 +125,35 @@ impl Frame {
         Frame {
             width,
             height,
-            samples: vec![Sample::default(); width * height],
+            samples: vec![Sample::NONE; width * height],
+            limits: Vec::new(),
             focal: camera.focal as f32,
             centre: camera.centre.map(|x| x as f32),
             distance: camera.distance as f32,
             near: camera.near as f32,
         }
+    }
+
+    /// Opens these samples for what lies behind them, and closes all others.
+    ///
+    /// Surfaces less than three samples' width behind are taken as the same and are not seen.
+    pub(super) fn open_behind(&mut self, cut: &[u32]) {
+        self.limits.clear();
+        self.limits.resize(self.samples.len(), 0.0);
+        for &at in cut {
+            let sample = &mut self.samples[at as usize];
+            self.limits[at as usize] = sample.nearness * (1.0 - SAME_SURFACE / self.focal);
+            *sample = Sample::NONE;
+        }
+    }
+
+    /// Lets all be drawn again.
+    pub(super) fn open_all(&mut self) {
+        self.limits = Vec::new();
+    }
+
+    fn is_open(&self, at: usize, nearness: f32) -> bool {
+        self.limits.get(at).is_none_or(|limit| nearness < *limit)
     }
 
     fn project(&self, place: [f32; 3]) -> Option<Projected> {
@@ -131,14 +200,20 @@ impl Frame {
             return;
         }
         if high[0] - low[0] < SMALL && high[1] - low[1] < SMALL {
-            self.small(corners, &[a, b, c], area);
+            self.small(corners, &[a, b, c], area, style.shown);
         } else {
             self.large(corners, &[a, b, c], area, (low, high), style);
         }
     }
 
     /// Averages a small triangle into the sample under its centroid and those whose centres it covers.
-    fn small(&mut self, corners: &[Corner; 3], p: &[Projected; 3], area: f32) {
+    fn small(
+        &mut self,
+        corners: &[Corner; 3],
+        p: &[Projected; 3],
+        area: f32,
+        shown: Option<Shown>,
+    ) {
         let third = 1.0 / 3.0;
         let x = (p[0].x + p[1].x + p[2].x) * third;
         let y = (p[0].y + p[1].y + p[2].y) * third;
@@ -154,10 +229,14 @@ impl Frame {
         let found = Sample {
             nearness,
             normal: normal.map(|x| side * weight * x),
-            color: color.map(|x| weight * x),
+            color: match shown {
+                Some(shown) => mean_place(corners, shown.texels, area),
+                None => color.map(|x| weight * x),
+            },
             weight,
-            ink: 0.0,
-            back: area < 0.0,
+            material: shown.map_or(Sample::PLAIN, |shown| shown.material),
+            ink: 0,
+            flags: if area < 0.0 { Sample::BACK } else { 0 },
         };
         let tolerance = SAME_SURFACE / self.focal;
         // A triangle wide enough to cover sample centres must reach them all, or holes would show.
@@ -170,8 +249,13 @@ impl Frame {
                 };
                 let own = dx == 1 && dy == 1;
                 let covered = || inside(p, area, col as f32 + 0.5, row as f32 + 0.5);
-                if col < self.width && row < self.height && (own || covered()) {
-                    self.samples[row * self.width + col].average(&found, tolerance);
+                let at = row * self.width + col;
+                if col < self.width
+                    && row < self.height
+                    && (own || covered())
+                    && self.is_open(at, nearness)
+                {
+                    self.samples[at].average(&found, tolerance);
                 }
             }
         }
@@ -201,6 +285,7 @@ impl Frame {
         let last = |high: f32, n: usize| ((high - 0.5).floor() + 1.0).clamp(0.0, n as f32) as usize;
         let reach = ((0.25 * full.abs().sqrt() / f64::from(style.samples)) as f32).clamp(0.4, 1.0);
         let line = style.line * reach;
+        let slopes = style.shown.map(|shown| Slopes::new(corners, p, &q, per_area, shown.texels));
         for row in first(low[1])..last(high[1], self.height) {
             let y = row as f64 + 0.5;
             for col in first(low[0])..last(high[0], self.width) {
@@ -216,8 +301,8 @@ impl Frame {
                 }
                 let parts = [s as f32, t as f32, r as f32];
                 let nearness = (0..3).map(|i| parts[i] * p[i].nearness).sum::<f32>();
-                let sample = &mut self.samples[row * self.width + col];
-                let in_front = nearness > sample.nearness;
+                let at = row * self.width + col;
+                let in_front = nearness > self.samples[at].nearness && self.is_open(at, nearness);
                 if !in_front {
                     continue;
                 }
@@ -230,13 +315,21 @@ impl Frame {
                 };
                 let normal: [f32; 3] = mix(|c| c.normal);
                 let to_edge = (0..3).map(|i| parts[i] * heights[i]).fold(f32::INFINITY, f32::min);
-                *sample = Sample {
+                let ink = strength * (line + 0.5 - to_edge).clamp(0.0, 1.0);
+                self.samples[at] = Sample {
                     nearness,
                     normal: normal.map(|x| side * x),
-                    color: mix(|c| c.color),
+                    color: match &slopes {
+                        Some(slopes) => {
+                            let [u, v, _] = mix(|c| [c.uv[0], c.uv[1], 0.0]);
+                            [u, v, slopes.width([u, v], nearness)]
+                        }
+                        None => mix(|c| c.color),
+                    },
                     weight: 1.0,
-                    ink: strength * (line + 0.5 - to_edge).clamp(0.0, 1.0),
-                    back: area < 0.0,
+                    material: style.shown.map_or(Sample::PLAIN, |shown| shown.material),
+                    ink: (255.0 * ink + 0.5) as u8,
+                    flags: if area < 0.0 { Sample::BACK } else { 0 },
                 };
             }
         }
@@ -251,12 +344,77 @@ impl Sample {
         } else if found.nearness >= self.nearness * (1.0 - tolerance) {
             for i in 0..3 {
                 self.normal[i] += found.normal[i];
-                self.color[i] += found.color[i];
             }
-            self.weight += found.weight;
+            let sum = self.weight + found.weight;
+            if self.is_on_image() || found.is_on_image() {
+                // Places in images have no mean: the front one stands for all, and a smaller size of the image.
+                let front = if found.nearness > self.nearness { found } else { &*self };
+                let share = if front.is_on_image() { 1.0 } else { sum / front.weight.max(1e-20) };
+                (self.color, self.material) = (front.color.map(|x| share * x), front.material);
+            } else {
+                (0..3).for_each(|i| self.color[i] += found.color[i]);
+            }
+            self.weight = sum;
             self.nearness = self.nearness.max(found.nearness);
-            self.back &= found.back;
+            self.flags &= found.flags;
         }
+    }
+}
+
+/// The place in an image of a small triangle, and texels from sample to sample: the root of the ratio of areas.
+fn mean_place(corners: &[Corner; 3], texels: [f32; 2], area: f32) -> [f32; 3] {
+    let [a, b, c] = [0, 1, 2].map(|i| corners[i].uv);
+    let cross = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+    let width = (cross * texels[0] * texels[1] / area).abs().sqrt();
+    let third = 1.0 / 3.0;
+    [third * (a[0] + b[0] + c[0]), third * (a[1] + b[1] + c[1]), width.min(WIDEST)]
+}
+
+/// Change of texture coordinates over a large triangle. Divided by distance, they are linear in the picture.
+struct Slopes {
+    /// Of nearness, along a row and down a column.
+    nearness: [f32; 2],
+    /// Of each texture coordinate times nearness.
+    uv: [[f32; 2]; 2],
+    texels: [f32; 2],
+}
+
+impl Slopes {
+    fn new(
+        corners: &[Corner; 3],
+        p: &[Projected; 3],
+        q: &[(f64, f64); 3],
+        per_area: f64,
+        texels: [f32; 2],
+    ) -> Slopes {
+        let slope = |value: &dyn Fn(usize) -> f32| {
+            let mut sum = [0.0; 2];
+            for i in 0..3 {
+                let (a, b) = (q[(i + 1) % 3], q[(i + 2) % 3]);
+                let by_part = f64::from(value(i)) * per_area;
+                sum[0] += by_part * (b.1 - a.1);
+                sum[1] += by_part * (a.0 - b.0);
+            }
+            sum.map(|x| x as f32)
+        };
+        Slopes {
+            nearness: slope(&|i| p[i].nearness),
+            uv: [0, 1].map(|k| slope(&|i| p[i].nearness * corners[i].uv[k])),
+            texels,
+        }
+    }
+
+    /// Texels from sample to sample. At a slant it is more one way than the other; half of the larger one is taken, as
+    /// four texels are mixed anyway.
+    fn width(&self, uv: [f32; 2], nearness: f32) -> f32 {
+        let step = |way: usize| {
+            let change = |k: usize| {
+                self.texels[k] * (self.uv[k][way] - uv[k] * self.nearness[way]) / nearness
+            };
+            change(0).hypot(change(1))
+        };
+        let (row, column) = (step(0), step(1));
+        row.min(column).max(0.5 * row.max(column)).min(WIDEST)
     }
 }
 

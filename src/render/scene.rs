@@ -2,7 +2,7 @@
 
 use super::view::{Coloring, View};
 use crate::error::Result;
-use crate::io::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
+use crate::io::ply::{BLOCK_ROWS, FaceBlock, FaceLooks, MeshSource, VertexBlock};
 use crate::mesh::Mesh;
 use crate::mesh::property::{Origin, Scalar, read_scalar};
 use crate::mesh::viridis::viridis;
@@ -22,6 +22,8 @@ pub(super) struct Points {
 pub(super) struct Faces {
     /// Corner ids.
     pub(super) triangles: Vec<[u64; 3]>,
+    /// Their texture coordinates and materials; empty where none are wanted.
+    pub(super) looks: FaceLooks,
     scratch: FaceBlock,
 }
 
@@ -94,6 +96,8 @@ impl Scene for InMemory<'_> {
 pub(super) struct OnDisk<'a> {
     source: &'a MeshSource,
     paint: Paint,
+    /// With what faces have of materials.
+    has_looks: bool,
 }
 
 /// Place of the colour in a vertex record.
@@ -121,7 +125,7 @@ pub(super) fn find(source: &MeshSource, name: &str) -> Option<(usize, Scalar)> {
 impl<'a> OnDisk<'a> {
     /// The scene of a source without colours.
     pub(super) fn plain(source: &'a MeshSource) -> Self {
-        OnDisk { source, paint: Paint::None }
+        OnDisk { source, paint: Paint::None, has_looks: false }
     }
 
     /// The scene of a source with the colours that `view` wants, as far as it has them.
@@ -134,16 +138,19 @@ impl<'a> OnDisk<'a> {
                 None => Paint::None,
             },
             (None, Coloring::Plain) => Paint::None,
-            (None, Coloring::Vertex { .. }) => match (rgb("red"), rgb("green"), rgb("blue")) {
-                (Some((r, scalar)), Some((g, _)), Some((b, _)))
-                    if matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::F32) =>
-                {
-                    Paint::Rgb([r, g, b], scalar)
+            (None, Coloring::Vertex { .. } | Coloring::Texture) => {
+                match (rgb("red"), rgb("green"), rgb("blue")) {
+                    (Some((r, scalar)), Some((g, _)), Some((b, _)))
+                        if matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::F32) =>
+                    {
+                        Paint::Rgb([r, g, b], scalar)
+                    }
+                    _ => Paint::None,
                 }
-                _ => Paint::None,
-            },
+            }
         };
-        OnDisk { source, paint }
+        let has_looks = view.scale.is_none() && view.coloring == Coloring::Texture;
+        OnDisk { source, paint, has_looks }
     }
 }
 
@@ -188,7 +195,11 @@ impl Scene for OnDisk<'_> {
     }
 
     fn faces(&self, block: u64, out: &mut Faces) -> Result<()> {
-        self.source.read_faces(block, &mut out.scratch)?;
+        if self.has_looks {
+            self.source.read_faces_with_looks(block, &mut out.scratch, &mut out.looks)?;
+        } else {
+            self.source.read_faces(block, &mut out.scratch)?;
+        }
         std::mem::swap(&mut out.triangles, &mut out.scratch.triangles);
         Ok(())
     }

@@ -9,6 +9,7 @@ use super::picture::Picture;
 use super::raster::{Frame, Sample};
 use super::vector::smoothstep;
 use crate::error::Result;
+use crate::mesh::oklab::{linear_of_srgb, srgb_of_linear};
 use crate::mesh::vec3::unit;
 use crate::mesh::vec3::{dot, scale, sub};
 use crate::system::parallel::in_order;
@@ -35,6 +36,54 @@ const BACK: [f32; 3] = [0.13, 0.20, 0.33];
 const INK: [f32; 3] = [0.018, 0.028, 0.05];
 /// The background, sRGB, from top to bottom.
 const BACKGROUND: [[f32; 3]; 2] = [[0.985, 0.985, 0.99], [0.86, 0.875, 0.895]];
+
+/// Unlit surfaces are seen before this, linear: 128 of 255.
+const PLAIN_BACKGROUND: f32 = 0.215_860_5;
+
+/// A frame whose surfaces show their own colours; pixels are squares of `per_pixel` x `per_pixel` samples.
+pub(super) fn plain(
+    frame: &Frame,
+    per_pixel: usize,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Picture> {
+    let (width, height) = (frame.width / per_pixel, frame.height / per_pixel);
+    let mut picture = Picture::new(width as u32, height as u32, [255; 3]);
+    let mut bytes = Vec::with_capacity(width * height * 3);
+    let row = |y: u64, out: &mut Vec<u8>| {
+        out.clear();
+        for x in 0..width {
+            let mut sum = [0.0f32; 3];
+            for sy in 0..per_pixel {
+                let start = (y as usize * per_pixel + sy) * frame.width + x * per_pixel;
+                for sample in &frame.samples[start..start + per_pixel] {
+                    let color =
+                        if sample.nearness > 0.0 { own(sample) } else { [PLAIN_BACKGROUND; 3] };
+                    (0..3).for_each(|i| sum[i] += color[i]);
+                }
+            }
+            let share = 1.0 / (per_pixel * per_pixel) as f32;
+            let value = |light: f32| 255.0 * srgb_of_linear(f64::from(light * share));
+            out.extend(sum.map(|x| value(x).round().clamp(0.0, 255.0) as u8));
+        }
+        Ok(())
+    };
+    in_order(height as u64, threads, progress, row, |_, row| {
+        bytes.append(row);
+        Ok(())
+    })?;
+    picture.rgb = bytes;
+    Ok(picture)
+}
+
+/// The linear colour of a surface without any light.
+fn own(sample: &Sample) -> [f32; 3] {
+    let mean = sample.color.map(|x| x / sample.weight.max(1e-20));
+    match sample.material {
+        Sample::LIGHT => mean,
+        _ => mean.map(|x| linear_of_srgb(f64::from(x)) as f32),
+    }
+}
 
 /// Lights a frame whose pixels are squares of `per_pixel` x `per_pixel` samples.
 pub(super) fn shade(
@@ -141,16 +190,20 @@ impl Lights {
         let sky = 0.5 + 0.5 * along(&self.up);
         let gloss = 0.10 * along(&self.half).max(0.0).powi(36) * open;
         let edge_on = (1.0 - n[2].max(0.0)).powi(4);
+        // Backs of photographed surfaces are seen often, and are recognised anyway.
+        let is_image = sample.material == Sample::LIGHT;
         std::array::from_fn(|i| {
-            let mut own = linear(sample.color[i] / sample.weight.max(1e-20));
-            if sample.back {
+            let mean = sample.color[i] / sample.weight.max(1e-20);
+            let mut own = if is_image { mean } else { linear(mean) };
+            if sample.flags & Sample::BACK != 0 && !is_image {
                 own = 0.25 * own + 0.75 * BACK[i];
             }
             let ambient = (GROUND[i] + sky * (SKY[i] - GROUND[i])) * open;
             let lit = own * (ambient + KEY_LIGHT[i] * key + FILL_LIGHT[i] * fill)
                 + gloss
                 + 0.06 * edge_on * open * SKY[i];
-            let ink = 0.88 * sample.ink;
+            let lit = if sample.flags & Sample::UNLIT != 0 { own } else { lit };
+            let ink = 0.88 * f32::from(sample.ink) / 255.0;
             lit + ink * (INK[i] - lit)
         })
     }

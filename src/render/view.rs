@@ -38,6 +38,18 @@ pub enum Coloring {
         /// First of three channels.
         channel: usize,
     },
+    /// The materials of a file: their images and colours. Where there are none: the vertices' own colours, or clay.
+    Texture,
+}
+
+/// Light on a surface.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Lighting {
+    /// Lamps, sky and shade.
+    #[default]
+    Studio,
+    /// None: every surface shows its own colour, both sides alike, before a plain grey (128 of 255).
+    Unlit,
 }
 
 /// A number that vertices carry, and its colours: viridis from 0 to `top`.
@@ -66,6 +78,8 @@ pub struct View {
     pub smooth: bool,
     /// The paint.
     pub coloring: Coloring,
+    /// The light.
+    pub lighting: Lighting,
     /// Painted by a number of the vertices instead, with a legend; only of a file.
     pub scale: Option<Scale>,
     /// Draws the error quadrics of this many vertices; only of a mesh in memory.
@@ -84,6 +98,7 @@ impl Default for View {
             edges: false,
             smooth: true,
             coloring: Coloring::Plain,
+            lighting: Lighting::Studio,
             scale: None,
             n_quadrics: 0,
             aim: None,

@@ -15,7 +15,7 @@ use crate::measure::load;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::property::Scalar;
 use crate::mesh::record::VertexSchema;
-use crate::render::{Resources, Sphere, View, aim_source, render_source};
+use crate::render::{Coloring, Resources, Sphere, View, aim_source, has_images, render_source};
 use crate::system::json_keys::is_old_name;
 use crate::system::progress::Progress;
 use base64::Engine;
@@ -59,20 +59,26 @@ pub fn html(material: &Material, progress: &Progress) -> Result<String> {
     // A String takes everything that is written to it.
     let _ = write!(
         out,
-        "<meta name=\"viewport\" content=\"width=device-width\"><link rel=\"icon\" href=\"data:,\">\
+        "<meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><link rel=\"icon\" href=\"data:,\">\
          <title>{0}</title><style>{1}</style></head><body><h1>{0}</h1>",
         escape(&title),
         page::STYLE
     );
-    summary(report, deviation, &mut out);
-    error(deviation, &mut out);
-    run(report, &mut out);
     let stage = StageOptions::new(material.temp_dir.clone());
     let open = |name: String| MeshSource::open_staged(Path::new(&name), &stage).ok();
     let sources = names.map(|name| name.and_then(open));
+    let mut views = views(report, deviation);
+    let rest = views.split_off(1);
     if let [Some(original), Some(simplified)] = &sources {
-        let views = views(report, deviation);
         pictures([original, simplified], views, material.resources, &mut out, progress)?;
+    }
+    line(report, deviation, &mut out);
+    summary(report, deviation, &mut out);
+    error(deviation, &mut out);
+    run(report, &mut out);
+    if let [Some(original), Some(simplified)] = &sources {
+        out.push_str("<h2>Pictures</h2>");
+        pictures([original, simplified], rest, material.resources, &mut out, progress)?;
     }
     if let [_, Some(simplified)] = &sources {
         viewer(simplified, material, &mut out, progress)?;
@@ -83,6 +89,29 @@ pub fn html(material: &Material, progress: &Progress) -> Result<String> {
 
 fn text_at(report: &Value, part: &str) -> Option<String> {
     report[part]["path"].as_str().map(str::to_owned)
+}
+
+/// The one line that matters: triangles, error, time.
+fn line(report: &Value, deviation: &Value, out: &mut String) {
+    let count = |run: &str, measure: &str| {
+        let n = &report[run]["triangles"];
+        if n.is_null() { deviation[measure]["triangles"].clone() } else { n.clone() }
+    };
+    let (before, after) = (count("input", "original"), count("output", "simplified"));
+    let mut parts = vec![format!("{} triangles became <b>{}</b>", show(&before), show(&after))];
+    if deviation["rms"].is_number() {
+        parts.push(format!("RMS error <b>{}</b>", show(&deviation["rms"])));
+    } else if report["quality"]["rms_estimate"].is_number() {
+        parts.push(format!("RMS error about {}", show(&report["quality"]["rms_estimate"])));
+    }
+    let seen = &deviation["appearance"];
+    if let (Some(psnr), Some(ssim)) = (seen["psnr"].as_f64(), seen["ssim"].as_f64()) {
+        parts.push(format!("pictures alike to PSNR {psnr:.1} dB, SSIM {ssim:.3}"));
+    }
+    if let (true, Some(seconds)) = (report["output"].is_object(), report["seconds"].as_f64()) {
+        parts.push(format!("{seconds:.0} s"));
+    }
+    let _ = write!(out, "<p class=\"line\">{}</p>", parts.join(" \u{b7} "));
 }
 
 fn summary(report: &Value, deviation: &Value, out: &mut String) {
@@ -233,8 +262,11 @@ fn pictures(
     out: &mut String,
     progress: &Progress,
 ) -> Result<()> {
-    out.push_str("<h2>Pictures</h2>");
-    for (name, view) in views {
+    let is_textured = sources.iter().any(|source| has_images(source));
+    for (name, mut view) in views {
+        if is_textured && !view.edges {
+            view.coloring = Coloring::Texture;
+        }
         // One camera for both, or they could not be compared.
         let aim = aim_source(sources[0], &view, resources, progress)?;
         let _ = write!(out, "<h3>{name}</h3><div class=\"pair\">");

@@ -25,6 +25,7 @@ mod vertex_blocks;
 pub(crate) mod writer;
 
 pub use crate::system::pending_file::Place;
+pub use full_faces::{FaceLook, FaceLooks};
 pub use header::Encoding;
 pub use source::{Faults, MeshSource, ReadOptions, TextureInfo};
 pub(crate) use writer::type_name;

@@ -17,7 +17,7 @@ use crate::io::{
 use crate::mesh::property::{Property, Scalar};
 use crate::pipeline::prepare::WRITING;
 use crate::pipeline::run_report::{StageReport, TextureReport};
-use crate::stages::write::{self, Form, Written};
+use crate::stages::write::{self, Written};
 use crate::store::cells::SurvivorInfo;
 use crate::store::job::fingerprint::unchanged;
 use crate::system::units::show_count;
@@ -106,12 +106,10 @@ impl Stages<'_> {
             most_pages: config.bake.most_pages,
             cell_triangles: config.cell_triangles,
         };
-        let carried = source.carried().cloned().unwrap_or_default();
-        let header = OutputHeader {
-            comments: source.plain_comments(),
-            obj_infos: source.obj_infos().to_vec(),
-            ..OutputHeader::new(source.schema().clone(), 0, 0)
-        };
+        let kind = Some(OutputKind::Ply);
+        let encoding = Some(Encoding::BinaryLittleEndian);
+        let format = OutputFormat { kind, encoding, ..OutputFormat::default() };
+        let (header, form) = self.form(source, format);
         let n = result.triangles;
         self.stages.stage(
             (&format!("bake {level}"), "bake"),
@@ -120,14 +118,6 @@ impl Stages<'_> {
             |run| {
                 // What a bake that was killed has left.
                 run.job.clear_scratch()?;
-                let kind = Some(OutputKind::Ply);
-                let encoding = Some(Encoding::BinaryLittleEndian);
-                let form = Form {
-                    format: OutputFormat { kind, encoding, ..OutputFormat::default() },
-                    faces: carried,
-                    normals: config.attributes.normals,
-                    has_reach: config.error_field,
-                };
                 let place =
                     Place { path: shape.to_path_buf(), disk: run.disk().clone(), replace: true };
                 write::write(&pack, place, header, form, run)?;

@@ -1,9 +1,9 @@
-//! Decoded images of the original, as many as the memory for them holds; the longest unused goes first.
+//! Decoded images, as many as the memory for them holds; the longest unused goes first.
 //!
 //! An image comes with all its halves, so that no look-up skips texels. What cannot be decoded is noted and stays without
 //! an image. Does not know materials.
 
-use super::paint::{MapUse, Palette, Picture};
+use super::palette::{MapUse, Palette, Picture};
 use crate::error::Result;
 use crate::io::materials::copy_bytes;
 use crate::mesh::oklab::{linear_of_srgb, srgb_of_linear};
@@ -15,10 +15,10 @@ use std::sync::Arc;
 use std::sync::{Mutex, PoisonError};
 
 /// Colour in linear light, and opacity.
-pub(super) type Light = [f32; 4];
+pub(crate) type Light = [f32; 4];
 
 /// A decoded image: sRGB and opacity, in its size and all halves of it.
-pub(super) struct Decoded {
+pub(crate) struct Decoded {
     levels: Vec<Level>,
 }
 
@@ -28,7 +28,7 @@ struct Level {
 }
 
 /// Linear light of the 256 values of sRGB.
-pub(super) struct LightTable([f32; 256]);
+pub(crate) struct LightTable([f32; 256]);
 
 impl LightTable {
     pub fn new() -> LightTable {
@@ -44,7 +44,7 @@ impl LightTable {
 }
 
 /// The pixel of a colour that is multiplied by its opacity.
-pub(super) fn pixel_of([r, g, b, opacity]: Light) -> [u8; 4] {
+pub(crate) fn pixel_of([r, g, b, opacity]: Light) -> [u8; 4] {
     if opacity.is_nan() || opacity <= 0.0 {
         return [0; 4];
     }
@@ -53,6 +53,12 @@ pub(super) fn pixel_of([r, g, b, opacity]: Light) -> [u8; 4] {
         (255.0 * srgb_of_linear(light)).round() as u8
     };
     [value(r), value(g), value(b), (255.0 * opacity.min(1.0)).round() as u8]
+}
+
+/// The number that an image of opacity gives: the brightness of its values, not of their light, or its own opacity.
+pub(crate) fn opacity_of(light: Light) -> f32 {
+    let [r, g, b, a] = pixel_of(light).map(|x| f32::from(x) / 255.0);
+    if a < 1.0 { a } else { (r + g + b) / 3.0 }
 }
 
 impl Decoded {
@@ -87,6 +93,36 @@ impl Decoded {
     /// whole image apart from the next; `None` where coordinates are not numbers.
     pub fn at(&self, map: &MapUse, uv: [f32; 2], width: f32, table: &LightTable) -> Option<Light> {
         let halvings = if width > 1.0 { width.log2().round() as usize } else { 0 };
+        self.in_level(halvings, map, uv, table)
+    }
+
+    /// The same, mixed of the two sizes around `width`: pictures show no step from one to the next.
+    pub fn between(
+        &self,
+        map: &MapUse,
+        uv: [f32; 2],
+        width: f32,
+        table: &LightTable,
+    ) -> Option<Light> {
+        let halvings = if width > 1.0 { width.log2() } else { 0.0 };
+        let (low, share) = (halvings.floor(), halvings.fract());
+        let fine = self.in_level(low as usize, map, uv, table)?;
+        let share_is_seen = share > 0.0;
+        if !share_is_seen {
+            return Some(fine);
+        }
+        let coarse = self.in_level(low as usize + 1, map, uv, table)?;
+        Some(std::array::from_fn(|i| fine[i] + share * (coarse[i] - fine[i])))
+    }
+
+    /// The colour at coordinates after some halvings, mixed of four texels.
+    fn in_level(
+        &self,
+        halvings: usize,
+        map: &MapUse,
+        uv: [f32; 2],
+        table: &LightTable,
+    ) -> Option<Light> {
         let level = &self.levels[halvings.min(self.levels.len() - 1)];
         let (texels, share) = map.texels(uv, level.size)?;
         let mut sum = [0.0; 4];
@@ -132,7 +168,7 @@ impl Level {
 }
 
 /// Decoded images within a budget.
-pub(super) struct ImageCache<'a> {
+pub(crate) struct ImageCache<'a> {
     palette: &'a Palette,
     budget_bytes: u64,
     pub table: LightTable,

@@ -1,6 +1,6 @@
-//! Colours of the original: its materials as factors and images, ready for looking up.
+//! Colours of a mesh: its materials as factors and images, ready for looking up.
 //!
-//! Images are looked at, not decoded: kind and size from their headers. Decides what cannot be baked, and says so.
+//! Images are looked at, not decoded: kind and size from their headers. Decides what cannot be used, and says so.
 
 use crate::error::{Error, Result};
 use crate::io::materials::{Alpha, ImageData, Map, MapKind, Material, Materials, look_at_image};
@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 const PIXEL_BYTES: u64 = 4;
 
 /// Materials and images of the original.
-pub(super) struct Palette {
+pub(crate) struct Palette {
     /// Paints in the order of the numbers that faces have.
     pub paints: Vec<Paint>,
     /// Images as the materials number them; `None` for those that cannot be used or are not needed.
@@ -24,8 +24,17 @@ pub(super) struct Palette {
     notes: Vec<String>,
 }
 
+/// Use of a palette.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Purpose {
+    /// A new texture: an image that does not fit is refused; what all materials share is left to the new ones.
+    Bake,
+    /// Pictures: an image that does not fit is a note; normal maps are used, too.
+    View,
+}
+
 /// An image that can be decoded.
-pub(super) struct Picture {
+pub(crate) struct Picture {
     pub data: ImageData,
     pub name: String,
     pub size: [u32; 2],
@@ -42,16 +51,22 @@ impl Picture {
 
 /// Colour of a material.
 #[derive(Clone, Debug)]
-pub(super) struct Paint {
+pub(crate) struct Paint {
     /// Linear light, and opacity.
     pub factor: [f32; 4],
     pub base: Option<MapUse>,
     pub opacity: Option<MapUse>,
+    /// Directions in tangent space; only for pictures.
+    pub normal: Option<MapUse>,
+    /// Opaque from this value on, otherwise not there.
+    pub mask: Option<f32>,
+    /// True if light does not matter.
+    pub unlit: bool,
 }
 
 /// An image with the way that coordinates lead to it.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct MapUse {
+pub(crate) struct MapUse {
     pub image: usize,
     pub size: [u32; 2],
     wrap: [Wrap; 2],
@@ -138,6 +153,11 @@ impl MapUse {
         self.texels(uv, self.size).is_some()
     }
 
+    /// Texels of the image for a length of 1 along each of its coordinates.
+    pub fn texels_along(&self) -> [f32; 2] {
+        [0, 1].map(|k| (f64::from(self.size[k]) * self.scale[k].abs()) as f32)
+    }
+
     /// Texels of the image for a length of 1 in its coordinates.
     pub fn texels_per_coordinate(&self) -> f64 {
         let [width, height] = self.size.map(f64::from);
@@ -165,8 +185,13 @@ pub struct Finish {
 }
 
 impl Palette {
-    /// Looks at all materials and images; fails if an image does not fit into `image_bytes` once it is decoded.
-    pub fn new(materials: Option<&Materials>, image_bytes: u64) -> Result<Palette> {
+    /// Looks at all materials and images. For a bake it fails if an image does not fit into `image_bytes` once it is
+    /// decoded.
+    pub fn new(
+        materials: Option<&Materials>,
+        image_bytes: u64,
+        purpose: Purpose,
+    ) -> Result<Palette> {
         let none = Materials::default();
         let materials = materials.unwrap_or(&none);
         let mut palette = Palette {
@@ -174,9 +199,12 @@ impl Palette {
             images: Vec::new(),
             is_mtl: !materials.libraries.is_empty(),
             materials: materials.list.clone(),
-            notes: materials.notes.clone(),
+            notes: match purpose {
+                Purpose::Bake => materials.notes.clone(),
+                Purpose::View => Vec::new(),
+            },
         };
-        palette.look(materials, image_bytes)?;
+        palette.look(materials, image_bytes, purpose)?;
         let (images, is_mtl) = (&palette.images, palette.is_mtl);
         let use_of = |material: &Material, kind: MapKind| {
             let map = material.maps.iter().find(|map| map.kind == kind)?;
@@ -186,22 +214,36 @@ impl Palette {
             factor: linear(material.base, is_mtl),
             base: use_of(material, MapKind::Base),
             opacity: use_of(material, MapKind::Opacity),
+            normal: match purpose {
+                Purpose::Bake => None,
+                Purpose::View => use_of(material, MapKind::Normal),
+            },
+            mask: match material.alpha {
+                Alpha::Mask(from) => Some(from),
+                Alpha::Plain | Alpha::Blend => None,
+            },
+            unlit: material.unlit,
         };
         let mut paints: Vec<Paint> = materials.list.iter().map(paint).collect();
         // What all share stays with the material, where every viewer treats it as it did.
-        if palette.common_base().is_some() {
+        if purpose == Purpose::Bake && palette.common_base().is_some() {
             paints.iter_mut().for_each(|paint| paint.factor = [1.0; 4]);
         }
         palette.paints = paints;
-        palette.note_losses();
+        if purpose == Purpose::Bake {
+            palette.note_losses();
+        }
         Ok(palette)
     }
 
-    fn look(&mut self, materials: &Materials, image_bytes: u64) -> Result<()> {
+    fn look(&mut self, materials: &Materials, image_bytes: u64, purpose: Purpose) -> Result<()> {
+        let is_of_use = |kind: MapKind| match kind {
+            MapKind::Base | MapKind::Opacity => true,
+            MapKind::Normal => purpose == Purpose::View,
+            _ => false,
+        };
         let is_needed = |number: usize| {
-            let needs = |map: &Map| {
-                map.image == number && matches!(map.kind, MapKind::Base | MapKind::Opacity)
-            };
+            let needs = |map: &Map| map.image == number && is_of_use(map.kind);
             materials.list.iter().any(|material| material.maps.iter().any(needs))
         };
         let mut faults: BTreeMap<String, (usize, String)> = BTreeMap::new();
@@ -232,6 +274,14 @@ impl Palette {
                 Err(fault) => Err(fault),
             };
             match picture {
+                Ok(picture) if picture.bytes() > image_bytes && purpose == Purpose::View => {
+                    self.images.push(None);
+                    let fault = format!(
+                        "takes more than the {} that the memory has for it",
+                        show_bytes(image_bytes)
+                    );
+                    faults.entry(fault).or_insert_with(|| (0, name)).0 += 1;
+                }
                 Ok(picture) if picture.bytes() > image_bytes => {
                     let [width, height] = picture.size;
                     return Err(Error::NoMemory(format!(

@@ -1,0 +1,123 @@
+//! Several pictures of one file: materials are looked at once, decoded images stay from picture to picture.
+
+use super::camera::Camera;
+use super::draw::{draw, extent, free_bytes};
+use super::picture::Picture;
+use super::scene::{OnDisk, find};
+use super::skin::Skins;
+use super::view::{Aim, Coloring, Resources, View, per_pixel};
+use crate::error::Result;
+use crate::io::materials::MapKind;
+use crate::io::ply::MeshSource;
+use crate::mesh::vec3::{add, cross, scale, unit};
+use crate::system::progress::Progress;
+use crate::texture::{ImageCache, Palette, Purpose};
+
+/// Share of the memory beside the frame that decoded images take, and the least of it.
+const IMAGE_SHARE: u64 = 3;
+const LEAST_IMAGE_BYTES: u64 = 32 << 20;
+
+/// A picture with its silhouette.
+pub struct Shot {
+    /// The picture.
+    pub picture: Picture,
+    /// For each pixel, row by row, whether any surface is seen there.
+    pub covered: Vec<bool>,
+}
+
+/// True if materials of a file have images of their colour, whether or not these can be read.
+pub fn has_images(source: &MeshSource) -> bool {
+    let has_image = |kind: MapKind| kind == MapKind::Base;
+    source.has_corner_texture()
+        && source.materials().is_some_and(|all| {
+            all.list.iter().flat_map(|material| &material.maps).any(|map| has_image(map.kind))
+        })
+}
+
+/// True if a file has colours: of materials, or of vertices.
+pub fn has_looks(source: &MeshSource) -> bool {
+    let has = |name: &str| find(source, name).is_some();
+    source.materials().is_some() || has("red") || has("diffuse_red")
+}
+
+/// Cameras evenly around a file, all at the distance at which they see the sphere around its bounding box.
+///
+/// Each is the `n`-th of a circle turned by the golden angle, from above to below.
+pub fn aims_around(
+    source: &MeshSource,
+    view: &View,
+    n: u32,
+    resources: Resources,
+    progress: &Progress,
+) -> Result<Vec<Aim>> {
+    let per_pixel = per_pixel(view)?;
+    let extent = extent(&OnDisk::plain(source), resources.threads, progress)?;
+    let (up, _) = extent.natural_view();
+    let about_up = Camera::facing([0.0; 3], [0.0, 0.0, 1.0], up, [1, 1]);
+    let side = unit(cross(up, about_up.axes[2]))
+        .or_else(|| unit(cross(up, about_up.axes[0])))
+        .unwrap_or([1.0, 0.0, 0.0]);
+    let front = cross(side, up);
+    let size = [view.width as usize * per_pixel, view.height as usize * per_pixel];
+    let golden = std::f64::consts::PI * (3.0 - 5.0f64.sqrt());
+    let aim = |i: u32| {
+        let height = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(n);
+        let (sin, cos) = (golden * f64::from(i)).sin_cos();
+        let level = (1.0 - height * height).sqrt();
+        let around = add(scale(front, level * cos), scale(side, level * sin));
+        let direction = add(around, scale(up, height));
+        let mut camera = Camera::facing(extent.middle(), direction, up, size);
+        camera.frame_sphere(extent.radius().max(f64::MIN_POSITIVE));
+        Aim(camera)
+    };
+    Ok((0..n).map(aim).collect())
+}
+
+impl Aim {
+    /// From the mesh to the viewer, of length 1.
+    pub fn direction(&self) -> [f64; 3] {
+        self.0.axes[2]
+    }
+}
+
+/// Takes pictures of a file, one after another, and hands each to `each` with its number.
+///
+/// Memory: as `render_source`. Images that are missing or damaged are noted in `progress`, once.
+///
+/// Errors: as `render_source`, and those of `each`.
+pub fn shots(
+    source: &MeshSource,
+    views: &[View],
+    resources: Resources,
+    progress: &Progress,
+    mut each: impl FnMut(usize, Shot) -> Result<()>,
+) -> Result<()> {
+    let is_textured = |view: &View| view.coloring == Coloring::Texture && view.scale.is_none();
+    let materials = source.materials().filter(|_| views.iter().any(is_textured));
+    let mut least = u64::MAX;
+    for view in views {
+        least = least.min(free_bytes(view, resources)?);
+    }
+    let image_bytes = match materials {
+        Some(_) => (least / IMAGE_SHARE).max(LEAST_IMAGE_BYTES),
+        None => 0,
+    };
+    // Two images of one material are decoded together.
+    let palette = Palette::new(materials.map(|all| &**all), image_bytes / 2, Purpose::View)?;
+    let images = ImageCache::new(&palette, image_bytes);
+    let skins = materials.map(|_| Skins::new(&palette, &images));
+    for (number, view) in views.iter().enumerate() {
+        let skins = skins.as_ref().filter(|_| is_textured(view));
+        let budget = free_bytes(view, resources)?.saturating_sub(image_bytes);
+        let scene = OnDisk::new(source, view);
+        let drawn = draw(&scene, view, (skins, &[]), (resources, budget), progress)?;
+        let covered = drawn.covered();
+        let picture = drawn.picture(view.lighting, resources.threads, progress)?;
+        drop(drawn);
+        each(number, Shot { picture, covered })?;
+    }
+    for line in palette.notes().iter().cloned().chain(images.notes()) {
+        progress.note(line);
+    }
+    Ok(())
+}

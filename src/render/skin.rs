@@ -1,0 +1,195 @@
+//! Images on surfaces: samples have places in images while faces stream by, and get their colours here, image by image.
+//!
+//! So each image is decoded once a picture (once a layer, where images have holes), however faces and materials are
+//! mixed, and no more images are in memory than the budget for them holds. Does not draw triangles.
+
+use super::raster::{Frame, Sample};
+use crate::error::Result;
+use crate::mesh::oklab::srgb_of_linear;
+use crate::system::parallel::in_order;
+use crate::system::progress::Progress;
+use crate::texture::{Decoded, ImageCache, Light, MapUse, Paint, Palette, opacity_of};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+/// Samples that are coloured at a time, and by one thread.
+const STRETCH: usize = 1 << 20;
+const BLOCK: usize = 1 << 14;
+
+/// Opacity from which on a material without a mask is drawn.
+const HALF: f32 = 0.5;
+
+/// A material as the rasteriser sees it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Skin {
+    /// Texels of its image for a length of 1 in each coordinate; `None` without any image.
+    pub(super) texels: Option<[f32; 2]>,
+    /// Its own colour, sRGB values in [0, 1].
+    pub(super) color: [f32; 3],
+}
+
+/// Materials of a mesh with their images.
+pub(super) struct Skins<'a> {
+    palette: &'a Palette,
+    images: &'a ImageCache<'a>,
+    list: Vec<Skin>,
+}
+
+/// The image that leads the size of a material's texels.
+fn first_map(paint: &Paint) -> Option<&MapUse> {
+    paint.base.as_ref().or(paint.opacity.as_ref()).or(paint.normal.as_ref())
+}
+
+impl<'a> Skins<'a> {
+    pub(super) fn new(palette: &'a Palette, images: &'a ImageCache<'a>) -> Self {
+        let skin = |paint: &Paint| {
+            let [r, g, b, _] = paint.factor;
+            Skin {
+                texels: first_map(paint).map(MapUse::texels_along),
+                color: [r, g, b].map(|x| srgb_of_linear(f64::from(x)) as f32),
+            }
+        };
+        Skins { palette, images, list: palette.paints.iter().map(skin).collect() }
+    }
+
+    /// The material of this number.
+    pub(super) fn get(&self, number: u32) -> Option<&Skin> {
+        self.list.get(number as usize)
+    }
+
+    /// Gives all samples that lie on images their colours; returns the places of those that are not there after all,
+    /// since the image has a hole.
+    ///
+    /// Memory: images within the budget of the cache, 40 MiB, and 4 bytes for each of the places.
+    pub(super) fn colour(
+        &self,
+        frame: &mut Frame,
+        threads: usize,
+        progress: &Progress,
+    ) -> Result<Vec<u32>> {
+        let mut cut = Vec::new();
+        let mut is_used = vec![false; self.list.len()];
+        for sample in &frame.samples {
+            if let Some(is_used) = is_used.get_mut(sample.material as usize) {
+                *is_used = true;
+            }
+        }
+        let used: Vec<u32> = (0..).zip(is_used).filter(|(_, used)| *used).map(|(m, _)| m).collect();
+        let mut from = 0;
+        while from < used.len() {
+            let (numbers, n) = self.fitting(&used[from..]);
+            let decoded = self.images.get(&numbers, threads, progress)?;
+            let group = Group { skins: self, materials: &used[from..from + n], numbers, decoded };
+            group.colour(frame, &mut cut, threads, progress)?;
+            from += n;
+        }
+        cut.sort_unstable();
+        Ok(cut)
+    }
+
+    /// Images of as many of the materials as fit together, at least of the first, and the number of these materials.
+    fn fitting(&self, materials: &[u32]) -> (Vec<usize>, usize) {
+        let mut numbers = BTreeSet::new();
+        for (n, &material) in materials.iter().enumerate() {
+            let paint = &self.palette.paints[material as usize];
+            let mut more = numbers.clone();
+            more.extend(maps(paint).map(|map| map.image));
+            let list: Vec<usize> = more.iter().copied().collect();
+            if n > 0 && self.images.fitting(&list) < list.len() {
+                return (numbers.into_iter().collect(), n);
+            }
+            numbers = more;
+        }
+        (numbers.into_iter().collect(), materials.len())
+    }
+}
+
+fn maps(paint: &Paint) -> impl Iterator<Item = &MapUse> {
+    [&paint.base, &paint.opacity, &paint.normal].into_iter().flatten()
+}
+
+/// Materials whose images are decoded.
+struct Group<'a> {
+    skins: &'a Skins<'a>,
+    /// Numbers of the materials, ascending.
+    materials: &'a [u32],
+    /// Numbers of the images, ascending.
+    numbers: Vec<usize>,
+    decoded: Vec<Option<Arc<Decoded>>>,
+}
+
+impl Group<'_> {
+    fn colour(
+        &self,
+        frame: &mut Frame,
+        cut: &mut Vec<u32>,
+        threads: usize,
+        progress: &Progress,
+    ) -> Result<()> {
+        let n = frame.samples.len();
+        for start in (0..n).step_by(STRETCH) {
+            let stretch = &frame.samples[start..(start + STRETCH).min(n)];
+            let mut found: Vec<(u32, Option<Sample>)> = Vec::new();
+            let colour = |block: u64, out: &mut Vec<(u32, Option<Sample>)>| {
+                out.clear();
+                let first = block as usize * BLOCK;
+                let samples = &stretch[first..(first + BLOCK).min(stretch.len())];
+                for (at, sample) in (start + first..).zip(samples) {
+                    if self.materials.binary_search(&sample.material).is_ok() {
+                        out.push((at as u32, self.coloured(sample)));
+                    }
+                }
+                Ok(())
+            };
+            let n_blocks = stretch.len().div_ceil(BLOCK) as u64;
+            in_order(n_blocks, threads, progress, colour, |_, block| {
+                found.append(block);
+                Ok(())
+            })?;
+            for (at, sample) in found {
+                match sample {
+                    Some(sample) => frame.samples[at as usize] = sample,
+                    None => {
+                        frame.samples[at as usize].material = Sample::PLAIN;
+                        cut.push(at);
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A sample with the colour of its place; `None` where there is a hole.
+    fn coloured(&self, sample: &Sample) -> Option<Sample> {
+        let paint = &self.skins.palette.paints[sample.material as usize];
+        let [u, v, width] = sample.color;
+        let scale = first_map(paint).map_or(1.0, MapUse::texels_per_coordinate);
+        let look = |map: Option<&MapUse>| -> Option<Light> {
+            let map = map?;
+            let image = self.decoded[self.numbers.binary_search(&map.image).ok()?].as_ref()?;
+            let width = f64::from(width) * map.texels_per_coordinate() / scale;
+            image.between(map, [u, v], width as f32, &self.skins.images.table)
+        };
+        let [r, g, b, own_opacity] = paint.factor;
+        let (mut color, mut opacity) = ([r, g, b], 1.0);
+        if let Some([r, g, b, a]) = look(paint.base.as_ref()) {
+            let image = [r, g, b].map(|x| if a > 0.0 { x / a } else { 0.0 });
+            color = [0, 1, 2].map(|i| color[i] * image[i]);
+            opacity = a;
+        }
+        if let Some(light) = look(paint.opacity.as_ref()) {
+            opacity *= opacity_of(light);
+        }
+        let is_there = match paint.mask {
+            Some(from) => opacity * own_opacity >= from,
+            None => opacity >= HALF,
+        };
+        let is_unlit = if paint.unlit { Sample::UNLIT } else { 0 };
+        is_there.then(|| Sample {
+            color: color.map(|x| sample.weight * x),
+            material: Sample::LIGHT,
+            flags: sample.flags | is_unlit,
+            ..*sample
+        })
+    }
+}
