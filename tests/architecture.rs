@@ -42,14 +42,9 @@ const ROOMS: [(&str, &[&str]); 17] = [
     ("report", &["measure", "render", "io", "mesh", "system", "error"]),
     ("measure", &["render", "stages", "store", "config", "io", "mesh", "system", "error"]),
     ("synth", &["render", "io", "mesh", "system", "error"]),
-<<<<<<< HEAD
-    ("render", &["io", "mesh", "system", "error"]),
-    ("stages", &["store", "progressive", "config", "io", "kernel", "mesh", "system", "error"]),
-=======
     ("render", &["texture", "io", "mesh", "system", "error"]),
     ("texture", &["io", "mesh", "system", "error"]),
-    ("stages", &["store", "config", "io", "kernel", "mesh", "system", "error"]),
->>>>>>> 1f3af4b (render draws textures, measure --appearance compares pictures, the report opens with them)
+    ("stages", &["store", "progressive", "config", "io", "kernel", "mesh", "system", "error"]),
     ("store", &["config", "io", "kernel", "mesh", "system", "error"]),
     ("progressive", &["io", "kernel", "mesh", "system", "error"]),
     ("config", &["io", "kernel", "mesh", "system", "error"]),
