@@ -16,8 +16,20 @@ const ROOMS: [(&str, &[&str]); 17] = [
     (
         "cli",
         &[
-            "pipeline", "report", "measure", "synth", "render", "stages", "store", "config", "io",
-            "kernel", "mesh", "system", "error",
+            "pipeline",
+            "report",
+            "measure",
+            "synth",
+            "render",
+            "stages",
+            "store",
+            "progressive",
+            "config",
+            "io",
+            "kernel",
+            "mesh",
+            "system",
+            "error",
         ],
     ),
     (

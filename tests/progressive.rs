@@ -210,6 +210,43 @@ fn compact_files_hold_the_same_surface_within_their_steps() {
     }
 }
 
+/// The eye looks at one side of a closed surface: there the mesh is fine, and nowhere does it have a crack.
+#[test]
+fn a_mesh_for_an_eye_is_fine_where_it_looks_and_has_no_cracks() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for (kind, options) in [("statue", ""), ("gyroid", ""), ("statue", "--progressive-bits 16")] {
+        expect(folder, &format!("synth {kind} in.ply --triangles 30000"), 0);
+        record(folder, "in.ply", 500, "base", options);
+        let bounds = check(folder, "in.ply");
+        let fine = count(&bounds, "triangles");
+        expect(folder, "refine base.pm all.ply --triangles 1M --force", 0);
+        let all = check(folder, "all.ply");
+        let mut counts = Vec::new();
+        for pixels in ["0", "0.3", "1", "4", "1000000"] {
+            let line = format!(
+                "refine base.pm eye.ply --view -3000,0,0,0,0,0,50 --pixels {pixels} --force --report r.json"
+            );
+            expect(folder, &line, 0);
+            let found = check(folder, "eye.ply");
+            for key in ["boundary_edges", "non_manifold_edges", "inconsistent_edges"] {
+                assert_eq!(count(&found, key), count(&all, key), "{kind} {pixels}: {key}");
+            }
+            counts.push(count(&found, "triangles"));
+        }
+        assert!(counts.windows(2).all(|pair| pair[0] >= pair[1]), "{counts:?}");
+        assert!(counts[0] < fine && counts[2] < counts[0], "{kind}: {counts:?} of {fine}");
+        assert_eq!(counts[4], 500, "{counts:?}");
+        // From far away, and looking elsewhere.
+        expect(
+            folder,
+            "refine base.pm away.ply --view -3000,0,0,-6000,0,0,30 --pixels 0.1 --force",
+            0,
+        );
+        assert_eq!(count(&check(folder, "away.ply"), "triangles"), 500);
+    }
+}
+
 /// Any byte of a file may be another one: every answer is a mesh or an error about the input.
 #[test]
 fn flipped_bytes_never_panic() {

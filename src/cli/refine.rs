@@ -6,7 +6,8 @@ use super::log::{EXIT_SHORT, Log, Talk};
 use super::outcome::write_json;
 use crate::error::Result;
 use crate::io::OutputFormat;
-use crate::pipeline::refine::{RefineConfig, refine};
+use crate::pipeline::refine::{RefineConfig, Wanted, refine};
+use crate::progressive::View;
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::progress::Progress;
 use crate::system::units::{parse_count, show_bytes};
@@ -17,6 +18,7 @@ use std::path::PathBuf;
 /// Reads only what that number needs. Of a file without --progressive-bits the result is, byte for byte, that of 'simplify
 /// --progressive' with this number of triangles.
 #[derive(Clone, Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("fineness").required(true).args(["triangles", "view"]))]
 pub struct Args {
     /// A file that 'stonecut simplify --progressive' has written.
     input: PathBuf,
@@ -25,7 +27,17 @@ pub struct Args {
     /// Number of triangles at most. Beyond the finest mesh of the file, that one; below its coarsest, that one, with exit
     /// code 3.
     #[arg(long, value_name = "N", value_parser = parse_count)]
-    triangles: u64,
+    triangles: Option<u64>,
+    /// The mesh for an eye: fine where it sees an error, most of all at silhouettes; coarse outside of its picture and where the
+    /// surface faces away. Place of the eye, a place in the middle of the picture, its upright angle in degrees.
+    #[arg(long, value_name = "X,Y,Z,X,Y,Z,FOV", value_parser = parse_view, allow_hyphen_values = true)]
+    view: Option<Eye>,
+    /// With --view: largest error, in pixels.
+    #[arg(long, value_name = "E", value_parser = super::arguments::parse_length, default_value_t = 1.0, requires = "view")]
+    pixels: f64,
+    /// With --view: height of the picture in pixels.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1 << 20), default_value_t = 1080, requires = "view")]
+    height: u32,
     /// Words joined by commas: ascii, binary_little_endian or binary_big_endian; float or double coordinates; int or
     /// uint indices; ply, stl, obj or glb.
     #[arg(long, value_name = "FORMAT", default_value = "")]
@@ -41,7 +53,41 @@ pub struct Args {
     report: Option<PathBuf>,
 }
 
+/// Places of an eye and of the middle of its picture, and the picture's upright angle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Eye([f64; 7]);
+
+fn parse_view(text: &str) -> std::result::Result<Eye, String> {
+    let parse = |word: &str| word.trim().parse().ok().filter(|x: &f64| x.is_finite());
+    let list: Option<Vec<f64>> = text.split(',').map(parse).collect();
+    let numbers: Option<[f64; 7]> = list.and_then(|list| list.try_into().ok());
+    match numbers {
+        Some(view) if view[..3] == view[3..6] => {
+            Err("the eye and the place that it looks at are the same".to_owned())
+        }
+        Some(view) if view[6] > 0.0 && view[6] < 180.0 => Ok(Eye(view)),
+        _ => Err(
+            "seven numbers: the eye, a place that it looks at, an angle above 0 and below 180: \
+                  0,-5,2,0,0,0,45"
+                .to_owned(),
+        ),
+    }
+}
+
 impl Args {
+    fn wanted(&self) -> Wanted {
+        match (self.triangles, self.view) {
+            (None, Some(Eye([x, y, z, to_x, to_y, to_z, degrees]))) => Wanted::View(View {
+                eye: [x, y, z],
+                target: [to_x, to_y, to_z],
+                degrees,
+                pixels: self.pixels,
+                height: f64::from(self.height),
+            }),
+            (n, _) => Wanted::Triangles(n.unwrap_or(u64::MAX)),
+        }
+    }
+
     pub(super) fn paths(&self) -> Result<Paths> {
         self.format.check(&self.output)?;
         Ok(Paths::new(self.force)
@@ -58,7 +104,7 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
         input: args.input.clone(),
         output: args.output.clone(),
         format: args.format,
-        triangles: args.triangles,
+        wanted: args.wanted(),
         force: args.force,
         memory_bytes: memory_budget(args.memory),
     };
@@ -71,7 +117,14 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
         show_bytes(done.bytes_written),
         show_bytes(done.bytes_read)
     ));
-    if done.target > done.finest {
+    if let Some(view) = done.view {
+        log.say(format!(
+            "of {} steps the eye sees {}; {} were taken, with those that they depend on",
+            view.steps, view.seen, view.taken
+        ));
+    }
+    let target = done.target.unwrap_or(done.triangles);
+    if target > done.finest {
         log.say(format!("the file has no finer mesh than this one of {} triangles", done.finest));
     }
     if let Some(path) = &args.report {
@@ -80,7 +133,7 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     if !done.target_met {
         log.say(format!(
             "{} triangles were asked for; the coarsest mesh of the file has {}",
-            done.target, done.coarsest
+            target, done.coarsest
         ));
         return Ok(EXIT_SHORT);
     }

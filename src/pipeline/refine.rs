@@ -6,12 +6,21 @@
 use crate::error::Result;
 use crate::io::ply::{OutputHeader, Place};
 use crate::io::{MeshSink, OutputFormat};
-use crate::progressive::Refiner;
+use crate::progressive::{Refiner, View, Viewed, refine_for_view};
 use crate::system::disk::Disk;
 use crate::system::memory::BASE_BYTES;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
 use std::path::PathBuf;
+
+/// Fineness of a mesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Wanted {
+    /// Triangles at most.
+    Triangles(u64),
+    /// As an eye sees it.
+    View(View),
+}
 
 /// A run of `refine`.
 #[derive(Clone, Debug)]
@@ -22,8 +31,8 @@ pub struct RefineConfig {
     pub output: PathBuf,
     /// Its format.
     pub format: OutputFormat,
-    /// Triangles wanted.
-    pub triangles: u64,
+    /// Fineness.
+    pub wanted: Wanted,
     /// Replace the output.
     pub force: bool,
     /// Memory budget in bytes.
@@ -43,8 +52,12 @@ pub struct Refined {
     pub vertices: u64,
     /// Its triangles.
     pub triangles: u64,
-    /// Triangles wanted.
-    pub target: u64,
+    /// Triangles wanted; none for a view.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target: Option<u64>,
+    /// Steps that a view saw and took.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub view: Option<Viewed>,
     /// Triangles of the coarsest mesh of the file.
     pub coarsest: u64,
     /// Triangles of the finest.
@@ -74,11 +87,29 @@ fn run(config: &RefineConfig, progress: &Progress) -> Result<Refined> {
     let memory_bytes = config.memory_bytes.saturating_sub(BASE_BYTES) / 4 * 3;
     let mut mesh = Refiner::open(&config.input, memory_bytes)?;
     let (coarsest, finest) = (mesh.head().base_triangles, mesh.head().finest_triangles);
-    progress.begin("refine", 1, 2, config.triangles.min(finest));
-    mesh.refine(config.triangles, &|| progress.check())?;
-    progress.begin("write", 2, 2, mesh.n_triangles());
+    let check = || progress.check();
     let mut settings = mesh.head().settings.clone();
-    settings.insert("target".to_owned(), format!("triangles={}", config.triangles));
+    let (mut target, mut view) = (None, None);
+    match config.wanted {
+        Wanted::Triangles(n) => {
+            progress.begin("refine", 1, 2, n.min(finest));
+            mesh.refine(n, &check)?;
+            target = Some(n);
+            settings.insert("target".to_owned(), format!("triangles={n}"));
+        }
+        Wanted::View(eye) => {
+            progress.begin("refine", 1, 2, finest);
+            // The whole mesh is there beside the part.
+            let open = || Refiner::open(&config.input, memory_bytes / 5 * 2);
+            let (refined, viewed) = refine_for_view(&open, &eye, &check)?;
+            (mesh, view) = (refined, Some(viewed));
+            let numbers =
+                eye.eye.iter().chain(&eye.target).chain([&eye.degrees, &eye.pixels, &eye.height]);
+            let numbers: Vec<String> = numbers.map(f64::to_string).collect();
+            settings.insert("target".to_owned(), format!("view={}", numbers.join(",")));
+        }
+    }
+    progress.begin("write", 2, 2, mesh.n_triangles());
     let head = mesh.head();
     let header = OutputHeader {
         comments: head.comments.clone(),
@@ -120,10 +151,11 @@ fn run(config: &RefineConfig, progress: &Progress) -> Result<Refined> {
         output: config.output.display().to_string(),
         vertices,
         triangles,
-        target: config.triangles,
+        target,
+        view,
         coarsest,
         finest,
-        target_met: triangles <= config.triangles,
+        target_met: target.is_none_or(|target| triangles <= target),
         bytes_read: mesh.bytes_read(),
         bytes_written,
         seconds: start.elapsed().as_secs_f64(),

@@ -71,6 +71,25 @@ impl Planes {
         self.0.iter().for_each(|plane| write(plane, out));
     }
 
+    /// The same without the lowest `skipped` bytes.
+    pub(super) fn write_from(&self, skipped: usize, out: &mut Vec<u8>) {
+        self.0.iter().skip(skipped).for_each(|plane| write(plane, out));
+    }
+
+    /// Reads `n` numbers of `width` bytes whose lowest `skipped` bytes were left out and are 0.
+    pub(super) fn read_from(
+        input: &mut &[u8],
+        n: usize,
+        skipped: usize,
+        width: usize,
+    ) -> Result<Planes, String> {
+        let mut planes: Vec<Vec<u8>> = (0..skipped).map(|_| vec![0; n]).collect();
+        for _ in skipped..width {
+            planes.push(read_exactly(input, n)?);
+        }
+        Ok(Planes(planes))
+    }
+
     /// Reads `n` numbers of `width` bytes.
     pub(super) fn read(input: &mut &[u8], n: usize, width: usize) -> Result<Planes, String> {
         (0..width).map(|_| read_exactly(input, n)).collect::<Result<_, _>>().map(Planes)

@@ -4,7 +4,7 @@ use super::columns::{Planes, beside};
 use super::file::{BlockHead, BlockReader, Head, Kind};
 use super::replay::{NONE, Replay};
 use super::rows::Rows;
-use super::step_reader::StepReader;
+use super::step_reader::{StepReader, Taken};
 use super::steps::Layout;
 use crate::error::{Error, Result};
 use crate::io::ply::raw::RawFile;
@@ -15,13 +15,16 @@ use std::path::Path;
 /// No block holds more vertices, triangles or steps.
 const MOST_IN_BLOCK: u32 = 1 << 20;
 
+/// Sees a step, and the mesh that it is going to be taken on.
+pub(super) type Watch<'a> = dyn FnMut(&Replay, &Taken) -> Result<()> + 'a;
+
 /// A progressive mesh that was opened, at one of its meshes.
 ///
 /// It begins with no triangles. Memory: values and 8 bytes for each vertex, 28 bytes for each triangle.
 pub struct Refiner {
     blocks: BlockReader,
     head: Head,
-    replay: Replay,
+    pub(super) replay: Replay,
     memory_bytes: u64,
     is_base_read: bool,
 }
@@ -67,10 +70,17 @@ impl Refiner {
     ///
     /// Errors: `BadInput` with block and byte offset if a block that is needed is missing or damaged, `NoMemory`.
     pub fn refine(&mut self, n: u64, check: &dyn Fn() -> Result<()>) -> Result<()> {
-        if !self.is_base_read {
-            self.base(check)?;
-            self.is_base_read = true;
-        }
+        self.refine_watched(n, check, &mut |_, _| Ok(()))
+    }
+
+    /// The same; `watch` sees each step before it is taken.
+    pub(super) fn refine_watched(
+        &mut self,
+        n: u64,
+        check: &dyn Fn() -> Result<()>,
+        watch: &mut Watch,
+    ) -> Result<()> {
+        self.base(check)?;
         loop {
             check()?;
             let remedy = self.remedy();
@@ -112,7 +122,9 @@ impl Refiner {
             };
             let end = if is_whole { head.n as usize } else { last };
             for _ in 0..end {
-                steps.step(&mut self.replay).map_err(|what| bad(&self.blocks, &what))?;
+                let step = steps.next(&self.replay).map_err(|what| bad(&self.blocks, &what))?;
+                watch(&self.replay, &step)?;
+                step.carry_out(&mut self.replay);
             }
             self.blocks.number += 1;
             if !is_whole {
@@ -137,7 +149,7 @@ impl Refiner {
     }
 
     fn remedy(&self) -> String {
-        match self.is_base_read {
+        match self.replay.n_triangles >= self.head.base_triangles {
             true => format!(
                 "what comes before is whole: --triangles {} or fewer can be had, or make the file again",
                 self.replay.n_triangles
@@ -163,7 +175,11 @@ impl Refiner {
         self.blocks.payload(head, remedy)
     }
 
-    fn base(&mut self, check: &dyn Fn() -> Result<()>) -> Result<()> {
+    /// Reads the coarsest mesh, once.
+    pub(super) fn base(&mut self, check: &dyn Fn() -> Result<()>) -> Result<()> {
+        if std::mem::replace(&mut self.is_base_read, true) {
+            return Ok(());
+        }
         let remedy = self.remedy();
         let Head { base_vertices, base_triangles, .. } = self.head;
         let (mut last, mut last_key) = (vec![0; self.replay.stride], 0);
@@ -306,7 +322,7 @@ impl Refiner {
         Ok((n_vertices, replay.n_triangles))
     }
 
-    fn rows(&self) -> &Rows {
+    pub(super) fn rows(&self) -> &Rows {
         &self.head.rows
     }
 }

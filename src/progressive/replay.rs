@@ -12,6 +12,7 @@ const MOST_AROUND: usize = 200;
 /// A mesh whose vertices and triangles are numbered in the order in which they appeared.
 ///
 /// Memory: a row and 8 bytes a vertex, 28 bytes a triangle.
+#[derive(Clone)]
 pub(super) struct Replay {
     /// Bytes of a row.
     pub(super) stride: usize,

@@ -3,6 +3,7 @@
 use super::columns::{Planes, unzigzag, zigzag};
 use crate::mesh::property::{Scalar, read_scalar, write_scalar};
 use crate::mesh::record::VertexSchema;
+use crate::mesh::vec3::Vec3;
 use serde::{Deserialize, Serialize};
 
 /// A component of a row: of a position, or a property.
@@ -146,6 +147,34 @@ impl Rows {
                 write_scalar(scalar, record, to, x);
             }
         }
+    }
+
+    /// Place in a row of steps, in steps.
+    pub(super) fn place(&self, row: &[u8]) -> Vec3 {
+        let width = self.fields.first().map_or(0, |field| field.stored.bytes());
+        [0, 1, 2].map(|k| raw(row, k * width, width) as f64)
+    }
+
+    /// Sets the place in a row of steps to the nearest that it can hold.
+    pub(super) fn set_place(&self, row: &mut [u8], place: Vec3) {
+        for ((stored, at), x) in self.fields().zip(place) {
+            write_scalar(stored, row, at, x.round());
+        }
+    }
+
+    /// Position of a row, in input units.
+    pub(super) fn position(&self, row: &[u8]) -> Vec3 {
+        let mut position = [0.0; 3];
+        for (((stored, at), field), x) in self.fields().zip(&self.fields).zip(&mut position) {
+            let value = read_scalar(stored, row, at);
+            *x = if field.step == 0.0 { value } else { value * field.step + field.origin };
+        }
+        position
+    }
+
+    /// Bytes of the place in a row.
+    pub(super) fn place_bytes(&self) -> usize {
+        self.fields.iter().take(3).map(|field| field.stored.bytes()).sum()
     }
 
     /// Appends the difference of a row from a guess.

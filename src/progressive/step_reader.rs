@@ -1,15 +1,59 @@
 //! Steps out of columns, checked and taken. Nothing that is read is trusted.
 
 use super::columns::{Planes, beside, read, unzigzag};
+use super::frame::Frame;
 use super::replay::{NONE, Order, Replay};
 use super::steps::{
-    BY_BITS, Columns, FREED_BYTES, INDEX_BYTES, KEYS_BYTES, Layout, OTHER, Other, SPLIT, Split,
-    carry_out, carry_out_other, first_key, side, turned,
+    ARCS, BITS_IN_BYTE, BY_BITS, Columns, FREED_BYTES, INDEX_BYTES, KEYS_BYTES, Layout,
+    MOST_IN_BYTE, OTHER, Other, PLACES_BYTES, SPLIT, Split, arc_column, carry_out, carry_out_other,
+    first_key, side, turned,
 };
 use crate::error::Result;
 
 /// No step changes more triangles or vertices than this, besides those around a vertex.
 const MOST_OTHERS: u32 = 1 << 16;
+
+/// A step that was read and checked.
+pub(super) enum Taken {
+    Split(OwnSplit),
+    Other(Other),
+}
+
+/// A split that was read: as `Split`, the fan sorted.
+pub(super) struct OwnSplit {
+    pub(super) kept: u32,
+    pub(super) fan: Vec<u32>,
+    pub(super) gone: Vec<([u32; 3], u32)>,
+    pub(super) keys: [u32; 2],
+    pub(super) rows: [Vec<u8>; 2],
+}
+
+impl Taken {
+    /// Triangles that it adds.
+    fn freed(&self) -> i64 {
+        match self {
+            Taken::Split(split) => split.gone.len() as i64,
+            Taken::Other(other) => other.freed(),
+        }
+    }
+
+    /// Takes it.
+    pub(super) fn carry_out(&self, replay: &mut Replay) {
+        match self {
+            Taken::Split(split) => split.carry_out(replay),
+            Taken::Other(other) => carry_out_other(replay, other),
+        }
+    }
+}
+
+impl OwnSplit {
+    /// Takes it.
+    pub(super) fn carry_out(&self, replay: &mut Replay) {
+        let OwnSplit { kept, fan, gone, keys, rows: [of_new, of_kept] } = self;
+        let split = Split { kept: *kept, fan, gone, keys: *keys, rows: [of_new, of_kept] };
+        carry_out(replay, &split, fan, gone);
+    }
+}
 
 /// A block of steps that was read. Nothing in it is trusted.
 pub(super) struct StepReader<'a> {
@@ -19,6 +63,8 @@ pub(super) struct StepReader<'a> {
     at: usize,
     splits: usize,
     used: usize,
+    /// Bytes of each column of fans that were used, those of long ones last.
+    arcs: [usize; ARCS + 1],
     last_kept: u32,
 }
 
@@ -32,26 +78,44 @@ impl<'a> StepReader<'a> {
         }
         let n_splits = kinds.iter().filter(|&&kind| kind == SPLIT).count();
         let stride = layout.rows.stride();
+        let skipped = if layout.has_keys { 0 } else { layout.rows.place_bytes() };
         let columns = Columns {
             kinds,
             freed: Planes::read(input, n, FREED_BYTES)?,
             kept: Planes::read(input, n_splits, INDEX_BYTES)?,
-            starts: read(input)?,
-            lengths: read(input)?,
+            arcs: {
+                let mut arcs: [Vec<u8>; ARCS] = Default::default();
+                for arc in &mut arcs {
+                    *arc = read(input)?;
+                }
+                arcs
+            },
+            long_arcs: read(input)?,
             shapes: read(input)?,
             extra: read(input)?,
             keys: match layout.has_keys {
                 true => Planes::read(input, n_splits, KEYS_BYTES)?,
                 false => Planes::default(),
             },
-            of_kept: Planes::read(input, n_splits, stride)?,
-            of_new: Planes::read(input, n_splits, stride)?,
+            places: match layout.has_keys {
+                true => Planes::default(),
+                false => Planes::read(input, n_splits, PLACES_BYTES)?,
+            },
+            of_kept: Planes::read_from(input, n_splits, skipped, stride)?,
+            of_new: Planes::read_from(input, n_splits, skipped, stride)?,
         };
-        let lists = [&columns.starts, &columns.lengths, &columns.shapes];
-        if lists.iter().any(|list| list.len() != n_splits) || !input.is_empty() {
+        if columns.shapes.len() != n_splits || !input.is_empty() {
             return Err("columns do not fit each other".to_owned());
         }
-        Ok(StepReader { layout, columns, at: 0, splits: 0, used: 0, last_kept: 0 })
+        Ok(StepReader {
+            layout,
+            columns,
+            at: 0,
+            splits: 0,
+            used: 0,
+            arcs: [0; ARCS + 1],
+            last_kept: 0,
+        })
     }
 
     /// Triangles that each step adds.
@@ -68,6 +132,22 @@ impl<'a> StepReader<'a> {
         let found = self.columns.extra.get(self.used..end).ok_or("too few numbers")?;
         self.used = end;
         Ok(found)
+    }
+
+    /// The fan of the next split, whose vertex has `n` triangles: its beginning and its length.
+    fn arc(&mut self, n: usize, order: Order) -> Result<(usize, u8), String> {
+        let is_short = n <= MOST_IN_BYTE && order != Order::None;
+        let i = if is_short { arc_column(n) } else { ARCS };
+        let column = self.columns.arcs.get(i).unwrap_or(&self.columns.long_arcs);
+        let left = column.get(self.arcs[i]..).unwrap_or_default();
+        let (arc, used) = match *left {
+            [BITS_IN_BYTE, ..] if is_short => ((0, BY_BITS), 1),
+            [byte, ..] if is_short => ((usize::from(byte >> 4), byte & 15), 1),
+            [start, length, ..] if !is_short => ((usize::from(start), length), 2),
+            _ => return Err("too few fans".to_owned()),
+        };
+        self.arcs[i] += used;
+        Ok(arc)
     }
 
     fn number(&mut self) -> Result<u32, String> {
@@ -90,24 +170,22 @@ impl<'a> StepReader<'a> {
         }
     }
 
-    /// Takes the next step.
-    pub(super) fn step(&mut self, replay: &mut Replay) -> Result<(), String> {
-        let expected = self.columns.kinds.get(self.at).map(|_| self.freed_by(self.at));
-        let before = replay.n_triangles;
-        let kind = self.columns.kinds.get(self.at).copied();
+    /// Reads the next step, which is to be taken on `replay`.
+    pub(super) fn next(&mut self, replay: &Replay) -> Result<Taken, String> {
+        let at = self.at;
         self.at += 1;
-        match kind {
-            Some(SPLIT) => self.split(replay)?,
-            Some(_) => self.other(replay)?,
+        let step = match self.columns.kinds.get(at) {
+            Some(&SPLIT) => Taken::Split(self.split(replay)?),
+            Some(_) => Taken::Other(self.other(replay)?),
             None => return Err("too few steps".to_owned()),
-        }
-        match expected == Some(replay.n_triangles as i64 - before as i64) {
-            true => Ok(()),
+        };
+        match step.freed() == self.freed_by(at) {
+            true => Ok(step),
             false => Err("a step adds another number of triangles than it says".to_owned()),
         }
     }
 
-    fn split(&mut self, replay: &mut Replay) -> Result<(), String> {
+    fn split(&mut self, replay: &Replay) -> Result<OwnSplit, String> {
         let i = self.splits;
         self.splits += 1;
         let new = replay.keys.len() as u32;
@@ -122,7 +200,7 @@ impl<'a> StepReader<'a> {
         }
         let around = replay.around(kept);
         let n = around.triangles.len();
-        let (start, length) = (usize::from(self.columns.starts[i]), self.columns.lengths[i]);
+        let (start, length) = self.arc(n, around.order)?;
         let mut fan: Vec<u32> = if length == BY_BITS {
             if self.number()? as usize != n {
                 return Err("another number of triangles is around a vertex".to_owned());
@@ -178,17 +256,34 @@ impl<'a> StepReader<'a> {
             }
         }
         let rows = self.layout.rows;
-        let (mut of_kept, mut of_new) = (vec![0; rows.stride()], vec![0; rows.stride()]);
-        rows.pull(&self.columns.of_kept, i, replay.row(kept), &mut of_kept);
+        let is_arc = length != BY_BITS && shape != 0;
+        let frame = match is_arc && !self.layout.has_keys {
+            true => Frame::new(rows, replay, (kept, &around), (start, usize::from(length))),
+            false => Frame::plain(rows.place(replay.row(kept))),
+        };
+        let before = replay.row(kept);
+        let (mut of_kept, mut of_new) = (before.to_vec(), vec![0; rows.stride()]);
+        let told = |first: usize| {
+            let mut bytes = [0; PLACES_BYTES / 2];
+            self.columns.places.get_bytes(i, first, &mut bytes);
+            let number = |k: usize| [0, 1, 2, 3].map(|byte| bytes[4 * k + byte]);
+            [0, 1, 2].map(|k| beside(u32::from_le_bytes(number(k)), 0) as i32)
+        };
+        rows.pull(&self.columns.of_kept, i, before, &mut of_kept);
         let mut guess = vec![0; rows.stride()];
-        rows.opposite(replay.row(kept), &of_kept, &mut guess);
+        if !self.layout.has_keys {
+            rows.set_place(&mut of_kept, frame.hear(told(0), None));
+        }
+        rows.opposite(before, &of_kept, &mut guess);
         rows.pull(&self.columns.of_new, i, &guess, &mut of_new);
-        let split = Split { kept, fan: &fan, gone: &gone, keys, rows: [&of_new, &of_kept] };
-        carry_out(replay, &split, &fan, &gone);
-        Ok(())
+        if !self.layout.has_keys {
+            let heard = frame.hear(told(PLACES_BYTES / 2), Some(rows.place(&of_kept)));
+            rows.set_place(&mut of_new, heard);
+        }
+        Ok(OwnSplit { kept, fan, gone, keys, rows: [of_new, of_kept] })
     }
 
-    fn other(&mut self, replay: &mut Replay) -> Result<(), String> {
+    fn other(&mut self, replay: &Replay) -> Result<Other, String> {
         let (n_vertices, n_triangles, has_join) = (self.count()?, self.count()?, self.number()?);
         let first = replay.keys.len() as u32;
         let end = first + n_vertices as u32;
@@ -223,8 +318,7 @@ impl<'a> StepReader<'a> {
             }
             other.join = Some((cycle, new, caps));
         }
-        carry_out_other(replay, &other);
-        Ok(())
+        Ok(other)
     }
 }
 

@@ -5,6 +5,7 @@
 //! say all of the second, and one number all of the third. Anything else is spelt out.
 
 use super::columns::{Planes, apart, write, zigzag};
+use super::frame::Frame;
 use super::replay::{Order, Replay};
 use super::rows::Rows;
 
@@ -59,14 +60,33 @@ pub(super) struct Columns {
     pub(super) kinds: Vec<u8>,
     pub(super) freed: Planes,
     pub(super) kept: Planes,
-    pub(super) starts: Vec<u8>,
-    pub(super) lengths: Vec<u8>,
+    /// Fans by the number of triangles around their vertex, and those of more than fifteen.
+    pub(super) arcs: [Vec<u8>; ARCS],
+    pub(super) long_arcs: Vec<u8>,
     pub(super) shapes: Vec<u8>,
     pub(super) keys: Planes,
+    /// Compact: places of both ends in their frames.
+    pub(super) places: Planes,
     pub(super) of_kept: Planes,
     pub(super) of_new: Planes,
     pub(super) extra: Vec<u8>,
 }
+
+/// Fans have a column for each number of triangles around their vertex, from `FEWEST` or fewer to as many as fit.
+pub(super) const ARCS: usize = 8;
+const FEWEST: usize = 4;
+/// Where more triangles are around a vertex, its fan takes two bytes.
+pub(super) const MOST_IN_BYTE: usize = 15;
+/// In place of a fan in one byte: triangles are told by a bit each.
+pub(super) const BITS_IN_BYTE: u8 = 0xFF;
+
+/// The column of a fan around a vertex of `n` triangles.
+pub(super) fn arc_column(n: usize) -> usize {
+    n.clamp(FEWEST, FEWEST + ARCS - 1) - FEWEST
+}
+
+/// Width of the places of both ends: six numbers.
+pub(super) const PLACES_BYTES: usize = 24;
 
 /// Widths: of a count of triangles, an index, and the keys of two vertices and two triangles.
 pub(super) const FREED_BYTES: usize = 2;
@@ -109,10 +129,11 @@ impl<'a> StepWriter<'a> {
                 kinds: Vec::new(),
                 freed: Planes::new(FREED_BYTES),
                 kept: Planes::new(INDEX_BYTES),
-                starts: Vec::new(),
-                lengths: Vec::new(),
+                arcs: Default::default(),
+                long_arcs: Vec::new(),
                 shapes: Vec::new(),
                 keys: Planes::new(KEYS_BYTES),
+                places: Planes::new(PLACES_BYTES),
                 of_kept: Planes::new(stride),
                 of_new: Planes::new(stride),
                 extra: Vec::new(),
@@ -174,13 +195,15 @@ impl<'a> StepWriter<'a> {
         let found = starts.clone().filter(is_arc).find_map(|start| Some((start, sides_of(start)?)));
         let start = found.as_ref().map(|found| found.0).or_else(|| starts.clone().find(is_arc));
         match start {
-            Some(start) => {
-                self.columns.starts.push(start as u8);
-                self.columns.lengths.push(length as u8);
-            }
+            Some(start) => match n <= MOST_IN_BYTE {
+                true => self.columns.arcs[arc_column(n)].push((start << 4 | length) as u8),
+                false => self.columns.long_arcs.extend([start as u8, length as u8]),
+            },
             None => {
-                self.columns.starts.push(0);
-                self.columns.lengths.push(BY_BITS);
+                match n <= MOST_IN_BYTE && around.order != Order::None {
+                    true => self.columns.arcs[arc_column(n)].push(BITS_IN_BYTE),
+                    false => self.columns.long_arcs.extend([0, BY_BITS]),
+                }
                 self.extra(n as u32);
                 for eight in is_moved.chunks(8) {
                     let bits =
@@ -227,15 +250,41 @@ impl<'a> StepWriter<'a> {
                 [of_new, of_kept, key(0), key(1)].iter().flat_map(|x| x.to_le_bytes()).collect();
             self.columns.keys.push_bytes(&bytes);
         }
-        let rows = self.layout.rows;
-        rows.push(split.rows[1], replay.row(kept), &mut self.columns.of_kept);
-        let mut guess = vec![0; rows.stride()];
-        rows.opposite(replay.row(kept), split.rows[1], &mut guess);
-        rows.push(split.rows[0], &guess, &mut self.columns.of_new);
+        let frame = match (self.layout.has_keys, start, &found) {
+            (false, Some(start), Some(_)) => {
+                Frame::new(self.layout.rows, replay, (kept, &around), (start, length))
+            }
+            _ => Frame::plain(self.layout.rows.place(replay.row(kept))),
+        };
+        let rows = self.put_rows(replay, split, &frame);
+        let split = &Split { rows: [&rows[0], &rows[1]], ..*split };
         let mut fan = split.fan.to_vec();
         fan.sort_unstable();
         carry_out(replay, split, &fan, &gone);
         order
+    }
+
+    /// Puts the values of both ends into the columns; returns the rows that a reader gets, of the new vertex and the split one.
+    fn put_rows(&mut self, replay: &Replay, split: &Split, frame: &Frame) -> [Vec<u8>; 2] {
+        let rows = self.layout.rows;
+        let before = replay.row(split.kept);
+        let [mut of_new, mut of_kept] = split.rows.map(<[u8]>::to_vec);
+        if !self.layout.has_keys {
+            let mut told = frame.tell(rows.place(&of_kept), None).to_vec();
+            rows.set_place(&mut of_kept, frame.hear([told[0], told[1], told[2]], None));
+            let kept = rows.place(&of_kept);
+            told.extend(frame.tell(rows.place(&of_new), Some(kept)));
+            let heard = [told[3], told[4], told[5]];
+            rows.set_place(&mut of_new, frame.hear(heard, Some(kept)));
+            let bytes: Vec<u8> =
+                told.iter().flat_map(|&x| apart(x as u32, 0).to_le_bytes()).collect();
+            self.columns.places.push_bytes(&bytes);
+        }
+        rows.push(&of_kept, before, &mut self.columns.of_kept);
+        let mut guess = vec![0; rows.stride()];
+        rows.opposite(before, &of_kept, &mut guess);
+        rows.push(&of_new, &guess, &mut self.columns.of_new);
+        [of_new, of_kept]
     }
 
     /// Takes another step.
@@ -267,9 +316,8 @@ impl<'a> StepWriter<'a> {
         write(&columns.kinds, &mut out);
         columns.freed.write(&mut out);
         columns.kept.write(&mut out);
-        [&columns.starts, &columns.lengths, &columns.shapes, &columns.extra]
-            .into_iter()
-            .for_each(|column| write(column, &mut out));
+        let lists = [&columns.long_arcs, &columns.shapes, &columns.extra];
+        columns.arcs.iter().chain(lists).for_each(|column| write(column, &mut out));
         spent.connectivity += out.len() as u64;
         let before = out.len();
         if self.layout.has_keys {
@@ -277,8 +325,16 @@ impl<'a> StepWriter<'a> {
         }
         spent.order += (out.len() - before) as u64;
         let before = out.len();
-        columns.of_kept.write(&mut out);
-        columns.of_new.write(&mut out);
+        // Places that frames tell are not told again.
+        let skipped = match self.layout.has_keys {
+            true => 0,
+            false => {
+                columns.places.write(&mut out);
+                self.layout.rows.place_bytes()
+            }
+        };
+        columns.of_kept.write_from(skipped, &mut out);
+        columns.of_new.write_from(skipped, &mut out);
         spent.values += (out.len() - before) as u64;
         out
     }
