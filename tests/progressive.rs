@@ -86,7 +86,7 @@ fn both_ends_and_what_lies_beyond_them() {
     assert!(rms(folder, "in.ply", "fine.ply") < 1e-12);
     let report: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap();
-    assert_eq!(report["triangles"], n);
+    assert_eq!(report["output"]["triangles"], n);
     assert_eq!(report["target_met"], true);
     let said = expect(folder, "refine base.pm coarse.ply --triangles 500", 3);
     assert!(said.contains("coarsest mesh of the file has 1000"), "{said}");

@@ -112,10 +112,10 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     log.say(format!(
         "{}: {} triangles, {} vertices, {}, from {} of the progressive mesh",
         config.output.display(),
-        done.triangles,
-        done.vertices,
-        show_bytes(done.bytes_written),
-        show_bytes(done.bytes_read)
+        done.output.triangles,
+        done.output.vertices,
+        show_bytes(done.output.bytes),
+        show_bytes(done.input.bytes_read)
     ));
     if let Some(view) = done.view {
         log.say(format!(
@@ -123,9 +123,12 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
             view.steps, view.seen, view.taken
         ));
     }
-    let target = done.target.unwrap_or(done.triangles);
-    if target > done.finest {
-        log.say(format!("the file has no finer mesh than this one of {} triangles", done.finest));
+    let target = done.target.unwrap_or(done.output.triangles);
+    if target > done.input.finest {
+        log.say(format!(
+            "the file has no finer mesh than this one of {} triangles",
+            done.input.finest
+        ));
     }
     if let Some(path) = &args.report {
         write_json(path, &done)?;
@@ -133,7 +136,7 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     if !done.target_met {
         log.say(format!(
             "{} triangles were asked for; the coarsest mesh of the file has {}",
-            target, done.coarsest
+            target, done.input.coarsest
         ));
         return Ok(EXIT_SHORT);
     }

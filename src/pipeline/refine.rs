@@ -46,30 +46,46 @@ pub struct Refined {
     pub schema_version: u32,
     /// Version of the program.
     pub version: String,
-    /// Path of the mesh.
-    pub output: String,
-    /// Vertices of the mesh.
-    pub vertices: u64,
-    /// Its triangles.
-    pub triangles: u64,
+    /// The progressive mesh.
+    pub input: RefinedInput,
+    /// The mesh.
+    pub output: RefinedOutput,
     /// Triangles wanted; none for a view.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target: Option<u64>,
     /// Steps that a view saw and took.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub view: Option<Viewed>,
-    /// Triangles of the coarsest mesh of the file.
-    pub coarsest: u64,
-    /// Triangles of the finest.
-    pub finest: u64,
     /// True if the mesh has at most as many triangles as were wanted.
     pub target_met: bool,
-    /// Bytes of the progressive mesh that were needed.
-    pub bytes_read: u64,
-    /// Bytes of the mesh.
-    pub bytes_written: u64,
     /// Seconds.
     pub seconds: f64,
+}
+
+/// A progressive mesh in a report.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct RefinedInput {
+    /// Its path.
+    pub path: String,
+    /// Bytes of it that were needed.
+    pub bytes_read: u64,
+    /// Triangles of its coarsest mesh.
+    pub coarsest: u64,
+    /// Triangles of its finest.
+    pub finest: u64,
+}
+
+/// A refined mesh in a report.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct RefinedOutput {
+    /// Its path.
+    pub path: String,
+    /// Its vertices.
+    pub vertices: u64,
+    /// Its triangles.
+    pub triangles: u64,
+    /// Its bytes.
+    pub bytes: u64,
 }
 
 /// Refines a mesh.
@@ -148,16 +164,21 @@ fn run(config: &RefineConfig, progress: &Progress) -> Result<Refined> {
     Ok(Refined {
         schema_version: crate::system::json_keys::SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION").to_owned(),
-        output: config.output.display().to_string(),
-        vertices,
-        triangles,
+        input: RefinedInput {
+            path: config.input.display().to_string(),
+            bytes_read: mesh.bytes_read(),
+            coarsest,
+            finest,
+        },
+        output: RefinedOutput {
+            path: config.output.display().to_string(),
+            vertices,
+            triangles,
+            bytes: bytes_written,
+        },
         target,
         view,
-        coarsest,
-        finest,
         target_met: target.is_none_or(|target| triangles <= target),
-        bytes_read: mesh.bytes_read(),
-        bytes_written,
         seconds: start.elapsed().as_secs_f64(),
     })
 }

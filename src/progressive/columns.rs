@@ -96,11 +96,15 @@ impl Planes {
     }
 }
 
-/// Appends a column: its length, the bytes it takes and those bytes.
+/// Appends a column: its length, the bytes it takes and those bytes; none for zeros.
 pub(super) fn write(column: &[u8], out: &mut Vec<u8>) {
     let packed = zstd::bulk::compress(column, LEVEL).unwrap_or_default();
     let is_smaller = !packed.is_empty() && packed.len() < column.len();
-    let bytes = if is_smaller { &packed } else { column };
+    let bytes = match is_smaller {
+        _ if column.iter().all(|&byte| byte == 0) => &[],
+        true => &packed[..],
+        false => column,
+    };
     out.extend((column.len() as u32).to_le_bytes());
     out.extend((bytes.len() as u32).to_le_bytes());
     out.extend_from_slice(bytes);
@@ -122,6 +126,9 @@ pub(super) fn read(input: &mut &[u8]) -> Result<Vec<u8>, String> {
     *input = rest;
     if packed == length {
         return Ok(bytes.to_vec());
+    }
+    if packed == 0 {
+        return Ok(vec![0; length]);
     }
     let column = zstd::bulk::decompress(bytes, length).map_err(|e| format!("a column: {e}"))?;
     match column.len() == length {

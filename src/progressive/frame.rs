@@ -89,7 +89,7 @@ impl Frame {
         kept.map_or_else(|| self.kept(), |kept| self.new_end(kept))
     }
 
-    /// What a place is apart from its guess, in steps along the axes; `kept`: of the new vertex, when the other one is there.
+    /// Difference of a place from its guess, in steps along the axes; `kept`: of the new vertex, when the other one is there.
     pub(super) fn tell(&self, place: Vec3, kept: Option<Vec3>) -> [i32; 3] {
         let (at, guess) = (self.inside(sub(place, self.before)), self.guess(kept));
         [0, 1, 2].map(|k| (at[k] - guess[k]).round() as i32)

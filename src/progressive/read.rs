@@ -2,7 +2,7 @@
 
 use super::columns::{Planes, beside};
 use super::file::{BlockHead, BlockReader, Head, Kind};
-use super::replay::{NONE, Replay};
+use super::replay::{NONE, Ranks, Replay};
 use super::rows::Rows;
 use super::step_reader::{StepReader, Taken};
 use super::steps::Layout;
@@ -104,7 +104,11 @@ impl Refiner {
             let payload = self.read(&head, &remedy)?;
             let bad = |blocks: &BlockReader, what: &str| blocks.bad(at, what, &remedy);
             let layout = Layout { rows: &self.head.rows, has_keys: self.head.bits.is_none() };
-            let mut steps = StepReader::new(&payload, head.n as usize, layout)
+            let ranks = match layout.has_keys {
+                true => Ranks::default(),
+                false => self.replay.ranks(),
+            };
+            let mut steps = StepReader::new(&payload, head.n as usize, layout, ranks)
                 .map_err(|what| bad(&self.blocks, &what))?;
             // As far as the last mesh that is small enough, if no later block has one.
             let most = i64::try_from(n).unwrap_or(i64::MAX);

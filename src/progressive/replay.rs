@@ -51,6 +51,23 @@ pub(super) struct Around {
     pub(super) rim: Vec<u32>,
 }
 
+/// Ranks of the vertices that were there when they were made; those that came later have their numbers.
+#[derive(Default)]
+pub(super) struct Ranks {
+    of_vertex: Vec<u32>,
+    vertices: Vec<u32>,
+}
+
+impl Ranks {
+    pub(super) fn of(&self, vertex: u32) -> u32 {
+        self.of_vertex.get(vertex as usize).copied().unwrap_or(vertex)
+    }
+
+    pub(super) fn vertex(&self, rank: u32) -> u32 {
+        self.vertices.get(rank as usize).copied().unwrap_or(rank)
+    }
+}
+
 impl Around {
     /// The vertices on both sides of some triangles that follow each other.
     pub(super) fn sides(&self, start: usize, length: usize) -> Option<[u32; 2]> {
@@ -125,6 +142,27 @@ impl Replay {
         self.next.push(next);
         self.n_triangles += 1;
         t
+    }
+
+    /// Ranks of the vertices: those with the most triangles around them first, between equals in their order. For compact files:
+    /// vertices that many others vanished into are split first.
+    pub(super) fn ranks(&self) -> Ranks {
+        const CLASSES: usize = 12;
+        let mut counts = vec![0u8; self.keys.len()];
+        for v in self.triangles.iter().filter(|t| t[0] != NONE).flatten() {
+            let count = &mut counts[*v as usize];
+            *count = (*count + 1).min(CLASSES as u8 - 1);
+        }
+        let mut starts = [0u32; CLASSES + 1];
+        counts.iter().for_each(|&n| starts[CLASSES - usize::from(n)] += 1);
+        (1..=CLASSES).for_each(|i| starts[i] += starts[i - 1]);
+        let (mut of_vertex, mut vertices) = (vec![0; counts.len()], vec![0; counts.len()]);
+        for (v, &n) in (0..).zip(&counts) {
+            let rank = &mut starts[CLASSES - 1 - usize::from(n)];
+            (of_vertex[v as usize], vertices[*rank as usize]) = (*rank, v);
+            *rank += 1;
+        }
+        Ranks { of_vertex, vertices }
     }
 
     fn remove_triangle(&mut self, t: u32) {

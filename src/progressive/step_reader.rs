@@ -2,7 +2,7 @@
 
 use super::columns::{Planes, beside, read, unzigzag};
 use super::frame::Frame;
-use super::replay::{NONE, Order, Replay};
+use super::replay::{NONE, Order, Ranks, Replay};
 use super::steps::{
     ARCS, BITS_IN_BYTE, BY_BITS, Columns, FREED_BYTES, INDEX_BYTES, KEYS_BYTES, Layout,
     MOST_IN_BYTE, OTHER, Other, PLACES_BYTES, SPLIT, Split, arc_column, carry_out, carry_out_other,
@@ -65,12 +65,18 @@ pub(super) struct StepReader<'a> {
     used: usize,
     /// Bytes of each column of fans that were used, those of long ones last.
     arcs: [usize; ARCS + 1],
-    last_kept: u32,
+    ranks: Ranks,
+    last_rank: u32,
 }
 
 impl<'a> StepReader<'a> {
-    /// Takes the columns of `n` steps out of a block.
-    pub(super) fn new(mut bytes: &[u8], n: usize, layout: Layout<'a>) -> Result<Self, String> {
+    /// Takes the columns of `n` steps out of a block. `ranks`: of the vertices that are there, for compact files.
+    pub(super) fn new(
+        mut bytes: &[u8],
+        n: usize,
+        layout: Layout<'a>,
+        ranks: Ranks,
+    ) -> Result<Self, String> {
         let input = &mut bytes;
         let kinds = read(input)?;
         if kinds.len() != n || kinds.iter().any(|&kind| kind > OTHER) {
@@ -114,7 +120,8 @@ impl<'a> StepReader<'a> {
             splits: 0,
             used: 0,
             arcs: [0; ARCS + 1],
-            last_kept: 0,
+            ranks,
+            last_rank: 0,
         })
     }
 
@@ -192,9 +199,11 @@ impl<'a> StepReader<'a> {
         let number = self.columns.kept.get(i) as u32;
         let kept = match self.layout.has_keys {
             true => number,
-            false => self.last_kept.wrapping_add(number),
+            false => {
+                self.last_rank = self.last_rank.wrapping_add(number);
+                self.ranks.vertex(self.last_rank)
+            }
         };
-        self.last_kept = kept;
         if kept >= new {
             return Err(format!("vertex {kept} of {new} is split"));
         }

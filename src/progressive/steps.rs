@@ -6,7 +6,7 @@
 
 use super::columns::{Planes, apart, write, zigzag};
 use super::frame::Frame;
-use super::replay::{Order, Replay};
+use super::replay::{Order, Ranks, Replay};
 use super::rows::Rows;
 
 /// Kinds of steps.
@@ -51,7 +51,7 @@ impl Other {
 #[derive(Clone, Copy)]
 pub(super) struct Layout<'a> {
     pub(super) rows: &'a Rows,
-    /// True if vertices and triangles have places in an order; otherwise splits come in the order of their vertices.
+    /// True if vertices and triangles have places in an order; otherwise splits come in the order of their vertices' ranks.
     pub(super) has_keys: bool,
 }
 
@@ -75,7 +75,7 @@ pub(super) struct Columns {
 /// Fans have a column for each number of triangles around their vertex, from `FEWEST` or fewer to as many as fit.
 pub(super) const ARCS: usize = 8;
 const FEWEST: usize = 4;
-/// Where more triangles are around a vertex, its fan takes two bytes.
+/// Fans around vertices of more triangles take two bytes.
 pub(super) const MOST_IN_BYTE: usize = 15;
 /// In place of a fan in one byte: triangles are told by a bit each.
 pub(super) const BITS_IN_BYTE: u8 = 0xFF;
@@ -108,7 +108,8 @@ pub struct Spent {
 pub(super) struct StepWriter<'a> {
     layout: Layout<'a>,
     columns: Columns,
-    last_kept: u32,
+    ranks: Ranks,
+    last_rank: u32,
 }
 
 /// The corners of a new triangle on one side of a split: on the first side of the fan, or on the second.
@@ -121,7 +122,8 @@ pub(super) fn turned(t: [u32; 3], by: usize) -> [u32; 3] {
 }
 
 impl<'a> StepWriter<'a> {
-    pub(super) fn new(layout: Layout<'a>) -> StepWriter<'a> {
+    /// `ranks`: of the vertices that are there, for compact files.
+    pub(super) fn new(layout: Layout<'a>, ranks: Ranks) -> StepWriter<'a> {
         let stride = layout.rows.stride();
         StepWriter {
             layout,
@@ -138,8 +140,14 @@ impl<'a> StepWriter<'a> {
                 of_new: Planes::new(stride),
                 extra: Vec::new(),
             },
-            last_kept: 0,
+            ranks,
+            last_rank: 0,
         }
+    }
+
+    /// Rank of a vertex that is split.
+    pub(super) fn rank(&self, vertex: u32) -> u32 {
+        self.ranks.of(vertex)
     }
 
     /// Steps so far.
@@ -163,7 +171,10 @@ impl<'a> StepWriter<'a> {
         self.begin(SPLIT, split.gone.len() as i64);
         let difference = match self.layout.has_keys {
             true => kept,
-            false => kept.wrapping_sub(std::mem::replace(&mut self.last_kept, kept)),
+            false => {
+                let rank = self.ranks.of(kept);
+                rank.wrapping_sub(std::mem::replace(&mut self.last_rank, rank))
+            }
         };
         self.columns.kept.push(u64::from(difference));
         let around = replay.around(kept);

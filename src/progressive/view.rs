@@ -29,7 +29,7 @@ pub struct View {
     pub height: f64,
 }
 
-/// What was taken for a view.
+/// Counts of what was taken for a view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Viewed {
     /// Steps of the file.

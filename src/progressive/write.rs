@@ -5,7 +5,7 @@
 use super::columns::{Planes, apart};
 use super::file::{Head, Kind, write_block, write_head};
 use super::order;
-use super::replay::{NONE, Replay};
+use super::replay::{NONE, Ranks, Replay};
 use super::rows::{Extremes, Rows};
 use super::steps::{Layout, Other, Spent, Split, StepWriter};
 use crate::error::Result;
@@ -122,7 +122,11 @@ pub fn write(
     let n_base = teller.replay.keys.len();
     for (block, &least) in blocks.into_iter().zip(&leasts) {
         check()?;
-        let mut out = StepWriter::new(layout);
+        let ranks = match layout.has_keys {
+            true => Ranks::default(),
+            false => teller.replay.ranks(),
+        };
+        let mut out = StepWriter::new(layout, ranks);
         teller.tell(block, &mut out);
         let n = out.len();
         let payload = out.finish(&mut spent);
@@ -270,7 +274,7 @@ impl Teller<'_> {
         let history = self.history;
         if !self.layout.has_keys {
             block.sort_by_cached_key(|&cursor| match history.step(cursor) {
-                Step::Collapse { kept, .. } => (1, self.vertex[kept as usize]),
+                Step::Collapse { kept, .. } => (1, out.rank(self.vertex[kept as usize])),
                 _ => (0, 0),
             });
         }
