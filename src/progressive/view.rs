@@ -1,7 +1,7 @@
 //! A mesh for an eye: finer where it sees an error, coarse behind it and where the surface faces away.
 //!
 //! Of all steps those are taken whose error the eye sees, and those that they depend on. A step depends on earlier ones that
-//! gave the triangles around its vertices away or added some, so that what is taken is a run of legal splits: one connected mesh, without
+//! gave the triangles around its vertices, and around their neighbours, away or added some, so that what is taken is a run of legal splits: one connected mesh, without
 //! cracks. Reads the file twice: first to choose, then to take the chosen steps beside the whole.
 //!
 //! Source: Xia & Varshney 1996, Hoppe 1997 (docs/references.md).
@@ -219,11 +219,17 @@ impl Graph {
         let number = self.is_needed.len() as u32;
         let new = replay.keys.len() as u32;
         let (mut centres, mut rims): (Vec<u32>, Vec<u32>) = Default::default();
+        // All vertices around have to be as they were in the whole: two that are still one would make a double edge.
+        let mut near = Vec::new();
         match step {
             Taken::Split(split) => {
                 centres.extend([split.kept, new]);
                 let corners = split.gone.iter().flat_map(|(t, _)| t);
                 rims.extend(corners.copied().filter(|&v| v != split.kept && v != new));
+                let around = replay.around(split.kept).triangles;
+                near.extend(around.iter().flat_map(|&t| replay.triangles[t as usize]));
+                near.sort_unstable();
+                near.dedup();
             }
             Taken::Other(other) => {
                 centres.extend((new..).take(other.keys.len()));
@@ -235,13 +241,14 @@ impl Graph {
                 }
             }
         }
-        let most = centres.iter().chain(&rims).fold(0, |most, &v| most.max(v as usize + 1));
+        let most =
+            centres.iter().chain(&rims).chain(&near).fold(0, |most, &v| most.max(v as usize + 1));
         if self.last.len() < most {
             self.last.resize(most, NONE);
             self.added.resize(most, Vec::new());
         }
         let start = self.needs.len();
-        for &v in centres.iter().chain(&rims) {
+        for &v in centres.iter().chain(&rims).chain(&near) {
             self.needs.extend(Some(self.last[v as usize]).filter(|&last| last != NONE));
         }
         for &v in &centres {
@@ -250,6 +257,14 @@ impl Graph {
         }
         rims.iter().for_each(|&v| self.added[v as usize].push(number));
         self.needs[start..].sort_unstable();
+        let mut unique = start;
+        for i in start..self.needs.len() {
+            if i == start || self.needs[i] != self.needs[i - 1] {
+                self.needs[unique] = self.needs[i];
+                unique += 1;
+            }
+        }
+        self.needs.truncate(unique);
         self.is_needed.push(is_seen);
         self.ends.push(self.needs.len());
     }
