@@ -216,7 +216,7 @@ fn a_mesh_for_an_eye_is_fine_where_it_looks_and_has_no_cracks() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     for (kind, options) in [("statue", ""), ("gyroid", ""), ("statue", "--progressive-bits 16")] {
-        expect(folder, &format!("synth {kind} in.ply --triangles 30000"), 0);
+        expect(folder, &format!("synth {kind} in.ply --triangles 30000 --force"), 0);
         record(folder, "in.ply", 500, "base", options);
         let bounds = check(folder, "in.ply");
         let fine = count(&bounds, "triangles");
