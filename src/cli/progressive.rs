@@ -8,8 +8,8 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct TypedProgressive {
     /// Write a progressive mesh, too: the result and all steps back to what the last stage (the finish) began with, from which
-    /// 'stonecut refine' makes a mesh of any count between. The finish collapses in another order, without --fit; it takes 4 to 6
-    /// times the time, and 60 bytes of memory more for each triangle that it begins with.
+    /// 'stonecut refine' makes a mesh of any count between. The finish collapses in another order, without --fit; it takes 5 to 9
+    /// times the CPU time, and 60 bytes of memory more for each triangle that it begins with.
     #[arg(long, value_name = "OUT.pm")]
     pub(super) progressive: Option<PathBuf>,
     /// With --progressive: coordinates and other floats of 8 to 24 bits, which makes a file several times smaller [default: bit by
