@@ -418,6 +418,8 @@ fn the_ratio_decides_unless_it_is_said() {
         report["settings"]["texture"].as_str().unwrap().to_owned()
     };
     assert_eq!(texture("--ratio 50%"), "carry");
+    assert_eq!(texture("--ratio 31%"), "carry");
+    assert_eq!(texture("--ratio 29%"), "bake");
     assert_eq!(texture("--ratio 5%"), "bake");
     assert_eq!(texture("--ratio 5% --texture keep"), "carry");
     assert_eq!(texture("--ratio 50% --texture bake"), "bake");

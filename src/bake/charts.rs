@@ -54,34 +54,39 @@ pub(super) struct Charts {
 }
 
 impl Charts {
-    /// Bytes that the charts of a result take at two densities, with one block while it is unwrapped.
+    /// Bytes that the charts of a result take, with one block while it is unwrapped.
     pub fn bytes(n_triangles: u64) -> u64 {
-        96 * n_triangles + UNWRAP_BYTES * n_triangles.min(BLOCK_TRIANGLES as u64)
+        48 * n_triangles + UNWRAP_BYTES * n_triangles.min(BLOCK_TRIANGLES as u64)
     }
 
     /// Makes charts and packs them at a density, or about at the highest that needs at most the pages allowed.
     pub fn make(mesh: &Mesh, density: Density, options: &Options, means: Means) -> Result<Charts> {
         let mut texels_per_unit = density.wanted;
         let most = options.most_pages.map_or(usize::MAX, |most| most.max(1) as usize);
-        let (mut best, mut too_dense) = (None::<Charts>, f64::INFINITY);
+        let (mut fitting, mut too_dense) = (None::<f64>, f64::INFINITY);
         for _ in 0..MOST_TRIES {
             let charts = Self::at(mesh, texels_per_unit, options, means)?;
             let n = charts.pages.len();
             if n <= most {
-                best = Some(charts);
+                fitting = Some(texels_per_unit);
+                let is_done =
+                    too_dense.is_infinite() || too_dense <= CLOSE_ENOUGH * texels_per_unit;
+                if is_done {
+                    return Ok(charts);
+                }
             } else {
                 too_dense = texels_per_unit;
             }
-            texels_per_unit = match &best {
-                Some(best) if too_dense <= CLOSE_ENOUGH * best.texels_per_unit => break,
-                Some(_) if too_dense.is_infinite() => break,
-                Some(best) => (best.texels_per_unit * too_dense).sqrt(),
+            texels_per_unit = match fitting {
+                Some(fitting) if too_dense <= CLOSE_ENOUGH * fitting => break,
+                Some(fitting) => (fitting * too_dense).sqrt(),
                 // The last page of each block is rarely full, so a share of the pages is not a share of the area.
                 None => texels_per_unit * (most as f64 / n as f64).sqrt().clamp(0.1, 0.95),
             };
         }
-        if let Some(best) = best {
-            return Ok(best);
+        if let Some(fitting) = fitting {
+            // Made again: two of them at a time would take twice the memory.
+            return Self::at(mesh, fitting, options, means);
         }
         let what = format!(
             "--bake-pages {most}: the charts of {} triangles do not fit at any sensible density; allow more pages",

@@ -74,7 +74,7 @@ pub struct Args {
     #[arg(long, value_name = "N|SIZE")]
     min_component: Option<MinComponent>,
     /// Texture of the result: keep (the input's charts and images), bake (charts and images made for the result, filled
-    /// from the input's), auto (bake below 10 % of the triangles, and where charts leave too many) or none.
+    /// from the input's), auto (bake below 30 % of the triangles, and where charts leave too many) or none.
     #[arg(long, value_enum, value_name = "WHAT", default_value = "auto")]
     texture: TypedTexture,
     /// With a new texture: side of its pages in texels, 64 to 16384.
