@@ -198,8 +198,7 @@ fn reports_of_simplify_keep_the_schema() {
 fn what_textures_and_faces_add_keeps_the_schema() {
     let folder = folder_with("rooms", "--triangles 20k");
     let out = folder.path();
-    let command =
-        "simplify in.ply out.ply --ratio 30% --cell-triangles 4k --report r.json --verify";
+    let command = "simplify in.ply out.ply --ratio 30% --texture keep --cell-triangles 4k --report r.json --verify";
     expect(out, command, 0);
     let report = read(&out.join("r.json"));
     assert_keeps("simplify_report", &report);
