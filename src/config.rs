@@ -87,6 +87,8 @@ pub enum Method {
     Cluster,
     /// Vertices are removed, least distance first; all others stay exactly where they are.
     Decimate,
+    /// Vertices spread evenly over the surface, joined by nearly equilateral triangles.
+    Retile,
 }
 
 impl Method {
@@ -96,6 +98,7 @@ impl Method {
             Method::Collapse => "collapse",
             Method::Cluster => "cluster",
             Method::Decimate => "decimate",
+            Method::Retile => "retile",
         }
     }
 }
@@ -282,6 +285,8 @@ pub struct Config {
     pub method: Method,
     /// Angle between triangles, in degrees, beyond which their edge is a feature of `Method::Decimate`.
     pub feature_angle: f64,
+    /// Power of the curvature by which triangles of `Method::Retile` are denser; 0 for one size.
+    pub gradation: f64,
     /// Memory budget in bytes.
     pub memory_bytes: u64,
     /// Worker threads.
@@ -388,6 +393,9 @@ impl Config {
             if self.method == Method::Decimate {
                 settings.insert("feature_angle".to_owned(), self.feature_angle.to_string());
             }
+            if self.method == Method::Retile {
+                settings.insert("gradation".to_owned(), self.gradation.to_string());
+            }
         }
         settings
     }
@@ -440,6 +448,7 @@ mod tests {
             coarser: Vec::new(),
             method: Method::Collapse,
             feature_angle: FEATURE_ANGLE,
+            gradation: 0.0,
             memory_bytes: 1 << 30,
             threads: NonZeroUsize::MIN,
             cell_triangles: DEFAULT_CELL_TRIANGLES,

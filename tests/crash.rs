@@ -24,6 +24,7 @@ fn config(folder: &Path, targets: &[u64]) -> Config {
         coarser: targets[1..].iter().map(level).collect(),
         method: stonecut::config::Method::Collapse,
         feature_angle: stonecut::config::FEATURE_ANGLE,
+        gradation: 0.0,
         memory_bytes: 256 << 20,
         threads: std::num::NonZeroUsize::MIN,
         cell_triangles: 1000,

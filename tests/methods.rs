@@ -415,7 +415,7 @@ fn methods_are_compared_on_one_page() {
     assert_eq!(std::fs::read_dir(at).unwrap().count(), 2);
     let said = expect(at, "compare collapse in.ply --triangles 2k -o page.html", 2);
     assert!(said.contains("--force"), "{said}");
-    expect(at, "compare retile in.ply --triangles 2k -o other.html", 2);
+    expect(at, "compare tessellate in.ply --triangles 2k -o other.html", 2);
     let said =
         expect(at, "compare decimate,cluster in.ply --ratio 5% -o other.html --memory 1MiB", 6);
     assert!(said.contains("--method decimate") && !at.join("other.html").exists(), "{said}");

@@ -180,6 +180,7 @@ fn reports_of_simplify_keep_the_schema() {
         ("cluster", "--ratio 10% --verify"),
         ("cluster", "--grid 0.1"),
         ("decimate", "--ratio 30% --verify --feature-angle 40"),
+        ("retile", "--ratio 10% --verify --gradation 1"),
     ] {
         let command = format!(
             "simplify in.ply out.ply --method {method} {options} --force --restart --report r.json"

@@ -28,7 +28,7 @@ const LOOK: Duration = Duration::from_millis(50);
 /// error, time, memory, angles, topology.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// Methods joined by commas: collapse,cluster,decimate.
+    /// Methods joined by commas: collapse,cluster,decimate,retile.
     #[arg(value_enum, value_name = "METHOD,...", value_delimiter = ',', required = true)]
     methods: Vec<Method>,
     /// The mesh to simplify.

@@ -16,8 +16,8 @@ use std::path::Path;
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct TypedMethod {
     /// Method: collapse (edges, least error first; for results), cluster (vertices of a cell of a grid become one, in one
-    /// pass at the speed of the disk; for previews) or decimate (vertices are removed, all others stay exactly where they
-    /// are; in memory). See docs/methods.md.
+    /// pass at the speed of the disk; for previews), decimate (vertices are removed, all others stay exactly where they
+    /// are; in memory) or retile (nearly equilateral triangles of one size, for simulation; in memory). See docs/methods.md.
     #[arg(long, value_enum, value_name = "METHOD", default_value = "collapse")]
     pub(super) method: Method,
     /// With --method cluster: length of a cell of the grid, in input units, instead of a count of triangles.
@@ -27,11 +27,20 @@ pub(super) struct TypedMethod {
     /// edges [default: 60].
     #[arg(long, value_name = "DEGREES", value_parser = parse_angle)]
     pub(super) feature_angle: Option<f64>,
+    /// With --method retile: smaller triangles where the surface is bent, by this power of its curvature, 0 to 3 [default:
+    /// 0, all of one size; 1.5 shows].
+    #[arg(long, value_name = "POWER", value_parser = parse_gradation)]
+    pub(super) gradation: Option<f64>,
 }
 
 fn parse_angle(text: &str) -> std::result::Result<f64, String> {
     let angle = text.parse().ok().filter(|x: &f64| (0.0..=180.0).contains(x));
     angle.ok_or_else(|| "an angle in degrees, 0 to 180: 30".to_owned())
+}
+
+fn parse_gradation(text: &str) -> std::result::Result<f64, String> {
+    let power = text.parse().ok().filter(|x: &f64| (0.0..=3.0).contains(x));
+    power.ok_or_else(|| "a power, 0 to 3: 1.5".to_owned())
 }
 
 fn parse_cell_size(text: &str) -> std::result::Result<f64, String> {
@@ -57,6 +66,7 @@ impl TypedMethod {
         for (option, is_given, of) in [
             ("--grid", self.grid.is_some(), Method::Cluster),
             ("--feature-angle", self.feature_angle.is_some(), Method::Decimate),
+            ("--gradation", self.gradation.is_some(), Method::Retile),
         ] {
             if is_given && self.method != of {
                 return Err(Error::Usage(format!(

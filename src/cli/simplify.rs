@@ -229,6 +229,7 @@ impl Args {
             coarser: levels,
             method: self.method.method,
             feature_angle: self.method.feature_angle.unwrap_or(FEATURE_ANGLE),
+            gradation: self.method.gradation.unwrap_or(0.0),
             memory_bytes: memory_budget(self.memory),
             threads: super::arguments::threads(self.threads),
             cell_triangles: self.cell_triangles,

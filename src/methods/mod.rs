@@ -7,7 +7,10 @@
 pub mod cluster;
 pub mod decimate;
 mod key_table;
+mod load;
 mod positions;
+pub mod retile;
+mod sums;
 
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;

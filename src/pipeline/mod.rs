@@ -9,6 +9,7 @@ pub mod extract;
 pub mod in_memory;
 mod kernel_side;
 pub(crate) mod max_error;
+mod method_reports;
 pub mod methods;
 pub mod plan;
 mod prepare;

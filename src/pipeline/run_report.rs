@@ -3,6 +3,9 @@
 //! docs/report.md describes every key, docs/report.schema.json says the same for machines, and tests/report_schema.rs holds
 //! real reports against both.
 
+pub use super::method_reports::{
+    DecimationReport, EdgesReport, GridReport, RetilingReport, SpreadReport,
+};
 use crate::io::ply::{MeshSource, type_name};
 use crate::io::{NUMBER, OutputKind, TexturePlan};
 use crate::mesh::bounds::Bounds;
@@ -300,48 +303,9 @@ pub struct RunReport {
     /// Removals of `--method decimate`; only with it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decimation: Option<DecimationReport>,
-}
-
-/// Vertices that were removed.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct DecimationReport {
-    /// Vertices without a feature edge.
-    pub removed_simple: u64,
-    /// Vertices on a boundary.
-    pub removed_boundary: u64,
-    /// Vertices between two feature edges.
-    pub removed_interior_edge: u64,
-    /// Corners, which only go once nothing else can.
-    pub removed_corner: u64,
-    /// Vertices that were removed after the first corner had to be.
-    pub removed_beyond_features: u64,
-    /// Removals refused because no splits filled the hole; a vertex that is tried again counts again.
-    pub refused_split: u64,
-    /// Removals refused because the topology would change.
-    pub refused_topology: u64,
-    /// Largest distance of a removed vertex, with what its neighbours had handed on to it, in input units.
-    pub farthest: f64,
-}
-
-/// The grid on which vertices were clustered.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct GridReport {
-    /// Length of a cell, in input units.
-    pub cell_size: f64,
-    /// Passes over the faces, each on another grid; the last one made the result.
-    pub passes: u64,
-    /// Occupied cells.
-    pub cells: u64,
-    /// Triangles that were expected on the first grid.
-    pub expected_triangles: u64,
-    /// Triangles of the input that lay in one or two cells.
-    pub collapsed_triangles: u64,
-    /// Triangles of the input that fell on another one.
-    pub repeated_triangles: u64,
-    /// Triangles on which as many fell in one orientation as in the other.
-    pub folded_triangles: u64,
-    /// Those of them that hung on one edge alone, and were left out.
-    pub fins_dropped: u64,
+    /// Triangles of `--method retile`; only with it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub retiling: Option<RetilingReport>,
 }
 
 /// Reason why collapsing ended; its words are those of `RunReport::stop_reason`.

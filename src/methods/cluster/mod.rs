@@ -9,9 +9,9 @@ mod attributes;
 mod distinct;
 mod grid;
 mod pass;
-mod sums;
 mod survey;
 
+use super::sums::LEAST_SINGULAR;
 use super::{FileOrder, Made, Positions, page_bytes};
 use crate::error::{Error, Result};
 use crate::io::ply::{BLOCK_ROWS, MeshSource};
@@ -163,7 +163,7 @@ fn made(
             continue;
         }
         numbers[cell] = made.mesh.positions.len() as u32;
-        made.mesh.positions.push(grid.position(add(Grid::centre(key), sums.point())));
+        made.mesh.positions.push(grid.position(add(Grid::centre(key), sums.point(LEAST_SINGULAR))));
         if !carried.records.is_empty() {
             let channels = cell * n_channels..(cell + 1) * n_channels;
             made.mesh.channels.extend_from_slice(&carried.channels[channels]);

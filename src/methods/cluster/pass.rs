@@ -4,11 +4,11 @@
 //! floats depends on threads or memory.
 
 use super::grid::Grid;
-use super::sums::{CellSums, Term};
 use crate::error::Result;
 use crate::io::ply::{FaceBlock, MeshSource};
 use crate::methods::key_table::KeyTable;
 use crate::methods::positions::{Held, Positions};
+use crate::methods::sums::{CellSums, Term};
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
 

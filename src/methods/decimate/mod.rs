@@ -10,8 +10,9 @@ mod fill;
 mod surface;
 
 use super::Made;
+use super::load::{Loaded, for_records, load};
 use crate::error::{Error, Result};
-use crate::io::ply::{FaceBlock, MeshSource, VertexBlock};
+use crate::io::ply::MeshSource;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::codec::VertexCodec;
 use crate::mesh::vec3::triangle_distance_sq;
@@ -58,7 +59,8 @@ pub fn decimate(source: &MeshSource, settings: Settings, progress: &Progress) ->
         )));
     }
     progress.begin("decimate", 1, 2, source.n_triangles().saturating_sub(settings.target));
-    let (surface, faults) = load(source, progress)?;
+    let Loaded { positions, triangles, faults } = load(source, progress)?;
+    let surface = Surface::new(positions, triangles);
     let mut run = Run::new(surface, settings);
     run.drain(false, progress)?;
     let before_corners = run.n_removed.values().sum::<u64>();
@@ -77,33 +79,6 @@ pub fn decimate(source: &MeshSource, settings: Settings, progress: &Progress) ->
     made.bounds = Bounds::around(&run.surface.positions);
     made.lengths.insert("farthest".to_owned(), run.farthest);
     Ok(made)
-}
-
-fn load(source: &MeshSource, progress: &Progress) -> Result<(Surface, BTreeMap<String, u64>)> {
-    let record_bytes = source.schema().record_bytes();
-    let mut positions = Vec::with_capacity(source.n_vertices() as usize);
-    let mut block = VertexBlock::default();
-    for index in 0..source.n_vertex_blocks() {
-        progress.check()?;
-        source.read_vertices(index, &mut block)?;
-        let records = block.records.chunks_exact(record_bytes);
-        positions.extend(records.map(|record| source.schema().position(record)));
-    }
-    let mut triangles = Vec::with_capacity(source.n_triangles() as usize);
-    let mut block = FaceBlock::default();
-    let (mut n_degenerate, mut n_bad) = (0, 0);
-    for index in 0..source.n_face_blocks() {
-        progress.check()?;
-        source.read_faces(index, &mut block)?;
-        triangles.extend(block.triangles.iter().map(|t| t.map(|v| v as u32)));
-        n_degenerate += block.n_degenerate;
-        n_bad += block.n_bad;
-    }
-    let faults = BTreeMap::from([
-        ("degenerate_faces".to_owned(), n_degenerate),
-        ("bad_faces".to_owned(), n_bad),
-    ]);
-    Ok((Surface::new(positions, triangles), faults))
 }
 
 /// A run: the mesh, and the vertices in the order of what their removal costs.
@@ -245,20 +220,14 @@ fn made(source: &MeshSource, codec: &VertexCodec, run: &Run, progress: &Progress
     if source.schema().properties.is_empty() {
         return Ok(made);
     }
-    let record_bytes = source.schema().record_bytes();
     made.mesh.n_channels = codec.n_channels();
     let mut channels = vec![0.0; codec.n_channels()];
-    let mut block = VertexBlock::default();
-    for index in 0..source.n_vertex_blocks() {
-        progress.check()?;
-        source.read_vertices(index, &mut block)?;
-        for (vertex, record) in (block.first..).zip(block.records.chunks_exact(record_bytes)) {
-            if numbers[vertex as usize] != u32::MAX {
-                codec.decode_channels(record, &mut channels);
-                made.mesh.channels.extend_from_slice(&channels);
-                made.records.extend_from_slice(record);
-            }
+    for_records(source, progress, |vertex, record| {
+        if numbers[vertex as usize] != u32::MAX {
+            codec.decode_channels(record, &mut channels);
+            made.mesh.channels.extend_from_slice(&channels);
+            made.records.extend_from_slice(record);
         }
-    }
+    })?;
     Ok(made)
 }

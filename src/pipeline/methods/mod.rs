@@ -8,7 +8,8 @@ mod write;
 
 use super::prepare::{WRITING, check_labels, refuse_to_overwrite};
 use super::run_report::{
-    DecimationReport, FaceReport, GridReport, InputReport, OutputReport, RunReport,
+    DecimationReport, EdgesReport, FaceReport, GridReport, InputReport, OutputReport,
+    RetilingReport, RunReport, SpreadReport,
 };
 use super::run_report::{QualityReport, StageReport, StopReason};
 use super::verify;
@@ -20,13 +21,13 @@ use crate::mesh::face_properties::FacePolicy;
 use crate::mesh::vec3::{length_sq, sub};
 use crate::methods::Made;
 use crate::methods::cluster::{self, Survey, Wanted};
-use crate::methods::decimate;
+use crate::methods::{decimate, retile};
 use crate::store::job::Job;
 use crate::store::job::fingerprint::{input_marks, job_identity, unchanged};
 use crate::store::stage_context::StageContext;
 use crate::system::disk::{Disk, folder_of};
 use crate::system::json_keys::SCHEMA_VERSION;
-use crate::system::memory::peak_bytes;
+use crate::system::memory::{BASE_BYTES, peak_bytes};
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
 pub use plan::MethodPlan;
@@ -97,7 +98,7 @@ fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMet
             stages.push(stage_report("survey", start, (n, n), (3 * vertex_bytes, 0)));
             Some(survey)
         }
-        Method::Decimate | Method::Collapse => None,
+        Method::Decimate | Method::Retile | Method::Collapse => None,
     };
     let plan = MethodPlan::new(&source, survey.as_ref(), target, config)?;
     plan.check_disk(config)?;
@@ -170,6 +171,15 @@ fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result
                 position_bytes: plan.position_memory_bytes,
             };
             cluster::cluster(&source, settings, progress)
+        }
+        None if config.method == Method::Retile => {
+            let settings = retile::Settings {
+                target: plan.target,
+                gradation: config.gradation,
+                memory_bytes: config.memory_bytes.saturating_sub(BASE_BYTES),
+                codec: &codec,
+            };
+            retile::retile(&source, settings, progress)
         }
         None => {
             let settings = decimate::Settings {
@@ -293,6 +303,22 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
             refused_split: count("refused_split"),
             refused_topology: count("refused_topology"),
             farthest: length("farthest"),
+        }),
+        retiling: (config.method == Method::Retile).then(|| RetilingReport {
+            angles: SpreadReport {
+                smallest: length("angle_smallest"),
+                p01: length("angle_p01"),
+                median: length("angle_median"),
+            },
+            edges: EdgesReport {
+                shortest: length("edge_shortest"),
+                median: length("edge_median"),
+                longest: length("edge_longest"),
+            },
+            surface_vertices: count("surface_vertices"),
+            passes: count("passes"),
+            split_for_topology: count("split_for_topology"),
+            dropped_triangles: count("dropped_triangles"),
         }),
         ..RunReport::default()
     }

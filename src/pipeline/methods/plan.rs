@@ -4,7 +4,7 @@ use crate::config::{Config, Method};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::methods::cluster::{self, Need, Survey};
-use crate::methods::decimate;
+use crate::methods::{decimate, retile};
 use crate::pipeline::plan::disk::check_space;
 use crate::pipeline::plan::{MANIFEST_BYTES, output};
 use crate::system::memory::BASE_BYTES;
@@ -14,6 +14,8 @@ use crate::system::units::{show_bytes, show_count, show_length};
 /// in all, for the expected time only.
 const CLUSTERED_PER_SECOND_PER_CORE: f64 = 1.0e7;
 const DECIMATED_PER_SECOND: f64 = 0.08e6;
+/// The same of the re-tiling, in triangles of the input.
+const RETILED_PER_SECOND: f64 = 0.15e6;
 
 /// Forecast of a run.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -72,7 +74,10 @@ impl MethodPlan {
                     true => 0,
                     false => (4 * codec.n_channels() + source.schema().record_bytes()) as u64,
                 };
-                let tables = decimate::need(source) + vertices * record_bytes;
+                let tables = match config.method {
+                    Method::Retile => retile::need(source, &codec, most, config.gradation),
+                    _ => decimate::need(source) + vertices * record_bytes,
+                };
                 (Need { tables, positions: 0, all_positions: 0 }, most, vertices)
             }
         };
@@ -85,6 +90,7 @@ impl MethodPlan {
         let verifying = if config.verify { 3 * output_bytes + source.file_bytes() } else { 0 };
         let per_second = match survey {
             Some(_) => CLUSTERED_PER_SECOND_PER_CORE * threads as f64,
+            None if config.method == Method::Retile => RETILED_PER_SECOND,
             None => DECIMATED_PER_SECOND,
         };
         Ok(MethodPlan {
@@ -130,6 +136,12 @@ impl MethodPlan {
                 show_length(size),
                 show_count(cells)
             ),
+            _ if config.method == Method::Retile => {
+                format!(
+                    "vertices are spread over the surface in memory; gradation {}",
+                    config.gradation
+                )
+            }
             _ => format!("vertices are removed in memory; feature angle {}", config.feature_angle),
         };
         vec![
@@ -160,6 +172,9 @@ fn too_little(config: &Config, needed: u64, need: &Need) -> Error {
              --method collapse takes any order in any memory"
         }
         Method::Cluster => "; a smaller result needs less",
+        Method::Retile => {
+            ", since it works in memory; --method collapse can make the mesh smaller first, in any memory"
+        }
         Method::Decimate | Method::Collapse => {
             ", since it works in memory; --method collapse --placement subset keeps to vertices of the input as well, in \
              any memory"

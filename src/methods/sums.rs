@@ -1,4 +1,4 @@
-//! Sums over the triangles at a cell of the grid, and the point of the cell that fits them best.
+//! Sums over the triangles at a cell, of a grid or of the surface, and the point of the cell that fits them best.
 //!
 //! Everything is in units of cells, relative to the centre of the cell, so that no constant depends on the input's units.
 
@@ -6,7 +6,7 @@ use crate::mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub};
 
 /// Singular values below this share of the largest one count as 0: across them the point stays at the mean
 /// (Lindstrom 2000, section 3.2). 0.02 costs 13 % of error on a noisy scan (docs/results/methods.md).
-const LEAST_SINGULAR: f64 = 0.001;
+pub(super) const LEAST_SINGULAR: f64 = 0.001;
 
 /// Farthest that the point lies from the centre of its cell along an axis: half a cell beyond the walls. At the walls
 /// themselves (0.5) the error is 2 to 4 % higher, and a whole cell beyond them gains nothing.
@@ -109,8 +109,8 @@ impl CellSums {
     /// The point with the least quadric error, relative to the centre of the cell, each coordinate within `FARTHEST`.
     ///
     /// From the mean of the corners straight towards the least error, as far as that bound allows: the error is convex, so
-    /// it falls all the way.
-    pub(super) fn point(&self) -> Vec3 {
+    /// it falls all the way. Singular values below the share `least_singular` of the largest count as 0.
+    pub(super) fn point(&self, least_singular: f64) -> Vec3 {
         let mean = scale(self.corners, 1.0 / self.n_corners.max(1.0)).map(|x| x.clamp(-0.5, 0.5));
         let (mut a, mut b) = (self.a, self.b);
         let chord_sq = length_sq(self.chord);
@@ -135,7 +135,7 @@ impl CellSums {
         let residual = sub(b, product);
         let mut step = [0.0; 3];
         for (value, vector) in values.into_iter().zip(vectors) {
-            if value > LEAST_SINGULAR * most {
+            if value > least_singular * most {
                 step = add(step, scale(vector, dot(vector, residual) / value));
             }
         }
@@ -226,10 +226,10 @@ mod tests {
         });
         let mut of_walls = CellSums::default();
         walls.iter().for_each(|&w| of_walls.add_whole(&Term::new(w), [0.0; 3]));
-        let found = of_walls.point();
+        let found = of_walls.point(LEAST_SINGULAR);
         assert!(length_sq(sub(found, corner)) < 1e-6, "{found:?}");
         let flat = sums(&[[[0.1, 0.2, 0.25], [0.4, 0.2, 0.25], [0.1, 0.4, 0.25]]]);
-        assert!(length_sq(sub(flat.point(), [0.1, 0.2, 0.25])) < 1e-20);
+        assert!(length_sq(sub(flat.point(LEAST_SINGULAR), [0.1, 0.2, 0.25])) < 1e-20);
     }
 
     #[test]
@@ -239,10 +239,10 @@ mod tests {
             [[0.0, 0.0, 0.0], [0.4, 0.0, 0.04], [0.0, 0.4, 0.0]],
             [[0.0, 0.0, 0.1], [0.4, 0.0, 0.18], [0.0, 0.4, 0.1]],
         ]);
-        assert!(far.point().iter().all(|x| x.abs() <= FARTHEST));
-        assert_eq!(CellSums::default().point(), [0.0; 3]);
+        assert!(far.point(LEAST_SINGULAR).iter().all(|x| x.abs() <= FARTHEST));
+        assert_eq!(CellSums::default().point(LEAST_SINGULAR), [0.0; 3]);
         let degenerate = sums(&[[[0.3; 3]; 3]]);
-        assert!(length_sq(sub(degenerate.point(), [0.3; 3])) < 1e-20);
+        assert!(length_sq(sub(degenerate.point(LEAST_SINGULAR), [0.3; 3])) < 1e-20);
     }
 
     /// A strip that ends at x = 0.25: the point stays on the boundary, though the mean of corners does not.
@@ -259,7 +259,7 @@ mod tests {
                 sums.add_part(&Term::new(t), [0.0; 3], t.map(inside));
             }
         }
-        let point = sums.point();
+        let point = sums.point(LEAST_SINGULAR);
         assert!((point[0] - 0.25).abs() < 0.03, "{point:?}");
         let mean = sums.corners[0] / sums.n_corners;
         assert!((mean - 0.25).abs() > 0.2);

@@ -1,0 +1,53 @@
+//! A source as a whole in memory, and the records of the vertices that a result keeps something of.
+
+use crate::error::Result;
+use crate::io::ply::{FaceBlock, MeshSource, VertexBlock};
+use crate::mesh::vec3::Vec3;
+use crate::system::progress::Progress;
+use std::collections::BTreeMap;
+
+/// Positions in input units, triangles, and faults that were left out.
+pub(super) struct Loaded {
+    pub(super) positions: Vec<Vec3>,
+    pub(super) triangles: Vec<[u32; 3]>,
+    pub(super) faults: BTreeMap<String, u64>,
+}
+
+/// Reads all vertices and triangles; these must be few enough for 32-bit numbers.
+pub(super) fn load(source: &MeshSource, progress: &Progress) -> Result<Loaded> {
+    let mut positions = Vec::with_capacity(source.n_vertices() as usize);
+    for_records(source, progress, |_, record| positions.push(source.schema().position(record)))?;
+    let mut triangles = Vec::with_capacity(source.n_triangles() as usize);
+    let mut block = FaceBlock::default();
+    let (mut n_degenerate, mut n_bad) = (0, 0);
+    for index in 0..source.n_face_blocks() {
+        progress.check()?;
+        source.read_faces(index, &mut block)?;
+        triangles.extend(block.triangles.iter().map(|t| t.map(|v| v as u32)));
+        n_degenerate += block.n_degenerate;
+        n_bad += block.n_bad;
+    }
+    let faults = BTreeMap::from([
+        ("degenerate_faces".to_owned(), n_degenerate),
+        ("bad_faces".to_owned(), n_bad),
+    ]);
+    Ok(Loaded { positions, triangles, faults })
+}
+
+/// Gives the record of every vertex, in order.
+pub(super) fn for_records(
+    source: &MeshSource,
+    progress: &Progress,
+    mut take: impl FnMut(u64, &[u8]),
+) -> Result<()> {
+    let record_bytes = source.schema().record_bytes();
+    let mut block = VertexBlock::default();
+    for index in 0..source.n_vertex_blocks() {
+        progress.check()?;
+        source.read_vertices(index, &mut block)?;
+        for (vertex, record) in (block.first..).zip(block.records.chunks_exact(record_bytes)) {
+            take(vertex, record);
+        }
+    }
+    Ok(())
+}

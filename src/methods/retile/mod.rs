@@ -1,0 +1,272 @@
+//! Re-tiling: vertices spread evenly over the surface, joined by nearly equilateral triangles (Turk 1992). In memory.
+//!
+//! In its modern form (Valette & Chassery 2004): the vertices of the surface, made fine enough, are put into as many clusters as
+//! the result is to have vertices, whose borders move until each is compact; each cluster becomes a vertex, and where three
+//! meet there is a triangle. Turk moves points apart and triangulates around them; a centroidal Voronoi tessellation
+//! spreads them more evenly, and its dual needs no triangulation.
+
+mod clusters;
+mod density;
+mod dual;
+mod place;
+mod refine;
+mod seeds;
+mod shape;
+
+use super::Made;
+use super::load::{Loaded, for_records, load};
+use crate::error::{Error, Result};
+use crate::io::ply::MeshSource;
+use crate::mesh::Mesh;
+use crate::mesh::bounds::Bounds;
+use crate::mesh::codec::VertexCodec;
+use crate::mesh::vec3::{Vec3, length_sq, sub};
+use crate::system::progress::Progress;
+use clusters::{CLUSTER_BYTES, Clusters, NONE};
+use dual::Dual;
+use refine::{Surface, VERTEX_BYTES};
+use shape::Shapes;
+use std::collections::BTreeSet;
+
+/// Longest edge of the surface, in distances of evenly spread vertices of the result.
+const LONGEST: f64 = 0.25;
+/// The same where sizes differ: the smallest clusters have to be made of enough vertices.
+const LONGEST_GRADED: f64 = 0.175;
+/// Rounds that mend the surface or the count, at most.
+const ROUNDS: usize = 24;
+/// Rounds in which clusters may be made two for a surface's sake.
+const MENDING_ROUNDS: usize = 20;
+
+/// Settings of a run.
+#[derive(Clone, Copy, Debug)]
+pub struct Settings<'a> {
+    /// Triangles wanted, at most.
+    pub target: u64,
+    /// Power of the curvature by which weights grow; 0 for triangles of one size.
+    pub gradation: f64,
+    /// Memory for the run, in bytes.
+    pub memory_bytes: u64,
+    /// The source's `kernel_codec`.
+    pub codec: &'a VertexCodec,
+}
+
+/// Memory that a run needs in bytes, if the surface is as fine as an even one would be.
+pub fn need(source: &MeshSource, codec: &VertexCodec, target: u64, gradation: f64) -> u64 {
+    let longest = if gradation > 0.0 { LONGEST_GRADED } else { LONGEST };
+    let fine = (target as f64 / (longest * longest)) as u64;
+    let per_vertex = VERTEX_BYTES + 4 * codec.n_channels() as u64;
+    let result = target / 2 * (CLUSTER_BYTES + source.schema().record_bytes() as u64) + 60 * target;
+    source.n_vertices().max(fine) * per_vertex + result
+}
+
+/// Re-tiles a mesh.
+///
+/// Errors: those of reading; `NoMemory` where long triangles need more vertices than there is memory for; `Usage` for more
+/// vertices than can be numbered.
+pub fn retile(source: &MeshSource, settings: Settings, progress: &Progress) -> Result<Made> {
+    if source.n_vertices().max(source.n_triangles()) > u64::from(u32::MAX) / 6 {
+        return Err(Error::Usage(format!(
+            "--method retile takes at most {} triangles; take --method collapse first",
+            u32::MAX / 6
+        )));
+    }
+    progress.begin("retile", 1, 2, source.n_triangles());
+    let Loaded { positions, triangles, faults } = load(source, progress)?;
+    let bounds = Bounds::around(&positions);
+    let n_given = positions.len();
+    let area = Surface::area(&positions, &triangles);
+    // Clusters of a closed surface are half as many as triangles, and two more for each sphere.
+    let n_clusters = (settings.target / 2 + 2).max(4) as usize;
+    // Evenly spread points are the corners of equilateral triangles.
+    let spacing = (2.0 * area / (3.0f64.sqrt() * n_clusters as f64)).sqrt();
+    let is_graded = settings.gradation > 0.0;
+    let longest = spacing * if is_graded { LONGEST_GRADED } else { LONGEST };
+    let per_vertex = VERTEX_BYTES + 4 * settings.codec.n_channels() as u64;
+    let most = settings.memory_bytes / per_vertex;
+    if area <= 0.0 || !area.is_finite() {
+        return Ok(Made { faults, bounds, ..Made::default() });
+    }
+    let mut surface = Surface::refined(positions, triangles, longest, most, progress)?;
+    progress.add(source.n_triangles() / 4);
+    let (mut owner, mut n) = seeds::seed(&surface, n_clusters, spacing, None, progress)?;
+    if is_graded {
+        let mut clusters = Clusters::new(&surface, owner, n);
+        clusters.grow();
+        clusters.minimise(progress)?;
+        let (n_even, even) = (clusters.len(), clusters.owner);
+        let dual = Dual::new(&surface.triangles, &even);
+        let sizes =
+            density::grade(&mut surface, &even, n_even, &dual.triangles, settings.gradation);
+        (owner, n) = seeds::seed(&surface, n_clusters, spacing, Some(&sizes), progress)?;
+    }
+    let mut clusters = Clusters::new(&surface, owner, n);
+    clusters.grow();
+    progress.add(source.n_triangles() / 4);
+    let (mut dual, n_mended) = settle(&surface, &mut clusters, settings.target, progress)?;
+    progress.add(source.n_triangles() / 4);
+    let n_dropped = dual.drop_faults();
+    let mut made = made(source, &surface, n_given, &clusters, &dual, settings.codec, progress)?;
+    let shapes = Shapes::of(&made.mesh);
+    (made.faults, made.bounds) = (faults, bounds);
+    for (name, count) in [
+        ("surface_vertices", surface.positions.len() as u64),
+        ("passes", clusters.n_passes),
+        ("split_for_topology", n_mended),
+        ("dropped_triangles", n_dropped),
+    ] {
+        made.counts.insert(name.to_owned(), count);
+    }
+    for (name, value) in ["smallest", "p01", "median"].into_iter().zip(shapes.angles) {
+        made.lengths.insert(format!("angle_{name}"), value);
+    }
+    for (name, value) in ["shortest", "median", "longest"].into_iter().zip(shapes.edges) {
+        made.lengths.insert(format!("edge_{name}"), value);
+    }
+    progress.add(source.n_triangles() - 3 * (source.n_triangles() / 4));
+    Ok(made)
+}
+
+/// Moves borders until nothing changes; splits clusters whose dual is not a surface, and splits or dissolves as many as the
+/// count asks for. Returns the dual, and how many were split for a surface's sake.
+fn settle(
+    surface: &Surface,
+    clusters: &mut Clusters,
+    target: u64,
+    progress: &Progress,
+) -> Result<(Dual, u64)> {
+    // Clusters that were made two for a surface's sake, and these are small.
+    let mut mended = BTreeSet::new();
+    let mut n_mended = 0;
+    for round in 0.. {
+        clusters.minimise(progress)?;
+        if clusters.connect() > 0 && round < ROUNDS {
+            clusters.minimise(progress)?;
+            clusters.connect();
+        }
+        let dual = Dual::new(&surface.triangles, &clusters.owner);
+        let n = dual.triangles.len() as u64;
+        if n > target {
+            // Each takes two triangles along, as a rule; those without triangles none.
+            let most = (n - target).div_ceil(2) as usize * (1 + round.saturating_sub(ROUNDS));
+            let mut is_used = vec![false; clusters.len()];
+            dual.triangles.iter().flatten().for_each(|&c| is_used[c as usize] = true);
+            let mut smallest = first_by(clusters.weights(), most, |c, _| {
+                is_used[c as usize] && (round >= ROUNDS || !mended.contains(&c))
+            });
+            if smallest.is_empty() {
+                smallest = first_by(clusters.weights(), most, |c, _| is_used[c as usize]);
+            }
+            clusters.dissolve(&smallest);
+            continue;
+        }
+        if round >= ROUNDS {
+            return Ok((dual, n_mended));
+        }
+        if !dual.faulty.is_empty() && round < MENDING_ROUNDS {
+            let of_split = clusters.split(&dual.faulty);
+            n_mended += of_split.len() as u64 / 2;
+            let is_split = !of_split.is_empty();
+            mended.extend(of_split);
+            if is_split {
+                continue;
+            }
+        }
+        let n_short = ((target - n) / 2) as usize;
+        let negative: Vec<f64> = clusters.energies().iter().map(|energy| -energy).collect();
+        let largest = first_by(&negative, n_short, |_, energy| energy < 0.0);
+        if clusters.split(&largest).is_empty() {
+            return Ok((dual, n_mended));
+        }
+    }
+    unreachable!("the last round returns")
+}
+
+/// The numbers of the `n` lowest values of those that count.
+fn first_by(values: &[f64], n: usize, counts: impl Fn(u32, f64) -> bool) -> Vec<u32> {
+    let mut order: Vec<u32> =
+        (0..values.len() as u32).filter(|&i| counts(i, values[i as usize])).collect();
+    let value = |i: u32| values[i as usize];
+    order.sort_unstable_by(|&i, &j| value(i).total_cmp(&value(j)).then(i.cmp(&j)));
+    order.truncate(n);
+    order
+}
+
+/// Makes the mesh: clusters that triangles use, in the order of their first vertex, with the mean of what their vertices
+/// carry and the labels of the one that is nearest.
+fn made(
+    source: &MeshSource,
+    surface: &Surface,
+    n_given: usize,
+    clusters: &Clusters,
+    dual: &Dual,
+    codec: &VertexCodec,
+    progress: &Progress,
+) -> Result<Made> {
+    let places = place::place(surface, clusters, &dual.triangles);
+    let mut is_used = vec![false; clusters.len()];
+    dual.triangles.iter().flatten().for_each(|&c| is_used[c as usize] = true);
+    let mut numbers = vec![NONE; clusters.len()];
+    let mut positions: Vec<Vec3> = Vec::new();
+    for &c in clusters.owner.iter().filter(|c| **c != NONE) {
+        if is_used[c as usize] && numbers[c as usize] == NONE {
+            numbers[c as usize] = positions.len() as u32;
+            positions.push(places[c as usize]);
+        }
+    }
+    let mut triangles: Vec<[u32; 3]> =
+        dual.triangles.iter().map(|t| t.map(|c| numbers[c as usize])).collect();
+    triangles.sort_unstable_by_key(|t| t.iter().min().copied());
+    let mut out = Made { mesh: Mesh::new(positions, triangles), ..Made::default() };
+    if source.schema().properties.is_empty() {
+        return Ok(out);
+    }
+    let n_channels = codec.n_channels();
+    let mut channels = vec![0.0f32; n_channels * surface.positions.len()];
+    for_records(source, progress, |vertex, record| {
+        let at = vertex as usize * n_channels;
+        codec.decode_channels(record, &mut channels[at..at + n_channels]);
+    })?;
+    // Middles come after the ends of their edges.
+    let mut origin: Vec<u32> = (0..n_given as u32).collect();
+    for &[a, b] in &surface.ends {
+        let vertex = origin.len();
+        origin.push(origin[a as usize]);
+        for k in 0..n_channels {
+            let of = |v: u32| channels[v as usize * n_channels + k];
+            channels[vertex * n_channels + k] = 0.5 * (of(a) + of(b));
+        }
+    }
+    let n_out = out.mesh.positions.len();
+    let mut sums = vec![0.0f64; n_channels * n_out];
+    let mut weights = vec![0.0f64; n_out];
+    let mut nearest = vec![(f64::INFINITY, 0u32); n_out];
+    for (v, &cluster) in clusters.owner.iter().enumerate().filter(|(_, c)| **c != NONE) {
+        let number = numbers[cluster as usize] as usize;
+        let Some(place) = out.mesh.positions.get(number) else { continue };
+        let weight = surface.weights[v].max(f64::MIN_POSITIVE);
+        weights[number] += weight;
+        for k in 0..n_channels {
+            sums[number * n_channels + k] += weight * f64::from(channels[v * n_channels + k]);
+        }
+        let away = length_sq(sub(surface.positions[v], *place));
+        if away < nearest[number].0 {
+            nearest[number] = (away, origin[v]);
+        }
+    }
+    let mean = |(i, sum): (usize, &f64)| (sum / weights[i / n_channels.max(1)]) as f32;
+    out.mesh.n_channels = n_channels;
+    out.mesh.channels = sums.iter().enumerate().map(mean).collect();
+    let record_bytes = source.schema().record_bytes();
+    let mut wanted: Vec<(u32, u32)> =
+        nearest.iter().enumerate().map(|(number, near)| (near.1, number as u32)).collect();
+    wanted.sort_unstable();
+    let mut next = wanted.into_iter().peekable();
+    out.records = vec![0; record_bytes * n_out];
+    for_records(source, progress, |vertex, record| {
+        while let Some((_, number)) = next.next_if(|(origin, _)| u64::from(*origin) == vertex) {
+            let at = number as usize * record_bytes;
+            out.records[at..at + record_bytes].copy_from_slice(record);
+        }
+    })?;
+    Ok(out)
+}

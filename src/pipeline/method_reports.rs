@@ -1,0 +1,84 @@
+//! Parts of the report that only methods other than the collapse have.
+
+use serde::{Deserialize, Serialize};
+
+/// Shapes of evenly spread triangles, and the way to them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RetilingReport {
+    /// The smallest angle of each triangle.
+    pub angles: SpreadReport,
+    /// Lengths of edges.
+    pub edges: EdgesReport,
+    /// Vertices of the surface after long edges were halved: those that were clustered.
+    pub surface_vertices: u64,
+    /// Passes over the borders of clusters.
+    pub passes: u64,
+    /// Clusters made two, since what they gave was no surface.
+    pub split_for_topology: u64,
+    /// Triangles left out at the end, since with them it would be no surface.
+    pub dropped_triangles: u64,
+}
+
+/// Angles in degrees.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SpreadReport {
+    /// The smallest.
+    pub smallest: f64,
+    /// The one that 1 % are below.
+    pub p01: f64,
+    /// The one that half are below.
+    pub median: f64,
+}
+
+/// Lengths in input units.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct EdgesReport {
+    /// The shortest.
+    pub shortest: f64,
+    /// The one that half are below.
+    pub median: f64,
+    /// The longest.
+    pub longest: f64,
+}
+
+/// Vertices that were removed.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct DecimationReport {
+    /// Vertices without a feature edge.
+    pub removed_simple: u64,
+    /// Vertices on a boundary.
+    pub removed_boundary: u64,
+    /// Vertices between two feature edges.
+    pub removed_interior_edge: u64,
+    /// Corners, which only go once nothing else can.
+    pub removed_corner: u64,
+    /// Vertices that were removed after the first corner had to be.
+    pub removed_beyond_features: u64,
+    /// Removals refused because no splits filled the hole; a vertex that is tried again counts again.
+    pub refused_split: u64,
+    /// Removals refused because the topology would change.
+    pub refused_topology: u64,
+    /// Largest distance of a removed vertex, with what its neighbours had handed on to it, in input units.
+    pub farthest: f64,
+}
+
+/// The grid on which vertices were clustered.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct GridReport {
+    /// Length of a cell, in input units.
+    pub cell_size: f64,
+    /// Passes over the faces, each on another grid; the last one made the result.
+    pub passes: u64,
+    /// Occupied cells.
+    pub cells: u64,
+    /// Triangles that were expected on the first grid.
+    pub expected_triangles: u64,
+    /// Triangles of the input that lay in one or two cells.
+    pub collapsed_triangles: u64,
+    /// Triangles of the input that fell on another one.
+    pub repeated_triangles: u64,
+    /// Triangles on which as many fell in one orientation as in the other.
+    pub folded_triangles: u64,
+    /// Those of them that hung on one edge alone, and were left out.
+    pub fins_dropped: u64,
+}
