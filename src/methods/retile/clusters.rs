@@ -13,8 +13,9 @@ use std::collections::BTreeMap;
 /// No cluster.
 pub(super) const NONE: u32 = u32::MAX;
 
-/// Passes over all borders at a time, at most.
-const PASSES: u32 = 100;
+/// Passes over all borders at a time, at most: the first time, and once only what was split or dissolved has to settle.
+pub(super) const PASSES: u32 = 100;
+pub(super) const FURTHER_PASSES: u32 = 8;
 /// Passes end where fewer than one in this number of the vertices at borders has moved: more changes no angle.
 const LEAST_MOVED: u64 = 1000;
 /// Vertices of which a cluster can be made two.
@@ -111,9 +112,9 @@ impl<'a> Clusters<'a> {
         (self.surface.weights[v].max(1e-30), self.surface.positions[v])
     }
 
-    /// Moves vertices across borders until that lowers the energy nowhere.
-    pub(super) fn minimise(&mut self, progress: &Progress) -> Result<()> {
-        for _ in 0..PASSES {
+    /// Moves vertices across borders until that lowers the energy nearly nowhere, in at most `passes` passes.
+    pub(super) fn minimise(&mut self, passes: u32, progress: &Progress) -> Result<()> {
+        for _ in 0..passes {
             progress.check()?;
             self.pass += 1;
             self.n_passes += 1;

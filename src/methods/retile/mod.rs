@@ -22,7 +22,7 @@ use crate::mesh::bounds::Bounds;
 use crate::mesh::codec::VertexCodec;
 use crate::mesh::vec3::{Vec3, length_sq, sub};
 use crate::system::progress::Progress;
-use clusters::{CLUSTER_BYTES, Clusters, NONE};
+use clusters::{CLUSTER_BYTES, Clusters, FURTHER_PASSES, NONE, PASSES};
 use dual::Dual;
 use refine::{Surface, VERTEX_BYTES};
 use shape::Shapes;
@@ -92,7 +92,7 @@ pub fn retile(source: &MeshSource, settings: Settings, progress: &Progress) -> R
     if is_graded {
         let mut clusters = Clusters::new(&surface, owner, n);
         clusters.grow();
-        clusters.minimise(progress)?;
+        clusters.minimise(PASSES, progress)?;
         let (n_even, even) = (clusters.len(), clusters.owner);
         let dual = Dual::new(&surface.triangles, &even);
         let sizes =
@@ -138,9 +138,9 @@ fn settle(
     let mut mended = BTreeSet::new();
     let mut n_mended = 0;
     for round in 0.. {
-        clusters.minimise(progress)?;
+        clusters.minimise(if round == 0 { PASSES } else { FURTHER_PASSES }, progress)?;
         if clusters.connect() > 0 && round < ROUNDS {
-            clusters.minimise(progress)?;
+            clusters.minimise(FURTHER_PASSES, progress)?;
             clusters.connect();
         }
         let dual = Dual::new(&surface.triangles, &clusters.owner);

@@ -96,8 +96,8 @@ impl Surface {
                 out.extend([[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]);
             }
             (1, _) => {
-                for k in 0..3 {
-                    if let Some(m) = middle[k] {
+                for (k, m) in middle.into_iter().enumerate() {
+                    if let Some(m) = m {
                         let [a, b, c] = turned(k);
                         out.extend([[a, m, c], [m, b, c]]);
                     }
