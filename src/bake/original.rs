@@ -17,6 +17,7 @@ use crate::mesh::face_properties::FacePolicy;
 use crate::mesh::property::{Origin, Scalar, read_scalar};
 use crate::mesh::record::VertexSchema;
 use crate::mesh::vec3::dot;
+use crate::store::cell_id::CellId;
 use crate::store::cells::load_bytes;
 use crate::system::parallel::{Weighted, largest_first};
 use crate::system::progress::Progress;
@@ -236,7 +237,7 @@ impl Original {
             n_lost: 0,
         });
         let jobs = (0..n_cells).map(|item| Weighted { item, bytes: self.bytes(item) }).collect();
-        let soon = |cell: usize| self.scratch.store().expect(cell);
+        let soon = |cell: usize| self.scratch.store().expect(CellId::at(cell));
         largest_first(jobs, means.threads, means.memory_bytes, means.progress, soon, |number| {
             let (mesh, material) = self.load_mesh(number)?;
             let (mut sum, mut densities, mut n_lost) = (area_sum(), Densities::new(diagonal), 0);
@@ -311,7 +312,7 @@ impl Original {
 
     fn load_mesh(&self, cell: usize) -> Result<(Mesh, Vec<u32>)> {
         let store = self.scratch.store();
-        let loaded = store.load(cell)?;
+        let loaded = store.load(CellId::at(cell))?;
         let record_bytes = store.layout().schema.record_bytes();
         let number = |t: &[u32; 3]| match self.numbers {
             Numbers::Same(number) => number,

@@ -7,6 +7,7 @@ use crate::measure::intersections::{self, SelfIntersections};
 use crate::measure::temp_store::{Cutting, Scratch};
 use crate::mesh::topology_counts::{CellPart, Topology, TopologyCounter, count_cell};
 use crate::stages::components::{self, ComponentSizes, Least};
+use crate::store::cell_id::CellId;
 use crate::store::cells::load_bytes;
 use crate::system::parallel::{Weighted, largest_first};
 use crate::system::progress::Progress;
@@ -81,7 +82,7 @@ pub fn check(
         progress,
         |_| (),
         |item| {
-            let cell = store.load(item)?;
+            let cell = store.load(CellId::at(item))?;
             let part = CellPart {
                 triangles: &cell.mesh.triangles,
                 global: &cell.ids,

@@ -11,6 +11,7 @@ use crate::error::Result;
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::topology_counts::{CellCounts, CellPart, Topology, TopologyCounter, count_cell};
+use crate::store::cell_id::CellId;
 use crate::store::cells::{CellStore, load_bytes};
 use crate::system::parallel::{self, Weighted};
 use crate::system::progress::Progress;
@@ -127,7 +128,7 @@ impl<'a> Parts<'a> {
     /// Lets a part be read in the background.
     fn expect(&self, part: usize) {
         if let Place::Cells(store) = self.place {
-            store.expect(part);
+            store.expect(CellId::at(part));
         }
     }
 
@@ -136,7 +137,7 @@ impl<'a> Parts<'a> {
         Ok(match self.place {
             Place::Memory(mesh) => Cow::Borrowed(mesh),
             Place::Cells(store) => {
-                let mut mesh = store.load(part)?.mesh;
+                let mut mesh = store.load(CellId::at(part))?.mesh;
                 self.unit.turn(&mut mesh);
                 Cow::Owned(mesh)
             }
@@ -225,7 +226,7 @@ impl<'a> Parts<'a> {
         Ok(match self.place {
             Place::Memory(mesh) => look(mesh, crate::mesh::topology_counts::count_mesh(mesh)),
             Place::Cells(store) => {
-                let mut cell = store.load(part)?;
+                let mut cell = store.load(CellId::at(part))?;
                 self.unit.turn(&mut cell.mesh);
                 let (triangles, shared) = (&cell.mesh.triangles[..], &cell.shared[..]);
                 let counts = count_cell(&CellPart { triangles, global: &cell.ids, shared });

@@ -5,6 +5,7 @@
 //! sealed pack ends with an index of its chunks.
 
 use crate::error::{Error, Result};
+use crate::store::cell_id::CellId;
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -54,7 +55,7 @@ impl ChunkKind {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Chunk {
     /// The cell it belongs to.
-    pub cell: u32,
+    pub cell: CellId,
     /// Kind of its content.
     pub kind: ChunkKind,
     /// Byte offset of the payload in the pack.
@@ -91,12 +92,12 @@ fn u64_at(bytes: &[u8], i: usize) -> u64 {
 
 /// The header of a chunk whose payload follows it.
 pub fn chunk_header(
-    cell: u32,
+    cell: CellId,
     kind: ChunkKind,
     payload: &[u8],
 ) -> [u8; CHUNK_HEADER_BYTES as usize] {
     let mut header = [0; CHUNK_HEADER_BYTES as usize];
-    header[0..4].copy_from_slice(&cell.to_le_bytes());
+    header[0..4].copy_from_slice(&cell.0.to_le_bytes());
     header[4..8].copy_from_slice(&(kind as u32).to_le_bytes());
     header[8..16].copy_from_slice(&(payload.len() as u64).to_le_bytes());
     header[16..24].copy_from_slice(&xxh3_64(payload).to_le_bytes());
@@ -110,7 +111,7 @@ pub fn parse_chunk_header(header: &[u8; CHUNK_HEADER_BYTES as usize], at: u64) -
     let (u32_at, u64_at) = (|i| u32_at(header, i), |i| u64_at(header, i));
     (u64_at(24) == xxh3_64(&header[..24])).then_some(())?;
     Some(Chunk {
-        cell: u32_at(0),
+        cell: CellId(u32_at(0)),
         kind: ChunkKind::from_code(u32_at(4))?,
         offset: at + CHUNK_HEADER_BYTES,
         bytes: u64_at(8),
@@ -129,7 +130,7 @@ pub const PACK_END_BYTES: u64 = INDEX_END_BYTES as u64;
 pub fn encode_index(chunks: &[Chunk], at: u64) -> Vec<u8> {
     let mut payload = Vec::with_capacity(chunks.len() * INDEX_ROW_BYTES + INDEX_END_BYTES);
     for chunk in chunks {
-        payload.extend_from_slice(&chunk.cell.to_le_bytes());
+        payload.extend_from_slice(&chunk.cell.0.to_le_bytes());
         payload.extend_from_slice(&(chunk.kind as u32).to_le_bytes());
         for number in [chunk.offset, chunk.bytes, chunk.checksum] {
             payload.extend_from_slice(&number.to_le_bytes());
@@ -150,7 +151,7 @@ pub fn decode_index(payload: &[u8], end: u64) -> Option<Vec<Chunk>> {
         let (offset, bytes) = (u64_at(8), u64_at(16));
         offset.checked_add(bytes).filter(|&chunk_end| chunk_end <= end)?;
         let kind = ChunkKind::from_code(u32_at(4))?;
-        Some(Chunk { cell: u32_at(0), kind, offset, bytes, checksum: u64_at(24) })
+        Some(Chunk { cell: CellId(u32_at(0)), kind, offset, bytes, checksum: u64_at(24) })
     };
     rows.chunks_exact(INDEX_ROW_BYTES).map(chunk_at).collect()
 }

@@ -10,7 +10,8 @@ use crate::error::{Error, Result};
 use crate::measure::Unit;
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
-use crate::store::cells::{CellStore, load_bytes};
+use crate::store::cell_id::CellId;
+use crate::store::cells::{CellStore, CellTally, load_bytes};
 use crate::system::parallel::{Weighted, largest_first};
 use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
@@ -84,11 +85,11 @@ pub(crate) fn in_store(
     progress: &Progress,
 ) -> Result<SelfIntersections> {
     let mut n = 0;
-    let first = |cell: usize| {
-        n += store.info().cells[cell].triangles;
-        n - store.info().cells[cell].triangles
+    let first = |cell: &CellTally| {
+        n += cell.triangles;
+        n - cell.triangles
     };
-    let firsts: Vec<u64> = (0..store.n_cells()).map(first).collect();
+    let firsts: Vec<u64> = store.info().cells.iter().map(first).collect();
     let mark_bytes = n / 8 + 8;
     if mark_bytes > memory_bytes / MARK_SHARE {
         return Err(Error::NoMemory(format!(
@@ -115,19 +116,19 @@ pub(crate) fn in_store(
 
 impl Work<'_> {
     /// The places and triangles of a cell, and the ids of its vertices.
-    fn load(&self, cell: usize) -> Result<(Mesh, Vec<u64>)> {
+    fn load(&self, cell: CellId) -> Result<(Mesh, Vec<u64>)> {
         let loaded = self.store.load(cell)?;
         let mut mesh = Mesh::new(loaded.mesh.positions, loaded.mesh.triangles);
         self.unit.turn(&mut mesh);
         Ok((mesh, loaded.ids))
     }
 
-    fn n_triangles(&self, cell: usize) -> u64 {
+    fn n_triangles(&self, cell: CellId) -> u64 {
         self.store.info().cells[cell].triangles
     }
 
     /// Bytes of a cell and of the tree over its triangles.
-    fn bytes(&self, cell: usize) -> u64 {
+    fn bytes(&self, cell: CellId) -> u64 {
         let tally = self.store.info().cells[cell];
         load_bytes(tally, self.store.layout()) + Boxes::bytes(tally.triangles)
     }
@@ -135,21 +136,22 @@ impl Work<'_> {
     /// Runs `work` on some cells, in parallel within what is left of the memory.
     fn for_each(
         &self,
-        cells: impl Iterator<Item = usize>,
-        bytes: impl Fn(usize) -> u64,
+        cells: impl Iterator<Item = CellId>,
+        bytes: impl Fn(CellId) -> u64,
         taken_bytes: u64,
-        work: impl Fn(usize) -> Result<()> + Sync,
+        work: impl Fn(CellId) -> Result<()> + Sync,
     ) -> Result<()> {
-        let jobs = cells.map(|item| Weighted { item, bytes: bytes(item) }).collect();
+        let jobs = cells.map(|cell| Weighted { item: cell.index(), bytes: bytes(cell) }).collect();
         let left = self.memory_bytes.saturating_sub(taken_bytes);
-        let soon = |cell| self.store.expect(cell);
+        let soon = |item| self.store.expect(CellId::at(item));
+        let work = |item| work(CellId::at(item));
         largest_first(jobs, self.threads, left, self.progress, soon, work)
     }
 
     /// Looks at every cell once.
     fn look(&mut self) -> Result<()> {
         let looks = Mutex::new(vec![Look::NONE; self.store.n_cells()]);
-        let look = |cell| {
+        let look = |cell: CellId| {
             let (mesh, ids) = self.load(cell)?;
             // A triangle is in the cell of its corner of lowest id, so these corners are within the cell.
             let mut own = Bounds::EMPTY;
@@ -176,15 +178,16 @@ impl Work<'_> {
             self.progress.add(mesh.triangles.len() as u64);
             Ok(())
         };
-        self.for_each(0..self.store.n_cells(), |cell| self.bytes(cell), 0, look)?;
+        self.for_each(CellId::first(self.store.n_cells()), |cell| self.bytes(cell), 0, look)?;
         self.looks = looks.into_inner().unwrap_or_else(PoisonError::into_inner);
         Ok(())
     }
 
     /// The cells behind `cell` that touch it.
-    fn neighbours(&self, cell: usize) -> impl Iterator<Item = usize> {
+    fn neighbours(&self, cell: CellId) -> impl Iterator<Item = CellId> {
         let hull = &self.looks[cell].hull;
-        (cell + 1..self.looks.len()).filter(move |&other| touch(hull, &self.looks[other].hull))
+        let behind = (cell.index() + 1..self.looks.len()).map(CellId::at);
+        behind.filter(move |&other| touch(hull, &self.looks[other].hull))
     }
 
     /// Counts among the triangles that are not large.
@@ -194,7 +197,7 @@ impl Work<'_> {
             let guests = self.neighbours(cell).map(|other| self.bytes(other)).max().unwrap_or(0);
             self.bytes(cell) + guests
         };
-        self.for_each(0..self.store.n_cells(), bytes, 0, |cell| {
+        self.for_each(CellId::first(self.store.n_cells()), bytes, 0, |cell| {
             let mut tally = Tally::default();
             let own = self.soup(cell, |_, bounds| !self.looks[cell].is_large(bounds))?;
             own.count_all(&self.marks, &mut tally, self.progress)?;
@@ -215,7 +218,7 @@ impl Work<'_> {
     /// The wanted triangles of a cell.
     fn soup(
         &self,
-        cell: usize,
+        cell: CellId,
         is_wanted: impl Fn(usize, &Bounds) -> bool,
     ) -> Result<Soup<'static>> {
         let (mesh, _) = self.load(cell)?;
@@ -252,7 +255,7 @@ impl Work<'_> {
     /// The large triangles of a range of numbers.
     fn batch(&self, range: Range<u64>) -> Result<Soup<'static>> {
         let (mut mesh, mut numbers) = (Mesh::default(), Vec::new());
-        for (cell, first) in self.large_firsts().into_iter().enumerate() {
+        for (cell, first) in CellId::first(self.looks.len()).zip(self.large_firsts()) {
             let look = &self.looks[cell];
             if first >= range.end || first + look.n_large <= range.start {
                 continue;
@@ -269,7 +272,7 @@ impl Work<'_> {
         Ok(Soup::of(Cow::Owned(mesh), Numbers::List(numbers), |_, _| true, self.progress)?.0)
     }
 
-    fn is_large(&self, cell: usize, mesh: &Mesh, i: usize) -> bool {
+    fn is_large(&self, cell: CellId, mesh: &Mesh, i: usize) -> bool {
         let corners = mesh.corners(i);
         self.looks[cell].is_large(&Bounds::around(&corners)) && !super::pair::is_flat(&corners)
     }
@@ -279,10 +282,10 @@ impl Work<'_> {
     fn against_cells(&self, large: &Soup, batch: Range<u64>) -> Result<Tally> {
         let sum = Mutex::new(Tally::default());
         let firsts = self.large_firsts();
-        let has_later = |cell: usize| firsts[cell] + self.looks[cell].n_large > batch.end;
+        let has_later = |cell: CellId| firsts[cell] + self.looks[cell].n_large > batch.end;
         let hull = large.boxes.hull();
-        let is_near = |&cell: &usize| has_later(cell) || touch(&self.looks[cell].hull, hull);
-        let cells = (0..self.store.n_cells()).filter(is_near);
+        let is_near = |&cell: &CellId| has_later(cell) || touch(&self.looks[cell].hull, hull);
+        let cells = CellId::first(self.store.n_cells()).filter(is_near);
         let taken = large_bytes() * (batch.end - batch.start);
         self.for_each(
             cells,

@@ -11,6 +11,7 @@ use crate::error::Result;
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
 use crate::stages::partition::chosen;
+use crate::store::cell_id::CellId;
 use crate::store::cells::{CellMesh, CellTree, TurnedFrame, n_samples, plan_cells};
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
@@ -41,13 +42,13 @@ impl Cut {
         progress: &Progress,
     ) -> Result<Cut> {
         let cell_of = cells_of_vertices(mesh, cell_triangles, round, threads, progress)?;
-        let n_cells = cell_of.iter().max().map_or(1, |&last| last as usize + 1);
+        let n_cells = cell_of.iter().max().map_or(1, |last| last.index() + 1);
         let mut shared = vec![false; mesh.positions.len()];
         let mut starts = vec![0; n_cells + 1];
         let home = |t: &[u32; 3]| cell_of[t[0].min(t[1]).min(t[2]) as usize];
         for t in &mesh.triangles {
             let cell = home(t);
-            starts[cell as usize + 1] += 1;
+            starts[cell.index() + 1] += 1;
             for &v in t {
                 shared[v as usize] |= cell_of[v as usize] != cell;
             }
@@ -58,7 +59,7 @@ impl Cut {
         let mut next = starts.clone();
         let mut order = vec![0u32; mesh.triangles.len()];
         for (i, t) in (0u32..).zip(&mesh.triangles) {
-            let place = &mut next[home(t) as usize];
+            let place = &mut next[home(t)];
             order[*place] = i;
             *place += 1;
         }
@@ -70,17 +71,17 @@ impl Cut {
         self.starts.len() - 1
     }
 
-    fn range(&self, cell: usize) -> Range<usize> {
-        self.starts[cell]..self.starts[cell + 1]
+    fn range(&self, cell: CellId) -> Range<usize> {
+        self.starts[cell]..self.starts[cell.index() + 1]
     }
 
-    pub(super) fn n_triangles(&self, cell: usize) -> u64 {
+    pub(super) fn n_triangles(&self, cell: CellId) -> u64 {
         self.range(cell).len() as u64
     }
 
     /// Copies one cell out of the mesh that was cut. Its vertices are in the order of the mesh; its ids are those of
     /// `whole`. Without repeated triangles if `tidies`.
-    pub(super) fn load(&self, whole: &Whole, cell: usize, tidies: bool) -> CellMesh {
+    pub(super) fn load(&self, whole: &Whole, cell: CellId, tidies: bool) -> CellMesh {
         let mesh = &whole.mesh;
         let rows = &self.order[self.range(cell)];
         let corners = || rows.iter().flat_map(|&t| mesh.triangles[t as usize]);
@@ -119,7 +120,7 @@ fn cells_of_vertices(
     round: u32,
     threads: usize,
     progress: &Progress,
-) -> Result<Vec<u32>> {
+) -> Result<Vec<CellId>> {
     let n_vertices = mesh.positions.len() as u64;
     let n_cells = plan_cells(mesh.triangles.len() as u64, cell_triangles);
     let stretch = (n_vertices / n_samples(n_vertices, n_cells)).max(1);
@@ -133,7 +134,7 @@ fn cells_of_vertices(
         n_vertices.div_ceil(BLOCK as u64),
         threads,
         progress,
-        |block, out: &mut Vec<u32>| {
+        |block, out: &mut Vec<CellId>| {
             let first = block as usize * BLOCK;
             let last = (first + BLOCK).min(mesh.positions.len());
             let mut finder = tree.finder();
@@ -222,7 +223,7 @@ mod tests {
             assert!(cut.n_cells() >= 4);
             let mut users = vec![0; n_vertices];
             let mut found = Vec::new();
-            for cell in 0..cut.n_cells() {
+            for cell in CellId::first(cut.n_cells()) {
                 let loaded = cut.load(&whole, cell, true);
                 assert_eq!(loaded.mesh.triangles.len() as u64, cut.n_triangles(cell));
                 for (v, &id) in loaded.ids.iter().enumerate() {

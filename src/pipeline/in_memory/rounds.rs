@@ -7,6 +7,7 @@ use super::whole::{Left, Whole};
 use crate::error::Result;
 use crate::kernel::{self, Options, Simplified, Stepwise, Stop};
 use crate::stages::simplify::{Thresholds, descend, ladder, pilot_cells};
+use crate::store::cell_id::CellId;
 use crate::store::cells::CellMesh;
 use crate::system::parallel::{Weighted, largest_first};
 use crate::system::progress::Progress;
@@ -39,9 +40,9 @@ pub(super) fn round(
     let load = |cell| cut.load(whole, cell, tidies);
     let thresholds = Pilot { cut, load: &load, options, means };
     let (thresholds, begun) = thresholds.run(goal as f64 / n_triangles as f64)?;
-    let results: Mutex<BTreeMap<usize, Left>> = Mutex::default();
+    let results: Mutex<BTreeMap<CellId, Left>> = Mutex::default();
     let begun = Mutex::new(begun);
-    for_cells(cut, 0..cut.n_cells(), (options, means), |cell| {
+    for_cells(cut, CellId::first(cut.n_cells()), (options, means), |cell| {
         let ready = begun.lock().unwrap_or_else(PoisonError::into_inner).remove(&cell);
         let left = match (ready, thresholds.last()) {
             (Some((ids, mut stepwise)), Some(last)) => {
@@ -69,32 +70,34 @@ pub(super) fn simplify(mut cell: CellMesh, stop: Stop, options: &Options) -> Lef
 /// Runs `work` on some cells, largest first, as many at once as the memory holds.
 fn for_cells(
     cut: &Cut,
-    cells: impl IntoIterator<Item = usize>,
+    cells: impl Iterator<Item = CellId>,
     (options, means): (&Options, Means),
-    work: impl Fn(usize) -> Result<()> + Sync,
+    work: impl Fn(CellId) -> Result<()> + Sync,
 ) -> Result<()> {
     let n_channels = options.confined.len();
     let n_weighted = options.weights.iter().filter(|weight| **weight > 0.0).count();
-    let weighted = |item| {
-        let n = cut.n_triangles(item);
+    let weighted = |cell: CellId| {
+        let n = cut.n_triangles(cell);
         let wedges = match options.confined.contains(&true) {
             true => kernel::wedge_bytes(n / 2, n, n_channels),
             false => 0,
         };
         let attributes = kernel::attribute_bytes(n / 2, n_weighted) + wedges;
-        Weighted { item, bytes: kernel::peak_bytes(n / 2, n, n_channels) + attributes }
+        let bytes = kernel::peak_bytes(n / 2, n, n_channels) + attributes;
+        Weighted { item: cell.index(), bytes }
     };
-    let jobs = cells.into_iter().map(weighted).collect();
+    let jobs = cells.map(weighted).collect();
+    let work = |item| work(CellId::at(item));
     let Means { threads, memory_bytes, progress } = means;
     largest_first(jobs, threads, memory_bytes, progress, |_| (), work)
 }
 
 /// Sampled cells on their way, by cell: the ids of their vertices, and the cell below all rungs it is to take.
-type Begun = BTreeMap<usize, (Vec<u64>, Stepwise)>;
+type Begun = BTreeMap<CellId, (Vec<u64>, Stepwise)>;
 
 struct Pilot<'a> {
     cut: &'a Cut,
-    load: &'a (dyn Fn(usize) -> CellMesh + Sync),
+    load: &'a (dyn Fn(CellId) -> CellMesh + Sync),
     options: &'a Options,
     means: Means<'a>,
 }
@@ -113,15 +116,15 @@ impl Pilot<'_> {
         if ratio >= 1.0 {
             return Ok((Thresholds::default(), Begun::new()));
         }
-        let total: u64 = (0..cut.n_cells()).map(|cell| cut.n_triangles(cell)).sum();
+        let total: u64 = CellId::first(cut.n_cells()).map(|cell| cut.n_triangles(cell)).sum();
         // Nearly empty cells say nothing about the others.
         let enough = total / cut.n_cells() as u64 / 8;
-        let telling: Vec<usize> =
-            (0..cut.n_cells()).filter(|&cell| cut.n_triangles(cell) > enough).collect();
-        let sample: Vec<usize> = pilot_cells(telling.len()).iter().map(|&i| telling[i]).collect();
+        let is_telling = |cell: &CellId| cut.n_triangles(*cell) > enough;
+        let telling: Vec<CellId> = CellId::first(cut.n_cells()).filter(is_telling).collect();
+        let sample: Vec<CellId> = pilot_cells(telling.len()).iter().map(|&i| telling[i]).collect();
         let rungs = ladder(&(self.load)(sample[0]).mesh);
         let options = Options { estimate: true, ..self.options.clone() };
-        let sampled: Mutex<BTreeMap<usize, Sampled>> = Mutex::default();
+        let sampled: Mutex<BTreeMap<CellId, Sampled>> = Mutex::default();
         for_cells(cut, sample.iter().copied(), (self.options, self.means), |index| {
             let mut cell = (self.load)(index);
             let mesh = std::mem::take(&mut cell.mesh);

@@ -28,6 +28,7 @@ use crate::stages::partition::{Partition, partition_into_groups};
 use crate::stages::simplify::{Beside, Goal, channel_lengths, simplify_cells_beside, work_bytes};
 use crate::stages::stitch::{self, NewCells, within_reach};
 use crate::stages::tiles::{self, TileRound};
+use crate::store::cell_id::CellId;
 use crate::store::cells::{
     BoxKey, CellStore, GroupGrid, GroupRecord, StoreInfo, SurvivorInfo, SurvivorPack, TileRecord,
     VertexLayout,
@@ -362,7 +363,7 @@ impl Stages<'_> {
             if is_last {
                 let top = run.job.sealed("top", || {
                     let pack = self.survivors(left.clone())?;
-                    let top = work.write_root(&pack.load(0)?)?;
+                    let top = work.write_root(&pack.load(CellId(0))?)?;
                     run.disk().sync_all_below(self.pending)?;
                     Ok(top)
                 })?;
@@ -370,7 +371,7 @@ impl Stages<'_> {
                 return Ok((rounds, top));
             }
             let (next, next_parts) = tiles::next_groups(&records);
-            let of_triangles = |cell: usize, _: &crate::store::cells::Survivors| {
+            let of_triangles = |cell: CellId, _: &crate::store::cells::Survivors| {
                 tiles::next_cells(&records[cell].parts, &next)
             };
             let old_packs = left.packs.clone();

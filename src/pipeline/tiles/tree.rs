@@ -9,6 +9,7 @@
 use crate::io::tileset::TreeTile;
 use crate::mesh::bounds::Bounds;
 use crate::stages::tiles::tile_path;
+use crate::store::cell_id::CellId;
 use crate::store::cells::{BoxKey, GroupRecord, Lattice, TileRecord, group_of, parent_of};
 
 /// Errors grow from level to level by this share at least.
@@ -33,7 +34,7 @@ pub(super) fn tree(levels: &Levels) -> (Vec<TreeTile>, Vec<f64>) {
     let n_rounds = levels.rounds.len() as u32;
     for (level, round) in (0u32..).zip(levels.rounds) {
         let mut first = Vec::with_capacity(round.len());
-        for (cell, record) in round.iter().enumerate() {
+        for (cell, record) in CellId::first(round.len()).zip(round) {
             first.push(tree.tiles.len() as u32);
             for (n, tile) in record.tiles.iter().enumerate() {
                 let path = tile_path(level, cell, n);
@@ -45,7 +46,7 @@ pub(super) fn tree(levels: &Levels) -> (Vec<TreeTile>, Vec<f64>) {
     }
     let root = tree.push(levels, n_rounds, levels.top.key, None);
     let top = &mut tree.tiles[root as usize];
-    top.content = Some(tile_path(n_rounds, 0, 0));
+    top.content = Some(tile_path(n_rounds, CellId(0), 0));
     top.content_bounds = bounds_of(levels.top);
     top.triangles = levels.top.triangles;
     top.group = (n_rounds > 0).then_some(0);

@@ -9,10 +9,13 @@ use super::stars::{Edges, each_edge, edge, stars};
 use crate::error::{Error, Result};
 use crate::io::{ExternalSort, halves, whole};
 use crate::mesh::bounds::Bounds;
+use crate::store::cell_id::CellId;
 use crate::store::cells::{CellStore, CellTally, Pack, PackWriter};
 use crate::store::pack_format::ChunkKind;
 use crate::store::stage_context::StageContext;
+use std::iter::Enumerate;
 use std::path::Path;
+use std::vec::IntoIter;
 
 /// The pack of what is left out.
 pub(super) const VERDICTS_NAME: &str = "verdicts.cells";
@@ -51,7 +54,7 @@ pub(super) fn join(
     let mut verdicts =
         VerdictWriter { notes, store, at: None, cells: Vec::new(), pack: None, triangles: 0 };
     going.drain(|[cell, open, high, low]| {
-        verdicts.reach(cell as usize)?;
+        verdicts.reach(CellId(cell))?;
         verdicts.drop_open(open, whole(high, low));
         Ok(())
     })?;
@@ -59,8 +62,8 @@ pub(super) fn join(
     Ok(Joined { sizes, cells, pack_bytes })
 }
 
-fn node(cell: usize, open: usize) -> u64 {
-    whole(cell as u32, open as u32)
+fn node(cell: CellId, open: usize) -> u64 {
+    whole(cell.0, open as u32)
 }
 
 /// Notes of the cells, and the folder for sorts.
@@ -75,10 +78,10 @@ impl Notes<'_> {
         ExternalSort::new(self.run.job.folder(), (self.run.memory_bytes / SORT_SHARE) as usize)
     }
 
-    fn load(&self, cell: usize) -> Result<Found> {
+    fn load(&self, cell: CellId) -> Result<Found> {
         self.run.progress.check()?;
         let mut payload = Vec::new();
-        let chunk = self.found.chunks_of(cell as u32).last();
+        let chunk = self.found.chunks_of(cell).last();
         let note = match chunk {
             Some(chunk) => {
                 self.found.read(chunk, &mut payload)?;
@@ -95,12 +98,12 @@ impl Notes<'_> {
     /// All open vertices by place, with their nodes; adds up what cells have settled.
     fn links(&self, n_cells: usize, sizes: &mut ComponentSizes) -> Result<ExternalSort<8>> {
         let mut links = self.sort::<8>();
-        for cell in 0..n_cells {
+        for cell in CellId::first(n_cells) {
             let found = self.load(cell)?;
             sizes.add(&found.settled);
             for ([x, y, z], open) in found.links {
                 let ([a, b], [c, d], [e, f]) = (halves(x), halves(y), halves(z));
-                links.push([a, b, c, d, e, f, cell as u32, open])?;
+                links.push([a, b, c, d, e, f, cell.0, open])?;
             }
         }
         Ok(links)
@@ -109,7 +112,9 @@ impl Notes<'_> {
     /// All open pieces by component. Both stars and notes come in order of nodes.
     fn members(&self, stars: Edges, n_cells: usize) -> Result<ExternalSort<MEMBER_WORDS>> {
         let mut members = self.sort::<MEMBER_WORDS>();
-        let mut rows = Rows { notes: *self, n_cells, cell: 0, next: 0, open: None };
+        let cells = CellId::first(n_cells);
+        let open = Vec::new().into_iter().enumerate();
+        let mut rows = Rows { notes: *self, cells, cell: CellId(0), open };
         each_edge(stars, |of, root| {
             while let Some((node, open)) = rows.next()? {
                 if node == of {
@@ -145,28 +150,23 @@ fn pairs(links: ExternalSort<8>, mut pairs: Edges) -> Result<Edges> {
 }
 
 /// Open pieces of all cells, one after the other.
-struct Rows<'a> {
+struct Rows<'a, I> {
     notes: Notes<'a>,
-    n_cells: usize,
-    /// The cell that is read next.
-    cell: usize,
-    /// The piece of the cell before it that comes next.
-    next: usize,
-    open: Option<Vec<Open>>,
+    /// Cells that are still to be read.
+    cells: I,
+    /// The cell that was read last, and its pieces that are still to come, with their numbers.
+    cell: CellId,
+    open: Enumerate<IntoIter<Open>>,
 }
 
-impl Rows<'_> {
+impl<I: Iterator<Item = CellId>> Rows<'_, I> {
     fn next(&mut self) -> Result<Option<(u64, Open)>> {
         loop {
-            if let Some(open) = self.open.as_ref().and_then(|list| list.get(self.next)) {
-                self.next += 1;
-                return Ok(Some((node(self.cell - 1, self.next - 1), *open)));
+            if let Some((number, open)) = self.open.next() {
+                return Ok(Some((node(self.cell, number), open)));
             }
-            if self.cell == self.n_cells {
-                return Ok(None);
-            }
-            self.open = Some(self.notes.load(self.cell)?.open);
-            (self.cell, self.next) = (self.cell + 1, 0);
+            let Some(cell) = self.cells.next() else { return Ok(None) };
+            (self.cell, self.open) = (cell, self.notes.load(cell)?.open.into_iter().enumerate());
         }
     }
 }
@@ -252,8 +252,8 @@ struct VerdictWriter<'a> {
 
 impl VerdictWriter<'_> {
     /// Goes on to `cell`, writing all before it.
-    fn reach(&mut self, cell: usize) -> Result<()> {
-        while self.cells.len() < cell {
+    fn reach(&mut self, cell: CellId) -> Result<()> {
+        while self.cells.len() < cell.index() {
             self.write()?;
         }
         if self.at.is_none() {
@@ -271,7 +271,7 @@ impl VerdictWriter<'_> {
 
     /// Writes the next cell.
     fn write(&mut self) -> Result<()> {
-        let cell = self.cells.len();
+        let cell = CellId::at(self.cells.len());
         let found = match self.at.take() {
             Some(found) => found,
             None => self.notes.load(cell)?,
@@ -287,7 +287,7 @@ impl VerdictWriter<'_> {
             Some(pack) => pack,
             none => none.insert(PackWriter::create(run.disk(), &run.job.path(VERDICTS_NAME))?),
         };
-        pack.append(cell as u32, ChunkKind::Verdict, &found.goes.0)
+        pack.append(cell, ChunkKind::Verdict, &found.goes.0)
     }
 
     /// Rows of the cells that stay, and the sealed length of the pack.

@@ -14,6 +14,7 @@ mod stars;
 pub use sizes::{Below, ComponentSizes, Least, below_list, sizes_in_memory};
 
 use crate::error::{Error, Result};
+use crate::store::cell_id::CellId;
 use crate::store::cells::{CellStore, PackWriter, Pieces, StoreInfo, Verdicts, load_bytes};
 use crate::store::pack_format::ChunkKind;
 use crate::store::stage_context::StageContext;
@@ -46,7 +47,7 @@ pub const LINK_BYTES: u64 = 64;
 /// shares, 120 bytes for each piece that touches another cell. An interrupted run keeps the cells it has seen.
 pub fn find(store: &CellStore, least: Least, run: &StageContext) -> Result<Components> {
     let mut pack = see_cells(store, least, run)?;
-    let found = pack.reader(run.disk(), store.n_cells() as u32)?;
+    let found = pack.reader(run.disk(), store.n_cells())?;
     let joined = join::join(&found, store, least, run)?;
     let mut info = StoreInfo { cells: joined.cells, ..store.info().clone() };
     info.triangles = info.cells.iter().map(|cell| cell.triangles).sum();
@@ -77,9 +78,9 @@ fn see_cells(store: &CellStore, least: Least, run: &StageContext) -> Result<Pack
     run.disk().sync_folder_of(&path)?;
     let mut is_done = vec![false; store.n_cells()];
     for chunk in pack.chunks() {
-        if let Some(done) = is_done.get_mut(chunk.cell as usize) {
+        if let Some(done) = is_done.get_mut(chunk.cell.index()) {
             *done = true;
-            run.progress.add(store.info().cells[chunk.cell as usize].triangles);
+            run.progress.add(store.info().cells[chunk.cell].triangles);
         }
     }
     let jobs = (0..store.n_cells())
@@ -91,15 +92,16 @@ fn see_cells(store: &CellStore, least: Least, run: &StageContext) -> Result<Pack
         })
         .collect();
     let output = Mutex::new(Output { pack, synced_at: Instant::now() });
-    let announce = |cell| store.expect(cell);
+    let announce = |item| store.expect(CellId::at(item));
     let outcome =
-        largest_first(jobs, run.threads, run.memory_bytes, run.progress, announce, |cell| {
+        largest_first(jobs, run.threads, run.memory_bytes, run.progress, announce, |item| {
+            let cell = CellId::at(item);
             let mesh = store.load(cell)?;
             let pieces = Pieces::find(&mesh.mesh);
             let note = Found::new(&mesh, &pieces, store.is_part(cell), least).encode();
             drop(mesh);
             let mut output = output.lock().map_err(half_written)?;
-            output.pack.append(cell as u32, ChunkKind::Found, &note)?;
+            output.pack.append(cell, ChunkKind::Found, &note)?;
             output.pack.flush()?;
             if output.synced_at.elapsed() >= run.checkpoint_every {
                 output.pack.sync()?;

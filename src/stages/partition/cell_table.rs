@@ -1,5 +1,7 @@
 //! The cell of every vertex, in memory: the one table of partitioning that grows with the input.
 
+use crate::store::cell_id::CellId;
+
 /// The cell of every vertex of a window of ids: 2 bytes each while there are at most 65,536 cells, else 4.
 pub struct CellTable {
     /// Id of the first vertex of the window.
@@ -9,7 +11,7 @@ pub struct CellTable {
 
 enum Cells {
     Narrow(Vec<u16>),
-    Wide(Vec<u32>),
+    Wide(Vec<CellId>),
 }
 
 impl CellTable {
@@ -45,19 +47,19 @@ impl CellTable {
     }
 
     /// Appends the cells of further vertices.
-    pub fn extend(&mut self, cells: &[u32]) {
+    pub fn extend(&mut self, cells: &[CellId]) {
         match &mut self.cells {
-            Cells::Narrow(table) => table.extend(cells.iter().map(|&cell| cell as u16)),
+            Cells::Narrow(table) => table.extend(cells.iter().map(|cell| cell.0 as u16)),
             Cells::Wide(table) => table.extend_from_slice(cells),
         }
     }
 
     /// The cell of a vertex; `None` outside the window.
     #[inline]
-    pub fn get(&self, vertex: u64) -> Option<u32> {
+    pub fn get(&self, vertex: u64) -> Option<CellId> {
         let row = vertex.wrapping_sub(self.first) as usize;
         match &self.cells {
-            Cells::Narrow(table) => table.get(row).map(|&cell| u32::from(cell)),
+            Cells::Narrow(table) => table.get(row).map(|&cell| CellId(cell.into())),
             Cells::Wide(table) => table.get(row).copied(),
         }
     }

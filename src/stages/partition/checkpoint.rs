@@ -119,7 +119,7 @@ pub fn take_up(
 pub fn tally(pack: &PackWriter, layout: &VertexLayout, n_cells: u32) -> Result<Vec<CellTally>> {
     let mut tally = vec![CellTally::default(); n_cells as usize];
     for chunk in pack.chunks() {
-        let cell = tally.get_mut(chunk.cell as usize).ok_or_else(|| {
+        let cell = tally.get_mut(chunk.cell.index()).ok_or_else(|| {
             let what = format!("byte {}: cell {} of {n_cells}", chunk.offset, chunk.cell);
             Error::corrupt("the pack of cells", format!("{what}; run again with --restart"))
         })?;

@@ -7,12 +7,13 @@ use crate::error::Result;
 use crate::io::ply::BLOCK_ROWS;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::{ExternalSort, halves, whole};
+use crate::store::cell_id::CellId;
 use crate::store::cells::{Pack, PackWriter};
 use crate::store::pack_format::ChunkKind;
 use std::path::Path;
 
 /// A vertex, and a cell that uses it without owning it.
-pub(super) type Foreign = (u64, u32);
+pub(super) type Foreign = (u64, CellId);
 
 /// Bytes of a pair on disk and in memory, and the number of pairs in a chunk or read at a time.
 const FOREIGN_BYTES: usize = 12;
@@ -66,7 +67,8 @@ impl Gathering {
 
     /// The pairs and what was noted in the pack that `noted` reads, sorted, each once; `folder` takes a file.
     pub(super) fn finish(mut self, noted: Option<&Pack>, folder: &Path) -> Result<Halo> {
-        let of_notes = |reader| Pack::chunks_of(reader, 0).iter().map(move |chunk| (reader, chunk));
+        let of_notes =
+            |reader| Pack::chunks_of(reader, CellId(0)).iter().map(move |chunk| (reader, chunk));
         let notes: Vec<_> = noted
             .into_iter()
             .flat_map(of_notes)
@@ -92,20 +94,20 @@ impl Gathering {
         let mut sort = ExternalSort::<3>::new(folder, memory);
         for (id, cell) in std::mem::take(&mut self.list) {
             let [high, low] = halves(id);
-            sort.push([high, low, cell])?;
+            sort.push([high, low, cell.0])?;
         }
         for (reader, chunk) in notes {
             reader.read(chunk, &mut payload)?;
             for row in payload.chunks_exact(FOREIGN_BYTES) {
                 let (id, cell) = decode(row);
                 let [high, low] = halves(id);
-                sort.push([high, low, cell])?;
+                sort.push([high, low, cell.0])?;
             }
         }
         let mut spool = Spool::new(folder);
         let (mut last, mut n_rows, mut blocks) = (None, 0, Vec::new());
         sort.drain(|[high, low, cell]| {
-            let row = (whole(high, low), cell);
+            let row = (whole(high, low), CellId(cell));
             if last.replace(row) != Some(row) {
                 spool.write(&encode(row))?;
                 n_rows += 1;
@@ -125,27 +127,27 @@ fn note(rows: impl Iterator<Item = Result<Foreign>>, pack: &mut PackWriter) -> R
     for row in rows {
         payload.extend_from_slice(&encode(row?));
         if payload.len() == FOREIGN_ROWS * FOREIGN_BYTES {
-            pack.append(0, ChunkKind::Foreign, &payload)?;
+            pack.append(CellId(0), ChunkKind::Foreign, &payload)?;
             payload.clear();
         }
     }
     match payload.is_empty() {
         true => Ok(()),
-        false => pack.append(0, ChunkKind::Foreign, &payload),
+        false => pack.append(CellId(0), ChunkKind::Foreign, &payload),
     }
 }
 
 fn encode((id, cell): Foreign) -> [u8; FOREIGN_BYTES] {
     let mut out = [0; FOREIGN_BYTES];
     out[..8].copy_from_slice(&id.to_le_bytes());
-    out[8..].copy_from_slice(&cell.to_le_bytes());
+    out[8..].copy_from_slice(&cell.0.to_le_bytes());
     out
 }
 
 fn decode(row: &[u8]) -> Foreign {
     let (id, cell) = row.split_at(8);
     let id = u64::from_le_bytes(id.try_into().expect("8 bytes"));
-    (id, u32::from_le_bytes(cell.try_into().expect("4 bytes")))
+    (id, CellId(u32::from_le_bytes(cell.try_into().expect("4 bytes"))))
 }
 
 enum Rows {

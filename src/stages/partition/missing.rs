@@ -3,6 +3,7 @@
 use super::halo::{Foreign, Gathering};
 use super::passes::Passes;
 use crate::error::Result;
+use crate::store::cell_id::CellId;
 use crate::store::cells::{IdMap, Pack, PackWriter};
 use crate::store::pack_format::ChunkKind;
 use crate::system::parallel::in_order;
@@ -20,26 +21,26 @@ impl Passes<'_> {
     /// Memory: 24 bytes for each of `OWN_ROWS` vertices, and some MiB of missing ones, a thread.
     pub(super) fn missing(&self, foreign: &mut Gathering, pack: &mut PackWriter) -> Result<()> {
         let run = self.run;
-        let n_cells = self.tally.len() as u32;
+        let n_cells = self.tally.len();
         let reader = pack.reader(run.disk(), n_cells)?;
         in_order(
-            u64::from(n_cells),
+            n_cells as u64,
             self.shares.threads,
             run.progress,
             |cell, out: &mut Vec<Foreign>| {
                 out.clear();
-                self.missing_of(&reader, cell as u32, out)
+                self.missing_of(&reader, CellId::at(cell as usize), out)
             },
             |_, found| foreign.add(found, pack),
         )
     }
 
     /// Adds what one cell misses, sorted: a stretch of that cell's vertices at a time, which come in ascending order.
-    fn missing_of(&self, reader: &Pack, cell: u32, out: &mut Vec<Foreign>) -> Result<()> {
+    fn missing_of(&self, reader: &Pack, cell: CellId, out: &mut Vec<Foreign>) -> Result<()> {
         let ids = self.layout.ids;
         let row_bytes = ids.bytes + self.layout.schema.record_bytes();
         let chunks = |kind| reader.chunks_of(cell).iter().filter(move |chunk| chunk.kind == kind);
-        let n_own = self.tally[cell as usize].vertices as usize;
+        let n_own = self.tally[cell].vertices as usize;
         let mut payload = Vec::new();
         let mut sorted_up_to = 0;
         // Ids below it were looked up in an earlier stretch.

@@ -71,7 +71,7 @@ impl Passes<'_> {
                     table.extend(&sorted.cells);
                 }
                 for &(cell, n_rows) in &sorted.runs {
-                    tally[cell as usize].vertices += u64::from(n_rows);
+                    tally[cell].vertices += u64::from(n_rows);
                 }
                 sorted.push_runs(row_bytes, &mut scatter, pack)?;
                 if checkpoints.is_due() {

@@ -62,7 +62,7 @@ impl Passes<'_> {
                         next.take()?;
                         rows.push(pack, cell, &row)?;
                         marks.push(pack, cell, &row[..ids.bytes])?;
-                        self.tally[cell as usize].vertices += 1;
+                        self.tally[cell].vertices += 1;
                     }
                     seams.n_shared += 1;
                 }

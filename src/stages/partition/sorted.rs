@@ -3,6 +3,7 @@
 use super::halo::Foreign;
 use crate::error::Result;
 use crate::io::ply::{FaceBlock, VertexBlock};
+use crate::store::cell_id::CellId;
 use crate::store::cells::{PackWriter, Scatter};
 
 /// A block of rows, sorted by cell.
@@ -13,10 +14,10 @@ pub struct Sorted {
     /// The faces that were read.
     pub faces: FaceBlock,
     /// Cell of each row of the block.
-    pub cells: Vec<u32>,
+    pub cells: Vec<CellId>,
     rows: Vec<u8>,
     /// Cell and number of rows of each run in `rows`.
-    pub runs: Vec<(u32, u32)>,
+    pub runs: Vec<(CellId, u32)>,
     /// Corners that lie in another cell than their triangle.
     pub foreign: Vec<Foreign>,
     /// Per cell: where its next row goes; all zero between blocks.
@@ -34,25 +35,25 @@ impl Sorted {
         self.cursor.resize(n_cells as usize, 0);
         self.runs.clear();
         for &cell in &self.cells {
-            if self.cursor[cell as usize] == 0 {
+            if self.cursor[cell] == 0 {
                 self.runs.push((cell, 0));
             }
-            self.cursor[cell as usize] += 1;
+            self.cursor[cell] += 1;
         }
         let mut start = 0;
         for run in &mut self.runs {
-            run.1 = self.cursor[run.0 as usize];
-            self.cursor[run.0 as usize] = start;
+            run.1 = self.cursor[run.0];
+            self.cursor[run.0] = start;
             start += run.1;
         }
         self.rows.resize(self.cells.len() * row_bytes, 0);
         for (i, &cell) in self.cells.iter().enumerate() {
-            let at = self.cursor[cell as usize] as usize * row_bytes;
-            self.cursor[cell as usize] += 1;
+            let at = self.cursor[cell] as usize * row_bytes;
+            self.cursor[cell] += 1;
             write(i, &mut self.rows[at..at + row_bytes]);
         }
         for run in &self.runs {
-            self.cursor[run.0 as usize] = 0;
+            self.cursor[run.0] = 0;
         }
     }
 

@@ -7,6 +7,7 @@ use super::*;
 use crate::io::ply::{OutputHeader, PlyWriter};
 use crate::mesh::property::Scalar;
 use crate::mesh::record::VertexSchema;
+use crate::store::cell_id::CellId;
 use crate::store::cells::{CellMesh, CellStore};
 use crate::store::job::{Identity, Job};
 use crate::store::pack_format::ALWAYS_WIDE;
@@ -73,7 +74,7 @@ fn cut_in(
     let partition = partition(&source, cell_triangles, &run).unwrap();
     let layout = VertexLayout::new(source.schema(), source.n_vertices());
     let store = CellStore::open(&disk, job.folder(), partition.store.clone(), layout).unwrap();
-    let cells = (0..store.n_cells()).map(|cell| store.load_tidy(cell).unwrap()).collect();
+    let cells = CellId::first(store.n_cells()).map(|cell| store.load_tidy(cell).unwrap()).collect();
     (partition, cells)
 }
 

@@ -58,7 +58,7 @@ impl Passes<'_> {
     pub(super) fn halo(&self, foreign: Gathering, pack: &mut PackWriter) -> Result<Halo> {
         let is_noted = pack.chunks().iter().any(|chunk| chunk.kind == ChunkKind::Foreign);
         let reader = match is_noted {
-            true => Some(pack.reader(self.run.disk(), self.tree.n_cells())?),
+            true => Some(pack.reader(self.run.disk(), self.tally.len())?),
             false => None,
         };
         foreign.finish(reader.as_ref(), self.run.job.folder())
@@ -116,7 +116,7 @@ impl Passes<'_> {
                 dropped.degenerate += sorted.faces.n_degenerate;
                 dropped.bad += sorted.faces.n_bad;
                 for &(cell, n_rows) in &sorted.runs {
-                    tally[cell as usize].triangles += u64::from(n_rows);
+                    tally[cell].triangles += u64::from(n_rows);
                 }
                 if let Some(foreign) = foreign.as_deref_mut() {
                     foreign.add(&mut sorted.foreign, pack)?;

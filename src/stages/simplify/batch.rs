@@ -8,6 +8,7 @@ use super::pilot::sealed_thresholds;
 use super::run_cells::{Goal, drain};
 use crate::error::Result;
 use crate::kernel::{Options, Stop};
+use crate::store::cell_id::CellId;
 use crate::store::cells::{CellStore, CellTally, SurvivorInfo, SurvivorWriter, Survivors};
 use crate::store::stage_context::StageContext;
 use crate::system::parallel::in_order;
@@ -41,7 +42,7 @@ pub fn simplify_batch(
         threads(store, goal, run, cells.clone()),
         run.progress,
         |index, left: &mut Survivors| {
-            let number = cells.start + index as usize;
+            let number = CellId::at(cells.start + index as usize);
             let cell = store.load_tidy(number)?;
             *left = match thresholds.last() {
                 None => Survivors::all_of(cell, store.layout()),
@@ -50,7 +51,7 @@ pub fn simplify_batch(
             Ok(())
         },
         |index, left| {
-            let number = cells.start + index as usize;
+            let number = CellId::at(cells.start + index as usize);
             writer.append(number, left)?;
             *left = Survivors::default();
             run.progress.add(store.info().cells[number].triangles);
@@ -63,13 +64,13 @@ pub fn simplify_batch(
 /// Threads whose cells fit into memory, each with a result that waits for its turn.
 fn threads(store: &CellStore, goal: Goal, run: &StageContext, cells: Range<usize>) -> usize {
     let share = goal.triangles as f64 / store.info().triangles.max(1) as f64;
-    let bytes = |cell: usize| {
+    let bytes = |cell: CellId| {
         let CellTally { vertices, triangles } = store.info().cells[cell];
         let left = |n: u64| (n as f64 * (2.0 * share).min(1.0)) as u64;
         let left = CellTally { vertices: left(vertices), triangles: left(triangles) };
         cell_bytes(store, cell, share) + result_bytes(left, store.layout())
     };
-    let largest = cells.map(bytes).max().unwrap_or(0).max(1);
+    let largest = cells.map(CellId::at).map(bytes).max().unwrap_or(0).max(1);
     (run.memory_bytes / largest).clamp(1, run.threads.max(1) as u64) as usize
 }
 

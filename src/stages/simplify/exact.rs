@@ -38,8 +38,8 @@ pub fn simplify_cells_exactly(
         })?;
     let ExactLevels { levels: fine, n_levels, n_ahead } = plan;
     let options = &Options { keeps_relief: false, ..fitted(options, store, goal) };
-    run_cells(store, goal, run, |index, cell| {
-        let depth = n_levels + usize::from(index < n_ahead);
+    run_cells(store, goal, run, |id, cell| {
+        let depth = n_levels + usize::from(id.index() < n_ahead);
         if depth == 0 {
             return Survivors::all_of(cell, store.layout());
         }

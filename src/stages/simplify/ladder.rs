@@ -9,6 +9,7 @@ use crate::error::Result;
 use crate::kernel::Stepwise;
 use crate::mesh::Mesh;
 use crate::mesh::vec3::{length_sq, normal};
+use crate::store::cell_id::CellId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -39,7 +40,7 @@ pub struct Thresholds {
     /// Those of the pilot's cells.
     ladder: Vec<f64>,
     /// Number of rungs that each cell of the pilot takes before the threshold of the round.
-    n_taken: BTreeMap<usize, usize>,
+    n_taken: BTreeMap<CellId, usize>,
 }
 
 impl Thresholds {
@@ -49,7 +50,7 @@ impl Thresholds {
     }
 
     /// The thresholds of one cell.
-    pub fn of(&self, cell: usize) -> Vec<f64> {
+    pub fn of(&self, cell: CellId) -> Vec<f64> {
         match self.n_taken.get(&cell) {
             Some(&n) => self.ladder[..n].iter().copied().chain(self.last()).collect(),
             None => self.levels.clone(),
@@ -57,7 +58,7 @@ impl Thresholds {
     }
 
     /// The rungs that a cell of the pilot takes before the threshold of the round; `None` for the other cells.
-    pub fn n_taken(&self, cell: usize) -> Option<usize> {
+    pub fn n_taken(&self, cell: CellId) -> Option<usize> {
         self.n_taken.get(&cell).copied()
     }
 
@@ -65,7 +66,7 @@ impl Thresholds {
     /// of each after every rung that it took, and their triangles at the `start`.
     pub fn choose(
         ladder: Vec<f64>,
-        curves: &BTreeMap<usize, Vec<u64>>,
+        curves: &BTreeMap<CellId, Vec<u64>>,
         start: u64,
         ratio: f64,
     ) -> Thresholds {
@@ -81,7 +82,7 @@ impl Thresholds {
     }
 }
 
-/// The cells that a pilot samples, out of `n_cells`.
+/// The cells that a pilot samples, as places in a list of `n_cells`.
 pub fn pilot_cells(n_cells: usize) -> Vec<usize> {
     spread_cells(n_cells, PILOT_CELLS)
 }
@@ -199,10 +200,10 @@ mod tests {
         let thresholds = Thresholds {
             levels: vec![5.0, 20.0],
             ladder: vec![1.0, 4.0, 16.0, 64.0],
-            n_taken: BTreeMap::from([(3, 3), (4, 0)]),
+            n_taken: BTreeMap::from([(CellId(3), 3), (CellId(4), 0)]),
         };
-        assert_eq!(thresholds.of(0), [5.0, 20.0]);
-        assert_eq!(thresholds.of(3), [1.0, 4.0, 16.0, 20.0]);
-        assert_eq!(thresholds.of(4), [20.0]);
+        assert_eq!(thresholds.of(CellId(0)), [5.0, 20.0]);
+        assert_eq!(thresholds.of(CellId(3)), [1.0, 4.0, 16.0, 20.0]);
+        assert_eq!(thresholds.of(CellId(4)), [20.0]);
     }
 }

@@ -4,6 +4,7 @@
 //! triangles (docs/results/real-scans.md, "Memory"). Nothing here allocates.
 
 use crate::kernel::{self, Fit};
+use crate::store::cell_id::CellId;
 use crate::store::cells::{CellStore, CellTally, VertexLayout, load_bytes};
 
 /// Memory of the kernel on a dirty scan beyond `kernel::peak_bytes`, in bytes a triangle.
@@ -15,7 +16,7 @@ const FITTED_WITH_RELIEF: u64 = 170;
 
 /// Memory in bytes that a cell takes while it is loaded, simplified and encoded; `share` of its triangles should be
 /// left.
-pub fn cell_bytes(store: &CellStore, cell: usize, share: f64) -> u64 {
+pub fn cell_bytes(store: &CellStore, cell: CellId, share: f64) -> u64 {
     // Detailed cells keep more than others.
     let left = (2.0 * share).min(1.0);
     let tally = store.info().cells[cell];

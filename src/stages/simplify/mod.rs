@@ -22,6 +22,7 @@ pub use run_cells::{Beside, FREED_AT_A_TIME, Goal, frees_sources};
 use crate::error::Result;
 use crate::kernel::{Options, Stop};
 use crate::mesh::{Mesh, attribute_weights};
+use crate::store::cell_id::CellId;
 use crate::store::cells::{CellMesh, CellStore, SurvivorInfo, Survivors};
 use crate::store::stage_context::StageContext;
 use ladder::spread_cells;
@@ -69,7 +70,7 @@ fn fitted(options: &Options, store: &CellStore, goal: Goal) -> Options {
 
 /// Simplifies a cell to the threshold of its round, from where the pilot has left it.
 fn to_threshold(
-    (store, index, mut cell): (&CellStore, usize, CellMesh),
+    (store, index, mut cell): (&CellStore, CellId, CellMesh),
     thresholds: &Thresholds,
     begun: &Begun,
     options: &Options,
@@ -110,9 +111,9 @@ pub fn channel_lengths(store: &CellStore, target: u64, run: &StageContext) -> Re
     }
     let channel_kinds = layout.codec.channel_kinds(&layout.schema);
     let mut sample = attribute_weights::ChannelSample::default();
-    for cell in spread_cells(store.n_cells(), LENGTH_CELLS) {
+    for place in spread_cells(store.n_cells(), LENGTH_CELLS) {
         run.progress.check()?;
-        sample.add(&store.load(cell)?.mesh, &channel_kinds);
+        sample.add(&store.load(CellId::at(place))?.mesh, &channel_kinds);
     }
     Ok(sample.lengths(&layout.weights, &channel_kinds, store.info().triangles, target))
 }

@@ -9,6 +9,7 @@ use super::memory::cell_bytes;
 use super::run_cells::{Goal, for_cells};
 use crate::error::Result;
 use crate::kernel::{Options, Stepwise};
+use crate::store::cell_id::CellId;
 use crate::store::cells::CellStore;
 use crate::store::stage_context::StageContext;
 use std::collections::BTreeMap;
@@ -21,11 +22,11 @@ const KEPT_MULTIPLE: f64 = 6.0;
 
 /// Cells of the pilot as far as they have come, by cell and number of levels.
 #[derive(Default)]
-pub(super) struct Begun(Mutex<BTreeMap<(usize, usize), Stepwise>>);
+pub(super) struct Begun(Mutex<BTreeMap<(CellId, usize), Stepwise>>);
 
 impl Begun {
     /// The cell on its way, all of its thresholds but the last behind it.
-    pub(super) fn take(&self, cell: usize, thresholds: &Thresholds) -> Option<Stepwise> {
+    pub(super) fn take(&self, cell: CellId, thresholds: &Thresholds) -> Option<Stepwise> {
         let n = thresholds.n_taken(cell)?;
         self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(&(cell, n))
     }
@@ -52,10 +53,9 @@ pub(super) fn sealed_thresholds(
 
 /// Thresholds from next to nothing to any cost, for cells that a bound stops on the way.
 pub(super) fn whole_ladder(store: &CellStore) -> Result<Vec<f64>> {
-    let counts = store.info().cells.iter().map(|cell| cell.triangles);
-    let largest = counts.enumerate().max_by_key(|&(cell, n)| (n, cell));
-    match largest {
-        Some((cell, _)) => Ok(ladder(&store.load_tidy(cell)?.mesh)),
+    let triangles = |cell: CellId| store.info().cells[cell].triangles;
+    match CellId::first(store.n_cells()).max_by_key(|&cell| (triangles(cell), cell)) {
+        Some(cell) => Ok(ladder(&store.load_tidy(cell)?.mesh)),
         None => Ok(Vec::new()),
     }
 }
@@ -73,11 +73,10 @@ fn pilot(
         return Ok(Thresholds::default());
     }
     // Nearly empty cells, around a hub whose triangles lie in another, tell nothing.
-    let counts = || store.info().cells.iter().map(|cell| cell.triangles);
     let enough = n_triangles / store.n_cells() as u64 / 8;
-    let telling: Vec<usize> =
-        counts().enumerate().filter(|&(_, n)| n > enough).map(|(cell, _)| cell).collect();
-    let sample: Vec<usize> = pilot_cells(telling.len()).into_iter().map(|i| telling[i]).collect();
+    let is_telling = |cell: &CellId| store.info().cells[*cell].triangles > enough;
+    let telling: Vec<CellId> = CellId::first(store.n_cells()).filter(is_telling).collect();
+    let sample: Vec<CellId> = pilot_cells(telling.len()).into_iter().map(|i| telling[i]).collect();
     let ratio = goal.triangles as f64 / n_triangles as f64;
     let ladder = ladder(&store.load_tidy(sample[0])?.mesh);
     // Counts after each level, by cell.
@@ -116,7 +115,8 @@ fn pilot(
 
 /// Memory that copies may take: half of what the largest cells on all threads leave of the budget.
 fn bytes_for_copies(store: &CellStore, run: &StageContext) -> u64 {
-    let largest = (0..store.n_cells()).map(|cell| cell_bytes(store, cell, 1.0)).max().unwrap_or(0);
+    let cells = CellId::first(store.n_cells());
+    let largest = cells.map(|cell| cell_bytes(store, cell, 1.0)).max().unwrap_or(0);
     run.memory_bytes.saturating_sub(largest.saturating_mul(run.threads as u64)) / 2
 }
 

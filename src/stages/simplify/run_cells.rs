@@ -5,6 +5,7 @@
 use super::memory::cell_bytes;
 use crate::error::{Error, Result};
 use crate::kernel::{self, Options, Simplified, Stop};
+use crate::store::cell_id::CellId;
 use crate::store::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors};
 use crate::store::stage_context::StageContext;
 use crate::system::parallel::{Weighted, largest_first};
@@ -64,9 +65,9 @@ pub(super) fn survivors(cell: &CellMesh, simplified: Simplified, store: &CellSto
 /// Runs `work` on some cells, largest first, as many at once as the memory holds.
 pub(super) fn for_cells(
     (store, goal): (&CellStore, Goal),
-    cells: impl Iterator<Item = usize>,
+    cells: impl Iterator<Item = CellId>,
     run: &StageContext,
-    work: impl Fn(usize) -> Result<()> + Sync,
+    work: impl Fn(CellId) -> Result<()> + Sync,
 ) -> Result<()> {
     for_cells_beside((store, goal), cells, 0, run, work)
 }
@@ -74,16 +75,16 @@ pub(super) fn for_cells(
 /// The same where `work` takes `more` bytes for each triangle of a cell besides.
 fn for_cells_beside(
     (store, goal): (&CellStore, Goal),
-    cells: impl Iterator<Item = usize>,
+    cells: impl Iterator<Item = CellId>,
     more: u64,
     run: &StageContext,
-    work: impl Fn(usize) -> Result<()> + Sync,
+    work: impl Fn(CellId) -> Result<()> + Sync,
 ) -> Result<()> {
     let share = goal.triangles as f64 / store.info().triangles.max(1) as f64;
-    let bytes =
-        |item: usize| cell_bytes(store, item, share) + more * store.info().cells[item].triangles;
-    let jobs = cells.map(|item| Weighted { item, bytes: bytes(item) }).collect();
-    let announce = |cell| store.expect(cell);
+    let bytes = |cell| cell_bytes(store, cell, share) + more * store.info().cells[cell].triangles;
+    let jobs = cells.map(|cell| Weighted { item: cell.index(), bytes: bytes(cell) }).collect();
+    let announce = |item| store.expect(CellId::at(item));
+    let work = |item| work(CellId::at(item));
     largest_first(jobs, run.threads, run.memory_bytes, run.progress, announce, work)
 }
 
@@ -94,7 +95,7 @@ pub(super) fn run_all<T: Send + Clone + Default>(
     work: impl Fn(CellMesh) -> T + Sync,
 ) -> Result<Vec<T>> {
     let outcomes = Mutex::new(vec![T::default(); store.n_cells()]);
-    for_cells((store, goal), 0..store.n_cells(), run, |cell| {
+    for_cells((store, goal), CellId::first(store.n_cells()), run, |cell| {
         let outcome = work(store.load_tidy(cell)?);
         outcomes.lock().unwrap_or_else(PoisonError::into_inner)[cell] = outcome;
         Ok(())
@@ -107,7 +108,7 @@ struct Output {
     /// True if sources of cells are given back to the file system.
     frees: bool,
     /// Cells appended since the last sync; their sources are still needed.
-    unsynced: Vec<usize>,
+    unsynced: Vec<CellId>,
     /// Length of the pack at the last sync.
     synced_bytes: u64,
     synced_at: Instant,
@@ -119,9 +120,9 @@ pub struct Beside<'a> {
     /// Memory that it takes, in bytes for each triangle of the cell.
     pub bytes_per_triangle: u64,
     /// Tells if all that an earlier run did for a cell is still there; it is done again if not.
-    pub is_whole: &'a (dyn Fn(usize, &Survivors) -> Result<bool> + Sync),
+    pub is_whole: &'a (dyn Fn(CellId, &Survivors) -> Result<bool> + Sync),
     /// Looks at a cell as it was loaded and at what is left of it, and may put the latter into another order.
-    pub look: &'a (dyn Fn(usize, CellMesh, &mut Survivors) -> Result<()> + Sync),
+    pub look: &'a (dyn Fn(CellId, CellMesh, &mut Survivors) -> Result<()> + Sync),
 }
 
 /// Runs `work` on the cells that are not yet in the round's pack of survivors, and seals the pack.
@@ -129,7 +130,7 @@ pub(super) fn run_cells(
     store: &CellStore,
     goal: Goal,
     run: &StageContext,
-    work: impl Fn(usize, CellMesh) -> Survivors + Sync,
+    work: impl Fn(CellId, CellMesh) -> Survivors + Sync,
 ) -> Result<SurvivorInfo> {
     let frees =
         frees_sources(store.info().triangles, goal.triangles) && run.job.owns(&store.info().pack);
@@ -142,7 +143,7 @@ pub(super) fn run_cells_beside(
     goal: Goal,
     beside: Beside,
     run: &StageContext,
-    work: impl Fn(usize, CellMesh) -> Survivors + Sync,
+    work: impl Fn(CellId, CellMesh) -> Survivors + Sync,
 ) -> Result<SurvivorInfo> {
     run_cells_with((store, goal), (false, Some(beside)), run, |index, cell| {
         let before = cell.clone();
@@ -158,7 +159,7 @@ fn run_cells_with(
     (store, goal): (&CellStore, Goal),
     (frees, beside): (bool, Option<Beside>),
     run: &StageContext,
-    work: impl Fn(usize, CellMesh) -> Result<Survivors> + Sync,
+    work: impl Fn(CellId, CellMesh) -> Result<Survivors> + Sync,
 ) -> Result<SurvivorInfo> {
     let name = run.job.name(&format!("round-{}.survivors", goal.round));
     let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
@@ -172,22 +173,22 @@ fn run_cells_with(
     };
     for cell in finished {
         let is_whole = || match &earlier {
-            Some((beside, pack)) => (beside.is_whole)(cell as usize, &pack.load(cell as usize)?),
+            Some((beside, pack)) => (beside.is_whole)(cell, &pack.load(cell)?),
             None => Ok(true),
         };
-        if let Some(done) = is_done.get_mut(cell as usize)
+        if let Some(done) = is_done.get_mut(cell.index())
             && !*done
             && is_whole()?
         {
             *done = true;
-            run.progress.add(store.info().cells[cell as usize].triangles);
+            run.progress.add(store.info().cells[cell].triangles);
         }
     }
     let synced_at = Instant::now();
     let (unsynced, synced_bytes) = (Vec::new(), writer.length());
     let output = Mutex::new(Output { writer, frees, unsynced, synced_bytes, synced_at });
     let freed_bytes = store.info().pack_bytes / FREED_AT_A_TIME;
-    let left = (0..store.n_cells()).filter(|&cell| !is_done[cell]);
+    let left = CellId::first(store.n_cells()).filter(|&cell| !is_done[cell]);
     let more = beside.map_or(0, |beside| beside.bytes_per_triangle);
     let outcome = for_cells_beside((store, goal), left, more, run, |cell| {
         let survivors = work(cell, store.load_tidy(cell)?)?;

@@ -7,6 +7,7 @@ use crate::mesh::Mesh;
 use crate::mesh::attribute_weights::ChannelSample;
 use crate::mesh::vec3::Vec3;
 use crate::progressive::{self, Original};
+use crate::store::cell_id::CellId;
 use crate::store::cells::{
     CellTally, IdMap, SurvivorInfo, SurvivorWriter, Survivors, VertexLayout,
 };
@@ -22,7 +23,7 @@ pub struct Parts<'a> {
     /// Their row layout.
     pub layout: &'a VertexLayout,
     /// Loads one of them.
-    pub load: &'a dyn Fn(usize) -> Result<Survivors>,
+    pub load: &'a dyn Fn(CellId) -> Result<Survivors>,
 }
 
 /// File in the job folder that a progressive mesh is in until the result is written.
@@ -94,7 +95,7 @@ pub fn finish(
     run.disk().remove(&path)?;
     let name = run.job.name(name);
     let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, layout)?;
-    writer.append(0, &result)?;
+    writer.append(CellId(0), &result)?;
     writer.finish(run.disk(), run.job.folder(), 0..1)
 }
 
@@ -140,7 +141,7 @@ fn record(
 /// All cells as one mesh; a vertex that several cells hold becomes one again.
 fn join(parts: &Parts, run: &StageContext) -> Result<Survivors> {
     if parts.cells.len() == 1 {
-        return (parts.load)(0);
+        return (parts.load)(CellId(0));
     }
     let layout = parts.layout;
     let n_vertices: u64 = parts.cells.iter().map(|cell| cell.vertices).sum();
@@ -160,7 +161,7 @@ fn join(parts: &Parts, run: &StageContext) -> Result<Survivors> {
         ..Survivors::default()
     };
     let mut local = Vec::new();
-    for cell in 0..parts.cells.len() {
+    for cell in CellId::first(parts.cells.len()) {
         run.progress.check()?;
         let part = (parts.load)(cell)?;
         out.statistics.dropped += part.statistics.dropped;

@@ -7,6 +7,7 @@
 use crate::error::Result;
 use crate::io::{ExternalSort, halves, whole};
 use crate::mesh::bounds::Bounds;
+use crate::store::cell_id::CellId;
 use crate::store::cells::{
     CellTally, CellTree, PackWriter, Scatter, StoreInfo, SurvivorPack, Survivors, TurnedFrame,
     n_samples, plan_cells, split_overfull, survivor_bytes,
@@ -37,9 +38,9 @@ pub fn recut(
     let (bounds, samples) = sample(survivors, n_cells, run)?;
     let tree = CellTree::build(TurnedFrame::new(round, bounds), &samples, n_cells);
     drop(samples);
-    let by_place = |_: usize, part: &Survivors| {
+    let by_place = |_: CellId, part: &Survivors| {
         let mut finder = tree.finder();
-        let cells: Vec<u32> = part.mesh.positions.iter().map(|&p| finder.cell_of(p)).collect();
+        let cells: Vec<CellId> = part.mesh.positions.iter().map(|&p| finder.cell_of(p)).collect();
         part.mesh.triangles.iter().map(|t| cells[t[0] as usize]).collect()
     };
     let map = NewCells { n_cells: tree.n_cells(), of_triangles: &by_place };
@@ -55,7 +56,7 @@ pub struct NewCells<'a> {
     /// Number of new cells.
     pub n_cells: u32,
     /// The new cell of every triangle of an old cell, which is given with its number.
-    pub of_triangles: &'a (dyn Fn(usize, &Survivors) -> Vec<u32> + Sync),
+    pub of_triangles: &'a (dyn Fn(CellId, &Survivors) -> Vec<CellId> + Sync),
 }
 
 /// Cuts `survivors` into the cells that `map` says, for round number `round`. A new cell has the triangles of an old cell
@@ -128,7 +129,7 @@ fn sample(
         readers(survivors, run),
         run.progress,
         |cell, out: &mut CellSample| {
-            let part = survivors.load(cell as usize)?;
+            let part = survivors.load(CellId::at(cell as usize))?;
             // The kernel leaves vertices in no order that a regular step could fall in with.
             out.samples = part.mesh.positions.iter().step_by(step).copied().collect();
             out.bounds = Bounds::around(&part.mesh.positions);
@@ -147,11 +148,11 @@ fn sample(
 #[derive(Default)]
 struct Apart {
     /// Rows by new cell, one set per chunk kind.
-    vertices: Vec<(u32, Vec<u8>)>,
-    triangles: Vec<(u32, Vec<u8>)>,
-    marks: Vec<(u32, Vec<u8>)>,
+    vertices: Vec<(CellId, Vec<u8>)>,
+    triangles: Vec<(CellId, Vec<u8>)>,
+    marks: Vec<(CellId, Vec<u8>)>,
     /// Vertices of old seams, each behind the key of its place, and the new cells that use them.
-    open: Vec<(u64, u64, u32)>,
+    open: Vec<(u64, u64, CellId)>,
     n_shared: u64,
 }
 
@@ -177,19 +178,20 @@ fn scatter(
         survivors.info().cells.len() as u64,
         readers(survivors, run),
         run.progress,
-        |cell, out: &mut Apart| {
-            let part = survivors.load(cell as usize)?;
-            let cells = (map.of_triangles)(cell as usize, &part);
+        |index, out: &mut Apart| {
+            let cell = CellId::at(index as usize);
+            let part = survivors.load(cell)?;
+            let cells = (map.of_triangles)(cell, &part);
             *out = take_apart(&part, &cells, survivors);
             Ok(())
         },
-        |cell, apart| {
+        |index, apart| {
             for (cell, rows) in &apart.vertices {
-                tally[*cell as usize].vertices += (rows.len() / row_bytes) as u64;
+                tally[*cell].vertices += (rows.len() / row_bytes) as u64;
                 vertices.push(pack, *cell, rows)?;
             }
             for (cell, rows) in &apart.triangles {
-                tally[*cell as usize].triangles += (rows.len() / triangle_bytes) as u64;
+                tally[*cell].triangles += (rows.len() / triangle_bytes) as u64;
                 triangles.push(pack, *cell, rows)?;
             }
             for (cell, rows) in &apart.marks {
@@ -197,17 +199,17 @@ fn scatter(
             }
             for &(place, id, cell) in &apart.open {
                 let ([a, b], [high, low]) = (halves(place), halves(id));
-                open.push([a, b, high, low, cell])?;
+                open.push([a, b, high, low, cell.0])?;
             }
             n_shared += apart.n_shared;
-            run.progress.add(survivors.info().cells[cell as usize].triangles);
+            run.progress.add(survivors.info().cells[index as usize].triangles);
             Ok(())
         },
     )?;
     // Vertices in one place, with the cells that use them.
-    let mut users: Vec<(u64, u32)> = Vec::new();
+    let mut users: Vec<(u64, CellId)> = Vec::new();
     let mut last = None;
-    let mut settle = |users: &mut Vec<(u64, u32)>| -> Result<()> {
+    let mut settle = |users: &mut Vec<(u64, CellId)>| -> Result<()> {
         users.dedup();
         let is_shared = users.iter().any(|user| user.1 != users[0].1);
         let mut row = Vec::new();
@@ -224,7 +226,7 @@ fn scatter(
         if last.replace([a, b]).is_some_and(|last| last != [a, b]) {
             settle(&mut users)?;
         }
-        users.push((whole(high, low), cell));
+        users.push((whole(high, low), CellId(cell)));
         Ok(())
     })?;
     settle(&mut users)?;
@@ -244,14 +246,14 @@ fn place_key(place: [f64; 3]) -> u64 {
 }
 
 /// Takes an old cell apart; `cells` has the new cell of every triangle.
-fn take_apart(part: &Survivors, cells: &[u32], survivors: &SurvivorPack) -> Apart {
+fn take_apart(part: &Survivors, cells: &[CellId], survivors: &SurvivorPack) -> Apart {
     let layout = survivors.layout();
     let record_bytes = layout.schema.record_bytes();
     let mut out = Apart::default();
-    let mut order: Vec<(u32, u32)> = cells.iter().copied().zip(0..).collect();
+    let mut order: Vec<(CellId, u32)> = cells.iter().copied().zip(0..).collect();
     order.sort_unstable();
     // Every vertex with every new cell that uses it, ordered by vertex, then by cell.
-    let mut users: Vec<(u32, u32)> = Vec::with_capacity(part.ids.len() + part.ids.len() / 8);
+    let mut users: Vec<(u32, CellId)> = Vec::with_capacity(part.ids.len() + part.ids.len() / 8);
     for run in order.chunk_by(|a, b| a.0 == b.0) {
         let cell = run[0].0;
         let mut rows = Vec::with_capacity(run.len() * layout.triangle_row_bytes(true));
@@ -275,10 +277,10 @@ fn take_apart(part: &Survivors, cells: &[u32], survivors: &SurvivorPack) -> Apar
         true => place_key(part.mesh.positions[v as usize]),
         false => u64::from(v),
     };
-    let mut by_place: Vec<(u64, u32, u32)> =
+    let mut by_place: Vec<(u64, u32, CellId)> =
         users.iter().map(|&(v, cell)| (place(v), v, cell)).collect();
     by_place.sort_unstable();
-    let mut marked: Vec<(u32, u64)> = Vec::new();
+    let mut marked: Vec<(CellId, u64)> = Vec::new();
     for here in by_place.chunk_by(|a, b| a.0 == b.0) {
         if here.iter().any(|&(_, v, _)| part.shared[v as usize]) {
             out.open.extend(here.iter().map(|&(key, v, cell)| (key, part.ids[v as usize], cell)));

@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 use crate::io::tileset::{TileBorder, encode_borders};
 use crate::io::{TileForm, encode_tile};
 use crate::mesh::Mesh;
+use crate::store::cell_id::CellId;
 use crate::store::cells::{
     BoxKey, CellMesh, GroupRecord, Lattice, Survivors, TileRecord, VertexLayout, group_of,
     parent_of,
@@ -59,13 +60,13 @@ pub struct TileRound<'a> {
 }
 
 /// Path of a tile in its tree: number `n` of those that `cell` holds.
-pub fn tile_path(level: u32, cell: usize, n: usize) -> String {
-    format!("tiles/{level}/{}/{cell}-{n}.glb", cell / GROUPS_PER_FOLDER)
+pub fn tile_path(level: u32, cell: CellId, n: usize) -> String {
+    format!("tiles/{level}/{}/{cell}-{n}.glb", cell.index() / GROUPS_PER_FOLDER)
 }
 
 /// Path of the numbers of the vertices that the tiles of a cell have in common with others.
-fn border_name(level: u32, cell: usize) -> String {
-    format!("tiles/{level}/{}/{cell}.ids", cell / GROUPS_PER_FOLDER)
+fn border_name(level: u32, cell: CellId) -> String {
+    format!("tiles/{level}/{}/{cell}.ids", cell.index() / GROUPS_PER_FOLDER)
 }
 
 /// True for vertices that more than one tile has: those of several boxes and those of several cells.
@@ -89,7 +90,7 @@ fn common(triangles: &[[u32; 3]], boxes: &Boxes, shared: &[bool]) -> Vec<bool> {
 
 impl TileRound<'_> {
     /// Writes the tiles of a cell, measures what became of it, and puts that in the order of its boxes.
-    pub fn look(&self, cell: usize, before: &CellMesh, left: &mut Survivors) -> Result<()> {
+    pub fn look(&self, cell: CellId, before: &CellMesh, left: &mut Survivors) -> Result<()> {
         let group = self.groups[cell];
         let mesh = &before.mesh;
         let boxes = match self.parts {
@@ -141,12 +142,12 @@ impl TileRound<'_> {
         let boxes = Boxes { counts: vec![([0; 3], u64::from(n))], order: (0..n).collect() };
         let shared = vec![false; left.ids.len()];
         let whole = Whole::new(&left.mesh, &left.records, (&left.ids, &shared), self.layout);
-        let (tiles, _) = self.write(0, self.round, &whole, &boxes)?;
+        let (tiles, _) = self.write(CellId(0), self.round, &whole, &boxes)?;
         tiles.into_iter().next().ok_or_else(|| Error::Internal("no tile was written".to_owned()))
     }
 
     /// Tells if all tiles that were written with a cell are still there as they were.
-    pub fn is_whole(&self, cell: usize, left: &Survivors) -> bool {
+    pub fn is_whole(&self, cell: CellId, left: &Survivors) -> bool {
         let [record] = &left.statistics.groups[..] else { return false };
         let is_there = |name: String, checksum: u64| {
             std::fs::read(self.folder.join(name)).is_ok_and(|bytes| xxh3_64(&bytes) == checksum)
@@ -158,7 +159,7 @@ impl TileRound<'_> {
 
     fn write(
         &self,
-        cell: usize,
+        cell: CellId,
         level: u32,
         whole: &Whole,
         boxes: &Boxes,
@@ -218,12 +219,12 @@ impl TileRound<'_> {
 
 /// The new cell of each triangle of a cell that was put in the order of its boxes: that of the group of the next round
 /// that the box lies in. `groups` are sorted.
-pub fn next_cells(parts: &[(BoxKey, u64)], groups: &[BoxKey]) -> Vec<u32> {
+pub fn next_cells(parts: &[(BoxKey, u64)], groups: &[BoxKey]) -> Vec<CellId> {
     let mut out = Vec::new();
     for &(key, n) in parts {
         let group = group_of(parent_of(key));
-        let cell = groups.binary_search(&group).expect("made of all boxes") as u32;
-        out.resize(out.len() + n as usize, cell);
+        let place = groups.binary_search(&group).expect("made of all boxes");
+        out.resize(out.len() + n as usize, CellId::at(place));
     }
     out
 }

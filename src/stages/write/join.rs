@@ -7,6 +7,7 @@ use super::numbering::{FirstUses, own_vertices};
 use crate::error::Result;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::{ExternalSort, halves, whole};
+use crate::store::cell_id::CellId;
 use crate::store::cells::SurvivorPack;
 use crate::store::stage_context::StageContext;
 
@@ -38,10 +39,10 @@ impl Joined {
         let record_bytes = schema.record_bytes();
         let mut by_place = ExternalSort::<8>::new(folder, memory);
         let mut number = 0;
-        for cell in 0..result.info().cells.len() {
+        for cell in CellId::first(result.info().cells.len()) {
             run.progress.check()?;
             let part = result.load(cell)?;
-            for vertex in own_vertices(&part, cell as u32, uses) {
+            for vertex in own_vertices(&part, cell, uses) {
                 let record = &part.records[vertex * record_bytes..(vertex + 1) * record_bytes];
                 // Adding 0 makes -0 and 0 the same place.
                 let [x, y, z] = schema.position(record).map(|x| halves((x + 0.0).to_bits()));

@@ -17,6 +17,7 @@ use crate::io::{MeshSink, OutputFormat, OutputKind};
 use crate::mesh::codec::TEXTURE_NAMES;
 use crate::mesh::face_properties::FacePropertyPlan;
 use crate::mesh::record::VertexSchema;
+use crate::store::cell_id::CellId;
 use crate::store::cells::SurvivorPack;
 pub use crate::store::shape::REACH;
 pub(crate) use crate::store::shape::Shape;
@@ -113,10 +114,10 @@ pub fn write(
     let mut writer = MeshSink::create(place, header, form.format)?;
     let (mut first, mut n_written) = (0, 0);
     let (mut records, mut encoded) = (Vec::new(), Vec::new());
-    for cell in 0..info.cells.len() {
+    for cell in CellId::first(info.cells.len()) {
         run.progress.check()?;
         let part = result.load(cell)?;
-        let own = own_vertices(&part, cell as u32, &uses);
+        let own = own_vertices(&part, cell, &uses);
         let numbers = numbers_of(first, own.len(), joined.as_ref())?;
         let directions = normals.as_ref().map(|normals| normals.of(&part));
         records.clear();
@@ -135,7 +136,7 @@ pub fn write(
                 }
             }
             if part.shared[vertex] {
-                uses.shared.insert(part.ids[vertex], (cell as u32, number));
+                uses.shared.insert(part.ids[vertex], (cell, number));
             }
         }
         first += own.len() as u64;
@@ -143,10 +144,10 @@ pub fn write(
         run.progress.add(info.cells[cell].triangles / 2);
     }
     first = 0;
-    for cell in 0..info.cells.len() {
+    for cell in CellId::first(info.cells.len()) {
         run.progress.check()?;
         let part = result.load(cell)?;
-        let own = own_vertices(&part, cell as u32, &uses);
+        let own = own_vertices(&part, cell, &uses);
         let own_numbers = numbers_of(first, own.len(), joined.as_ref())?;
         first += own.len() as u64;
         let mut numbers = vec![0; part.ids.len()];

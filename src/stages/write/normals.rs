@@ -6,6 +6,7 @@
 
 use crate::error::Result;
 use crate::mesh::vec3;
+use crate::store::cell_id::CellId;
 use crate::store::cells::{SurvivorPack, Survivors};
 use crate::store::stage_context::StageContext;
 use std::collections::HashMap;
@@ -25,12 +26,12 @@ impl Recomputed {
         let n_cells = result.info().cells.len();
         let mut shared = Sums::new();
         if n_cells > 1 {
-            for cell in 0..n_cells {
+            for cell in CellId::first(n_cells) {
                 let part = result.load(cell)?;
                 let marked = part.mesh.positions.iter().zip(&part.shared).filter(|(_, s)| **s);
                 shared.extend(marked.map(|(&p, _)| (key(p), [0.0; 3])));
             }
-            for cell in 0..n_cells {
+            for cell in CellId::first(n_cells) {
                 run.progress.check()?;
                 let part = result.load(cell)?;
                 each_corner(&part, |place, weighted| {

@@ -1,6 +1,7 @@
 //! Numbers the vertices of the output: a vertex that several cells hold is written by the first of them.
 
 use crate::error::Result;
+use crate::store::cell_id::CellId;
 use crate::store::cells::{SurvivorPack, Survivors};
 use std::collections::HashMap;
 
@@ -21,20 +22,20 @@ pub fn shared_bytes(n_shared: u64) -> u64 {
 
 /// For every shared vertex, the first cell that holds it and its number.
 pub(super) struct FirstUses {
-    pub(super) shared: HashMap<u64, (u32, u64)>,
+    pub(super) shared: HashMap<u64, (CellId, u64)>,
     pub(super) n_vertices: u64,
 }
 
 pub(super) fn index_vertices(result: &SurvivorPack) -> Result<FirstUses> {
     let mut uses = FirstUses { shared: HashMap::new(), n_vertices: 0 };
-    for cell in 0..result.info().cells.len() {
+    for cell in CellId::first(result.info().cells.len()) {
         let part = result.load(cell)?;
         for (&id, &shared) in part.ids.iter().zip(&part.shared) {
             if shared {
                 let mut is_new = false;
                 uses.shared.entry(id).or_insert_with(|| {
                     is_new = true;
-                    (cell as u32, uses.n_vertices)
+                    (cell, uses.n_vertices)
                 });
                 uses.n_vertices += u64::from(is_new);
             } else {
@@ -46,7 +47,7 @@ pub(super) fn index_vertices(result: &SurvivorPack) -> Result<FirstUses> {
 }
 
 /// The vertices of a cell that no earlier cell holds, in order: they have consecutive numbers.
-pub(super) fn own_vertices(part: &Survivors, cell: u32, uses: &FirstUses) -> Vec<usize> {
+pub(super) fn own_vertices(part: &Survivors, cell: CellId, uses: &FirstUses) -> Vec<usize> {
     let is_own =
         |v: &usize| !part.shared[*v] || uses.shared.get(&part.ids[*v]).is_none_or(|u| u.0 == cell);
     (0..part.ids.len()).filter(is_own).collect()

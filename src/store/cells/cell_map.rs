@@ -2,6 +2,7 @@
 
 use super::kd_tree::{CellFinder, CellTree};
 use super::lattice::{GroupFinder, GroupGrid};
+use crate::store::cell_id::CellId;
 use serde::{Deserialize, Serialize};
 
 /// Maps every point of space to a cell.
@@ -24,7 +25,7 @@ impl CellMap {
     }
 
     /// The cell of a point.
-    pub fn cell_of(&self, point: [f64; 3]) -> u32 {
+    pub fn cell_of(&self, point: [f64; 3]) -> CellId {
         self.finder().cell_of(point)
     }
 
@@ -49,7 +50,7 @@ pub enum Finder<'a> {
 impl Finder<'_> {
     /// The cell of a point.
     #[inline]
-    pub fn cell_of(&mut self, point: [f64; 3]) -> u32 {
+    pub fn cell_of(&mut self, point: [f64; 3]) -> CellId {
         match self {
             Finder::Tree(finder) => finder.cell_of(point),
             Finder::Groups(finder) => finder.cell_of(point),

@@ -13,6 +13,7 @@ use crate::mesh::attribute_weights::Weights;
 use crate::mesh::codec::VertexCodec;
 use crate::mesh::record::VertexSchema;
 use crate::mesh::relief::Relief;
+use crate::store::cell_id::CellId;
 use crate::store::pack_format::{Chunk, ChunkKind, IdWidth};
 use crate::system::disk::Disk;
 use crate::system::progress::Progress;
@@ -45,13 +46,13 @@ pub struct StoreInfo {
     pub has_channels: bool,
     /// Cells that were split: their chunks before `split_at` count no more.
     #[serde(default)]
-    pub split: Vec<u32>,
+    pub split: Vec<CellId>,
     /// Place in the pack at which the chunks of split cells begin.
     #[serde(default)]
     pub split_at: u64,
     /// The first of the cells that came behind the others by splitting.
     #[serde(default)]
-    pub first_part: u32,
+    pub first_part: CellId,
     /// Pieces of the cells that are left out; `cells` and `triangles` count without their triangles.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verdicts: Option<Verdicts>,
@@ -170,10 +171,9 @@ impl CellStore {
         info: StoreInfo,
         layout: VertexLayout,
     ) -> Result<CellStore> {
-        let pack =
-            Pack::open(disk, &folder.join(&info.pack), info.cells.len() as u32, info.pack_bytes)?
-                .forget(&info.split, info.split_at);
-        let n_cells = info.cells.len() as u32;
+        let n_cells = info.cells.len();
+        let pack = Pack::open(disk, &folder.join(&info.pack), n_cells, info.pack_bytes)?
+            .forget(&info.split, info.split_at);
         let verdicts = match &info.verdicts {
             Some(Verdicts { pack, pack_bytes }) => {
                 Some(Pack::open(disk, &folder.join(pack), n_cells, *pack_bytes)?)
@@ -199,37 +199,36 @@ impl CellStore {
     }
 
     /// Rows of a cell as they are loaded, what is left out afterwards included.
-    pub fn rows(&self, cell: usize) -> CellTally {
+    pub fn rows(&self, cell: CellId) -> CellTally {
         let tally = self.info.cells[cell];
         if self.verdicts.is_none() {
             return tally;
         }
         let is_rows = |chunk: &&Chunk| chunk.kind == ChunkKind::Triangles;
         let bytes: u64 =
-            self.pack.chunks_of(cell as u32).iter().filter(is_rows).map(|chunk| chunk.bytes).sum();
+            self.pack.chunks_of(cell).iter().filter(is_rows).map(|chunk| chunk.bytes).sum();
         let row_bytes = self.layout.triangle_row_bytes(self.info.has_channels);
         CellTally { triangles: bytes / row_bytes as u64, ..tally }
     }
 
     /// Returns whether a cell is a part of one that was split: such cells do not hold all vertices of a place.
-    pub fn is_part(&self, cell: usize) -> bool {
-        let cell = cell as u32;
+    pub fn is_part(&self, cell: CellId) -> bool {
         !self.info.split.is_empty()
             && (cell >= self.info.first_part || self.info.split.binary_search(&cell).is_ok())
     }
 
     /// Lets the system begin to read a cell that will soon be loaded.
-    pub fn expect(&self, cell: usize) {
-        self.pack.expect(cell as u32);
+    pub fn expect(&self, cell: CellId) {
+        self.pack.expect(cell);
     }
 
     /// Gives a cell's bytes back to the file system once its survivors are durable.
-    pub fn free(&self, cell: usize) -> Result<()> {
-        self.pack.free(cell as u32)
+    pub fn free(&self, cell: CellId) -> Result<()> {
+        self.pack.free(cell)
     }
 
     /// Loads one cell for simplification: the first round's without repeated faces and idle vertices.
-    pub fn load_tidy(&self, cell: usize) -> Result<CellMesh> {
+    pub fn load_tidy(&self, cell: CellId) -> Result<CellMesh> {
         let mut mesh = self.load(cell)?;
         if !self.info.has_channels {
             mesh.dropped = mesh.tidy(self.layout.schema.record_bytes());
@@ -246,10 +245,10 @@ impl CellStore {
     /// of the file: an order by lowest id is the same for every window.
     ///
     /// Errors: `Corrupt` when a chunk is damaged or a triangle names a vertex the cell does not have.
-    pub fn load(&self, cell: usize) -> Result<CellMesh> {
+    pub fn load(&self, cell: CellId) -> Result<CellMesh> {
         let mut mesh = self.load_rows(cell)?;
         let Some(verdicts) = &self.verdicts else { return Ok(mesh) };
-        for chunk in verdicts.chunks_of(cell as u32) {
+        for chunk in verdicts.chunks_of(cell) {
             let mut pieces = PieceSet::default();
             verdicts.read(chunk, &mut pieces.0)?;
             if !mesh.leave_out(&pieces, self.layout.schema.record_bytes()) {
@@ -267,8 +266,8 @@ impl CellStore {
     /// Tells if any triangle has an area. Looks at the first few before it loads whole cells, one after the other.
     pub fn has_area(&self, progress: &Progress) -> Result<bool> {
         let rounding = self.layout.schema.rounding();
-        let is_filled = |&cell: &usize| self.info.cells[cell].triangles > 0;
-        let mut filled = (0..self.n_cells()).filter(is_filled).peekable();
+        let is_filled = |&cell: &CellId| self.info.cells[cell].triangles > 0;
+        let mut filled = CellId::first(self.n_cells()).filter(is_filled).peekable();
         if let Some(&first) = filled.peek()
             && self.first_triangles(first)?.has_area(rounding)
         {
@@ -284,9 +283,9 @@ impl CellStore {
     }
 
     /// Some triangles of a cell, without channels. Those whose vertices are missing have none but NaN.
-    fn first_triangles(&self, cell: usize) -> Result<Mesh> {
+    fn first_triangles(&self, cell: CellId) -> Result<Mesh> {
         const MOST: usize = 256;
-        let (layout, chunks) = (&self.layout, self.pack.chunks_of(cell as u32));
+        let (layout, chunks) = (&self.layout, self.pack.chunks_of(cell));
         let (id_bytes, mut payload) = (layout.ids.bytes, Vec::new());
         if let Some(chunk) = chunks.iter().find(|chunk| chunk.kind == ChunkKind::Triangles) {
             self.pack.read(chunk, &mut payload)?;
@@ -312,9 +311,9 @@ impl CellStore {
         Ok(Mesh::new(positions, corners.as_chunks().0.to_vec()))
     }
 
-    fn load_rows(&self, cell: usize) -> Result<CellMesh> {
+    fn load_rows(&self, cell: CellId) -> Result<CellMesh> {
         let tally = self.rows(cell);
-        let chunks = self.pack.chunks_of(cell as u32);
+        let chunks = self.pack.chunks_of(cell);
         let mut map = IdMap::with_capacity(tally.vertices as usize);
         let mut payload = Vec::new();
         let mut out = CellMesh::default();

@@ -7,6 +7,7 @@
 //! docs/algorithm.md, section 10.
 
 use crate::mesh::bounds::Bounds;
+use crate::store::cell_id::CellId;
 use serde::{Deserialize, Serialize};
 
 /// Quantisation steps along the longest side of the bounding box.
@@ -78,7 +79,7 @@ struct Node {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 enum Child {
     Node(u32),
-    Cell(u32),
+    Cell(CellId),
 }
 
 /// Cells for `n_triangles` triangles, none of them planned above `cell_triangles`.
@@ -109,7 +110,8 @@ impl CellTree {
     /// Fewer cells come out where samples cannot be told apart. Time O(n log n); no memory beyond the samples.
     pub fn build(frame: TurnedFrame, samples: &[[f64; 3]], n_cells: u32) -> CellTree {
         let mut keys: Vec<[i32; 3]> = samples.iter().map(|&p| frame.quantise(p)).collect();
-        let mut tree = CellTree { frame, nodes: Vec::new(), root: Child::Cell(0), n_cells: 0 };
+        let mut tree =
+            CellTree { frame, nodes: Vec::new(), root: Child::Cell(CellId(0)), n_cells: 0 };
         tree.root = tree.cut(&mut keys, n_cells.max(1));
         tree
     }
@@ -119,7 +121,8 @@ impl CellTree {
             && let Some((axis, split, n_low)) = choose_cut(keys, n_cells)
         {
             let at = self.nodes.len();
-            self.nodes.push(Node { axis, split, low: Child::Cell(0), high: Child::Cell(0) });
+            let open = Child::Cell(CellId(0));
+            self.nodes.push(Node { axis, split, low: open, high: open });
             let (low, high) = keys.split_at_mut(n_low);
             let share =
                 (f64::from(n_cells) * low.len() as f64 / (low.len() + high.len()) as f64).round();
@@ -129,7 +132,7 @@ impl CellTree {
             return Child::Node(at as u32);
         }
         self.n_cells += 1;
-        Child::Cell(self.n_cells - 1)
+        Child::Cell(CellId(self.n_cells - 1))
     }
 
     /// Number of cells.
@@ -139,13 +142,13 @@ impl CellTree {
 
     /// The cell of a point.
     #[cfg(test)]
-    fn cell_of(&self, point: [f64; 3]) -> u32 {
+    fn cell_of(&self, point: [f64; 3]) -> CellId {
         self.finder().cell_of(point)
     }
 
     /// For many points one after the other.
     pub fn finder(&self) -> CellFinder<'_> {
-        CellFinder { tree: self, cell: 0, low: [i32::MAX; 3], high: [i32::MIN; 3] }
+        CellFinder { tree: self, cell: CellId(0), low: [i32::MAX; 3], high: [i32::MIN; 3] }
     }
 }
 
@@ -154,7 +157,7 @@ impl CellTree {
 pub struct CellFinder<'a> {
     tree: &'a CellTree,
     /// The cell of the last point, and its lowest and highest coordinates.
-    cell: u32,
+    cell: CellId,
     low: [i32; 3],
     high: [i32; 3],
 }
@@ -162,7 +165,7 @@ pub struct CellFinder<'a> {
 impl CellFinder<'_> {
     /// The cell of a point.
     #[inline]
-    pub fn cell_of(&mut self, point: [f64; 3]) -> u32 {
+    pub fn cell_of(&mut self, point: [f64; 3]) -> CellId {
         let key = self.tree.frame.quantise(point);
         if !(0..3).all(|k| (self.low[k] <= key[k]) & (key[k] <= self.high[k])) {
             self.descend(key);
@@ -239,7 +242,7 @@ mod tests {
             let tree = CellTree::build(frame, &points, 13);
             assert_eq!(tree.n_cells(), 13);
             let mut counts = vec![0; 13];
-            points.iter().for_each(|&p| counts[tree.cell_of(p) as usize] += 1);
+            points.iter().for_each(|&p| counts[tree.cell_of(p)] += 1);
             let even = 20_000 / 13;
             assert!(counts.iter().all(|&n| n > even * 8 / 10 && n < even * 12 / 10), "{counts:?}");
         }
@@ -269,7 +272,7 @@ mod tests {
         let frame = TurnedFrame::new(0, Bounds::from([[5.0; 3], [5.0; 3]]));
         let tree = CellTree::build(frame, &[[5.0; 3]; 100], 8);
         assert_eq!(tree.n_cells(), 1);
-        assert_eq!(tree.cell_of([5.0; 3]), 0);
+        assert_eq!(tree.cell_of([5.0; 3]), CellId(0));
         assert_eq!(CellTree::build(frame, &[], 8).n_cells(), 1);
     }
 }

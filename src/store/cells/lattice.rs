@@ -7,6 +7,7 @@
 //! docs/design/tiles.md.
 
 use crate::mesh::bounds::Bounds;
+use crate::store::cell_id::CellId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -145,12 +146,13 @@ impl GroupGrid {
     }
 
     /// The group nearest to one that has no cell; of equally near ones the first.
-    fn nearest(&self, key: BoxKey) -> u32 {
+    fn nearest(&self, key: BoxKey) -> CellId {
         let off_sq = |group: &BoxKey| -> i64 {
             (0..3).map(|k| (i64::from(group[k]) - i64::from(key[k])).pow(2)).sum()
         };
-        let nearest = (0u32..).zip(&self.groups).min_by_key(|(_, group)| off_sq(group));
-        nearest.map_or(0, |(cell, _)| cell)
+        let cells = CellId::first(self.groups.len());
+        let nearest = cells.zip(&self.groups).min_by_key(|(_, group)| off_sq(group));
+        nearest.map_or(CellId(0), |(cell, _)| cell)
     }
 }
 
@@ -158,15 +160,15 @@ impl GroupGrid {
 #[derive(Clone, Debug)]
 pub struct GroupFinder<'a> {
     grid: &'a GroupGrid,
-    last: Option<(BoxKey, u32)>,
+    last: Option<(BoxKey, CellId)>,
     /// Cells of groups that have none.
-    strays: BTreeMap<BoxKey, u32>,
+    strays: BTreeMap<BoxKey, CellId>,
 }
 
 impl GroupFinder<'_> {
     /// The cell of a point.
     #[inline]
-    pub fn cell_of(&mut self, point: [f64; 3]) -> u32 {
+    pub fn cell_of(&mut self, point: [f64; 3]) -> CellId {
         let key = group_of(self.grid.lattice.box_of(1, point));
         match self.last {
             Some((known, cell)) if known == key => cell,
@@ -174,10 +176,10 @@ impl GroupFinder<'_> {
         }
     }
 
-    fn find(&mut self, key: BoxKey) -> u32 {
+    fn find(&mut self, key: BoxKey) -> CellId {
         let grid = self.grid;
         let cell = match grid.groups.binary_search(&key) {
-            Ok(cell) => cell as u32,
+            Ok(place) => CellId::at(place),
             Err(_) => *self.strays.entry(key).or_insert_with(|| grid.nearest(key)),
         };
         self.last = Some((key, cell));
@@ -231,10 +233,10 @@ mod tests {
         let grid = GroupGrid::new(lattice, &points);
         let mut finder = grid.finder();
         let mut counts = vec![0u64; grid.groups.len()];
-        points.iter().for_each(|&p| counts[finder.cell_of(p) as usize] += 100);
+        points.iter().for_each(|&p| counts[finder.cell_of(p)] += 100);
         let most = counts.iter().max().copied().unwrap_or(0);
         assert!((150_000..=300_000).contains(&most), "{counts:?}");
         // What was not sampled has a cell all the same.
-        assert!((finder.cell_of([-900.0, 4000.0, 9.0]) as usize) < grid.groups.len());
+        assert!(finder.cell_of([-900.0, 4000.0, 9.0]).index() < grid.groups.len());
     }
 }

@@ -4,6 +4,7 @@
 //! chunk. The headers serve before the index is written: after a crash.
 
 use crate::error::{Error, Result};
+use crate::store::cell_id::CellId;
 use crate::store::pack_format::{
     self, CHUNK_HEADER_BYTES, Chunk, ChunkKind, PACK_END_BYTES, PACK_HEADER_BYTES,
 };
@@ -81,7 +82,7 @@ impl PackWriter {
     }
 
     /// Appends one chunk.
-    pub fn append(&mut self, cell: u32, kind: ChunkKind, payload: &[u8]) -> Result<()> {
+    pub fn append(&mut self, cell: CellId, kind: ChunkKind, payload: &[u8]) -> Result<()> {
         let header = pack_format::chunk_header(cell, kind, payload);
         let at = self.file.length() + self.pending.len() as u64;
         self.chunks.push(pack_format::parse_chunk_header(&header, at).expect("just made"));
@@ -127,14 +128,15 @@ impl PackWriter {
     /// Ends the pack with an index of its chunks and makes it durable; nothing may be appended any more.
     pub fn seal(&mut self) -> Result<()> {
         let index = pack_format::encode_index(&self.chunks, self.length());
-        self.append(0, ChunkKind::Index, &index)?;
+        self.append(CellId(0), ChunkKind::Index, &index)?;
         self.sync()
     }
 
     /// Opens what was appended so far for reading.
-    pub fn reader(&mut self, disk: &Disk, n_cells: u32) -> Result<Pack> {
+    pub fn reader(&mut self, disk: &Disk, n_cells: usize) -> Result<Pack> {
         self.flush()?;
-        Pack::from_chunks(disk.open(self.file.path())?, self.chunks.clone(), 0..n_cells)
+        let cells = CellId(0)..CellId::at(n_cells);
+        Pack::from_chunks(disk.open(self.file.path())?, self.chunks.clone(), cells)
     }
 
     /// Bytes in the pack, once everything pending is written.
@@ -150,7 +152,7 @@ pub struct Pack {
     /// All chunks, by cell, within a cell in the order they were appended.
     chunks: Vec<Chunk>,
     /// The cells that it may hold.
-    cells: Range<u32>,
+    cells: Range<CellId>,
     /// `first[c]..first[c + 1]` are the chunks of the cell that is number `c` of these.
     first: Vec<u32>,
 }
@@ -158,12 +160,12 @@ pub struct Pack {
 impl Pack {
     /// Opens a pack of `n_cells` cells; `bytes` is its sealed length. Memory: 40 bytes a chunk, twice for a
     /// moment.
-    pub fn open(disk: &Disk, path: &Path, n_cells: u32, bytes: u64) -> Result<Pack> {
-        Self::open_some(disk, path, 0..n_cells, bytes)
+    pub fn open(disk: &Disk, path: &Path, n_cells: usize, bytes: u64) -> Result<Pack> {
+        Self::open_some(disk, path, CellId(0)..CellId::at(n_cells), bytes)
     }
 
     /// Opens a pack of some cells; memory grows with these alone.
-    pub fn open_some(disk: &Disk, path: &Path, cells: Range<u32>, bytes: u64) -> Result<Pack> {
+    pub fn open_some(disk: &Disk, path: &Path, cells: Range<CellId>, bytes: u64) -> Result<Pack> {
         let file = disk.open(path)?;
         if file.length() < bytes {
             let what =
@@ -179,11 +181,11 @@ impl Pack {
         }
     }
 
-    fn from_chunks(file: DiskFile, mut chunks: Vec<Chunk>, cells: Range<u32>) -> Result<Pack> {
+    fn from_chunks(file: DiskFile, mut chunks: Vec<Chunk>, cells: Range<CellId>) -> Result<Pack> {
         if let Some(bad) = chunks.iter().find(|chunk| !cells.contains(&chunk.cell)) {
             let what = format!(
-                "byte {}: cell {} is not in {cells:?}; run again with --restart",
-                bad.offset, bad.cell
+                "byte {}: cell {} is not in {}..{}; run again with --restart",
+                bad.offset, bad.cell, cells.start, cells.end
             );
             return Err(Error::corrupt(file.path(), what));
         }
@@ -193,7 +195,7 @@ impl Pack {
     }
 
     /// Leaves out the chunks of some cells (ascending) that lie before a place in the pack.
-    pub fn forget(mut self, cells: &[u32], before: u64) -> Pack {
+    pub fn forget(mut self, cells: &[CellId], before: u64) -> Pack {
         if !cells.is_empty() {
             self.chunks.retain(|chunk| {
                 chunk.offset >= before || cells.binary_search(&chunk.cell).is_err()
@@ -203,20 +205,21 @@ impl Pack {
         self
     }
 
-    fn index(chunks: &[Chunk], cells: &Range<u32>) -> Vec<u32> {
-        let mut first = vec![0u32; cells.len() + 1];
+    fn index(chunks: &[Chunk], cells: &Range<CellId>) -> Vec<u32> {
+        let n_cells = cells.end.index() - cells.start.index();
+        let mut first = vec![0u32; n_cells + 1];
         for chunk in chunks {
-            first[(chunk.cell - cells.start) as usize + 1] += 1;
+            first[chunk.cell.index() - cells.start.index() + 1] += 1;
         }
-        for cell in 0..cells.len() {
-            first[cell + 1] += first[cell];
+        for place in 0..n_cells {
+            first[place + 1] += first[place];
         }
         first
     }
 
     /// The chunks of one cell, in the order they were written.
-    pub fn chunks_of(&self, cell: u32) -> &[Chunk] {
-        let place = (cell - self.cells.start) as usize;
+    pub fn chunks_of(&self, cell: CellId) -> &[Chunk] {
+        let place = cell.index() - self.cells.start.index();
         &self.chunks[self.first[place] as usize..self.first[place + 1] as usize]
     }
 
@@ -233,12 +236,12 @@ impl Pack {
     }
 
     /// Lets the system begin to read a cell that will soon be wanted.
-    pub fn expect(&self, cell: u32) {
+    pub fn expect(&self, cell: CellId) {
         self.chunks_of(cell).iter().for_each(|chunk| self.file.expect(chunk.offset, chunk.bytes));
     }
 
     /// Gives the payload bytes of a cell back to the file system; its chunk headers stay readable.
-    pub fn free(&self, cell: u32) -> Result<()> {
+    pub fn free(&self, cell: CellId) -> Result<()> {
         for chunk in self.chunks_of(cell) {
             self.file.punch(chunk.offset, chunk.bytes)?;
         }
@@ -323,20 +326,22 @@ mod tests {
         let disk = Disk::default();
         let mut writer = PackWriter::create(&disk, &path).unwrap();
         for i in 0..100u32 {
-            writer.append(i % 7, ChunkKind::Vertices, &vec![i as u8; i as usize * 31]).unwrap();
+            writer
+                .append(CellId(i % 7), ChunkKind::Vertices, &vec![i as u8; i as usize * 31])
+                .unwrap();
         }
         writer.seal().unwrap();
         let bytes = writer.length();
         drop(writer);
         let pack = Pack::open(&disk, &path, 7, bytes).unwrap();
         let mut payload = Vec::new();
-        let lengths: Vec<u64> = pack.chunks_of(3).iter().map(|c| c.bytes / 31).collect();
+        let lengths: Vec<u64> = pack.chunks_of(CellId(3)).iter().map(|c| c.bytes / 31).collect();
         assert_eq!(lengths, (0..100).filter(|i| i % 7 == 3).collect::<Vec<_>>());
-        for chunk in pack.chunks_of(3) {
+        for chunk in pack.chunks_of(CellId(3)) {
             pack.read(chunk, &mut payload).unwrap();
         }
         let mut raw = std::fs::read(&path).unwrap();
-        let victim = pack.chunks_of(3)[1];
+        let victim = pack.chunks_of(CellId(3))[1];
         raw[victim.offset as usize] ^= 1;
         std::fs::write(&path, &raw).unwrap();
         let error = pack.read(&victim, &mut payload).unwrap_err();

@@ -2,6 +2,7 @@
 
 use super::pack::PackWriter;
 use crate::error::Result;
+use crate::store::cell_id::CellId;
 use crate::store::pack_format::ChunkKind;
 
 /// Bounds of a cell's buffer: below the lower one chunk headers and reads would cost too much, above the
@@ -43,8 +44,8 @@ impl Scatter {
 
     /// Appends rows to a cell.
     #[inline]
-    pub fn push(&mut self, pack: &mut PackWriter, cell: u32, rows: &[u8]) -> Result<()> {
-        let buffer = &mut self.buffers[cell as usize];
+    pub fn push(&mut self, pack: &mut PackWriter, cell: CellId, rows: &[u8]) -> Result<()> {
+        let buffer = &mut self.buffers[cell];
         if buffer.len() + rows.len() > self.chunk_bytes {
             if !buffer.is_empty() {
                 pack.append(cell, self.kind, buffer)?;
@@ -62,9 +63,10 @@ impl Scatter {
 
     /// Writes out what is left, cell by cell; the buffers can be filled again.
     pub fn flush(&mut self, pack: &mut PackWriter) -> Result<()> {
-        for (cell, buffer) in self.buffers.iter_mut().enumerate() {
+        let cells = CellId::first(self.buffers.len());
+        for (cell, buffer) in cells.zip(&mut self.buffers) {
             if !buffer.is_empty() {
-                pack.append(cell as u32, self.kind, buffer)?;
+                pack.append(cell, self.kind, buffer)?;
                 buffer.clear();
             }
         }

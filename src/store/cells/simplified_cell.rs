@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::kernel::{FitStatistics, Quality, QualityAt, Simplified, Statistics};
 use crate::mesh::Mesh;
 use crate::mesh::relief::Relief;
+use crate::store::cell_id::CellId;
 use crate::store::cells::cell_mesh::CellMesh;
 use crate::store::cells::cell_mesh::Dropped;
 use crate::store::pack_format::ChunkKind;
@@ -27,7 +28,7 @@ pub struct SurvivorFile {
     /// Sealed length of the pack.
     pub pack_bytes: u64,
     /// The first of its cells; the last is the one before the first of the next pack.
-    pub first_cell: u32,
+    pub first_cell: CellId,
 }
 
 /// The sealed description of survivors: of all cells of a round, or of a part of them.
@@ -290,7 +291,7 @@ pub struct SurvivorWriter {
     pack: PackWriter,
     layout: VertexLayout,
     /// Tallies of the cells that were appended by this process.
-    appended: BTreeMap<u32, (CellTally, CellStatistics)>,
+    appended: BTreeMap<CellId, (CellTally, CellStatistics)>,
 }
 
 impl SurvivorWriter {
@@ -308,22 +309,22 @@ impl SurvivorWriter {
     }
 
     /// The cells that are already in the pack.
-    pub fn finished(&self) -> Vec<u32> {
+    pub fn finished(&self) -> Vec<CellId> {
         self.pack.chunks().iter().map(|chunk| chunk.cell).collect()
     }
 
     /// Opens the cells that are already in the pack, of `n_cells`, for reading.
     pub fn reader(&mut self, disk: &Disk, n_cells: usize) -> Result<SurvivorPack> {
-        let packs = vec![self.pack.reader(disk, n_cells as u32)?];
+        let packs = vec![self.pack.reader(disk, n_cells)?];
         let file = SurvivorFile { pack: self.name.clone(), ..SurvivorFile::default() };
         let info = SurvivorInfo { packs: vec![file], ..SurvivorInfo::default() };
         Ok(SurvivorPack { info, layout: self.layout.clone(), packs })
     }
 
     /// Appends one cell.
-    pub fn append(&mut self, cell: usize, survivors: &Survivors) -> Result<()> {
-        self.pack.append(cell as u32, ChunkKind::Survivors, &survivors.encode(&self.layout))?;
-        self.appended.insert(cell as u32, (survivors.tally(), survivors.statistics.clone()));
+    pub fn append(&mut self, cell: CellId, survivors: &Survivors) -> Result<()> {
+        self.pack.append(cell, ChunkKind::Survivors, &survivors.encode(&self.layout))?;
+        self.appended.insert(cell, (survivors.tally(), survivors.statistics.clone()));
         self.pack.flush()
     }
 
@@ -350,7 +351,7 @@ impl SurvivorWriter {
             packs: vec![SurvivorFile {
                 pack: self.name,
                 pack_bytes: self.pack.length(),
-                first_cell: cells.start as u32,
+                first_cell: CellId::at(cells.start),
             }],
             cells: vec![CellTally::default(); cells.len()],
             statistics: CellStatistics::of_none(),
@@ -358,15 +359,15 @@ impl SurvivorWriter {
         };
         drop(self.pack);
         let pack = SurvivorPack::open(disk, folder, info.clone(), self.layout)?;
-        for cell in cells.clone() {
-            let (tally, statistics) = match self.appended.remove(&(cell as u32)) {
+        for (place, cell) in cells.map(CellId::at).enumerate() {
+            let (tally, statistics) = match self.appended.remove(&cell) {
                 Some(known) => known,
                 None => {
                     let survivors = pack.load(cell)?;
                     (survivors.tally(), survivors.statistics)
                 }
             };
-            info.cells[cell - cells.start] = tally;
+            info.cells[place] = tally;
             info.triangles += tally.triangles;
             info.statistics.add(statistics);
         }
@@ -400,10 +401,10 @@ impl SurvivorPack {
         info: SurvivorInfo,
         layout: VertexLayout,
     ) -> Result<Self> {
-        let first = info.packs.first().map_or(0, |file| file.first_cell);
+        let first = info.packs.first().map_or(0, |file| file.first_cell.index());
         let ends = info.packs.iter().skip(1).map(|file| file.first_cell);
-        let ends = ends.chain(std::iter::once(first + info.cells.len() as u32));
-        let open = |(file, end): (&SurvivorFile, u32)| {
+        let ends = ends.chain(std::iter::once(CellId::at(first + info.cells.len())));
+        let open = |(file, end): (&SurvivorFile, CellId)| {
             Pack::open_some(disk, &folder.join(&file.pack), file.first_cell..end, file.pack_bytes)
         };
         let packs = info.packs.iter().zip(ends).map(open).collect::<Result<_>>()?;
@@ -421,14 +422,13 @@ impl SurvivorPack {
     }
 
     /// Loads what is left of one cell.
-    pub fn load(&self, cell: usize) -> Result<Survivors> {
-        let number = cell as u32;
-        let at = self.info.packs.partition_point(|file| file.first_cell <= number);
+    pub fn load(&self, cell: CellId) -> Result<Survivors> {
+        let at = self.info.packs.partition_point(|file| file.first_cell <= cell);
         let at = at
             .checked_sub(1)
             .ok_or_else(|| Error::corrupt("the survivors", format!("begin after cell {cell}")))?;
         let (file, pack) = (&self.info.packs[at], &self.packs[at]);
-        let chunk = pack.chunks_of(number).last().ok_or_else(|| {
+        let chunk = pack.chunks_of(cell).last().ok_or_else(|| {
             Error::corrupt(
                 Path::new(&file.pack),
                 format!("cell {cell} is missing; run again with --restart"),

@@ -8,6 +8,7 @@ use super::cell_store::{CellTally, StoreInfo, VertexLayout};
 use super::pack::{Pack, PackWriter};
 use super::scatter::Scatter;
 use crate::error::Result;
+use crate::store::cell_id::CellId;
 use crate::store::pack_format::{ChunkKind, IdWidth};
 use crate::store::stage_context::StageContext;
 use std::collections::BTreeMap;
@@ -38,26 +39,25 @@ pub fn split_overfull(
     run: &StageContext,
 ) -> Result<StoreInfo> {
     let limit = planned_triangles.saturating_mul(OVERFULL);
-    let overfull: Vec<u32> = (0..info.cells.len() as u32)
-        .filter(|&c| info.cells[c as usize].triangles > limit)
-        .collect();
+    let is_overfull = |cell: &CellId| info.cells[*cell].triangles > limit;
+    let overfull: Vec<CellId> = CellId::first(info.cells.len()).filter(is_overfull).collect();
     if overfull.is_empty() {
         return Ok(info);
     }
     info.split_at = pack.length();
-    info.first_part = info.cells.len() as u32;
-    let source = pack.reader(run.disk(), info.cells.len() as u32)?;
+    info.first_part = CellId::at(info.cells.len());
+    let source = pack.reader(run.disk(), info.cells.len())?;
     for &cell in &overfull {
         let old = Old { source: &source, cell, layout, info: &info };
         let cuts = old.cuts(planned_triangles, round, run)?;
         // The first part keeps the cell's number; the others come behind all cells.
-        let numbers: Vec<u32> = std::iter::once(cell)
-            .chain((0..cuts.len() as u32).map(|i| info.cells.len() as u32 + i))
-            .collect();
-        let tally = old.write_parts(&cuts, &numbers, pack, run)?;
-        info.cells.resize(info.cells.len() + cuts.len(), CellTally::default());
-        for (&number, part) in numbers.iter().zip(tally) {
-            info.cells[number as usize] = part;
+        let n_cells = info.cells.len();
+        let parts: Vec<CellId> =
+            std::iter::once(cell).chain((n_cells..n_cells + cuts.len()).map(CellId::at)).collect();
+        let tally = old.write_parts(&cuts, &parts, pack, run)?;
+        info.cells.resize(n_cells + cuts.len(), CellTally::default());
+        for (&part, rows) in parts.iter().zip(tally) {
+            info.cells[part] = rows;
         }
         pack.flush()?;
     }
@@ -78,7 +78,7 @@ fn hash((sum, lowest): Key) -> u64 {
 /// A cell that is split.
 struct Old<'a> {
     source: &'a Pack,
-    cell: u32,
+    cell: CellId,
     layout: &'a VertexLayout,
     info: &'a StoreInfo,
 }
@@ -120,7 +120,7 @@ impl Old<'_> {
     /// The keys at which parts begin, without the first. Odd rounds begin with half a part, so that the
     /// seams of one round lie inside the parts of the next.
     fn cuts(&self, planned_triangles: u64, round: u32, run: &StageContext) -> Result<Vec<Key>> {
-        let n_triangles = self.info.cells[self.cell as usize].triangles;
+        let n_triangles = self.info.cells[self.cell].triangles;
         // The keys of lowest hash, each with its number of triangles: the same for any order of the rows.
         let mut lowest: BTreeMap<(u64, Key), u64> = BTreeMap::new();
         self.each_triangle(run, |key, _| {
@@ -157,30 +157,29 @@ impl Old<'_> {
         Ok(cuts)
     }
 
-    /// Writes the parts; gives back their rows.
+    /// Writes the parts under the numbers of their cells; gives back their rows.
     fn write_parts(
         &self,
         cuts: &[Key],
-        numbers: &[u32],
+        cells: &[CellId],
         pack: &mut PackWriter,
         run: &StageContext,
     ) -> Result<Vec<CellTally>> {
         let part_of = |key: Key| cuts.partition_point(|cut| *cut <= key);
         let ids = self.layout.ids;
-        let n_numbers = numbers.iter().max().map_or(0, |&most| most + 1);
-        let buffers = |kind| Scatter::new(kind, n_numbers, run.memory_bytes / BUFFER_SHARE);
+        let n_cells = cells.iter().max().map_or(0, |last| last.0 + 1);
+        let buffers = |kind| Scatter::new(kind, n_cells, run.memory_bytes / BUFFER_SHARE);
         let mut vertices = buffers(ChunkKind::Vertices);
         let mut triangles = buffers(ChunkKind::Triangles);
         let mut marks = buffers(ChunkKind::SharedIds);
-        let mut tally = vec![CellTally::default(); numbers.len()];
+        let mut tally = vec![CellTally::default(); cells.len()];
         self.each_triangle(run, |key, row| {
             let part = part_of(key);
             tally[part].triangles += 1;
-            triangles.push(pack, numbers[part], row)
+            triangles.push(pack, cells[part], row)
         })?;
         triangles.finish(pack)?;
-        let n_windows =
-            self.info.cells[self.cell as usize].vertices.div_ceil(WINDOW_VERTICES).max(1);
+        let n_windows = self.info.cells[self.cell].vertices.div_ceil(WINDOW_VERTICES).max(1);
         for window in 0..n_windows {
             // By a hash, so that windows are even whatever ids the cell holds.
             let is_in = |id: u64| {
@@ -206,9 +205,9 @@ impl Old<'_> {
                 let is_shared = n > 1 || marked.binary_search(&id).is_ok();
                 for &(_, part) in &users[from..from + n] {
                     tally[part as usize].vertices += 1;
-                    vertices.push(pack, numbers[part as usize], row)?;
+                    vertices.push(pack, cells[part as usize], row)?;
                     if is_shared {
-                        marks.push(pack, numbers[part as usize], &row[..ids.bytes])?;
+                        marks.push(pack, cells[part as usize], &row[..ids.bytes])?;
                     }
                 }
                 Ok(())
