@@ -8,6 +8,7 @@ pub(crate) mod bounds;
 pub(crate) mod codec;
 mod color_channels;
 pub(crate) mod face_properties;
+pub mod global_vertex;
 pub(crate) mod morton;
 pub(crate) mod oklab;
 pub mod property;

@@ -4,6 +4,7 @@
 //! `TopologyCounter`, which settles it once all cells have come. `of_triangles` does both for a mesh in
 //! memory. Looks at vertex ids alone: positions, and thereby welding, are none of its business.
 
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::mesh::union_find::Union;
 /// Connectivity in numbers, as `info --check` and `measure` report it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -36,8 +37,8 @@ pub struct Topology {
 pub struct CellPart<'a> {
     /// Corners, as places in `global` and `shared`.
     pub triangles: &'a [[u32; 3]],
-    /// The id in the whole mesh of each vertex of the cell.
-    pub global: &'a [u64],
+    /// The number in the whole mesh of each vertex of the cell.
+    pub global: &'a [GlobalVertex],
     /// True if triangles of other cells use this vertex too. True is always safe, and only costs memory.
     pub shared: &'a [bool],
 }
@@ -58,11 +59,11 @@ pub struct CellCounts {
     n_edges: u64,
     n_used: u64,
     /// Edges between shared vertices, the smaller id first.
-    edges: Vec<([u64; 2], Uses)>,
+    edges: Vec<([GlobalVertex; 2], Uses)>,
     /// Triangles of three shared vertices, ids ascending.
-    triangles: Vec<[u64; 3]>,
+    triangles: Vec<[GlobalVertex; 3]>,
     /// Used shared vertices with one that they are connected to inside the cell (perhaps themselves).
-    links: Vec<[u64; 2]>,
+    links: Vec<[GlobalVertex; 2]>,
 }
 
 /// Counts what it is given, cell by cell.
@@ -121,7 +122,7 @@ pub fn count_cell(part: &CellPart) -> CellCounts {
 fn count(triangles: &[[u32; 3]], n_vertices: usize, part: Option<&CellPart>) -> CellCounts {
     let mut counts = CellCounts::default();
     let is_shared = |v: u32| part.is_some_and(|part| part.shared[v as usize]);
-    let global = |v: u32| part.map_or(u64::from(v), |part| part.global[v as usize]);
+    let global = |v: u32| part.map_or(GlobalVertex::in_memory(v), |part| part.global[v as usize]);
     counts.settled.triangles = triangles.len() as u64;
     let mut union = Union::new(n_vertices);
     let mut used = vec![false; n_vertices];
@@ -194,7 +195,7 @@ fn count_edges<'a>(
     triangles: impl Iterator<Item = &'a [u32; 3]> + Clone,
     n_vertices: usize,
     is_shared: impl Fn(u32) -> bool,
-    global: impl Fn(u32) -> u64,
+    global: impl Fn(u32) -> GlobalVertex,
     counts: &mut CellCounts,
 ) {
     let edges = |out: &mut dyn FnMut(u32, (u32, bool))| {
@@ -228,7 +229,7 @@ fn count_duplicates<'a>(
     triangles: impl Iterator<Item = &'a [u32; 3]> + Clone,
     n_vertices: usize,
     is_shared: impl Fn(u32) -> bool,
-    global: impl Fn(u32) -> u64,
+    global: impl Fn(u32) -> GlobalVertex,
     counts: &mut CellCounts,
 ) {
     let corner_sets = |out: &mut dyn FnMut(u32, [u32; 2])| {
@@ -298,12 +299,13 @@ impl TopologyCounter {
         let repeats = triangles.chunk_by(|a, b| a == b).map(|run| run.len() as u64 - 1);
         topology.duplicate_triangles += repeats.sum::<u64>();
         // Every used shared vertex stands second in some link, every first one too.
-        let mut ids: Vec<u64> = links.iter().map(|link| link[1]).collect();
+        let mut ids: Vec<GlobalVertex> = links.iter().map(|link| link[1]).collect();
         ids.sort_unstable();
         ids.dedup();
         links.retain(|[speaker, vertex]| speaker != vertex);
-        let place =
-            |id: u64| ids.binary_search(&id).expect("a speaker has a link to itself") as u32;
+        let place = |id: GlobalVertex| {
+            ids.binary_search(&id).expect("a speaker has a link to itself") as u32
+        };
         let mut union = Union::new(ids.len());
         links.iter().for_each(|&[speaker, vertex]| union.join(place(speaker), place(vertex)));
         let n_roots = (0..ids.len() as u32).filter(|&v| union.root(v) == v).count() as u64;
@@ -318,7 +320,7 @@ impl TopologyCounter {
 }
 
 /// Sorts edges and makes one of those with the same ends.
-fn unite_edges(edges: &mut Vec<([u64; 2], Uses)>) {
+fn unite_edges(edges: &mut Vec<([GlobalVertex; 2], Uses)>) {
     edges.sort_unstable_by_key(|&(ends, _)| ends);
     edges.dedup_by(|gone, kept| {
         let same = gone.0 == kept.0;
@@ -343,13 +345,15 @@ mod tests {
         let mut counter = TopologyCounter::default();
         for cell in 0..n_cells {
             // Local numbers run backwards, so that ids and places are ordered differently.
-            let global: Vec<u64> = (0..n_vertices as u64)
+            let held: Vec<u32> = (0..n_vertices as u32)
                 .rev()
                 .filter(|&v| users[v as usize].contains(&cell))
                 .collect();
-            let local = |v: u32| global.iter().position(|&g| g == u64::from(v)).unwrap() as u32;
+            let global: Vec<GlobalVertex> =
+                held.iter().copied().map(GlobalVertex::in_memory).collect();
+            let local = |v: u32| held.iter().position(|&known| known == v).unwrap() as u32;
             let shared: Vec<bool> =
-                global.iter().map(|&v| users[v as usize].iter().any(|&u| u != cell)).collect();
+                held.iter().map(|&v| users[v as usize].iter().any(|&u| u != cell)).collect();
             let own: Vec<[u32; 3]> = (0..triangles.len())
                 .filter(|&i| cell_of(i) == cell)
                 .map(|i| triangles[i].map(local))

@@ -4,6 +4,7 @@
 
 use crate::error::Result;
 use crate::io::ply::{OutputHeader, PlyWriter};
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::mesh::record::VertexSchema;
 use crate::store::cell_id::CellId;
 use crate::store::cells::CellStore;
@@ -12,7 +13,7 @@ use std::path::Path;
 
 /// Writes the shared vertices of all cells; memory: 32 bytes per shared vertex.
 pub fn write(store: &CellStore, path: &Path, run: &StageContext) -> Result<()> {
-    let mut points: Vec<(u64, [f64; 3])> = Vec::new();
+    let mut points: Vec<(GlobalVertex, [f64; 3])> = Vec::new();
     for cell in CellId::first(store.n_cells()) {
         run.progress.check()?;
         let mesh = store.load(cell)?;

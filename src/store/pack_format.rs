@@ -5,6 +5,7 @@
 //! sealed pack ends with an index of its chunks.
 
 use crate::error::{Error, Result};
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::store::cell_id::CellId;
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
@@ -181,16 +182,16 @@ impl IdWidth {
 
     /// Appends an id.
     #[inline]
-    pub fn push(self, id: u64, out: &mut Vec<u8>) {
-        out.extend_from_slice(&id.to_le_bytes()[..self.bytes]);
+    pub fn push(self, id: GlobalVertex, out: &mut Vec<u8>) {
+        out.extend_from_slice(&id.0.to_le_bytes()[..self.bytes]);
     }
 
     /// Reads the id at the start of `row`.
     #[inline]
-    pub fn read(self, row: &[u8]) -> u64 {
-        match self.bytes {
-            4 => u64::from(u32_at(row, 0)),
+    pub fn read(self, row: &[u8]) -> GlobalVertex {
+        GlobalVertex(match self.bytes {
+            4 => u32_at(row, 0).into(),
             _ => u64_at(row, 0),
-        }
+        })
     }
 }

@@ -3,13 +3,14 @@
 //! Places do not tell vertices apart where sheets touch, and a vertex on the borders of two rounds is rounded differently in
 //! tiles of two levels. So the checker and `extract` know a vertex by its number in the input. Viewers do not read it.
 
+use crate::mesh::global_vertex::GlobalVertex;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// First bytes of a file.
 const MAGIC: &[u8; 8] = b"stcids 1";
 
 /// For each vertex of a tile that other tiles may have, its place in the file of the tile and its number, by place.
-pub type TileBorder = Vec<(u32, u64)>;
+pub type TileBorder = Vec<(u32, GlobalVertex)>;
 
 /// The file of the tiles of a group, from the path of one of them, and which of them it is.
 pub fn border_path(tile: &str) -> Option<(String, usize)> {
@@ -26,9 +27,9 @@ pub fn encode_borders(tiles: &[TileBorder]) -> Vec<u8> {
         let (mut place, mut id) = (0, 0u64);
         for &(at, number) in tile {
             put(&mut out, u64::from(at - place));
-            let off = number.wrapping_sub(id) as i64;
+            let off = number.0.wrapping_sub(id) as i64;
             put(&mut out, ((off << 1) ^ (off >> 63)) as u64);
-            (place, id) = (at, number);
+            (place, id) = (at, number.0);
         }
     }
     let checksum = xxh3_64(&out);
@@ -54,7 +55,7 @@ pub fn decode_borders(bytes: &[u8]) -> Result<Vec<TileBorder>, String> {
             place = place.checked_add(step).ok_or_else(damaged)?;
             let off = next()?;
             id = id.wrapping_add((off >> 1) ^ (off & 1).wrapping_neg());
-            tile.push((place, id));
+            tile.push((place, GlobalVertex(id)));
         }
         tiles.push(tile);
     }
@@ -89,10 +90,11 @@ mod tests {
 
     #[test]
     fn borders_come_back_and_damage_is_refused() {
+        let number = |(at, id)| (at, GlobalVertex(id));
         let tiles = vec![
-            vec![(0, 7), (1, u64::MAX), (900, 0), (70_000, 1 << 40)],
+            [(0, 7), (1, u64::MAX), (900, 0), (70_000, 1 << 40)].map(number).to_vec(),
             Vec::new(),
-            vec![(u32::MAX, 3)],
+            vec![(u32::MAX, GlobalVertex(3))],
         ];
         let bytes = encode_borders(&tiles);
         assert_eq!(decode_borders(&bytes).unwrap(), tiles);

@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::measure::Unit;
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::store::cell_id::CellId;
 use crate::store::cells::{CellStore, CellTally, load_bytes};
 use crate::system::parallel::{Weighted, largest_first};
@@ -116,7 +117,7 @@ pub(crate) fn in_store(
 
 impl Work<'_> {
     /// The places and triangles of a cell, and the ids of its vertices.
-    fn load(&self, cell: CellId) -> Result<(Mesh, Vec<u64>)> {
+    fn load(&self, cell: CellId) -> Result<(Mesh, Vec<GlobalVertex>)> {
         let loaded = self.store.load(cell)?;
         let mut mesh = Mesh::new(loaded.mesh.positions, loaded.mesh.triangles);
         self.unit.turn(&mut mesh);

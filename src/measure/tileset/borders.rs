@@ -7,6 +7,7 @@ use super::found::TilesetCheck;
 use super::rules::Tree;
 use crate::io::TileMesh;
 use crate::io::tileset::TileBorder;
+use crate::mesh::global_vertex::GlobalVertex;
 use std::collections::BTreeMap;
 
 /// A place in steps of the tile's level.
@@ -15,7 +16,7 @@ type Node = [i32; 3];
 /// An edge between two vertices that other tiles may have: their numbers, the lower one first, and their places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Edge {
-    ids: [u64; 2],
+    ids: [GlobalVertex; 2],
     places: [Node; 2],
 }
 

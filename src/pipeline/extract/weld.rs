@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::io::tileset::{TileBorder, border_path, decode_borders};
 use crate::io::{StoredTile, decode_tile};
 use crate::mesh::Mesh;
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::system::parallel::{guarded, in_order};
 use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
@@ -41,7 +42,7 @@ pub(super) fn join(
     progress: &Progress,
 ) -> Result<Mesh> {
     let mut mesh = Mesh::default();
-    let mut known: HashMap<u64, u32> = HashMap::new();
+    let mut known: HashMap<GlobalVertex, u32> = HashMap::new();
     mesh.triangles.reserve_exact(cut.triangles as usize);
     let name = |index: u64| tree.nodes[cut.tiles[index as usize]].content.as_deref().unwrap_or("");
     in_order(
@@ -89,7 +90,7 @@ pub(super) fn join(
 
 fn add(
     mesh: &mut Mesh,
-    known: &mut HashMap<u64, u32>,
+    known: &mut HashMap<GlobalVertex, u32>,
     tile: &StoredTile,
     border: &TileBorder,
     origin: [f64; 3],

@@ -10,6 +10,7 @@ use super::whole::Whole;
 use crate::error::Result;
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::stages::partition::chosen;
 use crate::store::cell_id::CellId;
 use crate::store::cells::{CellMesh, CellTree, TurnedFrame, n_samples, plan_cells};
@@ -88,7 +89,7 @@ impl Cut {
         let ranks = Ranks::of(corners);
         let vertices: Vec<u32> = ranks.ids().collect();
         let mut out = CellMesh {
-            ids: vertices.iter().map(|&v| u64::from(whole.ids[v as usize])).collect(),
+            ids: vertices.iter().map(|&v| GlobalVertex::in_memory(whole.ids[v as usize])).collect(),
             records: Vec::new(),
             shared: vertices.iter().map(|&v| self.shared[v as usize]).collect(),
             mesh: Mesh {
@@ -227,11 +228,12 @@ mod tests {
                 let loaded = cut.load(&whole, cell, true);
                 assert_eq!(loaded.mesh.triangles.len() as u64, cut.n_triangles(cell));
                 for (v, &id) in loaded.ids.iter().enumerate() {
-                    users[id as usize] += 1;
-                    assert_eq!(loaded.mesh.positions[v], whole.mesh.positions[id as usize]);
+                    let id = id.narrow() as usize;
+                    users[id] += 1;
+                    assert_eq!(loaded.mesh.positions[v], whole.mesh.positions[id]);
                     assert_eq!(loaded.mesh.channels[v], id as f32);
                 }
-                let named = |t: &[u32; 3]| t.map(|v| loaded.ids[v as usize] as u32);
+                let named = |t: &[u32; 3]| t.map(|v| loaded.ids[v as usize].narrow());
                 found.extend(loaded.mesh.triangles.iter().map(named));
             }
             found.sort_unstable();

@@ -16,6 +16,7 @@ use crate::kernel::{self, FitStatistics, Options, Statistics, Stop};
 use crate::mesh::Mesh;
 use crate::mesh::attribute_weights::ChannelSample;
 use crate::mesh::codec::ChannelKind;
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::pipeline::quality::QualityCurve;
 use crate::pipeline::run_report::{QualityReport, StopReason};
 use crate::stages::stitch::{self, Step};
@@ -261,7 +262,7 @@ impl<'a> Run<'a> {
         let Whole { ids, mesh } = whole;
         let mut cell = CellMesh {
             shared: vec![false; ids.len()],
-            ids: ids.into_iter().map(u64::from).collect(),
+            ids: ids.into_iter().map(GlobalVertex::in_memory).collect(),
             mesh,
             ..CellMesh::default()
         };
@@ -283,7 +284,7 @@ impl<'a> Run<'a> {
         self.report.fit = statistics.fit;
         let quality = statistics.quality.unwrap_or_default();
         self.quality.add_round(&statistics.curve, quality, simplified.mesh.triangles.len() as u64);
-        let source = simplified.source.iter().map(|&v| ids[v as usize] as u32).collect();
+        let source = simplified.source.iter().map(|&v| ids[v as usize].narrow()).collect();
         Ok(sorted(Whole { ids: source, mesh: simplified.mesh }))
     }
 

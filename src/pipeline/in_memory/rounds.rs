@@ -6,6 +6,7 @@ use super::cells::Cut;
 use super::whole::{Left, Whole};
 use crate::error::Result;
 use crate::kernel::{self, Options, Simplified, Stepwise, Stop};
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::stages::simplify::{Thresholds, descend, ladder, pilot_cells};
 use crate::store::cell_id::CellId;
 use crate::store::cells::CellMesh;
@@ -93,7 +94,7 @@ fn for_cells(
 }
 
 /// Sampled cells on their way, by cell: the ids of their vertices, and the cell below all rungs it is to take.
-type Begun = BTreeMap<CellId, (Vec<u64>, Stepwise)>;
+type Begun = BTreeMap<CellId, (Vec<GlobalVertex>, Stepwise)>;
 
 struct Pilot<'a> {
     cut: &'a Cut,
@@ -104,7 +105,7 @@ struct Pilot<'a> {
 
 /// One sampled cell: the ids of its vertices, its counts after each rung, and copies by number of rungs taken.
 struct Sampled {
-    ids: Vec<u64>,
+    ids: Vec<GlobalVertex>,
     counts: Vec<u64>,
     copies: BTreeMap<usize, Stepwise>,
 }

@@ -2,12 +2,13 @@
 
 use crate::kernel::Simplified;
 use crate::mesh::Mesh;
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::store::cells::IdMap;
 
 /// A mesh whose vertices know which vertex of the input they are.
 #[derive(Default)]
 pub(super) struct Whole {
-    /// Input vertex of each vertex.
+    /// Input vertex of each vertex, in 4 bytes.
     pub(super) ids: Vec<u32>,
     pub(super) mesh: Mesh,
 }
@@ -15,7 +16,7 @@ pub(super) struct Whole {
 /// One simplified cell.
 pub(super) struct Left {
     /// Input vertex of each vertex that went into the kernel.
-    pub(super) ids: Vec<u64>,
+    pub(super) ids: Vec<GlobalVertex>,
     pub(super) simplified: Simplified,
 }
 
@@ -50,6 +51,6 @@ impl Whole {
             mesh.triangles.extend(triangles.map(|t| t.map(|v| local[v as usize])));
             mesh.relief.extend_from_slice(&simplified.mesh.relief);
         }
-        Whole { ids: ids.into_iter().map(|id| id as u32).collect(), mesh }
+        Whole { ids: ids.into_iter().map(GlobalVertex::narrow).collect(), mesh }
     }
 }

@@ -135,13 +135,14 @@ fn u64_at(row: &[u8], at: usize) -> u64 {
 mod tests {
     use super::*;
     use crate::mesh::Mesh;
+    use crate::mesh::global_vertex::GlobalVertex;
 
     #[test]
     fn a_note_comes_back_and_damage_does_not_panic() {
         // Two triangles, the second with a shared vertex, and a shared vertex by itself.
         let positions: Vec<[f64; 3]> = (0..7).map(|i| [f64::from(i), -0.0, 1.5]).collect();
         let cell = CellMesh {
-            ids: (0..7).collect(),
+            ids: (0..7).map(GlobalVertex).collect(),
             shared: vec![false, false, false, false, true, false, true],
             mesh: Mesh::new(positions, vec![[0, 1, 2], [3, 4, 5]]),
             ..CellMesh::default()

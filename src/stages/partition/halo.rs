@@ -7,13 +7,14 @@ use crate::error::Result;
 use crate::io::ply::BLOCK_ROWS;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::{ExternalSort, halves, whole};
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::store::cell_id::CellId;
 use crate::store::cells::{Pack, PackWriter};
 use crate::store::pack_format::ChunkKind;
 use std::path::Path;
 
 /// A vertex, and a cell that uses it without owning it.
-pub(super) type Foreign = (u64, CellId);
+pub(super) type Foreign = (GlobalVertex, CellId);
 
 /// Bytes of a pair on disk and in memory, and the number of pairs in a chunk or read at a time.
 const FOREIGN_BYTES: usize = 12;
@@ -82,7 +83,7 @@ impl Gathering {
                 self.list.extend(payload.chunks_exact(FOREIGN_BYTES).map(decode));
             }
             self.tidy();
-            let mut blocks: Vec<u64> = self.list.iter().map(|row| row.0 / BLOCK_ROWS).collect();
+            let mut blocks: Vec<u64> = self.list.iter().map(|row| row.0.0 / BLOCK_ROWS).collect();
             blocks.dedup();
             return Ok(Halo {
                 n_rows: self.list.len() as u64,
@@ -93,26 +94,27 @@ impl Gathering {
         let memory = self.most_rows * LISTED_BYTES as usize / 2;
         let mut sort = ExternalSort::<3>::new(folder, memory);
         for (id, cell) in std::mem::take(&mut self.list) {
-            let [high, low] = halves(id);
+            let [high, low] = halves(id.0);
             sort.push([high, low, cell.0])?;
         }
         for (reader, chunk) in notes {
             reader.read(chunk, &mut payload)?;
             for row in payload.chunks_exact(FOREIGN_BYTES) {
                 let (id, cell) = decode(row);
-                let [high, low] = halves(id);
+                let [high, low] = halves(id.0);
                 sort.push([high, low, cell.0])?;
             }
         }
         let mut spool = Spool::new(folder);
         let (mut last, mut n_rows, mut blocks) = (None, 0, Vec::new());
         sort.drain(|[high, low, cell]| {
-            let row = (whole(high, low), CellId(cell));
+            let row = (GlobalVertex(whole(high, low)), CellId(cell));
             if last.replace(row) != Some(row) {
                 spool.write(&encode(row))?;
                 n_rows += 1;
-                if blocks.last() != Some(&(row.0 / BLOCK_ROWS)) {
-                    blocks.push(row.0 / BLOCK_ROWS);
+                let block = row.0.0 / BLOCK_ROWS;
+                if blocks.last() != Some(&block) {
+                    blocks.push(block);
                 }
             }
             Ok(())
@@ -139,7 +141,7 @@ fn note(rows: impl Iterator<Item = Result<Foreign>>, pack: &mut PackWriter) -> R
 
 fn encode((id, cell): Foreign) -> [u8; FOREIGN_BYTES] {
     let mut out = [0; FOREIGN_BYTES];
-    out[..8].copy_from_slice(&id.to_le_bytes());
+    out[..8].copy_from_slice(&id.0.to_le_bytes());
     out[8..].copy_from_slice(&cell.0.to_le_bytes());
     out
 }
@@ -147,7 +149,7 @@ fn encode((id, cell): Foreign) -> [u8; FOREIGN_BYTES] {
 fn decode(row: &[u8]) -> Foreign {
     let (id, cell) = row.split_at(8);
     let id = u64::from_le_bytes(id.try_into().expect("8 bytes"));
-    (id, CellId(u32::from_le_bytes(cell.try_into().expect("4 bytes"))))
+    (GlobalVertex(id), CellId(u32::from_le_bytes(cell.try_into().expect("4 bytes"))))
 }
 
 enum Rows {
@@ -165,11 +167,11 @@ pub(super) struct Halo {
 
 impl Halo {
     /// Pairs from vertex `first_id` on, one after the other.
-    pub(super) fn from(&self, first_id: u64) -> Result<Cursor<'_>> {
+    pub(super) fn from(&self, first: GlobalVertex) -> Result<Cursor<'_>> {
         let (mut low, mut high) = (0, self.n_rows);
         while low < high {
             let middle = low + (high - low) / 2;
-            match self.row(middle)?.0 < first_id {
+            match self.row(middle)?.0 < first {
                 true => low = middle + 1,
                 false => high = middle,
             }
@@ -190,7 +192,7 @@ impl Halo {
 
     /// Appends all pairs to the pack, as a note for a run that takes up what follows.
     pub(super) fn note(&self, pack: &mut PackWriter) -> Result<()> {
-        let mut cursor = self.from(0)?;
+        let mut cursor = self.from(GlobalVertex(0))?;
         note(std::iter::from_fn(|| cursor.take().transpose()), pack)
     }
 }

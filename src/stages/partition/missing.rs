@@ -3,6 +3,7 @@
 use super::halo::{Foreign, Gathering};
 use super::passes::Passes;
 use crate::error::Result;
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::store::cell_id::CellId;
 use crate::store::cells::{IdMap, Pack, PackWriter};
 use crate::store::pack_format::ChunkKind;
@@ -44,11 +45,11 @@ impl Passes<'_> {
         let mut payload = Vec::new();
         let mut sorted_up_to = 0;
         // Ids below it were looked up in an earlier stretch.
-        let mut from = 0u64;
+        let mut from = GlobalVertex(0);
         for stretch in 0..n_own.div_ceil(OWN_ROWS).max(1) {
             let rows = stretch * OWN_ROWS..(stretch + 1) * OWN_ROWS;
             let mut map = IdMap::with_capacity(n_own.min(OWN_ROWS));
-            let mut own: Vec<u64> = Vec::with_capacity(n_own.min(OWN_ROWS));
+            let mut own: Vec<GlobalVertex> = Vec::with_capacity(n_own.min(OWN_ROWS));
             let mut at = 0;
             for chunk in chunks(ChunkKind::Vertices) {
                 let n = chunk.bytes as usize / row_bytes;
@@ -62,7 +63,8 @@ impl Passes<'_> {
                 at += n;
             }
             let is_last = rows.end >= n_own;
-            let end = own.last().filter(|_| !is_last).map_or(u64::MAX, |&last| last + 1);
+            let end = own.last().filter(|_| !is_last);
+            let end = end.map_or(GlobalVertex(u64::MAX), |last| GlobalVertex(last.0 + 1));
             for chunk in chunks(ChunkKind::Triangles) {
                 self.run.progress.check()?;
                 reader.read(chunk, &mut payload)?;

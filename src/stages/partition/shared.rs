@@ -5,6 +5,7 @@ use super::halo::Halo;
 use super::passes::Passes;
 use crate::error::{Error, Result};
 use crate::io::ply::{BLOCK_ROWS, VertexBlock};
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::store::cells::PackWriter;
 use crate::store::pack_format::ChunkKind;
 use crate::system::parallel::in_order;
@@ -26,8 +27,8 @@ impl Passes<'_> {
         let start = self.place;
         let first_block = (start.block as usize).min(foreign.blocks.len());
         let blocks = &foreign.blocks[first_block..];
-        let first_id = blocks.first().map_or(u64::MAX, |block| block * BLOCK_ROWS);
-        let mut next = foreign.from(first_id)?;
+        let first = blocks.first().map_or(u64::MAX, |block| block * BLOCK_ROWS);
+        let mut next = foreign.from(GlobalVertex(first))?;
         let mut seams = start.seams;
         let off_sq = |place: [f64; 3]| (0..3).map(|k| (place[k] - middle[k]).powi(2)).sum::<f64>();
         let mut nearest_sq = seams.place.map_or(f64::INFINITY, off_sq);
@@ -41,8 +42,8 @@ impl Passes<'_> {
             |index, block: &mut VertexBlock| source.read_vertices(blocks[index as usize], block),
             |index, block| {
                 let end = block.first + (block.records.len() / record_bytes) as u64;
-                while let Some((id, _)) = next.peek()?.filter(|(id, _)| *id < end) {
-                    let start = (id - block.first) as usize * record_bytes;
+                while let Some((id, _)) = next.peek()?.filter(|(id, _)| id.0 < end) {
+                    let start = (id.0 - block.first) as usize * record_bytes;
                     let record =
                         block.records.get(start..start + record_bytes).ok_or_else(|| {
                             Error::bad_input(

@@ -5,6 +5,7 @@
 use super::*;
 
 use crate::io::ply::{OutputHeader, PlyWriter};
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::mesh::property::Scalar;
 use crate::mesh::record::VertexSchema;
 use crate::store::cell_id::CellId;
@@ -138,12 +139,12 @@ fn more_than_65536_cells_hold_every_triangle() {
         let (partition, cells) = cut_in(2, folder.path(), memory, Duration::MAX);
         assert!(cells.len() > 1 << 16, "{}", cells.len());
         assert_eq!(partition.store.triangles, 2 * (n - 1) * (n - 1));
-        let mut triangles: Vec<[u64; 3]> = Vec::new();
+        let mut triangles: Vec<[GlobalVertex; 3]> = Vec::new();
         for cell in &cells {
             for t in &cell.mesh.triangles {
                 for &v in t {
                     let (id, at) = (cell.ids[v as usize], cell.mesh.positions[v as usize]);
-                    assert_eq!(at, [(id % n) as f64, (id / n) as f64, 0.0]);
+                    assert_eq!(at, [(id.0 % n) as f64, (id.0 / n) as f64, 0.0]);
                 }
                 triangles.push(t.map(|v| cell.ids[v as usize]));
             }
@@ -210,8 +211,8 @@ fn a_cell_denser_than_planned_is_split() {
     write_mesh(folder.path(), positions, &faces);
     let (partition, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
     assert_eq!(partition.store.split.len(), 1);
-    let mut triangles: Vec<[u64; 3]> = Vec::new();
-    let mut users = BTreeMap::<u64, u32>::new();
+    let mut triangles: Vec<[GlobalVertex; 3]> = Vec::new();
+    let mut users = BTreeMap::<GlobalVertex, u32>::new();
     for (cell, tally) in cells.iter().zip(&partition.store.cells) {
         assert!(tally.triangles <= limit * 11 / 10, "{tally:?}");
         assert_eq!(tally.triangles as usize, cell.mesh.triangles.len());
@@ -223,7 +224,8 @@ fn a_cell_denser_than_planned_is_split() {
         used.iter().for_each(|&v| *users.entry(cell.ids[v as usize]).or_default() += 1);
     }
     triangles.sort_unstable();
-    let mut expected: Vec<[u64; 3]> = faces.iter().map(|t| t.map(u64::from)).collect();
+    let mut expected: Vec<[GlobalVertex; 3]> =
+        faces.iter().map(|t| t.map(GlobalVertex::in_memory)).collect();
     expected.sort_unstable();
     assert!(triangles == expected);
     for cell in &cells {

@@ -6,6 +6,7 @@ use super::halo::{Gathering, Halo};
 use super::passes::Passes;
 use super::sorted::Sorted;
 use crate::error::Result;
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::store::cells::{PackWriter, Scatter};
 use crate::store::pack_format::ChunkKind;
 use crate::system::parallel::in_order;
@@ -96,7 +97,7 @@ impl Passes<'_> {
                     out.cells.push(owner);
                     for &corner in corners.iter() {
                         if table.get(corner).is_some_and(|cell| cell != owner) {
-                            out.foreign.push((corner, owner));
+                            out.foreign.push((GlobalVertex(corner), owner));
                         }
                     }
                     true

@@ -7,6 +7,7 @@
 use crate::error::Result;
 use crate::io::{ExternalSort, halves, whole};
 use crate::mesh::bounds::Bounds;
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::store::cell_id::CellId;
 use crate::store::cells::{
     CellTally, CellTree, PackWriter, Scatter, StoreInfo, SurvivorPack, Survivors, TurnedFrame,
@@ -152,7 +153,7 @@ struct Apart {
     triangles: Vec<(CellId, Vec<u8>)>,
     marks: Vec<(CellId, Vec<u8>)>,
     /// Vertices of old seams, each behind the key of its place, and the new cells that use them.
-    open: Vec<(u64, u64, CellId)>,
+    open: Vec<(u64, GlobalVertex, CellId)>,
     n_shared: u64,
 }
 
@@ -198,7 +199,7 @@ fn scatter(
                 marks.push(pack, *cell, rows)?;
             }
             for &(place, id, cell) in &apart.open {
-                let ([a, b], [high, low]) = (halves(place), halves(id));
+                let ([a, b], [high, low]) = (halves(place), halves(id.0));
                 open.push([a, b, high, low, cell.0])?;
             }
             n_shared += apart.n_shared;
@@ -207,9 +208,9 @@ fn scatter(
         },
     )?;
     // Vertices in one place, with the cells that use them.
-    let mut users: Vec<(u64, CellId)> = Vec::new();
+    let mut users: Vec<(GlobalVertex, CellId)> = Vec::new();
     let mut last = None;
-    let mut settle = |users: &mut Vec<(u64, CellId)>| -> Result<()> {
+    let mut settle = |users: &mut Vec<(GlobalVertex, CellId)>| -> Result<()> {
         users.dedup();
         let is_shared = users.iter().any(|user| user.1 != users[0].1);
         let mut row = Vec::new();
@@ -226,7 +227,7 @@ fn scatter(
         if last.replace([a, b]).is_some_and(|last| last != [a, b]) {
             settle(&mut users)?;
         }
-        users.push((whole(high, low), CellId(cell)));
+        users.push((GlobalVertex(whole(high, low)), CellId(cell)));
         Ok(())
     })?;
     settle(&mut users)?;
@@ -280,7 +281,7 @@ fn take_apart(part: &Survivors, cells: &[CellId], survivors: &SurvivorPack) -> A
     let mut by_place: Vec<(u64, u32, CellId)> =
         users.iter().map(|&(v, cell)| (place(v), v, cell)).collect();
     by_place.sort_unstable();
-    let mut marked: Vec<(CellId, u64)> = Vec::new();
+    let mut marked: Vec<(CellId, GlobalVertex)> = Vec::new();
     for here in by_place.chunk_by(|a, b| a.0 == b.0) {
         if here.iter().any(|&(_, v, _)| part.shared[v as usize]) {
             out.open.extend(here.iter().map(|&(key, v, cell)| (key, part.ids[v as usize], cell)));

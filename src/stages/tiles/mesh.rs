@@ -2,6 +2,7 @@
 
 use crate::io::{TileMesh, find_colour, find3, unit_colour};
 use crate::mesh::Mesh;
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::mesh::property::{Scalar, read_scalar};
 use crate::mesh::vec3::{length_sq, normal};
 use crate::store::cells::{Lattice, VertexLayout};
@@ -12,7 +13,7 @@ pub(super) struct Whole<'a> {
     /// Records as first read.
     pub(super) records: &'a [u8],
     /// Numbers of the vertices in the input.
-    pub(super) ids: &'a [u64],
+    pub(super) ids: &'a [GlobalVertex],
     /// True for vertices on the border of the group.
     pub(super) shared: &'a [bool],
     /// Normals by the cell's triangles, of any length.
@@ -26,7 +27,7 @@ impl<'a> Whole<'a> {
     pub(super) fn new(
         mesh: &'a Mesh,
         records: &'a [u8],
-        (ids, shared): (&'a [u64], &'a [bool]),
+        (ids, shared): (&'a [GlobalVertex], &'a [bool]),
         layout: &'a VertexLayout,
     ) -> Whole<'a> {
         let colour = find_colour(&layout.schema);

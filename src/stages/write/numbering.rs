@@ -1,6 +1,7 @@
 //! Numbers the vertices of the output: a vertex that several cells hold is written by the first of them.
 
 use crate::error::Result;
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::store::cell_id::CellId;
 use crate::store::cells::{SurvivorPack, Survivors};
 use std::collections::HashMap;
@@ -22,7 +23,7 @@ pub fn shared_bytes(n_shared: u64) -> u64 {
 
 /// For every shared vertex, the first cell that holds it and its number.
 pub(super) struct FirstUses {
-    pub(super) shared: HashMap<u64, (CellId, u64)>,
+    pub(super) shared: HashMap<GlobalVertex, (CellId, u64)>,
     pub(super) n_vertices: u64,
 }
 

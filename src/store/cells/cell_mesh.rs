@@ -1,6 +1,7 @@
 //! One cell in memory, and the counts of what was left out of it.
 
 use crate::mesh::Mesh;
+use crate::mesh::global_vertex::GlobalVertex;
 use serde::{Deserialize, Serialize};
 use std::ops::AddAssign;
 
@@ -8,7 +9,7 @@ use std::ops::AddAssign;
 #[derive(Clone, Debug, Default)]
 pub struct CellMesh {
     /// Input vertex index of each local vertex.
-    pub ids: Vec<u64>,
+    pub ids: Vec<GlobalVertex>,
     /// The record of each local vertex as it was read from the input (position possibly moved since).
     pub records: Vec<u8>,
     /// True if another cell uses this vertex too; such vertices are locked.

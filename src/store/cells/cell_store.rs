@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::attribute_weights::Weights;
 use crate::mesh::codec::VertexCodec;
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::mesh::record::VertexSchema;
 use crate::mesh::relief::Relief;
 use crate::store::cell_id::CellId;
@@ -292,7 +293,7 @@ impl CellStore {
         }
         let rows = payload.chunks_exact(layout.triangle_row_bytes(self.info.has_channels));
         let ids = rows.take(MOST).flat_map(|row| row[..3 * id_bytes].chunks_exact(id_bytes));
-        let corners: Vec<u64> = ids.map(|id| layout.ids.read(id)).collect();
+        let corners: Vec<GlobalVertex> = ids.map(|id| layout.ids.read(id)).collect();
         let mut ids = corners.clone();
         ids.sort_unstable();
         ids.dedup();
@@ -306,7 +307,7 @@ impl CellStore {
                 }
             }
         }
-        let place = |id: &u64| ids.binary_search(id).expect("collected above") as u32;
+        let place = |id: &GlobalVertex| ids.binary_search(id).expect("collected above") as u32;
         let corners: Vec<u32> = corners.iter().map(place).collect();
         Ok(Mesh::new(positions, corners.as_chunks().0.to_vec()))
     }

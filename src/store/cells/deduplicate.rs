@@ -145,6 +145,7 @@ impl CellMesh {
 mod tests {
     use super::*;
     use crate::mesh::Mesh;
+    use crate::mesh::global_vertex::GlobalVertex;
 
     #[test]
     fn repeats_and_idle_vertices_go_and_the_rest_keeps_its_order() {
@@ -153,7 +154,7 @@ mod tests {
         // 2 -- 3
         let triangles = vec![[0, 2, 3], [0, 3, 1], [3, 0, 2], [1, 0, 3], [0, 2, 3], [1, 3, 2]];
         let mut cell = CellMesh {
-            ids: vec![10, 11, 12, 13, 14, 15],
+            ids: [10, 11, 12, 13, 14, 15].map(GlobalVertex).to_vec(),
             records: (0..12).collect(),
             shared: vec![true, false, false, false, false, true],
             mesh: Mesh {
@@ -169,7 +170,7 @@ mod tests {
         let dropped = cell.tidy(2);
         assert_eq!(dropped, Dropped { duplicate_faces: 3, unreferenced_vertices: 1 });
         assert_eq!(cell.mesh.triangles, [[0, 2, 3], [0, 3, 1], [1, 3, 2]]);
-        assert_eq!(cell.ids, [10, 11, 12, 13, 15]);
+        assert_eq!(cell.ids, [10, 11, 12, 13, 15].map(GlobalVertex));
         assert_eq!(cell.records, [0, 1, 2, 3, 4, 5, 6, 7, 10, 11]);
         assert_eq!(cell.shared, [true, false, false, false, true]);
         assert_eq!(cell.mesh.channels, [0.0, 1.0, 2.0, 3.0, 5.0]);
@@ -180,14 +181,15 @@ mod tests {
     #[test]
     fn triangles_are_in_the_order_of_their_lowest_id_however_vertices_came() {
         // Ids in and out of order: as a cell holds them, and as the part of a split cell does.
-        for ids in [vec![10, 11, 12, 13, 4], vec![12, 4, 10, 13, 11]] {
-            let find = |id: u64| ids.iter().position(|&known| known == id).unwrap() as u32;
+        for ids in [[10, 11, 12, 13, 4], [12, 4, 10, 13, 11]] {
+            let ids = ids.map(GlobalVertex);
+            let find = |id: u64| ids.iter().position(|known| known.0 == id).unwrap() as u32;
             let given = [[11, 12, 13], [13, 10, 12], [4, 11, 10], [12, 11, 13], [11, 10, 13]];
-            let mut cell = CellMesh { ids: ids.clone(), ..CellMesh::default() };
+            let mut cell = CellMesh { ids: ids.to_vec(), ..CellMesh::default() };
             cell.mesh.triangles = given.map(|t| t.map(find)).to_vec();
             cell.order_by_lowest_id();
             let found: Vec<[u64; 3]> =
-                cell.mesh.triangles.iter().map(|t| t.map(|v| ids[v as usize])).collect();
+                cell.mesh.triangles.iter().map(|t| t.map(|v| ids[v as usize].0)).collect();
             let expected = [[4, 11, 10], [13, 10, 12], [11, 10, 13], [11, 12, 13], [12, 11, 13]];
             assert_eq!(found, expected);
         }

@@ -1,7 +1,9 @@
-//! Finds the local index of a global vertex id within one cell.
+//! Finds the number within one cell of a vertex of the whole mesh.
 //!
 //! Vertices of a cell come first in ascending order, those it borrows from others after them. For such a run
 //! of ids a bitmap that counts is smaller and nearer than a hash table; what follows the run is hashed.
+
+use crate::mesh::global_vertex::GlobalVertex;
 
 const EMPTY: u32 = u32::MAX;
 
@@ -46,7 +48,7 @@ impl IdMap {
 
     /// The index of `id` in `ids`, appended if it is new.
     #[inline]
-    pub fn insert(&mut self, id: u64, ids: &mut Vec<u64>) -> (u32, bool) {
+    pub fn insert(&mut self, id: GlobalVertex, ids: &mut Vec<GlobalVertex>) -> (u32, bool) {
         let index = ids.len() as u32;
         if self.is_run {
             if ids.last().is_none_or(|&last| last < id) {
@@ -69,7 +71,7 @@ impl IdMap {
 
     /// The index of `id` in `ids`, if it is there.
     #[inline]
-    pub fn get(&mut self, id: u64, ids: &[u64]) -> Option<u32> {
+    pub fn get(&mut self, id: GlobalVertex, ids: &[GlobalVertex]) -> Option<u32> {
         if self.is_run {
             self.end_run(ids);
         }
@@ -80,11 +82,11 @@ impl IdMap {
     }
 
     #[cold]
-    fn end_run(&mut self, ids: &[u64]) {
+    fn end_run(&mut self, ids: &[GlobalVertex]) {
         self.is_run = false;
-        let (&first, &last) = match (ids.first(), ids.last()) {
-            (Some(first), Some(last)) => (first, last),
-            _ => (&0, &0),
+        let (first, last) = match (ids.first(), ids.last()) {
+            (Some(first), Some(last)) => (first.0, last.0),
+            _ => (0, 0),
         };
         let is_dense = (last - first) / IDS_PER_WORD < ids.len() as u64;
         let hashed = self.capacity - if is_dense { ids.len() } else { 0 };
@@ -95,7 +97,7 @@ impl IdMap {
             self.first = first;
             self.words = vec![Word::default(); ((last - first) / 64 + 1) as usize];
             for &id in ids {
-                let place = id - first;
+                let place = id.0 - first;
                 self.words[(place / 64) as usize].bits |= 1 << (place % 64);
             }
             let mut before = 0;
@@ -113,8 +115,8 @@ impl IdMap {
 
     /// The index of `id` if it is one of a run that is mapped bit by bit.
     #[inline]
-    fn in_run(&self, id: u64) -> Option<u32> {
-        let place = id.wrapping_sub(self.first);
+    fn in_run(&self, id: GlobalVertex) -> Option<u32> {
+        let place = id.0.wrapping_sub(self.first);
         let word = self.words.get((place / 64) as usize)?;
         let bit = 1u64 << (place % 64);
         (word.bits & bit != 0).then(|| word.before + (word.bits & (bit - 1)).count_ones())
@@ -122,13 +124,13 @@ impl IdMap {
 
     /// The slot that holds `id`, or the empty one where it belongs.
     #[inline]
-    fn probe(&self, id: u64, ids: &[u64]) -> usize {
+    fn probe(&self, id: GlobalVertex, ids: &[GlobalVertex]) -> usize {
         // Fibonacci hashing spreads runs of ids, the common case, over the whole table; eight neighbours stay
         // together, in one cache line, since whoever asks for one asks for the next.
-        let spread = (id / GROUP).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> self.shift;
+        let spread = (id.0 / GROUP).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> self.shift;
         let spread = spread & !(GROUP - 1);
         let mask = self.slots.len() - 1;
-        let mut at = (spread | (id % GROUP)) as usize & mask;
+        let mut at = (spread | (id.0 % GROUP)) as usize & mask;
         while self.slots[at] != EMPTY && ids[self.slots[at] as usize] != id {
             at = (at + 1) & mask;
         }
@@ -142,6 +144,8 @@ mod tests {
 
     /// Puts ids in, some of them twice, and asks for all of them and for others.
     fn check(given: &[u64], absent: &[u64]) {
+        let of = |numbers: &[u64]| numbers.iter().copied().map(GlobalVertex).collect::<Vec<_>>();
+        let (given, absent) = (of(given), of(absent));
         let mut ids = Vec::new();
         let mut map = IdMap::with_capacity(given.len());
         for (i, &id) in given.iter().enumerate() {

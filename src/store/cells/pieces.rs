@@ -132,6 +132,7 @@ impl CellMesh {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::global_vertex::GlobalVertex;
 
     fn mesh(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Mesh {
         Mesh::new(positions.to_vec(), triangles.to_vec())
@@ -178,7 +179,7 @@ mod tests {
     fn what_is_left_out_goes_with_its_vertices() {
         let mesh = example();
         let mut cell = CellMesh {
-            ids: (20..30).collect(),
+            ids: (20..30).map(GlobalVertex).collect(),
             records: (0..20).collect(),
             shared: (0..10).map(|v| v > 4).collect(),
             mesh,
@@ -190,7 +191,7 @@ mod tests {
         assert!(!pieces.is_empty() && pieces.contains(0) && !pieces.contains(1));
         assert!(!cell.leave_out(&PieceSet::none(99), 2));
         assert!(cell.leave_out(&pieces, 2));
-        assert_eq!(cell.ids, [26, 27, 28, 29]);
+        assert_eq!(cell.ids, [26, 27, 28, 29].map(GlobalVertex));
         assert_eq!(cell.records, (12..20).collect::<Vec<u8>>());
         assert_eq!(cell.shared, [true; 4]);
         assert_eq!(cell.mesh.triangles, [[0, 2, 1]]);

@@ -9,6 +9,7 @@ use super::pack::{Pack, PackWriter};
 use crate::error::{Error, Result};
 use crate::kernel::{FitStatistics, Quality, QualityAt, Simplified, Statistics};
 use crate::mesh::Mesh;
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::mesh::relief::Relief;
 use crate::store::cell_id::CellId;
 use crate::store::cells::cell_mesh::CellMesh;
@@ -63,7 +64,7 @@ impl SurvivorInfo {
 #[derive(Clone, Debug, Default)]
 pub struct Survivors {
     /// Input vertex index of each vertex.
-    pub ids: Vec<u64>,
+    pub ids: Vec<GlobalVertex>,
     /// True if another cell of the same round holds the same vertex.
     pub shared: Vec<bool>,
     /// The record of each vertex with its present position; further properties as first read.
@@ -180,7 +181,7 @@ impl Survivors {
 
     /// Turns the kernel's result for `cell` into rows; positions go back into the records, in the input's type.
     pub fn new(
-        ids: &[u64],
+        ids: &[GlobalVertex],
         shared: &[bool],
         records: &[u8],
         simplified: Simplified,
@@ -227,7 +228,7 @@ impl Survivors {
             out.extend_from_slice(&(count as u64).to_le_bytes());
         }
         out.extend_from_slice(&statistics);
-        self.ids.iter().for_each(|id| out.extend_from_slice(&id.to_le_bytes()));
+        self.ids.iter().for_each(|id| out.extend_from_slice(&id.0.to_le_bytes()));
         out.extend(self.shared.iter().map(|&shared| u8::from(shared)));
         out.extend_from_slice(&self.records);
         self.mesh.channels.iter().for_each(|value| out.extend_from_slice(&value.to_le_bytes()));
@@ -254,7 +255,8 @@ impl Survivors {
             (u64_of(take(8)?) as usize, u64_of(take(8)?) as usize, u64_of(take(8)?) as usize);
         let statistics = serde_json::from_slice(take(n_statistics)?).ok()?;
         let n_channels = layout.n_channels();
-        let ids = take(n_vertices.checked_mul(8)?)?.chunks_exact(8).map(u64_of).collect();
+        let ids = take(n_vertices.checked_mul(8)?)?.chunks_exact(8);
+        let ids = ids.map(|id| GlobalVertex(u64_of(id))).collect();
         let shared = take(n_vertices)?.iter().map(|&b| b != 0).collect();
         let records = take(n_vertices.checked_mul(layout.schema.record_bytes())?)?.to_vec();
         let positions = records

@@ -8,6 +8,7 @@ use super::cell_store::{CellTally, StoreInfo, VertexLayout};
 use super::pack::{Pack, PackWriter};
 use super::scatter::Scatter;
 use crate::error::Result;
+use crate::mesh::global_vertex::GlobalVertex;
 use crate::store::cell_id::CellId;
 use crate::store::pack_format::{ChunkKind, IdWidth};
 use crate::store::stage_context::StageContext;
@@ -67,11 +68,11 @@ pub fn split_overfull(
 
 /// Key that identifies a triangle: the sum of its ids and the lowest of them. Repeats of a triangle are not
 /// told apart: they must meet in one cell.
-type Key = (u64, u64);
+type Key = (u64, GlobalVertex);
 
 /// Spreads keys over all numbers, whatever step they come in.
 fn hash((sum, lowest): Key) -> u64 {
-    let mixed = (sum ^ lowest.rotate_left(32)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    let mixed = (sum ^ lowest.0.rotate_left(32)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     (mixed ^ mixed >> 32).wrapping_mul(0xD6E8_FEB8_6659_FD93)
 }
 
@@ -113,7 +114,7 @@ impl Old<'_> {
     ) -> Result<()> {
         self.each_row(ChunkKind::Triangles, run, |row| {
             let ids = corners(row, self.layout.ids);
-            look((ids.iter().sum(), ids[0].min(ids[1]).min(ids[2])), row)
+            look((ids.iter().map(|id| id.0).sum(), ids[0].min(ids[1]).min(ids[2])), row)
         })
     }
 
@@ -182,11 +183,11 @@ impl Old<'_> {
         let n_windows = self.info.cells[self.cell].vertices.div_ceil(WINDOW_VERTICES).max(1);
         for window in 0..n_windows {
             // By a hash, so that windows are even whatever ids the cell holds.
-            let is_in = |id: u64| {
-                ((id.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32) * n_windows) >> 32 == window
+            let is_in = |id: GlobalVertex| {
+                ((id.0.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32) * n_windows) >> 32 == window
             };
             let users = self.users(&part_of, &is_in, run)?;
-            let mut marked: Vec<u64> = Vec::new();
+            let mut marked: Vec<GlobalVertex> = Vec::new();
             self.each_row(ChunkKind::SharedIds, run, |row| {
                 let id = ids.read(row);
                 if is_in(id) {
@@ -222,10 +223,10 @@ impl Old<'_> {
     fn users(
         &self,
         part_of: &impl Fn(Key) -> usize,
-        is_in: &impl Fn(u64) -> bool,
+        is_in: &impl Fn(GlobalVertex) -> bool,
         run: &StageContext,
-    ) -> Result<Vec<(u64, u32)>> {
-        let mut users: Vec<(u64, u32)> = Vec::new();
+    ) -> Result<Vec<(GlobalVertex, u32)>> {
+        let mut users: Vec<(GlobalVertex, u32)> = Vec::new();
         let mut sorted_up_to = 0;
         self.each_triangle(run, |key, row| {
             for id in corners(row, self.layout.ids) {
@@ -247,6 +248,6 @@ impl Old<'_> {
     }
 }
 
-fn corners(row: &[u8], ids: IdWidth) -> [u64; 3] {
+fn corners(row: &[u8], ids: IdWidth) -> [GlobalVertex; 3] {
     [0, 1, 2].map(|k| ids.read(&row[k * ids.bytes..]))
 }
