@@ -68,7 +68,7 @@ const ROOMS: [(&str, &[&str]); 18] = [
 ];
 
 /// Homes of outside crates; those that are not listed may be used anywhere.
-const HOMES: [(&str, &[&str]); 22] = [
+const HOMES: [(&str, &[&str]); 23] = [
     ("base64", &["io/gltf/buffers.rs", "report/"]),
     ("clap", &["cli/", "config.rs"]),
     ("clap_complete", &["cli/pages.rs"]),
@@ -80,6 +80,7 @@ const HOMES: [(&str, &[&str]); 22] = [
     ("imagesize", &["io/materials/images.rs"]),
     ("indicatif", &["cli/display.rs"]),
     ("jpeg_encoder", &["bake/pages.rs"]),
+    ("memmap2", &["system/mapped_file.rs"]),
     ("meshopt_rs", &["io/gltf/meshopt.rs", "io/gltf/meshopt_out.rs"]),
     ("noto_sans_mono_bitmap", &["render/picture.rs"]),
     ("png", &["bake/pages.rs", "render/picture.rs"]),

@@ -4,6 +4,7 @@
 
 pub mod disk;
 pub(crate) mod json_keys;
+pub mod mapped_file;
 pub mod memory;
 pub(crate) mod parallel;
 pub(crate) mod paths;

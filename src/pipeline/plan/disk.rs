@@ -46,6 +46,8 @@ pub(super) struct Job<'a> {
     pub(super) cell_triangles: u64,
     /// Bytes for each set of scatter buffers.
     pub(super) buffer_bytes: u64,
+    /// The most that the table of cells takes of a file while the input is cut.
+    pub(super) table_file_bytes: u64,
     pub(super) threads: u64,
     /// Survivors are synced, and sources given back, when they make this part of the store.
     pub(super) freed_at_a_time: u64,
@@ -91,7 +93,7 @@ impl Job<'_> {
         finishes_at: Option<u64>,
     ) -> (f64, f64) {
         let mut store = self.store(triangles_in, false);
-        let mut most = store;
+        let mut most = store + self.table_file_bytes as f64;
         let mut left = None;
         for (number, round) in rounds.iter().enumerate() {
             if number > 0 {

@@ -188,6 +188,7 @@ impl Plan {
             vertices_per_triangle,
             cell_triangles: config.cell_triangles,
             buffer_bytes: shares.buffer_bytes,
+            table_file_bytes: shares.table_file_bytes,
             threads: threads as u64,
             freed_at_a_time: FREED_AT_A_TIME,
         };

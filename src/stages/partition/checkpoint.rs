@@ -51,6 +51,9 @@ pub struct ResumePoint {
     pub pass: Pass,
     /// First vertex and number of vertices of the window, in the pass over the triangles.
     pub window: [u64; 2],
+    /// Bytes of memory that the table of the window takes.
+    #[serde(default)]
+    pub table_bytes: u64,
     /// The next block; in the last pass among the blocks that hold shared vertices.
     pub block: u64,
     /// Faces left out in this pass.
@@ -89,16 +92,16 @@ impl<'a> Checkpoints<'a> {
 
 /// The pack as an earlier run left it and the place up to which it is whole; or a new pack, from the start.
 ///
-/// `window_rows` is what the table may hold today: a place within a larger window cannot be taken up.
+/// `table_bytes` is what the table may take today: a place within a window that took more cannot be taken up.
 pub fn take_up(
     run: &StageContext,
     pack_name: &str,
-    window_rows: u64,
+    table_bytes: u64,
 ) -> Result<(PackWriter, ResumePoint)> {
     let path = run.job.path(pack_name);
     let recorded = run.job.outcome::<Option<ResumePoint>>(NAME)?.flatten();
     if let Some(place) = recorded
-        && place.window[1] <= window_rows
+        && place.table_bytes <= table_bytes
     {
         match PackWriter::continue_at(run.disk(), &path, place.pack_bytes) {
             Ok(pack) => return Ok((pack, place)),

@@ -22,6 +22,9 @@ const BLOCKS_PER_THREAD: u64 = 2;
 /// Bytes a sample takes: its position, and the same as integers.
 const SAMPLE_BYTES: u64 = 36;
 
+/// Headers of a table in a file are at most this part of it.
+const FILE_OVERHEAD: u64 = 256;
+
 /// Sizes that the terms depend on.
 #[derive(Clone, Copy, Debug)]
 pub struct Sizes<'a> {
@@ -40,8 +43,10 @@ pub struct Sizes<'a> {
 pub struct Shares {
     /// Threads that read blocks; no more than were given.
     pub threads: usize,
-    /// Vertices whose cells the table holds at a time, in whole blocks.
-    pub window_rows: u64,
+    /// Bytes of memory for the table of cells.
+    pub table_bytes: u64,
+    /// The most that a file takes for what exceeds them.
+    pub table_file_bytes: u64,
     /// Bytes for each set of scatter buffers, of which two exist at a time.
     pub buffer_bytes: u64,
     /// Bytes for pairs of a vertex and a foreign cell.
@@ -66,13 +71,18 @@ impl Shares {
         let left = budget_bytes.saturating_sub(others + least_table);
         let halo_bytes =
             (budget_bytes / HALO_SHARE).min(left).clamp(*HALO_BYTES.start(), *HALO_BYTES.end());
-        let rows = budget_bytes.saturating_sub(others + halo_bytes) / per_vertex;
-        let window_rows = (rows / BLOCK_ROWS).max(1) * BLOCK_ROWS;
+        let table_bytes =
+            budget_bytes.saturating_sub(others + halo_bytes).max(BLOCK_ROWS * per_vertex);
+        let table_file_bytes = match n_vertices * per_vertex {
+            plain if plain > table_bytes => plain + plain / FILE_OVERHEAD,
+            _ => 0,
+        };
         let samples = SAMPLE_BYTES * n_samples(n_vertices, n_cells) + threads * block;
         let passes = others + least_table + HALO_BYTES.start();
         Shares {
             threads: threads as usize,
-            window_rows,
+            table_bytes,
+            table_file_bytes,
             buffer_bytes,
             halo_bytes,
             least_bytes: passes.max(samples),
@@ -80,10 +90,10 @@ impl Shares {
     }
 }
 
-/// Bytes of a block under way: as read, decoded, and in the order of its cells.
+/// Bytes of a block under way: as read, decoded, in the order of its cells, and its cells packed.
 fn block_bytes(layout: &VertexLayout, n_cells: u32) -> u64 {
     let (ids, record) = (layout.ids.bytes as u64, layout.schema.record_bytes() as u64);
-    let vertex = 3 * record + ids + 4;
+    let vertex = 3 * record + ids + 8;
     // Three indices and a count as read, ids of 8 bytes, the cell, the row, and one foreign corner.
     let face = 16 + 24 + 4 + 3 * ids + 16;
     BLOCK_ROWS * vertex.max(face) + 12 * u64::from(n_cells)

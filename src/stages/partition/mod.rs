@@ -7,8 +7,10 @@
 mod cell_table;
 mod checkpoint;
 mod halo;
+mod locality;
 mod memory;
 mod missing;
+mod packed_cells;
 mod passes;
 mod scan;
 mod shared;
@@ -28,8 +30,10 @@ use crate::store::cells::{
     split_overfull,
 };
 use crate::store::stage_context::StageContext;
+use cell_table::CellTable;
 use checkpoint::{Checkpoints, Pass, take_up, tally};
 use halo::Gathering;
+use locality::is_local;
 use passes::Passes;
 use serde::{Deserialize, Serialize};
 
@@ -120,15 +124,19 @@ fn cut(
     })?;
     run.progress.add(source.n_triangles() / 8);
     let shares = shares(tree.n_cells());
-    let window_rows = shares.window_rows.min(source.n_vertices());
-    let (mut pack, place) = take_up(run, PACK_NAME, window_rows)?;
+    let (mut pack, place) = take_up(run, PACK_NAME, shares.table_bytes)?;
     let tally = tally(&pack, &layout, tree.n_cells())?;
     let checkpoints = Checkpoints::new(run);
+    let plain_bytes = source.n_vertices() * CellTable::bytes_per_vertex(tree.n_cells());
+    let table_folder = match plain_bytes > shares.table_bytes && is_local(source)? {
+        true => Some(run.job.folder()),
+        false => None,
+    };
     let mut passes =
-        Passes { source, run, layout, tally, tree, shares, window_rows, place, checkpoints };
+        Passes { source, run, layout, tally, tree, shares, table_folder, place, checkpoints };
     let table = match place.pass {
         Pass::Vertices => Some(passes.vertices(&mut pack)?),
-        Pass::Triangles => Some(passes.window(place.window[0], place.window[1])?),
+        Pass::Triangles => Some(passes.same_window()?),
         Pass::Shared => None,
     };
     let foreign = match table {

@@ -1,6 +1,7 @@
 //! A block of rows in the order of their cells, ready to be appended cell by cell.
 
 use super::halo::Foreign;
+use super::packed_cells::Packer;
 use crate::error::Result;
 use crate::io::ply::{FaceBlock, VertexBlock};
 use crate::store::cell_id::CellId;
@@ -15,6 +16,9 @@ pub struct Sorted {
     pub faces: FaceBlock,
     /// Cell of each row of the block.
     pub cells: Vec<CellId>,
+    /// The same, packed, for a table that is.
+    pub packed: Vec<u8>,
+    packer: Packer,
     rows: Vec<u8>,
     /// Cell and number of rows of each run in `rows`.
     pub runs: Vec<(CellId, u32)>,
@@ -55,6 +59,11 @@ impl Sorted {
         for run in &self.runs {
             self.cursor[run.0] = 0;
         }
+    }
+
+    /// Packs the cells of the rows.
+    pub fn pack_cells(&mut self) {
+        self.packer.pack(&self.cells, &mut self.packed);
     }
 
     /// Appends every run to the buffer of its cell.

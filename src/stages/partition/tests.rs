@@ -46,6 +46,29 @@ fn write_grid(folder: &std::path::Path, n: u32) {
     write_mesh(folder, (0..n * n).map(|i| [f64::from(i % n), f64::from(i / n), 0.0]), &faces);
 }
 
+/// Ids far apart by which vertices and faces of a shuffled mesh follow each other: a prime.
+const STRIDE: u64 = 48_271;
+
+/// Writes a grid of `n` x `n` vertices with vertices and faces in no order: a table of cells of 400 triangles neither
+/// packs well nor can be read in pages.
+fn write_shuffled_grid(folder: &std::path::Path, n: u32) {
+    let n_vertices = u64::from(n) * u64::from(n);
+    let mut places = vec![0; n_vertices as usize];
+    let id = |place: u32| (u64::from(place) * STRIDE % n_vertices) as u32;
+    (0..n * n).for_each(|place| places[id(place) as usize] = place);
+    let n_faces = u64::from(n - 1) * u64::from(n - 1) * 2;
+    let faces: Vec<[u32; 3]> = (0..n_faces)
+        .map(|i| (i * STRIDE % n_faces) as u32)
+        .map(|face| {
+            let corner = face / 2 / (n - 1) * n + face / 2 % (n - 1);
+            let (a, b, c, d) = (corner, corner + 1, corner + n, corner + n + 1);
+            if face % 2 == 0 { [a, b, c].map(id) } else { [b, d, c].map(id) }
+        })
+        .collect();
+    let positions = places.iter().map(|&place| [f64::from(place % n), f64::from(place / n), 0.0]);
+    write_mesh(folder, positions, &faces);
+}
+
 fn cut(
     folder: &std::path::Path,
     memory_bytes: u64,
@@ -99,17 +122,39 @@ fn assert_same(cells: &[CellMesh], others: &[CellMesh], what: &str) {
 fn a_table_in_windows_gives_the_same_cells_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     // 160,000 vertices: three blocks, so that the smallest window holds less than half of them.
-    write_grid(folder.path(), 400);
-    let (whole, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
-    assert!(cells.len() >= 15, "{}", cells.len());
+    write_shuffled_grid(folder.path(), 400);
+    let (whole, cells) = cut_in(400, folder.path(), 1 << 30, Duration::MAX);
+    assert!(cells.len() >= 500, "{}", cells.len());
     assert_eq!(whole.store.triangles, 399 * 399 * 2);
     for (memory, every) in
         [(1 << 10, Duration::ZERO), (1 << 10, Duration::MAX), (600 << 10, Duration::MAX)]
     {
-        let (windowed, other) = cut(folder.path(), memory, every);
+        let (windowed, other) = cut_in(400, folder.path(), memory, every);
         assert_eq!(whole.store.shared_vertices, windowed.store.shared_vertices);
         assert_eq!(whole.seam_place, windowed.seam_place);
         assert_same(&cells, &other, &format!("{memory} bytes"));
+    }
+}
+
+/// A table that is packed, and one that lies in a file, change no bit, with and without checkpoints.
+#[test]
+fn a_table_in_a_file_gives_the_same_cells_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    // Cells of some 60 vertices, so that packing saves little: 12 blocks, of which memory for one is given.
+    let n = 880;
+    write_grid(folder.path(), n);
+    let (whole, cells) = cut_in(120, folder.path(), 1 << 30, Duration::MAX);
+    let n_cells = cells.len() as u32;
+    let sizes =
+        |layout| Sizes { n_vertices: u64::from(n * n), n_cells, store_bytes: 1 << 24, layout };
+    let source = MeshSource::open(&folder.path().join("grid.ply")).unwrap();
+    assert!(is_local(&source).unwrap());
+    let shares = Shares::new(sizes(&VertexLayout::new(source.schema(), 1)), 2, 1 << 10);
+    assert!(shares.table_bytes <= 1 << 17, "{shares:?}");
+    for every in [Duration::ZERO, Duration::MAX] {
+        let (filed, other) = cut_in(120, folder.path(), 1 << 10, every);
+        assert_eq!(whole.store.shared_vertices, filed.store.shared_vertices);
+        assert_same(&cells, &other, "in a file");
     }
 }
 
@@ -117,11 +162,11 @@ fn a_table_in_windows_gives_the_same_cells_bit_for_bit() {
 #[test]
 fn wide_ids_give_the_same_cells_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
-    write_grid(folder.path(), 300);
-    let (narrow, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
+    write_shuffled_grid(folder.path(), 300);
+    let (narrow, cells) = cut_in(400, folder.path(), 1 << 30, Duration::MAX);
     ALWAYS_WIDE.set(true);
     for memory in [1 << 10, 1 << 30] {
-        let (wide, others) = cut(folder.path(), memory, Duration::ZERO);
+        let (wide, others) = cut_in(400, folder.path(), memory, Duration::ZERO);
         assert!(wide.store.pack_bytes > narrow.store.pack_bytes);
         assert_eq!(wide.store.cells, narrow.store.cells);
         assert_same(&cells, &others, &format!("{memory} bytes"));
@@ -162,18 +207,19 @@ fn pairs_on_disk_give_the_same_cells_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     // 160,000 vertices in a square, two far corners to each triangle: nearly 320,000 pairs.
     let n = 160_000u64;
-    let positions = (0..n as u32).map(|i| [(i % 400) as f64, (i / 400) as f64, 0.0]);
+    let places = (0..n).map(|i| i * STRIDE % n).collect::<Vec<_>>();
+    let positions = places.iter().map(|place| [(place % 400) as f64, (place / 400) as f64, 0.0]);
     let faces: Vec<[u32; 3]> =
         (0..n).map(|i| [i, 7919 * i + 3, 104_729 * i + 11].map(|v| (v % n) as u32)).collect();
     write_mesh(folder.path(), positions, &faces);
-    let (whole, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
+    let (whole, cells) = cut_in(500, folder.path(), 1 << 30, Duration::MAX);
     let n_foreign: usize = cells.iter().map(|cell| cell.ids.len()).sum::<usize>() - n as usize;
     assert!(n_foreign > 150_000, "{n_foreign}");
     // Room for 65,536 pairs with the table in windows, and for 131,072 with the whole table.
     for (memory, every) in
         [(1 << 10, Duration::MAX), (32 << 20, Duration::MAX), (32 << 20, Duration::ZERO)]
     {
-        let (other, others) = cut(folder.path(), memory, every);
+        let (other, others) = cut_in(500, folder.path(), memory, every);
         assert_eq!(whole.seam_place, other.seam_place);
         assert_same(&cells, &others, &format!("{memory} bytes"));
     }
@@ -183,16 +229,17 @@ fn pairs_on_disk_give_the_same_cells_bit_for_bit() {
 #[test]
 fn a_split_cell_in_windows_is_the_same_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
-    // All vertices but two in one place: positions cannot tell them apart, only ids.
+    // Every fourth vertex in one place: positions cannot tell these apart, only ids.
     let n = 200_000u64;
-    let positions = (0..n as u32).map(|i| if i > 1 { [0.5; 3] } else { [i as f64; 3] });
+    let place = |i: u64| [1, 7, 49].map(|k| (i * STRIDE * k % n) as f64 / n as f64);
+    let positions: Vec<_> = (0..n).map(|i| if i % 4 > 0 { place(i) } else { [0.5; 3] }).collect();
     // Steps without a common divisor with `n`: the lowest corner is in any window.
     let faces: Vec<[u32; 3]> =
         (0..n).map(|i| [7 * i, 7919 * i + 3, 104_729 * i + 11].map(|v| (v % n) as u32)).collect();
-    write_mesh(folder.path(), positions, &faces);
-    let (whole, cells) = cut(folder.path(), 1 << 30, Duration::MAX);
+    write_mesh(folder.path(), positions.into_iter(), &faces);
+    let (whole, cells) = cut_in(500, folder.path(), 1 << 30, Duration::MAX);
     assert!(!whole.store.split.is_empty());
-    let (windowed, other) = cut(folder.path(), 1 << 10, Duration::MAX);
+    let (windowed, other) = cut_in(500, folder.path(), 1 << 10, Duration::MAX);
     assert_eq!(whole.store.cells, windowed.store.cells);
     assert_same(&cells, &other, "split");
 }

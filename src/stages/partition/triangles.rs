@@ -3,7 +3,7 @@
 use super::cell_table::CellTable;
 use super::checkpoint::{Pass, ResumePoint};
 use super::halo::{Gathering, Halo};
-use super::passes::Passes;
+use super::passes::{Passes, at_window};
 use super::sorted::Sorted;
 use crate::error::Result;
 use crate::mesh::global_vertex::GlobalVertex;
@@ -30,13 +30,8 @@ impl Passes<'_> {
                 break;
             }
             drop(table);
-            let rows = self.window_rows.min(n_vertices - next);
-            table = self.window(next, rows)?;
-            self.place = ResumePoint {
-                pass: Pass::Triangles,
-                window: [next, rows],
-                ..ResumePoint::default()
-            };
+            table = self.window(next, n_vertices - next)?;
+            self.place = at_window(&table);
         }
         drop(table);
         scatter.finish(pack)?;
@@ -91,17 +86,19 @@ impl Passes<'_> {
                 source.read_faces(start.block + index, &mut faces)?;
                 out.cells.clear();
                 out.foreign.clear();
+                let mut cells = table.reader();
                 faces.triangles.retain(|corners| {
                     let lowest = corners[0].min(corners[1]).min(corners[2]);
-                    let Some(owner) = table.get(lowest) else { return false };
+                    let Some(owner) = cells.get(lowest) else { return false };
                     out.cells.push(owner);
                     for &corner in corners.iter() {
-                        if table.get(corner).is_some_and(|cell| cell != owner) {
+                        if corner != lowest && cells.get(corner).is_some_and(|cell| cell != owner) {
                             out.foreign.push((GlobalVertex(corner), owner));
                         }
                     }
                     true
                 });
+                table.trim();
                 out.foreign.sort_unstable();
                 out.foreign.dedup();
                 out.sort(n_cells, row_bytes, |i, row| {
