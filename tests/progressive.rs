@@ -260,7 +260,9 @@ fn flipped_bytes_never_panic() {
         let refine = |bytes: Vec<u8>, is_bad: bool, at: u64| {
             let ended = Refiner::of_bytes(bytes, 1 << 28).and_then(|mut mesh| {
                 mesh.refine(u64::MAX, &|| Ok(()))?;
-                mesh.write_to(|_, _| Ok(()), |_| Ok(()), |_| Ok(()))
+                let ordered = mesh.ordered();
+                ordered.records(|_| Ok(()))?;
+                ordered.triangles(|_| Ok(()))
             });
             match ended {
                 Ok(_) => assert!(!is_bad, "byte {at} of {n} was not missed"),

@@ -191,9 +191,9 @@ impl History {
         [first, b, c]
     }
 
-    /// Channels of each vertex.
-    pub fn n_channels(&self) -> usize {
-        self.n_channels
+    /// Channels of a vertex as they were last.
+    pub fn channels_of(&self, v: u32) -> &[f32] {
+        &self.vertex_channels[v as usize * self.n_channels..][..self.n_channels]
     }
 
     /// Places of all steps, the last one first. Memory: 8 bytes a step.

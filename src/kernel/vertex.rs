@@ -1,8 +1,6 @@
-//! A vertex as the SIMD code reads it (one cache line), and a triangle seen from one of its corners.
+//! A vertex as the SIMD code reads it (one cache line).
 //!
 //! Stands below all other files of the kernel and knows none of them.
-
-use std::hint::select_unpredictable;
 
 use crate::mesh::vec3::Vec3;
 
@@ -26,15 +24,4 @@ impl Vertex {
     pub(crate) fn at(position: Vec3) -> Self {
         Vertex { position, quadric: [0.0; 9], stamp: 0 }
     }
-}
-
-/// A triangle as seen from one of its corners: the other two, in its sense of rotation.
-#[inline(always)]
-pub(crate) fn others(triangle: [u32; 3], v: u32) -> (u32, u32) {
-    // Which corner it is cannot be predicted.
-    let [x, y, z] = triangle;
-    let (first, second) = (x == v, y == v);
-    let next = select_unpredictable(first, y, select_unpredictable(second, z, x));
-    let last = select_unpredictable(first, z, select_unpredictable(second, x, y));
-    (next, last)
 }

@@ -7,6 +7,7 @@ pub(crate) mod attribute_weights;
 pub(crate) mod bounds;
 pub(crate) mod codec;
 mod color_channels;
+pub(crate) mod corners;
 pub(crate) mod face_properties;
 pub mod global_vertex;
 pub(crate) mod morton;

@@ -134,33 +134,17 @@ fn run(config: &RefineConfig, progress: &Progress) -> Result<Refined> {
         ..OutputHeader::new(mesh.schema().clone(), 0, 0)
     };
     let place = Place { path: config.output.clone(), disk: Disk::default(), replace: config.force };
-    let mut sink = None;
-    let mut bytes_written = 0;
-    let (vertices, triangles) = {
-        let sink = std::cell::RefCell::new(&mut sink);
-        mesh.write_to(
-            |n_vertices, n_faces| {
-                let header = OutputHeader { n_vertices, n_faces, ..header };
-                **sink.borrow_mut() = Some(MeshSink::create(place, header, config.format)?);
-                Ok(())
-            },
-            |records| match sink.borrow_mut().as_mut() {
-                Some(sink) => sink.write_vertices(records),
-                None => Ok(()),
-            },
-            |block| {
-                progress.check()?;
-                progress.add(block.len() as u64);
-                match sink.borrow_mut().as_mut() {
-                    Some(sink) => sink.write_faces_u32(block),
-                    None => Ok(()),
-                }
-            },
-        )?
-    };
-    if let Some(sink) = sink {
-        bytes_written = sink.finish()?;
-    }
+    let ordered = mesh.ordered();
+    let (vertices, triangles) = (ordered.n_vertices(), ordered.n_triangles());
+    let header = OutputHeader { n_vertices: vertices, n_faces: triangles, ..header };
+    let mut sink = MeshSink::create(place, header, config.format)?;
+    ordered.records(|records| sink.write_vertices(records))?;
+    ordered.triangles(|block| {
+        progress.check()?;
+        progress.add(block.len() as u64);
+        sink.write_faces_u32(block)
+    })?;
+    let bytes_written = sink.finish()?;
     Ok(Refined {
         schema_version: crate::system::json_keys::SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION").to_owned(),

@@ -167,15 +167,19 @@ impl BlockReader {
         }
         let word = |at: usize| u32::from_le_bytes([0, 1, 2, 3].map(|i| bytes[at + i]));
         let long = |at: usize| u64::from(word(at)) | u64::from(word(at + 4)) << 32;
+        if &bytes[..4] != BLOCK_MAGIC || xxh3_64(&bytes[..40]) != long(40) {
+            return Err(self.bad(self.offset, "the head of the block is damaged", remedy));
+        }
         let kind = match word(4) {
             1 => Kind::Vertices,
             2 => Kind::Triangles,
             3 => Kind::Steps,
-            _ => Kind::End,
+            4 => Kind::End,
+            other => {
+                let what = format!("a block of the unknown kind {other}");
+                return Err(self.bad(self.offset, &what, remedy));
+            }
         };
-        if &bytes[..4] != BLOCK_MAGIC || xxh3_64(&bytes[..40]) != long(40) {
-            return Err(self.bad(self.offset, "the head of the block is damaged", remedy));
-        }
         let (n, payload) = (word(8), word(12));
         let (triangles, least, checksum) = (long(16), long(24), long(32));
         Ok(BlockHead { kind, n, payload, triangles, least, checksum })

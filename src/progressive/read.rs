@@ -2,7 +2,7 @@
 
 use super::columns::{Planes, beside};
 use super::file::{BlockHead, BlockReader, Head, Kind};
-use super::replay::{NONE, Ranks, Replay};
+use super::replay::{Ranks, Replay};
 use super::rows::Rows;
 use super::step_reader::{StepReader, Taken};
 use super::steps::Layout;
@@ -279,51 +279,6 @@ impl Refiner {
             self.replay.add_triangle(*last, *last_key);
         }
         Ok(())
-    }
-
-    /// Hands the records of the mesh at hand to `vertices`, some at a time, then its triangles to `triangles`; in the order of
-    /// direct runs if the file has it. Returns the numbers of both.
-    pub fn write_to(
-        &self,
-        begin: impl FnOnce(u64, u64) -> Result<()>,
-        mut vertices: impl FnMut(&[u8]) -> Result<()>,
-        mut triangles: impl FnMut(&[[u32; 3]]) -> Result<()>,
-    ) -> Result<(u64, u64)> {
-        const BLOCK: usize = 1 << 16;
-        let replay = &self.replay;
-        let n = replay.keys.len() as u32;
-        let mut order: Vec<(u32, u32)> = (0..n)
-            .filter(|&v| replay.has_vertex(v))
-            .map(|v| (replay.keys[v as usize], v))
-            .collect();
-        let is_ordered = self.head.bits.is_none();
-        if is_ordered {
-            order.sort_unstable();
-        }
-        let mut place = vec![NONE; n as usize];
-        for (new, &(_, v)) in (0..).zip(&order) {
-            place[v as usize] = new;
-        }
-        let n_vertices = order.len() as u64;
-        begin(n_vertices, replay.n_triangles)?;
-        let mut records = Vec::new();
-        for block in order.chunks(BLOCK) {
-            records.clear();
-            block.iter().for_each(|&(_, v)| self.rows().put_record(replay.row(v), &mut records));
-            vertices(&records)?;
-        }
-        let there = (0..replay.triangles.len() as u32).filter(|&t| replay.has_triangle(t));
-        let mut order: Vec<(u32, u32)> =
-            there.map(|t| (replay.triangle_keys[t as usize], t)).collect();
-        if is_ordered {
-            order.sort_unstable();
-        }
-        for block in order.chunks(BLOCK) {
-            let corners =
-                |&(_, t): &(u32, u32)| replay.triangles[t as usize].map(|v| place[v as usize]);
-            triangles(&block.iter().map(corners).collect::<Vec<_>>())?;
-        }
-        Ok((n_vertices, replay.n_triangles))
     }
 
     pub(super) fn rows(&self) -> &Rows {

@@ -3,6 +3,8 @@
 //! The writer and the reader take the same steps on it, so that a step can be told relative to what is there. It checks
 //! nothing: `steps` does, where bytes come in.
 
+use crate::mesh::corners::others;
+
 /// The end of a list; a vertex or a triangle that is gone.
 pub(super) const NONE: u32 = u32::MAX;
 
@@ -206,19 +208,8 @@ impl Replay {
         if n == 0 || n > MOST_AROUND {
             return none(triangles);
         }
-        let ends: Vec<(u32, u32)> = triangles
-            .iter()
-            .map(|&t| {
-                let [a, b, c] = self.triangles[t as usize];
-                if a == v {
-                    (b, c)
-                } else if b == v {
-                    (c, a)
-                } else {
-                    (a, b)
-                }
-            })
-            .collect();
+        let ends: Vec<(u32, u32)> =
+            triangles.iter().map(|&t| others(self.triangles[t as usize], v)).collect();
         let is_start = |i: &usize| !ends.iter().any(|&(_, c)| c == ends[*i].0);
         let first = (0..n).find(is_start);
         let (mut order, mut rim) = (Vec::with_capacity(n), Vec::with_capacity(n + 1));

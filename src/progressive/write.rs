@@ -8,7 +8,7 @@ use super::order;
 use super::replay::{NONE, Ranks, Replay};
 use super::rows::{Extremes, Rows};
 use super::steps::{Layout, Other, Spent, Split, StepWriter};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::kernel::{Cursor, History, Step};
 use crate::mesh::record::VertexSchema;
 use crate::mesh::vec3::Vec3;
@@ -81,7 +81,7 @@ pub fn write(
     used.dedup();
     let steps = history.back();
     let (n_steps, base) = (steps.len() as u64, left.len() as u64);
-    let (finest, rows) = survey(history, original, &used);
+    let (finest, rows) = survey(history, original, &used, &steps);
     let head = Head {
         program: format!("stonecut {}", env!("CARGO_PKG_VERSION")),
         bits: original.bits,
@@ -133,14 +133,21 @@ pub fn write(
         write_block(&mut file, Kind::Steps, n, (teller.replay.n_triangles, least), &payload)?;
     }
     let n = teller.replay.n_triangles;
-    assert!(n == finest, "{n} triangles at the end, {finest} expected");
+    if n != finest {
+        return Err(Error::Internal(format!("{n} triangles at the end, {finest} expected")));
+    }
     write_block(&mut file, Kind::End, 0, (n, n), &[])?;
     let vertices = (teller.replay.keys.len() - n_base) as u64;
     Ok(Written { bytes: file.finish()?, spent, steps: n_steps, vertices, finest })
 }
 
 /// Triangles of the finest mesh, and the layout of rows.
-fn survey(history: &History, original: Original, used: &[(u32, u32)]) -> (u64, Rows) {
+fn survey(
+    history: &History,
+    original: Original,
+    used: &[(u32, u32)],
+    steps: &[Cursor],
+) -> (u64, Rows) {
     let mut finest = history.left().count() as i64;
     let schema = original.schema;
     let mut extremes = Extremes::new(schema);
@@ -153,12 +160,11 @@ fn survey(history: &History, original: Original, used: &[(u32, u32)]) -> (u64, R
         }
     };
     let add_last = |v: u32, add: &mut dyn FnMut(u32, Vec3, &[f32])| {
-        let (v, n) = (v as usize, history.n_channels());
-        let channels = &history.vertex_channels[v * n..(v + 1) * n];
-        add(history.source[v], history.positions[v], channels);
+        let channels = history.channels_of(v);
+        add(history.source[v as usize], history.positions[v as usize], channels);
     };
     used.iter().for_each(|&(_, v)| add_last(v, &mut add));
-    for cursor in history.back() {
+    for &cursor in steps {
         let step = history.step(cursor);
         finest += step.freed();
         match step {
@@ -213,9 +219,8 @@ impl Teller<'_> {
 
     /// Appends the row of a vertex as it was last.
     fn put_last_row(&mut self, v: u32, out: &mut Vec<u8>) {
-        let (history, i, n) = (self.history, v as usize, self.history.n_channels());
-        let channels = &history.vertex_channels[i * n..(i + 1) * n];
-        self.put_row(history.source[i], history.positions[i], channels, out);
+        let (history, i) = (self.history, v as usize);
+        self.put_row(history.source[i], history.positions[i], history.channels_of(v), out);
     }
 
     fn write_base(
@@ -293,8 +298,8 @@ impl Teller<'_> {
                     }
                     let (mut of_kept, mut of_new) = (Vec::new(), Vec::new());
                     self.put_row(sources[1], place, channels, &mut of_kept);
-                    let (i, n) = (removed as usize, self.history.n_channels());
-                    let last = &self.history.vertex_channels[i * n..(i + 1) * n];
+                    let i = removed as usize;
+                    let last = self.history.channels_of(removed);
                     self.put_row(sources[0], self.history.positions[i], last, &mut of_new);
                     self.vertex[i] = self.replay.keys.len() as u32;
                     let fan: Vec<u32> = fan.iter().map(|&t| self.triangle[t as usize]).collect();

@@ -6,7 +6,8 @@ use super::tracker::Tracker;
 use crate::kernel::simd::{Job, Lanes};
 use crate::kernel::surface::Surface;
 use crate::kernel::surface::faces::{Face, Search};
-use crate::kernel::vertex::{GONE, others};
+use crate::kernel::vertex::GONE;
+use crate::mesh::corners::others;
 use crate::mesh::vec3::{cross, dot, sub};
 
 /// Distance between points that are looked at, in bounds.

@@ -4,7 +4,8 @@
 
 use crate::kernel::simd::{Job, Lanes};
 use crate::kernel::surface::faces::{Face, Search};
-use crate::kernel::vertex::{GONE, others};
+use crate::kernel::vertex::GONE;
+use crate::mesh::corners::others;
 use crate::mesh::vec3::{dot, sub};
 
 /// No witness follows.

@@ -10,7 +10,7 @@
 
 use crate::kernel::simd::unchecked::KnownIds;
 use crate::kernel::surface::{Surface, boundary_quadric};
-use crate::kernel::vertex::others;
+use crate::mesh::corners::others;
 use crate::mesh::vec3::{add, cross, dot, scale};
 
 /// Two triangles whose normals have a cosine below this make a fold.

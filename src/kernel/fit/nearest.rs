@@ -9,7 +9,8 @@ use crate::kernel::fit::samples::Sample;
 use crate::kernel::simd::Simd;
 use crate::kernel::surface::Surface;
 use crate::kernel::surface::faces::{Face, Search};
-use crate::kernel::vertex::{GONE, others};
+use crate::kernel::vertex::GONE;
+use crate::mesh::corners::others;
 use crate::mesh::vec3::sub;
 
 /// Samples around a vertex of more triangles are lost: each of them would look at all of those.

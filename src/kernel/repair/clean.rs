@@ -18,7 +18,8 @@ use crate::kernel::state::recompute::recompute_vertices;
 use crate::kernel::surface::class::Class;
 use crate::kernel::surface::fan::Fan;
 use crate::kernel::surface::{MAX_VALENCE, Surface};
-use crate::kernel::vertex::{GONE, others};
+use crate::kernel::vertex::GONE;
+use crate::mesh::corners::others;
 use crate::mesh::vec3::{dot, length_sq, normal, sub};
 
 /// Counts of a cleaning.

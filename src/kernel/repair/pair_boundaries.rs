@@ -18,7 +18,7 @@ use crate::kernel::surface::Surface;
 use crate::kernel::surface::class::Class;
 use crate::kernel::surface::fan::Fan;
 use crate::kernel::topology::components::components;
-use crate::kernel::vertex::others;
+use crate::mesh::corners::others;
 use crate::mesh::vec3::{Vec3, add, length_sq, scale, sub};
 
 /// No gap is bridged that is wider than this many mean open edges: boundaries are lines, so this bounds how

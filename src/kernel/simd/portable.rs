@@ -1,7 +1,8 @@
 //! Eight lanes in an array, left to the compiler.
 
 use super::lanes::{Lanes, PACKING};
-use crate::kernel::vertex::{Vertex, others};
+use crate::kernel::vertex::Vertex;
+use crate::mesh::corners::others;
 
 /// Eight numbers in an array.
 #[derive(Clone, Copy)]

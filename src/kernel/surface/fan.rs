@@ -4,7 +4,8 @@ use crate::kernel::simd::Lanes;
 use crate::kernel::simd::unchecked::KnownIds;
 use crate::kernel::surface::class::Class;
 use crate::kernel::surface::{MAX_VALENCE, Surface, boundary_quadric};
-use crate::kernel::vertex::{GONE, others};
+use crate::kernel::vertex::GONE;
+use crate::mesh::corners::others;
 
 impl Surface {
     /// Finds the class of a vertex that is not locked and adds the quadrics of its boundary edges.

@@ -15,7 +15,8 @@ use crate::kernel::collapse::collapser::Collapser;
 use crate::kernel::surface::Surface;
 use crate::kernel::surface::class::Class;
 use crate::kernel::topology::separation::{Separation, Side, separation_far, separation_near};
-use crate::kernel::vertex::{GONE, others};
+use crate::kernel::vertex::GONE;
+use crate::mesh::corners::others;
 use crate::mesh::vec3::{length_sq, normal, sub, triangle_distance_sq};
 
 /// Cost of the dearest collapse over the squared error, integrated over the surface, that a collapse adds at that

@@ -7,9 +7,9 @@
 //! corners by at most S L / sqrt 3, and at a corner the height is at most sqrt(1 + S^2) times as far away as the foot.
 
 use super::around::Around;
-use super::foot::others;
 use crate::measure::triangle::Vector;
 use crate::mesh::Mesh;
+use crate::mesh::corners::others;
 use crate::mesh::vec3::{add, cross, dot, length_sq, scale, sub};
 
 /// The disc around a vertex.

@@ -32,14 +32,3 @@ impl PartialOrd for Doubtful {
         Some(self.cmp(other))
     }
 }
-
-/// The two other corners of a triangle, in its sense of rotation.
-pub(super) fn others([a, b, c]: [u32; 3], v: u32) -> (u32, u32) {
-    if a == v {
-        (b, c)
-    } else if b == v {
-        (c, a)
-    } else {
-        (a, b)
-    }
-}

@@ -4,10 +4,11 @@ use super::across::across_sq;
 use super::around::{Around, Groups, NONE};
 use super::exact::Exact;
 use super::fans::Fans;
-use super::foot::{Doubtful, Foot, others};
+use super::foot::{Doubtful, Foot};
 use super::largest::Largest;
 use crate::measure::triangle::{Vector, closest};
 use crate::mesh::Mesh;
+use crate::mesh::corners::others;
 use crate::mesh::vec3::{cross, dot, length_sq, sub};
 
 use std::collections::BinaryHeap;

@@ -6,7 +6,7 @@ use super::Wedges;
 use super::pairs::Pairs;
 use crate::kernel::surface::Surface;
 use crate::kernel::surface::class::Class;
-use crate::kernel::vertex::others;
+use crate::mesh::corners::others;
 
 /// A collapse at a seam under way.
 pub(crate) struct SeamPlan {

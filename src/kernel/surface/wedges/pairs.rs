@@ -2,7 +2,7 @@
 
 use super::Wedges;
 use crate::kernel::surface::Surface;
-use crate::kernel::vertex::others;
+use crate::mesh::corners::others;
 
 /// Pairs of wedges of `v0` and `v1` that become one: those of the triangles over the edge.
 #[derive(Clone, Copy, Debug, Default)]
