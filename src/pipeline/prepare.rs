@@ -56,14 +56,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
             format!("--method {} has another way in: pipeline::methods", config.method.name());
         return Err(Error::Usage(what));
     }
-    refuse_to_overwrite(config)?;
-    if config.verify {
-        verify::refuse_unreadable(config)?;
-    }
-    let marks = input_marks(&config.input)?;
-    let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
-    let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
-    stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
+    let (marks, stage) = before_opening(config)?;
     let (mut texture, mut bake_bytes, mut can_bake) = (Texture::Keep, 0, false);
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
         texture = bake::decide(&source, config)?;
@@ -110,6 +103,19 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     }
     plan.check_disk(config)?;
     Ok(Prepared { source, plan, textures, texture, can_bake, marks })
+}
+
+/// Checks what can be checked without the input; returns marks of the input, and how to open it.
+pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String>, StageOptions)> {
+    refuse_to_overwrite(config)?;
+    if config.verify {
+        verify::refuse_unreadable(config)?;
+    }
+    let marks = input_marks(&config.input)?;
+    let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
+    let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+    stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
+    Ok((marks, stage))
 }
 
 /// Looks at every image and decides what becomes of it, for each output; empty where there are no materials.

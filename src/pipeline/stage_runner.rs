@@ -409,30 +409,42 @@ impl<'a> Stages<'a> {
         let pack = self.survivors(result.clone())?;
         let (disk, replace) = (self.run.disk().clone(), self.config.force);
         let place = Place { path, disk, replace };
-        if self.run.job.outcome::<()>(WRITING)?.is_none() {
-            self.run.job.record(WRITING, &())?;
-        }
-        // Never taken from the manifest: the output may have been moved away since.
         let run = self.run;
-        self.stages.begin("write", result.triangles);
-        let (read, start) = (run.disk().bytes_read(), Instant::now());
-        let written = write::write(&pack, place, header, form, &run)?;
-        self.stages.reports.push(StageReport {
-            name: "write".to_owned(),
-            part: "write".to_owned(),
-            seconds: start.elapsed().as_secs_f64(),
-            triangles_in: result.triangles,
-            triangles_out: written.triangles,
-            bytes_read: run.disk().bytes_read() - read,
-            bytes_written: written.bytes,
-            peak_memory_bytes: crate::system::memory::peak_bytes(),
-        });
+        let (written, ()) = self.as_write_stage(result.triangles, |_| {
+            Ok((write::write(&pack, place, header, form, &run)?, ()))
+        })?;
         self.adopt_progressive()?;
         if self.level < self.config.coarser.len() {
             // The next level takes the pack away that this file came from.
             self.run.job.record(&written_key, &written)?;
         }
         Ok(written)
+    }
+
+    /// Runs `write`, which makes an output of `triangles` triangles, as a stage that is noted when it begins and is
+    /// never taken from the manifest: the output may have been moved away since.
+    fn as_write_stage<T>(
+        &mut self,
+        triangles: u64,
+        write: impl FnOnce(&Self) -> Result<(Written, T)>,
+    ) -> Result<(Written, T)> {
+        if self.run.job.outcome::<()>(WRITING)?.is_none() {
+            self.run.job.record(WRITING, &())?;
+        }
+        self.stages.begin("write", triangles);
+        let (read, start) = (self.run.disk().bytes_read(), Instant::now());
+        let (written, made) = write(self)?;
+        self.stages.reports.push(StageReport {
+            name: "write".to_owned(),
+            part: "write".to_owned(),
+            seconds: start.elapsed().as_secs_f64(),
+            triangles_in: triangles,
+            triangles_out: written.triangles,
+            bytes_read: self.run.disk().bytes_read() - read,
+            bytes_written: written.bytes,
+            peak_memory_bytes: crate::system::memory::peak_bytes(),
+        });
+        Ok((written, made))
     }
 
     /// Gives the progressive mesh its name, unless an earlier run that was cut off has.

@@ -2,15 +2,15 @@
 //! topology. For narrow screens too.
 
 use super::page::{STYLE, bars, escape, histogram, show};
+use super::pictures::pictures_of;
 use crate::error::Result;
 use crate::io::StageOptions;
 use crate::io::ply::MeshSource;
 use crate::measure::load;
 use crate::mesh::Mesh;
 use crate::mesh::vec3::{dot, length_sq, sub};
-use crate::render::{Resources, Sphere, View, aim_source, render_source};
+use crate::render::{Resources, Sphere, View};
 use crate::system::progress::Progress;
-use base64::Engine;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -237,24 +237,8 @@ fn pictures(
         ));
     }
     let names = std::iter::once("original").chain(contenders.iter().map(|c| c.name.as_str()));
-    for (name, view) in views {
-        // One camera for all, or they could not be compared.
-        let aim = aim_source(&sources[0], &view, resources, progress)?;
-        let _ = write!(out, "<h2>{name}</h2><div class=\"row\">");
-        for (source, caption) in sources.iter().zip(names.clone()) {
-            let view = View { aim: Some(aim.clone()), ..view.clone() };
-            let png = render_source(source, &view, resources, progress)?.to_png()?;
-            let _ = write!(
-                out,
-                "<figure><img alt=\"{name}, {caption}\" src=\"data:image/png;base64,{}\">\
-                 <figcaption>{caption}: {} triangles</figcaption></figure>",
-                base64::engine::general_purpose::STANDARD.encode(png),
-                show(&json!(source.n_triangles()))
-            );
-        }
-        out.push_str("</div>");
-    }
-    Ok(())
+    let meshes: Vec<_> = sources.iter().zip(names).collect();
+    pictures_of(&meshes, views, ("h2", "row"), resources, out, progress)
 }
 
 fn place(value: &Value) -> Option<[f64; 3]> {

@@ -5,6 +5,7 @@
 
 mod comparison;
 mod page;
+mod pictures;
 
 pub use comparison::{Contender, html as comparison_html};
 
@@ -15,11 +16,12 @@ use crate::measure::load;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::property::Scalar;
 use crate::mesh::record::VertexSchema;
-use crate::render::{Coloring, Resources, Sphere, View, aim_source, has_images, render_source};
+use crate::render::{Coloring, Resources, Sphere, View, has_images};
 use crate::system::json_keys::is_old_name;
 use crate::system::progress::Progress;
 use base64::Engine;
 use page::{bars, escape, histogram, show, table};
+use pictures::pictures_of;
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -263,27 +265,12 @@ fn pictures(
     progress: &Progress,
 ) -> Result<()> {
     let is_textured = sources.iter().any(|source| has_images(source));
-    for (name, mut view) in views {
-        if is_textured && !view.edges {
-            view.coloring = Coloring::Texture;
-        }
-        // One camera for both, or they could not be compared.
-        let aim = aim_source(sources[0], &view, resources, progress)?;
-        let _ = write!(out, "<h3>{name}</h3><div class=\"pair\">");
-        for (source, caption) in sources.iter().zip(["original", "simplified"]) {
-            let view = View { aim: Some(aim.clone()), ..view.clone() };
-            let png = render_source(source, &view, resources, progress)?.to_png()?;
-            let _ = write!(
-                out,
-                "<figure><img alt=\"{name}, {caption}\" src=\"data:image/png;base64,{}\">\
-                 <figcaption>{caption}: {} triangles</figcaption></figure>",
-                base64::engine::general_purpose::STANDARD.encode(png),
-                show(&serde_json::json!(source.n_triangles()))
-            );
-        }
-        out.push_str("</div>");
+    let mut views = views;
+    for (_, view) in views.iter_mut().filter(|(_, view)| is_textured && !view.edges) {
+        view.coloring = Coloring::Texture;
     }
-    Ok(())
+    let meshes: Vec<_> = sources.into_iter().zip(["original", "simplified"]).collect();
+    pictures_of(&meshes, views, ("h3", "pair"), resources, out, progress)
 }
 
 fn viewer(

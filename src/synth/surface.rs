@@ -9,7 +9,7 @@ use super::permutation::Permutation;
 use crate::mesh::vec3::length_sq;
 use std::ops::Range;
 
-/// Rows in a block of an `Indexed` surface: large enough to amortise a thread's start, small enough that
+/// Rows in a block, where a surface does not say otherwise: large enough to amortise a thread's start, small enough that
 /// some dozen of them are nothing against any memory budget.
 const BLOCK_ROWS: u64 = 65_536;
 
@@ -37,11 +37,17 @@ pub(super) trait Surface: Sync {
     /// Number of triangles.
     fn n_faces(&self) -> u64;
     /// Number of vertex blocks; the blocks in order are all vertices in order.
-    fn n_vertex_blocks(&self) -> u64;
+    fn n_vertex_blocks(&self) -> u64 {
+        self.n_vertices().div_ceil(BLOCK_ROWS)
+    }
     /// Number of face blocks.
-    fn n_face_blocks(&self) -> u64;
+    fn n_face_blocks(&self) -> u64 {
+        self.n_faces().div_ceil(BLOCK_ROWS)
+    }
     /// Number of the first face of a block.
-    fn first_face(&self, block: u64) -> u64;
+    fn first_face(&self, block: u64) -> u64 {
+        block * BLOCK_ROWS
+    }
     /// Appends the vertices of one block.
     fn vertices(&self, block: u64, out: &mut Vec<Vertex>);
     /// Appends the triangles of one block.
@@ -76,18 +82,6 @@ impl<S: Indexed> Surface for InOrder<S> {
         self.0.n_faces()
     }
 
-    fn n_vertex_blocks(&self) -> u64 {
-        self.n_vertices().div_ceil(BLOCK_ROWS)
-    }
-
-    fn n_face_blocks(&self) -> u64 {
-        self.n_faces().div_ceil(BLOCK_ROWS)
-    }
-
-    fn first_face(&self, block: u64) -> u64 {
-        block * BLOCK_ROWS
-    }
-
     fn vertices(&self, block: u64, out: &mut Vec<Vertex>) {
         out.extend(rows(block, self.n_vertices()).map(|id| self.0.vertex(id)));
     }
@@ -118,18 +112,6 @@ impl<S: Indexed> Surface for Shuffled<S> {
 
     fn n_faces(&self) -> u64 {
         self.surface.n_faces()
-    }
-
-    fn n_vertex_blocks(&self) -> u64 {
-        self.n_vertices().div_ceil(BLOCK_ROWS)
-    }
-
-    fn n_face_blocks(&self) -> u64 {
-        self.n_faces().div_ceil(BLOCK_ROWS)
-    }
-
-    fn first_face(&self, block: u64) -> u64 {
-        block * BLOCK_ROWS
     }
 
     fn vertices(&self, block: u64, out: &mut Vec<Vertex>) {

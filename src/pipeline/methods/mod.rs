@@ -6,7 +6,7 @@
 mod plan;
 mod write;
 
-use super::prepare::{WRITING, check_labels, refuse_to_overwrite};
+use super::prepare::{WRITING, before_opening, check_labels};
 use super::run_report::{
     DecimationReport, EdgesReport, FaceReport, GridReport, InputReport, OutputReport,
     RetilingReport, RunReport, SpreadReport,
@@ -15,17 +15,16 @@ use super::run_report::{QualityReport, StageReport, StopReason};
 use super::verify;
 use crate::config::{Config, Method, Target};
 use crate::error::{Error, Result};
-use crate::io::StageOptions;
-use crate::io::ply::{MeshSource, ReadOptions, type_name};
+use crate::io::ply::{MeshSource, type_name};
 use crate::mesh::face_properties::FacePolicy;
 use crate::mesh::vec3::{length_sq, sub};
 use crate::methods::Made;
 use crate::methods::cluster::{self, Survey, Wanted};
 use crate::methods::{decimate, retile};
 use crate::store::job::Job;
-use crate::store::job::fingerprint::{input_marks, job_identity, unchanged};
+use crate::store::job::fingerprint::{job_identity, unchanged};
 use crate::store::stage_context::StageContext;
-use crate::system::disk::{Disk, folder_of};
+use crate::system::disk::Disk;
 use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::memory::{BASE_BYTES, peak_bytes};
 use crate::system::parallel::guarded;
@@ -58,14 +57,7 @@ pub fn prepare(config: &Config, progress: &Progress) -> Result<PreparedMethod> {
 
 fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMethod> {
     let started = Instant::now();
-    refuse_to_overwrite(config)?;
-    if config.verify {
-        verify::refuse_unreadable(config)?;
-    }
-    let marks = input_marks(&config.input)?;
-    let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
-    let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
-    stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
+    let (marks, stage) = before_opening(config)?;
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
         check_labels(&source, &config.attributes.labels)?;
         if !config.drop_texture {

@@ -15,8 +15,7 @@ use crate::io::{
     MeshSink, NUMBER, OutputFormat, OutputKind, StageOptions, TexturePlan, TextureRequest,
 };
 use crate::mesh::property::{Property, Scalar};
-use crate::pipeline::prepare::WRITING;
-use crate::pipeline::run_report::{StageReport, TextureReport};
+use crate::pipeline::run_report::TextureReport;
 use crate::stages::write::{self, Written};
 use crate::store::cells::SurvivorInfo;
 use crate::store::job::fingerprint::unchanged;
@@ -24,7 +23,6 @@ use crate::system::units::show_count;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
 
 /// Faces that go to the file together.
 const CHUNK: usize = 65_536;
@@ -65,26 +63,11 @@ impl Stages<'_> {
             "texture {} charts on {pages} pages, {texel_density:.4} texels per unit of length{of_original}",
             show_count(*charts)
         ));
-        if self.run.job.outcome::<()>(WRITING)?.is_none() {
-            self.run.job.record(WRITING, &())?;
-        }
-        // Never taken from the manifest: the output may have been moved away since.
-        let run = self.run;
-        self.stages.begin("write", result.triangles);
-        let (read, start) = (run.disk().bytes_read(), Instant::now());
-        let (written, plan) = self.write_with_pages(source, &shape, &baked)?;
-        self.stages.reports.push(StageReport {
-            name: "write".to_owned(),
-            part: "write".to_owned(),
-            seconds: start.elapsed().as_secs_f64(),
-            triangles_in: result.triangles,
-            triangles_out: written.triangles,
-            bytes_read: run.disk().bytes_read() - read,
-            bytes_written: written.bytes,
-            peak_memory_bytes: crate::system::memory::peak_bytes(),
-        });
+        let (written, plan) = self.as_write_stage(result.triangles, |stages| {
+            stages.write_with_pages(source, &shape, &baked)
+        })?;
         if self.level < self.config.coarser.len() {
-            run.job.record(&written_key, &written)?;
+            self.run.job.record(&written_key, &written)?;
         }
         let mut textures = TextureReport::of(&plan);
         textures.notes.splice(0..0, baked.report.notes.iter().cloned());
