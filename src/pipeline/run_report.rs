@@ -1,6 +1,6 @@
 //! The report of a run, as `--report` writes it; the keys are a contract that scripts rely on.
 //!
-//! docs/report.md describes every key, docs/report.schema.json says the same for machines, and tests/report_schema.rs holds
+//! docs/report.md describes every key, docs/report.schema.json says the same for machines, and tests/command/report_schema.rs holds
 //! real reports against both.
 
 pub use super::method_reports::{

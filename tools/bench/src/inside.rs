@@ -3,7 +3,7 @@
 //! `bench peer NAME IN.raw OUT.raw TRIANGLES` reads, simplifies on one thread, writes, and prints what the
 //! simplification alone took, as the drivers in `tools/bench/peers` do.
 
-#[path = "../../../tests/reference_kernel/mod.rs"]
+#[path = "../../../tests/kernel/reference/mod.rs"]
 mod reference;
 
 use crate::{Outcome, meshes};

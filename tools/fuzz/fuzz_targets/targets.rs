@@ -1,6 +1,6 @@
 //! What is fuzzed: every reader, from bytes to the last block, strict and with `skip_bad`.
 //!
-//! Used by the targets of cargo-fuzz and, with a seeded generator, by `tests/formats_fuzz.rs`. A target
+//! Used by the targets of cargo-fuzz and, with a seeded generator, by `tests/formats/fuzz.rs`. A target
 //! may return errors; it must not panic, hang or take more memory than the bytes are worth.
 
 #![allow(dead_code)]

@@ -1,0 +1,9 @@
+//! Colours, normals, labels and other values of vertices and faces, through the whole program.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod faces;
+mod names;
+mod options;
+mod output;

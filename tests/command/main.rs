@@ -1,0 +1,13 @@
+//! The command: its words, paths, pages, reports, and how it stops.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod command_line;
+mod empty;
+mod pages;
+mod paths;
+mod report;
+mod report_schema;
+mod serve;
+mod stopping;

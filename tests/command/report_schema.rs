@@ -1,0 +1,353 @@
+//! The JSON of the commands against its contract: docs/report.schema.json, and docs/report.md, which says the same for people.
+//!
+//! The checker knows the keywords that the schema uses and fails on any other. It is stricter than a validator: a key
+//! that the schema does not list is an error, so that no key goes undescribed. The crate `jsonschema` would do the same with 65
+//! packages.
+
+use crate::common::{expect, run};
+use serde_json::{Map, Value};
+use std::collections::BTreeSet;
+use std::path::Path;
+
+const NO_KEYWORDS: [&str; 4] = ["description", "title", "deprecated", "x-unit"];
+
+struct Schema {
+    root: Value,
+}
+
+impl Schema {
+    fn read() -> Schema {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/report.schema.json");
+        let text = std::fs::read_to_string(path).expect("the schema");
+        Schema { root: serde_json::from_str(&text).expect("JSON") }
+    }
+
+    fn definitions(&self) -> &Map<String, Value> {
+        self.root["$defs"].as_object().expect("definitions")
+    }
+
+    /// Lists what is wrong with `value` under the definition `name`.
+    fn complaints(&self, name: &str, value: &Value) -> Vec<String> {
+        let mut out = Vec::new();
+        let rules = self.definitions().get(name).unwrap_or_else(|| panic!("no definition {name}"));
+        self.check(rules, value, name, &mut out);
+        out
+    }
+
+    fn check(&self, rules: &Value, value: &Value, at: &str, out: &mut Vec<String>) {
+        let rules = rules.as_object().expect("rules");
+        for (keyword, rule) in rules {
+            let is_kept = match keyword.as_str() {
+                known if NO_KEYWORDS.contains(&known) => true,
+                "$ref" => {
+                    let target = rule.as_str().and_then(|r| r.strip_prefix("#/$defs/"));
+                    let target = target.and_then(|name| self.definitions().get(name));
+                    self.check(target.expect("a definition"), value, at, out);
+                    true
+                }
+                "type" => match rule {
+                    Value::Array(types) => types.iter().any(|kind| is_of_type(kind, value)),
+                    kind => is_of_type(kind, value),
+                },
+                "const" => value == rule,
+                "enum" => rule.as_array().expect("a list").contains(value),
+                "minimum" => value.as_f64().is_none_or(|x| x >= rule.as_f64().expect("a number")),
+                "maximum" => value.as_f64().is_none_or(|x| x <= rule.as_f64().expect("a number")),
+                "minItems" => n_items(value).is_none_or(|n| n >= rule.as_u64().expect("a number")),
+                "maxItems" => n_items(value).is_none_or(|n| n <= rule.as_u64().expect("a number")),
+                "pattern" => begins_as(rule.as_str().expect("a pattern"), value),
+                "items" => {
+                    for (i, item) in value.as_array().into_iter().flatten().enumerate() {
+                        self.check(rule, item, &format!("{at}[{i}]"), out);
+                    }
+                    true
+                }
+                "properties" => {
+                    for (key, item) in value.as_object().into_iter().flatten() {
+                        match rule.get(key) {
+                            Some(rules) => self.check(rules, item, &format!("{at}.{key}"), out),
+                            None => out.push(format!("{at}.{key} is not in the schema")),
+                        }
+                    }
+                    true
+                }
+                "required" => {
+                    for key in rule.as_array().expect("a list") {
+                        if value.get(key.as_str().expect("a key")).is_none() {
+                            out.push(format!("{at} has no {key}"));
+                        }
+                    }
+                    true
+                }
+                other => panic!("the checker does not know the keyword {other}"),
+            };
+            if !is_kept {
+                out.push(format!("{at} is {value}, against {keyword} {rule}"));
+            }
+        }
+    }
+}
+
+fn is_of_type(kind: &Value, value: &Value) -> bool {
+    match kind.as_str().expect("a type") {
+        "object" => value.is_object(),
+        "array" => value.is_array(),
+        "string" => value.is_string(),
+        "boolean" => value.is_boolean(),
+        "null" => value.is_null(),
+        "number" => value.is_number(),
+        "integer" => value.is_u64() || value.is_i64(),
+        other => panic!("no type {other}"),
+    }
+}
+
+fn n_items(value: &Value) -> Option<u64> {
+    value.as_array().map(|list| list.len() as u64)
+}
+
+/// The only form of pattern in use: `^(a|b)=`.
+fn begins_as(pattern: &str, value: &Value) -> bool {
+    let inside = pattern.strip_prefix("^(").and_then(|rest| rest.strip_suffix(")="));
+    let mut words = inside.expect("a pattern of the known form").split('|');
+    let Some(text) = value.as_str() else { return true };
+    words.any(|word| text.strip_prefix(word).is_some_and(|rest| rest.starts_with('=')))
+}
+
+fn read(path: &Path) -> Value {
+    let text = std::fs::read_to_string(path).expect("a report");
+    serde_json::from_str(&text).expect("JSON")
+}
+
+fn printed(folder: &Path, arguments: &str) -> Value {
+    let output = run(folder, arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("JSON")
+}
+
+fn assert_keeps(name: &str, value: &Value) {
+    let complaints = Schema::read().complaints(name, value);
+    assert!(complaints.is_empty(), "{name}: {complaints:#?}\n{value:#}");
+}
+
+fn folder_with(kind: &str, more: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    expect(folder.path(), &format!("synth {kind} in.ply {more} -q"), 0);
+    folder
+}
+
+#[test]
+fn reports_of_simplify_keep_the_schema() {
+    let folder = folder_with("scans", "--triangles 12k --color");
+    let out = folder.path();
+    for (options, code) in [
+        ("--ratio 10%", 0),
+        ("--ratio 10% --cell-triangles 1k --min-component 20 --verify --fit on --keep-temp", 0),
+        ("--triangles 6k --cell-triangles 1k --topology keep --placement subset", 0),
+        ("--triangles 3k,1k --cell-triangles 1k --verify", 0),
+        ("--max-error 0.05 --cell-triangles 1k --error-field", 0),
+        ("--max-error 0.05 --ratio 30%", 3),
+        ("--max-error 1e-30", 0),
+    ] {
+        let command =
+            format!("simplify in.ply out.ply {options} --force --restart --report r.json");
+        expect(out, &command, code);
+        let report = read(&out.join("r.json"));
+        assert_keeps("simplify_report", &report);
+        assert_eq!(report["schema_version"], 1);
+        // Scripts that were written before still find what they look for.
+        let old_and_new = [
+            (&report["rejects"], "link_condition", "link condition"),
+            (&report["changes"], "handles_cut", "tubes cut"),
+            (&report["settings"], "cell_triangles", "cell-triangles"),
+            (&report["seams"], "sample_position", "place"),
+        ];
+        for (object, new, old) in old_and_new {
+            assert_eq!(object[new], object[old], "{options}: {new}");
+        }
+        assert!(report["rejects"]["link_condition"].is_u64() || options.contains("max-error"));
+        let names = |key: &str| -> BTreeSet<&str> {
+            let stages = report["stages"].as_array().expect("stages");
+            stages.iter().filter_map(|stage| stage[key].as_str()).collect()
+        };
+        if options.contains("--triangles 6k") {
+            assert!(names("name").is_superset(&BTreeSet::from(["round", "repartition"])));
+            assert!(names("part").contains("stitch") && !names("part").contains("round"));
+        }
+    }
+    for (method, options) in [
+        ("cluster", "--ratio 10% --verify"),
+        ("cluster", "--grid 0.1"),
+        ("decimate", "--ratio 30% --verify --feature-angle 40"),
+        ("retile", "--ratio 10% --verify --gradation 1"),
+    ] {
+        let command = format!(
+            "simplify in.ply out.ply --method {method} {options} --force --restart --report r.json"
+        );
+        expect(out, &command, 0);
+        let report = read(&out.join("r.json"));
+        assert_keeps("simplify_report", &report);
+        assert_eq!(report["method"], method);
+        assert_eq!(report["settings"]["method"], method);
+    }
+    let job = out.join("out.ply.stonecut-job");
+    assert!(!job.exists() || std::fs::remove_dir_all(&job).is_ok());
+}
+
+#[test]
+fn what_textures_and_faces_add_keeps_the_schema() {
+    let folder = folder_with("rooms", "--triangles 20k");
+    let out = folder.path();
+    let command = "simplify in.ply out.ply --ratio 30% --texture keep --cell-triangles 4k --report r.json --verify";
+    expect(out, command, 0);
+    let report = read(&out.join("r.json"));
+    assert_keeps("simplify_report", &report);
+    assert!(report["seams"]["charts_vanished"].is_u64(), "{report}");
+    assert_keeps("info", &printed(out, "info --json --check in.ply"));
+}
+
+#[test]
+fn measurements_keep_the_schema() {
+    let folder = folder_with("statue", "--triangles 20k --color --uv");
+    let out = folder.path();
+    expect(out, "simplify in.ply out.ply --ratio 20% -q --seams seams.ply --cell-triangles 2k", 0);
+    for options in [
+        "",
+        "--near seams.ply --within 0.1",
+        "--memory 64MiB --cell-triangles 2k",
+        "--certify --tolerance 5%",
+        "--memory 64MiB --cell-triangles 2k --certify",
+        "--appearance --views 2",
+    ] {
+        let samples = "--samples 5k --report m.json --json";
+        let answer = printed(out, &format!("measure in.ply out.ply {options} {samples}"));
+        assert_keeps("measure_report", &answer);
+        assert_eq!(answer, read(&out.join("m.json")));
+        assert_eq!(answer["forward"]["color_delta_e"], answer["forward"]["colour_delta_e"]);
+        assert!(answer["forward"]["color_delta_e"].is_number(), "{answer}");
+        assert_eq!(answer["hausdorff"].is_object(), options.contains("--certify"), "{options}");
+        assert_eq!(answer["appearance"].is_object(), options.contains("--app"), "{options}");
+    }
+}
+
+#[test]
+fn answers_about_files_and_jobs_keep_the_schema() {
+    let folder = folder_with("terrain", "--triangles 20k");
+    let out = folder.path();
+    for options in ["", "--check", "--check --memory 48MiB", "--check --self-intersections"] {
+        assert_keeps("info", &printed(out, &format!("info in.ply --json {options}")));
+    }
+    expect(out, "simplify in.ply o.ply --ratio 5% --cell-triangles 3k --until simplify -q", 0);
+    let status = printed(out, "status o.ply.stonecut-job --json");
+    assert_keeps("status", &status);
+    let (new, old) = (&status["input_fingerprint"], &status["input_marks"]);
+    assert_eq!(new["sample_checksum"], old["checksum of samples"]);
+}
+
+#[test]
+fn lines_of_progress_keep_the_schema() {
+    let folder = folder_with("terrain", "--triangles 200k");
+    let command = "simplify in.ply o.ply --ratio 5% --min-component 5 --progress json";
+    let said = expect(folder.path(), command, 0);
+    let lines = said.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    let mut n = 0;
+    for line in lines {
+        assert_keeps(if line["note"].is_string() { "note" } else { "progress" }, &line);
+        n += 1;
+    }
+    assert!(n > 0, "{said}");
+}
+
+#[test]
+fn the_checker_finds_what_is_wrong() {
+    let schema = Schema::read();
+    let good = serde_json::json!({"limit": 30, "components": 2, "triangles": 7});
+    assert!(schema.complaints("below", &good).is_empty());
+    for (key, value) in
+        [("limit", Value::Null), ("limit", (-1).into()), ("limit", 0.5.into()), ("Limit", 3.into())]
+    {
+        let mut bad = good.clone();
+        bad[key] = value;
+        assert_eq!(schema.complaints("below", &bad).len(), 1, "{bad}");
+    }
+    assert_eq!(schema.complaints("below", &serde_json::json!({"limit": 1})).len(), 2);
+    let bad = serde_json::json!({"name": "a", "type": "int", "carried": "maybe"});
+    assert_eq!(schema.complaints("face_property", &bad).len(), 1);
+    assert!(begins_as("^(a|b)=", &"b=1".into()) && !begins_as("^(a|b)=", &"c=1".into()));
+}
+
+/// The table of docs/report.md for one definition.
+fn table(rules: &Value) -> String {
+    let required = |key: &String| {
+        rules["required"].as_array().is_some_and(|list| list.iter().any(|known| known == key))
+    };
+    let mut rows = String::from("| key | type | unit | range | meaning |\n|---|---|---|---|---|\n");
+    for (key, rule) in rules["properties"].as_object().expect("properties") {
+        let mut kind = type_of(rule);
+        if !required(key) {
+            kind += ", optional";
+        }
+        let mark = if rule["deprecated"] == true { "**Deprecated.** " } else { "" };
+        let unit = rule["x-unit"].as_str().unwrap_or_default();
+        let meaning = rule["description"].as_str().expect("a description");
+        let range = range_of(rule);
+        rows += &format!("| `{key}` | {kind} | {unit} | {range} | {mark}{meaning} |\n");
+    }
+    rows
+}
+
+fn type_of(rule: &Value) -> String {
+    let named = |rule: &Value| Some(format!("`{}`", rule["$ref"].as_str()?.rsplit_once('/')?.1));
+    if let Some(name) = named(rule) {
+        return format!("object {name}");
+    }
+    let types: Vec<&str> = match &rule["type"] {
+        Value::Array(types) => types.iter().filter_map(Value::as_str).collect(),
+        kind => kind.as_str().into_iter().collect(),
+    };
+    let mut words: Vec<String> = types.iter().map(|kind| (*kind).to_owned()).collect();
+    if words[0] == "array" {
+        let items = &rule["items"];
+        words[0] = format!("array of {}", named(items).unwrap_or_else(|| type_of(items)));
+    }
+    words.join(" or ")
+}
+
+fn range_of(rule: &Value) -> String {
+    let list = |values: &Value| -> Option<String> {
+        let texts = values.as_array()?.iter().map(|value| match value {
+            Value::String(text) => format!("`{text}`"),
+            other => format!("`{other}`"),
+        });
+        Some(texts.collect::<Vec<_>>().join(", "))
+    };
+    match (&rule["const"], &rule["minimum"], &rule["maximum"], &rule["minItems"]) {
+        (Value::Null, Value::Null, _, Value::Null) => list(&rule["enum"]).unwrap_or_default(),
+        (Value::Null, Value::Null, _, n) => format!("{n} items"),
+        (Value::Null, least, Value::Null, _) => format!("≥ {least}"),
+        (Value::Null, least, most, _) => format!("{least} to {most}"),
+        (only, ..) => only.to_string(),
+    }
+}
+
+#[test]
+fn the_page_for_people_says_what_the_schema_says() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/report.md");
+    let page = std::fs::read_to_string(path).expect("the page");
+    let rows: BTreeSet<&str> = page.lines().collect();
+    for (name, rules) in Schema::read().definitions() {
+        let wanted = table(rules);
+        let missing: Vec<&str> = wanted.lines().filter(|row| !rows.contains(row)).collect();
+        assert!(missing.is_empty(), "docs/report.md lacks, of {name}:\n{}", missing.join("\n"));
+    }
+}
+
+#[test]
+fn keys_are_in_snake_case_but_for_deprecated_ones() {
+    let is_snake =
+        |key: &str| key.bytes().all(|b| b == b'_' || b.is_ascii_lowercase() || b.is_ascii_digit());
+    for (name, rules) in Schema::read().definitions() {
+        for (key, rule) in rules["properties"].as_object().expect("properties") {
+            assert!(is_snake(key) || rule["deprecated"] == true, "{name}.{key}");
+        }
+    }
+}

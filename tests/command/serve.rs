@@ -1,0 +1,125 @@
+//! `stonecut serve`: types, parts of files, and no way out of the folder.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
+
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Stdio};
+
+struct Served {
+    child: Child,
+    address: String,
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn serve(folder: &Path) -> Served {
+    let mut child = crate::common::stonecut()
+        .args(["serve", "--port", "0"])
+        .arg(folder)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut line = String::new();
+    BufReader::new(child.stderr.take().unwrap()).read_line(&mut line).unwrap();
+    let address = line.split('/').nth(2).unwrap().to_owned();
+    assert!(address.starts_with("127.0.0.1:"), "{line}");
+    Served { child, address }
+}
+
+impl Served {
+    /// Code, headers in small letters, body.
+    fn ask(&self, method: &str, url: &str, more: &str) -> (u16, String, Vec<u8>) {
+        let mut stream = TcpStream::connect(&self.address).unwrap();
+        let host = &self.address;
+        let text =
+            format!("{method} {url} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n{more}\r\n");
+        stream.write_all(text.as_bytes()).unwrap();
+        let mut out = Vec::new();
+        stream.read_to_end(&mut out).unwrap();
+        let end = out.windows(4).position(|w| w == b"\r\n\r\n").unwrap();
+        let head = String::from_utf8_lossy(&out[..end]).to_lowercase();
+        let code = head.split(' ').nth(1).unwrap().parse().unwrap();
+        (code, head, out[end + 4..].to_vec())
+    }
+}
+
+#[test]
+fn files_come_whole_and_in_parts_with_their_types() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("tiles")).unwrap();
+    let data: Vec<u8> = (0..100_000u32).flat_map(u32::to_le_bytes).collect();
+    std::fs::write(folder.path().join("tiles/0 1.glb"), &data).unwrap();
+    std::fs::write(folder.path().join("index.html"), "<p>page").unwrap();
+    std::fs::write(folder.path().join("tileset.json"), "{}").unwrap();
+    let served = serve(folder.path());
+    let (code, head, body) = served.ask("GET", "/", "");
+    assert_eq!((code, &body[..]), (200, &b"<p>page"[..]));
+    assert!(head.contains("content-type: text/html"), "{head}");
+    let (code, head, body) = served.ask("GET", "/tiles/0%201.glb?x=1", "");
+    assert!(code == 200 && body == data, "{head}");
+    assert!(head.contains("model/gltf-binary") && head.contains("accept-ranges: bytes"), "{head}");
+    let (code, head, body) = served.ask("GET", "/tiles/0%201.glb", "Range: bytes=8-15\r\n");
+    assert_eq!((code, &body[..]), (206, &data[8..16]));
+    assert!(head.contains("content-range: bytes 8-15/400000"), "{head}");
+    let (code, head, _) = served.ask("GET", "/tileset.json", "Range: bytes=2-\r\n");
+    assert!(code == 416 && head.contains("bytes */2"), "{head}");
+    let (code, head, body) = served.ask("HEAD", "/tileset.json", "");
+    assert!(code == 200 && body.is_empty() && head.contains("application/json"), "{head}");
+    for (method, url, code) in
+        [("GET", "/none", 404), ("GET", "/tiles", 404), ("POST", "/", 405), ("DELETE", "/", 405)]
+    {
+        assert_eq!(served.ask(method, url, "").0, code, "{method} {url}");
+    }
+}
+
+#[test]
+fn nothing_outside_of_the_folder_is_served() {
+    let above = tempfile::tempdir().unwrap();
+    let folder = above.path().join("served");
+    std::fs::create_dir_all(folder.join("a")).unwrap();
+    std::fs::write(above.path().join("secret.txt"), "secret").unwrap();
+    std::fs::write(folder.join("open.txt"), "open").unwrap();
+    std::os::unix::fs::symlink("../secret.txt", folder.join("link.txt")).unwrap();
+    std::os::unix::fs::symlink("..", folder.join("up")).unwrap();
+    std::os::unix::fs::symlink("open.txt", folder.join("within.txt")).unwrap();
+    std::os::unix::fs::symlink("/etc", folder.join("etc")).unwrap();
+    let served = serve(&folder);
+    assert_eq!(served.ask("GET", "/within.txt", "").2, b"open");
+    for url in [
+        "/../secret.txt",
+        "/a/../../secret.txt",
+        "/%2e%2e/secret.txt",
+        "/..%2fsecret.txt",
+        "/a/%2e%2e%2f%2e%2e/secret.txt",
+        "/link.txt",
+        "/up/secret.txt",
+        "/etc/passwd",
+        "//etc/passwd",
+        "/%00",
+    ] {
+        let (code, head, body) = served.ask("GET", url, "");
+        assert!(code >= 400, "{url}: {head}");
+        assert!(!body.windows(6).any(|w| w == b"secret" || w == b"root:x"), "{url}");
+    }
+    let (code, ..) = served.ask("GET", "http://evil.example/open.txt", "");
+    assert!(code >= 400);
+}
+
+#[test]
+fn a_page_with_a_viewer_lies_beside_the_tiles() {
+    let folder = tempfile::tempdir().unwrap();
+    crate::common::expect(folder.path(), "synth statue in.ply --triangles 5k", 0);
+    crate::common::expect(folder.path(), "tiles in.ply out --viewer", 0);
+    let served = serve(&folder.path().join("out"));
+    assert!(String::from_utf8_lossy(&served.ask("GET", "/", "").2).contains("viewer.js"));
+    for name in ["/viewer.js", "/viewer-licences.txt", "/tileset.json"] {
+        assert_eq!(served.ask("GET", name, "").0, 200, "{name}");
+    }
+}

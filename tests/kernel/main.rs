@@ -1,0 +1,6 @@
+//! The kernel alone, on families of meshes from clean to nasty.
+
+mod dirty;
+mod facing;
+mod property;
+mod quality;

@@ -1,0 +1,11 @@
+//! Crashes, full disks, damage, little memory and many machines: the same bytes, or a clear error.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod budgets;
+mod cluster;
+mod crash;
+mod full_disk;
+mod memory_promise;
+mod resume_damage;

@@ -1,0 +1,16 @@
+//! The main job and the other methods, from input to result.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod chain;
+mod components;
+mod fit;
+mod flats;
+mod in_memory;
+mod input;
+mod max_error;
+mod methods;
+mod progressive;
+mod retile;
+mod simplify;

@@ -1,0 +1,145 @@
+//! `--max-error`: the distance between input and result, both ways, stays within the bound.
+
+#![allow(clippy::unwrap_used)]
+
+use crate::common::{count, expect, run};
+use std::path::Path;
+
+/// The larger one of the two distances that `measure` finds.
+fn measured(at: &Path, input: &str, output: &str) -> f64 {
+    expect(at, &format!("measure {input} {output} --report m.json"), 0);
+    let report = json(&at.join("m.json"));
+    let max = |side: &str| report[side]["max"].as_f64().unwrap();
+    max("forward").max(max("backward"))
+}
+
+fn json(path: &Path) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn the_result_stays_within_the_bound_and_goes_far() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for kind in ["statue", "terrain", "volume"] {
+        expect(at, &format!("synth {kind} in.ply --triangles 30k --force"), 0);
+        let diagonal = diagonal(at, "in.ply");
+        let mut before = i64::MAX;
+        for share in [1e-4, 1e-3, 1e-2] {
+            let bound = share * diagonal;
+            for cells in ["", "--cell-triangles 3k"] {
+                let command = format!("simplify in.ply out.ply --max-error {bound} {cells}");
+                expect(at, &format!("{command} --force --report r.json"), 0);
+                let max = measured(at, "in.ply", "out.ply");
+                assert!(max <= bound, "{kind} {bound} {cells}: {max}");
+                let report = json(&at.join("r.json"));
+                let upper = report["hausdorff"]["upper"].as_f64().unwrap();
+                assert!(upper <= bound && max <= upper, "{kind} {bound} {cells}: {upper} proven");
+                let tracked = report["max_error"]["tracked_max"].as_f64().unwrap();
+                assert!(tracked <= bound, "{kind} {bound} {cells}: {tracked}");
+                let n = count(&report["output"], "triangles");
+                if cells.is_empty() {
+                    assert!(n < before, "{kind} {bound}: {n}");
+                    before = n;
+                }
+            }
+        }
+        // The specks of a volume stay: four triangles each.
+        assert!(before < 6_000, "{kind}: {before}");
+    }
+}
+
+/// Diagonal of the input's box, from the report of a run.
+fn diagonal(at: &Path, input: &str) -> f64 {
+    expect(at, &format!("simplify {input} b.ply --ratio 50% --force --report b.json"), 0);
+    let bounds = json(&at.join("b.json"))["input"]["bounds"].clone();
+    let end = |end: usize, axis: usize| bounds[end][axis].as_f64().unwrap();
+    (0..3).map(|axis| (end(1, axis) - end(0, axis)).powi(2)).sum::<f64>().sqrt()
+}
+
+#[test]
+fn bytes_depend_on_neither_threads_nor_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth scans in.ply --triangles 60k --color", 0);
+    let bytes = |options: &str| {
+        let command = "simplify in.ply out.ply --max-error 0.004 --cell-triangles 3k --error-field";
+        expect(at, &format!("{command} --force {options}"), 0);
+        std::fs::read(at.join("out.ply")).unwrap()
+    };
+    let first = bytes("--threads 1");
+    assert!(first == bytes("--threads 3 --memory 100MiB"), "threads and memory show");
+    assert!(first != bytes("--threads 3 --topology keep --placement midpoint"), "options do not");
+}
+
+#[test]
+fn whichever_comes_first_ends_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth statue in.ply --triangles 30k", 0);
+    let bound = 0.003 * diagonal(at, "in.ply");
+    let triangles = |options: &str, code: i32| {
+        expect(at, &format!("simplify in.ply o.ply {options} --force --report r.json"), code);
+        count(&json(&at.join("r.json"))["output"], "triangles")
+    };
+    let by_bound = triangles(&format!("--max-error {bound}"), 0);
+    let by_count = by_bound + 2000;
+    let both = triangles(&format!("--max-error {bound} --triangles {by_count}"), 0);
+    assert!((by_count - 1..=by_count).contains(&both), "{both} for {by_count}");
+    assert_eq!(triangles(&format!("--max-error {bound} --triangles 100"), 3), by_bound);
+}
+
+#[test]
+fn a_bound_of_nothing_changes_nothing_and_a_huge_one_leaves_hardly_anything() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth statue in.ply --triangles 8k", 0);
+    for bound in ["0", "1e-30"] {
+        expect(
+            at,
+            &format!("simplify in.ply o.ply --max-error {bound} --force --report r.json"),
+            0,
+        );
+        let report = json(&at.join("r.json"));
+        assert_eq!(count(&report["output"], "triangles"), count(&report["input"], "triangles"));
+        assert_eq!(report["hausdorff"]["upper"], 0.0, "{bound}");
+    }
+    // A vertex that no f32 stands for, written as one: the certificate sees the rounding.
+    let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n\
+                element face 4\nproperty list uchar int vertex_indices\nend_header\n\
+                0.1 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 3 1\n3 0 2 3\n3 1 3 2\n";
+    std::fs::write(at.join("f64.ply"), text).unwrap();
+    let said = expect(at, "simplify f64.ply p.obj --max-error 0", 3);
+    assert!(said.contains("no result keeps the bound") && !at.join("p.obj").exists(), "{said}");
+    let output = run(at, "simplify in.ply o.ply --max-error 1000 --force --report r.json");
+    // So few triangles stand for no statue, which exit code 3 says.
+    assert_eq!(output.status.code(), Some(3), "{output:?}");
+    let n = count(&json(&at.join("r.json"))["output"], "triangles");
+    assert!((4..=400).contains(&n), "{n}");
+    for wrong in ["NaN", "-1", "inf", "1mm"] {
+        let output = run(at, &format!("simplify in.ply p.ply --max-error={wrong}"));
+        assert_eq!(output.status.code(), Some(2), "{wrong}: {output:?}");
+    }
+}
+
+#[test]
+fn the_field_has_a_distance_for_every_vertex() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth terrain in.ply --triangles 20k", 0);
+    expect(at, "simplify in.ply o.ply --max-error 0.5 --error-field --format ascii", 0);
+    let text = std::fs::read_to_string(at.join("o.ply")).unwrap();
+    let (header, body) = text.split_once("end_header\n").unwrap();
+    assert!(header.contains("property float error\n"), "{header}");
+    let n: usize =
+        header.lines().find_map(|l| l.strip_prefix("element vertex ")).unwrap().parse().unwrap();
+    let errors: Vec<f64> = body
+        .lines()
+        .take(n)
+        .map(|row| row.split_whitespace().next_back().unwrap().parse().unwrap())
+        .collect();
+    assert!(errors.iter().all(|error| (0.0..=0.5).contains(error)), "within the bound");
+    assert!(errors.iter().any(|error| *error > 0.25), "and not far below it everywhere");
+    let output = run(at, "simplify o.ply p.ply --max-error 0.5 --error-field");
+    assert_eq!(output.status.code(), Some(2), "the name is taken: {output:?}");
+}

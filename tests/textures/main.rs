@@ -1,0 +1,9 @@
+//! Textured meshes: kept, baked, drawn and compared.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod appearance;
+mod bake;
+mod keep;
+mod render;

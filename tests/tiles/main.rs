@@ -1,0 +1,7 @@
+//! Trees of tiles and what is extracted from them.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod extract;
+mod tiles;

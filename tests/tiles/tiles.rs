@@ -1,0 +1,364 @@
+//! Trees of tiles: whole, sound, the same whatever the machine; and a checker that finds what is wrong with one.
+
+#![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
+
+use crate::common::{check, count, expect, run};
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use stonecut::io::decode_tile;
+use stonecut::measure::tree::{Nearest, Tree};
+use stonecut::mesh::Mesh;
+use stonecut::pipeline::tiles::{TilesConfig, make_tiles_on, prepare_tiles};
+use stonecut::system::disk::Disk;
+use stonecut::system::progress::Progress;
+
+/// A tree of a small statue, and the folder it lies in.
+fn statue(options: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth statue in.ply --triangles 60k --seed 3", 0);
+    expect(folder.path(), &format!("tiles in.ply out --tile-triangles 1000 {options}"), 0);
+    folder
+}
+
+/// Every file below a folder by its name.
+fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut out = BTreeMap::new();
+    let mut open = vec![folder.to_path_buf()];
+    while let Some(at) = open.pop() {
+        for entry in std::fs::read_dir(&at).unwrap().flatten() {
+            let path = entry.path();
+            if path.is_dir() {
+                open.push(path);
+            } else {
+                let name = path.strip_prefix(folder).unwrap().to_path_buf();
+                out.insert(name, std::fs::read(&path).unwrap());
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn a_closed_mesh_becomes_a_tree_without_gaps() {
+    let folder = statue("--report r.json");
+    let found = check(folder.path(), "out");
+    assert_eq!((count(&found, "n_faults"), count(&found, "boundary_edges")), (0, 0), "{found}");
+    assert!(count(&found, "levels") >= 4 && count(&found, "tiles") > 60, "{found}");
+    assert_eq!(found["gap_within"], json!(0.0));
+    assert!(found["gap_across_steps"].as_f64().unwrap() <= 0.5);
+    let n = count(&check(folder.path(), "in.ply"), "triangles");
+    assert_eq!(count(&found, "triangles"), n);
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join("r.json")).unwrap()).unwrap();
+    assert_eq!(report["tiles"], found["tiles"]);
+    assert_eq!(report["stuck"], 0);
+    assert!(!folder.path().join("out.stonecut-job").exists());
+    let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().flatten().collect();
+    assert_eq!(left.len(), 3, "{left:?}");
+}
+
+#[test]
+fn open_scans_with_colours_and_other_frames_become_trees_too() {
+    for (synth, options) in [
+        ("terrain", "--compress none --up y"),
+        ("scans", "--geo 47.3769,8.5417,408 --pixels 4"),
+        ("gyroid", "--tile-triangles 700"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        expect(folder.path(), &format!("synth {synth} in.ply --triangles 30k"), 0);
+        let options = match options.contains("--tile") {
+            true => options.to_owned(),
+            false => format!("{options} --tile-triangles 900"),
+        };
+        let output = run(folder.path(), &format!("tiles in.ply out {options}"));
+        // Ragged meshes may have groups that hardly fall.
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(matches!(output.status.code(), Some(0 | 3)), "{synth}: {said}");
+        let found = check(folder.path(), "out");
+        assert_eq!(count(&found, "n_faults"), 0, "{synth}: {found}");
+        let tile = std::fs::read(folder.path().join("out/tiles/0/0/0-0.glb")).unwrap();
+        let tile = decode_tile(&tile).unwrap();
+        assert_eq!(tile.mesh.colours.is_empty(), synth != "scans");
+        assert_eq!(tile.is_z_up, synth != "terrain");
+    }
+}
+
+#[test]
+fn a_mesh_of_one_tile_is_a_tree_of_one_tile() {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth statue in.ply --triangles 2k", 0);
+    expect(folder.path(), "tiles in.ply out", 0);
+    let found = check(folder.path(), "out");
+    assert_eq!(count(&found, "n_faults"), 0, "{found}");
+}
+
+#[test]
+fn the_same_bytes_for_any_threads_and_memory() {
+    let folder = statue("--threads 1 --memory 200MiB");
+    let one = files(&folder.path().join("out"));
+    expect(folder.path(), "tiles in.ply other --tile-triangles 1000 --threads 3 --memory 2GiB", 0);
+    assert!(one == files(&folder.path().join("other")));
+}
+
+#[test]
+fn a_tree_is_replaced_only_when_asked_and_only_if_it_is_one() {
+    let folder = statue("");
+    let said = expect(folder.path(), "tiles in.ply out", 2);
+    assert!(said.contains("--force"), "{said}");
+    expect(folder.path(), "tiles in.ply out --force --tile-triangles 2k", 0);
+    assert_eq!(count(&check(folder.path(), "out"), "n_faults"), 0);
+    let other = folder.path().join("mine");
+    std::fs::create_dir(&other).unwrap();
+    std::fs::write(other.join("thesis.txt"), "years of work").unwrap();
+    let said = expect(folder.path(), "tiles in.ply mine --force", 2);
+    assert!(said.contains("not a tree of tiles"), "{said}");
+    assert!(other.join("thesis.txt").exists());
+    expect(folder.path(), "tiles in.ply in.ply --force", 2);
+    expect(folder.path(), "tiles in.ply no/such/folder", 2);
+}
+
+fn config(folder: &Path, output: &str) -> TilesConfig {
+    let mut transform = [0.0; 16];
+    (0..4).for_each(|k| transform[5 * k] = 1.0);
+    TilesConfig {
+        input: folder.join("in.ply"),
+        output: folder.join(output),
+        tile_triangles: 1000,
+        pixels: 1.0,
+        packs: true,
+        is_z_up: true,
+        transform,
+        viewer: false,
+        memory_bytes: 512 << 20,
+        threads: std::num::NonZeroUsize::MIN,
+        job_folder: folder.join(format!("{output}.stonecut-job")),
+        keep_temp: false,
+        force: false,
+        restart: false,
+        skip_bad: false,
+        checkpoint_every: std::time::Duration::ZERO,
+    }
+}
+
+fn make(disk: &Disk, config: &TilesConfig) -> stonecut::Result<()> {
+    let prepared = prepare_tiles(config)?;
+    make_tiles_on(disk, prepared, config, &Progress::default()).map(|_| ())
+}
+
+#[test]
+fn a_run_that_stopped_anywhere_is_continued_to_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth statue in.ply --triangles 20k", 0);
+    let disk = Disk::default();
+    make(&disk, &config(folder.path(), "whole")).unwrap();
+    let whole = files(&folder.path().join("whole"));
+    let n = disk.changes();
+    assert!(n > 100, "{n} changes");
+    for i in 0..24 {
+        let disk = Disk::default();
+        disk.freeze_at(1 + i * n / 24);
+        let config = config(folder.path(), "out");
+        assert!(make(&disk, &config).is_err(), "{i}");
+        if config.output.exists() {
+            // Its last step came through.
+            assert!(files(&config.output) == whole, "{i}");
+            std::fs::remove_dir_all(&config.output).unwrap();
+        }
+        make(&Disk::default(), &config).unwrap();
+        assert!(files(&config.output) == whole, "stopped at change {}", 1 + i * n / 24);
+        std::fs::remove_dir_all(&config.output).unwrap();
+    }
+}
+
+#[test]
+fn tiles_that_were_lost_while_a_run_was_stopped_are_written_again() {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth statue in.ply --triangles 20k", 0);
+    let disk = Disk::default();
+    make(&disk, &config(folder.path(), "whole")).unwrap();
+    let whole = files(&folder.path().join("whole"));
+    let config = config(folder.path(), "out");
+    for part in [6, 8, 11] {
+        let stopped = Disk::default();
+        stopped.freeze_at(part * disk.changes() / 20);
+        assert!(make(&stopped, &config).is_err());
+        // Of the round that was under way; a power loss may leave such files.
+        let pending = folder.path().join(".out.stonecut-tiles");
+        for (i, name) in files(&pending).into_keys().enumerate() {
+            match i % 3 {
+                0 => std::fs::write(pending.join(name), b"").unwrap(),
+                _ => continue,
+            }
+        }
+        let found = make(&Disk::default(), &config);
+        let is_whole = found.is_ok() && files(&config.output) == whole;
+        assert!(is_whole, "stopped after {part} twentieths: {found:?}");
+        std::fs::remove_dir_all(&config.output).unwrap();
+    }
+}
+
+/// The mesh of a level, from all its tiles.
+fn level(folder: &Path, level: u32) -> Mesh {
+    let mut mesh = Mesh::default();
+    for (name, bytes) in files(&folder.join(format!("tiles/{level}"))) {
+        if name.extension().is_none_or(|extension| extension != "glb") {
+            continue;
+        }
+        let tile = decode_tile(&bytes).unwrap();
+        let first = mesh.positions.len() as u32;
+        let place = |p: &[i32; 3]| p.map(|x| f64::from(x) * tile.step);
+        mesh.positions.extend(tile.mesh.positions.iter().map(place));
+        mesh.triangles.extend(tile.mesh.triangles.iter().map(|t| t.map(|v| v + first)));
+    }
+    mesh
+}
+
+/// The largest distance of corners and middles of triangles.
+fn sampled(from: &Mesh, to: &Mesh) -> f64 {
+    let tree = Tree::build(to.triangles.len(), |t| to.corners(t));
+    let mut most: f64 = 0.0;
+    for t in 0..from.triangles.len() {
+        let [a, b, c] = from.corners(t);
+        let middle = [0, 1, 2].map(|k| (a[k] + b[k] + c[k]) / 3.0);
+        for point in [a, middle] {
+            most = most.max(tree.nearest(point, Nearest::NONE).distance_sq);
+        }
+    }
+    most.sqrt()
+}
+
+#[test]
+fn stated_errors_are_never_below_the_distance_and_not_far_above() {
+    let folder = statue("--report r.json");
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join("r.json")).unwrap()).unwrap();
+    let levels = report["levels"].as_array().unwrap();
+    let finest = level(&folder.path().join("out"), 0);
+    for (number, facts) in (0u32..).zip(levels).skip(1) {
+        let stated = facts["error_max"].as_f64().unwrap();
+        let mesh = level(&folder.path().join("out"), number);
+        let far = sampled(&finest, &mesh).max(sampled(&mesh, &finest));
+        assert!(stated >= far && stated <= 3.0 * far, "level {number}: {stated} for {far}");
+    }
+}
+
+/// Changes the JSON of a tree.
+fn change(folder: &Path, change: impl FnOnce(&mut Value)) {
+    let path = folder.join("out/tileset.json");
+    let mut set: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    change(&mut set);
+    std::fs::write(path, set.to_string()).unwrap();
+}
+
+/// Changes the JSON of a tile that is not packed; the text keeps its length.
+fn change_tile(path: &Path, change: impl FnOnce(&mut Value)) {
+    let bytes = std::fs::read(path).unwrap();
+    let n = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let mut document: Value = serde_json::from_slice(&bytes[20..20 + n]).unwrap();
+    change(&mut document);
+    let mut text = document.to_string().into_bytes();
+    text.resize(text.len().next_multiple_of(4), b' ');
+    let mut out = bytes[..20].to_vec();
+    out.extend_from_slice(&text);
+    out.extend_from_slice(&bytes[20 + n..]);
+    let total = out.len() as u32;
+    out[8..12].copy_from_slice(&total.to_le_bytes());
+    out[12..16].copy_from_slice(&(text.len() as u32).to_le_bytes());
+    std::fs::write(path, out).unwrap();
+}
+
+/// Exit code 4 and a fault that has these words.
+fn expect_fault(folder: &Path, words: &str) {
+    let output = run(folder, "info --check --json out");
+    assert_eq!(output.status.code(), Some(4), "{words}");
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let faults = found["faults"].to_string();
+    assert!(count(&found, "n_faults") > 0 && faults.contains(words), "{words}: {faults}");
+}
+
+#[test]
+fn every_kind_of_damage_is_found() {
+    let folder = statue("--compress none");
+    let (path, out) = (folder.path(), folder.path().join("out"));
+    let sound = files(&out);
+    let tile = out.join("tiles/0/0/3-1.glb");
+    let restore =
+        || sound.iter().for_each(|(name, bytes)| std::fs::write(out.join(name), bytes).unwrap());
+    assert_eq!(count(&check(path, "out"), "n_faults"), 0);
+
+    change(path, |set| set["root"]["children"][0]["geometricError"] = 1e9.into());
+    expect_fault(path, "does not fall");
+    restore();
+    change(path, |set| {
+        let own = set["root"]["children"][0]["geometricError"].as_f64().unwrap();
+        set["root"]["children"][0]["geometricError"] = (own * 1.001).into();
+    });
+    expect_fault(path, "another volume or error");
+    restore();
+    change(path, |set| set["root"]["children"][0]["boundingVolume"]["box"][3] = 0.5.into());
+    expect_fault(path, "does not hold its content");
+    restore();
+    change(path, |set| set["root"]["content"]["uri"] = "../../etc/passwd.glb".into());
+    expect_fault(path, "leads out of the folder");
+    restore();
+    change(path, |set| set["geometricError"] = 0.0.into());
+    expect_fault(path, "never show");
+    restore();
+    change(path, |set| set["root"]["refine"] = "ADD".into());
+    expect_fault(path, "replaced");
+    restore();
+    change(path, |set| set["asset"]["version"] = "1.0".into());
+    expect_fault(path, "version 1.0");
+    restore();
+    change(path, |set| set["extras"]["stonecut"]["input_triangles"] = 7.into());
+    expect_fault(path, "the mesh had 7");
+    restore();
+
+    std::fs::remove_file(&tile).unwrap();
+    expect_fault(path, "cannot be read");
+    restore();
+    let bytes = std::fs::read(&tile).unwrap();
+    std::fs::write(&tile, &bytes[..bytes.len() - 5]).unwrap();
+    expect_fault(path, "not a whole GLB");
+    restore();
+    let numbers = out.join("tiles/0/0/3.ids");
+    let bytes = std::fs::read(&numbers).unwrap();
+    std::fs::write(&numbers, &bytes[1..]).unwrap();
+    expect_fault(path, "numbers of vertices are damaged");
+    restore();
+    std::fs::copy(out.join("tiles/0/0/2.ids"), &numbers).unwrap();
+    expect_fault(path, "");
+    restore();
+    // A tile one step off its neighbours, then 40.
+    for (steps, words) in [(1.0, "apart"), (40.0, "steps away")] {
+        change_tile(&tile, |document| {
+            let node = &mut document["nodes"][0];
+            let step = node["scale"][0].as_f64().unwrap();
+            let x = node["translation"][0].as_f64().unwrap();
+            node["translation"][0] = (x + steps * step).into();
+            // Within its volume all the same.
+        });
+        change(path, |set| widen(&mut set["root"]));
+        expect_fault(path, words);
+        restore();
+    }
+    assert_eq!(count(&check(path, "out"), "n_faults"), 0);
+}
+
+/// Makes all volumes a little larger, by the same length.
+fn widen(tile: &mut Value) {
+    fn wider(volume: &mut Value) {
+        for k in [3, 7, 11] {
+            let half = volume["box"][k].as_f64().unwrap();
+            volume["box"][k] = (half + 3.0).into();
+        }
+    }
+    wider(&mut tile["boundingVolume"]);
+    if tile.get("content").is_some() {
+        wider(&mut tile["content"]["boundingVolume"]);
+    }
+    if let Some(children) = tile.get_mut("children").and_then(Value::as_array_mut) {
+        children.iter_mut().for_each(widen);
+    }
+}
