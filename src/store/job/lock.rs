@@ -2,6 +2,9 @@
 //!
 //! The lock is an advisory lock on a file, which the system drops when its holder dies, so a dead run's
 //! lock is free. Host and process of the holder stand in the file for the message only.
+//!
+//! A program that starts others holds a lock that it has dropped until these have begun: between `fork` and `exec` they
+//! have copies of its open files. So a lock that is held is asked for again for a moment before it counts as another run's.
 
 use crate::error::{Error, Result};
 use rustix::fs::{FlockOperation, flock};
@@ -9,9 +12,14 @@ use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, Write};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
+use std::time::Duration;
 
 /// The lock file's name in the job folder.
 pub const FILE_NAME: &str = "lock";
+
+/// Times that a held lock is asked for, and the pause between two of them: half a second in all.
+const ATTEMPTS: u32 = 25;
+const PAUSE: Duration = Duration::from_millis(20);
 
 /// A held lock; dropping it gives the folder free.
 #[derive(Debug)]
@@ -42,7 +50,7 @@ impl Lock {
             .truncate(false)
             .open(&path)
             .map_err(io("cannot open lock"))?;
-        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+        match exclusive(&file) {
             Ok(()) => {}
             Err(rustix::io::Errno::WOULDBLOCK) => {
                 let mut holder = String::new();
@@ -71,10 +79,23 @@ impl Lock {
     }
 }
 
+/// Locks a file, after some attempts where another holds it.
+fn exclusive(file: &File) -> rustix::io::Result<()> {
+    let mut outcome = flock(file, FlockOperation::NonBlockingLockExclusive);
+    for _ in 1..ATTEMPTS {
+        if outcome != Err(rustix::io::Errno::WOULDBLOCK) {
+            break;
+        }
+        std::thread::sleep(PAUSE);
+        outcome = flock(file, FlockOperation::NonBlockingLockExclusive);
+    }
+    outcome
+}
+
 /// Holds a folder itself against other runs, without a file in it; dropping the outcome gives it free.
 pub fn hold(folder: &Path) -> Result<File> {
     let file = File::open(folder).map_err(|e| Error::io(folder, "cannot open", e))?;
-    match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+    match exclusive(&file) {
         Ok(()) => Ok(file),
         Err(rustix::io::Errno::WOULDBLOCK) => Err(Error::Locked {
             path: folder.into(),
