@@ -16,6 +16,8 @@ pub(super) const NONE: u32 = u32::MAX;
 /// Passes over all borders at a time, at most: the first time, and once only what was split or dissolved has to settle.
 pub(super) const PASSES: u32 = 100;
 pub(super) const FURTHER_PASSES: u32 = 8;
+/// Passes after parts of clusters that had no connection changed hands.
+pub(super) const SETTLING_PASSES: u32 = 2;
 /// Passes end where fewer than one in this number of the vertices at borders has moved: more changes no angle.
 const LEAST_MOVED: u64 = 1000;
 /// Vertices of which a cluster can be made two.
@@ -118,6 +120,8 @@ impl<'a> Clusters<'a> {
             progress.check()?;
             self.pass += 1;
             self.n_passes += 1;
+            // Neighbours in the list are neighbours in memory.
+            self.border.sort_unstable();
             let mut n_moved = 0u64;
             let mut border = std::mem::take(&mut self.border);
             border.retain(|&u| {
