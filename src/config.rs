@@ -287,6 +287,8 @@ pub struct Config {
     pub feature_angle: f64,
     /// Power of the curvature by which triangles of `Method::Retile` are denser; 0 for one size.
     pub gradation: f64,
+    /// Take the result of `Method::Cluster` apart where it is not manifold.
+    pub manifold: bool,
     /// Memory budget in bytes.
     pub memory_bytes: u64,
     /// Worker threads.
@@ -396,6 +398,9 @@ impl Config {
             if self.method == Method::Retile {
                 settings.insert("gradation".to_owned(), self.gradation.to_string());
             }
+            if self.manifold {
+                settings.insert("manifold".to_owned(), true.to_string());
+            }
         }
         settings
     }
@@ -449,6 +454,7 @@ mod tests {
             method: Method::Collapse,
             feature_angle: FEATURE_ANGLE,
             gradation: 0.0,
+            manifold: false,
             memory_bytes: 1 << 30,
             threads: NonZeroUsize::MIN,
             cell_triangles: DEFAULT_CELL_TRIANGLES,

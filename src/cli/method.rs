@@ -31,6 +31,10 @@ pub(super) struct TypedMethod {
     /// 0, all of one size; 1.5 shows].
     #[arg(long, value_name = "POWER", value_parser = parse_gradation)]
     pub(super) gradation: Option<f64>,
+    /// With --method cluster: take the result apart where more than two triangles meet at an edge or sheets share a
+    /// vertex; vertices are copied, no triangle is lost.
+    #[arg(long)]
+    pub(super) manifold: bool,
 }
 
 fn parse_angle(text: &str) -> std::result::Result<f64, String> {
@@ -67,6 +71,7 @@ impl TypedMethod {
             ("--grid", self.grid.is_some(), Method::Cluster),
             ("--feature-angle", self.feature_angle.is_some(), Method::Decimate),
             ("--gradation", self.gradation.is_some(), Method::Retile),
+            ("--manifold", self.manifold, Method::Cluster),
         ] {
             if is_given && self.method != of {
                 return Err(Error::Usage(format!(

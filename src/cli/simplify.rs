@@ -230,6 +230,7 @@ impl Args {
             method: self.method.method,
             feature_angle: self.method.feature_angle.unwrap_or(FEATURE_ANGLE),
             gradation: self.method.gradation.unwrap_or(0.0),
+            manifold: self.method.manifold,
             memory_bytes: memory_budget(self.memory),
             threads: super::arguments::threads(self.threads),
             cell_triangles: self.cell_triangles,

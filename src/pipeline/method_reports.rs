@@ -15,8 +15,10 @@ pub struct RetilingReport {
     pub passes: u64,
     /// Clusters made two, since what they gave was no surface.
     pub split_for_topology: u64,
-    /// Triangles left out at the end, since with them it would be no surface.
+    /// Triangles left out at the end together with their backs.
     pub dropped_triangles: u64,
+    /// Vertices added where sheets shared one.
+    pub copied_vertices: u64,
 }
 
 /// Angles in degrees.
@@ -81,4 +83,7 @@ pub struct GridReport {
     pub folded_triangles: u64,
     /// Those of them that hung on one edge alone, and were left out.
     pub fins_dropped: u64,
+    /// With `--manifold`, vertices added where sheets shared one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub copied_vertices: Option<u64>,
 }

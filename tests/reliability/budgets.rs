@@ -24,6 +24,7 @@ fn config(folder: &Path, ratio: f64) -> Config {
         method: stonecut::config::Method::Collapse,
         feature_angle: stonecut::config::FEATURE_ANGLE,
         gradation: 0.0,
+        manifold: false,
         memory_bytes: 4 << 30,
         threads: NonZeroUsize::new(2).unwrap(),
         cell_triangles: DEFAULT_CELL_TRIANGLES,

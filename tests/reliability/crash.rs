@@ -25,6 +25,7 @@ fn config(folder: &Path, targets: &[u64]) -> Config {
         method: stonecut::config::Method::Collapse,
         feature_angle: stonecut::config::FEATURE_ANGLE,
         gradation: 0.0,
+        manifold: false,
         memory_bytes: 256 << 20,
         threads: std::num::NonZeroUsize::MIN,
         cell_triangles: 1000,

@@ -58,6 +58,29 @@ fn clusters_meet_the_target_and_stay_near_the_surface() {
     }
 }
 
+/// Where the grid is coarser than the sheets are apart: no edge of three triangles is left, no triangle is lost, and what
+/// was manifold has the bytes that it has without the option.
+#[test]
+fn clusters_come_apart_where_sheets_joined() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for (kind, is_joined) in [("gyroid", true), ("terrain", false)] {
+        expect(at, &format!("synth {kind} in.ply --triangles 60k --color --force"), 0);
+        let simplify = "simplify in.ply --method cluster --triangles 1500 --force";
+        expect(at, &format!("{simplify} joined.ply"), 0);
+        expect(at, &format!("{simplify} apart.ply --manifold --report r.json"), 0);
+        let [joined, apart] = ["joined.ply", "apart.ply"].map(|file| check(at, file));
+        assert_eq!(count(&joined, "non_manifold_edges") > 0, is_joined, "{kind}");
+        assert_eq!(count(&apart, "non_manifold_edges"), 0, "{kind}");
+        assert_eq!(count(&apart, "triangles"), count(&joined, "triangles"), "{kind}");
+        let copied = report(at)["grid"]["copied_vertices"].as_i64().unwrap();
+        assert_eq!(count(&joined, "vertices") + copied, count(&apart, "vertices"), "{kind}");
+        assert_eq!(copied > 0, is_joined, "{kind}");
+    }
+    let said = expect(at, "simplify in.ply o.ply --ratio 10% --manifold", 2);
+    assert!(said.contains("--manifold is for --method cluster"), "{said}");
+}
+
 #[test]
 fn clusters_are_the_same_bytes_for_any_threads_and_memory() {
     let folder = tempfile::tempdir().unwrap();

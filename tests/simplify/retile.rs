@@ -42,6 +42,22 @@ fn triangles_are_even_and_meet_the_count_on_a_surface_that_stays_one() {
     }
 }
 
+/// A surface of tubes that are thinner than an edge of the result: the run ends, and what is left is a surface.
+#[test]
+fn tubes_thinner_than_an_edge_come_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth gyroid in.ply --triangles 60k", 0);
+    for target in [1_000, 300] {
+        let options = format!("--triangles {target} --force --report r.json");
+        expect(at, &format!("simplify in.ply out.ply --method retile {options}"), 0);
+        let (info, report) = (check(at, "out.ply"), report(at));
+        assert_eq!(count(&info, "non_manifold_edges"), 0, "{target}");
+        assert!(count(&info, "triangles") > target / 2, "{target}: {info}");
+        assert!(report["retiling"]["passes"].as_u64().unwrap() < 400, "{report}");
+    }
+}
+
 /// A cube of 12 triangles is cut as finely as its clusters need it; corners and edges stay within a part of an edge.
 #[test]
 fn large_triangles_are_cut_first() {

@@ -36,9 +36,10 @@ const LONGEST_GRADED: f64 = 0.175;
 const ROUNDS: usize = 24;
 /// Rounds in which clusters may be made two for a surface's sake.
 const MENDING_ROUNDS: usize = 20;
-/// Mending goes on while this share of the faults is left at most: on noisy scans, of thin tubes and specks, each one
-/// mended makes another.
+/// Mending goes on while a round leaves at most this share of the faults, or where at most one cluster in `FEW` is at
+/// fault: on noisy scans, of thin tubes and specks, each one mended makes another.
 const LEFT: f64 = 0.8;
+const FEW: usize = 25;
 
 /// Settings of a run.
 #[derive(Clone, Copy, Debug)]
@@ -107,8 +108,9 @@ pub fn retile(source: &MeshSource, settings: Settings, progress: &Progress) -> R
     progress.add(source.n_triangles() / 4);
     let (mut dual, n_mended) = settle(&surface, &mut clusters, settings.target, progress)?;
     progress.add(source.n_triangles() / 4);
-    let n_dropped = dual.drop_faults();
+    let n_dropped = dual.drop_pillows();
     let mut made = made(source, &surface, n_given, &clusters, &dual, settings.codec, progress)?;
+    made.take_apart();
     let shapes = Shapes::of(&made.mesh);
     (made.faults, made.bounds) = (faults, bounds);
     for (name, count) in [
@@ -166,7 +168,8 @@ fn settle(
         if round >= ROUNDS {
             return Ok((dual, n_mended));
         }
-        let pays = (dual.faulty.len() as f64) < LEFT * n_faulty as f64;
+        let are_few = FEW * dual.faulty.len() <= clusters.len();
+        let pays = are_few || (dual.faulty.len() as f64) < LEFT * n_faulty as f64;
         if !dual.faulty.is_empty() && round < MENDING_ROUNDS && pays {
             n_faulty = dual.faulty.len();
             let of_split = clusters.split(&dual.faulty);

@@ -6,7 +6,7 @@ use crate::mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub};
 use crate::methods::sums::{CellSums, Term};
 
 /// Singular values below this share of the largest one count as 0: a vertex is not to slide along a surface that is only
-/// a little bent, since that costs angles and gains next to nothing (docs/results/methods.md).
+/// a little bent, since that costs angles and gains next to nothing.
 const LEAST_SINGULAR: f64 = 0.05;
 
 /// Places the vertices of all clusters, and those of triangles that would turn over at the middle of their clusters.

@@ -187,7 +187,12 @@ fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result
         other => other,
     };
     let made = match made {
-        Ok(made) => made,
+        Ok(mut made) => {
+            if config.manifold {
+                made.take_apart();
+            }
+            made
+        }
         Err(error) => return Err(super::abandon(&job, error)),
     };
     let n_out = made.mesh.triangles.len() as u64;
@@ -285,6 +290,7 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
             repeated_triangles: count("repeated_triangles"),
             folded_triangles: count("folded_triangles"),
             fins_dropped: count("fins_dropped"),
+            copied_vertices: made.counts.get("copied_vertices").copied(),
         }),
         decimation: (config.method == Method::Decimate).then(|| DecimationReport {
             removed_simple: count("removed_simple"),
@@ -311,6 +317,7 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
             passes: count("passes"),
             split_for_topology: count("split_for_topology"),
             dropped_triangles: count("dropped_triangles"),
+            copied_vertices: count("copied_vertices"),
         }),
         ..RunReport::default()
     }

@@ -3,6 +3,7 @@
 use crate::config::{Config, Method};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
+use crate::methods::MANIFOLD_TRIANGLE_BYTES;
 use crate::methods::cluster::{self, Need, Survey};
 use crate::methods::{decimate, retile};
 use crate::pipeline::plan::disk::check_space;
@@ -65,7 +66,11 @@ impl MethodPlan {
         let (need, expected, vertices) = match survey {
             Some(survey) => {
                 let expected = survey.triangles().min(triangles_in as f64) as u64;
-                (cluster::need(source, survey, &codec, threads)?, expected, survey.cells as u64)
+                let mut need = cluster::need(source, survey, &codec, threads)?;
+                if config.manifold {
+                    need.tables += MANIFOLD_TRIANGLE_BYTES * expected;
+                }
+                (need, expected, survey.cells as u64)
             }
             None => {
                 let share = most as f64 / triangles_in as f64;
