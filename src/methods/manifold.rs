@@ -6,6 +6,7 @@
 
 use crate::mesh::union_find::Union;
 use crate::mesh::vec3::{Vec3, dot, length_sq, normal};
+use std::collections::VecDeque;
 
 /// A side of a triangle: its ends, the lower one first, and the corner at which it begins.
 type Side = ([u32; 2], u32);
@@ -40,6 +41,63 @@ pub fn take_apart(positions: &[Vec3], triangles: &mut [[u32; 3]]) -> Vec<u32> {
             crowded.next_if_eq(&(place - 1)).is_none()
         });
     }
+}
+
+/// Turns those of the triangles `two_sided` over that do not agree with their neighbours, from those outwards that may not
+/// be turned.
+///
+/// Memory: less than `TRIANGLE_BYTES` for each triangle.
+pub fn orient(triangles: &mut [[u32; 3]], two_sided: &[u32]) {
+    if two_sided.is_empty() {
+        return;
+    }
+    let corner = |at: u32| triangles[at as usize / 3][at as usize % 3];
+    let ends = |at: u32| {
+        let (a, b) = (corner(at), corner(next(at)));
+        [a.min(b), a.max(b)]
+    };
+    let mut sides: Vec<u32> = (0..3 * triangles.len() as u32).collect();
+    sides.sort_unstable_by_key(|&at| (ends(at), at));
+    // For each side the first place of its edge.
+    let mut first = vec![0; sides.len()];
+    let mut start = 0;
+    for (place, &at) in sides.iter().enumerate() {
+        if ends(at) != ends(sides[start]) {
+            start = place;
+        }
+        first[at as usize] = start;
+    }
+    let mut is_known = vec![true; triangles.len()];
+    two_sided.iter().for_each(|&t| is_known[t as usize] = false);
+    let mut is_turned = vec![false; triangles.len()];
+    let is_ahead = |at: u32, turned: bool| (corner(at) == ends(at)[0]) != turned;
+    let mut queue: VecDeque<u32> =
+        (0..triangles.len() as u32).filter(|&t| is_known[t as usize]).collect();
+    for &seed in two_sided.iter().chain(&[NONE]) {
+        while let Some(t) = queue.pop_front() {
+            for at in 3 * t..3 * t + 3 {
+                let own = is_ahead(at, is_turned[t as usize]);
+                let edge = sides[first[at as usize]..].iter();
+                for &other in edge.take_while(|&&side| first[side as usize] == first[at as usize]) {
+                    let neighbour = other as usize / 3;
+                    if !is_known[neighbour] {
+                        is_known[neighbour] = true;
+                        is_turned[neighbour] = is_ahead(other, false) == own;
+                        queue.push_back(neighbour as u32);
+                    }
+                }
+            }
+        }
+        if seed != NONE && !is_known[seed as usize] {
+            is_known[seed as usize] = true;
+            queue.push_back(seed);
+        }
+    }
+    triangles
+        .iter_mut()
+        .zip(is_turned)
+        .filter(|(_, turned)| *turned)
+        .for_each(|(t, _)| t.swap(1, 2));
 }
 
 /// Sides that belong together, by the corners at which they begin.
@@ -192,6 +250,26 @@ mod tests {
         let mut book = [[0, 1, 2], [1, 0, 3], [0, 1, 4], [1, 0, 5]];
         assert_eq!(take_apart(&places, &mut book).len(), 2);
         assert_manifold(&book, "book");
+    }
+
+    #[test]
+    fn what_may_be_turned_over_agrees_with_its_neighbours() {
+        let whole = [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]];
+        let mut mixed = [[0, 1, 2], [0, 1, 3], [1, 2, 3], [2, 3, 0]];
+        orient(&mut mixed, &[1, 2, 3]);
+        let sorted = |triangles: [[u32; 3]; 4]| {
+            triangles.map(|t| {
+                let least = (0..3).min_by_key(|&k| t[k]).unwrap_or(0);
+                [t[least], t[(least + 1) % 3], t[(least + 2) % 3]]
+            })
+        };
+        assert_eq!(sorted(mixed), sorted(whole));
+        let mut fixed = [[0, 1, 2], [0, 1, 3]];
+        orient(&mut fixed, &[]);
+        assert_eq!(fixed, [[0, 1, 2], [0, 1, 3]]);
+        // All may be turned: the first one stays.
+        orient(&mut fixed, &[0, 1]);
+        assert_eq!(fixed, [[0, 1, 2], [0, 3, 1]]);
     }
 
     #[test]

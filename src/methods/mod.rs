@@ -26,6 +26,8 @@ pub struct Made {
     pub mesh: Mesh,
     /// A record of the input for each vertex, from which labels are taken; empty where vertices carry nothing.
     pub records: Vec<u8>,
+    /// Triangles that may be turned over: the surface was folded there.
+    pub two_sided: Vec<u32>,
     /// Faults of the input that were left out, by name.
     pub faults: BTreeMap<String, u64>,
     /// The box of all vertices of the input.
@@ -37,12 +39,14 @@ pub struct Made {
 }
 
 impl Made {
-    /// Takes the mesh apart where it is not manifold: copies vertices, loses no triangle. Counts the copies.
+    /// Takes the mesh apart where it is not manifold: turns triangles over that may be, copies vertices, loses no
+    /// triangle. Counts the copies.
     ///
     /// Memory: `MANIFOLD_TRIANGLE_BYTES` for each triangle.
     pub fn take_apart(&mut self) {
         let mesh = &mut self.mesh;
         let n_before = mesh.positions.len().max(1);
+        manifold::orient(&mut mesh.triangles, &self.two_sided);
         let copies = manifold::take_apart(&mesh.positions, &mut mesh.triangles);
         let record_bytes = self.records.len() / n_before;
         for &copied in &copies {

@@ -153,7 +153,7 @@ fn made(
     };
     let keys = done.cells.keys();
     let mut numbers = vec![UNUSED; keys.len()];
-    let (kept, n_fins) = done.triangles.without_fins();
+    let (kept, two_sided, n_fins) = done.triangles.without_fins();
     kept.iter().flatten().for_each(|&cell| numbers[cell as usize] = 0);
     let (n_channels, record_bytes) = (codec.n_channels(), source.schema().record_bytes());
     let mut made = Made::default();
@@ -173,6 +173,7 @@ fn made(
     }
     let corners = |t: &[u32; 3]| t.map(|cell| numbers[cell as usize]);
     made.mesh.triangles = kept.iter().map(corners).collect();
+    made.two_sided = two_sided;
     made.faults = BTreeMap::from([
         ("degenerate_faces".to_owned(), done.n_degenerate),
         ("bad_faces".to_owned(), done.n_bad),

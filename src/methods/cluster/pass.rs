@@ -82,12 +82,12 @@ impl TriangleSet {
         self.net.len()
     }
 
-    /// Every triangle once, in the orientation of most of those that fell on it; either, where both are equal. And the
-    /// number of fins, which are left out.
+    /// Every triangle once, in the orientation of most of those that fell on it; either, where both are equal. And which
+    /// those are, and the number of fins, which are left out.
     ///
     /// A fin is a triangle with a front and a back that hangs by one edge on an unfolded one: the surface was folded there,
     /// and nothing is lost without it. Folded triangles that hang together are a thin sheet, one alone is a speck: they stay.
-    pub(super) fn without_fins(&self) -> (Vec<[u32; 3]>, u64) {
+    pub(super) fn without_fins(&self) -> (Vec<[u32; 3]>, Vec<u32>, u64) {
         let edges = |[a, b, c]: [u32; 3]| {
             [(a, b), (b, c), (a, c)].map(|(low, high)| u64::from(low) | u64::from(high) << 32)
         };
@@ -111,17 +111,22 @@ impl TriangleSet {
         let users = |edge: u64| folded.find(edge).map_or((0, 0), |number| n_users[number as usize]);
         let mut n_fins = 0;
         let mut kept = Vec::with_capacity(self.len());
+        let mut two_sided = Vec::new();
         for ([a, b, c], net) in self.iter() {
             let of_edges = edges([a, b, c]).map(users);
             let n_free = of_edges.iter().filter(|(all, _)| *all == 1).count();
             let is_fin =
                 net == 0 && n_free == 2 && of_edges.iter().any(|(_, unfolded)| *unfolded > 0);
-            match is_fin {
-                true => n_fins += 1,
-                false => kept.push(if net < 0 { [a, c, b] } else { [a, b, c] }),
+            if is_fin {
+                n_fins += 1;
+                continue;
             }
+            if net == 0 {
+                two_sided.push(kept.len() as u32);
+            }
+            kept.push(if net < 0 { [a, c, b] } else { [a, b, c] });
         }
-        (kept, n_fins)
+        (kept, two_sided, n_fins)
     }
 
     /// Triangles on which as many fell in one orientation as in the other: folded sheets.
@@ -299,7 +304,7 @@ mod tests {
         // 5, 2, 9 is odd: the cycle 2, 9, 5.
         let kept =
             vec![[2, 9, 5], [10, 11, 12], [11, 12, 13], [10, 11, 14], [12, 13, 14], [20, 21, 22]];
-        assert_eq!(set.without_fins(), (kept, 1));
+        assert_eq!(set.without_fins(), (kept, vec![1, 2, 5], 1));
         assert_eq!((set.len(), set.n_folded()), (7, 4));
     }
 }
