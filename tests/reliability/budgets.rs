@@ -104,7 +104,7 @@ fn write_charts(path: &Path, n: usize) {
 ///
 /// | threshold | below | above |
 /// |---|---|---|
-/// | table of cells in windows (`partition::Shares::window_rows`) | 1 KiB, 14 MiB | 64 MiB, 1 GiB |
+/// | table of cells packed, in a file or in windows (`partition::Shares::table_bytes`) | 1 KiB, 14 MiB | 64 MiB, 1 GiB |
 /// | fewer reading threads (`Shares::threads`) | 1 KiB to 14 MiB | 64 MiB, 1 GiB |
 /// | chunks of 4 KiB, of a share, of 256 KiB (`cells::Scatter`), also in `recut` and `split` | 1 KiB, 14 MiB | 1 GiB |
 /// | pairs of vertex and foreign cell noted and sorted on disk (`partition::halo`) | 1 KiB | 64 MiB |
