@@ -126,6 +126,8 @@ pub struct BakeSettings {
     pub page_size: u32,
     /// Pages at most.
     pub most_pages: Option<u32>,
+    /// With normal maps.
+    pub normals: bool,
 }
 
 /// Sides that pages can have.
@@ -134,7 +136,7 @@ pub const PAGE_SIZES: std::ops::RangeInclusive<u32> = 64..=16_384;
 impl Default for BakeSettings {
     /// The longest side that every graphics card shows.
     fn default() -> Self {
-        BakeSettings { page_size: 4096, most_pages: None }
+        BakeSettings { page_size: 4096, most_pages: None, normals: false }
     }
 }
 
@@ -372,6 +374,9 @@ impl Config {
             if let Some(most) = self.bake.most_pages {
                 settings.insert("bake_pages".to_owned(), most.to_string());
             }
+            if self.bake.normals {
+                settings.insert("bake_normals".to_owned(), "true".to_owned());
+            }
         }
         if let Some(mode) = self.textures {
             settings.insert("textures".to_owned(), mode.name().to_owned());
@@ -532,10 +537,10 @@ mod tests {
         other.textures = Some(crate::io::TextureMode::Link);
         assert_eq!(other.settings()["textures"], "link");
         other.texture = Texture::Bake;
-        other.bake.most_pages = Some(3);
+        (other.bake.most_pages, other.bake.normals) = (Some(3), true);
         let settings = other.settings();
-        let named = ["texture", "bake_size", "bake_pages"].map(|name| settings[name].as_str());
-        assert_eq!(named, ["bake", "4096", "3"]);
+        let names = ["texture", "bake_size", "bake_pages", "bake_normals"];
+        assert_eq!(names.map(|name| settings[name].as_str()), ["bake", "4096", "3", "true"]);
         other.texture = Texture::Keep;
         let clusters =
             Config { method: Method::Cluster, target: Target::CellSize(2.5), ..config() };

@@ -11,6 +11,7 @@ use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
 use crate::system::disk::Disk;
 use crate::system::parallel;
+use crate::texture::{FrameCorner, Tangent, tangents};
 use std::path::Path;
 
 /// Triangles of a block at most.
@@ -51,6 +52,8 @@ pub(super) struct Charts {
     pub corners: Vec<[[f32; 2]; 3]>,
     pub n_charts: u64,
     pub texels_per_unit: f64,
+    /// For each triangle the tangents of its corners; empty until `add_tangents`.
+    pub tangents: Vec<[Tangent; 3]>,
 }
 
 impl Charts {
@@ -104,6 +107,7 @@ impl Charts {
             corners: vec![[[0.0; 2]; 3]; n],
             n_charts: 0,
             texels_per_unit,
+            tangents: Vec::new(),
         };
         for block in blocks(mesh, texels_per_unit) {
             means.progress.check()?;
@@ -179,6 +183,42 @@ impl Charts {
         self.pages.extend(used.iter().map(cropped));
         self.n_charts += u64::from(atlas.chart_count);
         Ok(())
+    }
+
+    /// Finds the tangents of all corners, page by page, as a viewer would that has a page's triangles in one part; `normals`
+    /// are those of the vertices.
+    ///
+    /// Memory: 28 bytes a triangle, and 300 of the triangles of a page.
+    pub fn add_tangents(&mut self, mesh: &Mesh, normals: &[[f32; 3]]) {
+        let mut order: Vec<u32> = (0..self.page.len() as u32).collect();
+        order.sort_by_key(|&t| self.page[t as usize]);
+        let mut found = vec![[[0; 4]; 3]; order.len()];
+        for triangles in order.chunk_by(|&a, &b| self.page[a as usize] == self.page[b as usize]) {
+            let first = mesh.corners(triangles[0] as usize)[0];
+            let corner = |i: usize, k: usize| {
+                let t = triangles[i] as usize;
+                let v = mesh.triangles[t][k] as usize;
+                // Single precision is enough around a place of the page.
+                let position = [0, 1, 2].map(|axis| (mesh.positions[v][axis] - first[axis]) as f32);
+                FrameCorner { position, normal: normals[v], uv: self.corner(t).uv[k] }
+            };
+            let of_page = tangents(triangles.len(), corner);
+            triangles.iter().zip(of_page).for_each(|(&t, tangents)| found[t as usize] = tangents);
+        }
+        self.tangents = found;
+    }
+
+    /// Writes the tangents, `TANGENT_BYTES` a triangle, durably.
+    pub fn write_tangents(&self, path: &Path, disk: &Disk) -> Result<()> {
+        let mut file = disk.create(path)?;
+        let mut bytes = Vec::new();
+        for some in self.tangents.chunks(1 << 16) {
+            bytes.clear();
+            let numbers = some.as_flattened().as_flattened();
+            numbers.iter().for_each(|x| bytes.extend_from_slice(&x.to_le_bytes()));
+            file.append(&bytes)?;
+        }
+        file.sync()
     }
 
     /// Page and texture coordinates of a triangle.

@@ -7,7 +7,9 @@
 //! the two meshes, the images and the options: not on threads, memory or the order of work. Does not write meshes.
 
 mod charts;
+mod directions;
 mod nearest;
+mod normals;
 mod original;
 mod pages;
 mod settings;
@@ -16,23 +18,31 @@ mod texels;
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::measure::load;
+use crate::mesh::Mesh;
 use crate::system::units::show_bytes;
 pub use crate::texture::Finish;
 use crate::texture::{ImageCache, Palette, Purpose};
+use texels::Canvases;
 use charts::Charts;
 use original::Original;
-use pages::Canvas;
 pub use pages::Page;
-use pages::PageKind;
+use pages::{Canvas, PageKind};
 use serde::{Deserialize, Serialize};
-pub use settings::{BakeReport, Corner, Means, Options};
+use settings::NormalReport;
+pub use settings::{BakeReport, Corner, Means, Options, TANGENT_BYTES};
 use std::path::{Path, PathBuf};
 
 /// Finished pages, and the texture coordinates of the result's corners in a file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Baked {
-    /// Pages in order.
+    /// Pages in order; empty where the original has no colours.
     pub pages: Vec<Page>,
+    /// Normal maps of the pages; empty where none are wanted.
+    #[serde(default)]
+    pub normals: Vec<Page>,
+    /// Tangents of the result's corners, beside normal maps: records of `TANGENT_BYTES`, one a triangle.
+    #[serde(default)]
+    pub tangents: Option<PathBuf>,
     /// Records of `Corner::BYTES` bytes, one a triangle in the order of the result.
     pub corners: PathBuf,
     /// Look of the pages besides their images.
@@ -61,9 +71,20 @@ pub fn bake(
     means: Means,
 ) -> Result<Baked> {
     let progress = means.progress;
-    let taken = load::bytes_in_memory(shape) + Charts::bytes(shape.n_triangles());
-    let free_bytes = free_bytes(shape.n_triangles(), taken, means.memory_bytes)?;
-    let mut mesh = load::load(shape, means.threads, progress)?.mesh;
+    let n_triangles = shape.n_triangles();
+    let taken = load::bytes_in_memory(shape)
+        + Charts::bytes(n_triangles)
+        + if options.normals { FRAME_BYTES * n_triangles } else { 0 };
+    let free_bytes = free_bytes(n_triangles, taken, means.memory_bytes)?;
+    let loaded = load::load(shape, means.threads, progress)?;
+    let mut mesh = loaded.mesh;
+    let normals = match loaded.colours.and_then(|carried| carried.normal) {
+        Some(channels) if options.normals => normals_of(&mesh, channels),
+        None if options.normals => {
+            return Err(Error::Internal("a result has no normals for its map".to_owned()));
+        }
+        _ => Vec::new(),
+    };
     (mesh.channels, mesh.n_channels) = (Vec::new(), 0);
     if mesh.triangles.len() as u64 != shape.n_face_rows() {
         return Err(Error::Internal("a result has degenerate faces".to_owned()));
@@ -74,12 +95,9 @@ pub fn bake(
         free_bytes / IMAGE_SHARE,
         Purpose::Bake,
     )?;
-    let original = Original::cut(
-        original,
-        &palette,
-        options.cell_triangles,
-        Means { memory_bytes: free_bytes, ..means },
-    )?;
+    let original =
+        Original::cut(original, &palette, options, Means { memory_bytes: free_bytes, ..means })?;
+    let free_bytes = free_bytes.saturating_sub(original.border_bytes());
     let (largest, share) = (original.largest_cell_bytes(), free_bytes / CELL_SHARE);
     if largest > share {
         return Err(Error::NoMemory(format!(
@@ -90,15 +108,23 @@ pub fn bake(
         )));
     }
     let density = original.density(options);
-    let charts = Charts::make(&mesh, density, options, means)?;
+    let mut charts = Charts::make(&mesh, density, options, means)?;
+    if options.normals {
+        charts.add_tangents(&mesh, &normals);
+    }
     let mut notes = original.notes(&palette);
     progress.count_from_zero(mesh.triangles.len() as u64);
-    let mut canvas = Canvas::new(&charts.pages, means.temp_dir)?;
+    let canvas = |is_wanted: bool| {
+        is_wanted.then(|| Canvas::new(&charts.pages, means.temp_dir)).transpose()
+    };
+    let mut canvases =
+        Canvases { colours: canvas(original.has_looks())?, normals: canvas(options.normals)? };
     let cache = ImageCache::new(&palette, free_bytes / IMAGE_SHARE);
     let seen = texels::fill(
         &texels::Scene {
             mesh: &mesh,
             charts: &charts,
+            normals: &normals,
             original: &original,
             palette: &palette,
             images: &cache,
@@ -107,7 +133,7 @@ pub fn bake(
             threads: means.threads,
             progress,
         },
-        &mut canvas,
+        &mut canvases,
     )?;
     notes.extend(cache.notes());
     let kind = match palette.is_photographic() && !seen.has_alpha {
@@ -116,21 +142,49 @@ pub fn bake(
     };
     let corners = place.join(format!("{name}-corners.part"));
     charts.write(&corners, means.disk)?;
+    let tangents = options.normals.then(|| place.join(format!("{name}-tangents.part")));
+    if let Some(path) = &tangents {
+        charts.write_tangents(path, means.disk)?;
+    }
+    let source = original.normal_source();
     drop((original, cache));
-    let (pages, covered_texels) = canvas.finish(kind, (place, name), means)?;
+    let finish = |canvas: Option<Canvas>, kind: PageKind, name: &str| match canvas {
+        Some(canvas) => canvas.finish(kind, (place, name), means),
+        None => Ok((Vec::new(), 0)),
+    };
+    let (pages, of_colours) = finish(canvases.colours, kind, name)?;
+    let (maps, of_normals) =
+        finish(canvases.normals, PageKind::Directions, &format!("{name}-normals"))?;
+    let bytes_of = |pages: &[Page]| pages.iter().map(|page| page.bytes).sum();
+    let sizes = charts.pages.iter();
     let report = BakeReport {
         charts: charts.n_charts,
-        pages: pages.len() as u64,
+        pages: charts.pages.len() as u64,
         page_size: options.page_size,
-        texels: pages.iter().map(|page| u64::from(page.width) * u64::from(page.height)).sum(),
-        covered_texels,
+        texels: sizes.map(|[width, height]| u64::from(*width) * u64::from(*height)).sum(),
+        covered_texels: of_colours.max(of_normals),
         texel_density: charts.texels_per_unit,
         original_texel_density: density.of_images,
-        bytes: pages.iter().map(|page| page.bytes).sum(),
+        bytes: bytes_of(&pages),
+        normals: source.map(|source| NormalReport {
+            source,
+            mean_degrees: seen.mean_degrees(),
+            bytes: bytes_of(&maps),
+        }),
         notes,
     };
-    Ok(Baked { pages, corners, finish: palette.finish(seen.has_alpha), report })
+    let finish = palette.finish(seen.has_alpha);
+    Ok(Baked { pages, normals: maps, tangents, corners, finish, report })
 }
+
+/// Normals of a result's vertices.
+fn normals_of(mesh: &Mesh, channels: [usize; 3]) -> Vec<[f32; 3]> {
+    let of = |v: u32| channels.map(|channel| mesh.channels_of(v)[channel]);
+    (0..mesh.positions.len() as u32).map(of).collect()
+}
+
+/// Bytes of a triangle for tangents while they are found, and for the normals of half a vertex.
+const FRAME_BYTES: u64 = 36;
 
 /// Memory without which nothing can be baked: a cell of the original, an image, points under way.
 const LEAST_WORK_BYTES: u64 = 48 << 20;
@@ -152,12 +206,29 @@ fn free_bytes(n_triangles: u64, taken: u64, memory_bytes: u64) -> Result<u64> {
 
 /// Fails where a bake of a result of `n_triangles` would fail for want of memory, before any work is done; returns the
 /// disk that it will take beside the result, in bytes.
-pub fn check(original: &MeshSource, n_triangles: u64, memory_bytes: u64) -> Result<u64> {
-    let taken = SHAPE_BYTES * n_triangles + Charts::bytes(n_triangles);
+pub fn check(
+    original: &MeshSource,
+    n_triangles: u64,
+    options: &Options,
+    memory_bytes: u64,
+) -> Result<u64> {
+    let mut taken = SHAPE_BYTES * n_triangles + Charts::bytes(n_triangles);
+    if options.normals {
+        taken += (FRAME_BYTES + 6) * n_triangles;
+        taken += border_bytes(original.n_triangles(), options.cell_triangles);
+    }
     let free = free_bytes(n_triangles, taken, memory_bytes)?;
     let palette =
         Palette::new(original.materials().map(|all| &**all), free / IMAGE_SHARE, Purpose::Bake)?;
-    Ok(CORNER_BYTES * original.n_corners() + PAGE_BYTES * palette.n_pixels())
+    let maps = if options.normals { MAP_BYTES * original.n_triangles() } else { 0 };
+    Ok(CORNER_BYTES * original.n_corners() + PAGE_BYTES * palette.n_pixels() + maps)
+}
+
+/// Bytes for the places that cells of an original share, about: the rim of a square patch of a cell's triangles.
+fn border_bytes(n_triangles: u64, cell_triangles: u64) -> u64 {
+    let n_cells = n_triangles.div_ceil(cell_triangles.max(1));
+    let rim = 4.0 * (0.5 * cell_triangles as f64).sqrt();
+    if n_cells > 1 { (n_cells as f64 * rim) as u64 * normals::BORDER_BYTES } else { 0 }
 }
 
 /// Bytes on disk for a corner of the original: sorted to part vertices along charts, then in cells.
@@ -165,6 +236,9 @@ const CORNER_BYTES: u64 = 80;
 
 /// Bytes on disk for a pixel of the original's images: a page is rarely more than half full, and becomes an image.
 const PAGE_BYTES: u64 = 12;
+
+/// Bytes on disk of normal maps for a triangle of the original: two texels, as where there are no images.
+const MAP_BYTES: u64 = 16;
 
 /// Tells if the original has texture coordinates and an image that can be used.
 pub fn has_images(original: &MeshSource) -> bool {

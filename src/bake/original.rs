@@ -2,7 +2,8 @@
 //!
 //! Finding the nearest place is in `nearest`.
 
-use super::settings::{Means, Options};
+use super::normals::{Border, Normals, border_sums};
+use super::settings::{Means, NormalSource, Options};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::{NUMBER, StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
@@ -18,7 +19,7 @@ use crate::mesh::property::{Origin, Scalar, read_scalar};
 use crate::mesh::record::VertexSchema;
 use crate::mesh::vec3::dot;
 use crate::store::cell_id::CellId;
-use crate::store::cells::load_bytes;
+use crate::store::cells::{CellMesh, load_bytes};
 use crate::system::parallel::{Weighted, largest_first};
 use crate::system::progress::Progress;
 use crate::texture::{MapUse, Palette};
@@ -33,6 +34,7 @@ pub(super) struct Original {
     numbers: Numbers,
     colours: Option<ColourChannels>,
     texture: Option<[usize; 2]>,
+    normals: Normals,
     /// Box of the triangles of each cell.
     pub boxes: Vec<Bounds>,
     area: f64,
@@ -129,6 +131,8 @@ pub(super) struct Hit {
     pub per_unit: f32,
     /// Colour of the vertices around, sRGB.
     pub colour: [u8; 3],
+    /// Shading normal of length 1; zeros where none is wanted or there is none.
+    pub normal: [f32; 3],
 }
 
 impl Hit {
@@ -139,11 +143,15 @@ impl Hit {
         uv: [f32::NAN; 2],
         per_unit: 0.0,
         colour: [255; 3],
+        normal: [0.0; 3],
     };
 
     /// Tells if this one stands for the point: it is nearer, or as near and first by its looks, which no cell changes.
     pub fn is_better(&self, other: &Hit) -> bool {
-        let key = |hit: &Hit| (!hit.faces, hit.material, hit.uv.map(f32::to_bits), hit.colour);
+        let key = |hit: &Hit| {
+            let (uv, normal) = (hit.uv.map(f32::to_bits), hit.normal.map(f32::to_bits));
+            (!hit.faces, hit.material, uv, hit.colour, normal)
+        };
         self.distance_sq < other.distance_sq
             || (self.distance_sq == other.distance_sq && key(self) < key(other))
     }
@@ -153,6 +161,8 @@ impl Hit {
 pub(super) struct Cell {
     mesh: Mesh,
     material: Vec<u32>,
+    /// Of the vertices, where they are computed.
+    normals: Vec<[f32; 3]>,
     pub tree: Tree,
 }
 
@@ -161,7 +171,7 @@ impl Original {
     pub fn cut(
         source: MeshSource,
         palette: &Palette,
-        cell_triangles: u64,
+        options: &Options,
         means: Means,
     ) -> Result<Original> {
         // The number of the material goes with the texture; without one it would be dropped with the others.
@@ -182,7 +192,7 @@ impl Original {
         let carried = Carried::of(&schema);
         let texture = carried.and_then(|carried| carried.texture);
         let colours = carried.and_then(|carried| carried.colour);
-        if texture.is_none() && colours.is_none() {
+        if texture.is_none() && colours.is_none() && !options.normals {
             return Err(Error::bad_input(
                 source.path(),
                 "there is nothing to bake: neither texture coordinates at the corners of faces nor colours of vertices",
@@ -196,7 +206,7 @@ impl Original {
             None => Numbers::Same(0),
         };
         let cutting = Cutting {
-            cell_triangles,
+            cell_triangles: options.cell_triangles,
             temp_dir: means.temp_dir,
             threads: means.threads,
             memory_bytes: means.memory_bytes,
@@ -207,6 +217,11 @@ impl Original {
             numbers,
             colours,
             texture,
+            normals: match (options.normals, carried.and_then(|carried| carried.normal)) {
+                (false, _) => Normals::None,
+                (true, Some(channels)) => Normals::Own(channels),
+                (true, None) => Normals::Computed(Border::default()),
+            },
             boxes: Vec::new(),
             area: 0.0,
             n_triangles: 0,
@@ -225,6 +240,7 @@ impl Original {
             densities: Densities,
             n_triangles: u64,
             n_lost: u64,
+            border: Vec<([u64; 3], [i64; 3])>,
         }
         let n_cells = self.scratch.store().n_cells();
         let diagonal = self.scratch.partition().bounds.diagonal();
@@ -235,11 +251,15 @@ impl Original {
             densities: Densities::new(diagonal),
             n_triangles: 0,
             n_lost: 0,
+            border: Vec::new(),
         });
+        let is_computed = matches!(self.normals, Normals::Computed(_));
         let jobs = (0..n_cells).map(|item| Weighted { item, bytes: self.bytes(item) }).collect();
         let soon = |cell: usize| self.scratch.store().expect(CellId::at(cell));
         largest_first(jobs, means.threads, means.memory_bytes, means.progress, soon, |number| {
-            let (mesh, material) = self.load_mesh(number)?;
+            let (cell, material) = self.load_mesh(number)?;
+            let border = if is_computed { border_sums(&cell.mesh, &cell.shared) } else { Vec::new() };
+            let mesh = cell.mesh;
             let (mut sum, mut densities, mut n_lost) = (area_sum(), Densities::new(diagonal), 0);
             for (t, &material) in material.iter().enumerate() {
                 let area = triangle::area(&mesh.corners(t));
@@ -260,6 +280,7 @@ impl Original {
             look.n_lost += n_lost;
             look.area.merge(&sum);
             look.densities.merge(&densities);
+            look.border.extend(border);
             Ok(())
         })?;
         let look = look.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -267,6 +288,9 @@ impl Original {
         (self.n_triangles, self.n_lost) = (look.n_triangles, look.n_lost);
         self.area = look.area.value();
         self.density = look.densities.mean(palette.n_pixels());
+        if is_computed {
+            self.normals = Normals::Computed(Border::of(look.border));
+        }
         Ok(())
     }
 
@@ -307,12 +331,16 @@ impl Original {
     pub fn bytes(&self, cell: usize) -> u64 {
         let store = self.scratch.store();
         let tally = store.info().cells[cell];
-        load_bytes(tally, store.layout()) + Tree::bytes(tally.triangles) + 4 * tally.triangles
+        load_bytes(tally, store.layout())
+            + Tree::bytes(tally.triangles)
+            + 4 * tally.triangles
+            + self.normals.vertex_bytes() * tally.vertices
     }
 
-    fn load_mesh(&self, cell: usize) -> Result<(Mesh, Vec<u32>)> {
+    /// A cell without its records, and the materials of its triangles.
+    fn load_mesh(&self, cell: usize) -> Result<(CellMesh, Vec<u32>)> {
         let store = self.scratch.store();
-        let loaded = store.load(CellId::at(cell))?;
+        let mut loaded = store.load(CellId::at(cell))?;
         let record_bytes = store.layout().schema.record_bytes();
         let number = |t: &[u32; 3]| match self.numbers {
             Numbers::Same(number) => number,
@@ -321,13 +349,15 @@ impl Original {
             }
         };
         let material = loaded.mesh.triangles.iter().map(number).collect();
-        Ok((loaded.mesh, material))
+        loaded.records = Vec::new();
+        Ok((loaded, material))
     }
 
     pub fn load(&self, cell: usize, progress: &Progress) -> Result<Cell> {
-        let (mesh, material) = self.load_mesh(cell)?;
+        let (CellMesh { mesh, shared, .. }, material) = self.load_mesh(cell)?;
+        let normals = self.normals.of_cell(&mesh, &shared);
         let tree = Tree::build_until(mesh.triangles.len(), |i| mesh.corners(i), progress)?;
-        Ok(Cell { mesh, material, tree })
+        Ok(Cell { mesh, material, normals, tree })
     }
 
     /// Texture coordinates at a point of a triangle.
@@ -376,12 +406,35 @@ impl Original {
             uv: self.uv(&cell.mesh, t, weights),
             per_unit: if per_unit.is_finite() { per_unit } else { 0.0 },
             colour,
+            normal: self.normals.at(&cell.mesh, &cell.normals, t, weights),
         }
     }
 
     /// True if vertices have colours.
     pub fn has_colours(&self) -> bool {
         self.colours.is_some()
+    }
+
+    /// Source of the normals; `None` where none are wanted.
+    pub fn normal_source(&self) -> Option<NormalSource> {
+        match &self.normals {
+            Normals::None => None,
+            Normals::Own(_) => Some(NormalSource::Input),
+            Normals::Computed(_) => Some(NormalSource::Faces),
+        }
+    }
+
+    /// Bytes of the normals of places that several cells share.
+    pub fn border_bytes(&self) -> u64 {
+        match &self.normals {
+            Normals::Computed(border) => border.bytes(),
+            Normals::None | Normals::Own(_) => 0,
+        }
+    }
+
+    /// True if there are colours to bake: of vertices, or of images.
+    pub fn has_looks(&self) -> bool {
+        self.has_colours() || self.texture.is_some()
     }
 }
 

@@ -4,6 +4,7 @@
 //! between charts into them; what is then left has the mean colour of the page. Rows go through memory in bands.
 
 use super::charts::PADDING;
+use super::directions::STRAIGHT_PIXEL;
 use super::settings::Means;
 use crate::error::{Error, Result};
 use crate::system::disk::{Disk, DiskFile, scratch_file};
@@ -38,6 +39,8 @@ pub enum PageKind {
     Jpeg,
     /// PNG, with opacity where there is any.
     Png,
+    /// A normal map: PNG whose values are not colours.
+    Directions,
 }
 
 impl PageKind {
@@ -45,7 +48,7 @@ impl PageKind {
     pub fn ending(self) -> &'static str {
         match self {
             PageKind::Jpeg => "jpg",
-            PageKind::Png => "png",
+            PageKind::Png | PageKind::Directions => "png",
         }
     }
 }
@@ -137,11 +140,16 @@ impl Canvas {
                 let number = number as usize;
                 let [width, height] = self.sizes[number];
                 let path = place.join(format!("{name}-page-{number}.part"));
-                let (mean, covered) = self.mean(number)?;
+                let (mut mean, covered) = self.mean(number)?;
+                if kind == PageKind::Directions {
+                    mean = STRAIGHT_PIXEL;
+                }
                 let rows = Rows { canvas: self, page: number, mean };
                 let bytes = match kind {
                     PageKind::Jpeg => rows.write_jpeg(&path, means.disk)?,
-                    PageKind::Png => rows.write_png(&path, means.disk, self.has_alpha)?,
+                    PageKind::Png | PageKind::Directions => {
+                        rows.write_png(&path, means.disk, (self.has_alpha, kind == PageKind::Png))?
+                    }
                 };
                 *out = Some((Page { path, kind, width, height, bytes }, covered));
                 Ok(())
@@ -223,7 +231,13 @@ impl Rows<'_> {
         Ok(band)
     }
 
-    fn write_png(&self, path: &Path, disk: &Disk, has_alpha: bool) -> Result<u64> {
+    /// Values are marked as colours (`is_srgb`), or not.
+    fn write_png(
+        &self,
+        path: &Path,
+        disk: &Disk,
+        (has_alpha, is_srgb): (bool, bool),
+    ) -> Result<u64> {
         let [width, height] = self.size();
         let mut out = Out { file: disk.create(path)?, failed: None };
         let result = (|| {
@@ -231,7 +245,9 @@ impl Rows<'_> {
             let color = if has_alpha { png::ColorType::Rgba } else { png::ColorType::Rgb };
             encoder.set_color(color);
             encoder.set_depth(png::BitDepth::Eight);
-            encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+            if is_srgb {
+                encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
+            }
             let mut writer = encoder.write_header()?;
             let mut stream = writer.stream_writer()?;
             for first in (0..height).step_by(BAND_ROWS as usize) {

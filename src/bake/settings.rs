@@ -14,6 +14,8 @@ pub struct Options {
     pub most_pages: Option<u32>,
     /// Triangles per cell of the original.
     pub cell_triangles: u64,
+    /// With normal maps.
+    pub normals: bool,
 }
 
 /// Memory and places of a bake.
@@ -48,10 +50,35 @@ pub struct BakeReport {
     pub texel_density: f64,
     /// The same of the original's images, by area; absent where it has none.
     pub original_texel_density: Option<f64>,
-    /// Bytes of the pages' files.
+    /// Bytes of the files of colours.
     pub bytes: u64,
+    /// Normal maps, one a page; absent without `--bake-normals`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub normals: Option<NormalReport>,
     /// Missing, damaged and lost parts, a line each.
     pub notes: Vec<String>,
+}
+
+/// Findings about normal maps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct NormalReport {
+    /// Source of the normals: `input` (its vertices have them) or `faces` (computed from the input's faces).
+    pub source: NormalSource,
+    /// Mean angle between the map and the result's own normals, in degrees, over all texels.
+    pub mean_degrees: f64,
+    /// Bytes of the maps' files.
+    pub bytes: u64,
+}
+
+/// Source of normals.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum NormalSource {
+    /// Vertices of the input.
+    Input,
+    /// Faces of the input.
+    #[default]
+    Faces,
 }
 
 /// Page and texture coordinates of a triangle of the result.
@@ -83,3 +110,6 @@ impl Corner {
         self.uv.as_flattened().iter().for_each(|x| out.extend_from_slice(&x.to_le_bytes()));
     }
 }
+
+/// Bytes of a triangle in a file of tangents: four numbers of 16 bits a corner.
+pub const TANGENT_BYTES: usize = 24;

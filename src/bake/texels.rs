@@ -6,6 +6,7 @@
 //! original is visited region by region.
 
 use super::charts::{Charts, NONE};
+use super::directions::{Direction, Frames, mean_directions};
 use super::nearest::{CellCache, Seekers};
 use super::original::{Hit, Original};
 use super::pages::{Canvas, Texel};
@@ -22,7 +23,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 /// Bytes of a point under way: the point, its places, its colour, and where it is listed.
-const POINT_BYTES: u64 = 192;
+const POINT_BYTES: u64 = 240;
 
 /// Points for a side of a texel: two where the original is about as dense, more where it is denser. Beyond, smaller
 /// sizes of its images are read.
@@ -38,6 +39,8 @@ const GRACE: f64 = 0.25;
 pub(super) struct Scene<'a> {
     pub mesh: &'a Mesh,
     pub charts: &'a Charts,
+    /// Normals of the result's vertices; empty without normal maps.
+    pub normals: &'a [[f32; 3]],
     pub original: &'a Original,
     pub palette: &'a Palette,
     pub images: &'a ImageCache<'a>,
@@ -52,6 +55,23 @@ pub(super) struct Scene<'a> {
 pub(super) struct Seen {
     /// True if any texel lets light through.
     pub has_alpha: bool,
+    /// Sum of the angles between normal maps and the result, over all texels, in millionths of a degree.
+    pub tilt: u128,
+    /// Texels of that sum.
+    pub n_tilted: u64,
+}
+
+impl Seen {
+    /// Mean angle between normal maps and the result, in degrees.
+    pub fn mean_degrees(&self) -> f64 {
+        self.tilt as f64 / 1e6 / self.n_tilted.max(1) as f64
+    }
+}
+
+/// Pages that are filled: of colours, of normals, or both.
+pub(super) struct Canvases {
+    pub colours: Option<Canvas>,
+    pub normals: Option<Canvas>,
 }
 
 /// Rows of a chart that are filled together.
@@ -78,6 +98,8 @@ struct Work {
 #[derive(Clone, Copy, Debug)]
 struct Point {
     at: Vector,
+    /// Barycentric coordinates of the second and third corner.
+    weights: [f32; 2],
     triangle: u32,
     row: u32,
     column: u32,
@@ -113,7 +135,7 @@ impl Seekers for Batch<'_> {
 ///
 /// Memory: cells and images within their budgets, and `batch_bytes` for points, those of a row of the largest page at
 /// least.
-pub(super) fn fill(scene: &Scene, canvas: &mut Canvas) -> Result<Seen> {
+pub(super) fn fill(scene: &Scene, canvases: &mut Canvases) -> Result<Seen> {
     let most_points = (scene.batch_bytes / POINT_BYTES).max(1);
     let work = Work::new(scene, most_points / 4);
     let mut cells = CellCache::new(scene.cell_bytes);
@@ -131,8 +153,7 @@ pub(super) fn fill(scene: &Scene, canvas: &mut Canvas) -> Result<Seen> {
             end += 1;
         }
         let bands = &work.bands[first..end];
-        let batch_seen = work.fill_bands(scene, bands, &mut cells, canvas)?;
-        seen.has_alpha |= batch_seen.has_alpha;
+        work.fill_bands(scene, bands, (&mut cells, canvases), &mut seen)?;
         first = end;
         let done = n_triangles * first as u64 / n_rows;
         scene.progress.add(done - counted);
@@ -201,9 +222,9 @@ impl Work {
         &self,
         scene: &Scene,
         bands: &[Band],
-        cells: &mut CellCache,
-        canvas: &mut Canvas,
-    ) -> Result<Seen> {
+        (cells, canvases): (&mut CellCache, &mut Canvases),
+        seen: &mut Seen,
+    ) -> Result<()> {
         let mut batch = Batch { mesh: scene.mesh, points: Vec::new() };
         let mut ends = Vec::new();
         in_order(
@@ -222,25 +243,57 @@ impl Work {
             },
         )?;
         let hits = scene.original.nearest(&batch, cells, (scene.threads, scene.progress))?;
+        let from = |i: usize| if i == 0 { 0 } else { ends[i - 1] };
+        if let Some(canvas) = &mut canvases.normals {
+            let (mesh, normals) = (scene.mesh, scene.normals);
+            let frames = Frames { mesh, normals, tangents: &scene.charts.tangents };
+            let direction = |i: usize| {
+                let Point { triangle, weights, .. } = batch.points[i];
+                frames.direction(triangle, weights, &hits[i])
+            };
+            in_order(
+                bands.len() as u64,
+                scene.threads,
+                scene.progress,
+                |i, (texels, tilts): &mut (Vec<Texel>, Vec<u32>)| {
+                    let i = i as usize;
+                    let own = from(i)..ends[i];
+                    let found: Vec<Direction> = own.clone().map(direction).collect();
+                    tilts.clear();
+                    of_texels(&batch.points[own], texels, |same| {
+                        let (pixel, tilt) = mean_directions(same.iter().map(|&i| found[i as usize]));
+                        tilts.push(tilt);
+                        pixel
+                    });
+                    Ok(())
+                },
+                |i, (texels, tilts)| {
+                    seen.tilt += tilts.iter().map(|&tilt| u128::from(tilt)).sum::<u128>();
+                    seen.n_tilted += tilts.len() as u64;
+                    canvas.put(bands[i as usize].page, texels)
+                },
+            )?;
+        }
+        let Some(canvas) = &mut canvases.colours else { return Ok(()) };
         let lights = self.lights(scene, &hits)?;
         drop(hits);
-        let mut seen = Seen::default();
         in_order(
             bands.len() as u64,
             scene.threads,
             scene.progress,
             |i, texels: &mut Vec<Texel>| {
                 let i = i as usize;
-                let from = if i == 0 { 0 } else { ends[i - 1] };
-                mean_texels(&batch.points[from..ends[i]], &lights[from..ends[i]], texels);
+                let lights = &lights[from(i)..ends[i]];
+                of_texels(&batch.points[from(i)..ends[i]], texels, |same| {
+                    mean_light(same.iter().map(|&i| lights[i as usize]))
+                });
                 Ok(())
             },
             |i, texels| {
                 seen.has_alpha |= texels.iter().any(|texel| texel.pixel[3] < 255);
                 canvas.put(bands[i as usize].page, texels)
             },
-        )?;
-        Ok(seen)
+        )
     }
 
     /// Points of the texels of a band. A triangle that lies between all points has one in its middle.
@@ -253,7 +306,8 @@ impl Work {
                 let (row, column) = (y as u32, (x.max(0.0) as u32).min(width - 1));
                 if band.rows.contains(&row) {
                     let at = triangle::point_at(&corners, weights);
-                    out.push(Point { at, triangle: t, row, column });
+                    let weights = [weights[1] as f32, weights[2] as f32];
+                    out.push(Point { at, weights, triangle: t, row, column });
                 }
             };
             let mut n = 0;
@@ -385,20 +439,30 @@ fn times_opacity([r, g, b, opacity]: Light) -> Light {
     [r * opacity, g * opacity, b * opacity, opacity]
 }
 
-/// The mean of the points of each texel.
-fn mean_texels(points: &[Point], lights: &[Light], out: &mut Vec<Texel>) {
+/// Makes the texels that points lie in; `pixel` gets the numbers of the points of each.
+fn of_texels(
+    points: &[Point],
+    out: &mut Vec<Texel>,
+    mut pixel: impl FnMut(&[u32]) -> [u8; 4],
+) {
     out.clear();
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
     let place = |i: u32| (points[i as usize].row, points[i as usize].column);
     order.sort_unstable_by_key(|&i| (place(i), i));
     for same in order.chunk_by(|&a, &b| place(a) == place(b)) {
-        let mut sum = [0f32; 4];
-        for &i in same {
-            sum.iter_mut().zip(lights[i as usize]).for_each(|(sum, light)| *sum += light);
-        }
         let (row, column) = place(same[0]);
-        out.push(Texel { row, column, pixel: pixel_of(sum.map(|sum| sum / same.len() as f32)) });
+        out.push(Texel { row, column, pixel: pixel(same) });
     }
+}
+
+/// The mean of the lights of a texel's points.
+fn mean_light(lights: impl ExactSizeIterator<Item = Light>) -> [u8; 4] {
+    let n = lights.len() as f32;
+    let mut sum = [0f32; 4];
+    for light in lights {
+        sum.iter_mut().zip(light).for_each(|(sum, light)| *sum += light);
+    }
+    pixel_of(sum.map(|sum| sum / n))
 }
 
 /// Area of a triangle on a page.

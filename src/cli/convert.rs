@@ -407,7 +407,7 @@ impl FullBlocks<'_> {
                 Default::default()
             };
             let corners = triangle.map(|v| self.used.new_id(v));
-            triangles.push(TexturedTriangle { corners, texture });
+            triangles.push(TexturedTriangle { corners, texture, ..TexturedTriangle::default() });
             let at = row as usize * self.value_bytes;
             values.extend_from_slice(&self.values[at..at + self.value_bytes]);
         }

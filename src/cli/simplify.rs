@@ -84,6 +84,10 @@ pub struct Args {
     /// the input's size take].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     bake_pages: Option<u32>,
+    /// With a new texture: bake the input's normals into normal maps, too (OBJ, GLB). An input without images gets charts
+    /// for them.
+    #[arg(long)]
+    bake_normals: bool,
     /// Give up texture coordinates and materials of textured faces; the same as --texture none.
     #[arg(long)]
     drop_texture: bool,
@@ -220,6 +224,7 @@ impl Args {
             ("--fit on", self.fit == TypedFit::On),
             ("--normals recompute", self.normals == Normals::Recompute),
             ("--texture bake", self.texture == TypedTexture::Bake),
+            ("--bake-normals", self.bake_normals),
         ])?;
         Ok(Config {
             input: self.input.clone(),
@@ -250,7 +255,11 @@ impl Args {
                 TypedTexture::Auto if progressive.is_some() => Texture::Keep,
                 TypedTexture::Auto => Texture::Auto,
             },
-            bake: BakeSettings { page_size: self.bake_size, most_pages: self.bake_pages },
+            bake: BakeSettings {
+                page_size: self.bake_size,
+                most_pages: self.bake_pages,
+                normals: self.bake_normals,
+            },
             drop_faces: self.drop_faces,
             textures: self.textures,
             error_field: self.error_field,
@@ -313,6 +322,7 @@ impl Args {
             ("--progressive", self.progressive.progressive.is_some()),
             ("--textures", self.textures.is_some()),
             ("--texture bake", self.texture == TypedTexture::Bake),
+            ("--bake-normals", self.bake_normals),
         ])
     }
 

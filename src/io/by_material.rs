@@ -83,6 +83,7 @@ impl ByMaterial {
             let face = TexturedTriangle {
                 corners: [3, 4, 5].map(|i| u64::from(record[i])),
                 texture: [6, 8, 10].map(|i| [number(i), number(i + 1)]),
+                ..TexturedTriangle::default()
             };
             each(record[0].checked_sub(1), &face)
         })

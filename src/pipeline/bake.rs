@@ -3,7 +3,7 @@
 //! The decision depends on the input and the settings alone, so a resumed run comes to the same.
 
 use crate::bake;
-use crate::config::{BAKE_BELOW, Config, Target, Texture};
+use crate::config::{BAKE_BELOW, Config, Normals, Target, Texture};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::{OutputKind, TextureMode};
@@ -17,6 +17,9 @@ use std::path::Path;
 ///
 /// Errors: a new texture that was asked for and cannot be made, with the reason.
 pub(super) fn decide(source: &MeshSource, config: &Config) -> Result<Texture> {
+    if config.bake.normals {
+        return decide_with_normals(source, config);
+    }
     if config.drop_texture && config.texture != Texture::Bake {
         return Ok(Texture::Keep);
     }
@@ -27,16 +30,51 @@ pub(super) fn decide(source: &MeshSource, config: &Config) -> Result<Texture> {
             Some(what) => Err(Error::Usage(format!("--texture bake: {what}"))),
         },
         Texture::Auto => {
-            let n = source.n_triangles();
-            let fewest = config.targets().map(|target| target.triangles(n)).min().unwrap_or(n);
-            let is_strong = (fewest as f64) < BAKE_BELOW * n as f64;
             let is_to_count = matches!(config.target, Target::Triangles(_) | Target::Ratio(_));
-            let bakes = (is_strong || has_begun(config))
+            let bakes = (is_strong(source, config) || has_begun(config))
                 && is_to_count
                 && bake::has_images(source)
                 && obstacle(source, config)?.is_none();
             Ok(if bakes { Texture::Bake } else { Texture::Keep })
         }
+    }
+}
+
+/// True if so few triangles are wanted that a new texture is better than the old one.
+fn is_strong(source: &MeshSource, config: &Config) -> bool {
+    let n = source.n_triangles();
+    let fewest = config.targets().map(|target| target.triangles(n)).min().unwrap_or(n);
+    (fewest as f64) < BAKE_BELOW * n as f64
+}
+
+/// Normal maps were asked for: there is a new texture, or an error that says why not.
+fn decide_with_normals(source: &MeshSource, config: &Config) -> Result<Texture> {
+    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
+    let is_kept = config.texture == Texture::Auto
+        && bake::has_images(source)
+        && !is_strong(source, config)
+        && !has_begun(config);
+    let found = [
+        (kind == OutputKind::Ply, "PLY has no place for normal maps; write .obj or .glb"),
+        (kind == OutputKind::Stl, "STL has no place for normal maps; write .obj or .glb"),
+        (config.drop_texture, "not with --texture none: a normal map is a texture"),
+        (
+            config.texture == Texture::Keep,
+            "normal maps need charts made for the result; choose --texture bake",
+        ),
+        (
+            is_kept,
+            "the input's charts are kept where 30 % of the triangles or more are wanted; choose --texture bake",
+        ),
+        (
+            config.attributes.normals == Normals::Drop,
+            "not with --normals drop: a normal map leans on the result's normals",
+        ),
+    ];
+    let found = found.into_iter().find(|(is_so, _)| *is_so).map(|(_, what)| what.to_owned());
+    match found.map_or_else(|| obstacle(source, config), |what| Ok(Some(what)))? {
+        None => Ok(Texture::Bake),
+        Some(what) => Err(Error::Usage(format!("--bake-normals: {what}"))),
     }
 }
 
@@ -56,6 +94,16 @@ pub(super) fn would_help(source: &MeshSource, config: &Config) -> bool {
         && config.kernel.bound.is_none()
         && bake::has_images(source)
         && is_possible()
+}
+
+/// Settings of the bake.
+pub(super) fn options(config: &Config) -> bake::Options {
+    bake::Options {
+        page_size: config.bake.page_size,
+        most_pages: config.bake.most_pages,
+        cell_triangles: config.cell_triangles,
+        normals: config.bake.normals,
+    }
 }
 
 /// The reason why no new texture can be made, if there is one.
@@ -82,7 +130,7 @@ fn obstacle(source: &MeshSource, config: &Config) -> Result<Option<String>> {
             "the input has texture coordinates at vertices; convert it to OBJ and back to PLY first, or choose keep",
         ),
         (
-            !bake::has_looks(source),
+            !config.bake.normals && !bake::has_looks(source),
             "the input has neither texture coordinates at the corners of faces nor colours of vertices",
         ),
     ];
@@ -97,7 +145,7 @@ pub(super) fn check(source: &MeshSource, config: &Config, may_be_ours: bool) -> 
     let n = source.n_triangles();
     let most = config.targets().map(|target| target.triangles(n)).max().unwrap_or(n);
     let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
-    let bytes = bake::check(source, most.min(n), usable)?;
+    let bytes = bake::check(source, most.min(n), &options(config), usable)?;
     let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
     if kind == OutputKind::Glb || config.force || may_be_ours {
         return Ok(bytes);

@@ -2,7 +2,7 @@
 
 use super::plan::{Plan, check_split};
 use super::{bake, verify};
-use crate::config::{Config, Method, Texture};
+use crate::config::{Config, Method, Normals, Texture};
 use crate::error::{Error, Result};
 use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::{
@@ -46,7 +46,12 @@ impl Prepared {
 /// A new texture begins where the old one is given up.
 fn settled(config: &Config, texture: Texture) -> Config {
     let drop_texture = config.drop_texture || texture == Texture::Bake;
-    Config { texture, drop_texture, ..config.clone() }
+    let mut settled = Config { texture, drop_texture, ..config.clone() };
+    if texture == Texture::Bake && config.bake.normals {
+        // Directions in a normal map lean on the normals that the result itself has.
+        settled.attributes.normals = Normals::Recompute;
+    }
+    settled
 }
 
 /// Opens the input and plans the run. Other files than plain PLY are first unpacked beside the output.

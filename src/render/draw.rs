@@ -1,6 +1,7 @@
 //! From a scene and a view to samples: aims the camera, fetches vertices, draws faces as they stream by.
 
 use super::camera::{Camera, Extent, Silhouette};
+use super::frames::{FRAME_BYTES, Frames, MOST_TRIANGLES};
 use super::picture::Picture;
 use super::quadrics::Facet;
 use super::raster::{Corner, Frame, SAMPLE_BYTES, Shown, Style};
@@ -8,7 +9,7 @@ use super::scene::{Faces, Points, Scene};
 use super::shade;
 use super::skin::Skins;
 use super::vector::smoothstep;
-use super::vertices::{Vertices, vertex_bytes};
+use super::vertices::{PlacedVertex, Vertices, vertex_bytes};
 use super::view::{Aim, Direction, Lighting, Resources, Sphere, View, per_pixel};
 use crate::error::Result;
 use crate::io::ply::FaceLook;
@@ -20,7 +21,7 @@ use crate::system::progress::Progress;
 /// Width of edge lines in pixels.
 const LINE_WIDTH: f32 = 0.9;
 /// The colour of a mesh without colours, sRGB: light clay.
-const CLAY: [f32; 3] = [0.83, 0.80, 0.755];
+pub(super) const CLAY: [f32; 3] = [0.83, 0.80, 0.755];
 /// Meshes with more faces than this are lit by averaged face normals instead of vertex normals: their
 /// triangles are about as small as the samples anyway.
 const MOST_SMOOTH_FACES: u64 = 12_000_000;
@@ -100,12 +101,21 @@ pub(super) fn draw(
         samples: per_pixel as f32,
         shown: None,
     };
+    let frames = match skins.filter(|skins| skins.has_normal_maps()) {
+        Some(_) => {
+            let left = budget.saturating_sub(smooth_bytes);
+            find_frames(scene, &mut vertices, left, threads, progress)?
+        }
+        None => Frames::default(),
+    };
     for _ in 0..LAYERS {
+        let mut number = 0;
         each_block(scene, threads, progress, |faces| {
             vertices.tick();
             for (i, ids) in faces.triangles.iter().enumerate() {
                 let look = skins.zip(faces.looks.of(i));
-                draw_face(ids, look, &mut vertices, &mut frame, style)?;
+                draw_face(ids, look, (&mut vertices, &frames, number), &mut frame, style)?;
+                number += 1;
             }
             Ok(())
         })?;
@@ -123,7 +133,7 @@ pub(super) fn draw(
             place: camera.place(facet.corners[i]).map(|x| x as f32),
             normal: camera.axes.map(|axis| dot(axis, facet.normals[i]) as f32),
             color: facet.color,
-            uv: [0.0; 2],
+            ..Corner::default()
         });
         frame.triangle(&corners, Style { line: 0.0, ..style });
     }
@@ -133,39 +143,94 @@ pub(super) fn draw(
 fn draw_face(
     ids: &[u64; 3],
     look: Option<(&Skins, FaceLook)>,
-    vertices: &mut Vertices,
+    (vertices, frames, number): (&mut Vertices, &Frames, usize),
     frame: &mut Frame,
     mut style: Style,
 ) -> Result<()> {
-    let mut corners = [Corner::default(); 3];
     let skin = look.and_then(|(skins, (_, material))| skins.get(material));
-    for (corner, id) in corners.iter_mut().zip(ids) {
-        let (place, color) = vertices.get(*id)?;
-        corner.place = place;
-        let own = color.map(|color| color.map(|c| f32::from(c) / 255.0));
-        corner.color = match (own, skin) {
+    let vertices_of_face = get_three(ids, vertices)?;
+    let mut corners = vertices_of_face.each_ref().map(|vertex| {
+        let own = vertex.color.map(|color| color.map(|c| f32::from(c) / 255.0));
+        let color = match (own, skin) {
             (Some(own), _) => own,
             (None, Some(skin)) => skin.color,
             (None, None) => CLAY,
         };
-    }
-    if let (Some((_, (uv, material))), Some(texels)) = (look, skin.and_then(|skin| skin.texels)) {
+        Corner { place: vertex.place, color, ..Corner::default() }
+    });
+    let image = skin.and_then(|skin| Some((skin, skin.texels?)));
+    if let (Some((_, (uv, material))), Some((_, texels))) = (look, image) {
         style.shown = Some(Shown { material, texels });
         (0..3).for_each(|i| corners[i].uv = uv[i]);
     }
     if !frame.may_show(&corners) {
         return Ok(());
     }
-    let Some(flat) = unit(normal(corners.map(|c| c.place.map(f64::from)))) else { return Ok(()) };
-    let flat = flat.map(|x| x as f32);
-    for (corner, id) in corners.iter_mut().zip(ids) {
-        corner.normal = match vertices.normals.get(*id as usize) {
-            Some(smooth) => creased(*smooth, flat),
-            None => flat,
-        };
+    let is_bumped = image.is_some_and(|(skin, _)| skin.is_bumped);
+    if !put_normals(&mut corners, ids, is_bumped.then_some(&vertices_of_face), vertices) {
+        return Ok(());
+    }
+    if is_bumped {
+        frames.put(number, &mut corners);
     }
     frame.triangle(&corners, style);
     Ok(())
+}
+
+fn get_three(ids: &[u64; 3], vertices: &mut Vertices) -> Result<[PlacedVertex; 3]> {
+    Ok([vertices.get(ids[0])?, vertices.get(ids[1])?, vertices.get(ids[2])?])
+}
+
+/// Gives the corners of a face their normals: those of the file if they are handed in and there, otherwise those found for
+/// the vertices, or the face's. False if the face has no area.
+fn put_normals(
+    corners: &mut [Corner; 3],
+    ids: &[u64; 3],
+    own: Option<&[PlacedVertex; 3]>,
+    vertices: &Vertices,
+) -> bool {
+    let places = [0, 1, 2].map(|i| corners[i].place.map(f64::from));
+    let Some(flat) = unit(normal(places)) else { return false };
+    let flat = flat.map(|x| x as f32);
+    for (i, corner) in corners.iter_mut().enumerate() {
+        let of_file = own.and_then(|own| own[i].normal).filter(|normal| *normal != [0.0; 3]);
+        corner.normal = match (of_file, vertices.normals.get(ids[i] as usize)) {
+            (Some(of_file), _) => of_file,
+            (None, Some(smooth)) => creased(*smooth, flat),
+            (None, None) => flat,
+        };
+    }
+    true
+}
+
+/// Tangent frames of all faces, where they fit into `budget`; none otherwise.
+fn find_frames(
+    scene: &dyn Scene,
+    vertices: &mut Vertices,
+    budget: u64,
+    threads: usize,
+    progress: &Progress,
+) -> Result<Frames> {
+    let n = scene.n_triangles();
+    if n > MOST_TRIANGLES || FRAME_BYTES * n > budget {
+        return Ok(Frames::default());
+    }
+    let mut all = Vec::with_capacity(n as usize);
+    each_block(scene, threads, progress, |faces| {
+        vertices.tick();
+        for (i, ids) in faces.triangles.iter().enumerate() {
+            let own = get_three(ids, vertices)?;
+            let mut corners =
+                own.each_ref().map(|v| Corner { place: v.place, ..Corner::default() });
+            if let Some((uv, _)) = faces.looks.of(i) {
+                (0..3).for_each(|k| corners[k].uv = uv[k]);
+            }
+            put_normals(&mut corners, ids, Some(&own), vertices);
+            all.push(corners);
+        }
+        Ok(())
+    })?;
+    Ok(Frames::of(&all))
 }
 
 /// The normal to light a corner by: the vertex's, unless the face turns so far away from it that there
@@ -188,7 +253,7 @@ fn vertex_normals(
         for ids in &faces.triangles {
             let mut places = [[0.0; 3]; 3];
             for (place, id) in places.iter_mut().zip(ids) {
-                *place = vertices.get(*id)?.0.map(f64::from);
+                *place = vertices.get(*id)?.place.map(f64::from);
             }
             // Scaled by the root of its length: large faces count more, but do not swamp small ones.
             let area = normal(places);
@@ -268,12 +333,11 @@ fn facing(
     each_block(scene, threads, progress, |faces| {
         vertices.tick();
         for ids in &faces.triangles {
-            let first = vertices.get(ids[0])?.0.map(f64::from);
+            let first = vertices.get(ids[0])?.place.map(f64::from);
             if dot(first, first) < sphere.radius * sphere.radius {
                 let [_, b, c] = *ids;
-                let places =
-                    [first, vertices.get(b)?.0.map(f64::from), vertices.get(c)?.0.map(f64::from)];
-                sum = add(sum, normal(places));
+                let (b, c) = (vertices.get(b)?.place, vertices.get(c)?.place);
+                sum = add(sum, normal([first, b.map(f64::from), c.map(f64::from)]));
             }
         }
         Ok(())

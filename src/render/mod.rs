@@ -6,6 +6,7 @@
 
 mod camera;
 mod draw;
+mod frames;
 mod legend;
 mod picture;
 mod quadrics;

@@ -6,6 +6,7 @@
 //! its faces and without vertex normals.
 
 use super::camera::Camera;
+use super::frames::turn_of;
 use super::vector::smoothstep;
 
 /// Bytes of one sample.
@@ -33,8 +34,10 @@ pub(super) struct Sample {
     pub(super) material: u32,
     /// Cover by edge lines, of 255.
     pub(super) ink: u8,
-    /// `BACK`, `UNLIT`.
+    /// `BACK`, `UNLIT`, `MIRRORED`.
     pub(super) flags: u8,
+    /// Direction of rising u around the normal, for normal maps; `frames::turn_of` counts it.
+    pub(super) turn: u16,
 }
 
 impl Sample {
@@ -46,6 +49,8 @@ impl Sample {
     pub(super) const BACK: u8 = 1;
     /// Light does not matter.
     pub(super) const UNLIT: u8 = 2;
+    /// The image is mirrored on the surface, as its front side has it.
+    pub(super) const MIRRORED: u8 = 4;
     /// Nothing.
     const NONE: Sample = Sample {
         nearness: 0.0,
@@ -55,6 +60,7 @@ impl Sample {
         material: Sample::PLAIN,
         ink: 0,
         flags: 0,
+        turn: 0,
     };
 
     /// True if `color` is a place in an image.
@@ -74,6 +80,8 @@ pub(super) struct Corner {
     pub(super) color: [f32; 3],
     /// Texture coordinates.
     pub(super) uv: [f32; 2],
+    /// Direction of rising u, and the side of v: 1 or -1; zeros where no normal map is drawn.
+    pub(super) tangent: [f32; 4],
 }
 
 /// Image that a triangle shows.
@@ -236,7 +244,11 @@ impl Frame {
             weight,
             material: shown.map_or(Sample::PLAIN, |shown| shown.material),
             ink: 0,
-            flags: if area < 0.0 { Sample::BACK } else { 0 },
+            flags: flags_of(corners, area),
+            turn: match corners[0].tangent[3] != 0.0 {
+                true => turn_of(normal.map(|x| side * x), mean(|c| first_three(c.tangent))),
+                false => 0,
+            },
         };
         let tolerance = SAME_SURFACE / self.focal;
         // A triangle wide enough to cover sample centres must reach them all, or holes would show.
@@ -285,6 +297,7 @@ impl Frame {
         let last = |high: f32, n: usize| ((high - 0.5).floor() + 1.0).clamp(0.0, n as f32) as usize;
         let reach = ((0.25 * full.abs().sqrt() / f64::from(style.samples)) as f32).clamp(0.4, 1.0);
         let line = style.line * reach;
+        let (flags, has_frames) = (flags_of(corners, area), corners[0].tangent[3] != 0.0);
         let slopes = style.shown.map(|shown| Slopes::new(corners, p, &q, per_area, shown.texels));
         for row in first(low[1])..last(high[1], self.height) {
             let y = row as f64 + 0.5;
@@ -329,7 +342,11 @@ impl Frame {
                     weight: 1.0,
                     material: style.shown.map_or(Sample::PLAIN, |shown| shown.material),
                     ink: (255.0 * ink + 0.5) as u8,
-                    flags: if area < 0.0 { Sample::BACK } else { 0 },
+                    flags,
+                    turn: match has_frames {
+                        true => turn_of(normal.map(|x| side * x), mix(|c| first_three(c.tangent))),
+                        false => 0,
+                    },
                 };
             }
         }
@@ -348,17 +365,30 @@ impl Sample {
             let sum = self.weight + found.weight;
             if self.is_on_image() || found.is_on_image() {
                 // Places in images have no mean: the front one stands for all, and a smaller size of the image.
-                let front = if found.nearness > self.nearness { found } else { &*self };
+                let front = if found.nearness > self.nearness { *found } else { *self };
                 let share = if front.is_on_image() { 1.0 } else { sum / front.weight.max(1e-20) };
                 (self.color, self.material) = (front.color.map(|x| share * x), front.material);
+                self.turn = front.turn;
+                let side = (self.flags & !Sample::MIRRORED) | (front.flags & Sample::MIRRORED);
+                self.flags = side & (found.flags | Sample::MIRRORED);
             } else {
                 (0..3).for_each(|i| self.color[i] += found.color[i]);
+                self.flags &= found.flags;
             }
             self.weight = sum;
             self.nearness = self.nearness.max(found.nearness);
-            self.flags &= found.flags;
         }
     }
+}
+
+/// Sides of a triangle that is drawn with this area.
+fn flags_of(corners: &[Corner; 3], area: f32) -> u8 {
+    let back = if area < 0.0 { Sample::BACK } else { 0 };
+    back | if corners[0].tangent[3] < 0.0 { Sample::MIRRORED } else { 0 }
+}
+
+fn first_three([x, y, z, _]: [f32; 4]) -> [f32; 3] {
+    [x, y, z]
 }
 
 /// The place in an image of a small triangle, and texels from sample to sample: the root of the ratio of areas.

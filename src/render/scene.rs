@@ -14,6 +14,8 @@ pub(super) struct Points {
     pub(super) positions: Vec<[f64; 3]>,
     /// sRGB colours; empty where the scene has none or none are wanted.
     pub(super) colors: Vec<[u8; 3]>,
+    /// Normals of the file, in object space; empty where it has none or none are wanted.
+    pub(super) normals: Vec<[f32; 3]>,
     scratch: VertexBlock,
 }
 
@@ -39,6 +41,10 @@ pub(super) trait Scene: Sync {
     fn faces(&self, block: u64, out: &mut Faces) -> Result<()>;
     /// Returns whether vertices have colours.
     fn is_colored(&self) -> bool;
+    /// Returns whether vertices come with normals.
+    fn has_normals(&self) -> bool {
+        false
+    }
 
     /// Number of vertex blocks.
     fn n_point_blocks(&self) -> u64 {
@@ -98,6 +104,8 @@ pub(super) struct OnDisk<'a> {
     paint: Paint,
     /// With what faces have of materials.
     has_looks: bool,
+    /// Byte offsets and types of the components of normals, if they are wanted and there.
+    normal: Option<[(usize, Scalar); 3]>,
 }
 
 /// Place of the colour in a vertex record.
@@ -125,7 +133,7 @@ pub(super) fn find(source: &MeshSource, name: &str) -> Option<(usize, Scalar)> {
 impl<'a> OnDisk<'a> {
     /// The scene of a source without colours.
     pub(super) fn plain(source: &'a MeshSource) -> Self {
-        OnDisk { source, paint: Paint::None, has_looks: false }
+        OnDisk { source, paint: Paint::None, has_looks: false, normal: None }
     }
 
     /// The scene of a source with the colours that `view` wants, as far as it has them.
@@ -150,7 +158,14 @@ impl<'a> OnDisk<'a> {
             }
         };
         let has_looks = view.scale.is_none() && view.coloring == Coloring::Texture;
-        OnDisk { source, paint, has_looks }
+        OnDisk { source, paint, has_looks, normal: None }
+    }
+
+    /// The same with the places of faces in images and the normals of vertices, for normal maps.
+    pub(super) fn with_frames(self) -> Self {
+        let [x, y, z] = ["nx", "ny", "nz"].map(|name| find(self.source, name));
+        let normal = x.zip(y).zip(z).map(|((x, y), z)| [x, y, z]);
+        OnDisk { has_looks: true, normal, ..self }
     }
 }
 
@@ -173,6 +188,11 @@ impl Scene for OnDisk<'_> {
         let records = out.scratch.records.chunks_exact(schema.record_bytes());
         out.positions.clear();
         out.positions.extend(records.clone().map(|record| schema.position(record)));
+        out.normals.clear();
+        if let Some(places) = self.normal {
+            let value = |record: &[u8]| places.map(|(at, scalar)| read_scalar(scalar, record, at) as f32);
+            out.normals.extend(records.clone().map(value));
+        }
         out.colors.clear();
         match self.paint {
             Paint::None => {}
@@ -206,6 +226,10 @@ impl Scene for OnDisk<'_> {
 
     fn is_colored(&self) -> bool {
         !matches!(self.paint, Paint::None)
+    }
+
+    fn has_normals(&self) -> bool {
+        self.normal.is_some()
     }
 }
 

@@ -1,7 +1,7 @@
 //! Several pictures of one file: materials are looked at once, decoded images stay from picture to picture.
 
 use super::camera::Camera;
-use super::draw::{draw, extent, free_bytes};
+use super::draw::{CLAY, draw, extent, free_bytes};
 use super::picture::Picture;
 use super::scene::{OnDisk, find};
 use super::skin::Skins;
@@ -32,6 +32,14 @@ pub fn has_images(source: &MeshSource) -> bool {
         && source.materials().is_some_and(|all| {
             all.list.iter().flat_map(|material| &material.maps).any(|map| has_image(map.kind))
         })
+}
+
+/// True if a material of a file has a normal map, whether or not it can be read.
+fn has_normal_maps(source: &MeshSource) -> bool {
+    let has_map = |kind: MapKind| kind == MapKind::Normal;
+    source.materials().is_some_and(|all| {
+        all.list.iter().flat_map(|material| &material.maps).any(|map| has_map(map.kind))
+    })
 }
 
 /// True if a file has colours: of materials, or of vertices.
@@ -93,7 +101,12 @@ pub fn shots(
     mut each: impl FnMut(usize, Shot) -> Result<()>,
 ) -> Result<()> {
     let is_textured = |view: &View| view.coloring == Coloring::Texture && view.scale.is_none();
-    let materials = source.materials().filter(|_| views.iter().any(is_textured));
+    // Of surfaces without colours, normal maps are seen all the same.
+    let is_clay = |view: &View| view.coloring == Coloring::Plain && view.scale.is_none();
+    let has_maps = has_normal_maps(source);
+    let is_painted = |view: &View| is_textured(view) || (has_maps && is_clay(view));
+    let materials = source.materials().filter(|_| views.iter().any(is_painted));
+    let purpose = if views.iter().any(is_textured) { Purpose::View } else { Purpose::Relief };
     let mut least = u64::MAX;
     for view in views {
         least = least.min(free_bytes(view, resources)?);
@@ -103,13 +116,20 @@ pub fn shots(
         None => 0,
     };
     // Two images of one material are decoded together.
-    let palette = Palette::new(materials.map(|all| &**all), image_bytes / 2, Purpose::View)?;
+    let palette = Palette::new(materials.map(|all| &**all), image_bytes / 2, purpose)?;
     let images = ImageCache::new(&palette, image_bytes);
-    let skins = materials.map(|_| Skins::new(&palette, &images));
+    let coloured = materials.map(|_| Skins::new(&palette, &images, None));
+    let clay = materials.map(|_| Skins::new(&palette, &images, Some(CLAY)));
     for (number, view) in views.iter().enumerate() {
-        let skins = skins.as_ref().filter(|_| is_textured(view));
+        let skins = match is_textured(view) {
+            true => coloured.as_ref(),
+            false => clay.as_ref().filter(|_| is_painted(view)),
+        };
         let budget = free_bytes(view, resources)?.saturating_sub(image_bytes);
-        let scene = OnDisk::new(source, view);
+        let mut scene = OnDisk::new(source, view);
+        if skins.is_some_and(Skins::has_normal_maps) {
+            scene = scene.with_frames();
+        }
         let drawn = draw(&scene, view, (skins, &[]), (resources, budget), progress)?;
         let covered = drawn.covered();
         let picture = drawn.picture(view.lighting, resources.threads, progress)?;

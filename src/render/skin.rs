@@ -3,6 +3,7 @@
 //! So each image is decoded once a picture (once a layer, where images have holes), however faces and materials are
 //! mixed, and no more images are in memory than the budget for them holds. Does not draw triangles.
 
+use super::frames::bent;
 use super::raster::{Frame, Sample};
 use crate::error::Result;
 use crate::mesh::oklab::srgb_of_linear;
@@ -26,6 +27,8 @@ pub(super) struct Skin {
     pub(super) texels: Option<[f32; 2]>,
     /// Its own colour, sRGB values in [0, 1].
     pub(super) color: [f32; 3],
+    /// True if it has a normal map.
+    pub(super) is_bumped: bool,
 }
 
 /// Materials of a mesh with their images.
@@ -33,6 +36,8 @@ pub(super) struct Skins<'a> {
     palette: &'a Palette,
     images: &'a ImageCache<'a>,
     list: Vec<Skin>,
+    /// The colour of everything, sRGB, where only normal maps are wanted.
+    clay: Option<[f32; 3]>,
 }
 
 /// The image that leads the size of a material's texels.
@@ -41,15 +46,27 @@ fn first_map(paint: &Paint) -> Option<&MapUse> {
 }
 
 impl<'a> Skins<'a> {
-    pub(super) fn new(palette: &'a Palette, images: &'a ImageCache<'a>) -> Self {
+    /// With `clay` everything has this colour, and only normal maps count.
+    pub(super) fn new(
+        palette: &'a Palette,
+        images: &'a ImageCache<'a>,
+        clay: Option<[f32; 3]>,
+    ) -> Self {
         let skin = |paint: &Paint| {
             let [r, g, b, _] = paint.factor;
+            let own = [r, g, b].map(|x| srgb_of_linear(f64::from(x)) as f32);
             Skin {
                 texels: first_map(paint).map(MapUse::texels_along),
-                color: [r, g, b].map(|x| srgb_of_linear(f64::from(x)) as f32),
+                color: clay.unwrap_or(own),
+                is_bumped: paint.normal.is_some(),
             }
         };
-        Skins { palette, images, list: palette.paints.iter().map(skin).collect() }
+        Skins { palette, images, list: palette.paints.iter().map(skin).collect(), clay }
+    }
+
+    /// True if any material has a normal map.
+    pub(super) fn has_normal_maps(&self) -> bool {
+        self.palette.has_normal_maps()
     }
 
     /// The material of this number.
@@ -168,8 +185,21 @@ impl Group<'_> {
             let map = map?;
             let image = self.decoded[self.numbers.binary_search(&map.image).ok()?].as_ref()?;
             let width = f64::from(width) * map.texels_per_coordinate() / scale;
-            image.between(map, [u, v], width as f32, &self.skins.images.table)
+            let is_bumps = paint.normal.as_ref() == Some(map);
+            let images = &self.skins.images;
+            let table = if is_bumps { &images.plain } else { &images.table };
+            image.between(map, [u, v], width as f32, table)
         };
+        let normal = match look(paint.normal.as_ref()) {
+            Some([x, y, z, opacity]) if opacity > 0.0 => {
+                bent(sample, [x, y, z].map(|x| 2.0 * x / opacity - 1.0))
+            }
+            _ => sample.normal,
+        };
+        if let Some(clay) = self.skins.clay {
+            let color = clay.map(|x| sample.weight * x);
+            return Some(Sample { color, normal, material: Sample::PLAIN, ..*sample });
+        }
         let [r, g, b, own_opacity] = paint.factor;
         let (mut color, mut opacity) = ([r, g, b], 1.0);
         if let Some([r, g, b, a]) = look(paint.base.as_ref()) {
@@ -189,6 +219,7 @@ impl Group<'_> {
             color: color.map(|x| sample.weight * x),
             material: Sample::LIGHT,
             flags: sample.flags | is_unlit,
+            normal,
             ..*sample
         })
     }

@@ -10,6 +10,7 @@ use super::camera::Camera;
 use super::scene::{Points, Scene};
 use crate::error::{Error, Result};
 use crate::io::ply::BLOCK_ROWS;
+use crate::mesh::vec3::{dot, unit};
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
@@ -25,6 +26,16 @@ const LEAST_BLOCKS: u64 = 8;
 struct Placed {
     places: Vec<[f32; 3]>,
     colors: Vec<[u8; 3]>,
+    /// Unit normals of the file, zeros where they have no direction.
+    normals: Vec<[f32; 3]>,
+}
+
+/// A vertex in camera space.
+pub(super) struct PlacedVertex {
+    pub(super) place: [f32; 3],
+    pub(super) color: Option<[u8; 3]>,
+    /// Its normal in the file, if that has any.
+    pub(super) normal: Option<[f32; 3]>,
 }
 
 /// Vertices in camera space by number.
@@ -59,7 +70,7 @@ impl<'a> Vertices<'a> {
         threads: usize,
         progress: &Progress,
     ) -> Result<Self> {
-        let block_bytes = BLOCK_ROWS * vertex_bytes(scene.is_colored(), false);
+        let block_bytes = BLOCK_ROWS * vertex_bytes(scene.is_colored(), scene.has_normals());
         let n_blocks = scene.n_point_blocks();
         let room = (budget_bytes / block_bytes).max(LEAST_BLOCKS).min(n_blocks.max(1));
         let mut vertices = Vertices {
@@ -94,8 +105,8 @@ impl<'a> Vertices<'a> {
         self.held.len() == self.slots.len()
     }
 
-    /// The camera-space place and the colour of a vertex.
-    pub(super) fn get(&mut self, id: u64) -> Result<([f32; 3], Option<[u8; 3]>)> {
+    /// A vertex by its number.
+    pub(super) fn get(&mut self, id: u64) -> Result<PlacedVertex> {
         let (block, row) = (id / BLOCK_ROWS, (id % BLOCK_ROWS) as usize);
         let slot = match self.slots[block as usize] {
             Some(slot) => slot as usize,
@@ -105,7 +116,11 @@ impl<'a> Vertices<'a> {
             self.used[slot].1 = self.clock;
         }
         let placed = &self.held[slot];
-        Ok((placed.places[row], placed.colors.get(row).copied()))
+        Ok(PlacedVertex {
+            place: placed.places[row],
+            color: placed.colors.get(row).copied(),
+            normal: placed.normals.get(row).copied(),
+        })
     }
 
     /// Marks the passing of time: what is used after this counts as more recent.
@@ -116,7 +131,8 @@ impl<'a> Vertices<'a> {
     fn load(&mut self, block: u64) -> Result<usize> {
         self.reads += 1;
         if self.reads > MOST_READS * self.slots.len() as u64 {
-            let bytes = self.scene.n_vertices() * vertex_bytes(self.scene.is_colored(), false);
+            let (colored, normals) = (self.scene.is_colored(), self.scene.has_normals());
+            let bytes = self.scene.n_vertices() * vertex_bytes(colored, normals);
             return Err(Error::NoMemory(format!(
                 "the vertices of this mesh are in random order and do not fit into memory; give it \
                  --memory of at least {}, or render its simplification",
@@ -145,4 +161,10 @@ fn place(camera: &Camera, points: &Points, out: &mut Placed) {
     out.places.extend(points.positions.iter().map(|p| camera.place(*p).map(|x| x as f32)));
     out.colors.clear();
     out.colors.extend_from_slice(&points.colors);
+    let turned = |normal: &[f32; 3]| {
+        let normal = unit(normal.map(f64::from)).unwrap_or_default();
+        camera.axes.map(|axis| dot(axis, normal) as f32)
+    };
+    out.normals.clear();
+    out.normals.extend(points.normals.iter().map(turned));
 }

@@ -27,18 +27,41 @@ struct Level {
     pixels: Vec<[u8; 4]>,
 }
 
-/// Linear light of the 256 values of sRGB.
-pub(crate) struct LightTable([f32; 256]);
+/// Light of the 256 values of a pixel.
+pub(crate) struct LightTable {
+    light: [f32; 256],
+    is_plain: bool,
+}
 
 impl LightTable {
+    /// Linear light of sRGB.
     pub fn new() -> LightTable {
-        LightTable(std::array::from_fn(|i| linear_of_srgb(i as f64 / 255.0) as f32))
+        let light = std::array::from_fn(|i| linear_of_srgb(i as f64 / 255.0) as f32);
+        LightTable { light, is_plain: false }
+    }
+
+    /// The values themselves, from 0 to 1: of images that do not hold colours.
+    pub fn plain() -> LightTable {
+        LightTable { light: std::array::from_fn(|i| i as f32 / 255.0), is_plain: true }
+    }
+
+    /// The pixel of what `of` gives.
+    fn pixel(&self, light: Light) -> [u8; 4] {
+        if !self.is_plain {
+            return pixel_of(light);
+        }
+        let [r, g, b, opacity] = light;
+        let value = |x: f32| (255.0 * (x / opacity).clamp(0.0, 1.0)).round() as u8;
+        match opacity > 0.0 {
+            true => [value(r), value(g), value(b), (255.0 * opacity.min(1.0)).round() as u8],
+            false => [0; 4],
+        }
     }
 
     /// Colour of a pixel, multiplied by its opacity.
     pub fn of(&self, [r, g, b, a]: [u8; 4]) -> Light {
         let opacity = f32::from(a) / 255.0;
-        let light = |x: u8| self.0[usize::from(x)] * opacity;
+        let light = |x: u8| self.light[usize::from(x)] * opacity;
         [light(r), light(g), light(b), opacity]
     }
 }
@@ -160,7 +183,7 @@ impl Level {
                         *sum += 0.25 * light;
                     }
                 }
-                pixels.push(pixel_of(sum));
+                pixels.push(table.pixel(sum));
             }
         }
         Some(Level { size, pixels })
@@ -172,6 +195,8 @@ pub(crate) struct ImageCache<'a> {
     palette: &'a Palette,
     budget_bytes: u64,
     pub table: LightTable,
+    /// Of normal maps.
+    pub plain: LightTable,
     held: Mutex<Held>,
 }
 
@@ -185,8 +210,8 @@ struct Held {
 
 impl<'a> ImageCache<'a> {
     pub fn new(palette: &'a Palette, budget_bytes: u64) -> Self {
-        let (table, held) = (LightTable::new(), Mutex::default());
-        ImageCache { palette, budget_bytes, table, held }
+        let (table, plain) = (LightTable::new(), LightTable::plain());
+        ImageCache { palette, budget_bytes, table, plain, held: Mutex::default() }
     }
 
     /// Images that could not be decoded, a line each.
@@ -221,7 +246,8 @@ impl<'a> ImageCache<'a> {
             let picture = self.picture(missing[i as usize]);
             let decoded = picture.map(|picture| {
                 // A decoder that panics is a damaged image, not a fault of the run.
-                guarded(|| Ok(Decoded::new(picture, &self.table)))
+                let table = if picture.is_directions { &self.plain } else { &self.table };
+                guarded(|| Ok(Decoded::new(picture, table)))
                     .unwrap_or_else(|error| Err(error.to_string()))
             });
             *out = decoded;

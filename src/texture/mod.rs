@@ -1,11 +1,13 @@
-//! Looks of surfaces: materials as factors and images, images decoded in a cache within a budget.
+//! Looks of surfaces: materials as factors and images, images decoded in a cache within a budget, tangent frames.
 //!
 //! For those that look colours up: a new texture is filled from them (`bake`), pictures are drawn with them (`render`).
 //! Knows no triangles; the description of materials is in `io/materials`.
 
+mod frames;
 mod images;
 mod palette;
 
+pub(crate) use frames::{Axes, FrameCorner, Tangent, tangents, unpacked};
 pub(crate) use images::{Decoded, ImageCache, Light, opacity_of, pixel_of};
 pub use palette::Finish;
 pub(crate) use palette::{MapUse, Paint, Palette, Purpose};

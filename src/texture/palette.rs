@@ -31,6 +31,8 @@ pub(crate) enum Purpose {
     Bake,
     /// Pictures: an image that does not fit is a note; normal maps are used, too.
     View,
+    /// Pictures without colours: normal maps alone.
+    Relief,
 }
 
 /// An image that can be decoded.
@@ -39,6 +41,8 @@ pub(crate) struct Picture {
     pub name: String,
     pub size: [u32; 2],
     pub is_jpeg: bool,
+    /// True of a normal map, whose values are not colours.
+    pub is_directions: bool,
 }
 
 impl Picture {
@@ -201,7 +205,7 @@ impl Palette {
             materials: materials.list.clone(),
             notes: match purpose {
                 Purpose::Bake => materials.notes.clone(),
-                Purpose::View => Vec::new(),
+                Purpose::View | Purpose::Relief => Vec::new(),
             },
         };
         palette.look(materials, image_bytes, purpose)?;
@@ -216,7 +220,7 @@ impl Palette {
             opacity: use_of(material, MapKind::Opacity),
             normal: match purpose {
                 Purpose::Bake => None,
-                Purpose::View => use_of(material, MapKind::Normal),
+                Purpose::View | Purpose::Relief => use_of(material, MapKind::Normal),
             },
             mask: match material.alpha {
                 Alpha::Mask(from) => Some(from),
@@ -238,14 +242,15 @@ impl Palette {
 
     fn look(&mut self, materials: &Materials, image_bytes: u64, purpose: Purpose) -> Result<()> {
         let is_of_use = |kind: MapKind| match kind {
-            MapKind::Base | MapKind::Opacity => true,
-            MapKind::Normal => purpose == Purpose::View,
+            MapKind::Base | MapKind::Opacity => purpose != Purpose::Relief,
+            MapKind::Normal => purpose != Purpose::Bake,
             _ => false,
         };
-        let is_needed = |number: usize| {
-            let needs = |map: &Map| map.image == number && is_of_use(map.kind);
-            materials.list.iter().any(|material| material.maps.iter().any(needs))
+        let is_used = |number: usize, counts: &dyn Fn(MapKind) -> bool| {
+            let uses = |map: &Map| map.image == number && counts(map.kind);
+            materials.list.iter().any(|material| material.maps.iter().any(uses))
         };
+        let is_needed = |number: usize| is_used(number, &is_of_use);
         let mut faults: BTreeMap<String, (usize, String)> = BTreeMap::new();
         for (number, image) in materials.images.iter().enumerate() {
             if !is_needed(number) {
@@ -270,11 +275,12 @@ impl Palette {
                     name: name.clone(),
                     size,
                     is_jpeg: facts.ending == "jpg",
+                    is_directions: !is_used(number, &|kind| kind != MapKind::Normal),
                 }),
                 Err(fault) => Err(fault),
             };
             match picture {
-                Ok(picture) if picture.bytes() > image_bytes && purpose == Purpose::View => {
+                Ok(picture) if picture.bytes() > image_bytes && purpose != Purpose::Bake => {
                     self.images.push(None);
                     let fault = format!(
                         "takes more than the {} that the memory has for it",
@@ -334,6 +340,11 @@ impl Palette {
     pub fn n_pixels(&self) -> u64 {
         let pixels = |picture: &Picture| u64::from(picture.size[0]) * u64::from(picture.size[1]);
         self.images.iter().flatten().map(pixels).sum()
+    }
+
+    /// True if any material has a normal map that is of use.
+    pub fn has_normal_maps(&self) -> bool {
+        self.paints.iter().any(|paint| paint.normal.is_some())
     }
 
     /// True if any image can be used.

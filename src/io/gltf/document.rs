@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 // Numbers that glTF 2.0 gives to types of components, uses of buffers and kinds of primitives.
 const I8: u32 = 5120;
 const U8: u32 = 5121;
+const I16: u32 = 5122;
 const U16: u32 = 5123;
 const U32: u32 = 5125;
 const F32: u32 = 5126;
@@ -32,6 +33,8 @@ pub(super) struct VertexLayout {
     pub(super) colour_at: Option<u64>,
     pub(super) normal_at: Option<u64>,
     pub(super) texture_at: Option<u64>,
+    /// Normals and tangents have 16 bits a number where there are tangents.
+    pub(super) tangent_at: Option<u64>,
 }
 
 /// Faces of one material with their vertices.
@@ -71,6 +74,7 @@ pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &F
     let total = binary_bytes(layout, primitives, images);
     let (mut views, mut accessors, mut parts) = (Vec::new(), Vec::new(), Vec::new());
     let mut indices_at: u64 = primitives.iter().map(|p| layout.n_bytes * p.n_vertices).sum();
+    let normal_component = if layout.tangent_at.is_some() { I16 } else { I8 };
     let mut vertices_at = 0;
     for primitive in primitives {
         let n_vertices = primitive.n_vertices;
@@ -97,8 +101,9 @@ pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &F
         }));
         for (name, at, component, kind) in [
             ("COLOR_0", layout.colour_at, U8, "VEC4"),
-            ("NORMAL", layout.normal_at, I8, "VEC3"),
+            ("NORMAL", layout.normal_at, normal_component, "VEC3"),
             ("TEXCOORD_0", layout.texture_at, F32, "VEC2"),
+            ("TANGENT", layout.tangent_at, I16, "VEC4"),
         ] {
             let Some(at) = at else { continue };
             attributes[name] = accessors.len().into();

@@ -20,8 +20,14 @@ const BLOCK_ROWS: u64 = 16_384;
 pub(super) struct Split {
     folder: PathBuf,
     memory_bytes: usize,
-    corners: ExternalSort<6>,
+    corners: Corners,
     n_corners: u64,
+}
+
+/// Records of corners: material, vertex, coordinates, number in two halves, and the tangent in two where there is one.
+enum Corners {
+    Plain(ExternalSort<6>),
+    WithTangents(ExternalSort<8>),
 }
 
 /// Vertices and faces in their order.
@@ -37,7 +43,10 @@ impl Split {
         Split {
             folder: folder.to_path_buf(),
             memory_bytes: header.sort_memory_bytes,
-            corners: ExternalSort::new(folder, header.sort_memory_bytes),
+            corners: match header.has_tangents {
+                false => Corners::Plain(ExternalSort::new(folder, header.sort_memory_bytes)),
+                true => Corners::WithTangents(ExternalSort::new(folder, header.sort_memory_bytes)),
+            },
             n_corners: 0,
         }
     }
@@ -45,12 +54,19 @@ impl Split {
     /// Appends a face.
     pub(super) fn push(&mut self, material: Option<u32>, face: &TexturedTriangle) -> Result<()> {
         let material = material.map_or(0, |material| material + 1);
-        for (vertex, uv) in face.corners.iter().zip(face.texture) {
+        for ((vertex, uv), tangent) in face.corners.iter().zip(face.texture).zip(face.tangents) {
             // glTF has its origin at the top. Adding 0 turns -0 into 0.
             let plain = uv.map(|x| if x.is_finite() { x } else { 0.0 });
             let [u, v] = [plain[0], 1.0 - plain[1]].map(|x| (x + 0.0).to_bits());
             let [high, low] = halves(self.n_corners);
-            self.corners.push([material, *vertex as u32, u, v, high, low])?;
+            let vertex = *vertex as u32;
+            match &mut self.corners {
+                Corners::Plain(sort) => sort.push([material, vertex, u, v, high, low])?,
+                Corners::WithTangents(sort) => {
+                    let [a, b] = packed(tangent);
+                    sort.push([material, vertex, u, v, high, low, a, b])?;
+                }
+            }
             self.n_corners += 1;
         }
         Ok(())
@@ -70,7 +86,7 @@ impl Split {
         let mut primitives: Vec<Primitive> = Vec::new();
         let (mut last, mut last_material) = (None, None);
         let mut out = Vec::new();
-        self.corners.drain(|[material, vertex, u, v, high, low]| {
+        let mut take = |[material, vertex, u, v, high, low]: [u32; 6], tangent: Option<[u32; 2]>| {
             if last_material != Some(material) {
                 last_material = Some(material);
                 primitives.push(Primitive {
@@ -89,6 +105,9 @@ impl Split {
                 if !has_own_texture {
                     out.extend_from_slice([u, v].map(u32::to_le_bytes).as_flattened());
                 }
+                // Corners of a vertex differ in their tangents only where faces meet in nothing but the vertex.
+                let tangent = tangent.map(|tangent| tangent.map(u32::to_le_bytes));
+                tangent.iter().for_each(|bytes| out.extend_from_slice(bytes.as_flattened()));
                 vertices.write(&out)?;
                 primitive.n_vertices += 1;
                 for (axis, step) in steps.into_iter().enumerate() {
@@ -99,9 +118,23 @@ impl Split {
             primitive.n_corners += 1;
             // Fewer vertices than corners, fewer than 2^32: `create` made sure of it.
             indices.push([material, high, low, (primitive.n_vertices - 1) as u32])
-        })?;
+        };
+        match self.corners {
+            Corners::Plain(sort) => {
+                sort.drain(|record| take(record, None))?;
+            }
+            Corners::WithTangents(sort) => {
+                sort.drain(|[m, vertex, u, v, h, l, a, b]| take([m, vertex, u, v, h, l], Some([a, b])))?;
+            }
+        }
         Ok(Parts { primitives, vertices: vertices.finish(spooled.path())?, indices })
     }
+}
+
+/// Four numbers of 16 bits in two words, in the order of the file.
+fn packed(tangent: [i16; 4]) -> [u32; 2] {
+    let [a, b, c, d] = tangent.map(i16::to_le_bytes);
+    [[a, b], [c, d]].map(|[a, b]| u32::from_le_bytes([a[0], a[1], b[0], b[1]]))
 }
 
 /// Rows of a file, mostly asked for in order.

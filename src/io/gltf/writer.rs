@@ -3,7 +3,7 @@
 //! `KHR_mesh_quantization` allows integer positions; the node's scale and translation bring them back to
 //! input units. One scale for all axes, so that nothing is distorted: the error is at most half of
 //! 1/65535 of the longest side. Colours are bytes, normals signed bytes, all padded to 4 bytes as the
-//! format wants. Faces with materials or texture coordinates are parted by material first (`split`), and coordinates
+//! format wants; beside tangents, normals have 16 bits. Faces with materials or texture coordinates are parted by material first (`split`), and coordinates
 //! are floats; images follow the indices.
 
 use super::document::{Frame, Positions, Primitive, VertexLayout, binary_bytes, describe};
@@ -26,6 +26,8 @@ pub(in crate::io) const POSITION_BYTES: u64 = 8;
 pub(in crate::io) const FLOAT_BYTES: u64 = 12;
 /// Bytes of a colour or a normal.
 pub(in crate::io) const EXTRA_BYTES: u64 = 4;
+/// Bytes of a tangent, and of a normal beside it.
+const FINE_BYTES: u64 = 8;
 /// Bytes of texture coordinates.
 pub(in crate::io) const TEXTURE_BYTES: u64 = 8;
 /// Bytes of x, y, z as doubles while they are spooled.
@@ -70,11 +72,15 @@ impl GlbWriter {
         let colour = find_colour(&header.schema);
         let normal = find3(&header.schema, ["nx", "ny", "nz"]);
         let plan = header.textures.as_ref();
+        let images = plan.map_or(0, |plan| plan.bytes);
         let has_materials = plan.is_some_and(|plan| !plan.materials.list.is_empty());
         let own = find_texture(&header.schema).filter(|_| !header.faces.texture && has_materials);
         let has_texture = own.is_some() || header.faces.texture;
-        let layout = vertex_layout(positions, [colour.is_some(), normal.is_some(), has_texture]);
-        let images = plan.map_or(0, |plan| plan.bytes);
+        // Without normals there are no tangents, says glTF.
+        let has_tangents = header.has_tangents && normal.is_some() && has_texture;
+        let header = OutputHeader { has_tangents, ..header };
+        let extras = [colour.is_some(), normal.is_some(), has_texture, has_tangents];
+        let layout = vertex_layout(positions, extras);
         let bytes = header
             .n_vertices
             .checked_mul(layout.n_bytes)
@@ -94,7 +100,7 @@ impl GlbWriter {
             normal,
             texture: own,
             layout,
-            material_of: MaterialOf::new(&header.faces, plan),
+            material_of: MaterialOf::new(&header.faces, header.textures.as_ref()),
             split,
             spool: Some(Spool::new(&folder)),
             least: [f64::MAX; 3],
@@ -126,10 +132,16 @@ impl GlbWriter {
                 row.push(255);
             }
             if let Some(normal) = self.normal {
-                row.extend(normal.map(|(scalar, at)| {
-                    (read_scalar(scalar, record, at).clamp(-1.0, 1.0) * 127.0).round() as i8 as u8
-                }));
-                row.push(0);
+                let normal =
+                    normal.map(|(scalar, at)| read_scalar(scalar, record, at).clamp(-1.0, 1.0));
+                if self.layout.tangent_at.is_some() {
+                    let steps = normal.map(|x| (x * 32767.0).round() as i16);
+                    row.extend_from_slice(steps.map(i16::to_le_bytes).as_flattened());
+                    row.extend_from_slice(&[0; 2]);
+                } else {
+                    row.extend(normal.map(|x| (x * 127.0).round() as i8 as u8));
+                    row.push(0);
+                }
             }
             if let Some(texture) = self.texture {
                 let uv = texture.map(|(scalar, at)| read_scalar(scalar, record, at));
@@ -212,10 +224,14 @@ impl GlbWriter {
 
     /// Bytes of a vertex while it is spooled: what it will have but for the position, and coordinates if they are its.
     fn spooled_bytes(&self) -> usize {
-        let extras = [self.colour.is_some(), self.normal.is_some()];
-        let n = extras.into_iter().filter(|has| *has).count();
+        let colour = if self.colour.is_some() { EXTRA_BYTES } else { 0 };
+        let normal = match (self.normal, self.layout.tangent_at) {
+            (None, _) => 0,
+            (Some(_), None) => EXTRA_BYTES,
+            (Some(_), Some(_)) => FINE_BYTES,
+        };
         let texture = if self.texture.is_some() { TEXTURE_BYTES } else { 0 };
-        SPOOLED_BYTES + EXTRA_BYTES as usize * n + texture as usize
+        SPOOLED_BYTES + (colour + normal + texture) as usize
     }
 
     /// Length of a step of a coordinate.
@@ -350,7 +366,10 @@ impl GlbWriter {
     }
 }
 
-fn vertex_layout(positions: Positions, [colour, normal, texture]: [bool; 3]) -> VertexLayout {
+fn vertex_layout(
+    positions: Positions,
+    [colour, normal, texture, tangent]: [bool; 4],
+) -> VertexLayout {
     let mut n_bytes = match positions {
         Positions::Steps => POSITION_BYTES,
         Positions::Floats => FLOAT_BYTES,
@@ -361,9 +380,10 @@ fn vertex_layout(positions: Positions, [colour, normal, texture]: [bool; 3]) -> 
         at
     };
     let colour_at = place(colour, EXTRA_BYTES);
-    let normal_at = place(normal, EXTRA_BYTES);
+    let normal_at = place(normal, if tangent { FINE_BYTES } else { EXTRA_BYTES });
     let texture_at = place(texture, TEXTURE_BYTES);
-    VertexLayout { n_bytes, positions, colour_at, normal_at, texture_at }
+    let tangent_at = place(tangent, FINE_BYTES);
+    VertexLayout { n_bytes, positions, colour_at, normal_at, texture_at, tangent_at }
 }
 
 /// Returns whether a binary chunk leaves room for its description.

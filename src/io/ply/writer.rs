@@ -37,6 +37,8 @@ pub struct OutputHeader {
     pub settings: String,
     /// Materials of the faces, by the number in their property `texnumber`.
     pub textures: Option<TexturePlan>,
+    /// True if corners have tangents, which only GLB holds; normals are then as precise.
+    pub has_tangents: bool,
     /// Memory for sorting faces by material, in the formats that group them.
     pub sort_memory_bytes: usize,
 }
@@ -57,6 +59,7 @@ impl OutputHeader {
             faces: FaceSchema::default(),
             settings,
             textures: None,
+            has_tangents: false,
             sort_memory_bytes: SORT_MEMORY_BYTES,
         }
     }
@@ -209,6 +212,8 @@ pub struct TexturedTriangle {
     pub corners: [u64; 3],
     /// Two coordinates for each corner; only written if the header says so.
     pub texture: [[f32; 2]; 3],
+    /// Tangents of the corners in steps of 1/32767, the last number 1 or -1 of these; only for GLB, if the header says so.
+    pub tangents: [[i16; 4]; 3],
 }
 
 impl PlyWriter {

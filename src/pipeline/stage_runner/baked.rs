@@ -4,7 +4,7 @@
 //! So a run that dies while it bakes, or after that, goes on from there.
 
 use super::Stages;
-use crate::bake::{self, BakeReport, Baked, Corner, Means};
+use crate::bake::{self, BakeReport, Baked, Corner, Means, TANGENT_BYTES};
 use crate::error::{Error, Result};
 use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 use crate::io::ply::raw::RawFile;
@@ -84,11 +84,7 @@ impl Stages<'_> {
     ) -> Result<Baked> {
         let (config, level) = (self.config, self.level);
         let pack = self.survivors(result.clone())?;
-        let options = bake::Options {
-            page_size: config.bake.page_size,
-            most_pages: config.bake.most_pages,
-            cell_triangles: config.cell_triangles,
-        };
+        let options = crate::pipeline::bake::options(config);
         let kind = Some(OutputKind::Ply);
         let encoding = Some(Encoding::BinaryLittleEndian);
         let format = OutputFormat { kind, encoding, ..OutputFormat::default() };
@@ -156,6 +152,7 @@ impl Stages<'_> {
         header.obj_infos = shape.obj_infos().to_vec();
         header.settings = settings.map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" ");
         header.faces.texture = true;
+        header.has_tangents = baked.tangents.is_some();
         header.faces.properties = shape.face_properties();
         header.faces.properties.push(Property::new(NUMBER, Scalar::I32));
         header.textures = Some(plan.clone());
@@ -169,14 +166,13 @@ impl Stages<'_> {
             shape.read_vertices(i, &mut block)?;
             sink.write_vertices(&block.records)?;
         }
-        let corners = RawFile::open(&baked.corners)?;
-        if corners.len() != shape.n_face_rows() * Corner::BYTES as u64 {
-            return Err(Error::corrupt(
-                &baked.corners,
-                "has another length; run again with --restart",
-            ));
-        }
-        let (mut faces, mut values, mut bytes) = (Vec::new(), Vec::new(), Vec::new());
+        let n_rows = shape.n_face_rows();
+        let mut corners = Records::<{ Corner::BYTES }>::open(&baked.corners, n_rows)?;
+        let mut tangents = match &baked.tangents {
+            Some(path) => Some(Records::<TANGENT_BYTES>::open(path, n_rows)?),
+            None => None,
+        };
+        let (mut faces, mut values) = (Vec::new(), Vec::new());
         shape.each_full_face(|row, face| {
             let at = row as usize % CHUNK;
             if at == 0 {
@@ -184,15 +180,16 @@ impl Stages<'_> {
                 sink.write_full_faces(&faces, &values)?;
                 faces.clear();
                 values.clear();
-                let left = (shape.n_face_rows() - row).min(CHUNK as u64) as usize;
-                bytes.resize(left * Corner::BYTES, 0);
-                corners.read_exact_at(&mut bytes, row * Corner::BYTES as u64)?;
             }
-            let corner = Corner::read(&bytes.as_chunks().0[at]);
+            let corner = Corner::read(corners.get(row)?);
+            let tangents = match &mut tangents {
+                Some(tangents) => tangents_of(tangents.get(row)?),
+                None => [[0; 4]; 3],
+            };
             let Some(&ids) = face.corners.first_chunk::<3>() else {
                 return Err(Error::Internal("a face of a result is not a triangle".to_owned()));
             };
-            faces.push(TexturedTriangle { corners: ids, texture: corner.uv });
+            faces.push(TexturedTriangle { corners: ids, texture: corner.uv, tangents });
             values.extend_from_slice(&face.values);
             values.extend_from_slice(&(corner.page as i32).to_le_bytes());
             Ok(())
@@ -203,21 +200,60 @@ impl Stages<'_> {
     }
 }
 
+/// Records of `N` bytes in a file, one a triangle, read in order.
+struct Records<const N: usize> {
+    file: RawFile,
+    n_rows: u64,
+    first: u64,
+    bytes: Vec<u8>,
+}
+
+impl<const N: usize> Records<N> {
+    fn open(path: &Path, n_rows: u64) -> Result<Self> {
+        let file = RawFile::open(path)?;
+        if file.len() != n_rows * N as u64 {
+            return Err(Error::corrupt(path, "has another length; run again with --restart"));
+        }
+        Ok(Records { file, n_rows, first: 0, bytes: Vec::new() })
+    }
+
+    fn get(&mut self, row: u64) -> Result<&[u8; N]> {
+        if row < self.first || row >= self.first + (self.bytes.len() / N) as u64 {
+            self.first = row;
+            self.bytes.resize((self.n_rows - row).min(CHUNK as u64) as usize * N, 0);
+            self.file.read_exact_at(&mut self.bytes, row * N as u64)?;
+        }
+        Ok(&self.bytes.as_chunks().0[(row - self.first) as usize])
+    }
+}
+
+fn tangents_of(bytes: &[u8; TANGENT_BYTES]) -> [[i16; 4]; 3] {
+    let number = |i: usize| i16::from_le_bytes([bytes[2 * i], bytes[2 * i + 1]]);
+    [0, 4, 8].map(|i| [number(i), number(i + 1), number(i + 2), number(i + 3)])
+}
+
 /// A material for each page.
 fn materials_of(baked: &Baked, stem: &str) -> Result<Materials> {
     let mut out = Materials::default();
     let finish = &baked.finish;
-    for (number, page) in baked.pages.iter().enumerate() {
+    for number in 0..baked.pages.len().max(baked.normals.len()) {
         let name = format!("{stem}_{number}");
-        let file = Arc::new(RawFile::open(&page.path)?);
-        if file.len() != page.bytes {
-            return Err(Error::corrupt(&page.path, "has another length; run again with --restart"));
+        let mut maps = Vec::new();
+        for (pages, kind, suffix) in
+            [(&baked.pages, MapKind::Base, ""), (&baked.normals, MapKind::Normal, "_normal")]
+        {
+            let Some(page) = pages.get(number) else { continue };
+            let file = Arc::new(RawFile::open(&page.path)?);
+            if file.len() != page.bytes {
+                let what = "has another length; run again with --restart";
+                return Err(Error::corrupt(&page.path, what));
+            }
+            let name = format!("{name}{suffix}.{}", page.kind.ending());
+            // A part of a file, so that it is copied although it lies below the output's folder for now.
+            let data = ImageData::Inside(Part { n_bytes: file.len(), file, offset: 0 });
+            let image = out.add_image(Image { name, data });
+            maps.push(Map { kind, image, options: String::new(), wrap: None });
         }
-        let ending = page.kind.ending();
-        // A part of a file, so that it is copied although it lies below the output's folder for now.
-        let data = ImageData::Inside(Part { n_bytes: file.len(), file, offset: 0 });
-        let image = out.add_image(Image { name: format!("{name}.{ending}"), data });
-        let map = Map { kind: MapKind::Base, image, options: String::new(), wrap: None };
         out.list.push(Material {
             name,
             base: finish.base,
@@ -230,7 +266,7 @@ fn materials_of(baked: &Baked, stem: &str) -> Result<Materials> {
             },
             two_sided: finish.two_sided,
             unlit: finish.unlit,
-            maps: vec![map],
+            maps,
             ..Material::default()
         });
     }

@@ -93,6 +93,7 @@ fn refuse(config: &Config) -> Result<()> {
         (config.restart, "--restart"),
         (config.keep_temp, "--keep-temp"),
         (config.texture == Texture::Bake, "--texture bake"),
+        (config.bake.normals, "--bake-normals"),
         (config.progressive.is_some(), "--progressive"),
         (config.seams.is_some(), "--seams"),
         (config.input == Path::new("-"), "standard input"),

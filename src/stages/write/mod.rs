@@ -168,7 +168,11 @@ pub fn write(
                 let textured = chunk
                     .iter()
                     .zip(&faces.texture)
-                    .map(|(t, &texture)| TexturedTriangle { corners: corners(t), texture });
+                    .map(|(t, &texture)| TexturedTriangle {
+                        corners: corners(t),
+                        texture,
+                        ..TexturedTriangle::default()
+                    });
                 writer.write_full_faces(&textured.collect::<Vec<_>>(), &faces.values)?;
             }
         }

@@ -221,6 +221,7 @@ fn put(file: &mut MeshSink, encoded: &[u8]) -> Result<()> {
         triangles.push(TexturedTriangle {
             corners: [0, 1, 2].map(|n| u64::from(u32::from_le_bytes(word(face, n)))),
             texture: [3, 5, 7].map(|n| [number(n), number(n + 1)]),
+            ..TexturedTriangle::default()
         });
         pages.extend(word(face, 9));
     }
