@@ -61,7 +61,8 @@ pub(super) fn mean_directions(directions: impl Iterator<Item = Direction>) -> ([
     let across = x.hypot(y);
     let length = across.hypot(z);
     let tilt = (1e6 * f64::from(across).atan2(f64::from(z)).to_degrees()).round() as u32;
-    let step = |x: f32| (127.5 * (1.0 + x / length) + 0.5 + UPWARDS).floor().clamp(0.0, 255.0) as u8;
+    let step =
+        |x: f32| (127.5 * (1.0 + x / length) + 0.5 + UPWARDS).floor().clamp(0.0, 255.0) as u8;
     // All directions are upwards, so there is a length.
     ([step(x), step(y), step(z), 255], tilt)
 }

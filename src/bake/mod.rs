@@ -8,6 +8,7 @@
 
 mod charts;
 mod directions;
+mod grid;
 mod nearest;
 mod normals;
 mod original;
@@ -22,15 +23,15 @@ use crate::mesh::Mesh;
 use crate::system::units::show_bytes;
 pub use crate::texture::Finish;
 use crate::texture::{ImageCache, Palette, Purpose};
-use texels::Canvases;
 use charts::Charts;
 use original::Original;
 pub use pages::Page;
 use pages::{Canvas, PageKind};
 use serde::{Deserialize, Serialize};
 use settings::NormalReport;
-pub use settings::{BakeReport, Corner, Means, Options, TANGENT_BYTES};
+pub use settings::{BakeReport, Corner, Means, NormalSource, Options, TANGENT_BYTES};
 use std::path::{Path, PathBuf};
+use texels::Canvases;
 
 /// Finished pages, and the texture coordinates of the result's corners in a file.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -114,9 +115,8 @@ pub fn bake(
     }
     let mut notes = original.notes(&palette);
     progress.count_from_zero(mesh.triangles.len() as u64);
-    let canvas = |is_wanted: bool| {
-        is_wanted.then(|| Canvas::new(&charts.pages, means.temp_dir)).transpose()
-    };
+    let canvas =
+        |is_wanted: bool| is_wanted.then(|| Canvas::new(&charts.pages, means.temp_dir)).transpose();
     let mut canvases =
         Canvases { colours: canvas(original.has_looks())?, normals: canvas(options.normals)? };
     let cache = ImageCache::new(&palette, free_bytes / IMAGE_SHARE);

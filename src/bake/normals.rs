@@ -58,9 +58,8 @@ impl Normals {
             return [0.0; 3];
         }
         let terms = mesh.triangles[t].iter().zip(weights);
-        let sum = terms.fold([0.0; 3], |sum, (&v, weight)| {
-            add(sum, scale(corner(v).map(f64::from), weight))
-        });
+        let sum = terms
+            .fold([0.0; 3], |sum, (&v, weight)| add(sum, scale(corner(v).map(f64::from), weight)));
         // Vertices without a direction leave it to the face.
         let direction = unit(sum).filter(|n| n.iter().all(|x| x.is_finite()));
         let direction = direction.or_else(|| unit(face_normal(mesh, t)));
@@ -186,7 +185,8 @@ mod tests {
         let whole = Mesh::new(positions.clone(), (0..n).map(face).collect());
         let alone = Border::default().normals(&whole, &[false; 9]);
         // Each cell has all vertices, some without faces; a seam doubles the tip in the second.
-        let halves = [0..3, 3..n].map(|faces| Mesh::new(positions.clone(), faces.map(face).collect()));
+        let halves =
+            [0..3, 3..n].map(|faces| Mesh::new(positions.clone(), faces.map(face).collect()));
         let [first, mut second] = halves;
         second.positions.push(positions[0]);
         second.triangles[2][0] = 9;

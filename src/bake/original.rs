@@ -258,7 +258,8 @@ impl Original {
         let soon = |cell: usize| self.scratch.store().expect(CellId::at(cell));
         largest_first(jobs, means.threads, means.memory_bytes, means.progress, soon, |number| {
             let (cell, material) = self.load_mesh(number)?;
-            let border = if is_computed { border_sums(&cell.mesh, &cell.shared) } else { Vec::new() };
+            let border =
+                if is_computed { border_sums(&cell.mesh, &cell.shared) } else { Vec::new() };
             let mesh = cell.mesh;
             let (mut sum, mut densities, mut n_lost) = (area_sum(), Densities::new(diagonal), 0);
             for (t, &material) in material.iter().enumerate() {

@@ -7,6 +7,7 @@
 
 use super::charts::{Charts, NONE};
 use super::directions::{Direction, Frames, mean_directions};
+use super::grid::{area, each_point};
 use super::nearest::{CellCache, Seekers};
 use super::original::{Hit, Original};
 use super::pages::{Canvas, Texel};
@@ -261,7 +262,8 @@ impl Work {
                     let found: Vec<Direction> = own.clone().map(direction).collect();
                     tilts.clear();
                     of_texels(&batch.points[own], texels, |same| {
-                        let (pixel, tilt) = mean_directions(same.iter().map(|&i| found[i as usize]));
+                        let (pixel, tilt) =
+                            mean_directions(same.iter().map(|&i| found[i as usize]));
                         tilts.push(tilt);
                         pixel
                     });
@@ -440,11 +442,7 @@ fn times_opacity([r, g, b, opacity]: Light) -> Light {
 }
 
 /// Makes the texels that points lie in; `pixel` gets the numbers of the points of each.
-fn of_texels(
-    points: &[Point],
-    out: &mut Vec<Texel>,
-    mut pixel: impl FnMut(&[u32]) -> [u8; 4],
-) {
+fn of_texels(points: &[Point], out: &mut Vec<Texel>, mut pixel: impl FnMut(&[u32]) -> [u8; 4]) {
     out.clear();
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
     let place = |i: u32| (points[i as usize].row, points[i as usize].column);
@@ -463,87 +461,4 @@ fn mean_light(lights: impl ExactSizeIterator<Item = Light>) -> [u8; 4] {
         sum.iter_mut().zip(light).for_each(|(sum, light)| *sum += light);
     }
     pixel_of(sum.map(|sum| sum / n))
-}
-
-/// Area of a triangle on a page.
-fn area(t: &[[f32; 2]; 3]) -> f64 {
-    let [a, b, c] = t.map(|at| at.map(f64::from));
-    0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])).abs()
-}
-
-/// Calls `each` with the points of a grid of `side` by `side` points a texel that lie in a triangle, and their
-/// barycentric coordinates, in the texels of some rows.
-fn each_point(
-    t: &[[f64; 2]; 3],
-    side: u32,
-    rows: Range<u32>,
-    mut each: impl FnMut(f64, f64, [f64; 3]),
-) {
-    let [a, b, c] = *t;
-    let twice = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
-    if twice == 0.0 || !twice.is_finite() {
-        return;
-    }
-    let n = f64::from(side);
-    let at = |k: i64| (k as f64 + 0.5) / n;
-    // The first point at or behind a coordinate.
-    let from = |x: f64| (x * n - 0.5).ceil() as i64;
-    let low = t.iter().fold(f64::INFINITY, |low, p| low.min(p[1]));
-    let high = t.iter().fold(f64::NEG_INFINITY, |high, p| high.max(p[1]));
-    let first = from(low).max(i64::from(rows.start) * i64::from(side));
-    let end = from(high).min(i64::from(rows.end) * i64::from(side));
-    for k in first..end {
-        let y = at(k);
-        let mut span = [f64::INFINITY, f64::NEG_INFINITY];
-        for (p, q) in [(a, b), (b, c), (c, a)] {
-            // Both triangles at an edge follow it from the same end.
-            let (p, q) = if (p[1], p[0]) < (q[1], q[0]) { (p, q) } else { (q, p) };
-            if p[1] <= y && y < q[1] {
-                let x = p[0] + (y - p[1]) / (q[1] - p[1]) * (q[0] - p[0]);
-                span = [span[0].min(x), span[1].max(x)];
-            }
-        }
-        if span[0] > span[1] {
-            continue;
-        }
-        for j in from(span[0])..from(span[1]) {
-            let x = at(j);
-            let v = ((x - a[0]) * (c[1] - a[1]) - (y - a[1]) * (c[0] - a[0])) / twice;
-            let w = ((b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])) / twice;
-            each(x, y, [1.0 - v - w, v, w]);
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A square of 5 by 5 texels, cut along its diagonal at odd places.
-    #[test]
-    fn triangles_share_the_points_of_a_square() {
-        let [a, b, c, d] = [[0.3, 0.2], [5.3, 0.2], [5.3, 5.2], [0.3, 5.2]];
-        let mut found = Vec::new();
-        for t in [[a, b, c], [a, c, d]] {
-            each_point(&t, 2, 0..10, |x, y, weights| {
-                let back = [0, 1].map(|k| (0..3).map(|i| weights[i] * t[i][k]).sum::<f64>());
-                assert!((back[0] - x).abs() < 1e-9 && (back[1] - y).abs() < 1e-9);
-                assert!(weights.iter().all(|&w| w > -1e-9), "{weights:?}");
-                found.push([(2.0 * x) as i32, (2.0 * y) as i32]);
-            });
-        }
-        let n = found.len();
-        found.sort_unstable();
-        found.dedup();
-        assert_eq!((n, found.len()), (100, 100));
-        // Rows of the middle only, and the same points there.
-        let mut some = 0;
-        for t in [[a, b, c], [a, c, d]] {
-            each_point(&t, 2, 2..3, |_, y, _| {
-                assert_eq!(y as u32, 2);
-                some += 1;
-            });
-        }
-        assert_eq!(some, 20);
-    }
 }

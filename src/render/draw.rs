@@ -94,7 +94,8 @@ pub(super) fn draw(
     let smooth_bytes = scene.n_vertices().saturating_mul(vertex_bytes(scene.is_colored(), true));
     let smooth = view.smooth && scene.n_triangles() <= MOST_SMOOTH_FACES && smooth_bytes <= budget;
     if smooth && vertices.all_held() {
-        vertices.normals = vertex_normals(scene, &mut vertices, threads, progress)?;
+        let by_area = skins.is_some_and(Skins::has_normal_maps);
+        vertices.normals = vertex_normals(scene, &mut vertices, by_area, threads, progress)?;
     }
     let style = Style {
         line: if view.edges { 0.5 * LINE_WIDTH * per_pixel as f32 } else { 0.0 },
@@ -196,6 +197,8 @@ fn put_normals(
         let of_file = own.and_then(|own| own[i].normal).filter(|normal| *normal != [0.0; 3]);
         corner.normal = match (of_file, vertices.normals.get(ids[i] as usize)) {
             (Some(of_file), _) => of_file,
+            // A normal map has the creases.
+            (None, Some(smooth)) if own.is_some() => *smooth,
             (None, Some(smooth)) => creased(*smooth, flat),
             (None, None) => flat,
         };
@@ -241,10 +244,12 @@ fn creased(smooth: [f32; 3], flat: [f32; 3]) -> [f32; 3] {
     std::array::from_fn(|i| flat[i] + share * (smooth[i] - flat[i]))
 }
 
-/// Angle-free vertex normals: face normals weighted by area, in camera space.
+/// Angle-free vertex normals: face normals weighted by the root of their area, or by their area, as results have them that
+/// normal maps were made for; in camera space.
 fn vertex_normals(
     scene: &dyn Scene,
     vertices: &mut Vertices,
+    by_area: bool,
     threads: usize,
     progress: &Progress,
 ) -> Result<Vec<[f32; 3]>> {
@@ -258,7 +263,8 @@ fn vertex_normals(
             // Scaled by the root of its length: large faces count more, but do not swamp small ones.
             let area = normal(places);
             let Some(direction) = unit(area) else { continue };
-            let weight = dot(area, area).sqrt().sqrt();
+            let length = dot(area, area).sqrt();
+            let weight = if by_area { length } else { length.sqrt() };
             for id in ids {
                 for (sum, x) in normals[*id as usize].iter_mut().zip(direction) {
                     *sum += (weight * x) as f32;

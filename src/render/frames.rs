@@ -1,10 +1,11 @@
 //! Tangent frames in pictures: of corners before faces are drawn, of samples when normal maps are looked up.
 //!
-//! A mesh that is not too large has Mikkelsen's frames, as glTF wants; each face of a larger one has the frame of its own
-//! coordinates. Looks nothing up.
+//! A mesh that is not too large has Mikkelsen's frames, as glTF wants; each face of a larger one has the frame that its
+//! coordinates have. Looks nothing up.
 
 use super::raster::{Corner, Sample};
-use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub, unit};
+use super::turn::tangent_of;
+use crate::mesh::vec3::{add, cross, scale, sub, unit};
 use crate::texture::{FrameCorner, Tangent, tangents, unpacked};
 
 /// Triangles whose frames are computed together at most.
@@ -12,9 +13,6 @@ pub(super) const MOST_TRIANGLES: u64 = 4_000_000;
 
 /// Bytes of a triangle while frames are computed: its corners, and what the computation takes.
 pub(super) const FRAME_BYTES: u64 = 420;
-
-/// Steps of a turn around the normal.
-const STEPS: f32 = 65_536.0;
 
 /// Frames of all faces of a scene, in their order.
 #[derive(Default)]
@@ -59,30 +57,11 @@ fn own_tangent(corners: &[Corner; 3]) -> [f32; 4] {
     [x, y, z, side].map(|x| x as f32)
 }
 
-/// Two directions across a normal that looks towards the viewer, and across each other (Frisvad 2012).
-fn basis([x, y, z]: Vec3) -> [Vec3; 2] {
-    // What looks straight away from the viewer is not seen.
-    let a = 1.0 / (1.0 + z).max(1e-6);
-    let b = -x * y * a;
-    [[1.0 - x * x * a, b, -x], [b, 1.0 - y * y * a, -y]]
-}
-
-/// The turn of a tangent around a normal towards the viewer, in 65,536 steps.
-pub(super) fn turn_of(normal: [f32; 3], tangent: [f32; 3]) -> u16 {
-    let Some(normal) = unit(normal.map(f64::from)) else { return 0 };
-    let tangent = tangent.map(f64::from);
-    let [first, second] = basis(normal);
-    let angle = dot(tangent, second).atan2(dot(tangent, first)) as f32;
-    (angle / std::f32::consts::TAU * STEPS).round() as i32 as u16
-}
-
 /// The normal of a sample, towards the viewer, whose normal map holds `direction`.
 pub(super) fn bent(sample: &Sample, direction: [f32; 3]) -> [f32; 3] {
     let Some(normal) = unit(sample.normal.map(f64::from)) else { return sample.normal };
     let [x, y, z] = direction.map(f64::from);
-    let angle = std::f64::consts::TAU * f64::from(sample.turn) / f64::from(STEPS);
-    let [first, second] = basis(normal);
-    let tangent = add(scale(first, angle.cos()), scale(second, angle.sin()));
+    let tangent = tangent_of(normal, sample.turn);
     let is = |flag: u8| sample.flags & flag != 0;
     // The back shows the front's directions from behind.
     let towards = if is(Sample::BACK) { -1.0 } else { 1.0 };

@@ -15,6 +15,7 @@ mod scene;
 mod shade;
 mod shots;
 mod skin;
+mod turn;
 mod vector;
 mod vertices;
 mod view;

@@ -6,7 +6,7 @@
 //! its faces and without vertex normals.
 
 use super::camera::Camera;
-use super::frames::turn_of;
+use super::turn::turn_of;
 use super::vector::smoothstep;
 
 /// Bytes of one sample.
@@ -36,7 +36,7 @@ pub(super) struct Sample {
     pub(super) ink: u8,
     /// `BACK`, `UNLIT`, `MIRRORED`.
     pub(super) flags: u8,
-    /// Direction of rising u around the normal, for normal maps; `frames::turn_of` counts it.
+    /// Direction of rising u around the normal, for normal maps; `turn` counts it.
     pub(super) turn: u16,
 }
 

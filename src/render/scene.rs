@@ -190,7 +190,8 @@ impl Scene for OnDisk<'_> {
         out.positions.extend(records.clone().map(|record| schema.position(record)));
         out.normals.clear();
         if let Some(places) = self.normal {
-            let value = |record: &[u8]| places.map(|(at, scalar)| read_scalar(scalar, record, at) as f32);
+            let value =
+                |record: &[u8]| places.map(|(at, scalar)| read_scalar(scalar, record, at) as f32);
             out.normals.extend(records.clone().map(value));
         }
         out.colors.clear();

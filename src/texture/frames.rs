@@ -71,7 +71,9 @@ impl<F: Fn(usize, usize) -> FrameCorner> Geometry for Triangles<F> {
     }
 
     fn set_tangent(&mut self, tangent: Option<TangentSpace>, face: usize, vert: usize) {
-        let Some([x, y, z, side]) = tangent.map(|tangent| tangent.tangent_encoded()) else { return };
+        let Some([x, y, z, side]) = tangent.map(|tangent| tangent.tangent_encoded()) else {
+            return;
+        };
         let has_direction = [x, y, z].iter().all(|x| x.is_finite()) && [x, y, z] != [0.0; 3];
         if has_direction {
             self.found[face][vert] = packed([x, y, z], side);
@@ -151,6 +153,8 @@ mod tests {
         }
         // Without an area of coordinates there is a tangent, too.
         let point = |t, k| FrameCorner { uv: [0.5; 2], ..corner(false)(t, k) };
-        assert!(tangents(2, point).iter().flatten().all(|[x, y, z, _]| *z == 0 && (*x, *y) != (0, 0)));
+        assert!(
+            tangents(2, point).iter().flatten().all(|[x, y, z, _]| *z == 0 && (*x, *y) != (0, 0))
+        );
     }
 }

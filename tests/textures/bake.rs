@@ -60,7 +60,7 @@ fn half(image: &RgbImage) -> RgbImage {
 }
 
 /// The mix of the four pixels around coordinates, v upwards, as a graphics card does it.
-fn look_up(image: &RgbImage, [u, v]: [f64; 2]) -> [f64; 3] {
+pub(super) fn look_up(image: &RgbImage, [u, v]: [f64; 2]) -> [f64; 3] {
     let size = [image.width(), image.height()].map(f64::from);
     let at = [u * size[0] - 0.5, (1.0 - v) * size[1] - 0.5];
     let pixel = |dx: f64, dy: f64| {
@@ -75,7 +75,7 @@ fn look_up(image: &RgbImage, [u, v]: [f64; 2]) -> [f64; 3] {
 }
 
 /// Points of a triangle, its corners among them.
-fn points_of<const N: usize>(corners: [[f64; N]; 3]) -> impl Iterator<Item = [f64; N]> {
+pub(super) fn points_of<const N: usize>(corners: [[f64; N]; 3]) -> impl Iterator<Item = [f64; N]> {
     (0..=6).flat_map(move |i| {
         (0..=6 - i).map(move |j| {
             let w = [i as f64 / 6.0, j as f64 / 6.0, (6 - i - j) as f64 / 6.0];
@@ -217,7 +217,7 @@ fn open(path: &Path) -> stonecut::measure::load::Loaded {
 }
 
 /// Every file of a folder, by name.
-fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+pub(super) fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut out = BTreeMap::new();
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();

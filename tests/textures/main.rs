@@ -6,4 +6,5 @@ mod common;
 mod appearance;
 mod bake;
 mod keep;
+mod normals;
 mod render;

@@ -86,7 +86,8 @@ impl Split {
         let mut primitives: Vec<Primitive> = Vec::new();
         let (mut last, mut last_material) = (None, None);
         let mut out = Vec::new();
-        let mut take = |[material, vertex, u, v, high, low]: [u32; 6], tangent: Option<[u32; 2]>| {
+        let mut take = |[material, vertex, u, v, high, low]: [u32; 6],
+                        tangent: Option<[u32; 2]>| {
             if last_material != Some(material) {
                 last_material = Some(material);
                 primitives.push(Primitive {
@@ -124,7 +125,9 @@ impl Split {
                 sort.drain(|record| take(record, None))?;
             }
             Corners::WithTangents(sort) => {
-                sort.drain(|[m, vertex, u, v, h, l, a, b]| take([m, vertex, u, v, h, l], Some([a, b])))?;
+                sort.drain(|[m, vertex, u, v, h, l, a, b]| {
+                    take([m, vertex, u, v, h, l], Some([a, b]))
+                })?;
             }
         }
         Ok(Parts { primitives, vertices: vertices.finish(spooled.path())?, indices })

@@ -4,7 +4,7 @@
 //! So a run that dies while it bakes, or after that, goes on from there.
 
 use super::Stages;
-use crate::bake::{self, BakeReport, Baked, Corner, Means, TANGENT_BYTES};
+use crate::bake::{self, BakeReport, Baked, Corner, Means, NormalSource, TANGENT_BYTES};
 use crate::error::{Error, Result};
 use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 use crate::io::ply::raw::RawFile;
@@ -19,7 +19,7 @@ use crate::pipeline::run_report::TextureReport;
 use crate::stages::write::{self, Written};
 use crate::store::cells::SurvivorInfo;
 use crate::store::job::fingerprint::unchanged;
-use crate::system::units::show_count;
+use crate::system::units::{show_bytes, show_count};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -63,6 +63,17 @@ impl Stages<'_> {
             "texture {} charts on {pages} pages, {texel_density:.4} texels per unit of length{of_original}",
             show_count(*charts)
         ));
+        if let Some(normals) = &baked.report.normals {
+            let source = match normals.source {
+                NormalSource::Input => "those of the input's vertices",
+                NormalSource::Faces => "computed from the input's faces",
+            };
+            self.run.progress.note(format!(
+                "normal maps of {}, {source}, {:.1} degrees from the result's own in the mean",
+                show_bytes(normals.bytes),
+                normals.mean_degrees
+            ));
+        }
         let (written, plan) = self.as_write_stage(result.triangles, |stages| {
             stages.write_with_pages(source, &shape, &baked)
         })?;

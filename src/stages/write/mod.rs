@@ -165,14 +165,9 @@ pub fn write(
                 writer.write_faces(&triangles)?;
             } else {
                 let faces = of_cell.faces(chunk);
-                let textured = chunk
-                    .iter()
-                    .zip(&faces.texture)
-                    .map(|(t, &texture)| TexturedTriangle {
-                        corners: corners(t),
-                        texture,
-                        ..TexturedTriangle::default()
-                    });
+                let textured = chunk.iter().zip(&faces.texture).map(|(t, &texture)| {
+                    TexturedTriangle { corners: corners(t), texture, ..TexturedTriangle::default() }
+                });
                 writer.write_full_faces(&textured.collect::<Vec<_>>(), &faces.values)?;
             }
         }
