@@ -48,6 +48,9 @@ pub struct Baked {
     pub corners: PathBuf,
     /// Look of the pages besides their images.
     pub finish: Finish,
+    /// True if the pages show the colours of vertices: no image of the original does.
+    #[serde(default)]
+    pub holds_vertex_colours: bool,
     /// For people and for the report.
     pub report: BakeReport,
 }
@@ -147,6 +150,7 @@ pub fn bake(
         charts.write_tangents(path, means.disk)?;
     }
     let source = original.normal_source();
+    let holds_vertex_colours = original.has_colours() && !palette.has_images();
     drop((original, cache));
     let finish = |canvas: Option<Canvas>, kind: PageKind, name: &str| match canvas {
         Some(canvas) => canvas.finish(kind, (place, name), means),
@@ -174,7 +178,7 @@ pub fn bake(
         notes,
     };
     let finish = palette.finish(seen.has_alpha);
-    Ok(Baked { pages, normals: maps, tangents, corners, finish, report })
+    Ok(Baked { pages, normals: maps, tangents, corners, finish, holds_vertex_colours, report })
 }
 
 /// Normals of a result's vertices.

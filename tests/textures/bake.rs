@@ -441,6 +441,43 @@ fn the_ratio_decides_unless_it_is_said() {
     assert_eq!(std::fs::read(folder.join("own_textures/own_0.png")).unwrap(), b"mine");
 }
 
+/// Fewer pages than the input's density takes lower the density until they do, and no further than needed.
+#[test]
+fn pages_that_are_allowed_are_used() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    expect(folder, "synth rooms rooms.obj --triangles 20k", 0);
+    let found = |how: &str| {
+        let what =
+            "simplify rooms.obj o.glb --triangles 1k -q --force --report r.json --texture bake";
+        expect(folder, &format!("{what} --bake-size 512 {how}"), 0);
+        let text = std::fs::read_to_string(folder.join("r.json")).unwrap();
+        let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let number = |key: &str| report["bake"][key].as_f64().unwrap();
+        (number("pages") as u64, number("texel_density"), number("covered_texels"))
+    };
+    let free = found("");
+    assert!(free.0 > 2, "{free:?}");
+    let mut last = free;
+    for most in [2, 1] {
+        let now = found(&format!("--bake-pages {most}"));
+        assert!(now.0 <= most && now.1 < last.1, "{now:?} after {last:?}");
+        // Nothing but what fits was tried: as many pages as are allowed are there.
+        assert_eq!(now.0, most, "{now:?}");
+        // Texels of the surface go with the square of the density, but for the rounding of small charts.
+        let per_density = |(_, density, texels): (u64, f64, f64)| texels / (density * density);
+        assert!((per_density(now) / per_density(free) - 1.0).abs() < 0.2, "{now:?} {free:?}");
+        last = now;
+    }
+    // More than are needed change nothing.
+    assert_eq!(found("--bake-pages 99"), free);
+    // Where the distances between charts alone are larger, it is said before pages are made.
+    let what =
+        "simplify rooms.obj no.glb --triangles 1k --texture bake --bake-size 64 --bake-pages 1";
+    let said = expect(folder, what, 2);
+    assert!(said.contains("--bake-pages 1") && said.contains("do not fit"), "{said}");
+}
+
 /// A sheet of points with colours and no texture: the colours become one.
 #[test]
 fn colours_of_vertices_are_baked() {
@@ -470,4 +507,11 @@ fn colours_of_vertices_are_baked() {
         let off = (0..3).map(|k| (colour[k] - expected[k]).abs()).fold(0.0, f64::max);
         assert!(off < 8.0, "{colour:?} for {expected:?} at {x} {y}");
     }
+    // In glTF they would multiply the page, so a GLB has them there alone.
+    expect(folder, "simplify points.ply out.glb --triangles 40 --texture bake -q", 0);
+    let bytes = std::fs::read(folder.join("out.glb")).unwrap();
+    let file = gltf::Gltf::from_slice_without_validation(&bytes).unwrap();
+    let primitive = file.meshes().next().unwrap().primitives().next().unwrap();
+    let has = |semantic| primitive.get(&semantic).is_some();
+    assert!(has(gltf::Semantic::TexCoords(0)) && !has(gltf::Semantic::Colors(0)));
 }

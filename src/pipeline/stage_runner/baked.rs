@@ -15,12 +15,14 @@ use crate::io::{
     MeshSink, NUMBER, OutputFormat, OutputKind, StageOptions, TexturePlan, TextureRequest,
 };
 use crate::mesh::property::{Property, Scalar};
+use crate::mesh::record::VertexSchema;
 use crate::pipeline::run_report::TextureReport;
 use crate::stages::write::{self, Written};
 use crate::store::cells::SurvivorInfo;
 use crate::store::job::fingerprint::unchanged;
 use crate::system::units::{show_bytes, show_count};
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -156,8 +158,9 @@ impl Stages<'_> {
         materials.libraries = source.materials().map_or(Vec::new(), |all| all.libraries.clone());
         let plan = TexturePlan::new(Arc::new(materials), &request)?;
         let settings = config.settings_of_level(self.level).into_iter();
-        let mut header =
-            OutputHeader::new(shape.schema().clone(), shape.n_vertices(), shape.n_face_rows());
+        let is_doubled = self.kind()? == OutputKind::Glb && baked.holds_vertex_colours;
+        let (schema, kept) = written_properties(shape.schema(), is_doubled);
+        let mut header = OutputHeader::new(schema, shape.n_vertices(), shape.n_face_rows());
         header.comments = shape.plain_comments();
         header.comments.retain(|line| !line.starts_with("stonecut "));
         header.obj_infos = shape.obj_infos().to_vec();
@@ -175,7 +178,10 @@ impl Stages<'_> {
         for i in 0..shape.n_vertex_blocks() {
             self.run.progress.check()?;
             shape.read_vertices(i, &mut block)?;
-            sink.write_vertices(&block.records)?;
+            let records = block.records.chunks_exact(shape.schema().record_bytes());
+            let bytes =
+                records.flat_map(|record| kept.iter().flat_map(|range| &record[range.clone()]));
+            sink.write_vertices(&bytes.copied().collect::<Vec<u8>>())?;
         }
         let n_rows = shape.n_face_rows();
         let mut corners = Records::<{ Corner::BYTES }>::open(&baked.corners, n_rows)?;
@@ -209,6 +215,34 @@ impl Stages<'_> {
         let (vertices, triangles) = (shape.n_vertices(), shape.n_face_rows());
         Ok((Written { vertices, triangles, bytes: sink.finish()? }, plan))
     }
+}
+
+/// The properties of vertices that are written, and their places in records of `schema`.
+///
+/// In glTF colours of vertices multiply those of images: colours that the pages hold leave their vertices (`is_doubled`).
+fn written_properties(
+    schema: &VertexSchema,
+    is_doubled: bool,
+) -> (VertexSchema, Vec<Range<usize>>) {
+    const COLOURS: [[&str; 3]; 3] = [
+        ["red", "green", "blue"],
+        ["diffuse_red", "diffuse_green", "diffuse_blue"],
+        ["r", "g", "b"],
+    ];
+    let has_all = |names: &&[&str; 3]| names.iter().all(|name| schema.own_property(name).is_some());
+    let dropped = COLOURS.iter().find(has_all).filter(|_| is_doubled);
+    let mut out = VertexSchema { coordinate: schema.coordinate, properties: Vec::new() };
+    let mut at = schema.position_bytes();
+    let mut kept: Vec<_> = std::iter::once(0..at).collect();
+    for property in &schema.properties {
+        let end = at + property.scalar.bytes();
+        if !dropped.is_some_and(|names| names.contains(&property.name.as_str())) {
+            kept.push(at..end);
+            out.properties.push(property.clone());
+        }
+        at = end;
+    }
+    (out, kept)
 }
 
 /// Records of `N` bytes in a file, one a triangle, read in order.
