@@ -98,3 +98,57 @@ impl Scratch {
         &self.partition
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::store::cell_id::CellId;
+    use crate::store::cells::position_bits;
+    use std::collections::{BTreeMap, BTreeSet};
+
+    /// A fan whose every triangle has its own texture coordinate at the hub, and at the rim: its cell is split by ids.
+    #[test]
+    fn wedges_of_one_place_in_several_cells_are_shared() {
+        let n = 3000;
+        let mut text = format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+             property float s\nproperty float t\nelement face {n}\nproperty list uchar int vertex_indices\nend_header\n",
+            3 * n
+        );
+        (0..n).for_each(|i| text += &format!("0 0 0 {i} 0\n"));
+        for i in 0..2 * n {
+            let angle = ((i + 1) / 2 % n) as f64 * std::f64::consts::TAU / n as f64;
+            text += &format!("{} {} 0 {i} 1\n", angle.cos() as f32, angle.sin() as f32);
+        }
+        (0..n).for_each(|i| text += &format!("3 {i} {} {}\n", n + 2 * i, n + 2 * i + 1));
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("fan.ply");
+        std::fs::write(&path, text).unwrap();
+        let cutting = Cutting {
+            cell_triangles: 500,
+            temp_dir: folder.path(),
+            threads: 1,
+            memory_bytes: 1 << 30,
+        };
+        let source = MeshSource::open(&path).unwrap();
+        let scratch = Scratch::cut(&source, cutting, &Progress::default()).unwrap();
+        let (mut cells_of, mut alone) = (BTreeMap::new(), Vec::new());
+        let n_cells = scratch.store().n_cells();
+        let mut most = 0;
+        for cell in CellId::first(n_cells) {
+            let loaded = scratch.store().load(cell).unwrap();
+            most = most.max(loaded.mesh.triangles.len());
+            for &v in loaded.mesh.triangles.as_flattened() {
+                let place = position_bits(loaded.mesh.positions[v as usize]);
+                cells_of.entry(place).or_insert_with(BTreeSet::new).insert(cell);
+                if !loaded.shared[v as usize] {
+                    alone.push((place, cell));
+                }
+            }
+        }
+        assert!(most <= 1000, "split: {most}");
+        assert!(cells_of[&[0; 3]].len() > 2);
+        let torn = alone.iter().filter(|(place, _)| cells_of[place].len() > 1).count();
+        assert_eq!(torn, 0, "corners that are free although another cell has their place");
+    }
+}

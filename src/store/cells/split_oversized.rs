@@ -6,6 +6,7 @@
 
 use super::cell_store::{CellTally, StoreInfo, VertexLayout};
 use super::pack::{Pack, PackWriter};
+use super::pieces::position_bits;
 use super::scatter::Scatter;
 use crate::error::Result;
 use crate::mesh::global_vertex::GlobalVertex;
@@ -29,8 +30,9 @@ const BUFFER_SHARE: u64 = 16;
 
 /// Splits what is overfull in a store whose rows have all been written to `pack`, for round `round`.
 ///
-/// Every cell holds all vertices its triangles use, before and after. Memory: buffers within the budget and
-/// some 40 MB. Reads an overfull cell once for each million of its vertices.
+/// Every cell holds all vertices its triangles use, before and after. Wedges of one place that come into different cells are
+/// marked as shared there. Memory: buffers within the budget and some 60 MB. Reads an overfull cell once for each million of
+/// its vertices, and once more where there are attribute seams.
 pub fn split_overfull(
     mut info: StoreInfo,
     pack: &mut PackWriter,
@@ -74,6 +76,11 @@ type Key = (u64, GlobalVertex);
 fn hash((sum, lowest): Key) -> u64 {
     let mixed = (sum ^ lowest.0.rotate_left(32)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     (mixed ^ mixed >> 32).wrapping_mul(0xD6E8_FEB8_6659_FD93)
+}
+
+/// The window of a number among `n`.
+fn window_of(number: u64, n: u64) -> u64 {
+    ((number.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32) * n) >> 32
 }
 
 /// A cell that is split.
@@ -180,12 +187,11 @@ impl Old<'_> {
             triangles.push(pack, cells[part], row)
         })?;
         triangles.finish(pack)?;
-        let n_windows = self.info.cells[self.cell].vertices.div_ceil(WINDOW_VERTICES).max(1);
+        let torn = self.torn(&part_of, run)?;
+        let n_windows = self.n_windows();
         for window in 0..n_windows {
             // By a hash, so that windows are even whatever ids the cell holds.
-            let is_in = |id: GlobalVertex| {
-                ((id.0.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32) * n_windows) >> 32 == window
-            };
+            let is_in = |id: GlobalVertex| window_of(id.0, n_windows) == window;
             let users = self.users(&part_of, &is_in, run)?;
             let mut marked: Vec<GlobalVertex> = Vec::new();
             self.each_row(ChunkKind::SharedIds, run, |row| {
@@ -203,7 +209,8 @@ impl Old<'_> {
                 }
                 let from = users.partition_point(|user| user.0 < id);
                 let n = users[from..].iter().take_while(|user| user.0 == id).count();
-                let is_shared = n > 1 || marked.binary_search(&id).is_ok();
+                let is_shared =
+                    n > 1 || marked.binary_search(&id).is_ok() || torn.binary_search(&id).is_ok();
                 for &(_, part) in &users[from..from + n] {
                     tally[part as usize].vertices += 1;
                     vertices.push(pack, cells[part as usize], row)?;
@@ -217,6 +224,68 @@ impl Old<'_> {
         vertices.finish(pack)?;
         marks.finish(pack)?;
         Ok(tally)
+    }
+
+    fn n_windows(&self) -> u64 {
+        self.info.cells[self.cell].vertices.div_ceil(WINDOW_VERTICES).max(1)
+    }
+
+    /// Vertices that share their place with others which another part uses, sorted.
+    ///
+    /// Such wedges move together while one cell holds them. Apart they stay where they are, or the place would tear.
+    fn torn(
+        &self,
+        part_of: &impl Fn(Key) -> usize,
+        run: &StageContext,
+    ) -> Result<Vec<GlobalVertex>> {
+        let layout = self.layout;
+        let mut torn = Vec::new();
+        if !layout.codec.has_seams(&layout.schema) {
+            return Ok(torn);
+        }
+        let n_windows = self.n_windows();
+        for window in 0..n_windows {
+            // By place: all wedges of one are in one window.
+            let mut placed: Vec<([u64; 3], GlobalVertex)> = Vec::new();
+            self.each_row(ChunkKind::Vertices, run, |row| {
+                let place = position_bits(layout.schema.position(&row[layout.ids.bytes..]));
+                let mixed = place
+                    .iter()
+                    .fold(0u64, |sum, bits| sum.rotate_left(21) ^ hash((*bits, GlobalVertex(0))));
+                if window_of(mixed, n_windows) == window {
+                    placed.push((place, layout.ids.read(row)));
+                }
+                Ok(())
+            })?;
+            placed.sort_unstable();
+            placed.dedup();
+            let mut group_of: Vec<(GlobalVertex, u32)> = Vec::new();
+            let groups = placed.chunk_by(|a, b| a.0 == b.0).filter(|group| group.len() > 1);
+            for (number, group) in groups.enumerate() {
+                group_of.extend(group.iter().map(|&(_, id)| (id, number as u32)));
+            }
+            drop(placed);
+            group_of.sort_unstable();
+            let group = |id: GlobalVertex| {
+                let at = group_of.binary_search_by_key(&id, |entry| entry.0).ok()?;
+                Some(group_of[at].1 as usize)
+            };
+            // The part that uses each group, or that there are several.
+            let mut user: Vec<Option<usize>> = vec![None; group_of.len()];
+            let mut is_torn = vec![false; group_of.len()];
+            self.each_triangle(run, |key, row| {
+                let part = part_of(key);
+                for group in corners(row, layout.ids).into_iter().filter_map(group) {
+                    is_torn[group] |= *user[group].get_or_insert(part) != part;
+                }
+                Ok(())
+            })?;
+            torn.extend(
+                group_of.iter().filter(|(_, group)| is_torn[*group as usize]).map(|(id, _)| *id),
+            );
+        }
+        torn.sort_unstable();
+        Ok(torn)
     }
 
     /// Every vertex of a window with every part that uses it, sorted.
