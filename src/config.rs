@@ -289,6 +289,8 @@ pub struct Config {
     pub feature_angle: f64,
     /// Power of the curvature by which triangles of `Method::Retile` are denser; 0 for one size.
     pub gradation: f64,
+    /// Sweeps of optimisation after the method.
+    pub optimize: Option<u32>,
     /// Take the result of `Method::Cluster` apart where it is not manifold.
     pub manifold: bool,
     /// Memory budget in bytes.
@@ -407,6 +409,9 @@ impl Config {
                 settings.insert("manifold".to_owned(), true.to_string());
             }
         }
+        if let Some(sweeps) = self.optimize {
+            settings.insert("optimize".to_owned(), sweeps.to_string());
+        }
         settings
     }
 
@@ -460,6 +465,7 @@ mod tests {
             feature_angle: FEATURE_ANGLE,
             gradation: 0.0,
             manifold: false,
+            optimize: None,
             memory_bytes: 1 << 30,
             threads: NonZeroUsize::MIN,
             cell_triangles: DEFAULT_CELL_TRIANGLES,

@@ -14,6 +14,7 @@ pub mod kernel;
 pub mod measure;
 pub mod mesh;
 mod methods;
+mod optimize;
 pub mod pipeline;
 pub mod progressive;
 pub mod render;

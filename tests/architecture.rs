@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// The rooms from top to bottom, with what each may import: rows below its own, and of these no others.
-const ROOMS: [(&str, &[&str]); 18] = [
+const ROOMS: [(&str, &[&str]); 19] = [
     (
         "cli",
         &[
@@ -37,6 +37,7 @@ const ROOMS: [(&str, &[&str]); 18] = [
         &[
             "methods",
             "bake",
+            "optimize",
             "measure",
             "stages",
             "progressive",
@@ -51,6 +52,7 @@ const ROOMS: [(&str, &[&str]); 18] = [
     ),
     ("methods", &["io", "mesh", "system", "error"]),
     ("bake", &["measure", "store", "texture", "io", "mesh", "system", "error"]),
+    ("optimize", &["measure", "store", "io", "mesh", "system", "error"]),
     ("report", &["measure", "render", "io", "mesh", "system", "error"]),
     ("measure", &["render", "stages", "store", "config", "io", "mesh", "system", "error"]),
     ("synth", &["render", "io", "mesh", "system", "error"]),

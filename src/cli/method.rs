@@ -7,7 +7,8 @@ use super::log::{Log, Talk};
 use super::outcome::{is_short, tell, write_report};
 use crate::config::{Config, Method};
 use crate::error::{Error, Result};
-use crate::pipeline::methods;
+use crate::pipeline::methods::{self, PreparedMethod};
+use crate::pipeline::optimize;
 use crate::pipeline::run_report::RunReport;
 use crate::system::progress::Progress;
 use std::path::Path;
@@ -35,6 +36,10 @@ pub(super) struct TypedMethod {
     /// vertex; vertices are copied, no triangle is lost.
     #[arg(long)]
     pub(super) manifold: bool,
+    /// Sweeps over the result of any method that make it fit the original better at the same count: vertices move, edges are
+    /// swapped, an edge collapses where another one's split gains more. Takes longer than everything else; in memory. 2 is enough.
+    #[arg(long, value_name = "SWEEPS", value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub(super) optimize: Option<u32>,
 }
 
 fn parse_angle(text: &str) -> std::result::Result<f64, String> {
@@ -64,6 +69,16 @@ pub(super) struct Wishes<'a> {
 }
 
 impl TypedMethod {
+    /// Refuses options that do not go with `--optimize`.
+    pub(super) fn check_optimize(&self, typed: &[(&str, bool)]) -> Result<()> {
+        match typed.iter().find(|(_, is_given)| *is_given && self.optimize.is_some()) {
+            None => Ok(()),
+            Some((option, _)) => Err(Error::Usage(format!(
+                "--optimize makes one result fit its original better: not with {option}"
+            ))),
+        }
+    }
+
     /// Refuses options that mean nothing for the method; `typed` lists those that only the collapse has.
     pub(super) fn check(&self, typed: &[(&str, bool)]) -> Result<()> {
         let name = self.method.name();
@@ -98,11 +113,18 @@ pub(super) fn call(wishes: Wishes, config: &Config, progress: &Progress) -> Resu
     if wishes.dry_run {
         return Ok(Answer { report: json_of(&prepared.plan)?, is_short: false });
     }
-    let report = methods::simplify(prepared, config, progress)?;
+    let report = run(prepared, config, progress)?;
     if let Some(path) = wishes.report {
         write_report(path, &report)?;
     }
     Ok(Answer { report: json_of(&report.written())?, is_short: is_short(&report) })
+}
+
+fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result<RunReport> {
+    match config.optimize {
+        Some(_) => optimize::simplify_by_method(prepared, config, progress),
+        None => methods::simplify(prepared, config, progress),
+    }
 }
 
 /// Prints the plan, runs another method than the collapse, prints and writes the report.
@@ -120,7 +142,7 @@ pub(super) fn simplify(
     if wishes.dry_run {
         return Ok(None);
     }
-    let report = watch(talk, progress, log, || methods::simplify(prepared, config, progress))?;
+    let report = watch(talk, progress, log, || run(prepared, config, progress))?;
     tell(&report, talk, log);
     if let Some(path) = wishes.report {
         write_report(path, &report)?;

@@ -53,6 +53,17 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
             fit.rms_after
         ));
     }
+    if let Some(done) = &report.optimization {
+        log.say(format!(
+            "optimized: RMS of {} points {:.4e} -> {:.4e}; {} swaps, {} pairs of collapse and split, {} relocations",
+            show_count(done.samples - done.samples_apart),
+            done.rms_before,
+            done.rms_after,
+            show_count(done.swaps),
+            show_count(done.splits),
+            show_count(done.relocations)
+        ));
+    }
     for property in &report.face_properties {
         log.say(face_line(property));
     }

@@ -17,7 +17,7 @@ use crate::io::{OutputFormat, TextureMode};
 use crate::kernel;
 use crate::mesh::attribute_weights::Weights;
 use crate::pipeline::run_report::RunReport;
-use crate::pipeline::{self, Prepared, max_error};
+use crate::pipeline::{self, Prepared, max_error, optimize};
 use crate::stages::stitch::MAX_CELL_TRIANGLES;
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::progress::Progress;
@@ -236,6 +236,7 @@ impl Args {
             feature_angle: self.method.feature_angle.unwrap_or(FEATURE_ANGLE),
             gradation: self.method.gradation.unwrap_or(0.0),
             manifold: self.method.manifold,
+            optimize: self.method.optimize,
             memory_bytes: memory_budget(self.memory),
             threads: super::arguments::threads(self.threads),
             cell_triangles: self.cell_triangles,
@@ -278,6 +279,8 @@ impl Args {
                 },
                 fit: match self.fit {
                     _ if progressive.is_some() => kernel::Fit::Off,
+                    // The better the start, the better the end, at a small part of the time.
+                    TypedFit::Auto if self.method.optimize.is_some() => kernel::Fit::On,
                     TypedFit::On => kernel::Fit::On,
                     TypedFit::Off => kernel::Fit::Off,
                     TypedFit::Auto => kernel::Fit::Auto,
@@ -307,6 +310,15 @@ impl Args {
 
     /// Refuses what the chosen method has no use for.
     fn check_method(&self) -> Result<()> {
+        self.method.check_optimize(&[
+            ("--max-error", self.target.max_error.is_some()),
+            ("a list of targets", self.target.is_chain()),
+            ("--until", self.until.is_some()),
+            ("--seams", self.seams.is_some()),
+            ("--progressive", self.progressive.progressive.is_some()),
+            ("--texture bake", self.texture == TypedTexture::Bake),
+            ("--placement subset", self.placement == TypedPlacement::Subset),
+        ])?;
         self.method.check(&[
             ("--max-error", self.target.max_error.is_some()),
             ("a list of targets", self.target.is_chain()),
@@ -401,6 +413,9 @@ pub(super) fn call(args: &Args, progress: &Progress) -> Result<Answer> {
 fn run_job(prepared: Prepared, config: &Config, progress: &Progress) -> Result<Option<RunReport>> {
     match config.kernel.bound {
         Some(bound) => max_error::simplify(bound.distance, prepared, config, progress),
+        None if config.optimize.is_some() => {
+            optimize::simplify(prepared, config, progress).map(Some)
+        }
         None => pipeline::simplify(prepared, config, progress),
     }
 }

@@ -24,7 +24,7 @@ mod nearest_in_cells;
 mod out_of_core;
 mod parts;
 pub(crate) mod region;
-mod sample;
+pub(crate) mod sample;
 mod side;
 pub mod step;
 pub(crate) mod sums;

@@ -11,6 +11,7 @@ mod kernel_side;
 pub(crate) mod max_error;
 mod method_reports;
 pub mod methods;
+pub mod optimize;
 pub mod plan;
 mod prepare;
 mod quality;

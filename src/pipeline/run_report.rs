@@ -306,6 +306,9 @@ pub struct RunReport {
     /// Triangles of `--method retile`; only with it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub retiling: Option<RetilingReport>,
+    /// Moves of `--optimize`; only with it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub optimization: Option<crate::optimize::Outcome>,
 }
 
 /// Reason why collapsing ended; its words are those of `RunReport::stop_reason`.

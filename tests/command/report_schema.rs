@@ -147,6 +147,8 @@ fn reports_of_simplify_keep_the_schema() {
         ("--max-error 0.05 --cell-triangles 1k --error-field", 0),
         ("--max-error 0.05 --ratio 30%", 3),
         ("--max-error 1e-30", 0),
+        ("--ratio 10% --optimize 1 --verify", 0),
+        ("--ratio 10% --progressive out.pm", 0),
     ] {
         let command =
             format!("simplify in.ply out.ply {options} --force --restart --report r.json");
@@ -179,6 +181,7 @@ fn reports_of_simplify_keep_the_schema() {
         ("cluster", "--grid 0.1"),
         ("decimate", "--ratio 30% --verify --feature-angle 40"),
         ("retile", "--ratio 10% --verify --gradation 1"),
+        ("retile", "--ratio 10% --optimize 1"),
     ] {
         let command = format!(
             "simplify in.ply out.ply --method {method} {options} --force --restart --report r.json"
@@ -241,6 +244,21 @@ fn answers_about_files_and_jobs_keep_the_schema() {
     assert_keeps("status", &status);
     let (new, old) = (&status["input_fingerprint"], &status["input_marks"]);
     assert_eq!(new["sample_checksum"], old["checksum of samples"]);
+}
+
+#[test]
+fn reports_of_refine_keep_the_schema() {
+    let folder = folder_with("statue", "--triangles 12k");
+    let out = folder.path();
+    expect(out, "simplify in.ply o.ply --ratio 5% --progressive o.pm -q", 0);
+    for (options, code) in
+        [("--triangles 3k", 0), ("--triangles 10", 3), ("--view 0,-8,2,0,0,1,40 --pixels 2", 0)]
+    {
+        expect(out, &format!("refine o.pm r.ply {options} --force --report r.json"), code);
+        let report = read(&out.join("r.json"));
+        assert_keeps("refine_report", &report);
+        assert_eq!(report["view"].is_object(), options.contains("--view"), "{report}");
+    }
 }
 
 #[test]

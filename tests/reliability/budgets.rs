@@ -25,6 +25,7 @@ fn config(folder: &Path, ratio: f64) -> Config {
         feature_angle: stonecut::config::FEATURE_ANGLE,
         gradation: 0.0,
         manifold: false,
+        optimize: None,
         memory_bytes: 4 << 30,
         threads: NonZeroUsize::new(2).unwrap(),
         cell_triangles: DEFAULT_CELL_TRIANGLES,

@@ -26,6 +26,7 @@ fn config(folder: &Path, targets: &[u64]) -> Config {
         feature_angle: stonecut::config::FEATURE_ANGLE,
         gradation: 0.0,
         manifold: false,
+        optimize: None,
         memory_bytes: 256 << 20,
         threads: std::num::NonZeroUsize::MIN,
         cell_triangles: 1000,

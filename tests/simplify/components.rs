@@ -505,6 +505,7 @@ fn config(folder: &Path) -> Config {
         feature_angle: stonecut::config::FEATURE_ANGLE,
         gradation: 0.0,
         manifold: false,
+        optimize: None,
         memory_bytes: 256 << 20,
         threads: std::num::NonZeroUsize::MIN,
         cell_triangles: 1000,

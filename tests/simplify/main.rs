@@ -11,6 +11,7 @@ mod in_memory;
 mod input;
 mod max_error;
 mod methods;
+mod optimize;
 mod progressive;
 mod retile;
 mod simplify;

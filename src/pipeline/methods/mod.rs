@@ -4,8 +4,9 @@
 //! run that was interrupted starts over. Texture coordinates and properties of faces are not carried.
 
 mod plan;
-mod write;
+pub(super) mod write;
 
+use super::optimize::check::check as check_optimize;
 use super::prepare::{WRITING, before_opening, check_labels};
 use super::run_report::{
     DecimationReport, EdgesReport, FaceReport, GridReport, InputReport, OutputReport,
@@ -46,6 +47,13 @@ pub struct PreparedMethod {
     faces: Vec<FaceReport>,
     stages: Vec<StageReport>,
     started: Instant,
+}
+
+impl PreparedMethod {
+    /// The input alone.
+    pub(super) fn into_source(self) -> MeshSource {
+        self.source
+    }
 }
 
 /// Opens the input, surveys its vertices and plans the run.
@@ -93,6 +101,7 @@ fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMet
         Method::Decimate | Method::Retile | Method::Collapse => None,
     };
     let plan = MethodPlan::new(&source, survey.as_ref(), target, config)?;
+    check_optimize(&source, plan.expected_triangles, config)?;
     plan.check_disk(config)?;
     let faces = dropped_faces(&source, config);
     Ok(PreparedMethod { source, marks, survey, plan, faces, stages, started })

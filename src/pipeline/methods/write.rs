@@ -16,7 +16,7 @@ use crate::system::progress::Progress;
 const CHUNK: usize = 65_536;
 
 /// Writes the output; returns its length in bytes.
-pub(super) fn write(
+pub(in crate::pipeline) fn write(
     source: &MeshSource,
     made: &Made,
     codec: &VertexCodec,
