@@ -6,24 +6,30 @@ use super::log::{EXIT_SHORT, Log, Talk};
 use super::outcome::write_json;
 use crate::error::Result;
 use crate::io::OutputFormat;
-use crate::pipeline::refine::{RefineConfig, Wanted, refine};
+use crate::pipeline::refine::{RefineConfig, Shown, Wanted, refine, show};
 use crate::progressive::View;
+use crate::report::{Slider, slider_html};
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::progress::Progress;
 use crate::system::units::{parse_count, show_bytes};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Makes a mesh of any number of triangles out of a progressive mesh
 ///
 /// Reads only what that number needs. Of a file without --progressive-bits the result is, byte for byte, that of 'simplify
 /// --progressive' with this number of triangles.
 #[derive(Clone, Debug, clap::Args)]
-#[command(group = clap::ArgGroup::new("fineness").required(true).args(["triangles", "view"]))]
+#[command(group = clap::ArgGroup::new("fineness").required(true).args(["triangles", "view", "page"]))]
 pub struct Args {
     /// A file that 'stonecut simplify --progressive' has written.
     input: PathBuf,
     /// A file ending in .ply, .stl, .obj or .glb.
-    output: PathBuf,
+    #[arg(required_unless_present = "page", conflicts_with = "page")]
+    output: Option<PathBuf>,
+    /// Write a page instead that shows the mesh in a browser, with a slider over its triangles; whole by itself, with positions
+    /// of 16 bits.
+    #[arg(long, value_name = "OUT.html")]
+    page: Option<PathBuf>,
     /// Number of triangles at most. Beyond the finest mesh of the file, that one; below its coarsest, that one, with exit
     /// code 3.
     #[arg(long, value_name = "N", value_parser = parse_count)]
@@ -49,7 +55,7 @@ pub struct Args {
     #[arg(long)]
     force: bool,
     /// Write a report in JSON.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "page")]
     report: Option<PathBuf>,
 }
 
@@ -89,20 +95,56 @@ impl Args {
     }
 
     pub(super) fn paths(&self) -> Result<Paths> {
-        self.format.check(&self.output)?;
+        if let Some(output) = &self.output {
+            self.format.check(output)?;
+        }
+        if let Some(page) = &self.page {
+            super::arguments::require_ending("--page", page, &["html", "htm"])?;
+        }
         Ok(Paths::new(self.force)
             .with(Role::Input, "INPUT", &self.input)
-            .with(Role::Output, "OUTPUT", &self.output)
+            .with_option(Role::Output, "OUTPUT", self.output.as_ref())
+            .with_option(Role::Output, "--page", self.page.as_ref())
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref()))
     }
+}
+
+/// Writes the page with the slider.
+fn write_page(
+    args: &Args,
+    page: &Path,
+    talk: &Talk,
+    progress: &Progress,
+    log: &mut Log,
+) -> Result<u8> {
+    let memory_bytes = memory_budget(args.memory);
+    let Shown { triangles, slides } =
+        watch(talk, progress, log, || show(&args.input, memory_bytes, progress))?;
+    let title = args.input.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let text = slider_html(&Slider { title, triangles, slides });
+    crate::system::pending_file::write_whole(page, text.as_bytes())?;
+    log.say(format!(
+        "{}: {} to {} triangles, {}",
+        page.display(),
+        triangles[0],
+        triangles[1],
+        show_bytes(text.len() as u64)
+    ));
+    Ok(0)
 }
 
 /// Runs the command and gives its exit code.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
     super::arguments::warn_of_limit(args.memory, log);
+    let Some(output) = &args.output else {
+        return match &args.page {
+            Some(page) => write_page(args, page, talk, progress, log),
+            None => unreachable!("one of both is required"),
+        };
+    };
     let config = RefineConfig {
         input: args.input.clone(),
-        output: args.output.clone(),
+        output: output.clone(),
         format: args.format,
         wanted: args.wanted(),
         force: args.force,

@@ -3,15 +3,15 @@
 //! Reads only the blocks that the count needs. The result of an exact file is that of a direct run with the same settings,
 //! byte for byte.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::io::ply::{OutputHeader, Place};
 use crate::io::{MeshSink, OutputFormat};
-use crate::progressive::{Refiner, View, Viewed, refine_for_view};
+use crate::progressive::{Refiner, View, Viewed, refine_for_view, slides};
 use crate::system::disk::Disk;
 use crate::system::memory::BASE_BYTES;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Fineness of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -95,6 +95,40 @@ pub struct RefinedOutput {
 /// that exists.
 pub fn refine(config: &RefineConfig, progress: &Progress) -> Result<Refined> {
     guarded(|| run(config, progress))
+}
+
+/// Meshes of more triangles are too heavy for a page: its bytes are about 50 a triangle.
+const MOST_ON_A_PAGE: u64 = 4_000_000;
+
+/// A progressive mesh as a page shows it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Shown {
+    /// Triangles of its coarsest mesh and of its finest.
+    pub triangles: [u64; 2],
+    /// The bytes for the page.
+    pub slides: Vec<u8>,
+}
+
+/// Reads all of a progressive mesh for a page. Memory: that of the finest mesh, and 60 bytes a step.
+///
+/// Errors: as those of `refine`; `Usage` for a mesh that is too large for a page.
+pub fn show(input: &Path, memory_bytes: u64, progress: &Progress) -> Result<Shown> {
+    guarded(|| {
+        let memory_bytes = memory_bytes.saturating_sub(BASE_BYTES) / 2;
+        let mesh = Refiner::open(input, memory_bytes)?;
+        let triangles = [mesh.head().base_triangles, mesh.head().finest_triangles];
+        if triangles[1] > MOST_ON_A_PAGE {
+            return Err(Error::Usage(format!(
+                "{}: its finest mesh of {} triangles is too large for a page, at most {MOST_ON_A_PAGE}; record a smaller \
+                 mesh",
+                input.display(),
+                triangles[1]
+            )));
+        }
+        progress.begin("page", 1, 1, triangles[1]);
+        let slides = slides(mesh, &|| progress.check())?;
+        Ok(Shown { triangles, slides })
+    })
 }
 
 fn run(config: &RefineConfig, progress: &Progress) -> Result<Refined> {

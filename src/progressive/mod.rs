@@ -3,7 +3,7 @@
 //! `write` takes the history of a run of the kernel, `Refiner` a file and goes as far as is asked for; `view` takes
 //! only the steps that an eye sees. All take the same steps on a `replay`. `steps` tells them as columns of bytes
 //! (`columns`, `rows`), `frame` guesses places, `file` puts columns into blocks, `step_reader` takes the steps out again, and
-//! `ordered` hands the mesh over. Knows nothing of mesh files: records of vertices come and go as the caller
+//! `ordered` hands the mesh over, `slides` tells all of it for a browser. Knows nothing of mesh files: records of vertices come and go as the caller
 //! encodes them.
 //!
 //! Source: Hoppe 1996; columns in batches after Pajarola & Rossignac 2000 (docs/references.md).
@@ -17,6 +17,7 @@ mod ordered;
 mod read;
 mod replay;
 mod rows;
+mod slides;
 mod step_reader;
 mod steps;
 mod view;
@@ -25,6 +26,7 @@ mod write;
 pub use file::Head;
 pub use ordered::Ordered;
 pub use read::Refiner;
+pub use slides::slides;
 pub use steps::Spent;
 pub use view::{View, Viewed, refine_for_view};
 pub use write::{Original, Written, write};

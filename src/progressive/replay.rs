@@ -189,7 +189,7 @@ impl Replay {
         self.n_triangles -= 1;
     }
 
-    fn corners_of(&self, v: u32) -> impl Iterator<Item = u32> {
+    pub(super) fn corners_of(&self, v: u32) -> impl Iterator<Item = u32> {
         let mut at = self.heads[v as usize];
         std::iter::from_fn(move || {
             let now = at;

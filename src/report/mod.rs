@@ -6,8 +6,10 @@
 mod comparison;
 mod page;
 mod pictures;
+mod slider;
 
 pub use comparison::{Contender, html as comparison_html};
+pub use slider::{Slider, slider_html};
 
 use crate::error::Result;
 use crate::io::ply::{MeshSource, OutputHeader};

@@ -15,3 +15,4 @@ mod optimize;
 mod progressive;
 mod retile;
 mod simplify;
+mod slides;

@@ -1,14 +1,18 @@
-// Shows the GLB embedded in the page, to turn around with mouse or fingers.
+// Shows the GLB embedded in the page, or the progressive mesh with a slider, to turn around with mouse or fingers.
 import {
-  AmbientLight, Box3, Color, DirectionalLight, LineBasicMaterial, LineSegments, MeshStandardMaterial,
-  PerspectiveCamera, Scene, Vector3, WebGLRenderer, WireframeGeometry,
+  AmbientLight, Box3, BufferAttribute, BufferGeometry, Color, DirectionalLight, DynamicDrawUsage, LineBasicMaterial,
+  LineSegments, Mesh, MeshStandardMaterial, PerspectiveCamera, Scene, Sphere, Vector3, WebGLRenderer, WireframeGeometry,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
+import { Slides } from "./slides.js";
 
 const canvas = document.getElementById("viewer");
 const note = document.getElementById("viewer-note");
-const bytes = Uint8Array.from(atob(document.getElementById("glb").textContent.trim()), (c) => c.charCodeAt(0));
+const bytesOf = (id) => {
+  const element = document.getElementById(id);
+  return element && Uint8Array.from(atob(element.textContent.trim()), (c) => c.charCodeAt(0)).buffer;
+};
 
 function start() {
   let renderer;
@@ -37,7 +41,38 @@ function start() {
     camera.updateProjectionMatrix();
     draw();
   };
-  new GLTFLoader().parse(bytes.buffer, "", (gltf) => {
+  const look = (centre, radius) => {
+    camera.position.copy(centre).add(new Vector3(0.9, 0.7, 1.6).normalize().multiplyScalar(radius * 3.2));
+    camera.near = radius / 100;
+    camera.far = radius * 20;
+    controls.target.copy(centre);
+    controls.update();
+    controls.addEventListener("change", draw);
+    window.addEventListener("resize", resize);
+    resize();
+  };
+  // Says how much of the picture is not background, so that a test can tell it from a blank one.
+  const ready = () => {
+    const gl = renderer.getContext();
+    const pixels = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight);
+    gl.readPixels(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    let drawn = 0;
+    for (let i = 0; i < pixels.length; i += 4) {
+      if (Math.abs(pixels[i] - pixels[0]) + Math.abs(pixels[i + 2] - pixels[2]) > 12) drawn += 1;
+    }
+    document.body.dataset.drawn = (400 * drawn / pixels.length).toFixed(1);
+    document.body.dataset.viewer = "ready";
+  };
+  const progressive = bytesOf("slides");
+  if (progressive) {
+    try {
+      slide(new Slides(progressive), { scene, draw, look, ready });
+    } catch (error) {
+      note.textContent = "The model cannot be shown: " + error;
+    }
+    return;
+  }
+  new GLTFLoader().parse(bytesOf("glb"), "", (gltf) => {
     const meshes = [];
     gltf.scene.traverse((node) => { if (node.isMesh) meshes.push(node); });
     for (const mesh of meshes) {
@@ -51,31 +86,64 @@ function start() {
     }
     scene.add(gltf.scene);
     const box = new Box3().setFromObject(gltf.scene);
-    const centre = box.getCenter(new Vector3());
-    const radius = box.getSize(new Vector3()).length() / 2 || 1;
-    camera.position.copy(centre).add(new Vector3(0.9, 0.7, 1.6).normalize().multiplyScalar(radius * 3.2));
-    camera.near = radius / 100;
-    camera.far = radius * 20;
-    controls.target.copy(centre);
-    controls.update();
-    controls.addEventListener("change", draw);
     document.getElementById("viewer-edges").addEventListener("change", (event) => {
       for (const lines of edges) lines.visible = event.target.checked;
       draw();
     });
-    window.addEventListener("resize", resize);
-    resize();
+    look(box.getCenter(new Vector3()), box.getSize(new Vector3()).length() / 2 || 1);
     note.textContent = "Drag to turn, wheel to zoom, right button to move.";
-    // Says how much of the picture is not background, so that a test can tell it from a blank one.
-    const gl = renderer.getContext();
-    const pixels = new Uint8Array(4 * gl.drawingBufferWidth * gl.drawingBufferHeight);
-    gl.readPixels(0, 0, gl.drawingBufferWidth, gl.drawingBufferHeight, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
-    let drawn = 0;
-    for (let i = 0; i < pixels.length; i += 4) {
-      if (Math.abs(pixels[i] - pixels[0]) + Math.abs(pixels[i + 2] - pixels[2]) > 12) drawn += 1;
-    }
-    document.body.dataset.drawn = (400 * drawn / pixels.length).toFixed(1);
-    document.body.dataset.viewer = "ready";
+    ready();
   }, (error) => { note.textContent = "The model cannot be shown: " + error; });
 }
+
+// Steps are taken for at most this long a frame, in milliseconds, so that the mesh can be turned meanwhile.
+const FRAME = 12;
+
+// The mesh goes to the count that the slider names, step by step, from wherever it is. The slider is logarithmic.
+function slide(slides, { scene, draw, look, ready }) {
+  const geometry = new BufferGeometry();
+  const position = new BufferAttribute(slides.position, 3).setUsage(DynamicDrawUsage);
+  const index = new BufferAttribute(slides.index, 1).setUsage(DynamicDrawUsage);
+  geometry.setAttribute("position", position);
+  geometry.setIndex(index);
+  geometry.boundingSphere = new Sphere(new Vector3(), 2);
+  const material = new MeshStandardMaterial({ color: 0xcabfae, roughness: 0.85, side: 2, flatShading: true });
+  const mesh = new Mesh(geometry, material);
+  scene.add(mesh);
+  const slider = document.getElementById("viewer-slider");
+  const count = document.getElementById("viewer-count");
+  const ratio = slides.finest / Math.max(slides.coarsest, 1);
+  let wanted = slides.step;
+  let isMoving = false;
+  const show = () => {
+    geometry.setDrawRange(0, 3 * slides.drawn);
+    position.needsUpdate = true;
+    index.needsUpdate = true;
+    count.textContent = slides.triangles.toLocaleString("en") + " triangles";
+    document.body.dataset.triangles = slides.triangles;
+    draw();
+  };
+  const frame = () => {
+    isMoving = !slides.go(wanted, FRAME);
+    show();
+    if (isMoving) requestAnimationFrame(frame);
+  };
+  slider.addEventListener("input", () => {
+    wanted = slides.stepFor(Math.round(Math.max(slides.coarsest, 1) * ratio ** (slider.value / slider.max)));
+    if (!isMoving) {
+      isMoving = true;
+      requestAnimationFrame(frame);
+    }
+  });
+  document.getElementById("viewer-edges").addEventListener("change", (event) => {
+    mesh.material.wireframe = event.target.checked;
+    draw();
+  });
+  geometry.computeBoundingBox();
+  look(geometry.boundingBox.getCenter(new Vector3()), geometry.boundingBox.getSize(new Vector3()).length() / 2 || 1);
+  show();
+  note.textContent = "Drag to turn, wheel to zoom, right button to move.";
+  ready();
+}
+
 start();
