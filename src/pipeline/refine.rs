@@ -97,7 +97,7 @@ pub fn refine(config: &RefineConfig, progress: &Progress) -> Result<Refined> {
     guarded(|| run(config, progress))
 }
 
-/// Meshes of more triangles are too heavy for a page: its bytes are about 50 a triangle.
+/// Meshes of more triangles are too heavy for a page: its bytes are about 27 a triangle.
 const MOST_ON_A_PAGE: u64 = 4_000_000;
 
 /// A progressive mesh as a page shows it.
