@@ -4,4 +4,5 @@
 mod common;
 
 mod extract;
+mod scalars;
 mod tiles;

@@ -22,7 +22,7 @@ fn statue(options: &str) -> tempfile::TempDir {
 }
 
 /// Every file below a folder by its name.
-fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+pub fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut out = BTreeMap::new();
     let mut open = vec![folder.to_path_buf()];
     while let Some(at) = open.pop() {
@@ -244,7 +244,7 @@ fn stated_errors_are_never_below_the_distance_and_not_far_above() {
 }
 
 /// Changes the JSON of a tree.
-fn change(folder: &Path, change: impl FnOnce(&mut Value)) {
+pub fn change(folder: &Path, change: impl FnOnce(&mut Value)) {
     let path = folder.join("out/tileset.json");
     let mut set: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
     change(&mut set);
@@ -252,7 +252,7 @@ fn change(folder: &Path, change: impl FnOnce(&mut Value)) {
 }
 
 /// Changes the JSON of a tile that is not packed; the text keeps its length.
-fn change_tile(path: &Path, change: impl FnOnce(&mut Value)) {
+pub fn change_tile(path: &Path, change: impl FnOnce(&mut Value)) {
     let bytes = std::fs::read(path).unwrap();
     let n = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
     let mut document: Value = serde_json::from_slice(&bytes[20..20 + n]).unwrap();
@@ -269,7 +269,7 @@ fn change_tile(path: &Path, change: impl FnOnce(&mut Value)) {
 }
 
 /// Exit code 4 and a fault that has these words.
-fn expect_fault(folder: &Path, words: &str) {
+pub fn expect_fault(folder: &Path, words: &str) {
     let output = run(folder, "info --check --json out");
     assert_eq!(output.status.code(), Some(4), "{words}");
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();

@@ -13,11 +13,13 @@ mod scene;
 mod split;
 mod tile_in;
 mod tile_out;
+mod tile_scalars;
 mod writer;
 
 pub use document::Positions;
 pub(super) use reader::{looks_like, read};
 pub use tile_in::{StoredTile, decode_tile};
 pub use tile_out::{TileForm, TileMesh, encode_tile};
+pub use tile_scalars::TileScalar;
 pub use writer::GlbWriter;
 pub(super) use writer::{EXTRA_BYTES, FLOAT_BYTES, POSITION_BYTES, SPOOLED_BYTES, TEXTURE_BYTES};

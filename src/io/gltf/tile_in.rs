@@ -3,6 +3,8 @@
 use super::json::{Document, View};
 use super::meshopt::decode;
 use super::tile_out::TileMesh;
+use super::tile_scalars::{TileScalar, join_all, number};
+use std::collections::BTreeMap;
 
 /// A tile as it lies in its file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -13,6 +15,16 @@ pub struct StoredTile {
     pub step: f64,
     /// True if the file turns z upwards.
     pub is_z_up: bool,
+    /// Types of components and values of further attributes by name, one for each vertex.
+    attributes: BTreeMap<String, (u32, Vec<f64>)>,
+}
+
+impl StoredTile {
+    /// Takes the attributes as `mesh.scalars`; the error says how they are not those of `scalars`.
+    pub fn take_scalars(&mut self, scalars: &[TileScalar]) -> Result<(), String> {
+        self.mesh.scalars = join_all(scalars, std::mem::take(&mut self.attributes))?;
+        Ok(())
+    }
 }
 
 /// Decodes a tile; the error says what is wrong with it.
@@ -51,6 +63,15 @@ pub fn decode_tile(bytes: &[u8]) -> Result<StoredTile, String> {
             |row: &Vec<u8>| [0, 1, 2].map(|k| u16::from_le_bytes([row[2 * k], row[2 * k + 1]]));
         out.mesh.colours = read(colour)?.1.iter().map(of).collect();
     }
+    let n = out.mesh.positions.len();
+    for (name, &accessor) in primitive.attributes.iter().filter(|(name, _)| name.starts_with('_')) {
+        let (component, rows) = read(accessor)?;
+        if rows.len() != n {
+            return Err(format!("its attribute {name} has {} values for {n} vertices", rows.len()));
+        }
+        let values = rows.iter().map(|row| number(component, row)).collect::<Result<_, _>>()?;
+        out.attributes.insert(name.clone(), (component, values));
+    }
     let (component, rows) = read(primitive.indices.ok_or("it has no indices")?)?;
     let corners: Vec<u32> = rows
         .iter()
@@ -59,7 +80,6 @@ pub fn decode_tile(bytes: &[u8]) -> Result<StoredTile, String> {
             _ => u32::from_le_bytes([row[0], row[1], row[2], row[3]]),
         })
         .collect();
-    let n = out.mesh.positions.len();
     if let Some(corner) = corners.iter().find(|&&corner| corner as usize >= n) {
         return Err(format!("a triangle names vertex {corner} of {n}"));
     }
@@ -141,6 +161,7 @@ fn elements(
 mod tests {
     use super::super::tile_out::{TileForm, encode_tile};
     use super::*;
+    use crate::mesh::property::{Property, Scalar};
 
     fn sorted(mesh: &TileMesh) -> Vec<[([i32; 3], [i8; 3]); 3]> {
         let corner = |v: u32| (mesh.positions[v as usize], mesh.normals[v as usize]);
@@ -164,17 +185,34 @@ mod tests {
                 mesh.normals.push([(x % 100) as i8, -(y % 100) as i8, 127]);
                 mesh.colours.push([(i * 7 % 65_536) as u16, 0, 65_535]);
             }
+            let properties =
+                [("quality", Scalar::F32), ("time", Scalar::F64), ("class", Scalar::U8)]
+                    .map(|(name, scalar)| Property::new(name, scalar));
+            let scalars = TileScalar::list(&properties);
+            // The first tells the vertices apart.
+            let column = |f: fn(i32) -> f64| (0..n * n).map(f).collect::<Vec<f64>>();
+            mesh.scalars = vec![
+                column(f64::from),
+                column(|i| 1e9 + f64::from(i) / 3.0),
+                column(|i| f64::from(i % 256)),
+            ];
             for i in 0..(n - 1) * (n - 1) {
                 let a = (i / (n - 1) * n + i % (n - 1)) as u32;
                 let n = n as u32;
                 mesh.triangles.extend([[a, a + 1, a + n + 1], [a, a + n + 1, a + n]]);
             }
             for packs in [false, true] {
-                let form = TileForm { step: 0.25, packs, is_z_up: packs };
+                let form = TileForm { step: 0.25, packs, is_z_up: packs, scalars: &scalars };
                 let (bytes, _) = encode_tile(mesh.clone(), form);
-                let back = decode_tile(&bytes).unwrap();
+                let mut back = decode_tile(&bytes).unwrap();
                 assert_eq!((back.step, back.is_z_up), (0.25, packs));
                 assert_eq!(sorted(&back.mesh), sorted(&mesh), "{n} {packs}");
+                assert!(back.clone().take_scalars(&scalars[1..]).is_err());
+                back.take_scalars(&scalars).unwrap();
+                for (now, was) in back.mesh.scalars.iter().zip(&mesh.scalars) {
+                    let old = |v: usize| back.mesh.scalars[0][v] as usize;
+                    assert!((0..now.len()).all(|v| now[v] == was[old(v)]), "{n} {packs}");
+                }
                 // Cut off anywhere or with a byte changed it is refused or read, and never panics.
                 for cut in (0..bytes.len()).step_by(bytes.len() / 50 + 1) {
                     assert!(decode_tile(&bytes[..cut]).is_err());

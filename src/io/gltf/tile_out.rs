@@ -2,9 +2,10 @@
 //!
 //! Positions are whole steps from the corner of the tile (`KHR_mesh_quantization`), so tiles of one step agree to the
 //! bit in what they share. A tile wider than 65,535 steps has them as floats, which hold whole numbers
-//! of 24 bits exactly. Colours are linear, as glTF wants them.
+//! of 24 bits exactly. Colours are linear, as glTF wants them. Further properties are attributes with names that begin with `_`.
 
 use super::meshopt_out::{pack_rows, pack_triangles, reorder};
+use super::tile_scalars::{TileScalar, element};
 use serde_json::{Value, json};
 
 /// Numbers of glTF 2.0 for types of components and uses of buffers.
@@ -26,19 +27,23 @@ pub struct TileMesh {
     pub normals: Vec<[i8; 3]>,
     /// Linear colours; empty without any.
     pub colours: Vec<[u16; 3]>,
+    /// The finite values of each further property, in the order of `TileForm::scalars`.
+    pub scalars: Vec<Vec<f64>>,
     /// Corners; every vertex is used.
     pub triangles: Vec<[u32; 3]>,
 }
 
 /// Form of the tiles of a tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TileForm {
+pub struct TileForm<'a> {
     /// Length of a step.
     pub step: f64,
     /// Packs with EXT_meshopt_compression.
     pub packs: bool,
     /// True if z points upwards in the mesh; in glTF y does.
     pub is_z_up: bool,
+    /// Further properties of vertices.
+    pub scalars: &'a [TileScalar],
 }
 
 /// Turns coordinates with z upwards into those of glTF.
@@ -167,6 +172,20 @@ pub fn encode_tile(mut mesh: TileMesh, form: TileForm) -> (Vec<u8>, Vec<u32>) {
             "bufferView": view, "count": n_vertices, "type": "VEC4", "componentType": U16,
             "normalized": true,
         }));
+    }
+    for (scalar, values) in form.scalars.iter().zip(&mesh.scalars) {
+        for part in scalar.parts(values) {
+            let value = |v: &u32| part.values[*v as usize];
+            let rows: Vec<_> = order.iter().map(|v| element(part.component, value(v))).collect();
+            let view = binary.rows(&rows);
+            let fold = |start, pick: fn(f64, f64) -> f64| order.iter().map(value).fold(start, pick);
+            attributes[&part.attribute] = accessors.len().into();
+            accessors.push(json!({
+                "bufferView": view, "count": n_vertices, "type": "SCALAR",
+                "componentType": part.component, "name": scalar.name,
+                "min": [fold(f64::INFINITY, f64::min)], "max": [fold(f64::NEG_INFINITY, f64::max)],
+            }));
+        }
     }
     let (view, component) = binary.triangles(&mesh.triangles, n_vertices);
     let indices = accessors.len();

@@ -103,7 +103,8 @@ fn look(
     let bytes = std::fs::read(&path).map_err(|e| format!("cannot be read: {e}"))?;
     // The decoder of compressed data checks by panicking in places.
     let decoded = guarded(|| Ok(decode_tile(&bytes)));
-    let stored: StoredTile = decoded.map_err(|_| "its data is damaged".to_owned())??;
+    let mut stored: StoredTile = decoded.map_err(|_| "its data is damaged".to_owned())??;
+    stored.take_scalars(&tree.scalars)?;
     let mesh = &stored.mesh;
     let n = mesh.triangles.len() as u64;
     if n != tile.triangles {

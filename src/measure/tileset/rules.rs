@@ -2,6 +2,7 @@
 
 use super::found::TilesetCheck;
 use crate::error::{Error, Result};
+use crate::io::TileScalar;
 use crate::io::tileset::{FILE_NAME, Tile, Tileset, Volume, read_tileset, resolve};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -69,6 +70,8 @@ pub(super) struct Tree {
     pub(super) input_triangles: u64,
     pub(super) step: f64,
     pub(super) is_z_up: bool,
+    /// Properties of vertices that tiles have as attributes.
+    pub(super) scalars: Vec<TileScalar>,
 }
 
 impl Tree {
@@ -85,8 +88,12 @@ impl Tree {
             let what = "has no facts of 'stonecut tiles' in its extras: only its trees are checked";
             return Err(Error::bad_input(folder, format!("{FILE_NAME} {what}")));
         };
+        let scalars = TileScalar::read_list(&facts["scalars"]).unwrap_or_else(|what| {
+            found.fault(|| format!("{FILE_NAME}: {what}"));
+            Vec::new()
+        });
         let is_z_up = facts["up"].as_str() != Some("y");
-        let mut tree = Tree { input_triangles, step, is_z_up, ..Tree::default() };
+        let mut tree = Tree { input_triangles, step, is_z_up, scalars, ..Tree::default() };
         found.tilesets = 1;
         if set.geometric_error <= set.root.geometric_error {
             found.fault(|| {

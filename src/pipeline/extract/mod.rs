@@ -12,7 +12,6 @@ use crate::error::{Error, Result};
 use crate::io::ply::OutputHeader;
 use crate::io::{MeshSink, OutputFormat};
 use crate::kernel::{self, Fit, Options, Stop};
-use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
@@ -23,6 +22,7 @@ use crate::system::units::{show_bytes, show_count};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use tree::{Allowed, Cut, Tree};
+use weld::{COLOURS, Joined, Rows};
 
 /// Fineness of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,15 +74,13 @@ pub struct Extracted {
 /// Vertices of a triangle that are planned for: half as many and some for borders.
 const VERTICES_PER_TRIANGLE: f64 = 0.6;
 
-/// Channels of a mesh with colours.
-const COLOURS: usize = 3;
-
 /// Vertices that are written at a time.
 const BLOCK: usize = 65_536;
 
 /// Extracts a mesh.
 ///
-/// Memory: 70 bytes a triangle of the cut, 130 where a number of triangles is to be met. Errors: `BadInput` for what is not
+/// Memory: 70 bytes a triangle of the cut, 130 where a number of triangles is to be met; properties of vertices add to
+/// that. Errors: `BadInput` for what is not
 /// a tree of this program, `NoMemory` if the cut does not fit into the budget, `Usage` for a box without a tile.
 pub fn extract(config: &ExtractConfig, progress: &Progress) -> Result<Extracted> {
     guarded(|| run(config, progress))
@@ -98,23 +96,25 @@ fn run(config: &ExtractConfig, progress: &Progress) -> Result<Extracted> {
     if cut.tiles.is_empty() {
         return Err(Error::bad_input(&config.tiles, "has no tile with triangles"));
     }
-    check_memory(config, &tree, (&cut, target), inside)?;
+    let rows = Rows::new(&tree.scalars);
+    check_memory(config, (&tree, &rows), (&cut, target), inside)?;
     progress.begin("extract", 1, 1 + u32::from(target.is_some()), cut.triangles);
     let memory_bytes = config.memory_bytes.saturating_sub(BASE_BYTES);
     let threads = config.threads.get();
-    let mut mesh = weld::join(&config.tiles, (&tree, &cut), threads, memory_bytes, progress)?;
+    let read = (&tree, &cut, &rows);
+    let mut joined = weld::join(&config.tiles, read, threads, memory_bytes, progress)?;
     let mut reached = true;
     if let Some(target) = target {
-        progress.begin("finish", 2, 2, mesh.triangles.len() as u64);
+        progress.begin("finish", 2, 2, joined.mesh.triangles.len() as u64);
         progress.check()?;
         let fine = config.inside.map(|(corners, _)| corners);
-        (mesh, reached) = finish(mesh, target, fine);
+        (joined, reached) = finish(joined, &rows, target, fine);
     }
     progress.check()?;
-    let bytes = write(config, &mesh, tree.step)?;
+    let bytes = write(config, &joined, &rows, tree.step)?;
     Ok(Extracted {
-        vertices: mesh.positions.len() as u64,
-        triangles: mesh.triangles.len() as u64,
+        vertices: joined.mesh.positions.len() as u64,
+        triangles: joined.mesh.triangles.len() as u64,
         tiles: cut.tiles.len() as u64,
         cut_triangles: cut.triangles,
         deviation: cut.deviation,
@@ -150,14 +150,15 @@ fn choose(
 /// Refuses a cut that does not fit, and names the fineness that does.
 fn check_memory(
     config: &ExtractConfig,
-    tree: &Tree,
+    (tree, rows): (&Tree, &Rows),
     (cut, target): (&Cut, Option<u64>),
     inside: Option<(Bounds, f64)>,
 ) -> Result<()> {
     let needed = |triangles: u64| {
         let vertices = (triangles as f64 * VERTICES_PER_TRIANGLE) as u64;
-        let joined = weld::join_bytes(vertices, triangles, true);
-        let kernel = kernel::peak_bytes(vertices, triangles, COLOURS);
+        let joined = weld::join_bytes(vertices, triangles, rows);
+        let kernel = kernel::peak_bytes(vertices, triangles, COLOURS + rows.codec.n_channels())
+            + 2 * vertices * rows.row_bytes() as u64;
         BASE_BYTES + if target.is_some() { joined.max(kernel) } else { joined }
     };
     let bytes = needed(cut.triangles);
@@ -184,7 +185,13 @@ fn check_memory(
 }
 
 /// Meets a number of triangles; what lies in the box stays. Tells if it was met.
-fn finish(mesh: Mesh, target: u64, inside: Option<[[f64; 3]; 2]>) -> (Mesh, bool) {
+fn finish(
+    joined: Joined,
+    rows: &Rows,
+    target: u64,
+    inside: Option<[[f64; 3]; 2]>,
+) -> (Joined, bool) {
+    let Joined { mesh, has_colours, mut records } = joined;
     let is_inside = |p: &[f64; 3]| {
         inside.is_some_and(|[low, high]| (0..3).all(|k| low[k] <= p[k] && p[k] <= high[k]))
     };
@@ -192,30 +199,48 @@ fn finish(mesh: Mesh, target: u64, inside: Option<[[f64; 3]; 2]>) -> (Mesh, bool
     let options = Options { stop: Stop::Triangles(target), fit: Fit::Off, ..Options::default() };
     let done = kernel::simplify_mesh(mesh, &locked, &options);
     let reached = done.statistics.reached || done.mesh.triangles.len() as u64 <= target;
-    (done.mesh, reached)
+    let n = rows.row_bytes();
+    if n > 0 {
+        // In ascending order, so that a row is read before another is written over it.
+        for (to, &from) in done.source.iter().enumerate() {
+            records.copy_within(from as usize * n..(from as usize + 1) * n, to * n);
+        }
+        records.truncate(done.source.len() * n);
+    }
+    (Joined { mesh: done.mesh, has_colours, records }, reached)
 }
 
 /// Writes the mesh; returns the bytes of the file. `step`: of the finest lattice.
-fn write(config: &ExtractConfig, mesh: &Mesh, step: f64) -> Result<u64> {
+fn write(config: &ExtractConfig, joined: &Joined, rows: &Rows, step: f64) -> Result<u64> {
+    let Joined { mesh, has_colours, records: old } = joined;
     let largest = mesh.positions.iter().flatten().fold(0.0f64, |most, x| most.max(x.abs()));
     // Floats where they hold half a step of the lattice.
     let fits = largest * f64::from(f32::EPSILON) <= step;
     let mut properties = Vec::new();
-    if mesh.n_channels == COLOURS {
+    if *has_colours {
         properties = ["red", "green", "blue"].map(|name| Property::new(name, Scalar::U8)).to_vec();
     }
+    let n_colours = properties.len();
+    properties.extend(rows.schema.properties.iter().cloned());
     let coordinate = if fits { Scalar::F32 } else { Scalar::F64 };
     let schema = VertexSchema { coordinate, properties };
     let (n_vertices, n_faces) = (mesh.positions.len() as u64, mesh.triangles.len() as u64);
     let mut header = OutputHeader::new(schema.clone(), n_vertices, n_faces);
     header.settings = "extract".to_owned();
     let mut sink = MeshSink::create(config.output.as_path(), header, config.format)?;
-    let mut records = Vec::new();
+    let (mut records, mut row) = (Vec::new(), Vec::new());
+    let (unused, n) = (rows.schema.position_bytes(), rows.row_bytes());
     for first in (0..mesh.positions.len()).step_by(BLOCK) {
         records.clear();
         for v in first..(first + BLOCK).min(mesh.positions.len()) {
             schema.encode_position(mesh.positions[v], &mut records);
-            records.extend(mesh.channels_of(v as u32).iter().map(|&x| stored(x)));
+            let (colours, others) = mesh.channels_of(v as u32).split_at(n_colours);
+            records.extend(colours.iter().map(|&x| stored(x)));
+            if n > 0 {
+                row.clear();
+                rows.codec.encode([0.0; 3], others, &old[v * n..(v + 1) * n], &mut row);
+                records.extend_from_slice(&row[unused..]);
+            }
         }
         sink.write_vertices(&records)?;
     }

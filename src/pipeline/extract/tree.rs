@@ -5,6 +5,7 @@
 //! one mesh.
 
 use crate::error::{Error, Result};
+use crate::io::TileScalar;
 use crate::io::tileset::{FILE_NAME, Tile, Volume, read_tileset, resolve};
 use crate::mesh::bounds::Bounds;
 use std::collections::BTreeMap;
@@ -46,6 +47,8 @@ pub(super) struct Tree {
     pub(super) origin: [f64; 3],
     /// Length of a step of level 0.
     pub(super) step: f64,
+    /// Properties of vertices that tiles have as attributes.
+    pub(super) scalars: Vec<TileScalar>,
 }
 
 /// The largest distances that are allowed, in units of the mesh.
@@ -86,10 +89,12 @@ impl Tree {
         let &[x, y, z] = origin else {
             return Err(bad(format!("{FILE_NAME}: its origin is not a place")));
         };
+        let scalars = TileScalar::read_list(&facts["scalars"])
+            .map_err(|what| bad(format!("{FILE_NAME}: {what}")))?;
         let is_z_up = facts["up"].as_str() != Some("y");
         let mut reader = Reader { folder, is_z_up, nodes: Vec::new(), facts: BTreeMap::new() };
         reader.tile(FILE_NAME, &set.root, (None, 0))?;
-        let mut tree = Tree { origin: [x, y, z], step, ..Tree::default() };
+        let mut tree = Tree { origin: [x, y, z], step, scalars, ..Tree::default() };
         let Reader { mut nodes, facts, .. } = reader;
         let numbers: BTreeMap<(u32, u32), usize> = facts.keys().copied().zip(0..).collect();
         tree.groups =

@@ -3,9 +3,12 @@
 use super::tree::{Cut, Tree};
 use crate::error::{Error, Result};
 use crate::io::tileset::{TileBorder, border_path, decode_borders};
-use crate::io::{StoredTile, decode_tile};
+use crate::io::{StoredTile, TileScalar, decode_tile};
 use crate::mesh::Mesh;
+use crate::mesh::codec::VertexCodec;
 use crate::mesh::global_vertex::GlobalVertex;
+use crate::mesh::property::{Property, Scalar, write_scalar};
+use crate::mesh::record::VertexSchema;
 use crate::system::parallel::{guarded, in_order};
 use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
@@ -15,7 +18,7 @@ use std::path::Path;
 /// Bytes of a vertex, of a triangle, and of a vertex that several tiles have, while tiles are joined; lists may be twice as
 /// long as what is in them while they grow.
 const VERTEX_BYTES: u64 = 2 * 24;
-const CHANNEL_BYTES: u64 = 2 * 12;
+const CHANNEL_BYTES: u64 = 2 * 4;
 const TRIANGLE_BYTES: u64 = 2 * 12;
 const BORDER_BYTES: u64 = 48;
 
@@ -25,32 +28,75 @@ struct Read {
     tile: Option<(StoredTile, TileBorder)>,
 }
 
-/// Bytes for joining vertices and triangles.
-pub(super) fn join_bytes(vertices: u64, triangles: u64, has_colours: bool) -> u64 {
-    let channels = if has_colours { CHANNEL_BYTES } else { 0 };
-    vertices * (VERTEX_BYTES + channels) + triangles * TRIANGLE_BYTES
+/// Channels of a mesh with colours.
+pub(super) const COLOURS: usize = 3;
+
+/// Rows of the properties that tiles carry as attributes: records whose position is not used.
+pub(super) struct Rows {
+    pub(super) schema: VertexSchema,
+    pub(super) codec: VertexCodec,
 }
 
-/// Reads the tiles of a cut and joins them. Linear colours become three channels.
+impl Rows {
+    pub(super) fn new(scalars: &[TileScalar]) -> Rows {
+        let properties = scalars.iter().map(|s| Property::new(&s.name, s.scalar)).collect();
+        let schema = VertexSchema { coordinate: Scalar::F32, properties };
+        Rows { codec: schema.codec(), schema }
+    }
+
+    /// Bytes of a row; none without properties.
+    pub(super) fn row_bytes(&self) -> usize {
+        if self.schema.properties.is_empty() { 0 } else { self.schema.record_bytes() }
+    }
+
+    /// The row of a vertex of a tile.
+    fn put(&self, columns: &[Vec<f64>], vertex: usize, out: &mut Vec<u8>) {
+        let first = out.len();
+        out.resize(first + self.row_bytes(), 0);
+        let mut at = first + self.schema.position_bytes();
+        for (property, column) in self.schema.properties.iter().zip(columns) {
+            write_scalar(property.scalar, out, at, column[vertex]);
+            at += property.scalar.bytes();
+        }
+    }
+}
+
+/// The tiles of a cut as one mesh.
+pub(super) struct Joined {
+    /// Its channels are linear colours, if there are any, and those of the rows.
+    pub(super) mesh: Mesh,
+    pub(super) has_colours: bool,
+    /// A row for each vertex.
+    pub(super) records: Vec<u8>,
+}
+
+/// Bytes for joining vertices, with colours, and triangles.
+pub(super) fn join_bytes(vertices: u64, triangles: u64, rows: &Rows) -> u64 {
+    let channels = CHANNEL_BYTES * (COLOURS + rows.codec.n_channels()) as u64;
+    let row = 2 * rows.row_bytes() as u64;
+    vertices * (VERTEX_BYTES + channels + row) + triangles * TRIANGLE_BYTES
+}
+
+/// Reads the tiles of a cut and joins them.
 ///
 /// Errors: `BadInput` for a tile that cannot be read, `NoMemory` if the mesh outgrows `memory_bytes`.
 pub(super) fn join(
     folder: &Path,
-    (tree, cut): (&Tree, &Cut),
+    (tree, cut, rows): (&Tree, &Cut, &Rows),
     threads: usize,
     memory_bytes: u64,
     progress: &Progress,
-) -> Result<Mesh> {
-    let mut mesh = Mesh::default();
+) -> Result<Joined> {
+    let mut joined = Joined { mesh: Mesh::default(), has_colours: false, records: Vec::new() };
     let mut known: HashMap<GlobalVertex, u32> = HashMap::new();
-    mesh.triangles.reserve_exact(cut.triangles as usize);
+    joined.mesh.triangles.reserve_exact(cut.triangles as usize);
     let name = |index: u64| tree.nodes[cut.tiles[index as usize]].content.as_deref().unwrap_or("");
     in_order(
         cut.tiles.len() as u64,
         threads,
         progress,
         |index, out: &mut Read| {
-            out.tile = Some(read(folder, name(index)).map_err(|what| {
+            out.tile = Some(read(folder, name(index), &tree.scalars).map_err(|what| {
                 let what =
                     format!("{}: {what}; see what 'stonecut info --check' finds", name(index));
                 Error::bad_input(folder, what)
@@ -59,21 +105,21 @@ pub(super) fn join(
         },
         |index, out| {
             let Some((tile, border)) = out.tile.take() else { return Ok(()) };
-            let first = mesh.positions.is_empty();
-            if first && !tile.mesh.colours.is_empty() {
-                mesh.n_channels = 3;
+            let has_colours = !tile.mesh.colours.is_empty();
+            if joined.mesh.positions.is_empty() {
+                joined.has_colours = has_colours;
+                let colours = if has_colours { COLOURS } else { 0 };
+                joined.mesh.n_channels = colours + rows.codec.n_channels();
             }
-            if (mesh.n_channels == 3) == tile.mesh.colours.is_empty()
-                && !tile.mesh.positions.is_empty()
-            {
+            if joined.has_colours != has_colours && !tile.mesh.positions.is_empty() {
                 let what =
                     format!("{}: it differs from other tiles in having colours", name(index));
                 return Err(Error::bad_input(folder, what));
             }
-            add(&mut mesh, &mut known, &tile, &border, tree.origin);
+            add(&mut joined, rows, &mut known, &tile, (&border, tree.origin));
+            let mesh = &joined.mesh;
             let (vertices, triangles) = (mesh.positions.len() as u64, mesh.triangles.len() as u64);
-            let bytes = join_bytes(vertices, triangles, mesh.n_channels > 0)
-                + BORDER_BYTES * known.len() as u64;
+            let bytes = join_bytes(vertices, triangles, rows) + BORDER_BYTES * known.len() as u64;
             progress.add(tile.mesh.triangles.len() as u64);
             match bytes > memory_bytes || vertices >= u64::from(u32::MAX) {
                 true => Err(Error::NoMemory(format!(
@@ -85,16 +131,17 @@ pub(super) fn join(
             }
         },
     )?;
-    Ok(mesh)
+    Ok(joined)
 }
 
 fn add(
-    mesh: &mut Mesh,
+    joined: &mut Joined,
+    rows: &Rows,
     known: &mut HashMap<GlobalVertex, u32>,
     tile: &StoredTile,
-    border: &TileBorder,
-    origin: [f64; 3],
+    (border, origin): (&TileBorder, [f64; 3]),
 ) {
+    let Joined { mesh, records, .. } = joined;
     let mut numbers = border.iter().copied().peekable();
     let mut place = Vec::with_capacity(tile.mesh.positions.len());
     for (v, position) in (0u32..).zip(&tile.mesh.positions) {
@@ -108,17 +155,29 @@ fn add(
             if let Some(colour) = tile.mesh.colours.get(v as usize) {
                 mesh.channels.extend(colour.map(|x| f32::from(x) / 65_535.0));
             }
+            if rows.row_bytes() > 0 {
+                let first = records.len();
+                rows.put(&tile.mesh.scalars, v as usize, records);
+                let place = mesh.channels.len();
+                mesh.channels.resize(place + rows.codec.n_channels(), 0.0);
+                rows.codec.decode_channels(&records[first..], &mut mesh.channels[place..]);
+            }
         }
     }
     let triangles = tile.mesh.triangles.iter().map(|t| t.map(|v| place[v as usize]));
     mesh.triangles.extend(triangles);
 }
 
-fn read(folder: &Path, name: &str) -> std::result::Result<(StoredTile, TileBorder), String> {
+fn read(
+    folder: &Path,
+    name: &str,
+    scalars: &[TileScalar],
+) -> std::result::Result<(StoredTile, TileBorder), String> {
     let bytes = std::fs::read(folder.join(name)).map_err(|e| format!("cannot be read: {e}"))?;
     // The decoder of compressed data checks by panicking in places.
-    let tile =
+    let mut tile =
         guarded(|| Ok(decode_tile(&bytes))).map_err(|_| "its data is damaged".to_owned())??;
+    tile.take_scalars(scalars)?;
     let (border, n) = border_path(name).ok_or("its name is not that of a tile")?;
     let bytes = std::fs::read(folder.join(&border)).map_err(|e| {
         format!(

@@ -92,8 +92,13 @@ fn run(
     input_marks.insert("vertices".to_owned(), source.n_vertices().to_string());
     input_marks.insert("faces".to_owned(), source.n_face_rows().to_string());
     let input = std::path::absolute(&config.input).unwrap_or_else(|_| config.input.clone());
-    let identity =
-        Identity { input: input.display().to_string(), input_marks, settings: config.settings() };
+    let (scalars, lost) = tiles::carried_scalars(&layout(&source).schema);
+    let mut settings = config.settings();
+    if !scalars.is_empty() {
+        // Builds that do not carry them cannot go on with the job, nor this one with theirs.
+        settings.insert("attributes".to_owned(), scalars.len().to_string());
+    }
+    let identity = Identity { input: input.display().to_string(), input_marks, settings };
     let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
     let pending = config.pending_output();
     if job.outcome::<bool>(BEGUN)?.is_none() {
@@ -151,7 +156,7 @@ fn run(
     let root = tiles.iter().rposition(|tile| tile.level as usize == rounds.len()).unwrap_or(0);
     let leaf_triangles: u64 =
         tiles.iter().filter(|tile| tile.level == 0).map(|tile| tile.triangles).sum();
-    let tree = TileTree {
+    let mut tree = TileTree {
         root: root as u32,
         transform: placed(&config.transform, grid.lattice.origin, config.is_z_up),
         is_z_up: config.is_z_up,
@@ -162,6 +167,9 @@ fn run(
         } }),
         tiles,
     };
+    if !scalars.is_empty() {
+        tree.extras["stonecut"]["scalars"] = json!(scalars);
+    }
     let (n_sets, set_bytes) = write_tilesets(&tree, &pending, disk)?;
     disk.disown(set_bytes);
     let viewer_bytes = match config.viewer {
@@ -183,7 +191,7 @@ fn run(
     let level_reports = level_reports(&rounds, &top, &deviations, config.tile_triangles);
     let seconds = started.elapsed().as_secs_f64();
     let dropped = partition.degenerate_faces;
-    let report = TilesReport {
+    let mut report = TilesReport {
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION").to_owned(),
         input: InputReport {
@@ -211,6 +219,7 @@ fn run(
     if !config.keep_temp {
         job.remove()?;
     }
+    report.notes.extend(scalar_notes(&lost, rounds.first()));
     Ok(report)
 }
 
@@ -246,6 +255,22 @@ fn faults(
         ("missing_faces".to_owned(), found.missing_faces),
         ("missing_vertices".to_owned(), found.missing_vertices),
     ])
+}
+
+/// Properties of vertices that tiles do not carry, and values that they do not hold as they were.
+fn scalar_notes(lost: &[String], leaves: Option<&Vec<GroupRecord>>) -> Vec<String> {
+    let mut notes = Vec::new();
+    if !lost.is_empty() {
+        notes.push(format!("properties of vertices are not carried: {}", lost.join(", ")));
+    }
+    let tiles = leaves.into_iter().flatten().flat_map(|record| &record.tiles);
+    let inexact: u64 = tiles.map(|tile| tile.inexact).sum();
+    if inexact > 0 {
+        notes.push(format!(
+            "{inexact} values of properties of vertices are not exact in tiles: 0 stands for what is not a number, the largest float for what is beyond it; tiny doubles and integers beyond 2^53 are rounded"
+        ));
+    }
+    notes
 }
 
 /// Parts of the input that tiles do not carry.

@@ -5,11 +5,12 @@ use crate::error::{Error, Result};
 use crate::io::StageOptions;
 use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::tileset::{FILE_NAME, read_tileset};
+use crate::mesh::record::VertexSchema;
 use crate::pipeline::plan::disk::check_space;
 use crate::pipeline::plan::price_lines;
 use crate::stages::partition::{Shares, Sizes, store_bytes};
 use crate::stages::simplify::work_bytes;
-use crate::stages::tiles::BYTES_PER_TRIANGLE;
+use crate::stages::tiles::{BYTES_PER_TRIANGLE, carried_scalars};
 use crate::store::cells::{CellTally, VertexLayout, plan_cells};
 use crate::store::job::Job;
 use crate::store::job::fingerprint::{input_marks, unchanged};
@@ -160,7 +161,9 @@ impl TilesPlan {
         }
         // Later rounds carry ids and channels with every vertex.
         let row = (9 + layout.row_bytes(true)) as f64 * per_triangle.clamp(0.5, 3.0) + 12.0;
-        let output = OUTPUT_BYTES[usize::from(!config.packs)] as f64 * all;
+        let output = (OUTPUT_BYTES[usize::from(!config.packs)] as f64
+            + scalar_bytes(&layout.schema) * per_triangle.clamp(0.5, 3.0))
+            * all;
         Ok(TilesPlan {
             triangles_in,
             levels,
@@ -205,6 +208,11 @@ pub(super) fn too_little(config: &TilesConfig, needed: u64) -> Error {
         show_bytes(needed.next_multiple_of(1 << 20)).replace(' ', ""),
         config.tile_triangles
     ))
+}
+
+/// Bytes of a vertex of a tile for properties that it carries as attributes; packed ones may have fewer.
+fn scalar_bytes(schema: &VertexSchema) -> f64 {
+    (4 * carried_scalars(schema).0.len()) as f64
 }
 
 /// Rows of vertices of a run.

@@ -1,5 +1,6 @@
-//! Turns a part of a cell into a tile: positions on the lattice, normals, linear colours.
+//! Turns a part of a cell into a tile: positions on the lattice, normals, linear colours, further properties.
 
+use super::scalars::Columns;
 use crate::io::{TileMesh, find_colour, find3, unit_colour};
 use crate::mesh::Mesh;
 use crate::mesh::global_vertex::GlobalVertex;
@@ -21,6 +22,18 @@ pub(super) struct Whole<'a> {
     layout: &'a VertexLayout,
     colour: Option<[(Scalar, usize); 3]>,
     normal: Option<[(Scalar, usize); 3]>,
+    /// Further properties.
+    pub(super) columns: Columns,
+}
+
+/// A tile before it is encoded.
+#[derive(Default)]
+pub(super) struct Part {
+    pub(super) mesh: TileMesh,
+    /// The number of each of its vertices in the cell.
+    pub(super) used: Vec<u32>,
+    /// Values of further properties that it cannot hold exactly.
+    pub(super) inexact: u64,
 }
 
 impl<'a> Whole<'a> {
@@ -42,19 +55,21 @@ impl<'a> Whole<'a> {
                 }
             }
         }
-        Whole { mesh, records, ids, shared, normals, layout, colour, normal: given }
+        let columns = Columns::new(&layout.schema);
+        Whole { mesh, records, ids, shared, normals, layout, colour, normal: given, columns }
     }
 
-    /// The tile of some triangles, and the number of each of its vertices in the cell; `local` has a place for every vertex, `u32::MAX` in all of them before and after.
+    /// The tile of some triangles; `local` has a place for every vertex, `u32::MAX` in all of them before and after.
     pub(super) fn tile(
         &self,
         triangles: impl Iterator<Item = usize>,
         lattice: &Lattice,
         level: u32,
         local: &mut [u32],
-    ) -> (TileMesh, Vec<u32>) {
+    ) -> Part {
         let mut used: Vec<u32> = Vec::new();
         let mut out = TileMesh::default();
+        let mut inexact = 0;
         for t in triangles {
             out.triangles.push(self.mesh.triangles[t].map(|v| {
                 let place = &mut local[v as usize];
@@ -75,7 +90,7 @@ impl<'a> Whole<'a> {
                 true => lattice.nearest(level + 1, place).map(|x| 2 * x),
                 false => lattice.nearest(level, place),
             });
-            if self.colour.is_some() || self.normal.is_some() {
+            if self.needs_records() {
                 let n = self.layout.schema.record_bytes();
                 let old = &self.records[vertex * n..(vertex + 1) * n];
                 record.clear();
@@ -89,8 +104,13 @@ impl<'a> Whole<'a> {
                 out.colours
                     .push(fields.map(|(scalar, at)| linear(unit_colour(scalar, &record, at))));
             }
+            inexact += self.columns.push(&record, &mut out.scalars);
         }
-        (out, used)
+        Part { mesh: out, used, inexact }
+    }
+
+    fn needs_records(&self) -> bool {
+        self.colour.is_some() || self.normal.is_some() || !self.columns.scalars.is_empty()
     }
 }
 

@@ -8,6 +8,7 @@
 
 mod boxes;
 mod mesh;
+mod scalars;
 
 use crate::error::{Error, Result};
 use crate::io::tileset::{TileBorder, encode_borders};
@@ -20,7 +21,8 @@ use crate::store::cells::{
 };
 use crate::system::disk::Disk;
 use boxes::Boxes;
-use mesh::Whole;
+use mesh::{Part, Whole};
+pub use scalars::carried_scalars;
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -165,7 +167,8 @@ impl TileRound<'_> {
         boxes: &Boxes,
     ) -> Result<(Vec<TileRecord>, (u64, u64))> {
         let step = self.lattice.step_of(level);
-        let form = TileForm { step, packs: self.packs, is_z_up: self.is_z_up };
+        let scalars = &whole.columns.scalars;
+        let form = TileForm { step, packs: self.packs, is_z_up: self.is_z_up, scalars };
         let mut local = vec![u32::MAX; whole.mesh.positions.len()];
         let mut tiles = Vec::with_capacity(boxes.counts.len());
         let common = common(&whole.mesh.triangles, boxes, whole.shared);
@@ -175,7 +178,8 @@ impl TileRound<'_> {
             let (own, others) = rest.split_at(n_triangles as usize);
             rest = others;
             let triangles = own.iter().map(|&t| t as usize);
-            let (mesh, used) = whole.tile(triangles, &self.lattice, level, &mut local);
+            let Part { mesh, used, inexact } =
+                whole.tile(triangles, &self.lattice, level, &mut local);
             let fold = |start: i32, pick: fn(i32, i32) -> i32| {
                 let bounds = mesh
                     .positions
@@ -194,6 +198,7 @@ impl TileRound<'_> {
                 key,
                 triangles: n_triangles,
                 vertices,
+                inexact,
                 bytes: bytes.len() as u64,
                 checksum: xxh3_64(&bytes),
                 low,

@@ -29,6 +29,9 @@ pub struct TileRecord {
     pub triangles: u64,
     /// Its vertices.
     pub vertices: u64,
+    /// Values of its properties of vertices that it holds otherwise than the mesh: not finite, or too long.
+    #[serde(default)]
+    pub inexact: u64,
     /// Bytes of its file.
     pub bytes: u64,
     /// xxh3 of its file.
