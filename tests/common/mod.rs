@@ -6,6 +6,9 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use stonecut::config::{
+    Attributes, BakeSettings, CHECKPOINT_EVERY, Config, FEATURE_ANGLE, Method, Target, Texture,
+};
 
 /// The `stonecut` command of this build.
 pub fn stonecut() -> Command {
@@ -70,4 +73,43 @@ pub fn real_scan(name: &str) -> Option<PathBuf> {
 pub fn signal(child: &std::process::Child, signal: rustix::process::Signal) {
     let id = rustix::process::Pid::from_child(child);
     rustix::process::kill_process(id, signal).unwrap();
+}
+
+/// Settings of a run from `in.ply` to `out.ply` of `folder`, on one thread.
+pub fn config(folder: &Path, target: Target) -> Config {
+    Config {
+        input: folder.join("in.ply"),
+        output: folder.join("out.ply"),
+        target,
+        coarser: Vec::new(),
+        method: Method::Collapse,
+        feature_angle: FEATURE_ANGLE,
+        gradation: 0.0,
+        manifold: false,
+        optimize: None,
+        memory_bytes: 256 << 20,
+        threads: std::num::NonZeroUsize::MIN,
+        cell_triangles: 1000,
+        job_folder: folder.join("job"),
+        keep_temp: false,
+        until: None,
+        force: false,
+        restart: false,
+        seams: None,
+        verify: false,
+        format: Default::default(),
+        skip_bad: false,
+        drop_texture: false,
+        textures: None,
+        textures_beside: folder.join("out.ply"),
+        texture: Texture::Keep,
+        bake: BakeSettings::default(),
+        drop_faces: false,
+        error_field: false,
+        progressive: None,
+        min_component: None,
+        checkpoint_every: CHECKPOINT_EVERY,
+        attributes: Attributes::default(),
+        kernel: Default::default(),
+    }
 }

@@ -8,7 +8,7 @@ use std::num::NonZeroUsize;
 use std::path::Path;
 use std::time::Duration;
 use stonecut::config::CHECKPOINT_EVERY;
-use stonecut::config::{Attributes, Config, DEFAULT_CELL_TRIANGLES, Target};
+use stonecut::config::{Config, DEFAULT_CELL_TRIANGLES, Target};
 use stonecut::kernel::Fit;
 use stonecut::pipeline;
 use stonecut::pipeline::plan::Plan;
@@ -17,39 +17,12 @@ use stonecut::system::progress::Progress;
 
 fn config(folder: &Path, ratio: f64) -> Config {
     Config {
-        input: folder.join("in.ply"),
-        output: folder.join("out.ply"),
-        target: Target::Ratio(ratio),
-        coarser: Vec::new(),
-        method: stonecut::config::Method::Collapse,
-        feature_angle: stonecut::config::FEATURE_ANGLE,
-        gradation: 0.0,
-        manifold: false,
-        optimize: None,
         memory_bytes: 4 << 30,
         threads: NonZeroUsize::new(2).unwrap(),
         cell_triangles: DEFAULT_CELL_TRIANGLES,
-        job_folder: folder.join("job"),
-        keep_temp: false,
-        until: None,
         force: true,
         restart: true,
-        seams: None,
-        verify: false,
-        format: Default::default(),
-        skip_bad: false,
-        drop_texture: false,
-        textures: None,
-        textures_beside: folder.join("out.ply"),
-        texture: stonecut::config::Texture::Keep,
-        bake: stonecut::config::BakeSettings::default(),
-        drop_faces: false,
-        error_field: false,
-        progressive: None,
-        min_component: None,
-        checkpoint_every: CHECKPOINT_EVERY,
-        attributes: Attributes::default(),
-        kernel: Default::default(),
+        ..crate::common::config(folder, Target::Ratio(ratio))
     }
 }
 

@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use stonecut::Result;
-use stonecut::config::{Attributes, Config, Level, Target, Until};
+use stonecut::config::{Config, Level, Target, Until};
 use stonecut::pipeline;
 use stonecut::system::disk::{Disk, PowerLoss};
 use stonecut::system::progress::Progress;
@@ -18,39 +18,8 @@ fn config(folder: &Path, targets: &[u64]) -> Config {
         output: folder.join(format!("out-{n}.ply")),
     };
     Config {
-        input: folder.join("in.ply"),
-        output: folder.join("out.ply"),
-        target: Target::Triangles(targets[0]),
         coarser: targets[1..].iter().map(level).collect(),
-        method: stonecut::config::Method::Collapse,
-        feature_angle: stonecut::config::FEATURE_ANGLE,
-        gradation: 0.0,
-        manifold: false,
-        optimize: None,
-        memory_bytes: 256 << 20,
-        threads: std::num::NonZeroUsize::MIN,
-        cell_triangles: 1000,
-        job_folder: folder.join("job"),
-        keep_temp: false,
-        until: None,
-        force: false,
-        restart: false,
-        seams: None,
-        verify: false,
-        format: Default::default(),
-        skip_bad: false,
-        drop_texture: false,
-        textures: None,
-        textures_beside: folder.join("out.ply"),
-        texture: stonecut::config::Texture::Keep,
-        bake: stonecut::config::BakeSettings::default(),
-        drop_faces: false,
-        error_field: false,
-        progressive: None,
-        min_component: None,
-        checkpoint_every: stonecut::config::CHECKPOINT_EVERY,
-        attributes: Attributes::default(),
-        kernel: Default::default(),
+        ..crate::common::config(folder, Target::Triangles(targets[0]))
     }
 }
 

@@ -5,7 +5,7 @@
 use crate::common::{check, count, expect};
 use std::collections::HashMap;
 use std::path::Path;
-use stonecut::config::{Attributes, Config, MinComponent, Target};
+use stonecut::config::{Config, MinComponent, Target};
 use stonecut::pipeline;
 use stonecut::system::disk::{Disk, PowerLoss};
 use stonecut::system::progress::Progress;
@@ -497,39 +497,9 @@ fn a_bound_is_on_what_is_left() {
 
 fn config(folder: &Path) -> Config {
     Config {
-        input: folder.join("in.ply"),
-        output: folder.join("out.ply"),
-        target: Target::Triangles(900),
-        coarser: Vec::new(),
-        method: stonecut::config::Method::Collapse,
-        feature_angle: stonecut::config::FEATURE_ANGLE,
-        gradation: 0.0,
-        manifold: false,
-        optimize: None,
-        memory_bytes: 256 << 20,
-        threads: std::num::NonZeroUsize::MIN,
-        cell_triangles: 1000,
-        job_folder: folder.join("job"),
-        keep_temp: false,
-        until: None,
-        force: false,
-        restart: false,
-        seams: None,
-        verify: false,
-        format: Default::default(),
-        skip_bad: false,
-        drop_texture: false,
-        textures: None,
-        textures_beside: folder.join("out.ply"),
-        texture: stonecut::config::Texture::Keep,
-        bake: stonecut::config::BakeSettings::default(),
-        drop_faces: false,
-        error_field: false,
-        progressive: None,
         min_component: Some(MinComponent::Triangles(100)),
         checkpoint_every: std::time::Duration::ZERO,
-        attributes: Attributes::default(),
-        kernel: Default::default(),
+        ..crate::common::config(folder, Target::Triangles(900))
     }
 }
 

@@ -13,8 +13,8 @@ mod refine;
 mod seeds;
 mod shape;
 
-use super::Made;
 use super::load::{Loaded, for_records, load};
+use super::{MANIFOLD_TRIANGLE_BYTES, Made};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::mesh::Mesh;
@@ -59,7 +59,9 @@ pub fn need(source: &MeshSource, codec: &VertexCodec, target: u64, gradation: f6
     let longest = if gradation > 0.0 { LONGEST_GRADED } else { LONGEST };
     let fine = (target as f64 / (longest * longest)) as u64;
     let per_vertex = VERTEX_BYTES + 4 * codec.n_channels() as u64;
-    let result = target / 2 * (CLUSTER_BYTES + source.schema().record_bytes() as u64) + 60 * target;
+    let mesh = 60 + MANIFOLD_TRIANGLE_BYTES;
+    let result =
+        target / 2 * (CLUSTER_BYTES + source.schema().record_bytes() as u64) + mesh * target;
     source.n_vertices().max(fine) * per_vertex + result
 }
 

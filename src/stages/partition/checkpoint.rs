@@ -52,7 +52,7 @@ pub struct ResumePoint {
     /// First vertex and number of vertices of the window, in the pass over the triangles.
     pub window: [u64; 2],
     /// Bytes of memory that the table of the window takes.
-    #[serde(default)]
+    #[serde(default = "unknown_bytes")]
     pub table_bytes: u64,
     /// The next block; in the last pass among the blocks that hold shared vertices.
     pub block: u64,
@@ -62,6 +62,11 @@ pub struct ResumePoint {
     pub seams: Seams,
     /// Sealed length of the pack.
     pub pack_bytes: u64,
+}
+
+/// More than any table may take: a place that an older build noted is not taken up.
+fn unknown_bytes() -> u64 {
+    u64::MAX
 }
 
 /// Decides when a checkpoint is due, and records it.
