@@ -213,8 +213,8 @@ impl Args {
             let what = "--merge-distance changes the topology: not with --topology keep";
             return Err(Error::Usage(what.to_owned()));
         }
-        if max_error.is_some() && (self.until.is_some() || self.seams.is_some()) {
-            let what = "--max-error may take several runs: not with --until or --seams";
+        if max_error.is_some() && self.seams.is_some() {
+            let what = "--max-error may take several runs: not with --seams";
             return Err(Error::Usage(what.to_owned()));
         }
         let progressive = self.progressive.settings(&[

@@ -33,6 +33,9 @@ impl Scalar {
     }
 }
 
+/// The property of vertices that `simplify --error-field` writes: the distance from the input, at most.
+pub const REACH: &str = "error";
+
 /// Origin of a property of vertices.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Origin {

@@ -16,9 +16,9 @@ use crate::io::ply::{MeshSource, OutputHeader};
 use crate::io::{GlbWriter, StageOptions};
 use crate::measure::load;
 use crate::mesh::bounds::Bounds;
-use crate::mesh::property::Scalar;
+use crate::mesh::property::{Origin, Property, REACH, Scalar};
 use crate::mesh::record::VertexSchema;
-use crate::render::{Coloring, Resources, Sphere, View, has_images};
+use crate::render::{Coloring, Resources, Scale, Sphere, View, has_images, top_of};
 use crate::system::json_keys::is_old_name;
 use crate::system::progress::Progress;
 use base64::Engine;
@@ -85,6 +85,7 @@ pub fn html(material: &Material, progress: &Progress) -> Result<String> {
         pictures([original, simplified], rest, material.resources, &mut out, progress)?;
     }
     if let [_, Some(simplified)] = &sources {
+        error_field(simplified, material.resources, &mut out, progress)?;
         viewer(simplified, material, &mut out, progress)?;
     }
     out.push_str("</body></html>\n");
@@ -273,6 +274,24 @@ fn pictures(
     }
     let meshes: Vec<_> = sources.into_iter().zip(["original", "simplified"]).collect();
     pictures_of(&meshes, views, ("h3", "pair"), resources, out, progress)
+}
+
+/// The simplified mesh painted by the distance that `simplify --error-field` has written with its vertices, if it has.
+fn error_field(
+    source: &MeshSource,
+    resources: Resources,
+    out: &mut String,
+    progress: &Progress,
+) -> Result<()> {
+    let is_field = |p: &Property| p.origin == Origin::Vertex && p.name == REACH;
+    if !source.schema().properties.iter().any(is_field) {
+        return Ok(());
+    }
+    let top = top_of(source, REACH, progress)?;
+    let scale = Some(Scale { property: REACH.to_owned(), top });
+    let view = View { width: 800, height: 600, scale, ..View::default() };
+    let views = vec![("Where it is how far from the original, at most", view)];
+    pictures_of(&[(source, "simplified")], views, ("h3", "pair"), resources, out, progress)
 }
 
 fn viewer(

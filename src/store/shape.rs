@@ -1,15 +1,12 @@
 //! Output vertex layout: the properties that are written, without texture that is at corners, and normals.
 
 use crate::config::Normals;
-use crate::mesh::property::{Origin, Property, Scalar, write_scalar};
+use crate::mesh::property::{Origin, Property, REACH, Scalar, write_scalar};
 use crate::mesh::record::VertexSchema;
 use std::ops::Range;
 
 /// The components of a normal.
 const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
-
-/// The property that holds the distance from the input.
-pub const REACH: &str = "error";
 
 /// Plan of turning records into records of the output.
 pub(crate) struct Shape {

@@ -143,3 +143,19 @@ fn the_field_has_a_distance_for_every_vertex() {
     let output = run(at, "simplify o.ply p.ply --max-error 0.5 --error-field");
     assert_eq!(output.status.code(), Some(2), "the name is taken: {output:?}");
 }
+
+#[test]
+fn stages_one_by_one_give_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth statue in.ply --triangles 20k", 0);
+    let bounded = "simplify in.ply out.ply --max-error 0.002 --cell-triangles 3k --memory 200MiB";
+    expect(at, &bounded.replace("out.ply", "direct.ply"), 0);
+    for stage in ["partition", "simplify", "stitch"] {
+        expect(at, &format!("{bounded} --until {stage}"), 0);
+        assert!(!at.join("out.ply").exists(), "{stage} is not the end");
+    }
+    expect(at, bounded, 0);
+    let read = |name: &str| std::fs::read(at.join(name)).unwrap();
+    assert!(read("out.ply") == read("direct.ply"));
+}

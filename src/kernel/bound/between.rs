@@ -1,19 +1,35 @@
 //! Points between two witnesses that come to belong to different triangles: over a fold the surface can be farther from
 //! them than from both.
 
-use super::scratch::{Eight, Patch, Scratch};
+use super::scratch::{Patch, Scratch};
 use super::tracker::Tracker;
-use crate::kernel::simd::{Job, Lanes};
+use crate::kernel::simd::Lanes;
 use crate::kernel::surface::Surface;
-use crate::kernel::surface::faces::{Face, Search};
+use crate::kernel::surface::faces::Face;
 use crate::kernel::vertex::GONE;
 use crate::mesh::corners::others;
 use crate::mesh::vec3::{cross, dot, sub};
 
-/// Distance between points that are looked at, in bounds.
-const APART: f32 = 0.5;
-/// Most points between two witnesses.
-const MOST_BETWEEN: usize = 8;
+/// The points from one witness to the other that are looked at.
+const SHARES: [f32; 8] =
+    [0.0, 1.0 / 7.0, 2.0 / 7.0, 3.0 / 7.0, 4.0 / 7.0, 5.0 / 7.0, 6.0 / 7.0, 1.0];
+/// A bit for each of them, and for each part between two of them.
+const ALL: u32 = 0xFF;
+const ALL_BETWEEN: u32 = 0x7F;
+
+/// An edge of the input whose ends belong to different triangles.
+#[derive(Clone, Copy)]
+struct Between {
+    /// From the survivor to its first end; from there to the other.
+    start: [f32; 3],
+    edge: [f32; 3],
+    /// A little more than the squared distance that a point of it may be away.
+    limit_sq: f32,
+    /// Faces that its ends belong to, as far as they are of the collapse.
+    faces: [u32; 2],
+    /// Triangle of the other end, if it is not of the collapse.
+    outside: u32,
+}
 
 impl Tracker {
     /// True if points between two witnesses of different triangles are near: over a fold the surface can be
@@ -37,112 +53,150 @@ impl Tracker {
             if dot(face.normal, mean) > 0.0 { dot(n, n) / length_sq } else { 1.0 }
         });
         let turn = (2.0 * turn.fold(0.0, f32::max).sqrt()).min(1.0);
-        let mut eight = Eight::default();
+        scratch.is_done.clear();
         for i in 0..scratch.witnesses.len() {
             let (id, (own, distance_sq)) = (scratch.witnesses[i], scratch.found[i]);
             let witness = self.input.witnesses[id as usize];
             let room = self.limit - witness.before;
             let least = room - 0.5 * turn * witness.longest;
-            if least > 0.0 && distance_sq <= least * least {
+            let is_near = least > 0.0 && distance_sq <= least * least;
+            scratch.is_done.push(!is_near);
+            if is_near {
                 continue;
             }
-            for (other, _) in self.input.around(id) {
+            for &[other, _] in self.input.around(id) {
+                let to = &self.input.witnesses[other as usize];
                 let slot = self.slot[other as usize] as usize;
                 let is_inside = scratch.witnesses.get(slot) == Some(&other);
-                if is_inside && scratch.found[slot].0 == own {
-                    continue;
-                }
-                let outside = if is_inside { GONE } else { self.owner[other as usize] };
-                let end = &self.input.witnesses[other as usize];
-                let limit = self.limit - witness.before.max(end.before);
-                let edge = sub(end.at, witness.at);
-                let length = dot(edge, edge).sqrt();
-                let off = match is_inside {
-                    true => scratch.found[slot].1.sqrt(),
-                    false => self.distance[other as usize],
+                let (end, off) = match is_inside {
+                    true if scratch.found[slot].0 == own => continue,
+                    true if slot < i && scratch.is_done[slot] && self.leads(other, id) => continue,
+                    true => (Some(scratch.found[slot].0), scratch.found[slot].1.sqrt()),
+                    false => (None, to.distance),
                 };
+                let limit = self.limit - witness.before.max(to.before);
+                let edge = sub(to.at, witness.at);
                 // Both ends are so near that all between them is.
-                if 2.0 * limit - off - distance_sq.sqrt() >= length {
+                if 2.0 * limit - off - distance_sq.sqrt() >= dot(edge, edge).sqrt() {
                     continue;
                 }
-                let n = ((length / (APART * limit)) as usize).clamp(3, MOST_BETWEEN);
-                for i in 1..=n {
-                    let share = i as f32 / (n + 1) as f32;
-                    let ends = witness.at.into_iter().zip(end.at).zip(place);
-                    for (points, ((from, to), place)) in eight.points.iter_mut().zip(ends) {
-                        points[eight.n] = from + share * (to - from) - place;
-                    }
-                    eight.limit_sq[eight.n] = limit * limit;
-                    eight.outside[eight.n] = outside;
-                    eight.n += 1;
-                    if eight.n == 8
-                        && !self.are_near::<L>(surface, patch, place, &mut eight, scratch)
-                    {
-                        return false;
-                    }
+                let between = Between {
+                    start: sub(witness.at, place),
+                    edge,
+                    limit_sq: (limit * limit).next_up(),
+                    faces: [own, end.unwrap_or(own)],
+                    outside: if is_inside { GONE } else { to.owner },
+                };
+                if !(limit >= 0.0
+                    && self.is_between_near::<L>(surface, patch, place, between, scratch))
+                {
+                    return false;
                 }
-            }
-        }
-        eight.n == 0 || self.are_near::<L>(surface, patch, place, &mut eight, scratch)
-    }
-
-    /// True if points are near the new triangles, or near those around the triangle that one of their ends belongs to.
-    #[inline(always)]
-    fn are_near<L: Lanes>(
-        &self,
-        surface: &Surface,
-        patch: &Patch,
-        place: [f32; 3],
-        eight: &mut Eight,
-        scratch: &mut Scratch,
-    ) -> bool {
-        let found = Search { faces: &scratch.faces, points: &eight.points }.run::<L>();
-        // Loops, since a closure would not be compiled for wide lanes.
-        for i in 0..std::mem::take(&mut eight.n) {
-            if found.distance_sq[i] <= eight.limit_sq[i] {
-                continue;
-            }
-            let (outside, limit_sq) = (eight.outside[i], eight.limit_sq[i]);
-            let point = std::array::from_fn(|k| eight.points[k][i] + place[k]);
-            if outside == GONE
-                || !self.is_near_outside::<L>(surface, patch, (point, limit_sq), outside, scratch)
-            {
-                return false;
             }
         }
         true
     }
 
-    /// True if a point is near a triangle outside of the patch or one of those around it.
+    /// True if an edge of the input is looked at from this end of it.
+    fn leads(&self, from: u32, to: u32) -> bool {
+        self.input.around(from).iter().any(|&[other, _]| other == to)
+    }
+
+    /// True if all between two witnesses is near the new triangles, or near those around the one that the other end belongs
+    /// to. The distance to one triangle is convex: one that is near two points is near all between them.
     #[inline(always)]
-    fn is_near_outside<L: Lanes>(
+    fn is_between_near<L: Lanes>(
         &self,
         surface: &Surface,
         patch: &Patch,
-        (point, limit_sq): ([f32; 3], f32),
-        triangle: u32,
+        place: [f32; 3],
+        between: Between,
         scratch: &mut Scratch,
     ) -> bool {
-        for v in surface.triangles[triangle as usize] {
-            let centre = self.local(surface.vertices[v as usize].position);
-            let faces = &mut scratch.input_faces;
-            faces.clear();
-            for &t in surface.ring(v) {
-                let corners = surface.triangles[t as usize];
-                if corners[0] == GONE || patch.ids.contains(&t) {
-                    continue;
-                }
-                let (b, c) = others(corners, v);
-                let [to_b, to_c] =
-                    [b, c].map(|w| sub(self.local(surface.vertices[w as usize].position), centre));
-                faces.extend(Face::new(t, (b, c), to_b, to_c));
+        // No closures here and below: they would not be compiled for wide lanes.
+        let shares = L::load(&SHARES);
+        let Between { start, edge, .. } = between;
+        let points = [
+            L::splat(start[0]).plus(L::splat(edge[0]).times(shares)),
+            L::splat(start[1]).plus(L::splat(edge[1]).times(shares)),
+            L::splat(start[2]).plus(L::splat(edge[2]).times(shares)),
+        ];
+        let limit_sq = L::splat(between.limit_sq);
+        let [own, other] = between.faces;
+        let near = scratch.faces[own as usize].off::<L>(points).0.below(limit_sq);
+        let (mut reached, mut proven) = (near, near & (near >> 1));
+        let near = match between.outside {
+            GONE => scratch.faces[other as usize].off::<L>(points).0.below(limit_sq),
+            triangle => self.near_triangle::<L>(surface, (triangle, place), points, limit_sq),
+        };
+        (reached, proven) = (reached | near, proven | near & (near >> 1));
+        for face in 0..scratch.faces.len() {
+            if proven == ALL_BETWEEN {
+                return true;
             }
-            let points = sub(point, centre).map(|x| [x; 8]);
-            let found = Search { faces, points: &points }.run::<L>();
-            if found.distance_sq[0] <= limit_sq {
+            let near = scratch.faces[face].off::<L>(points).0.below(limit_sq);
+            (reached, proven) = (reached | near, proven | near & (near >> 1));
+        }
+        if reached == ALL || between.outside == GONE {
+            return reached == ALL;
+        }
+        for v in surface.triangles[between.outside as usize] {
+            reached |= self.near_ring::<L>(surface, patch, (v, place), points, limit_sq);
+            if reached == ALL {
                 return true;
             }
         }
         false
     }
+
+    /// Which of eight points relative to the survivor are near a triangle outside of the collapse, one a bit.
+    #[inline(always)]
+    fn near_triangle<L: Lanes>(
+        &self,
+        surface: &Surface,
+        (triangle, place): (u32, [f32; 3]),
+        points: [L; 3],
+        limit_sq: L,
+    ) -> u32 {
+        let [corner, b, c] = surface.triangles[triangle as usize]
+            .map(|v| self.local(surface.vertices[v as usize].position));
+        let Some(face) = Face::new(0, (0, 0), sub(b, corner), sub(c, corner)) else { return 0 };
+        let points = moved(points, sub(place, corner));
+        face.off::<L>(points).0.below(limit_sq)
+    }
+
+    /// Which of eight points relative to the survivor are near the triangles around a vertex that are not of the collapse,
+    /// one a bit.
+    #[inline(always)]
+    fn near_ring<L: Lanes>(
+        &self,
+        surface: &Surface,
+        patch: &Patch,
+        (v, place): (u32, [f32; 3]),
+        points: [L; 3],
+        limit_sq: L,
+    ) -> u32 {
+        let centre = self.local(surface.vertices[v as usize].position);
+        let points = moved(points, sub(place, centre));
+        let mut near = 0;
+        for &t in surface.ring(v) {
+            let corners = surface.triangles[t as usize];
+            if corners[0] == GONE || patch.ids.contains(&t) {
+                continue;
+            }
+            let (b, c) = others(corners, v);
+            let [to_b, to_c] =
+                [b, c].map(|w| sub(self.local(surface.vertices[w as usize].position), centre));
+            if let Some(face) = Face::new(t, (b, c), to_b, to_c) {
+                near |= face.off::<L>(points).0.below(limit_sq);
+            }
+        }
+        near
+    }
+}
+
+#[inline(always)]
+fn moved<L: Lanes>(points: [L; 3], by: [f32; 3]) -> [L; 3] {
+    let [x, y, z] = points;
+    [x.plus(L::splat(by[0])), y.plus(L::splat(by[1])), z.plus(L::splat(by[2]))]
 }

@@ -57,8 +57,9 @@ impl Tracker {
         }
         for i in 0..self.scratch.witnesses.len() {
             let witness = self.scratch.witnesses[i];
-            let (triangle, distance_sq) = self.scratch.found[i];
-            self.distance[witness as usize] = distance_sq.sqrt();
+            let (face, distance_sq) = self.scratch.found[i];
+            let triangle = self.scratch.faces[face as usize].triangle;
+            self.input.witnesses[witness as usize].distance = distance_sq.sqrt();
             self.own(witness, triangle);
         }
     }
@@ -107,12 +108,12 @@ impl Tracker {
             }
         }
         for i in 0..scratch.witnesses.len() {
-            let mut witness = self.next[scratch.witnesses[i] as usize];
+            let mut witness = self.input.witnesses[scratch.witnesses[i] as usize].next;
             while witness != NONE {
                 if !self.hold_one::<L>(witness, place, &mut eight, &mut nearest, scratch) {
                     return None;
                 }
-                witness = self.next[witness as usize];
+                witness = self.input.witnesses[witness as usize].next;
             }
         }
         (eight.n == 0 || self.hold_eight::<L>(&mut eight, scratch)).then_some(nearest.1)
@@ -159,8 +160,7 @@ impl Tracker {
             if !is_near {
                 return false;
             }
-            let face = &scratch.faces[found.face[i] as usize];
-            scratch.found.push((face.triangle, found.distance_sq[i]));
+            scratch.found.push((found.face[i] as u32, found.distance_sq[i]));
         }
         eight.n = 0;
         true

@@ -9,6 +9,7 @@
 //! It decides nothing but yes or no; `schedule` chooses edges. docs/algorithm.md, section 13.
 
 mod between;
+mod fan;
 mod input;
 mod look;
 mod result;

@@ -1,11 +1,11 @@
 //! The new triangles as seen from the input: the survivor, points on open and on sharp edges, points within folded faces.
 
-use super::input::{NONE, Nearest};
+use super::fan::Fan;
+use super::input::NONE;
 use super::scratch::{Patch, Scratch};
 use super::tracker::Tracker;
-use crate::kernel::simd::{Job, Lanes};
+use crate::kernel::simd::Lanes;
 use crate::kernel::surface::Surface;
-use crate::kernel::surface::faces::{Face, Search};
 use crate::mesh::vec3::{dot, sub};
 
 /// Points within a face that are looked at, as weights of the second and third corner.
@@ -34,7 +34,7 @@ impl Tracker {
         nearest: u32,
         scratch: &mut Scratch,
     ) -> bool {
-        if !self.is_near::<L>(place, nearest, &mut scratch.input_faces) {
+        if !self.is_near::<L>(place, nearest, &mut scratch.fan) {
             return false;
         }
         for &(w, _) in patch.open {
@@ -120,65 +120,49 @@ impl Tracker {
             let share = seen / length;
             [place[0] + share * edge[0], place[1] + share * edge[1], place[2] + share * edge[2]]
         };
-        // The middle is the likeliest to be far.
-        let mut seen = 0.5 * length;
+        let mut seen = 0.0;
         let mut from = nearest;
-        let mut is_first = true;
         while seen < length {
             let point = along(seen);
-            let Some(found) = self.reaching::<L>(point, from, scratch) else { return false };
-            if std::mem::take(&mut is_first) {
-                seen = 0.0;
-                continue;
+            if !self.is_reached::<L>(point, from, scratch) {
+                return false;
             }
-            let [a, b, c] = found.corners;
-            let at = self.input.witnesses[a as usize].at;
-            let to_b = sub(self.input.witnesses[b as usize].at, at);
-            let to_c = sub(self.input.witnesses[c as usize].at, at);
-            let reach = self.limit - found.before;
-            let longest = self.input.witnesses[a as usize].longest;
-            let span = (2.0 * (reach + longest)).min(length - seen);
-            let start = sub(point, at);
-            let mut points = [[0.0f32; 8]; 3];
-            for k in 0..3 {
-                let step = span / (8.0 * length) * edge[k];
-                for (i, x) in points[k].iter_mut().enumerate() {
-                    *x = start[k] + (i + 1) as f32 * step;
-                }
-            }
+            let centre = self.input.witnesses[scratch.fan.centre as usize];
+            let around = 2.0 * (self.limit - centre.before + centre.longest);
+            let span = around.min(length - seen);
+            let start = sub(point, centre.at);
+            let step = edge.map(|x| span / (8.0 * length) * x);
+            let mut near = scratch.fan.reaching::<L>(start);
             let mut proven = 0;
-            if let Some(face) = Face::new(0, (b, c), to_b, to_c) {
-                let seen = Search { faces: &[face], points: &points }.run::<L>();
-                for i in 0..8 {
-                    if seen.distance_sq[i] <= reach * reach {
-                        proven = i + 1;
-                    }
+            for i in 1..=8 {
+                let share = i as f32;
+                let ahead = std::array::from_fn(|k| start[k] + share * step[k]);
+                let reaching = scratch.fan.reaching::<L>(ahead);
+                if near & reaching == 0 {
+                    break;
                 }
+                (near, proven) = (reaching, i);
             }
-            from = a;
+            from = scratch.fan.centre;
             seen += (proven as f32 / 8.0 * span).max(least);
         }
         true
     }
 
-    /// A triangle of the input within the bound of a point, if one is found.
+    /// True if a triangle of the input within the bound of a point is found; the fan that it is in is left loaded.
     #[inline(always)]
-    fn reaching<L: Lanes>(
-        &self,
-        point: [f32; 3],
-        from: u32,
-        scratch: &mut Scratch,
-    ) -> Option<Nearest> {
-        let mut found = self.input.nearest::<L>(point, from, &mut scratch.input_faces);
-        if found.distance_sq.sqrt() + found.before > self.limit {
-            // Walking can end in a place that is not the nearest.
-            let other = self.nearest_witness(point, scratch);
-            if other == NONE {
-                return None;
-            }
-            found = self.input.nearest::<L>(point, other, &mut scratch.input_faces);
+    fn is_reached<L: Lanes>(&self, point: [f32; 3], from: u32, scratch: &mut Scratch) -> bool {
+        let found = self.input.nearest::<L>(point, from, self.limit, &mut scratch.fan);
+        if found.distance_sq.sqrt() + found.before <= self.limit {
+            return true;
         }
-        (found.distance_sq.sqrt() + found.before <= self.limit).then_some(found)
+        // Walking can end in a place that is not the nearest.
+        let other = self.nearest_witness(point, scratch);
+        if other == NONE {
+            return false;
+        }
+        let found = self.input.nearest::<L>(point, other, self.limit, &mut scratch.fan);
+        found.distance_sq.sqrt() + found.before <= self.limit
     }
 
     /// Of the witnesses of the collapse about the nearest to a point.
@@ -200,19 +184,19 @@ impl Tracker {
     #[inline(always)]
     fn is_near_some<L: Lanes>(&self, point: [f32; 3], scratch: &mut Scratch) -> bool {
         let from = self.nearest_witness(point, scratch);
-        from == NONE || self.is_near::<L>(point, from, &mut scratch.input_faces)
+        from == NONE || self.is_near::<L>(point, from, &mut scratch.fan)
     }
 
     /// True if a point is near the input, found from a witness.
     #[inline(always)]
-    fn is_near<L: Lanes>(&self, point: [f32; 3], from: u32, faces: &mut Vec<Face>) -> bool {
+    fn is_near<L: Lanes>(&self, point: [f32; 3], from: u32, fan: &mut Fan) -> bool {
         let witness = &self.input.witnesses[from as usize];
         let relative = sub(point, witness.at);
         let room = self.limit - witness.before;
         if room >= 0.0 && dot(relative, relative) <= room * room {
             return true;
         }
-        let found = self.input.nearest::<L>(point, from, faces);
+        let found = self.input.nearest::<L>(point, from, self.limit, fan);
         found.distance_sq.sqrt() + found.before <= self.limit
     }
 }

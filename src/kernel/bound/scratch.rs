@@ -1,5 +1,6 @@
 //! One collapse as it is looked at: the triangles around it, and what is noted until it is carried out.
 
+use super::fan::Fan;
 use super::input::NONE;
 use crate::kernel::surface::faces::Face;
 use crate::mesh::vec3::Vec3;
@@ -43,12 +44,14 @@ pub(super) const MOST_REFUSED: usize = 1 << (32 - REFUSED_SHIFT);
 pub(crate) struct Scratch {
     pub(super) faces: Vec<Face>,
     /// Of the input, around a witness.
-    pub(super) input_faces: Vec<Face>,
+    pub(super) fan: Fan,
     pub(super) witnesses: Vec<u32>,
     /// Longest edge of the input at any of them.
     pub(super) longest: f32,
-    /// Triangle and squared distance of each.
+    /// Place in `faces` and squared distance of each.
     pub(super) found: Vec<(u32, f32)>,
+    /// Whether edges of the input from each were looked at.
+    pub(super) is_done: Vec<bool>,
 }
 
 /// Up to eight witnesses that are held against the faces together.
@@ -57,7 +60,5 @@ pub(super) struct Eight {
     /// Relative to the survivor.
     pub(super) points: [[f32; 8]; 3],
     pub(super) limit_sq: [f32; 8],
-    /// Triangle of the other end of what a point lies on, if it does not belong to the patch.
-    pub(super) outside: [u32; 8],
     pub(super) n: usize,
 }

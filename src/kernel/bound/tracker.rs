@@ -22,12 +22,6 @@ pub(crate) struct Tracker {
     pub(super) scale: f64,
     pub(super) simd: Simd,
     pub(super) input: Input,
-    /// Distance of each witness from the surface, at most; scaled.
-    pub(super) distance: Vec<f32>,
-    /// Triangle of the surface that each witness belongs to.
-    pub(super) owner: Vec<u32>,
-    /// The next witness of the same triangle.
-    pub(super) next: Vec<u32>,
     /// The first witness of each triangle.
     pub(super) head: Vec<u32>,
     /// Place of each witness in `scratch`, if it is.
@@ -68,6 +62,9 @@ impl Tracker {
                 at: [local(0), local(1), local(2)],
                 before: before(v) * surface.scale as f32 + margins.get(v as usize).unwrap_or(&0.0),
                 longest: 0.0,
+                distance: 0.0,
+                owner: GONE,
+                next: NONE,
             }
         };
         let witnesses = (0..surface.vertices.len() as u32).map(witness).collect();
@@ -79,9 +76,6 @@ impl Tracker {
             scale: surface.scale,
             simd,
             input,
-            distance: vec![0.0; n],
-            owner: vec![GONE; n],
-            next: vec![NONE; n],
             head: vec![NONE; surface.triangles.len()],
             slot: vec![0; n],
             scratch: Scratch::default(),
@@ -90,7 +84,7 @@ impl Tracker {
         };
         for (id, t) in surface.triangles.iter().enumerate().filter(|(_, t)| t[0] != GONE) {
             for &v in t {
-                if tracker.owner[v as usize] == GONE {
+                if tracker.input.witnesses[v as usize].owner == GONE {
                     tracker.own(v, id as u32);
                 }
             }
@@ -101,27 +95,26 @@ impl Tracker {
     /// Memory that it holds, in bytes.
     pub(crate) fn bytes(&self) -> u64 {
         let refused = self.refused.len() * size_of::<Refused>();
-        let lists = 4 * (self.distance.len() + self.owner.len() + self.next.len());
         let places = 4 * (self.head.len() + self.slot.len() + self.margins.len());
-        self.input.bytes() + (refused + lists + places) as u64
+        self.input.bytes() + (refused + places) as u64
     }
 
     /// Gives a witness to a triangle. The farthest one comes first: it is the most likely to forbid a collapse.
     pub(super) fn own(&mut self, witness: u32, triangle: u32) {
-        self.owner[witness as usize] = triangle;
         let first = self.head[triangle as usize];
-        if first == NONE || self.far(witness) >= self.far(first) {
-            self.next[witness as usize] = first;
-            self.head[triangle as usize] = witness;
-        } else {
-            self.next[witness as usize] = self.next[first as usize];
-            self.next[first as usize] = witness;
-        }
+        let is_first = first == NONE || self.far(witness) >= self.far(first);
+        let next = match is_first {
+            true => std::mem::replace(&mut self.head[triangle as usize], witness),
+            false => std::mem::replace(&mut self.input.witnesses[first as usize].next, witness),
+        };
+        let witness = &mut self.input.witnesses[witness as usize];
+        (witness.owner, witness.next) = (triangle, next);
     }
 
     /// Distance of the surface from the original at a witness, at most; scaled.
     pub(super) fn far(&self, witness: u32) -> f32 {
-        self.distance[witness as usize] + self.input.witnesses[witness as usize].before
+        let witness = &self.input.witnesses[witness as usize];
+        witness.distance + witness.before
     }
 
     pub(super) fn local(&self, position: Vec3) -> [f32; 3] {
@@ -142,8 +135,8 @@ impl Tracker {
         }
         self.head = head;
         self.refused.fill(Refused::NONE);
-        for owner in self.owner.iter_mut().filter(|owner| **owner != GONE) {
-            *owner = place[*owner as usize];
+        for witness in self.input.witnesses.iter_mut().filter(|witness| witness.owner != GONE) {
+            witness.owner = place[witness.owner as usize];
         }
     }
 
@@ -151,9 +144,10 @@ impl Tracker {
     /// input units.
     pub(crate) fn reach(&self, surface: &Surface) -> Vec<f32> {
         let mut reach = vec![0.0f32; surface.vertices.len()];
-        for (witness, &owner) in self.owner.iter().enumerate().filter(|(_, t)| **t != GONE) {
+        let owned = self.input.witnesses.iter().enumerate().filter(|(_, one)| one.owner != GONE);
+        for (witness, one) in owned {
             let far = self.far(witness as u32) - self.margins.get(witness).unwrap_or(&0.0);
-            for v in surface.triangles[owner as usize] {
+            for v in surface.triangles[one.owner as usize] {
                 let reach = &mut reach[v as usize];
                 *reach = reach.max(far);
             }

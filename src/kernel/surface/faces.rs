@@ -15,9 +15,8 @@ pub(crate) struct Face {
     pub(crate) to_b: [f32; 3],
     pub(crate) to_c: [f32; 3],
     pub(crate) normal: [f32; 3],
-    bb: f32,
-    bc: f32,
-    cc: f32,
+    /// b with b, b with c, c with c.
+    products: [f32; 3],
     /// One over: the determinant, the squared lengths of the sides at b, at c and opposite.
     inverse: [f32; 4],
 }
@@ -45,11 +44,23 @@ impl Face {
             to_b,
             to_c,
             normal: n.map(|x| x / length),
-            bb,
-            bc,
-            cc,
+            products: [bb, bc, cc],
             inverse: [1.0 / det, 1.0 / bb, 1.0 / cc, 1.0 / opposite],
         })
+    }
+
+    /// Squared distances of eight points relative to the vertex, the weights of b and c at the nearest points, and the
+    /// signed distances to the plane.
+    #[inline(always)]
+    pub(crate) fn off<L: Lanes>(&self, p: [L; 3]) -> (L, L, L, L) {
+        let along = [dot3(self.to_b, p), dot3(self.to_c, p)];
+        let height = dot3(self.normal, p);
+        let [bb, bc, cc] = self.products;
+        let products = [L::splat(bb), L::splat(bc), L::splat(cc)];
+        let [det, by_bb, by_cc, by_opposite] = self.inverse;
+        let inverse = [L::splat(det), L::splat(by_bb), L::splat(by_cc), L::splat(by_opposite)];
+        let (b, c, off) = nearest_weights(along, products, inverse);
+        (height.times(height).plus(off), b, c, height)
     }
 }
 
@@ -83,52 +94,62 @@ fn unit_range<L: Lanes>(x: L) -> L {
     L::lt_select(x, one, x, one)
 }
 
+/// Weights of b and c at the nearest points of triangles to points, and the squared distances of those from the feet of
+/// the points in the triangles' planes.
+///
+/// Takes the products of the points, relative to the first corner, with the sides to b and c; the products of those
+/// sides, b with b, b with c, c with c; and one over the determinant, over the squared lengths of the sides at b, at c
+/// and opposite.
+#[inline(always)]
+pub(crate) fn nearest_weights<L: Lanes>(
+    [pb, pc]: [L; 2],
+    [bb, bc, cc]: [L; 3],
+    [inverse, by_bb, by_cc, by_opposite]: [L; 4],
+) -> (L, L, L) {
+    let (zero, one) = (L::splat(0.0), L::splat(1.0));
+    // Where the foot of the point lies in the plane.
+    let b = cc.times(pb).minus(bc.times(pc)).times(inverse);
+    let c = bb.times(pc).minus(bc.times(pb)).times(inverse);
+    let a = one.minus(b).minus(c);
+    // Nearest points on the three sides, and how far the foot is from them.
+    let on_b = unit_range(pb.times(by_bb));
+    let on_c = unit_range(pc.times(by_cc));
+    let across = unit_range(pc.minus(pb).minus(bc.minus(bb)).times(by_opposite));
+    // A closure would not be inlined into the wide version.
+    macro_rules! off {
+        ($b:expr, $c:expr) => {{
+            let (u, v) = (b.minus($b), c.minus($c));
+            let uv = u.times(v).times(bc);
+            bb.times(u.times(u)).plus(uv.plus(uv)).plus(cc.times(v.times(v)))
+        }};
+    }
+    let rest = one.minus(across);
+    let (off_b, off_c, off_a) = (off!(on_b, zero), off!(zero, on_c), off!(rest, across));
+    let near_b = L::lt_select(off_c, off_b, zero, on_b);
+    let near_c = L::lt_select(off_c, off_b, on_c, zero);
+    let off = L::lt_select(off_c, off_b, off_c, off_b);
+    let near_b = L::lt_select(off_a, off, rest, near_b);
+    let near_c = L::lt_select(off_a, off, across, near_c);
+    let off = L::lt_select(off_a, off, off_a, off);
+    // Within the triangle the foot itself is it.
+    let ab = L::lt_select(a, b, a, b);
+    let lowest = L::lt_select(ab, c, ab, c);
+    let near_b = L::lt_select(lowest, zero, near_b, b);
+    let near_c = L::lt_select(lowest, zero, near_c, c);
+    (near_b, near_c, L::lt_select(lowest, zero, off, zero).greater(zero))
+}
+
 impl Job for Search<'_> {
     type Output = Found;
 
     #[inline(always)]
     fn run<L: Lanes>(self) -> Found {
         let p = [L::load(&self.points[0]), L::load(&self.points[1]), L::load(&self.points[2])];
-        let (zero, one) = (L::splat(0.0), L::splat(1.0));
+        let zero = L::splat(0.0);
         let mut least = L::splat(f32::INFINITY);
         let (mut face, mut best_b, mut best_c, mut best_h) = (zero, zero, zero, zero);
         for (i, f) in self.faces.iter().enumerate() {
-            let (bb, bc, cc) = (L::splat(f.bb), L::splat(f.bc), L::splat(f.cc));
-            let (pb, pc) = (dot3(f.to_b, p), dot3(f.to_c, p));
-            let height = dot3(f.normal, p);
-            let inverse = L::splat(f.inverse[0]);
-            // Where the foot of the sample lies in the plane.
-            let b = cc.times(pb).minus(bc.times(pc)).times(inverse);
-            let c = bb.times(pc).minus(bc.times(pb)).times(inverse);
-            let a = one.minus(b).minus(c);
-            // Nearest points on the three sides, and how far the foot is from them.
-            let on_b = unit_range(pb.times(L::splat(f.inverse[1])));
-            let on_c = unit_range(pc.times(L::splat(f.inverse[2])));
-            let across = pc.minus(pb).minus(bc.minus(bb)).times(L::splat(f.inverse[3]));
-            let across = unit_range(across);
-            // A closure would not be inlined into the wide version.
-            macro_rules! off {
-                ($b:expr, $c:expr) => {{
-                    let (u, v) = (b.minus($b), c.minus($c));
-                    let uv = u.times(v).times(bc);
-                    bb.times(u.times(u)).plus(uv.plus(uv)).plus(cc.times(v.times(v)))
-                }};
-            }
-            let rest = one.minus(across);
-            let (off_b, off_c, off_a) = (off!(on_b, zero), off!(zero, on_c), off!(rest, across));
-            let near_b = L::lt_select(off_c, off_b, zero, on_b);
-            let near_c = L::lt_select(off_c, off_b, on_c, zero);
-            let off = L::lt_select(off_c, off_b, off_c, off_b);
-            let near_b = L::lt_select(off_a, off, rest, near_b);
-            let near_c = L::lt_select(off_a, off, across, near_c);
-            let off = L::lt_select(off_a, off, off_a, off);
-            // Within the triangle the foot itself is it.
-            let ab = L::lt_select(a, b, a, b);
-            let lowest = L::lt_select(ab, c, ab, c);
-            let near_b = L::lt_select(lowest, zero, near_b, b);
-            let near_c = L::lt_select(lowest, zero, near_c, c);
-            let off = L::lt_select(lowest, zero, off, zero).greater(zero);
-            let distance_sq = height.times(height).plus(off);
+            let (distance_sq, near_b, near_c, height) = f.off::<L>(p);
             face = L::lt_select(distance_sq, least, L::splat(i as f32), face);
             best_b = L::lt_select(distance_sq, least, near_b, best_b);
             best_c = L::lt_select(distance_sq, least, near_c, best_c);

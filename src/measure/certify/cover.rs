@@ -180,6 +180,8 @@ pub(super) struct Cover<'a> {
     per_cut: f64,
     progress: &'a Progress,
     hint: u32,
+    /// The triangle that is nearest to the middle of the piece at hand, if it is known.
+    nearest: Option<u32>,
     stack: Vec<Open>,
     pub found: Found,
     /// Pieces that this tree does not prove.
@@ -201,6 +203,7 @@ impl<'a> Cover<'a> {
             per_cut,
             progress,
             hint: u32::MAX,
+            nearest: None,
             stack: Vec::new(),
             found: Found::default(),
             left: Vec::new(),
@@ -214,6 +217,7 @@ impl<'a> Cover<'a> {
             self.left.push(piece);
             return Ok(());
         }
+        self.nearest = None;
         if let Some(upper) = self.at_once(&piece) {
             self.found.is_apart |= upper > 0.0;
             self.found.upper = self.found.upper.max(self.goal.bound);
@@ -228,10 +232,7 @@ impl<'a> Cover<'a> {
         let limit = self.limits(self.goal.bound).at(piece.depth);
         // Where everything may be in its place still, only that counts at first.
         let lazy = if self.goal.bound <= self.goal.floor { 0.0 } else { limit };
-        let guess = |slot: u32| {
-            let upper = piece.upper(self.tree.corners(slot));
-            (upper <= limit).then_some(upper)
-        };
+        let guess = |slot: u32| piece.upper_within(self.tree.corners(slot), limit);
         if (self.hint as usize) < self.tree.len()
             && let Some(upper) = guess(self.hint)
             && upper <= lazy
@@ -245,7 +246,10 @@ impl<'a> Cover<'a> {
         let near = self.tree.guess(middle, self.hint);
         let found = self.tree.nearest_unless_within(middle, near, enough_sq);
         self.hint = found.slot;
-        guess(found.slot)
+        let upper = guess(found.slot);
+        // If it was near enough to end the search before, it has proven the piece, but for rounding.
+        self.nearest = (enough_sq < 0.0 || found.distance_sq > enough_sq).then_some(found.slot);
+        upper
     }
 
     fn limits(&self, bound: f64) -> Limits {
@@ -256,6 +260,8 @@ impl<'a> Cover<'a> {
         let mut bound = self.goal.bound;
         let mut steps = 0;
         let mut worst: Option<Beyond> = None;
+        // The search for one triangle near the whole has ended at the nearest to its middle, as a rule.
+        let mut known = self.nearest.take();
         self.stack.clear();
         self.stack.push(Open { piece: whole, slots: [self.hint; KEPT] });
         while let Some(Open { piece, slots }) = self.stack.pop() {
@@ -268,8 +274,10 @@ impl<'a> Cover<'a> {
             // It must be clearly nearer than what raises the bound, which takes the nearest.
             let enough = self.limits(bound).at(piece.depth + CLEARLY) - piece.radius(middle);
             let enough_sq = if enough > 0.0 { enough * enough } else { -1.0 };
-            let guess = self.tree.guess(middle, slots[0]);
-            let near = self.tree.nearest_unless_within(middle, guess, enough_sq).slot;
+            let near = known.take().unwrap_or_else(|| {
+                let guess = self.tree.guess(middle, slots[0]);
+                self.tree.nearest_unless_within(middle, guess, enough_sq).slot
+            });
             let distance = upper(middle, self.tree.corners(near));
             let is_final = self.is_final.holds(middle, distance);
             if is_final {

@@ -90,6 +90,19 @@ impl Piece {
         self.corners.iter().map(|&corner| upper(corner, t)).fold(0.0, f64::max)
     }
 
+    /// The same if it is at most `limit`.
+    pub fn upper_within(&self, t: &[Vector; 3], limit: f64) -> Option<f64> {
+        let mut most = 0f64;
+        for &corner in &self.corners {
+            let upper = upper(corner, t);
+            if upper > limit || upper.is_nan() {
+                return None;
+            }
+            most = most.max(upper);
+        }
+        Some(most)
+    }
+
     /// Both halves, cut across the longest edge.
     pub fn halves(&self) -> [Piece; 2] {
         let (_, i) = self.longest_sq();
