@@ -1,6 +1,6 @@
 // Simplification by CGAL within a polyhedral envelope, for tools/bound_peers.py.
 //
-//   g++ -O3 -DNDEBUG cgal_envelope.cpp -o cgal_envelope -lgmp -lmpfr
+//   g++ -O3 -DNDEBUG -I/usr/include/eigen3 cgal_envelope.cpp -o cgal_envelope -lgmp -lmpfr
 //   cgal_envelope IN.obj OUT.off EPSILON
 
 #include <CGAL/Polygon_mesh_processing/IO/polygon_mesh_io.h>
