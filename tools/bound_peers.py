@@ -52,7 +52,7 @@ def vtk_pro(source, out, bound):
     decimate.SetTargetReduction(1.0)
     decimate.PreserveTopologyOn()
     decimate.SplittingOff()
-    decimate.ErrorIsAbsoluteOn()
+    decimate.SetErrorIsAbsolute(1)
     decimate.SetAbsoluteError(bound)
     vtk_with(decimate, source, out)
 

@@ -15,6 +15,7 @@ mod original;
 mod pages;
 mod settings;
 mod texels;
+mod vertex_colours;
 
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
@@ -32,6 +33,7 @@ use settings::NormalReport;
 pub use settings::{BakeReport, Corner, Means, NormalSource, Options, TANGENT_BYTES};
 use std::path::{Path, PathBuf};
 use texels::Canvases;
+pub use vertex_colours::{Coloured, colour_properties, colour_vertices, has_only_images};
 
 /// Finished pages, and the texture coordinates of the result's corners in a file.
 #[derive(Clone, Debug, Serialize, Deserialize)]

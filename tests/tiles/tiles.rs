@@ -150,6 +150,18 @@ fn make(disk: &Disk, config: &TilesConfig) -> stonecut::Result<()> {
 fn a_run_that_stopped_anywhere_is_continued_to_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     expect(folder.path(), "synth statue in.ply --triangles 20k", 0);
+    stopped_anywhere(&folder);
+}
+
+#[test]
+fn a_run_over_images_that_stopped_anywhere_is_continued_to_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    painted(folder.path(), 100);
+    expect(folder.path(), "convert in.obj in.ply", 0);
+    stopped_anywhere(&folder);
+}
+
+fn stopped_anywhere(folder: &tempfile::TempDir) {
     let disk = Disk::default();
     make(&disk, &config(folder.path(), "whole")).unwrap();
     let whole = files(&folder.path().join("whole"));
@@ -169,6 +181,86 @@ fn a_run_that_stopped_anywhere_is_continued_to_the_same_bytes() {
         assert!(files(&config.output) == whole, "stopped at change {}", 1 + i * n / 24);
         std::fs::remove_dir_all(&config.output).unwrap();
     }
+}
+
+/// A wavy sheet of `n` by `n` squares with two images: red to blue, and green.
+fn painted(folder: &Path, n: u32) {
+    let ramp = |x: u32, _| image::Rgb([255 - x as u8, 0, x as u8]);
+    image::RgbImage::from_fn(256, 64, ramp).save(folder.join("ramp.png")).unwrap();
+    image::RgbImage::from_pixel(8, 8, image::Rgb([0, 200, 0]))
+        .save(folder.join("green.png"))
+        .unwrap();
+    std::fs::write(
+        folder.join("in.mtl"),
+        "newmtl ramp\nmap_Kd ramp.png\nnewmtl green\nmap_Kd green.png\n",
+    )
+    .unwrap();
+    let mut text = "mtllib in.mtl\n".to_owned();
+    let at = |i: u32| f64::from(i) / f64::from(n);
+    for (i, j) in (0..=n).flat_map(|i| (0..=n).map(move |j| (i, j))) {
+        let (x, y) = (at(i), at(j));
+        let z = 0.05 * (9.0 * x).sin() * (7.0 * y).cos();
+        text += &format!("v {x} {y} {z}\nvt {x} {y}\n");
+    }
+    for half in 0..2 {
+        text += ["usemtl ramp\n", "usemtl green\n"][half as usize];
+        for (i, j) in (0..n).flat_map(|i| (half * n / 2..(half + 1) * n / 2).map(move |j| (i, j))) {
+            let id = |i: u32, j: u32| i * (n + 1) + j + 1;
+            let [a, b, c, d] = [id(i, j), id(i + 1, j), id(i + 1, j + 1), id(i, j + 1)];
+            text += &format!("f {a}/{a} {b}/{b} {c}/{c}\nf {a}/{a} {c}/{c} {d}/{d}\n");
+        }
+    }
+    std::fs::write(folder.join("in.obj"), text).unwrap();
+}
+
+#[test]
+fn vertices_get_their_colours_from_images() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    painted(path, 120);
+    expect(path, "tiles in.obj out --tile-triangles 900 --report r.json", 0);
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(path.join("r.json")).unwrap()).unwrap();
+    assert!(report["notes"].to_string().contains("vertices have colours out of them"), "{report}");
+    expect(path, "extract out all.ply --max-error 0", 0);
+    expect(path, "info --check out", 0);
+    let source = stonecut::io::ply::MeshSource::open(&path.join("all.ply")).unwrap();
+    let mut block = stonecut::io::ply::VertexBlock::default();
+    source.read_vertices(0, &mut block).unwrap();
+    let bytes = source.schema().record_bytes();
+    let names: Vec<_> = source.schema().properties.iter().map(|p| p.name.as_str()).collect();
+    assert_eq!(names, ["red", "green", "blue"]);
+    let mut n = 0;
+    for record in block.records.chunks_exact(bytes) {
+        let coordinate = |k: usize| match bytes {
+            15 => f64::from(f32::from_le_bytes(record[4 * k..][..4].try_into().unwrap())),
+            _ => f64::from_le_bytes(record[8 * k..][..8].try_into().unwrap()),
+        };
+        let [red, green, blue] = *record.last_chunk::<3>().unwrap();
+        let (x, y) = (coordinate(0), coordinate(1));
+        if y > 0.51 {
+            assert_eq!([red, green, blue], [0, 200, 0], "at {x} {y}");
+        } else if y < 0.49 && (0.01..0.99).contains(&x) {
+            // The image repeats beyond its ends.
+            let found = (f64::from(blue), f64::from(red));
+            let off = (found.0 - 256.0 * x + 0.5).abs().max((found.1 - 255.5 + 256.0 * x).abs());
+            assert!(green == 0 && off < 3.0, "{red} {green} {blue} at {x} {y}");
+        }
+        n += 1;
+    }
+    assert_eq!(n, 121 * 121);
+}
+
+#[test]
+fn colours_out_of_images_are_the_same_for_any_threads_and_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    painted(path, 120);
+    let cut = |name: &str, options: &str| {
+        expect(path, &format!("tiles in.obj {name} --tile-triangles 900 {options}"), 0);
+        files(&path.join(name))
+    };
+    assert!(cut("one", "--threads 1 --memory 200MiB") == cut("two", "--threads 3 --memory 2GiB"));
 }
 
 #[test]

@@ -149,7 +149,7 @@ impl Tracker {
         false
     }
 
-    /// Which of eight points relative to the survivor are near a triangle outside of the collapse, one a bit.
+    /// The points of eight relative to the survivor that are near a triangle outside of the collapse, one a bit.
     #[inline(always)]
     fn near_triangle<L: Lanes>(
         &self,
@@ -165,8 +165,8 @@ impl Tracker {
         face.off::<L>(points).0.below(limit_sq)
     }
 
-    /// Which of eight points relative to the survivor are near the triangles around a vertex that are not of the collapse,
-    /// one a bit.
+    /// The points of eight relative to the survivor that are near the triangles around a vertex which are not of the
+    /// collapse, one a bit.
     #[inline(always)]
     fn near_ring<L: Lanes>(
         &self,

@@ -1,9 +1,7 @@
 //! The mesh as it was given: its vertices, its triangles, and which triangles are around a vertex.
 //!
-//! Only read. Answers how far a point is from it, searching from a vertex nearby.
+//! Only read, but for what is known of the witnesses.
 
-use super::fan::Fan;
-use crate::kernel::simd::Lanes;
 use crate::kernel::vertex::GONE;
 use crate::mesh::vec3::{dot, sub};
 
@@ -27,8 +25,6 @@ pub(crate) struct Witness {
     pub(super) next: u32,
 }
 
-/// Steps that a search takes from vertex to vertex.
-const MAX_STEPS: usize = 16;
 /// Witnesses, and for each of them the triangles around it.
 #[derive(Clone)]
 pub(super) struct Input {
@@ -83,46 +79,4 @@ impl Input {
         let [first, end] = [0, 1].map(|i| self.first[witness as usize + i] as usize);
         &self.around[first..end]
     }
-
-    /// Place of the input near a point, found by walking downhill from a witness. The fan that it lies in is left loaded.
-    #[inline(always)]
-    pub(super) fn nearest<L: Lanes>(
-        &self,
-        point: [f32; 3],
-        from: u32,
-        limit: f32,
-        fan: &mut Fan,
-    ) -> Nearest {
-        let mut at = from;
-        let mut best = Nearest { distance_sq: f32::INFINITY, before: 0.0 };
-        for _ in 0..MAX_STEPS {
-            fan.load::<L>(self, at, limit);
-            let found = fan.nearest::<L>(sub(point, self.witnesses[at as usize].at));
-            let is_nearer = found.distance_sq < best.distance_sq;
-            if !is_nearer {
-                break;
-            }
-            best = Nearest { distance_sq: found.distance_sq, before: found.before };
-            let [b, c] = found.weights;
-            if 1.0 - b - c > 0.5 {
-                break;
-            }
-            at = found.corners[usize::from(c > b)];
-        }
-        if best.distance_sq.is_infinite() {
-            let witness = &self.witnesses[from as usize];
-            let relative = sub(point, witness.at);
-            best = Nearest { distance_sq: dot(relative, relative), before: witness.before };
-        }
-        best
-    }
-}
-
-/// A place of the input that is near a point: hardly ever not the nearest.
-#[derive(Clone, Copy)]
-pub(super) struct Nearest {
-    /// Squared, scaled.
-    pub(super) distance_sq: f32,
-    /// Distance of the input from the original there, scaled.
-    pub(super) before: f32,
 }

@@ -16,3 +16,4 @@ mod result;
 pub(crate) mod scratch;
 pub(crate) mod tight;
 pub(crate) mod tracker;
+mod walk;

@@ -50,7 +50,7 @@ pub(crate) struct Scratch {
     pub(super) longest: f32,
     /// Place in `faces` and squared distance of each.
     pub(super) found: Vec<(u32, f32)>,
-    /// Whether edges of the input from each were looked at.
+    /// True of each that the edges of the input from it were looked at.
     pub(super) is_done: Vec<bool>,
 }
 

@@ -97,9 +97,9 @@ fn unit_range<L: Lanes>(x: L) -> L {
 /// Weights of b and c at the nearest points of triangles to points, and the squared distances of those from the feet of
 /// the points in the triangles' planes.
 ///
-/// Takes the products of the points, relative to the first corner, with the sides to b and c; the products of those
-/// sides, b with b, b with c, c with c; and one over the determinant, over the squared lengths of the sides at b, at c
-/// and opposite.
+/// Takes the products of the points, relative to the first corner, with the sides to b and c. Then those of the sides, b
+/// with b, b with c, c with c. Then one over the determinant and over the squared lengths of the sides at b, at c and
+/// opposite.
 #[inline(always)]
 pub(crate) fn nearest_weights<L: Lanes>(
     [pb, pc]: [L; 2],

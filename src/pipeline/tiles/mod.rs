@@ -19,11 +19,15 @@ pub use plan::{PreparedTiles, TilesPlan, prepare_tiles};
 use super::abandon;
 use super::run_report::InputReport;
 use super::sealed_stages::SealedStages;
+use crate::bake::{Coloured, Means, colour_vertices, has_only_images};
 use crate::error::{Error, Result};
+use crate::io::NUMBER;
+use crate::io::ply::MeshSource;
 use crate::io::tileset::{FILE_NAME, TileTree, write_tilesets};
 use crate::kernel;
 use crate::measure::step;
 use crate::mesh::codec::ChannelKind;
+use crate::mesh::record::VertexSchema;
 use crate::stages::partition::{Partition, partition_into_groups};
 use crate::stages::simplify::{Beside, Goal, channel_lengths, simplify_cells_beside, work_bytes};
 use crate::stages::stitch::{self, NewCells, within_reach};
@@ -126,12 +130,12 @@ fn run(
         config,
         pending: &pending,
         layout: layout(&source),
-        kernel: kernel_options(&source),
+        kernel: kernel_options(&plan::schema(&source)),
     };
     let n = source.n_triangles();
     let count = |cut: &(Partition, GroupGrid)| cut.0.store.triangles;
     let cut = stages.stages.stage(("partition", "partition"), n, count, |run| {
-        let outcome = guarded(|| partition_into_groups(&source, config.tile_triangles, run));
+        let outcome = guarded(|| cut_into_groups(&source, config, run));
         unchanged(&config.input, &marks, outcome)
     });
     let cut = cut.and_then(|cut: (Partition, GroupGrid)| match cut.0.store.triangles {
@@ -148,6 +152,10 @@ fn run(
             return Err(abandon(&job, error));
         }
     };
+    let coloured = job.outcome::<Coloured>(COLOURED)?;
+    if coloured.is_some() {
+        disk.remove(&job.path(COLOURED_FILE))?;
+    }
     let (rounds, top) = stages.rounds(&partition, &grid)?;
     stages.stages.begin("write", 1);
     let levels =
@@ -214,7 +222,7 @@ fn run(
         peak_memory_bytes: peak_bytes(),
         peak_temp_bytes: disk.peak_bytes(),
         stages: reports,
-        notes: notes(&source),
+        notes: notes(&source, coloured),
     };
     if !config.keep_temp {
         job.remove()?;
@@ -222,6 +230,37 @@ fn run(
     report.notes.extend(scalar_notes(&lost, rounds.first()));
     Ok(report)
 }
+
+/// Cuts the input into the groups of the first round; where it has images and no colours, a copy with colours out of them.
+fn cut_into_groups(
+    source: &MeshSource,
+    config: &TilesConfig,
+    run: &StageContext,
+) -> Result<(Partition, GroupGrid)> {
+    if !has_only_images(source) {
+        return partition_into_groups(source, config.tile_triangles, run);
+    }
+    let path = run.job.path(COLOURED_FILE);
+    let coloured = run.job.sealed(COLOURED, || {
+        let means = Means {
+            memory_bytes: run.memory_bytes,
+            threads: run.threads,
+            temp_dir: run.job.folder(),
+            disk: run.disk(),
+            progress: run.progress,
+        };
+        colour_vertices(source, &path, means)
+    })?;
+    let copy = MeshSource::open(&path)?;
+    let (mut partition, grid) = partition_into_groups(&copy, config.tile_triangles, run)?;
+    partition.degenerate_faces += coloured.degenerate_faces;
+    partition.bad_faces += coloured.bad_faces;
+    Ok((partition, grid))
+}
+
+/// The copy of the input with colours instead of images, and what it is recorded as.
+const COLOURED_FILE: &str = "coloured.ply";
+const COLOURED: &str = "coloured";
 
 /// Recorded before anything is written into the folder of the tree.
 const BEGUN: &str = "tiles begun";
@@ -231,8 +270,8 @@ fn is_empty(folder: &Path) -> bool {
 }
 
 /// Texture coordinates and regions mean nothing outside of their chart.
-fn kernel_options(source: &crate::io::ply::MeshSource) -> kernel::Options {
-    let kinds = source.schema().kernel_codec(&[]).channel_kinds(source.schema());
+fn kernel_options(schema: &VertexSchema) -> kernel::Options {
+    let kinds = schema.kernel_codec(&[]).channel_kinds(schema);
     let is_confined = |kind: &ChannelKind| *kind == ChannelKind::Texture;
     kernel::Options {
         fit: kernel::Fit::Off,
@@ -242,11 +281,7 @@ fn kernel_options(source: &crate::io::ply::MeshSource) -> kernel::Options {
     }
 }
 
-fn faults(
-    source: &crate::io::ply::MeshSource,
-    partition: &Partition,
-    degenerate: u64,
-) -> BTreeMap<String, u64> {
+fn faults(source: &MeshSource, partition: &Partition, degenerate: u64) -> BTreeMap<String, u64> {
     let found = source.faults();
     BTreeMap::from([
         ("degenerate_faces".to_owned(), degenerate),
@@ -274,15 +309,20 @@ fn scalar_notes(lost: &[String], leaves: Option<&Vec<GroupRecord>>) -> Vec<Strin
 }
 
 /// Parts of the input that tiles do not carry.
-fn notes(source: &crate::io::ply::MeshSource) -> Vec<String> {
+fn notes(source: &MeshSource, coloured: Option<Coloured>) -> Vec<String> {
     let mut notes = Vec::new();
+    let is_coloured = coloured.is_some();
     if source.require_no_texture().is_err() {
-        notes.push(
-            "texture coordinates and images are not carried: tiles have vertex colours only"
-                .to_owned(),
-        );
+        let instead = match is_coloured {
+            true => "vertices have colours out of them instead",
+            false => "tiles have vertex colours only",
+        };
+        notes.push(format!("texture coordinates and images are not carried: {instead}"));
     }
-    let faces: Vec<String> = source.face_properties().into_iter().map(|p| p.name).collect();
+    notes.extend(coloured.into_iter().flat_map(|coloured| coloured.notes));
+    let others = source.face_properties().into_iter().map(|p| p.name);
+    // The number of the material goes with the images.
+    let faces: Vec<String> = others.filter(|name| !(is_coloured && name == NUMBER)).collect();
     if !faces.is_empty() {
         notes.push(format!("properties of faces are not carried: {}", faces.join(", ")));
     }

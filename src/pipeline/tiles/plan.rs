@@ -1,6 +1,7 @@
 //! Opens the input of `tiles`, checks it against what was asked for, and plans the run; nothing is written yet.
 
 use super::config::{NAMED, TilesConfig};
+use crate::bake::{colour_properties, has_only_images};
 use crate::error::{Error, Result};
 use crate::io::StageOptions;
 use crate::io::ply::{MeshSource, ReadOptions};
@@ -32,6 +33,9 @@ pub(super) const LEFT: f64 = 0.25;
 
 /// Bytes of output for each triangle of a tile, packed and not.
 const OUTPUT_BYTES: [u64; 2] = [7, 16];
+
+/// Bytes of a triangle in the copy of the input that has colours instead of images.
+const FACE_BYTES: u64 = 13;
 
 /// End-to-end speed on one core of the reference machine in triangles/s, for the expected time only.
 const TRIANGLES_PER_SECOND_PER_CORE: f64 = 0.8e6;
@@ -161,6 +165,13 @@ impl TilesPlan {
         }
         // Later rounds carry ids and channels with every vertex.
         let row = (9 + layout.row_bytes(true)) as f64 * per_triangle.clamp(0.5, 3.0) + 12.0;
+        let coloured = match has_only_images(source) {
+            true => {
+                source.n_vertices() * schema(source).record_bytes() as u64
+                    + FACE_BYTES * triangles_in
+            }
+            false => 0,
+        };
         let output = (OUTPUT_BYTES[usize::from(!config.packs)] as f64
             + scalar_bytes(&layout.schema) * per_triangle.clamp(0.5, 3.0))
             * all;
@@ -170,7 +181,7 @@ impl TilesPlan {
             tiles: (1.5 * all / config.tile_triangles as f64).ceil() as u64,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
-            temp_bytes: store + (triangles_in as f64 * LEFT * row) as u64,
+            temp_bytes: store + coloured + (triangles_in as f64 * LEFT * row) as u64,
             output_bytes: output as u64,
             seconds: triangles_in as f64
                 / (TRIANGLES_PER_SECOND_PER_CORE * config.threads.get() as f64),
@@ -215,8 +226,17 @@ fn scalar_bytes(schema: &VertexSchema) -> f64 {
     (4 * carried_scalars(schema).0.len()) as f64
 }
 
+/// Properties of the vertices that are cut into tiles: those of the input, and the colours that they get from its images.
+pub(super) fn schema(source: &MeshSource) -> VertexSchema {
+    let mut schema = source.schema().clone();
+    if has_only_images(source) {
+        schema.properties.extend(colour_properties());
+    }
+    schema
+}
+
 /// Rows of vertices of a run.
 pub(super) fn layout(source: &MeshSource) -> VertexLayout {
     let weights = crate::mesh::attribute_weights::Weights::default();
-    VertexLayout::for_kernel(source.schema(), source.n_vertices(), &[], &weights)
+    VertexLayout::for_kernel(&schema(source), source.n_vertices(), &[], &weights)
 }

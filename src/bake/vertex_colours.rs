@@ -1,0 +1,294 @@
+//! Colours of vertices out of the input's images, for outputs that have colours but no images.
+//!
+//! A vertex gets the mean of what its corners show, in linear light, weighted by opacity: the part of the image that reaches
+//! halfway along the edges of each triangle. Sums of as many vertices as the memory holds are kept at a time;
+//! the faces are read once for each such window. Bytes depend neither on memory nor on threads.
+
+use super::Means;
+use super::original::map_of;
+use crate::error::{Error, Result};
+use crate::io::ply::{FaceBlock, FaceLooks, MeshSource, OutputHeader, PlyWriter, VertexBlock};
+use crate::mesh::property::{Property, Scalar};
+use crate::system::pending_file::Place;
+use crate::system::units::show_bytes;
+use crate::texture::{Decoded, ImageCache, Light, MapUse, Palette, Purpose, pixel_of};
+use serde::{Deserialize, Serialize};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::sync::Arc;
+
+/// Properties that are added.
+const COLOUR: [&str; 3] = ["red", "green", "blue"];
+
+/// Shares of the memory: decoded images, and sums.
+const IMAGE_SHARE: u64 = 2;
+const SUM_SHARE: u64 = 3;
+
+/// Colour of vertices that no image and no material colours.
+const NONE: [u8; 3] = [180; 3];
+
+/// Findings of colouring.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Coloured {
+    /// Images that could not be used, and other losses, a line each.
+    pub notes: Vec<String>,
+    /// Faces of the input that are left out: those without three different corners, and those with a fault.
+    pub degenerate_faces: u64,
+    /// Those with a fault.
+    pub bad_faces: u64,
+}
+
+/// True if vertices can get colours out of images, and there are none yet.
+pub fn has_only_images(source: &MeshSource) -> bool {
+    let has_colour = source.schema().properties.iter().any(|p| p.name == COLOUR[0]);
+    !has_colour
+        && source.has_corner_texture()
+        && source.materials().is_some_and(|m| !m.images.is_empty())
+}
+
+/// The properties that `colour_vertices` adds.
+pub fn colour_properties() -> [Property; 3] {
+    COLOUR.map(|name| Property::new(name, Scalar::U8))
+}
+
+/// Writes `source` as a PLY with a colour for each vertex, without images and texture coordinates.
+///
+/// Memory: 16 bytes a vertex of a window, as many as a third of it holds; one decoded image at least. Disk: the mesh.
+/// Errors: an image that does not fit into half of the memory once it is decoded, by name.
+pub fn colour_vertices(source: &MeshSource, to: &Path, means: Means) -> Result<Coloured> {
+    let image_bytes = means.memory_bytes / IMAGE_SHARE;
+    let palette = Palette::new(source.materials().map(Arc::as_ref), image_bytes, Purpose::View)?;
+    let cache = ImageCache::new(&palette, image_bytes);
+    let window = means.memory_bytes / SUM_SHARE / size_of::<Light>() as u64;
+    if window == 0 {
+        return Err(Error::NoMemory(format!(
+            "no memory for colours of vertices in {}; give more --memory",
+            show_bytes(means.memory_bytes)
+        )));
+    }
+    // Before the work: who sees that an image is missing may want to stop.
+    palette.notes().iter().for_each(|line| means.progress.note(line.clone()));
+    in_windows(source, to, means, (&palette, &cache), window)
+}
+
+fn in_windows(
+    source: &MeshSource,
+    to: &Path,
+    means: Means,
+    (palette, cache): (&Palette, &ImageCache),
+    window: u64,
+) -> Result<Coloured> {
+    let n_vertices = source.n_vertices();
+    let mut schema = source.schema().clone();
+    schema.properties.extend(colour_properties());
+    let mut coloured = Coloured::default();
+    let mut writer = None;
+    let mut first = 0;
+    let mut records = Vec::new();
+    let mut vertices = VertexBlock::default();
+    let mut block = 0;
+    while first < n_vertices || writer.is_none() {
+        let end = n_vertices.min(first.saturating_add(window));
+        let mut painter =
+            Painter { cache, palette, first, means, sums: vec![[0.0; 4]; (end - first) as usize] };
+        let counted = painter.paint(source)?;
+        let writer = match &mut writer {
+            Some(writer) => writer,
+            None => {
+                (coloured.degenerate_faces, coloured.bad_faces) =
+                    (counted.n_degenerate, counted.n_bad);
+                let header = OutputHeader {
+                    comments: source.plain_comments(),
+                    ..OutputHeader::new(schema.clone(), n_vertices, counted.n_triangles)
+                };
+                let place =
+                    Place { path: to.to_path_buf(), disk: means.disk.clone(), replace: true };
+                writer.insert(PlyWriter::create(place, header)?)
+            }
+        };
+        // A block of vertices may belong to two windows.
+        let mut next = first;
+        while next < end {
+            if next
+                >= vertices.first + (vertices.records.len() / source.schema().record_bytes()) as u64
+                || vertices.records.is_empty()
+            {
+                source.read_vertices(block, &mut vertices)?;
+                block += 1;
+            }
+            let bytes = source.schema().record_bytes();
+            let from = (next - vertices.first) as usize;
+            let n = (vertices.records.len() / bytes - from).min((end - next) as usize);
+            records.clear();
+            for (i, record) in
+                vertices.records[from * bytes..][..n * bytes].chunks_exact(bytes).enumerate()
+            {
+                records.extend_from_slice(record);
+                let [r, g, b, opacity] = pixel_of(painter.sums[(next - first) as usize + i]);
+                records.extend_from_slice(&if opacity > 0 { [r, g, b] } else { NONE });
+            }
+            writer.write_vertices(&records)?;
+            next += n as u64;
+        }
+        first = end;
+    }
+    let Some(mut writer) = writer else { return Ok(coloured) };
+    let mut faces = FaceBlock::default();
+    for index in 0..source.n_face_blocks() {
+        means.progress.check()?;
+        source.read_faces(index, &mut faces)?;
+        writer.write_faces(&faces.triangles)?;
+    }
+    writer.finish()?;
+    coloured.notes.extend(palette.notes().iter().cloned().chain(cache.notes()));
+    Ok(coloured)
+}
+
+#[derive(Default)]
+struct Counted {
+    n_triangles: u64,
+    n_degenerate: u64,
+    n_bad: u64,
+}
+
+/// Sums of the vertices from `first` on.
+struct Painter<'a> {
+    cache: &'a ImageCache<'a>,
+    palette: &'a Palette,
+    first: u64,
+    means: Means<'a>,
+    sums: Vec<Light>,
+}
+
+impl Painter<'_> {
+    /// Adds what every corner of a vertex of the window shows, in the order of the faces.
+    fn paint(&mut self, source: &MeshSource) -> Result<Counted> {
+        let mut counted = Counted::default();
+        let (mut faces, mut looks) = (FaceBlock::default(), FaceLooks::default());
+        for index in 0..source.n_face_blocks() {
+            self.means.progress.check()?;
+            source.read_faces_with_looks(index, &mut faces, &mut looks)?;
+            counted.n_triangles += faces.triangles.len() as u64;
+            counted.n_degenerate += faces.n_degenerate;
+            counted.n_bad += faces.n_bad;
+            let mut wanted = BTreeSet::new();
+            let mut by_image: BTreeMap<Option<usize>, Vec<usize>> = BTreeMap::new();
+            for (t, corners) in faces.triangles.iter().enumerate() {
+                if !corners.iter().any(|&v| self.place(v).is_some()) {
+                    continue;
+                }
+                let map = map_of(self.palette, looks.materials[t]);
+                by_image.entry(map.map(|map| map.image)).or_default().push(t);
+                wanted.extend(map.map(|map| map.image));
+            }
+            let wanted: Vec<usize> = wanted.into_iter().collect();
+            let mut left = &wanted[..];
+            self.add(by_image.remove(&None).unwrap_or_default(), &faces, &looks, None);
+            while !left.is_empty() {
+                let (now, rest) = left.split_at(self.cache.fitting(left));
+                let images = self.cache.get(now, self.means.threads, self.means.progress)?;
+                for (&number, image) in now.iter().zip(images) {
+                    let own = by_image.remove(&Some(number)).unwrap_or_default();
+                    self.add(own, &faces, &looks, image.as_deref());
+                }
+                left = rest;
+            }
+            self.means.progress.add(faces.triangles.len() as u64);
+        }
+        Ok(counted)
+    }
+
+    /// Adds triangles with one image, or none.
+    fn add(
+        &mut self,
+        triangles: Vec<usize>,
+        faces: &FaceBlock,
+        looks: &FaceLooks,
+        image: Option<&Decoded>,
+    ) {
+        for t in triangles {
+            let (corners, uv) = (faces.triangles[t], looks.texture[t]);
+            let material = looks.materials[t];
+            let map = map_of(self.palette, material);
+            let factor =
+                self.palette.paints.get(material as usize).map_or([1.0; 4], |paint| paint.factor);
+            for k in 0..3 {
+                let Some(place) = self.place(corners[k]) else { continue };
+                let light = match (image, map) {
+                    (Some(image), Some(map)) => {
+                        image.at(map, uv[k], width(map, uv, k), &self.cache.table)
+                    }
+                    _ => Some([1.0; 4]),
+                };
+                // Without an image the colour of the material counts, if it has one.
+                let (Some(light), true) = (light, image.is_some() || material != u32::MAX) else {
+                    continue;
+                };
+                let opacity = factor[3];
+                let sum = &mut self.sums[place];
+                for i in 0..3 {
+                    sum[i] += light[i] * factor[i] * opacity;
+                }
+                sum[3] += light[3] * opacity;
+            }
+        }
+    }
+
+    fn place(&self, vertex: u64) -> Option<usize> {
+        let place = vertex.checked_sub(self.first)? as usize;
+        (place < self.sums.len()).then_some(place)
+    }
+}
+
+/// Texels of the image from a corner halfway to the next ones: the part that its colour stands for.
+fn width(map: &MapUse, uv: [[f32; 2]; 3], corner: usize) -> f32 {
+    let along = map.texels_along();
+    let to = |other: usize| {
+        let [u, v] = [0, 1].map(|k| (uv[other][k] - uv[corner][k]) * along[k]);
+        u.hypot(v)
+    };
+    0.25 * (to((corner + 1) % 3) + to((corner + 2) % 3))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::system::disk::Disk;
+    use crate::system::progress::Progress;
+
+    #[test]
+    fn windows_of_vertices_do_not_show() {
+        let folder = tempfile::tempdir().unwrap();
+        let ply = "ply\nformat ascii 1.0\ncomment TextureFile t.png\nelement vertex 4\nproperty float x\n\
+            property float y\nproperty float z\nelement face 2\nproperty list uchar int vertex_indices\n\
+            property list uchar float texcoord\nend_header\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n\
+            3 0 1 2 6 0 0 1 0 1 1\n3 0 2 3 6 0 0 1 1 0 1\n";
+        std::fs::write(folder.path().join("in.ply"), ply).unwrap();
+        let pixel = |x: u32, y: u32| image::Rgb([40 * x as u8, 60 * y as u8, 7]);
+        image::RgbImage::from_fn(4, 4, pixel).save(folder.path().join("t.png")).unwrap();
+        let source = MeshSource::open(&folder.path().join("in.ply")).unwrap();
+        assert!(has_only_images(&source));
+        let (disk, progress) = (Disk::default(), Progress::default());
+        let coloured = |window: u64| {
+            let means = Means {
+                memory_bytes: 1 << 30,
+                threads: 1,
+                temp_dir: folder.path(),
+                disk: &disk,
+                progress: &progress,
+            };
+            let to = folder.path().join("out.ply");
+            let palette =
+                Palette::new(source.materials().map(Arc::as_ref), 1 << 30, Purpose::View).unwrap();
+            let cache = ImageCache::new(&palette, 1 << 30);
+            let found = in_windows(&source, &to, means, (&palette, &cache), window).unwrap();
+            assert_eq!(found, Coloured::default());
+            std::fs::read(&to).unwrap()
+        };
+        let whole = coloured(100);
+        // Two faces of 13 bytes, before them the last vertex.
+        let last = &whole[whole.len() - 26 - 3..][..3];
+        assert_eq!(last[2], 7, "{last:?}");
+        (1..5).for_each(|window| assert_eq!(coloured(window), whole, "{window} at a time"));
+    }
+}
