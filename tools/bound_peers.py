@@ -108,10 +108,10 @@ def mmgs(source, out, bound, stonecut):
 
 
 def cgal(source, out, bound, stonecut):
-    off = out + ".off"
+    result = out + ".result.obj"
     subprocess.run([stonecut, "convert", source, out + ".obj", "--force"], check=True, stderr=subprocess.DEVNULL)
-    subprocess.run(["cgal_envelope", out + ".obj", off, repr(bound)], check=True, stdout=subprocess.DEVNULL)
-    subprocess.run([stonecut, "convert", off, out, "--force"], check=True, stderr=subprocess.DEVNULL)
+    subprocess.run(["cgal_envelope", out + ".obj", result, repr(bound)], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([stonecut, "convert", result, out, "--force"], check=True, stderr=subprocess.DEVNULL)
 
 
 def read_ply(stonecut, path):

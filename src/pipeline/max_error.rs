@@ -32,9 +32,12 @@ use std::time::Instant;
 const MOST_TRIALS: usize = 9;
 /// After this many trials the bound is tightened everywhere.
 const LOCAL_TRIALS: usize = 7;
+/// Share of the bound that the first trial keeps: between the points that the kernel looks at the surface is a little farther
+/// away.
+const FIRST: f64 = 0.96;
 /// Share of the bound that the next trial keeps everywhere, beside the places: what changes there changes others a
 /// little, and some of them were about to exceed it.
-const EASED: f64 = 0.985;
+const EASED: f64 = 0.97;
 /// Share of the bound that is kept in hand, beyond the excess, where it was exceeded.
 const KEPT: f64 = 0.1;
 /// Growth of the ball around a place beyond the bound with every trial; the first one's radius is the longest edge of the
@@ -103,7 +106,7 @@ pub fn simplify(
         },
     };
     let mut trials: Vec<Trial> = Vec::new();
-    let mut tightened = Tightened { share: 1.0, places: Vec::new() };
+    let mut tightened = Tightened { share: FIRST, places: Vec::new() };
     while trials.len() < MOST_TRIALS && !trials.last().is_some_and(|trial| trial.ends(bound)) {
         let number = trials.len() + 1;
         if let Some(last) = trials.last() {

@@ -64,13 +64,13 @@ impl Tracker {
             if is_near {
                 continue;
             }
-            for &[other, _] in self.input.around(id) {
+            for other in self.input.neighbours(id) {
                 let to = &self.input.witnesses[other as usize];
                 let slot = self.slot[other as usize] as usize;
                 let is_inside = scratch.witnesses.get(slot) == Some(&other);
                 let (end, off) = match is_inside {
                     true if scratch.found[slot].0 == own => continue,
-                    true if slot < i && scratch.is_done[slot] && self.leads(other, id) => continue,
+                    true if slot < i && scratch.is_done[slot] => continue,
                     true => (Some(scratch.found[slot].0), scratch.found[slot].1.sqrt()),
                     false => (None, to.distance),
                 };
@@ -95,11 +95,6 @@ impl Tracker {
             }
         }
         true
-    }
-
-    /// True if an edge of the input is looked at from this end of it.
-    fn leads(&self, from: u32, to: u32) -> bool {
-        self.input.around(from).iter().any(|&[other, _]| other == to)
     }
 
     /// True if all between two witnesses is near the new triangles, or near those around the one that the other end belongs

@@ -74,6 +74,17 @@ impl Input {
         (witnesses + 4 * self.first.len() + size_of::<[u32; 2]>() * self.around.len()) as u64
     }
 
+    /// The witnesses at the other ends of the edges of a witness; each once where the input is manifold.
+    pub(super) fn neighbours(&self, witness: u32) -> impl Iterator<Item = u32> {
+        let around = self.around(witness);
+        // All are second corners but one at each open end, where a third corner has an edge of one triangle.
+        let is_open = around.iter().fold(0, |sum, [b, c]| sum ^ b ^ c) != 0;
+        let thirds = if is_open { around } else { &[] };
+        let is_end = move |c: &u32| !around.iter().any(|[b, _]| b == c);
+        let ends = thirds.iter().map(|&[_, c]| c).filter(is_end);
+        around.iter().map(|&[b, _]| b).chain(ends)
+    }
+
     /// The other two corners of each triangle around a witness.
     pub(super) fn around(&self, witness: u32) -> &[[u32; 2]] {
         let [first, end] = [0, 1].map(|i| self.first[witness as usize + i] as usize);

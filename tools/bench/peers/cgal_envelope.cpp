@@ -1,7 +1,7 @@
 // Simplification by CGAL within a polyhedral envelope, for tools/bound_peers.py.
 //
 //   g++ -O3 -DNDEBUG -I/usr/include/eigen3 cgal_envelope.cpp -o cgal_envelope -lgmp -lmpfr
-//   cgal_envelope IN.obj OUT.off EPSILON
+//   cgal_envelope IN.obj OUT.obj EPSILON
 
 #include <CGAL/Polygon_mesh_processing/IO/polygon_mesh_io.h>
 #include <CGAL/Simple_cartesian.h>
