@@ -102,6 +102,9 @@ fn run(
         // Builds that do not carry them cannot go on with the job, nor this one with theirs.
         settings.insert("attributes".to_owned(), scalars.len().to_string());
     }
+    if has_only_images(&source) {
+        settings.insert("colours".to_owned(), "images".to_owned());
+    }
     let identity = Identity { input: input.display().to_string(), input_marks, settings };
     let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
     let pending = config.pending_output();
