@@ -53,13 +53,15 @@ impl Tracker {
             if dot(face.normal, mean) > 0.0 { dot(n, n) / length_sq } else { 1.0 }
         });
         let turn = (2.0 * turn.fold(0.0, f32::max).sqrt()).min(1.0);
+        let is_closed = patch.open.is_empty();
         scratch.is_done.clear();
         for i in 0..scratch.witnesses.len() {
             let (id, (own, distance_sq)) = (scratch.witnesses[i], scratch.found[i]);
             let witness = self.input.witnesses[id as usize];
             let room = self.limit - witness.before;
             let least = room - 0.5 * turn * witness.longest;
-            let is_near = least > 0.0 && distance_sq <= least * least;
+            // An open edge can recede within a plane.
+            let is_near = is_closed && least > 0.0 && distance_sq <= least * least;
             scratch.is_done.push(!is_near);
             if is_near {
                 continue;
