@@ -63,13 +63,14 @@ impl Tracker {
             // An open edge can recede within a plane.
             let is_near = is_closed && least > 0.0 && distance_sq <= least * least;
             scratch.is_done.push(!is_near);
-            if is_near {
-                continue;
-            }
             for other in self.input.neighbours(id) {
                 let to = &self.input.witnesses[other as usize];
                 let slot = self.slot[other as usize] as usize;
                 let is_inside = scratch.witnesses.get(slot) == Some(&other);
+                // The turns are those of the new triangles: it may be sharper at the border.
+                if is_inside && is_near {
+                    continue;
+                }
                 let (end, off) = match is_inside {
                     true if scratch.found[slot].0 == own => continue,
                     true if slot < i && scratch.is_done[slot] => continue,
