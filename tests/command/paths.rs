@@ -315,7 +315,6 @@ fn the_kind_of_an_output_is_known_before_the_work() {
         "report run.json -o page",
         "measure in.ply small.ply --heatmap h.stl",
         "simplify in.ply o.ply --ratio 50% --seams s.obj",
-        "simplify in.ply o.ply --max-error 1 --until simplify",
         "simplify in.ply o.ply --max-error 1 --seams s.ply",
         "simplify in.ply o.stl --max-error 1 --error-field",
         "simplify in.ply o.ply --ratio 50% --error-field",
