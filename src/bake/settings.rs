@@ -1,5 +1,6 @@
 //! Settings, means and findings of a bake, for all files of this room.
 
+use crate::store::stage_context::StageContext;
 use crate::system::disk::Disk;
 use crate::system::progress::Progress;
 use serde::{Deserialize, Serialize};
@@ -31,6 +32,18 @@ pub struct Means<'a> {
     pub disk: &'a Disk,
     /// Counts triangles of the result; asks to stop.
     pub progress: &'a Progress,
+}
+
+impl<'a> From<&'a StageContext<'a>> for Means<'a> {
+    fn from(run: &'a StageContext<'a>) -> Means<'a> {
+        Means {
+            memory_bytes: run.memory_bytes,
+            threads: run.threads,
+            temp_dir: run.job.folder(),
+            disk: run.disk(),
+            progress: run.progress,
+        }
+    }
 }
 
 /// Findings of a bake.

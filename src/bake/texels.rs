@@ -19,19 +19,15 @@ use crate::mesh::morton::spread;
 use crate::mesh::vec3::{length_sq, sub};
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
-use crate::texture::{Decoded, ImageCache, Light, MapUse, Paint, Palette, opacity_of, pixel_of};
+use crate::texture::{ImageCache, Light, Palette, Spot, multiply, pixel_of, times_opacity};
 use std::ops::Range;
-use std::sync::Arc;
 
 /// Bytes of a point under way: the point, its places, its colour, and where it is listed.
-const POINT_BYTES: u64 = 240;
+const POINT_BYTES: u64 = 264;
 
 /// Points for a side of a texel: two where the original is about as dense, more where it is denser. Beyond, smaller
 /// sizes of its images are read.
 const SIDES: [u32; 3] = [2, 3, 4];
-
-/// Points that a thread takes at a time when colours are looked up.
-const BLOCK: usize = 4096;
 
 /// A place that faces the result may be farther than the nearest one by this share of the triangle's longest edge.
 const GRACE: f64 = 0.25;
@@ -345,100 +341,16 @@ impl Work {
             times_opacity([r, g, b, factor[3]])
         };
         let mut lights: Vec<Light> = hits.iter().map(plain).collect();
-        for role in [Role::Base, Role::Opacity] {
-            let image = |hit: &Hit| role.map(paint(hit)?).map(|map| map.image);
-            let mut wanted: Vec<(u32, u32)> = Vec::new();
-            for (i, hit) in hits.iter().enumerate() {
-                if let Some(image) = image(hit) {
-                    wanted.push((image as u32, i as u32));
-                }
-            }
-            wanted.sort_unstable();
-            let mut numbers: Vec<usize> = wanted.iter().map(|&(image, _)| image as usize).collect();
-            numbers.dedup();
-            let mut from = 0;
-            while from < numbers.len() {
-                let n = scene.images.fitting(&numbers[from..]);
-                let group = &numbers[from..from + n];
-                let images = scene.images.get(group, scene.threads, scene.progress)?;
-                let begin = wanted.partition_point(|&(image, _)| (image as usize) < group[0]);
-                let end = wanted.partition_point(|&(image, _)| image as usize <= group[n - 1]);
-                let some = &wanted[begin..end];
-                let look = Look { role, images: &images, group, spacing };
-                in_order(
-                    some.len().div_ceil(BLOCK) as u64,
-                    scene.threads,
-                    scene.progress,
-                    |block, out: &mut Vec<(u32, Light)>| {
-                        out.clear();
-                        let first = block as usize * BLOCK;
-                        for &(image, i) in &some[first..(first + BLOCK).min(some.len())] {
-                            let hit = &hits[i as usize];
-                            if let Some(light) = paint(hit)
-                                .and_then(|paint| look.at(paint, image as usize, hit, scene))
-                            {
-                                out.push((i, light));
-                            }
-                        }
-                        Ok(())
-                    },
-                    |_, found| {
-                        for &(i, light) in found.iter() {
-                            let own = &mut lights[i as usize];
-                            *own = std::array::from_fn(|k| own[k] * light[k]);
-                        }
-                        Ok(())
-                    },
-                )?;
-                from += n;
-            }
-        }
+        let spot = |hit: &Hit| Spot {
+            material: hit.material,
+            uv: hit.uv,
+            apart: f64::from(hit.per_unit) / spacing,
+        };
+        let spots: Vec<Spot> = hits.iter().map(spot).collect();
+        let looks = (scene.palette, scene.images);
+        multiply(&mut lights, &spots, looks, scene.threads, scene.progress)?;
         Ok(lights)
     }
-}
-
-/// Role of an image at a place.
-#[derive(Clone, Copy)]
-enum Role {
-    Base,
-    Opacity,
-}
-
-impl Role {
-    fn map(self, paint: &Paint) -> Option<&MapUse> {
-        match self {
-            Role::Base => paint.base.as_ref(),
-            Role::Opacity => paint.opacity.as_ref(),
-        }
-    }
-}
-
-/// Some images that colours are looked up in.
-struct Look<'a> {
-    role: Role,
-    images: &'a [Option<Arc<Decoded>>],
-    /// Their numbers, ascending.
-    group: &'a [usize],
-    /// Points per unit of length.
-    spacing: f64,
-}
-
-impl Look<'_> {
-    /// The factor that an image gives at a place; `None` where it has nothing to say.
-    fn at(&self, paint: &Paint, image: usize, hit: &Hit, scene: &Scene) -> Option<Light> {
-        let map = self.role.map(paint)?;
-        let decoded = self.images[self.group.binary_search(&image).ok()?].as_ref()?;
-        let width = f64::from(hit.per_unit) * map.texels_per_coordinate() / self.spacing;
-        let light = decoded.at(map, hit.uv, width as f32, &scene.images.table)?;
-        Some(match self.role {
-            Role::Base => light,
-            Role::Opacity => [opacity_of(light); 4],
-        })
-    }
-}
-
-fn times_opacity([r, g, b, opacity]: Light) -> Light {
-    [r * opacity, g * opacity, b * opacity, opacity]
 }
 
 /// Makes the texels that points lie in; `pixel` gets the numbers of the points of each.

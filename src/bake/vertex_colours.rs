@@ -5,15 +5,15 @@
 //! the faces are read once for each such window. Bytes depend neither on memory nor on threads.
 
 use super::Means;
-use super::original::map_of;
 use crate::error::{Error, Result};
 use crate::io::ply::{FaceBlock, FaceLooks, MeshSource, OutputHeader, PlyWriter, VertexBlock};
 use crate::mesh::property::{Property, Scalar};
 use crate::system::pending_file::Place;
 use crate::system::units::show_bytes;
-use crate::texture::{Decoded, ImageCache, Light, MapUse, Palette, Purpose, pixel_of};
+use crate::texture::{
+    ImageCache, Light, Palette, Purpose, Spot, multiply, pixel_of, times_opacity,
+};
 use serde::{Deserialize, Serialize};
-use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -66,8 +66,6 @@ pub fn colour_vertices(source: &MeshSource, to: &Path, means: Means) -> Result<C
             show_bytes(means.memory_bytes)
         )));
     }
-    // Before the work: who sees that an image is missing may want to stop.
-    palette.notes().iter().for_each(|line| means.progress.note(line.clone()));
     in_windows(source, to, means, (&palette, &cache), window)
 }
 
@@ -165,73 +163,36 @@ impl Painter<'_> {
     fn paint(&mut self, source: &MeshSource) -> Result<Counted> {
         let mut counted = Counted::default();
         let (mut faces, mut looks) = (FaceBlock::default(), FaceLooks::default());
+        let (mut places, mut spots, mut lights) = (Vec::new(), Vec::new(), Vec::new());
+        let Means { threads, progress, .. } = self.means;
         for index in 0..source.n_face_blocks() {
-            self.means.progress.check()?;
+            progress.check()?;
             source.read_faces_with_looks(index, &mut faces, &mut looks)?;
             counted.n_triangles += faces.triangles.len() as u64;
             counted.n_degenerate += faces.n_degenerate;
             counted.n_bad += faces.n_bad;
-            let mut wanted = BTreeSet::new();
-            let mut by_image: BTreeMap<Option<usize>, Vec<usize>> = BTreeMap::new();
+            places.clear();
+            spots.clear();
+            lights.clear();
             for (t, corners) in faces.triangles.iter().enumerate() {
-                if !corners.iter().any(|&v| self.place(v).is_some()) {
-                    continue;
+                let Some((uv, material)) = looks.of(t) else { continue };
+                let Some(paint) = self.palette.paints.get(material as usize) else { continue };
+                for k in 0..3 {
+                    if let Some(place) = self.place(corners[k]) {
+                        places.push(place);
+                        spots.push(Spot { material, uv: uv[k], apart: apart(uv, k) });
+                        lights.push(times_opacity(paint.factor));
+                    }
                 }
-                let map = map_of(self.palette, looks.materials[t]);
-                by_image.entry(map.map(|map| map.image)).or_default().push(t);
-                wanted.extend(map.map(|map| map.image));
             }
-            let wanted: Vec<usize> = wanted.into_iter().collect();
-            let mut left = &wanted[..];
-            self.add(by_image.remove(&None).unwrap_or_default(), &faces, &looks, None);
-            while !left.is_empty() {
-                let (now, rest) = left.split_at(self.cache.fitting(left));
-                let images = self.cache.get(now, self.means.threads, self.means.progress)?;
-                for (&number, image) in now.iter().zip(images) {
-                    let own = by_image.remove(&Some(number)).unwrap_or_default();
-                    self.add(own, &faces, &looks, image.as_deref());
-                }
-                left = rest;
+            multiply(&mut lights, &spots, (self.palette, self.cache), threads, progress)?;
+            for (&place, light) in places.iter().zip(&lights) {
+                let sum: &mut Light = &mut self.sums[place];
+                *sum = std::array::from_fn(|i| sum[i] + light[i]);
             }
-            self.means.progress.add(faces.triangles.len() as u64);
+            progress.add(faces.triangles.len() as u64);
         }
         Ok(counted)
-    }
-
-    /// Adds triangles with one image, or none.
-    fn add(
-        &mut self,
-        triangles: Vec<usize>,
-        faces: &FaceBlock,
-        looks: &FaceLooks,
-        image: Option<&Decoded>,
-    ) {
-        for t in triangles {
-            let (corners, uv) = (faces.triangles[t], looks.texture[t]);
-            let material = looks.materials[t];
-            let map = map_of(self.palette, material);
-            let factor =
-                self.palette.paints.get(material as usize).map_or([1.0; 4], |paint| paint.factor);
-            for k in 0..3 {
-                let Some(place) = self.place(corners[k]) else { continue };
-                let light = match (image, map) {
-                    (Some(image), Some(map)) => {
-                        image.at(map, uv[k], width(map, uv, k), &self.cache.table)
-                    }
-                    _ => Some([1.0; 4]),
-                };
-                // Without an image the colour of the material counts, if it has one.
-                let (Some(light), true) = (light, image.is_some() || material != u32::MAX) else {
-                    continue;
-                };
-                let opacity = factor[3];
-                let sum = &mut self.sums[place];
-                for i in 0..3 {
-                    sum[i] += light[i] * factor[i] * opacity;
-                }
-                sum[3] += light[3] * opacity;
-            }
-        }
     }
 
     fn place(&self, vertex: u64) -> Option<usize> {
@@ -240,11 +201,10 @@ impl Painter<'_> {
     }
 }
 
-/// Texels of the image from a corner halfway to the next ones: the part that its colour stands for.
-fn width(map: &MapUse, uv: [[f32; 2]; 3], corner: usize) -> f32 {
-    let along = map.texels_along();
+/// Length in texture coordinates from a corner halfway to the next ones: the part of an image that its colour stands for.
+fn apart(uv: [[f32; 2]; 3], corner: usize) -> f64 {
     let to = |other: usize| {
-        let [u, v] = [0, 1].map(|k| (uv[other][k] - uv[corner][k]) * along[k]);
+        let [u, v] = [0, 1].map(|k| f64::from(uv[other][k] - uv[corner][k]));
         u.hypot(v)
     };
     0.25 * (to((corner + 1) % 3) + to((corner + 2) % 3))

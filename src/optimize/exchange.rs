@@ -191,12 +191,7 @@ fn make_collapse(surface: &mut Surface, Judged { a, b, place, .. }: Judged) -> (
             surface.change(t, corners);
         }
     }
-    let facets: Vec<[Vec3; 3]> =
-        corners.iter().map(|corners| corners.map(|v| surface.places[v as usize])).collect();
-    let settled = settle(&points, &[], &facets);
-    for (&s, lying) in samples.iter().zip(&settled.lying) {
-        surface.put_on(s, numbers[lying.facet as usize], lying.distance_sq as f32);
-    }
+    surface.lay((&samples, &points), &numbers, &corners);
     (a, freed)
 }
 
@@ -250,10 +245,5 @@ fn make_split(surface: &mut Surface, split: Judged, vertex: u32, freed: [u32; 2]
     for (&t, &corners) in numbers.iter().zip(&corners) {
         surface.change(t, corners);
     }
-    let facets: Vec<[Vec3; 3]> =
-        corners.iter().map(|corners| corners.map(|v| surface.places[v as usize])).collect();
-    let settled = settle(&points, &[], &facets);
-    for (&s, lying) in samples.iter().zip(&settled.lying) {
-        surface.put_on(s, numbers[lying.facet as usize], lying.distance_sq as f32);
-    }
+    surface.lay((&samples, &points), &numbers, &corners);
 }

@@ -3,7 +3,7 @@
 //! Numbers of triangles and vertices never change: what a collapse frees goes to a split at once. Knows which changes are
 //! legal, and makes them; `patch` judges them.
 
-use super::patch::Point;
+use super::patch::{Point, settle};
 use super::samples::Sample;
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
@@ -291,6 +291,20 @@ impl Surface {
     pub fn take_off(&mut self, triangles: &[u32]) {
         for &t in triangles {
             self.first[t as usize] = NONE;
+        }
+    }
+
+    /// Puts samples, which lie on no triangle, on the nearest of some triangles that have these corners now.
+    pub fn lay(
+        &mut self,
+        (samples, points): (&[u32], &[Point]),
+        triangles: &[u32],
+        corners: &[[u32; 3]],
+    ) {
+        let facets: Vec<[Vec3; 3]> =
+            corners.iter().map(|corners| corners.map(|v| self.places[v as usize])).collect();
+        for (&s, lying) in samples.iter().zip(&settle(points, &[], &facets).lying) {
+            self.put_on(s, triangles[lying.facet as usize], lying.distance_sq as f32);
         }
     }
 

@@ -94,14 +94,12 @@ impl Swap {
 
     fn make(&self, surface: &mut Surface) {
         let (samples, _) = surface.on(&self.sides);
-        let settled = settle(&surface.points(&samples), &[], &self.facets(surface));
+        let points = surface.points(&samples);
         for (&t, &corners) in self.sides.iter().zip(&self.corners) {
             surface.change(t, corners);
         }
         surface.take_off(&self.sides);
-        for (&s, lying) in samples.iter().zip(&settled.lying) {
-            surface.put_on(s, self.sides[lying.facet as usize], lying.distance_sq as f32);
-        }
+        surface.lay((&samples, &points), &self.sides, &self.corners);
     }
 }
 

@@ -12,8 +12,10 @@ use crate::io::{OutputKind, StageOptions};
 use crate::measure::compare::{self, Report, Request};
 use crate::measure::{Certify, Options};
 use crate::pipeline::run_report::{RunReport, StageReport};
+use crate::store::job::Job;
 use crate::store::stage_context::StageContext;
 use crate::system::disk::folder_of;
+use crate::system::progress::Progress;
 use std::path::Path;
 use std::time::Instant;
 
@@ -71,6 +73,24 @@ impl Pair {
     fn file_bytes(&self) -> u64 {
         self.original.file_bytes() + self.simplified.file_bytes()
     }
+}
+
+/// The end of a run that holds nothing any more: measures its output if that was asked for, and gives up its job folder.
+pub fn end(job: &Job, config: &Config, progress: &Progress, report: &mut RunReport) -> Result<()> {
+    if config.verify {
+        let run = StageContext {
+            job,
+            progress,
+            threads: config.threads.get(),
+            memory_bytes: config.memory_bytes,
+            checkpoint_every: config.checkpoint_every,
+        };
+        verify(config, &run, report)?;
+    }
+    if !config.keep_temp {
+        job.remove()?;
+    }
+    Ok(())
 }
 
 /// Measures every output, and adds what was found to the report as one more stage each; its seconds then include them.

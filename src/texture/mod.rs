@@ -5,9 +5,11 @@
 
 mod frames;
 mod images;
+mod lights;
 mod palette;
 
 pub(crate) use frames::{Axes, FrameCorner, Tangent, tangents, unpacked};
 pub(crate) use images::{Decoded, ImageCache, Light, opacity_of, pixel_of};
+pub(crate) use lights::{Spot, multiply, times_opacity};
 pub use palette::Finish;
 pub(crate) use palette::{MapUse, Paint, Palette, Purpose};

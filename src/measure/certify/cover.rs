@@ -180,8 +180,6 @@ pub(super) struct Cover<'a> {
     per_cut: f64,
     progress: &'a Progress,
     hint: u32,
-    /// The triangle that is nearest to the middle of the piece at hand, if it is known.
-    nearest: Option<u32>,
     stack: Vec<Open>,
     pub found: Found,
     /// Pieces that this tree does not prove.
@@ -203,7 +201,6 @@ impl<'a> Cover<'a> {
             per_cut,
             progress,
             hint: u32::MAX,
-            nearest: None,
             stack: Vec::new(),
             found: Found::default(),
             left: Vec::new(),
@@ -217,18 +214,22 @@ impl<'a> Cover<'a> {
             self.left.push(piece);
             return Ok(());
         }
-        self.nearest = None;
-        if let Some(upper) = self.at_once(&piece) {
-            self.found.is_apart |= upper > 0.0;
-            self.found.upper = self.found.upper.max(self.goal.bound);
-            return Ok(());
+        match self.at_once(&piece) {
+            Ok(upper) => {
+                self.found.is_apart |= upper > 0.0;
+                self.found.upper = self.found.upper.max(self.goal.bound);
+                Ok(())
+            }
+            Err(nearest) => {
+                self.found.is_apart = true;
+                self.search(piece, nearest)
+            }
         }
-        self.found.is_apart = true;
-        self.search(piece)
     }
 
-    /// The bound that one triangle proves for the whole piece, if that is near enough.
-    fn at_once(&mut self, piece: &Piece) -> Option<f64> {
+    /// The bound that one triangle proves for the whole piece, if that is near enough. Otherwise the triangle that is nearest
+    /// to the middle, if it is known.
+    fn at_once(&mut self, piece: &Piece) -> Result<f64, Option<u32>> {
         let limit = self.limits(self.goal.bound).at(piece.depth);
         // Where everything may be in its place still, only that counts at first.
         let lazy = if self.goal.bound <= self.goal.floor { 0.0 } else { limit };
@@ -237,7 +238,7 @@ impl<'a> Cover<'a> {
             && let Some(upper) = guess(self.hint)
             && upper <= lazy
         {
-            return Some(upper);
+            return Ok(upper);
         }
         let middle = piece.middle();
         // So near to the middle, a triangle is near enough to the corners as well.
@@ -246,22 +247,19 @@ impl<'a> Cover<'a> {
         let near = self.tree.guess(middle, self.hint);
         let found = self.tree.nearest_unless_within(middle, near, enough_sq);
         self.hint = found.slot;
-        let upper = guess(found.slot);
-        // If it was near enough to end the search before, it has proven the piece, but for rounding.
-        self.nearest = (enough_sq < 0.0 || found.distance_sq > enough_sq).then_some(found.slot);
-        upper
+        // One that ended the search before its end need not be the nearest.
+        let is_nearest = found.distance_sq > enough_sq;
+        guess(found.slot).ok_or(is_nearest.then_some(found.slot))
     }
 
     fn limits(&self, bound: f64) -> Limits {
         Limits { bound, per_cut: self.per_cut }
     }
 
-    fn search(&mut self, whole: Piece) -> Result<()> {
+    fn search(&mut self, whole: Piece, mut nearest: Option<u32>) -> Result<()> {
         let mut bound = self.goal.bound;
         let mut steps = 0;
         let mut worst: Option<Beyond> = None;
-        // The search for one triangle near the whole has ended at the nearest to its middle, as a rule.
-        let mut known = self.nearest.take();
         self.stack.clear();
         self.stack.push(Open { piece: whole, slots: [self.hint; KEPT] });
         while let Some(Open { piece, slots }) = self.stack.pop() {
@@ -274,7 +272,7 @@ impl<'a> Cover<'a> {
             // It must be clearly nearer than what raises the bound, which takes the nearest.
             let enough = self.limits(bound).at(piece.depth + CLEARLY) - piece.radius(middle);
             let enough_sq = if enough > 0.0 { enough * enough } else { -1.0 };
-            let near = known.take().unwrap_or_else(|| {
+            let near = nearest.take().unwrap_or_else(|| {
                 let guess = self.tree.guess(middle, slots[0]);
                 self.tree.nearest_unless_within(middle, guess, enough_sq).slot
             });

@@ -24,7 +24,6 @@ use crate::methods::cluster::{self, Survey, Wanted};
 use crate::methods::{decimate, retile};
 use crate::store::job::Job;
 use crate::store::job::fingerprint::{job_identity, unchanged};
-use crate::store::stage_context::StageContext;
 use crate::system::disk::Disk;
 use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::memory::{BASE_BYTES, peak_bytes};
@@ -222,19 +221,7 @@ fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result
     report.peak_memory_bytes = peak_bytes();
     report.peak_temp_bytes = disk.peak_bytes();
     drop(made);
-    if config.verify {
-        let context = StageContext {
-            job: &job,
-            progress,
-            threads: config.threads.get(),
-            memory_bytes: config.memory_bytes,
-            checkpoint_every: config.checkpoint_every,
-        };
-        verify::verify(config, &context, &mut report)?;
-    }
-    if !config.keep_temp {
-        job.remove()?;
-    }
+    verify::end(&job, config, progress, &mut report)?;
     Ok(report)
 }
 

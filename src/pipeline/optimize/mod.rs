@@ -19,7 +19,6 @@ use crate::methods::Made;
 use crate::optimize::{self, Drawing, Settings};
 use crate::store::job::fingerprint::{input_marks, job_identity, unchanged};
 use crate::store::job::{Job, TRIALS};
-use crate::store::stage_context::StageContext;
 use crate::system::disk::{Disk, folder_of};
 use crate::system::memory::{BASE_BYTES, peak_bytes};
 use crate::system::parallel::guarded;
@@ -111,19 +110,7 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
     report.peak_memory_bytes = peak_bytes();
     report.peak_temp_bytes = report.peak_temp_bytes.max(disk.peak_bytes());
     drop(made);
-    if config.verify {
-        let context = StageContext {
-            job: &job,
-            progress,
-            threads: config.threads.get(),
-            memory_bytes: config.memory_bytes,
-            checkpoint_every: config.checkpoint_every,
-        };
-        verify::verify(config, &context, &mut report)?;
-    }
-    if !config.keep_temp {
-        job.remove()?;
-    }
+    verify::end(&job, config, progress, &mut report)?;
     Ok(report)
 }
 

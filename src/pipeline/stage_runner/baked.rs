@@ -4,7 +4,7 @@
 //! So a run that dies while it bakes, or after that, goes on from there.
 
 use super::Stages;
-use crate::bake::{self, BakeReport, Baked, Corner, Means, NormalSource, TANGENT_BYTES};
+use crate::bake::{self, BakeReport, Baked, Corner, NormalSource, TANGENT_BYTES};
 use crate::error::{Error, Result};
 use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 use crate::io::ply::raw::RawFile;
@@ -120,16 +120,9 @@ impl Stages<'_> {
                     memory_bytes: run.memory_bytes / 2,
                     ..StageOptions::new(run.job.folder())
                 };
-                let means = Means {
-                    memory_bytes: run.memory_bytes,
-                    threads: run.threads,
-                    temp_dir: run.job.folder(),
-                    disk: run.disk(),
-                    progress: run.progress,
-                };
                 let name = run.job.name(&format!("bake-{level}"));
                 let baked = MeshSource::open_staged(&config.input, &stage).and_then(|original| {
-                    bake::bake(&shape, original, &options, (run.job.folder(), &name), means)
+                    bake::bake(&shape, original, &options, (run.job.folder(), &name), run.into())
                 });
                 unchanged(&config.input, marks, baked)
             },

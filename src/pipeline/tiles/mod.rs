@@ -244,16 +244,7 @@ fn cut_into_groups(
         return partition_into_groups(source, config.tile_triangles, run);
     }
     let path = run.job.path(COLOURED_FILE);
-    let coloured = run.job.sealed(COLOURED, || {
-        let means = Means {
-            memory_bytes: run.memory_bytes,
-            threads: run.threads,
-            temp_dir: run.job.folder(),
-            disk: run.disk(),
-            progress: run.progress,
-        };
-        colour_vertices(source, &path, means)
-    })?;
+    let coloured = run.job.sealed(COLOURED, || colour_vertices(source, &path, Means::from(run)))?;
     let copy = MeshSource::open(&path)?;
     let (mut partition, grid) = partition_into_groups(&copy, config.tile_triangles, run)?;
     partition.degenerate_faces += coloured.degenerate_faces;
