@@ -98,6 +98,43 @@ fn specks_far_from_everything_stay_until_the_error_is_as_large() {
     }
 }
 
+/// A disk whose rim is joined to itself by eight bands, each with its opposite side: no collapse takes it below 32 triangles,
+/// since every edge inside joins two places of the rim.
+fn banded_disk(mesh: &mut Mesh, centre: [f64; 3], radius: f64) {
+    const N: u32 = 32;
+    let first = mesh.positions.len() as u32;
+    mesh.positions.push(centre);
+    for i in 0..N {
+        let angle = f64::from(i) * std::f64::consts::TAU / f64::from(N);
+        let (x, y) = (radius * angle.cos(), radius * angle.sin());
+        mesh.positions.push([centre[0] + x, centre[1] + y, centre[2]]);
+    }
+    let rim = |i: u32| first + 1 + i % N;
+    mesh.triangles.extend((0..N).map(|i| [first, rim(i), rim(i + 1)]));
+    for slot in (0..N / 2).step_by(2) {
+        let [a, b] = [rim(slot), rim(slot + 1)];
+        let [c, d] = [rim(slot + N / 2), rim(slot + N / 2 + 1)];
+        mesh.triangles.extend([[b, a, d], [b, d, c]]);
+    }
+}
+
+#[test]
+fn what_collapses_are_stuck_on_vanishes_before_a_large_floor() {
+    let mut mesh = sheet(40);
+    let first = mesh.positions.len() as u32;
+    for x in [0.2, 0.4, 0.6, 0.8] {
+        banded_disk(&mut mesh, [x, 0.5, 0.3], 0.02);
+    }
+    let locked = vec![false; mesh.positions.len()];
+    for (target, of_disks) in [(300, true), (20, false)] {
+        let options = Options { stop: Stop::Triangles(target), ..Options::default() };
+        let result = simplify_mesh(mesh.clone(), &locked, &options);
+        assert!(result.mesh.triangles.len() as u64 <= target, "{target}");
+        assert_eq!(result.source.iter().any(|&v| v >= first), of_disks, "{target}");
+        assert!(result.source.iter().any(|&v| v < first), "{target}: the floor stays");
+    }
+}
+
 #[test]
 fn the_rim_of_a_thin_sheet_does_not_recede() {
     // A pillow: two sheets, next to nothing apart, with a common rim.

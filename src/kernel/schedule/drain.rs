@@ -146,13 +146,15 @@ impl Driver {
         let mut mark = Mark { cost: f32::MAX, alive: self.state.surface.n_alive, refused: 0 };
         let mut batch = Batch::default();
         let mut n_batches = 0u32;
+        let frees_stuck = self.frees_stuck;
         while self.state.surface.n_alive > limits.triangles {
             n_batches = n_batches.wrapping_add(1);
             if n_batches.is_multiple_of(BATCHES_BETWEEN_LOOKS) && self.interrupt.is_raised() {
                 return false;
             }
             self.fill(known, queue, &mut batch);
-            if batch.n == 0 {
+            // What was refused so far is looked at once more when it may vanish.
+            if batch.n == 0 || self.frees_stuck != frees_stuck {
                 return false;
             }
             if limits.may_stall && self.stalls(queue.lowest_cost(batch.bucket[0]), &mut mark) {

@@ -38,6 +38,9 @@ pub(crate) struct Driver {
     pub(crate) changes: TopologyChanges,
     /// Distances of small components from the rest; computed when the first one is about to vanish.
     pub(crate) small_components: Option<SmallComponents>,
+    /// True once a large component would vanish, or nothing goes on: from then on components on which collapses are stuck
+    /// may vanish whole, however many triangles they have.
+    pub(super) frees_stuck: bool,
     /// Keeps the surface near the original, where that was asked for.
     pub(crate) bound: Option<Box<Tracker>>,
     /// The channel that takes how far the result is from the original.
@@ -140,6 +143,7 @@ impl Driver {
             spare_sources: Vec::new(),
             changes: TopologyChanges { may_mend: true, ..TopologyChanges::default() },
             small_components: None,
+            frees_stuck: false,
             bound: None,
             reach_channel: None,
             samples: None,

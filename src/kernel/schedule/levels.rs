@@ -205,9 +205,11 @@ impl Driver {
             queue.clear();
             self.seed(&mut queue, 0..self.state.surface.triangles.len(), f32::INFINITY);
             let limits = Limits { cost: f32::MAX, triangles: target, may_stall: true };
+            let freed_stuck = self.frees_stuck;
             let stalled = self.drain(&mut queue, limits);
             // What was refused may have become legal since; without any progress it has not.
-            if stalled || self.state.surface.n_alive == before {
+            let is_stuck = stalled || self.state.surface.n_alive == before;
+            if is_stuck && self.frees_stuck == freed_stuck && !self.free_stuck() {
                 break;
             }
         }

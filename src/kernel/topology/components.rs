@@ -93,9 +93,21 @@ pub(crate) struct SmallComponents {
 }
 
 impl SmallComponents {
-    /// Finds the components of what is left of a surface.
+    /// Finds the components of what is left of a surface; larger ones have more vertices.
     pub(crate) fn new(surface: &Surface) -> Self {
-        let (rank, sizes) = ranks(surface);
+        Self::ranked(surface, ranks(surface, None))
+    }
+
+    /// The same; larger ones have more area, since a large floor that is flat comes down to a few vertices.
+    pub(crate) fn by_area(surface: &Surface) -> Self {
+        let mut area = vec![0.0; surface.vertices.len()];
+        for t in surface.triangles.iter().filter(|t| t[0] != GONE) {
+            area[t[0] as usize] += area_of(surface, t);
+        }
+        Self::ranked(surface, ranks(surface, Some(&area)))
+    }
+
+    fn ranked(surface: &Surface, (rank, sizes): (Vec<u32>, Vec<u32>)) -> Self {
         let n_ranks = sizes.len();
         let mut bounds = Bounds::EMPTY;
         for (vertex, _) in surface.vertices.iter().zip(&rank).filter(|(_, rank)| **rank != GONE) {
@@ -208,6 +220,11 @@ impl SmallComponents {
             self.nearest(surface, surface.vertices[first as usize].position, rank)?;
         let left = distance_sq.sqrt() * surface.scale - f64::from(extent_sq).sqrt();
         Some(area * left.max(0.0).powi(2))
+    }
+
+    /// Share of the surface's area that a component has.
+    pub(crate) fn share(&self, removal: Removal) -> f64 {
+        (removal.area - self.ghosts[removal.rank as usize]) / self.area
     }
 
     /// Notes that a component was removed: the nearest one answers for its area from now on.
@@ -403,26 +420,32 @@ pub(crate) fn components(surface: &Surface) -> Vec<u32> {
     union.into_roots()
 }
 
-/// For each vertex the rank of its component by number of vertices, `GONE` if it is gone; and those numbers by
-/// rank, ascending.
-fn ranks(surface: &Surface) -> (Vec<u32>, Vec<u32>) {
+/// For each vertex the rank of its component, `GONE` if it is gone; and the numbers of vertices by rank. The rank is by
+/// these numbers, or by the sums of what is given for each vertex, which is not negative.
+fn ranks(surface: &Surface, weights: Option<&[f64]>) -> (Vec<u32>, Vec<u32>) {
     let mut rank = components(surface);
     let mut size = vec![0u32; rank.len()];
-    for (root, ring) in rank.iter_mut().zip(&surface.rings) {
+    let mut weight = vec![0.0; weights.map_or(0, <[f64]>::len)];
+    for (v, (root, ring)) in rank.iter_mut().zip(&surface.rings).enumerate() {
         if ring.class.is_some() && ring.len > 0 {
             size[*root as usize] += 1;
+            if let Some(weights) = weights {
+                weight[*root as usize] += weights[v];
+            }
         } else {
             *root = GONE;
         }
     }
     let sizes = size.iter().zip(0..).filter(|(n, _)| **n > 0);
-    let mut by_size: Vec<(u32, u32)> = sizes.map(|(&n, v)| (n, v)).collect();
+    // The bits of numbers that are not negative are in their order.
+    let weight_of = |v: u32| weight.get(v as usize).map_or(0, |weight: &f64| weight.to_bits());
+    let mut by_size: Vec<(u64, u32, u32)> = sizes.map(|(&n, v)| (weight_of(v), n, v)).collect();
     by_size.sort_unstable();
-    for (&(_, v), rank) in by_size.iter().zip(0..) {
+    for (&(_, _, v), rank) in by_size.iter().zip(0..) {
         size[v as usize] = rank;
     }
     for rank in rank.iter_mut().filter(|root| **root != GONE) {
         *rank = size[*rank as usize];
     }
-    (rank, by_size.into_iter().map(|(n, _)| n).collect())
+    (rank, by_size.into_iter().map(|(_, n, _)| n).collect())
 }

@@ -18,6 +18,7 @@ use crate::kernel::topology::separation::{Separation, Side, separation_far, sepa
 use crate::kernel::vertex::GONE;
 use crate::mesh::corners::others;
 use crate::mesh::vec3::{length_sq, normal, sub, triangle_distance_sq};
+use std::collections::HashSet;
 
 /// Cost of the dearest collapse over the squared error, integrated over the surface, that a collapse adds at that
 /// moment. Measured at the end of ten runs on five meshes: 13.4 to 18, most near 14
@@ -32,7 +33,9 @@ const SIDE_SQ_OVER_DEPTH_SQ: f64 = 72.0;
 /// A cut handle sets free what a collapse does, as far as is known: what goes later pays for itself.
 const FREED_BY_HANDLE: usize = 2;
 /// Components of more triangles than this do not vanish: collapses have work to do there first.
-const MAX_SPECK: usize = 24;
+pub(crate) const MAX_SPECK: usize = 24;
+/// The same once components on which collapses are stuck may vanish. Those of the legion of honor have up to 120.
+pub(crate) const MAX_STUCK: usize = 1024;
 
 /// Change of topology after a rejection.
 pub(crate) enum TopologyChange {
@@ -53,15 +56,20 @@ pub(crate) fn error_worth(cost: f32, n_freed: usize) -> f64 {
     f64::from(cost) * n_freed.max(1) as f64 / (COST_PER_ERROR * ONE_SIDE * FREED_BY_COLLAPSE)
 }
 
-/// Finds a change of topology for a rejected collapse of `v0` into `v1`. `may_vanish`: whether their component may be small
-/// enough.
+/// Finds a change of topology for a rejected collapse of `v0` into `v1`. A component of at most `most` triangles may
+/// vanish.
 pub(crate) fn find_change(
     surface: &Surface,
     (v0, v1): (u32, u32),
     collapser: &Collapser,
-    may_vanish: bool,
+    most: usize,
 ) -> Option<TopologyChange> {
-    if may_vanish && let Some(speck) = speck(surface, v0) {
+    let speck = match most {
+        0 => None,
+        1..=MAX_SPECK => speck(surface, v0),
+        most => stuck(surface, v0, most),
+    };
+    if let Some(speck) = speck {
         return Some(TopologyChange::Vanish(speck));
     }
     let w = collapser.common_neighbour(surface)?;
@@ -188,6 +196,28 @@ fn speck(surface: &Surface, start: u32) -> Option<Vec<u32>> {
         // Each comes up once as that of its first corner.
         let of_v = surface.ring(v).iter().filter(|&&t| surface.triangles[t as usize][0] == v);
         triangles.extend(of_v);
+    }
+    (!triangles.is_empty()).then_some(triangles)
+}
+
+/// The same for more triangles, at most `most`.
+fn stuck(surface: &Surface, start: u32, most: usize) -> Option<Vec<u32>> {
+    let mut seen = HashSet::from([start]);
+    let (mut vertices, mut triangles) = (vec![start], Vec::new());
+    while let Some(v) = vertices.pop() {
+        if surface.rings[v as usize].class == Some(Class::Locked) {
+            return None;
+        }
+        for &t in surface.ring(v) {
+            let corners = surface.triangles[t as usize];
+            if corners[0] == v {
+                triangles.push(t);
+            }
+            vertices.extend(corners.into_iter().filter(|&w| seen.insert(w)));
+        }
+        if triangles.len() > most {
+            return None;
+        }
     }
     (!triangles.is_empty()).then_some(triangles)
 }
