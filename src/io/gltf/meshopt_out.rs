@@ -1,20 +1,18 @@
 //! Packs vertices and triangles for EXT_meshopt_compression: in the order that packs well, then as its streams.
 
+use super::strips::strips;
 use meshopt_rs::index::IndexEncodingVersion;
 use meshopt_rs::index::buffer::{encode_index_buffer, encode_index_buffer_bound};
 use meshopt_rs::vertex::VertexEncodingVersion;
 use meshopt_rs::vertex::buffer::{encode_vertex_buffer, encode_vertex_buffer_bound};
-use meshopt_rs::vertex::cache::optimize_vertex_cache;
 
-/// Puts triangles into an order that graphics cards like and that packs well; returns the old number of each vertex in
-/// the order of first use. Every vertex must be used.
+/// Puts triangles into an order that packs well; returns the old number of each vertex in the order of first use. Every
+/// vertex must be used.
 pub(super) fn reorder(triangles: &mut Vec<[u32; 3]>, n_vertices: usize) -> Vec<u32> {
-    let old = std::mem::take(triangles).into_flattened();
-    let mut new = vec![0; old.len()];
-    optimize_vertex_cache(&mut new, &old, n_vertices);
+    *triangles = strips(triangles, n_vertices);
     let mut number = vec![u32::MAX; n_vertices];
     let mut order = Vec::with_capacity(n_vertices);
-    for corner in &mut new {
+    for corner in triangles.as_flattened_mut() {
         let place = &mut number[*corner as usize];
         if *place == u32::MAX {
             *place = order.len() as u32;
@@ -22,7 +20,6 @@ pub(super) fn reorder(triangles: &mut Vec<[u32; 3]>, n_vertices: usize) -> Vec<u
         }
         *corner = *place;
     }
-    *triangles = new.as_chunks().0.to_vec();
     order
 }
 

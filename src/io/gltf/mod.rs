@@ -11,6 +11,7 @@ mod meshopt_out;
 mod reader;
 mod scene;
 mod split;
+mod strips;
 mod tile_in;
 mod tile_out;
 mod tile_scalars;
