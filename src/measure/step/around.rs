@@ -64,35 +64,3 @@ fn each(triangles: &[[u32; 3]], place: &impl Fn(u32) -> u32, mut visit: impl FnM
         }
     }
 }
-
-/// Vertices by their hints.
-pub(super) struct Groups {
-    first: Vec<u32>,
-    vertices: Vec<u32>,
-}
-
-impl Groups {
-    /// Sorts vertices by hints below `n`.
-    pub(super) fn new(hints: &[u32], n: usize) -> Groups {
-        let mut first = vec![0u32; n + 1];
-        hints.iter().filter(|hint| **hint != NONE).for_each(|&hint| first[hint as usize] += 1);
-        let mut sum = 0;
-        for first in &mut first {
-            sum += *first;
-            *first = sum;
-        }
-        let mut vertices = vec![0u32; sum as usize];
-        for (v, &hint) in (0u32..).zip(hints).filter(|(_, hint)| **hint != NONE) {
-            let at = &mut first[hint as usize];
-            *at -= 1;
-            vertices[*at as usize] = v;
-        }
-        Groups { first, vertices }
-    }
-
-    /// The hints with their vertices.
-    pub(super) fn each(&self) -> impl Iterator<Item = (u32, &[u32])> {
-        let list = |w: &[u32]| &self.vertices[w[0] as usize..w[1] as usize];
-        (0u32..).zip(self.first.windows(2).map(list)).filter(|(_, own)| !own.is_empty())
-    }
-}

@@ -3,7 +3,7 @@
 use super::around::{Around, NONE};
 use super::exact::Exact;
 use super::foot::Doubtful;
-use super::forward::Forward;
+use super::forward::{Covered, Forward};
 use super::largest::Largest;
 use crate::measure::triangle::{Vector, closest};
 use crate::mesh::Mesh;
@@ -12,27 +12,17 @@ use std::collections::BinaryHeap;
 struct Back<'a> {
     fine: &'a Mesh,
     /// For each vertex of the version the triangles of the mesh with a corner that went into it.
-    near: Around,
+    near: &'a Around,
     /// Samples that are farther than what is accepted.
     doubtful: BinaryHeap<Doubtful>,
     points: Vec<Vector>,
 }
 
-/// Looks at all vertices of `coarse`, at the middles of the edges of its boundary, and at the middles of triangles on which
-/// no vertex has its foot. Elsewhere the pieces of the way there cover it.
-pub(super) fn samples(
-    (fine, coarse): (&Mesh, &Mesh),
-    around: &Around,
-    hints: &[u32],
-    forward: &Forward,
-    largest: &mut Largest,
-) {
-    let mut back = Back {
-        fine,
-        near: Around::hints(fine, hints, coarse.positions.len()),
-        doubtful: BinaryHeap::new(),
-        points: Vec::new(),
-    };
+/// Looks at the vertices and the middles of triangles of the version that nothing was found to lie over, and at the middles of
+/// the edges of its boundary. Elsewhere the pieces of the way there cover it.
+pub(super) fn samples(forward: &Forward, near: &Around, covered: &Covered, largest: &mut Largest) {
+    let Forward { fine, coarse, around } = *forward;
+    let mut back = Back { fine, near, doubtful: BinaryHeap::new(), points: Vec::new() };
     // Around a vertex inside of a surface every edge comes in as often as it goes out.
     let mut balance = vec![0u32; coarse.positions.len()];
     for &[a, b, c] in &coarse.triangles {
@@ -40,16 +30,17 @@ pub(super) fn samples(
             balance[v as usize] = balance[v as usize].wrapping_add(next).wrapping_sub(last);
         }
     }
-    let mut has_foot = vec![false; coarse.triangles.len()];
-    forward.feet_triangles().for_each(|t| has_foot[t as usize] = true);
     for (v, &point) in (0u32..).zip(&coarse.positions) {
-        if !around.of(v).is_empty() {
+        if !covered.vertices[v as usize] && !around.of(v).is_empty() {
             back.look(point, &[v], largest);
         }
     }
     for (t, &corners) in coarse.triangles.iter().enumerate() {
         let at = coarse.corners(t);
-        back.look([0, 1, 2].map(|k| (at[0][k] + at[1][k] + at[2][k]) / 3.0), &corners, largest);
+        if !covered.triangles[t] {
+            let middle = [0, 1, 2].map(|k| (at[0][k] + at[1][k] + at[2][k]) / 3.0);
+            back.look(middle, &corners, largest);
+        }
         for k in 0..3 {
             let (v, w) = (corners[k], corners[(k + 1) % 3]);
             let is_border = balance[v as usize] != 0 && balance[w as usize] != 0;

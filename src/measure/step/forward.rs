@@ -1,77 +1,159 @@
-//! From the mesh to its simplified version: a foot for every vertex, and a proven bound for every triangle.
+//! From the mesh to its simplified version: a proven bound for every triangle.
 
 use super::across::across_sq;
-use super::around::{Around, Groups, NONE};
+use super::around::{Around, NONE};
 use super::exact::Exact;
-use super::fans::Fans;
 use super::foot::{Doubtful, Foot};
 use super::largest::Largest;
+use super::star::Star;
 use crate::measure::triangle::{Vector, closest};
 use crate::mesh::Mesh;
-use crate::mesh::corners::others;
-use crate::mesh::vec3::{cross, dot, length_sq, sub};
-
+use crate::mesh::vec3::{length_sq, sub};
 use std::collections::BinaryHeap;
 
 /// A triangle is quartered so often, at most.
 const DEEPEST: u32 = 6;
 
-/// Feet of vertices, and the bounds of triangles.
+/// A triangle over no star is quartered so often, at most, before feet are looked for.
+const OVER_STARS: u32 = 1;
+
+/// A mesh and its version.
 pub(super) struct Forward<'a> {
-    fine: &'a Mesh,
-    coarse: &'a Mesh,
-    around: &'a Around,
-    /// Squared distance and triangle for each vertex of the mesh.
-    feet: Vec<(f64, u32)>,
+    pub(super) fine: &'a Mesh,
+    pub(super) coarse: &'a Mesh,
+    pub(super) around: &'a Around,
+}
+
+/// Triangles as they lie over stars.
+pub(super) struct Covered {
+    /// The distance of each triangle of the mesh, at most; infinite for those that lie over no star.
+    most: Vec<f64>,
+    /// True for triangles of the version that a vertex of the mesh lies over.
+    pub(super) triangles: Vec<bool>,
+    /// True for vertices of the version that a triangle of the mesh lies over.
+    pub(super) vertices: Vec<bool>,
 }
 
 impl<'a> Forward<'a> {
-    /// Finds a foot for every vertex that has a triangle, around the vertex that its hint names.
-    pub(super) fn new(
-        fine: &'a Mesh,
-        coarse: &'a Mesh,
-        around: &'a Around,
-        hints: &[u32],
-    ) -> Forward<'a> {
-        let mut forward = Forward { fine, coarse, around, feet: Vec::new() };
-        forward.feet = forward.all_feet(hints);
-        forward
-    }
-
-    /// A foot for every vertex: on the triangle around the vertex of its hint that it lies over, if there is one.
-    fn all_feet(&self, hints: &[u32]) -> Vec<(f64, u32)> {
-        let mut feet = vec![(f64::INFINITY, NONE); hints.len()];
-        let groups = Groups::new(hints, self.coarse.positions.len());
-        let mut sectors: Vec<(u32, [Vector; 2])> = Vec::new();
-        for (u, own) in groups.each() {
-            let ring = self.around.of(u);
-            let centre = self.coarse.positions[u as usize];
-            sectors.clear();
-            sectors.extend(ring.iter().map(|&t| {
-                let (b, c) = others(self.coarse.triangles[t as usize], u);
-                let [b, c] = [b, c].map(|v| sub(self.coarse.positions[v as usize], centre));
-                let n = cross(b, c);
-                (t, [cross(n, b), cross(c, n)])
-            }));
-            for &v in own {
-                let point = self.fine.positions[v as usize];
-                let off = sub(point, centre);
-                let is_over = |sides: &[Vector; 2]| sides.iter().all(|side| dot(*side, off) >= 0.0);
-                let mut foot = None;
-                if let Some(&(t, _)) = sectors.iter().find(|(_, sides)| is_over(sides)) {
-                    let (distance_sq, w) = closest(point, &self.coarse.corners(t as usize));
-                    let corners = self.coarse.triangles[t as usize];
-                    let own = (0..3).find(|&k| corners[k] == u).unwrap_or(0);
-                    // Beyond the rim the nearest triangle is another.
-                    foot = (w[own] > 1e-9).then_some((distance_sq, t));
+    /// Looks at every triangle over the stars of the vertices that its corners went into; `near` are the triangles of the
+    /// mesh by these.
+    pub(super) fn stars(&self, near: &Around) -> Covered {
+        let mut covered = Covered {
+            most: vec![f64::INFINITY; self.fine.triangles.len()],
+            triangles: vec![false; self.coarse.triangles.len()],
+            vertices: vec![false; self.coarse.positions.len()],
+        };
+        let mut star = Star::new();
+        for v in 0..self.coarse.positions.len() as u32 {
+            let near = near.of(v);
+            if near.is_empty() || !star.set(self.coarse, v, self.around.of(v)) {
+                continue;
+            }
+            for &t in near {
+                let most = &mut covered.most[t as usize];
+                if most.is_finite() {
+                    continue;
                 }
-                feet[v as usize] = foot.unwrap_or_else(|| {
-                    let foot = self.descend(point, u);
-                    (foot.distance_sq, foot.triangle)
-                });
+                if let Some(over) = star.over(&self.fine.corners(t as usize)) {
+                    *most = over.most;
+                    over.feet.iter().for_each(|&t| covered.triangles[t as usize] = true);
+                    covered.vertices[v as usize] |= over.is_over_vertex;
+                }
             }
         }
-        feet
+        covered
+    }
+
+    /// Bounds the distances of all triangles: looks closer at the farthest ones, and at those over no star.
+    pub(super) fn triangles(
+        &self,
+        hints: &[u32],
+        covered: &Covered,
+        largest: &mut Largest,
+        exact: &mut Exact,
+    ) {
+        let most = &covered.most;
+        let doubtful = |t: usize| Doubtful { distance_sq: most[t] * most[t], item: t as u32 };
+        let is_seen = |t: &usize| most[*t].is_finite();
+        // The farthest one shows how far at least the two are apart.
+        let farthest = (0..most.len()).filter(is_seen).max_by(|&a, &b| most[a].total_cmp(&most[b]));
+        if let Some(t) = farthest {
+            self.look(self.with_hints(t, hints), largest, exact);
+        }
+        let (mut far, mut near_sq) = (BinaryHeap::new(), 0.0f64);
+        for doubtful in (0..most.len()).filter(is_seen).map(doubtful) {
+            match doubtful.distance_sq > largest.enough_sq() {
+                true => far.push(doubtful),
+                false => near_sq = near_sq.max(doubtful.distance_sq),
+            }
+        }
+        while let Some(Doubtful { distance_sq, item }) = far.pop() {
+            if largest.accepts(distance_sq) {
+                break;
+            }
+            self.look(self.with_hints(item as usize, hints), largest, exact);
+        }
+        largest.bound_sq = largest.bound_sq.max(near_sq);
+        let mut stars = [Star::new(), Star::new(), Star::new()];
+        for t in (0..most.len()).filter(|t| !most[*t].is_finite()) {
+            let corners = self.with_hints(t, hints);
+            let near = corners.map(|(_, hint)| hint);
+            let is_set = |k: usize| {
+                near[k] != NONE
+                    && !near[..k].contains(&near[k])
+                    && stars[k].set(self.coarse, near[k], self.around.of(near[k]))
+            };
+            let is_set = [0, 1, 2].map(is_set);
+            let stars = [0, 1, 2].map(|k| is_set[k].then_some(&stars[k]));
+            self.quarter(corners, &stars, 0, largest, exact);
+        }
+    }
+
+    /// The corners of a triangle with the vertices of the version near them.
+    fn with_hints(&self, t: usize, hints: &[u32]) -> [(Vector, u32); 3] {
+        self.fine.triangles[t].map(|v| (self.fine.positions[v as usize], hints[v as usize]))
+    }
+
+    /// Bounds the distance of a triangle over no star by its quarters.
+    fn quarter(
+        &self,
+        corners: [(Vector, u32); 3],
+        stars: &[Option<&Star>; 3],
+        depth: u32,
+        largest: &mut Largest,
+        exact: &mut Exact,
+    ) {
+        if depth == OVER_STARS {
+            return self.look(corners, largest, exact);
+        }
+        let [a, b, c] = corners;
+        let [ab, bc, ca] = [(a, b), (b, c), (c, a)]
+            .map(|(p, q)| ([0, 1, 2].map(|k| 0.5 * (p.0[k] + q.0[k])), p.1));
+        for part in [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]] {
+            let places = part.map(|(place, _)| place);
+            let mut found = stars.iter().flatten().filter_map(|star| star.over(&places));
+            if !found.any(|over| largest.accepts(over.most * over.most)) {
+                self.quarter(part, stars, depth + 1, largest, exact);
+            }
+        }
+    }
+
+    /// Bounds the distance of a triangle by itself; each corner has a vertex of the version near it.
+    fn look(&self, corners: [(Vector, u32); 3], largest: &mut Largest, exact: &mut Exact) {
+        let feet =
+            corners.map(|(place, hint)| self.certain(self.descend(place, hint), largest, exact));
+        self.cover(feet, 0, largest, exact);
+    }
+
+    /// Looks for the foot of a point everywhere if it is so far that it would count.
+    fn certain(&self, mut foot: Foot, largest: &mut Largest, exact: &mut Exact) -> Foot {
+        if foot.triangle == NONE || foot.distance_sq > largest.enough_sq() {
+            let guess = (foot.distance_sq, foot.triangle);
+            (foot.distance_sq, foot.triangle) = exact.nearest(foot.point, guess);
+            foot.hint = self.coarse.triangles[foot.triangle as usize][0];
+            largest.add(foot.distance_sq);
+        }
+        foot
     }
 
     /// The nearest triangle around a vertex, then around the corner nearest to the foot, as long as that gains.
@@ -94,69 +176,6 @@ impl<'a> Forward<'a> {
             at = if next == at { NONE } else { next };
         }
         best
-    }
-
-    /// Makes the largest distance of a vertex certain.
-    pub(super) fn vertices(&mut self, largest: &mut Largest, exact: &mut Exact) {
-        let mut is_used = vec![false; self.feet.len()];
-        self.fine.triangles.as_flattened().iter().for_each(|&v| is_used[v as usize] = true);
-        let all = (0u32..).zip(&self.feet).filter(|(v, _)| is_used[*v as usize]);
-        let all = all.map(|(item, &(distance_sq, _))| Doubtful { distance_sq, item });
-        let mut heap: BinaryHeap<Doubtful> = all.collect();
-        while let Some(Doubtful { distance_sq, item }) = heap.pop() {
-            if largest.accepts(distance_sq) {
-                break;
-            }
-            let point = self.fine.positions[item as usize];
-            let old = self.feet[item as usize];
-            let near = match old.1 {
-                NONE => None,
-                t => Some(self.descend(point, self.coarse.triangles[t as usize][0])),
-            };
-            if let Some(near) = near.filter(|near| near.distance_sq < old.0) {
-                self.feet[item as usize] = (near.distance_sq, near.triangle);
-                heap.push(Doubtful { distance_sq: near.distance_sq, item });
-                continue;
-            }
-            let foot = &mut self.feet[item as usize];
-            *foot = exact.nearest(self.fine.positions[item as usize], *foot);
-            largest.add(foot.0);
-        }
-    }
-
-    /// The triangles on which vertices have their feet.
-    pub(super) fn feet_triangles(&self) -> impl Iterator<Item = u32> {
-        self.feet.iter().map(|(_, t)| *t).filter(|t| *t != NONE)
-    }
-
-    /// Bounds the distance of every triangle.
-    pub(super) fn triangles(&self, hints: &[u32], largest: &mut Largest, exact: &mut Exact) {
-        let fans = Fans::new(self.coarse, self.around);
-        for corners in &self.fine.triangles {
-            let at = corners.map(|v| self.fine.positions[v as usize]);
-            let near = corners.map(|v| hints[v as usize]);
-            let enough = largest.enough_sq().sqrt();
-            let feet = corners.map(|v| {
-                let (distance_sq, triangle) = self.feet[v as usize];
-                (distance_sq.sqrt(), triangle)
-            });
-            let is_over = |k: usize| {
-                near[k] != NONE && (k == 0 || near[k] != near[k - 1]) && {
-                    let most = fans.over(at, feet, near[k]);
-                    most <= enough && largest.accepts(most * most)
-                }
-            };
-            if (0..3).any(is_over) {
-                continue;
-            }
-            let feet = corners.map(|v| {
-                let (distance_sq, triangle) = self.feet[v as usize];
-                let point = self.fine.positions[v as usize];
-                let hint = self.coarse.triangles[triangle as usize][0];
-                Foot { point, distance_sq, triangle, hint }
-            });
-            self.cover(feet, 0, largest, exact);
-        }
     }
 
     /// The squared distance of a triangle from the nearest of the triangles of its feet, at most.
@@ -228,14 +247,8 @@ impl<'a> Forward<'a> {
             let point = [0, 1, 2].map(|k| 0.5 * (from.point[k] + to.point[k]));
             let foot = self.descend(point, from.hint);
             let other = self.descend(point, to.hint);
-            let mut foot = if other.distance_sq < foot.distance_sq { other } else { foot };
-            if foot.distance_sq > largest.enough_sq() {
-                let guess = (foot.distance_sq, foot.triangle);
-                (foot.distance_sq, foot.triangle) = exact.nearest(point, guess);
-                foot.hint = self.coarse.triangles[foot.triangle as usize][0];
-                largest.add(foot.distance_sq);
-            }
-            foot
+            let foot = if other.distance_sq < foot.distance_sq { other } else { foot };
+            self.certain(foot, largest, exact)
         });
         let [ab, bc, ca] = halves;
         for part in [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]] {

@@ -1,9 +1,9 @@
 //! The distance between a mesh and its simplified version, at most: for the steps between levels of detail.
 //!
-//! Every vertex of the mesh knows the vertex of the version that it went into, so that its foot is looked for around
-//! that one only. From the mesh to its version the bound is proven: the distance of a point to one fixed triangle is
-//! convex, so nowhere in a triangle is it larger than at a corner. Back it is the largest of samples. A foot that
-//! was found nearby is never nearer than the true one; where it is so far that it would count, all triangles are searched.
+//! Every vertex of the mesh knows the vertex of the version that it went into, so each triangle is laid onto the triangles
+//! around one of those, and the distance is found where it is largest (`star`). Triangles that lie over none of them, and
+//! those that seem farthest, are looked at one by one (`forward`). Back, from the version to the mesh, it is the
+//! largest of samples where nothing was laid (`back`).
 //!
 //! docs/design/tiles.md, "Errors".
 
@@ -11,10 +11,10 @@ mod across;
 mod around;
 mod back;
 mod exact;
-mod fans;
 mod foot;
 mod forward;
 mod largest;
+mod star;
 
 use crate::mesh::Mesh;
 use around::{Around, NONE};
@@ -34,11 +34,11 @@ pub fn deviation(fine: &Mesh, coarse: &Mesh, followed: &[u32], slack: f64) -> f6
     let slack_sq = slack * slack;
     let mut largest = Largest { certain_sq: 0.0, bound_sq: 0.0, slack_sq, rounding_sq };
     let around = Around::vertices(coarse);
-    let mut exact = Exact::new(coarse);
-    let mut forward = Forward::new(fine, coarse, &around, &hints);
-    forward.vertices(&mut largest, &mut exact);
-    back::samples((fine, coarse), &around, &hints, &forward, &mut largest);
-    forward.triangles(&hints, &mut largest, &mut exact);
+    let near = Around::hints(fine, &hints, coarse.positions.len());
+    let forward = Forward { fine, coarse, around: &around };
+    let covered = forward.stars(&near);
+    forward.triangles(&hints, &covered, &mut largest, &mut Exact::new(coarse));
+    back::samples(&forward, &near, &covered, &mut largest);
     largest.bound_sq.sqrt()
 }
 
