@@ -120,6 +120,13 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
         log.say("the number of triangles was not met: what lies in the box stays, or nothing legal is left to collapse".to_owned());
         return Ok(EXIT_SHORT);
     }
+    if done.is_coarser {
+        log.say(format!(
+            "the finest tiles are up to {:.3e} from the input, which is more than was asked for: the tree was made with --finest",
+            done.deviation
+        ));
+        return Ok(EXIT_SHORT);
+    }
     Ok(0)
 }
 

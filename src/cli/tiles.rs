@@ -6,10 +6,10 @@ use super::log::{EXIT_SHORT, Log, Talk};
 use super::outcome::stage_line;
 use crate::error::{Error, Result};
 use crate::pipeline::tiles::report::TilesReport;
-use crate::pipeline::tiles::{TILE_TRIANGLES, TilesConfig, make_tiles, prepare_tiles};
+use crate::pipeline::tiles::{Finest, TILE_TRIANGLES, TilesConfig, make_tiles, prepare_tiles};
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::progress::Progress;
-use crate::system::units::{parse_count, show_bytes, show_count};
+use crate::system::units::{parse_count, parse_ratio, show_bytes, show_count};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
@@ -30,6 +30,10 @@ pub struct Args {
     /// Pixels by which the picture may deviate from the full mesh in a viewer with its defaults (16 pixels).
     #[arg(long, value_name = "P", value_parser = parse_pixels, default_value_t = 1.0)]
     pixels: f64,
+    /// Finest level that is kept, as a share of the triangles (10%) or their number (4M); finer ones are not written
+    /// [default: the input].
+    #[arg(long, value_name = "R", value_parser = parse_finest)]
+    finest: Option<Finest>,
     /// Compression of tiles.
     #[arg(long, value_enum, value_name = "HOW", default_value = "meshopt")]
     compress: Compress,
@@ -115,6 +119,18 @@ fn parse_pixels(text: &str) -> std::result::Result<f64, String> {
     pixels.ok_or_else(|| "a number of pixels from 0.01 to 1000".to_owned())
 }
 
+/// A share ends in a percent sign or is at most 1, as for `simplify --ratio`.
+fn parse_finest(text: &str) -> std::result::Result<Finest, String> {
+    let is_share = text.ends_with('%') || text.parse().is_ok_and(|x: f64| x <= 1.0);
+    if is_share {
+        return parse_ratio(text).map(Finest::Ratio);
+    }
+    match parse_count(text)? {
+        n @ 500.. => Ok(Finest::Triangles(n)),
+        n => Err(format!("a finest level of {n} triangles; give 500 or more, or a share as 10%")),
+    }
+}
+
 fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     let parse = |word: &str| word.trim().parse().ok().filter(|x: &f64| x.is_finite());
     let list: Option<Vec<f64>> = text.split(',').map(parse).collect();
@@ -173,6 +189,7 @@ impl Args {
             input: self.input.clone(),
             output: self.output.clone(),
             tile_triangles: self.tile_triangles,
+            finest: self.finest.unwrap_or_default(),
             pixels: self.pixels,
             packs: self.compress == Compress::Meshopt,
             is_z_up: self.up == Up::Z,
@@ -234,7 +251,7 @@ fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {
             show_count(level.triangles),
             show_bytes(level.bytes),
             match level.groups {
-                0 => "the input".to_owned(),
+                0 if level.error_max == 0.0 => "the input".to_owned(),
                 _ => format!("at most {:.3e} from it", level.error_max),
             }
         ));
@@ -278,6 +295,10 @@ mod tests {
         let pole = east_north_up(Geo([90.0, 0.0, 0.0]));
         assert!(near(pole[14], 6_356_752.314_245_179));
         assert!(parse_geo("91,0,0").is_err() && parse_geo("1,2").is_err());
+        assert_eq!(parse_finest("10%"), Ok(Finest::Ratio(0.1)));
+        assert_eq!(parse_finest("0.25"), Ok(Finest::Ratio(0.25)));
+        assert_eq!(parse_finest("4M"), Ok(Finest::Triangles(4_000_000)));
+        assert!(["0", "-1", "7", "200%", "x"].iter().all(|text| parse_finest(text).is_err()));
         assert!(parse_transform("1,0,0,0,0,1,0,0,0,0,1,0,5,6,7,1").is_ok());
         assert!(parse_transform("1,0,0,1,0,1,0,0,0,0,1,0,5,6,7,1").is_err());
     }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use stonecut::io::decode_tile;
 use stonecut::measure::tree::{Nearest, Tree};
 use stonecut::mesh::Mesh;
-use stonecut::pipeline::tiles::{TilesConfig, make_tiles_on, prepare_tiles};
+use stonecut::pipeline::tiles::{Finest, TilesConfig, make_tiles_on, prepare_tiles};
 use stonecut::system::disk::Disk;
 use stonecut::system::progress::Progress;
 
@@ -125,6 +125,7 @@ fn config(folder: &Path, output: &str) -> TilesConfig {
         input: folder.join("in.ply"),
         output: folder.join(output),
         tile_triangles: 1000,
+        finest: Finest::Input,
         pixels: 1.0,
         packs: true,
         is_z_up: true,
@@ -161,12 +162,24 @@ fn a_run_over_images_that_stopped_anywhere_is_continued_to_the_same_bytes() {
     stopped_anywhere(&folder);
 }
 
+#[test]
+fn a_run_to_a_coarser_finest_level_that_stopped_anywhere_is_continued_to_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth statue in.ply --triangles 40k", 0);
+    stopped_anywhere_to(&folder, Finest::Ratio(0.1));
+}
+
 fn stopped_anywhere(folder: &tempfile::TempDir) {
+    stopped_anywhere_to(folder, Finest::Input);
+}
+
+fn stopped_anywhere_to(folder: &tempfile::TempDir, finest: Finest) {
+    let config = |folder: &Path, name: &str| TilesConfig { finest, ..config(folder, name) };
     let disk = Disk::default();
     make(&disk, &config(folder.path(), "whole")).unwrap();
     let whole = files(&folder.path().join("whole"));
     let n = disk.changes();
-    assert!(n > 100, "{n} changes");
+    assert!(n > 60, "{n} changes");
     for i in 0..24 {
         let disk = Disk::default();
         disk.freeze_at(1 + i * n / 24);
@@ -261,6 +274,65 @@ fn colours_out_of_images_are_the_same_for_any_threads_and_memory() {
         files(&path.join(name))
     };
     assert!(cut("one", "--threads 1 --memory 200MiB") == cut("two", "--threads 3 --memory 2GiB"));
+}
+
+#[test]
+fn a_second_run_with_the_same_output_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth statue in.ply --triangles 20k", 0);
+    let stopped = Disk::default();
+    stopped.freeze_at(20);
+    let first = config(folder.path(), "out");
+    assert!(make(&stopped, &first).is_err());
+    let pending = folder.path().join(".out.stonecut-tiles");
+    let held = std::fs::File::open(&pending).unwrap();
+    held.try_lock().unwrap();
+    // The same job, and one in another job folder.
+    for job in ["out.stonecut-job", "other.stonecut-job"] {
+        let second = TilesConfig { job_folder: folder.path().join(job), ..first.clone() };
+        let error = make(&Disk::default(), &second).unwrap_err();
+        assert_eq!(error.exit_code(), 7, "{job}: {error}");
+    }
+    drop(held);
+    make(&Disk::default(), &first).unwrap();
+}
+
+#[test]
+fn levels_finer_than_the_finest_are_not_written_but_counted_in() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    expect(path, "synth statue in.ply --triangles 60k --seed 3", 0);
+    let input = count(&check(path, "in.ply"), "triangles");
+    expect(path, "tiles in.ply all --tile-triangles 1000", 0);
+    let whole = level(&path.join("all"), 0);
+    for (finest, share) in [("50%", 0.5), ("0.1", 0.1), ("15k", 0.25), ("1%", 0.01), ("80k", 1.0)] {
+        let make = "tiles in.ply out --tile-triangles 1000 --force --report r.json --finest";
+        expect(path, &format!("{make} {finest}"), 0);
+        let found = check(path, "out");
+        assert_eq!((count(&found, "n_faults"), count(&found, "boundary_edges")), (0, 0), "{found}");
+        let ratio = count(&found, "triangles") as f64 / input as f64;
+        assert!((ratio / share - 1.0).abs() < 0.2, "{finest}: {ratio}");
+        let n_tiles = count(&found, "tiles");
+        let code = if share < 1.0 { 3 } else { 0 };
+        expect(path, "extract out fine.ply --max-error 0 --force", code);
+        expect(path, "extract out coarse.ply --triangles 300 --force", 0);
+        let report: Value =
+            serde_json::from_slice(&std::fs::read(path.join("r.json")).unwrap()).unwrap();
+        assert_eq!(count(&report, "tiles"), n_tiles);
+        for (number, facts) in (0u32..).zip(report["levels"].as_array().unwrap()) {
+            let stated = facts["error_max"].as_f64().unwrap();
+            if stated == 0.0 {
+                assert!(number == 0 && share == 1.0);
+                continue;
+            }
+            let mesh = level(&path.join("out"), number);
+            let far = sampled(&whole, &mesh).max(sampled(&mesh, &whole));
+            assert!(
+                stated >= far && stated <= 3.0 * far,
+                "{finest}, level {number}: {stated} {far}"
+            );
+        }
+    }
 }
 
 #[test]

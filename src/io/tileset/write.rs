@@ -160,6 +160,8 @@ impl Writer<'_> {
         let mut facts = json!({ "level": tile.level, "triangles": tile.triangles });
         if let Some(group) = tile.group {
             facts["group"] = group.into();
+        }
+        if tile.group.is_some() || tile.deviation > 0.0 {
             facts["deviation"] = tile.deviation.into();
         }
         out["extras"] = facts;

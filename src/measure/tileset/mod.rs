@@ -81,8 +81,8 @@ pub fn check_tileset(folder: &Path, threads: usize, progress: &Progress) -> Resu
         finer = Some(borders);
     }
     found.triangles_of_all_levels = total;
-    if tree.input_triangles != found.triangles {
-        let (n, wanted) = (found.triangles, tree.input_triangles);
+    if tree.finest_triangles != found.triangles {
+        let (n, wanted) = (found.triangles, tree.finest_triangles);
         found.fault(|| format!("the finest tiles have {n} triangles, the mesh had {wanted}"));
     }
     Ok(found)

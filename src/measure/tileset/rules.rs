@@ -67,7 +67,10 @@ impl Cuboid {
 #[derive(Debug, Default)]
 pub(super) struct Tree {
     pub(super) tiles: Vec<CheckedTile>,
-    pub(super) input_triangles: u64,
+    /// Triangles that the finest tiles have together.
+    pub(super) finest_triangles: u64,
+    /// True if the finest tiles are not the input, and so have an error.
+    is_reduced: bool,
     pub(super) step: f64,
     pub(super) is_z_up: bool,
     /// Properties of vertices that tiles have as attributes.
@@ -93,7 +96,15 @@ impl Tree {
             Vec::new()
         });
         let is_z_up = facts["up"].as_str() != Some("y");
-        let mut tree = Tree { input_triangles, step, is_z_up, scalars, ..Tree::default() };
+        let finest = facts["finest_triangles"].as_u64();
+        let mut tree = Tree {
+            finest_triangles: finest.unwrap_or(input_triangles),
+            is_reduced: finest.is_some(),
+            step,
+            is_z_up,
+            scalars,
+            ..Tree::default()
+        };
         found.tilesets = 1;
         if set.geometric_error <= set.root.geometric_error {
             found.fault(|| {
@@ -226,7 +237,8 @@ impl Tree {
             if tile.content.is_some() && tile.content_volume.is_none_or(|own| !volume.holds(&own)) {
                 found.fault(|| format!("{}: its volume does not hold its content", name()));
             }
-            if tile.n_children == 0 && (tile.level > 0 || tile.error != 0.0) {
+            let is_finest = tile.level == 0 && (self.is_reduced || tile.error == 0.0);
+            if tile.n_children == 0 && !is_finest {
                 found.fault(|| format!("{}: it has an error but nothing finer", name()));
             }
             if let Some(parent) = tile.parent.map(|parent| &self.tiles[parent as usize]) {

@@ -67,6 +67,8 @@ pub struct Extracted {
     pub deviation: f64,
     /// True if the number of triangles was met, or none was asked for.
     pub reached: bool,
+    /// True if the finest tiles of the tree are farther from the input than was asked for.
+    pub is_coarser: bool,
     /// Bytes of the file.
     pub bytes: u64,
 }
@@ -119,6 +121,7 @@ fn run(config: &ExtractConfig, progress: &Progress) -> Result<Extracted> {
         cut_triangles: cut.triangles,
         deviation: cut.deviation,
         reached,
+        is_coarser: matches!(config.wanted, Wanted::MaxError(_)) && cut.is_coarser,
         bytes,
     })
 }

@@ -21,6 +21,8 @@ pub(super) struct Node {
     /// Number of its group in `Tree::groups`; none on level 0.
     group: Option<usize>,
     parent: Option<usize>,
+    /// Distance from the input, at most, of a tile of the finest level.
+    leaf_deviation: f64,
     pub(super) triangles: u64,
     pub(super) content: Option<String>,
     /// Bounds of the content, from the origin of the lattice.
@@ -67,6 +69,8 @@ pub(super) struct Cut {
     pub(super) triangles: u64,
     /// The largest stated distance from the input.
     pub(super) deviation: f64,
+    /// True if a tile of the finest level is farther from the input than is allowed.
+    pub(super) is_coarser: bool,
 }
 
 impl Tree {
@@ -139,8 +143,14 @@ impl Tree {
             if is_below && !is_refined(node) && node.content.is_some() {
                 cut.tiles.push(number);
                 cut.triangles += node.triangles;
-                let deviation = node.group.map_or(0.0, |group| self.groups[group].deviation);
+                let deviation = match node.group {
+                    Some(group) => self.groups[group].deviation,
+                    None => node.leaf_deviation,
+                };
                 cut.deviation = cut.deviation.max(deviation);
+                let inside = allowed.inside.filter(|(bounds, _)| meets(&node.bounds, bounds));
+                let most = inside.map_or(allowed.outside, |(_, most)| most.min(allowed.outside));
+                cut.is_coarser |= node.group.is_none() && node.leaf_deviation > most;
             }
         }
         cut.tiles.sort_by_key(|&tile| (std::cmp::Reverse(self.nodes[tile].level), tile));
@@ -224,6 +234,7 @@ impl Reader<'_> {
             level,
             group: None,
             parent,
+            leaf_deviation: facts["deviation"].as_f64().filter(|x| x.is_finite()).unwrap_or(0.0),
             triangles: facts["triangles"].as_u64().unwrap_or(0),
             content,
             bounds: volume.map_or(Bounds::EMPTY, |volume| self.bounds(volume)),

@@ -10,6 +10,18 @@ pub const TILE_TRIANGLES: u64 = 16_000;
 /// Recorded in the job before the folder gets its name: the checksum of its first file of JSON.
 pub(super) const NAMED: &str = "tiles named";
 
+/// The finest level that is kept.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Finest {
+    /// The input.
+    #[default]
+    Input,
+    /// A share of its triangles.
+    Ratio(f64),
+    /// A number of triangles.
+    Triangles(u64),
+}
+
 /// A run of `tiles`.
 #[derive(Clone, Debug)]
 pub struct TilesConfig {
@@ -19,6 +31,8 @@ pub struct TilesConfig {
     pub output: PathBuf,
     /// Triangles of a tile, about.
     pub tile_triangles: u64,
+    /// The finest level that is kept.
+    pub finest: Finest,
     /// Pixels that the distance from the input may have on the screen of a viewer with its defaults.
     pub pixels: f64,
     /// Packs tiles with EXT_meshopt_compression.
@@ -51,7 +65,7 @@ impl TilesConfig {
     /// Every setting that changes the result, by name.
     pub fn settings(&self) -> BTreeMap<String, String> {
         let transform: Vec<String> = self.transform.iter().map(f64::to_string).collect();
-        BTreeMap::from([
+        let mut settings = BTreeMap::from([
             ("command".to_owned(), "tiles".to_owned()),
             ("tile_triangles".to_owned(), self.tile_triangles.to_string()),
             ("pixels".to_owned(), self.pixels.to_string()),
@@ -60,7 +74,14 @@ impl TilesConfig {
             ("transform".to_owned(), transform.join(",")),
             ("skip_bad".to_owned(), self.skip_bad.to_string()),
             ("viewer".to_owned(), self.viewer.to_string()),
-        ])
+        ]);
+        // Left out where nothing was asked for, so that jobs of earlier builds are continued.
+        match self.finest {
+            Finest::Input => None,
+            Finest::Ratio(ratio) => settings.insert("finest".to_owned(), ratio.to_string()),
+            Finest::Triangles(n) => settings.insert("finest".to_owned(), format!("{n} triangles")),
+        };
+        settings
     }
 
     /// The folder that is written before it gets its name.

@@ -9,11 +9,12 @@
 mod config;
 mod plan;
 pub mod report;
+mod rounds;
 mod tree;
 mod viewer;
 
 use config::NAMED;
-pub use config::{TILE_TRIANGLES, TilesConfig};
+pub use config::{Finest, TILE_TRIANGLES, TilesConfig};
 pub use plan::{PreparedTiles, TilesPlan, prepare_tiles};
 
 use super::abandon;
@@ -25,42 +26,28 @@ use crate::io::NUMBER;
 use crate::io::ply::MeshSource;
 use crate::io::tileset::{FILE_NAME, TileTree, write_tilesets};
 use crate::kernel;
-use crate::measure::step;
 use crate::mesh::codec::ChannelKind;
 use crate::mesh::record::VertexSchema;
 use crate::stages::partition::{Partition, partition_into_groups};
-use crate::stages::simplify::{Beside, Goal, channel_lengths, simplify_cells_beside, work_bytes};
-use crate::stages::stitch::{self, NewCells, within_reach};
-use crate::stages::tiles::{self, TileRound};
-use crate::store::cell_id::CellId;
-use crate::store::cells::{
-    BoxKey, CellStore, GroupGrid, GroupRecord, StoreInfo, SurvivorInfo, SurvivorPack, TileRecord,
-    VertexLayout,
-};
+use crate::stages::tiles;
+use crate::store::cells::{GroupGrid, GroupRecord, Lattice};
 use crate::store::job::fingerprint::unchanged;
 use crate::store::job::{Identity, Job, hold};
 use crate::store::stage_context::StageContext;
 use crate::system::disk::Disk;
 use crate::system::json_keys::SCHEMA_VERSION;
-use crate::system::memory::{BASE_BYTES, peak_bytes};
+use crate::system::memory::peak_bytes;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
-use plan::{LEFT, layout, too_little};
+use plan::{Hidden, layout};
 use report::{FolderReport, TilesReport, level_reports};
+use rounds::Stages;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 use tree::Levels;
 use xxhash_rust::xxh3::xxh3_64;
-
-/// A round whose one group has at most this many tiles' triangles is the last.
-const LAST: u64 = 8;
-
-/// The bound of a round's step exceeds the largest distance that was found by at most this factor. The first round has
-/// three quarters of all triangles and the smallest share of the sum.
-const FIRST_SLACK: f64 = 1.5;
-const SLACK: f64 = 1.25;
 
 /// Writes the tree of tiles of `config.input` to `config.output`.
 pub fn make_tiles(
@@ -127,15 +114,16 @@ fn run(
         memory_bytes: plan.usable_memory_bytes,
         checkpoint_every: config.checkpoint_every,
     };
+    let n = source.n_triangles();
     let mut stages = Stages {
         stages: SealedStages::new(run, 2 * plan.levels),
         run,
         config,
         pending: &pending,
         layout: layout(&source),
+        hidden: Hidden::new(config, n),
         kernel: kernel_options(&plan::schema(&source)),
     };
-    let n = source.n_triangles();
     let count = |cut: &(Partition, GroupGrid)| cut.0.store.triangles;
     let cut = stages.stages.stage(("partition", "partition"), n, count, |run| {
         let outcome = guarded(|| cut_into_groups(&source, config, run));
@@ -161,8 +149,10 @@ fn run(
     }
     let (rounds, top) = stages.rounds(&partition, &grid)?;
     stages.stages.begin("write", 1);
-    let levels =
-        Levels { lattice: grid.lattice, rounds: &rounds, top: &top, pixels: config.pixels };
+    let (hidden, rounds) = rounds.split_at(stages.hidden.rounds as usize);
+    let step = grid.lattice.step_of(stages.hidden.rounds);
+    let lattice = Lattice { step, ..grid.lattice };
+    let levels = Levels { lattice, rounds, hidden, top: &top, pixels: config.pixels };
     let (tiles, deviations) = tree::tree(&levels);
     let root = tiles.iter().rposition(|tile| tile.level as usize == rounds.len()).unwrap_or(0);
     let leaf_triangles: u64 =
@@ -172,12 +162,16 @@ fn run(
         transform: placed(&config.transform, grid.lattice.origin, config.is_z_up),
         is_z_up: config.is_z_up,
         extras: json!({ "stonecut": {
-            "input_triangles": leaf_triangles, "levels": rounds.len() + 1,
-            "step": grid.lattice.step, "pixels": config.pixels, "up": if config.is_z_up { "z" } else { "y" },
+            "input_triangles": partition.store.triangles, "levels": rounds.len() + 1,
+            "step": lattice.step, "pixels": config.pixels, "up": if config.is_z_up { "z" } else { "y" },
             "origin": grid.lattice.origin,
         } }),
         tiles,
     };
+    if !hidden.is_empty() {
+        tree.extras["stonecut"]["finest_triangles"] = leaf_triangles.into();
+        tree.extras["stonecut"]["finest_deviation"] = deviations[0].into();
+    }
     if !scalars.is_empty() {
         tree.extras["stonecut"]["scalars"] = json!(scalars);
     }
@@ -199,7 +193,7 @@ fn run(
     job.record(NAMED, &xxh3_64(&text))?;
     disk.replace_folder(&pending, &config.output)?;
     let reports = stages.stages.reports;
-    let level_reports = level_reports(&rounds, &top, &deviations, config.tile_triangles);
+    let level_reports = level_reports(rounds, &top, &deviations, config.tile_triangles);
     let seconds = started.elapsed().as_secs_f64();
     let dropped = partition.degenerate_faces;
     let mut report = TilesReport {
@@ -240,13 +234,14 @@ fn cut_into_groups(
     config: &TilesConfig,
     run: &StageContext,
 ) -> Result<(Partition, GroupGrid)> {
+    let base = Hidden::new(config, source.n_triangles()).base_triangles;
     if !has_only_images(source) {
-        return partition_into_groups(source, config.tile_triangles, run);
+        return partition_into_groups(source, base, run);
     }
     let path = run.job.path(COLOURED_FILE);
     let coloured = run.job.sealed(COLOURED, || colour_vertices(source, &path, Means::from(run)))?;
     let copy = MeshSource::open(&path)?;
-    let (mut partition, grid) = partition_into_groups(&copy, config.tile_triangles, run)?;
+    let (mut partition, grid) = partition_into_groups(&copy, base, run)?;
     partition.degenerate_faces += coloured.degenerate_faces;
     partition.bad_faces += coloured.bad_faces;
     Ok((partition, grid))
@@ -331,143 +326,4 @@ fn placed(world: &[f64; 16], origin: [f64; 3], is_z_up: bool) -> [f64; 16] {
         out[12 + k] = world[k] * x + world[4 + k] * y + world[8 + k] * z + world[12 + k];
     }
     out
-}
-
-/// The steps of one run: each is sealed in the job, timed and reported.
-struct Stages<'a> {
-    stages: SealedStages<'a>,
-    run: StageContext<'a>,
-    config: &'a TilesConfig,
-    pending: &'a Path,
-    layout: VertexLayout,
-    kernel: kernel::Options,
-}
-
-impl Stages<'_> {
-    fn store(&self, info: StoreInfo) -> Result<CellStore> {
-        CellStore::open(self.run.disk(), self.run.job.folder(), info, self.layout.clone())
-    }
-
-    /// All rounds, and the tile at the top.
-    fn rounds(
-        &mut self,
-        partition: &Partition,
-        grid: &GroupGrid,
-    ) -> Result<(Vec<Vec<GroupRecord>>, TileRecord)> {
-        let run = self.run;
-        let tile = self.config.tile_triangles;
-        let mut store = partition.store.clone();
-        if self.layout.n_weighted() > 0 {
-            let target = (store.triangles as f64 * LEFT) as u64;
-            self.kernel.weights = run.job.sealed("channel lengths", || {
-                channel_lengths(&self.store(store.clone())?, target, &run)
-            })?;
-        }
-        let mut groups = grid.groups.clone();
-        let mut parts: Option<Vec<Vec<(BoxKey, u64)>>> = None;
-        let mut rounds: Vec<Vec<GroupRecord>> = Vec::new();
-        let mut was_single = false;
-        loop {
-            let round = rounds.len() as u32 + 1;
-            let is_last = groups.len() == 1 && (was_single || store.triangles <= LAST * tile);
-            was_single = groups.len() == 1;
-            let quarter = (store.triangles as f64 * LEFT) as u64;
-            let wanted = if is_last { quarter.min(tile) } else { quarter };
-            let wanted = within_reach(wanted, store.triangles, store.shared_vertices);
-            let goal = Goal { round, triangles: wanted.max(4).min(store.triangles) };
-            self.check_memory(&store)?;
-            let disk = run.disk().clone();
-            let layout = self.layout.clone();
-            let work = TileRound {
-                lattice: grid.lattice,
-                round,
-                groups: &groups,
-                parts: parts.as_deref(),
-                is_last,
-                tile_triangles: tile,
-                folder: self.pending,
-                packs: self.config.packs,
-                is_z_up: self.config.is_z_up,
-                layout: &layout,
-                disk: &disk,
-                deviation: &|fine, coarse, followed| {
-                    let slack = if round == 1 { FIRST_SLACK } else { SLACK };
-                    step::deviation(fine, coarse, followed, slack)
-                },
-            };
-            let (options, info, pending) = (self.kernel.clone(), store.clone(), self.pending);
-            let rows = layout.clone();
-            let mut left = self.stages.stage(
-                (&format!("round {round}"), if round == 1 { "simplify" } else { "round" }),
-                store.triangles,
-                |left: &SurvivorInfo| left.triangles,
-                |run| {
-                    let store = CellStore::open(run.disk(), run.job.folder(), info, rows)?;
-                    let beside = Beside {
-                        bytes_per_triangle: tiles::BYTES_PER_TRIANGLE,
-                        is_whole: &|cell, left| Ok(work.is_whole(cell, left)),
-                        look: &|cell, before, left| work.look(cell, &before, left),
-                    };
-                    let left = simplify_cells_beside(&store, goal, &options, beside, run)?;
-                    run.disk().sync_all_below(pending)?;
-                    Ok(left)
-                },
-            )?;
-            run.disk().remove(&run.job.path(&store.pack))?;
-            let records = std::mem::take(&mut left.statistics.groups);
-            if left.triangles == 0 {
-                let what = format!("no triangle is left after round {round}; nothing was written");
-                return Err(Error::Empty { path: self.config.output.clone(), what });
-            }
-            if is_last {
-                let top = run.job.sealed("top", || {
-                    let pack = self.survivors(left.clone())?;
-                    let top = work.write_root(&pack.load(CellId(0))?)?;
-                    run.disk().sync_all_below(self.pending)?;
-                    Ok(top)
-                })?;
-                rounds.push(records);
-                return Ok((rounds, top));
-            }
-            let (next, next_parts) = tiles::next_groups(&records);
-            let of_triangles = |cell: CellId, _: &crate::store::cells::Survivors| {
-                tiles::next_cells(&records[cell].parts, &next)
-            };
-            let old_packs = left.packs.clone();
-            let rows = self.layout.clone();
-            store = self.stages.stage(
-                (&format!("regroup {round}"), "repartition"),
-                left.triangles,
-                |store: &StoreInfo| store.triangles,
-                |run| {
-                    let pack = SurvivorPack::open(run.disk(), run.job.folder(), left, rows)?;
-                    let n_cells = next.len() as u32;
-                    let map = NewCells { n_cells, of_triangles: &of_triangles };
-                    stitch::regroup(&pack, map, round + 1, run)
-                },
-            )?;
-            for file in old_packs {
-                run.disk().remove(&run.job.path(&file.pack))?;
-            }
-            rounds.push(records);
-            groups = next;
-            parts = Some(next_parts);
-        }
-    }
-
-    fn survivors(&self, info: SurvivorInfo) -> Result<SurvivorPack> {
-        SurvivorPack::open(self.run.disk(), self.run.job.folder(), info, self.layout.clone())
-    }
-
-    /// Fails where the largest group does not fit into memory.
-    fn check_memory(&self, store: &StoreInfo) -> Result<()> {
-        let bytes = |cell: &crate::store::cells::CellTally| {
-            work_bytes(*cell, *cell, 1.0, &self.layout) + tiles::BYTES_PER_TRIANGLE * cell.triangles
-        };
-        let largest = store.cells.iter().map(bytes).max().unwrap_or(0);
-        match largest > self.run.memory_bytes {
-            true => Err(too_little(self.config, largest + BASE_BYTES)),
-            false => Ok(()),
-        }
-    }
 }

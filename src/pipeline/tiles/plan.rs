@@ -1,6 +1,6 @@
 //! Opens the input of `tiles`, checks it against what was asked for, and plans the run; nothing is written yet.
 
-use super::config::{NAMED, TilesConfig};
+use super::config::{Finest, NAMED, TilesConfig};
 use crate::bake::{colour_properties, has_only_images};
 use crate::error::{Error, Result};
 use crate::io::StageOptions;
@@ -29,7 +29,53 @@ const TILES_OF_GROUP: u64 = 16;
 const UNEVEN: f64 = 1.5;
 
 /// Share of its triangles that a round leaves.
-pub(super) const LEFT: f64 = 0.25;
+const LEFT: f64 = 0.25;
+
+/// The rounds on the way to the finest level that is kept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Hidden {
+    /// Rounds that write no tiles; 0 if the input is the finest level.
+    pub(super) rounds: u32,
+    /// Share of its triangles that each of them leaves.
+    left: f64,
+    /// Triangles in a box of the input, so that those of the finest level are tiles.
+    pub(super) base_triangles: u64,
+    tile_triangles: u64,
+}
+
+impl Hidden {
+    pub(super) fn new(config: &TilesConfig, triangles_in: u64) -> Hidden {
+        let tile_triangles = config.tile_triangles;
+        let ratio = match config.finest {
+            Finest::Input => 1.0,
+            Finest::Ratio(ratio) => ratio,
+            Finest::Triangles(n) => n as f64 / triangles_in.max(1) as f64,
+        };
+        if ratio >= 1.0 {
+            return Hidden {
+                rounds: 0,
+                left: LEFT,
+                base_triangles: tile_triangles,
+                tile_triangles,
+            };
+        }
+        // The fewest rounds that leave a quarter or more; a little less is a quarter, too.
+        let rounds = (ratio.ln() / LEFT.ln() - 1e-9).ceil().clamp(1.0, 16.0);
+        let left = ratio.powf(1.0 / rounds);
+        let base = tile_triangles as f64 / (4.0 * left).powf(rounds);
+        Hidden { rounds: rounds as u32, left, base_triangles: base.max(1.0) as u64, tile_triangles }
+    }
+
+    /// Share of its triangles that a round leaves, from 1.
+    pub(super) fn left(&self, round: u32) -> f64 {
+        if round <= self.rounds { self.left } else { LEFT }
+    }
+
+    /// Triangles of a full box in the mesh that a round begins with.
+    pub(super) fn tile_triangles(&self, round: u32) -> u64 {
+        if round <= self.rounds { self.base_triangles } else { self.tile_triangles }
+    }
+}
 
 /// Bytes of output for each triangle of a tile, packed and not.
 const OUTPUT_BYTES: [u64; 2] = [7, 16];
@@ -140,6 +186,7 @@ impl TilesPlan {
         }
         let layout = layout(source);
         let per_triangle = source.n_vertices() as f64 / triangles_in as f64;
+        let hidden = Hidden::new(config, triangles_in);
         let group = TILES_OF_GROUP * config.tile_triangles;
         let most = ((group as f64 * UNEVEN) as u64).min(triangles_in);
         let tally = CellTally {
@@ -149,7 +196,7 @@ impl TilesPlan {
         let work = work_bytes(tally, tally, 1.0, &layout) + BYTES_PER_TRIANGLE * most;
         let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
         let store = store_bytes(source.n_vertices(), triangles_in, &layout);
-        let n_cells = plan_cells(triangles_in, group);
+        let n_cells = plan_cells(triangles_in, TILES_OF_GROUP * hidden.base_triangles);
         let sizes =
             Sizes { n_vertices: source.n_vertices(), n_cells, store_bytes: store, layout: &layout };
         let tables = Shares::new(sizes, config.threads.get(), usable).least_bytes;
@@ -157,7 +204,8 @@ impl TilesPlan {
         if work.max(tables) > usable {
             return Err(too_little(config, needed));
         }
-        let (mut levels, mut left, mut all) = (1, triangles_in as f64, triangles_in as f64);
+        let finest = triangles_in as f64 * hidden.left.powi(hidden.rounds as i32);
+        let (mut levels, mut left, mut all) = (1, finest, finest);
         while left > config.tile_triangles as f64 {
             left *= LEFT;
             all += left;
@@ -181,7 +229,7 @@ impl TilesPlan {
             tiles: (1.5 * all / config.tile_triangles as f64).ceil() as u64,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
-            temp_bytes: store + coloured + (triangles_in as f64 * LEFT * row) as u64,
+            temp_bytes: store + coloured + (triangles_in as f64 * hidden.left(1) * row) as u64,
             output_bytes: output as u64,
             seconds: triangles_in as f64
                 / (TRIANGLES_PER_SECOND_PER_CORE * config.threads.get() as f64),

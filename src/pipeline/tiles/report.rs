@@ -16,7 +16,7 @@ pub struct LevelReport {
     pub triangles: u64,
     /// Bytes of their files.
     pub bytes: u64,
-    /// Groups that were simplified to make it; 0 for the finest.
+    /// Groups that were simplified to make it from the level below; 0 for the finest.
     pub groups: u64,
     /// Groups that kept most of their triangles.
     pub stuck: u64,
@@ -78,7 +78,7 @@ impl TilesReport {
 /// A group that keeps more than this share of its triangles is stuck, unless it has but a tile.
 const STUCK: f64 = 0.8;
 
-/// Facts about each level, the finest first; `deviations` are the distances from the input of the others, at most.
+/// Facts about each level, the finest first; `deviations` are their distances from the input, at most.
 pub(super) fn level_reports(
     rounds: &[Vec<GroupRecord>],
     top: &TileRecord,
@@ -86,7 +86,7 @@ pub(super) fn level_reports(
     tile_triangles: u64,
 ) -> Vec<LevelReport> {
     let mut out = Vec::new();
-    for level in 0..=rounds.len() {
+    for (level, &error_max) in deviations.iter().enumerate() {
         let tiles: Vec<&TileRecord> = match rounds.get(level) {
             Some(round) => round.iter().flat_map(|record| &record.tiles).collect(),
             None => vec![top],
@@ -106,7 +106,7 @@ pub(super) fn level_reports(
             bytes: tiles.iter().map(|tile| tile.bytes).sum::<u64>() + borders,
             groups: groups.len() as u64,
             stuck: groups.iter().filter(is_stuck).count() as u64,
-            error_max: level.checked_sub(1).map_or(0.0, |round| deviations[round]),
+            error_max,
         });
     }
     out

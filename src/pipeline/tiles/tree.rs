@@ -11,6 +11,7 @@ use crate::mesh::bounds::Bounds;
 use crate::stages::tiles::tile_path;
 use crate::store::cell_id::CellId;
 use crate::store::cells::{BoxKey, GroupRecord, Lattice, TileRecord, group_of, parent_of};
+use std::collections::BTreeMap;
 
 /// Errors grow from level to level by this share at least.
 const LEAST_STEP: f64 = 1.0 / 512.0;
@@ -23,14 +24,16 @@ pub(super) struct Levels<'a> {
     pub(super) lattice: Lattice,
     /// The groups of each round, sorted.
     pub(super) rounds: &'a [Vec<GroupRecord>],
+    /// The groups of the rounds before, which have written nothing.
+    pub(super) hidden: &'a [Vec<GroupRecord>],
     pub(super) top: &'a TileRecord,
     /// Pixels that the distance from the input may have on the screen.
     pub(super) pixels: f64,
 }
 
-/// The tiles of a tree, the top last, and the largest distance from the input of each level above the finest.
+/// The tiles of a tree, the top last, and the largest distance from the input of each level.
 pub(super) fn tree(levels: &Levels) -> (Vec<TreeTile>, Vec<f64>) {
-    let mut tree = Tree::default();
+    let mut tree = Tree { leaves: hidden(levels.hidden), ..Tree::default() };
     let n_rounds = levels.rounds.len() as u32;
     for (level, round) in (0u32..).zip(levels.rounds) {
         let mut first = Vec::with_capacity(round.len());
@@ -75,6 +78,27 @@ struct Tree {
     first: Vec<Vec<u32>>,
     /// For each round and group the tiles that it shows finer.
     owned: Vec<Vec<Vec<u32>>>,
+    /// The groups that have left the finest tiles, sorted, with the distance of these from the input; none if they are it.
+    leaves: Vec<(BoxKey, f64)>,
+}
+
+/// The groups of the last of some rounds, with the distance from the input of what they have left.
+fn hidden(rounds: &[Vec<GroupRecord>]) -> Vec<(BoxKey, f64)> {
+    let mut below: Vec<(&GroupRecord, f64)> = Vec::new();
+    for records in rounds {
+        let mut most: BTreeMap<BoxKey, f64> = BTreeMap::new();
+        for (record, distance) in &below {
+            for (key, _) in &record.parts {
+                let most = most.entry(group_of(parent_of(*key))).or_default();
+                *most = most.max(*distance);
+            }
+        }
+        let distance = |record: &GroupRecord| {
+            most.get(&record.group).copied().unwrap_or(0.0) + record.deviation
+        };
+        below = records.iter().map(|record| (record, distance(record))).collect();
+    }
+    below.into_iter().map(|(record, distance)| (record.group, distance)).collect()
 }
 
 impl Tree {
@@ -152,12 +176,28 @@ impl Tree {
         near.expect("the last round has the top").1[0]
     }
 
+    /// The distance of a tile of the finest level from the input, but for the rounding to the lattice.
+    fn leaf(&self, tile: u32) -> f64 {
+        let group = group_of(self.keys[tile as usize]);
+        let found = self.leaves.binary_search_by_key(&group, |(key, _)| *key);
+        found.map_or(0.0, |at| self.leaves[at].1)
+    }
+
     /// Volumes and errors, from the finest level upwards; returns the largest deviation of each level.
     fn bound(&mut self, levels: &Levels) -> Vec<f64> {
-        for tile in &mut self.tiles {
+        let mut most = 0.0f64;
+        for number in 0..self.tiles.len() {
+            let leaf = match self.tiles[number].level == 0 && !self.leaves.is_empty() {
+                true => self.leaf(number as u32) + 3f64.sqrt() * levels.lattice.step_of(0),
+                false => 0.0,
+            };
+            most = most.max(leaf);
+            let tile = &mut self.tiles[number];
             tile.bounds = tile.content_bounds;
+            tile.deviation = leaf;
+            tile.geometric_error = VIEWER_PIXELS / levels.pixels * leaf;
         }
-        let mut deviations = Vec::new();
+        let mut deviations = vec![most];
         // Of the groups of the round before: distance without the rounding to the lattice.
         let mut geometry: Vec<f64> = Vec::new();
         for (round, records) in levels.rounds.iter().enumerate() {
@@ -170,13 +210,14 @@ impl Tree {
                 for &tile in &self.owned[round][group] {
                     let tile = &self.tiles[tile as usize];
                     bounds = bounds.joined(&tile.content_bounds);
-                    for &child in &tile.children {
-                        let child = &self.tiles[child as usize];
+                    for &number in &tile.children {
+                        let child = &self.tiles[number as usize];
                         bounds = bounds.joined(&child.bounds);
                         error = error.max(child.geometric_error);
-                        if let Some(group) = child.group {
-                            below = below.max(geometry[group as usize]);
-                        }
+                        below = below.max(match child.group {
+                            Some(group) => geometry[group as usize],
+                            None => self.leaf(number),
+                        });
                     }
                 }
                 let distance = below + record.deviation;

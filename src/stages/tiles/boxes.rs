@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 const SMALL: u64 = 16;
 
 /// Triangles put in order of boxes.
+#[derive(Default)]
 pub(super) struct Boxes {
     /// The boxes with the number of their triangles, sorted.
     pub(super) counts: Vec<(BoxKey, u64)>,

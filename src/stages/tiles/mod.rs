@@ -38,6 +38,8 @@ pub struct TileRound<'a> {
     pub lattice: Lattice,
     /// The round, from 1: it writes tiles of the level below.
     pub round: u32,
+    /// The round that leaves the finest level that is written; 0 if that is the input.
+    pub finest: u32,
     /// The group of each cell.
     pub groups: &'a [BoxKey],
     /// The boxes of the level below in each cell with their triangles, in the order in which a cell is loaded; none in
@@ -61,7 +63,7 @@ pub struct TileRound<'a> {
     pub deviation: &'a (dyn Fn(&Mesh, &Mesh, &[u32]) -> f64 + Sync),
 }
 
-/// Path of a tile in its tree: number `n` of those that `cell` holds.
+/// Path of a tile in its tree: number `n` of those that `cell` holds; `level` counts from the finest that is written.
 pub fn tile_path(level: u32, cell: CellId, n: usize) -> String {
     format!("tiles/{level}/{}/{cell}-{n}.glb", cell.index() / GROUPS_PER_FOLDER)
 }
@@ -95,7 +97,9 @@ impl TileRound<'_> {
     pub fn look(&self, cell: CellId, before: &CellMesh, left: &mut Survivors) -> Result<()> {
         let group = self.groups[cell];
         let mesh = &before.mesh;
+        let is_written = self.round > self.finest;
         let boxes = match self.parts {
+            _ if !is_written => Boxes::default(),
             None => boxes::of_leaves(mesh, &self.lattice, group, self.tile_triangles),
             Some(parts) => {
                 let n: u64 = parts[cell].iter().map(|(_, n)| n).sum();
@@ -109,9 +113,14 @@ impl TileRound<'_> {
                 Boxes { counts: joined(&parts[cell]), order: sorted_order(&parts[cell]) }
             }
         };
-        let own = (&before.ids[..], &before.shared[..]);
-        let whole = Whole::new(mesh, &before.records, own, self.layout);
-        let (tiles, borders) = self.write(cell, self.round - 1, &whole, &boxes)?;
+        let (tiles, borders) = match is_written {
+            true => {
+                let own = (&before.ids[..], &before.shared[..]);
+                let whole = Whole::new(mesh, &before.records, own, self.layout);
+                self.write(cell, self.round - 1, &whole, &boxes)?
+            }
+            false => Default::default(),
+        };
         let deviation = match left.mesh.triangles.is_empty() || mesh.triangles.is_empty() {
             true => diagonal(mesh),
             false => (self.deviation)(mesh, &left.mesh, &left.followed),
@@ -151,12 +160,16 @@ impl TileRound<'_> {
     /// Tells if all tiles that were written with a cell are still there as they were.
     pub fn is_whole(&self, cell: CellId, left: &Survivors) -> bool {
         let [record] = &left.statistics.groups[..] else { return false };
+        if self.round <= self.finest {
+            return true;
+        }
+        let level = self.round - 1 - self.finest;
         let is_there = |name: String, checksum: u64| {
             std::fs::read(self.folder.join(name)).is_ok_and(|bytes| xxh3_64(&bytes) == checksum)
         };
         let mut tiles = record.tiles.iter().enumerate();
-        is_there(border_name(self.round - 1, cell), record.borders.0)
-            && tiles.all(|(n, tile)| is_there(tile_path(self.round - 1, cell, n), tile.checksum))
+        is_there(border_name(level, cell), record.borders.0)
+            && tiles.all(|(n, tile)| is_there(tile_path(level, cell, n), tile.checksum))
     }
 
     fn write(
@@ -167,6 +180,8 @@ impl TileRound<'_> {
         boxes: &Boxes,
     ) -> Result<(Vec<TileRecord>, (u64, u64))> {
         let step = self.lattice.step_of(level);
+        // Files count from the finest level that is written.
+        let name = level - self.finest;
         let scalars = &whole.columns.scalars;
         let form = TileForm { step, packs: self.packs, is_z_up: self.is_z_up, scalars };
         let mut local = vec![u32::MAX; whole.mesh.positions.len()];
@@ -193,7 +208,7 @@ impl TileRound<'_> {
             let old = order.iter().map(|&v| used[v as usize] as usize);
             let numbered = (0u32..).zip(old).filter(|&(_, v)| common[v]);
             borders.push(numbered.map(|(at, v)| (at, whole.ids[v])).collect());
-            self.put(&self.folder.join(tile_path(level, cell, n)), &bytes)?;
+            self.put(&self.folder.join(tile_path(name, cell, n)), &bytes)?;
             tiles.push(TileRecord {
                 key,
                 triangles: n_triangles,
@@ -206,7 +221,7 @@ impl TileRound<'_> {
             });
         }
         let bytes = encode_borders(&borders);
-        self.put(&self.folder.join(border_name(level, cell)), &bytes)?;
+        self.put(&self.folder.join(border_name(name, cell)), &bytes)?;
         Ok((tiles, (xxh3_64(&bytes), bytes.len() as u64)))
     }
 
