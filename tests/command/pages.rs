@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
 use crate::common::{expect, stonecut};
+use std::io::Write;
 use std::process::Command;
 
 /// Names of the commands, from the list in the help text.
@@ -53,6 +54,39 @@ fn every_command_has_a_page_with_all_of_its_options() {
     expect(folder.path(), "man pages", 0);
 }
 
+/// Completes `simpl`, an option and its values in bash; the file is `$0`.
+const BASH: &str = r#"
+    source "$0"
+    try() {
+        COMP_WORDS=("$@") COMP_CWORD=$(($# - 1))
+        _stonecut stonecut "${@: -1}" "${@: -2:1}"
+        printf '%s\n' "${COMPREPLY[@]}"
+    }
+    try stonecut simpl
+    try stonecut simplify --topol
+    try stonecut simplify --topology ''
+"#;
+
+/// The same in fish.
+const FISH: &str = "
+    source $argv[1]
+    complete -C 'stonecut simpl'
+    complete -C 'stonecut simplify --topol'
+    complete -C 'stonecut simplify --topology '
+";
+
+/// zsh completes only at a terminal: there the function must load and be the one for `stonecut`.
+const ZSH: &str = "
+    autoload -Uz compinit && compinit -D -u && source $0 && print $+functions[_stonecut] $_comps[stonecut]
+";
+
+/// Shells that are tried: arguments with which one loads completions from a file named last, and a part of its answer.
+const TRIED: [(&str, [&str; 3], &[&str]); 3] = [
+    ("bash", ["--norc", "-c", BASH], &["simplify", "--topology", "keep", "error"]),
+    ("fish", ["--no-config", "-c", FISH], &["simplify", "--topology", "keep", "error"]),
+    ("zsh", ["-f", "-c", ZSH], &["1 _stonecut"]),
+];
+
 #[test]
 fn shells_accept_the_completions() {
     let folder = tempfile::tempdir().unwrap();
@@ -64,16 +98,26 @@ fn shells_accept_the_completions() {
             assert!(text.contains(&name), "{shell} does not complete {name}");
         }
         assert!(text.contains("cell-triangles"), "{shell}");
-        let path = folder.path().join(shell);
+        let path = folder.path().join(format!("{shell}.completions"));
         std::fs::write(&path, text).unwrap();
-        // Shells that are not installed are left out.
-        let parse = match shell {
-            "bash" | "zsh" | "fish" => Command::new(shell).arg("-n").arg(&path).status(),
-            _ => continue,
+        let Some((_, load, wanted)) = TRIED.iter().find(|(name, ..)| *name == shell) else {
+            continue;
         };
-        match parse {
-            Ok(status) => assert!(status.success(), "{shell}"),
-            Err(_) => println!("left out: {shell} is not installed"),
+        let run = |arguments: &[&str]| {
+            let mut command = Command::new(shell);
+            command.args(arguments).arg(&path).env("HOME", folder.path()).output()
+        };
+        let Ok(parsed) = run(&["-n"]) else {
+            // Not by `println`, whose words a test that passes does not show.
+            let words = format!("left out: completions of {shell} ({shell} is not installed)\n");
+            std::io::stderr().write_all(words.as_bytes()).unwrap();
+            continue;
+        };
+        assert!(parsed.status.success(), "{shell}: {parsed:?}");
+        let done = run(load).unwrap();
+        let found = String::from_utf8(done.stdout.clone()).unwrap();
+        for wanted in *wanted {
+            assert!(found.contains(wanted), "{shell} does not offer {wanted}: {done:?}");
         }
     }
     let unknown = stonecut().args(["completions", "tcsh"]).output().unwrap();

@@ -75,13 +75,11 @@ pub fn simplify_arrays<'py>(
     let mut config = call::config(&words).map_err(fail)?;
     let is_single = points.cast::<PyArray2<f32>>().is_ok();
     let (positions, triangles) = read_mesh(&points, &faces)?;
-    // Copied: what is borrowed could be changed by another thread while the work runs.
-    let bytes: Vec<Vec<u8>> =
-        columns.iter().map(|c| Ok(c.bytes.as_slice()?.to_vec())).collect::<PyResult<_>>()?;
-    let columns = columns.iter().zip(&bytes).map(|(column, bytes)| {
+    let (arrays, places) = copies(&columns)?;
+    let columns = columns.iter().zip(places).map(|(column, place)| {
         Ok(Column {
             property: Property::new(&column.name, scalar(&column.scalar)?),
-            bytes,
+            bytes: &arrays[place],
             offset: column.offset,
             stride: column.stride,
         })
@@ -110,6 +108,23 @@ pub fn simplify_arrays<'py>(
         .map_err(|e| mismatch(&format!("the report cannot be written as JSON: {e}")))?;
     let source = PyArray1::from_vec(py, done.source);
     Ok((points, faces, source, PyArray1::from_vec(py, done.records), report))
+}
+
+/// Copies the arrays of some columns, each once, with the place of each column's among them: what is borrowed could be
+/// changed by another thread while the work runs.
+fn copies(columns: &[GivenColumn<'_>]) -> PyResult<(Vec<Vec<u8>>, Vec<usize>)> {
+    let (mut arrays, mut given) = (Vec::new(), Vec::<&[u8]>::new());
+    let mut places = Vec::with_capacity(columns.len());
+    for column in columns {
+        let bytes = column.bytes.as_slice()?;
+        let known = given.iter().position(|other| std::ptr::eq(*other, bytes));
+        places.push(known.unwrap_or(given.len()));
+        if known.is_none() {
+            given.push(bytes);
+            arrays.push(bytes.to_vec());
+        }
+    }
+    Ok((arrays, places))
 }
 
 /// Measures how far two meshes in memory deviate; gives the report as JSON.

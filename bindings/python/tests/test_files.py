@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import pickle
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -34,6 +36,41 @@ def test_simplify_file_gives_the_report_of_the_command(scan: Path) -> None:
     assert again["settings"]["weight"].startswith("color=0.5")
     limited = sc.simplify_file(scan, scan.parent / "bound.ply", max_error=report["measured"]["forward"]["max"])
     assert limited["target_met"]
+
+
+# Of the command line, and not of a module: how it talks, and what is a function here (`plan`) or always so (JSON).
+_OF_THE_COMMAND_LINE = {"help", "quiet", "verbose", "log_file", "json", "dry_run", "output"}
+
+
+@pytest.mark.parametrize("name", ["simplify", "measure", "render", "info", "convert", "synth"])
+def test_every_option_of_the_command_is_a_keyword_of_the_same_name(name: str) -> None:
+    asked = subprocess.run([sys.executable, "-m", "stonecut", name, "--help"], capture_output=True, text=True, check=True)
+    options = re.findall(r"^ {2,6}(?:-\w, )?--([a-z][a-z-]*)", asked.stdout, re.MULTILINE)
+    assert len(options) > 5
+    function = sc.simplify_file if name == "simplify" else getattr(sc, name)
+    known = set(inspect.signature(function).parameters)
+    assert {option.replace("-", "_") for option in options} - _OF_THE_COMMAND_LINE <= known
+
+
+def test_other_methods_stages_and_reports(scan: Path) -> None:
+    at = scan.parent
+    coarse = sc.simplify_file(scan, at / "cluster.ply", grid=0.2, method="cluster", manifold=True)
+    assert coarse["output"]["triangles"] > 0
+    kept = sc.simplify_file(scan, at / "decimate.ply", ratio=0.2, method="decimate", feature_angle=45)
+    assert kept["output"]["triangles"] > 0
+    assert sc.simplify_file(scan, at / "until.ply", ratio=0.2, until="partition") == {}
+    assert not (at / "until.ply").exists()
+    assert sc.simplify_file(scan, at / "until.ply", ratio=0.2)["target_met"]
+    found = sc.measure(
+        scan, at / "until.ply", samples="2k", certify=True, tolerance="20%", report=at / "measured.json", force=True
+    )
+    assert found.keys() == json.loads((at / "measured.json").read_text()).keys()
+    bounded = sc.simplify_file(scan, at / "field.ply", max_error=2 * found.max, error_field=True)
+    assert bounded["target_met"]
+    painted = sc.render(at / "field.ply", color_by="error", size=(80, 60))
+    assert painted.shape == (60, 80, 3)
+    with pytest.raises(sc.UsageError, match="for files only: certify, views"):
+        sc.measure(([[0, 0, 0]], [[0, 0, 0]]), ([[0, 0, 0]], [[0, 0, 0]]), certify=True, views=3)
 
 
 def test_a_plan_writes_nothing(scan: Path) -> None:

@@ -86,6 +86,9 @@ Topology = Literal["keep", "error"]
 Fit = Literal["on", "off", "auto"]
 Placement = Literal["optimal", "subset", "midpoint"]
 Normals = Literal["keep", "recompute", "drop"]
+Method = Literal["collapse", "cluster", "decimate", "retile"]
+Until = Literal["partition", "simplify", "stitch"]
+Textures = Literal["copy", "link", "embed", "none"]
 Kind = Literal["terrain", "statue", "gyroid", "scans", "volume", "rooms"]
 
 
@@ -287,11 +290,18 @@ def simplify_file(
     triangles: int | str | None = None,
     ratio: float | str | None = None,
     max_error: float | None = None,
+    method: Method = "collapse",
+    grid: float | None = None,
+    feature_angle: float | None = None,
+    gradation: float | None = None,
+    manifold: bool = False,
+    optimize: int | None = None,
     memory: Size | None = None,
     threads: int | None = None,
     cell_triangles: int | str | None = None,
     temp_dir: PathLike | None = None,
     keep_temp: bool = False,
+    until: Until | None = None,
     force: bool = False,
     restart: bool = False,
     format: str | None = None,
@@ -300,8 +310,11 @@ def simplify_file(
     texture: Literal["auto", "keep", "bake", "none"] = "auto",
     bake_size: int | None = None,
     bake_pages: int | None = None,
+    bake_normals: bool = False,
     drop_texture: bool = False,
+    textures: Textures | None = None,
     drop_faces: bool = False,
+    error_field: bool = False,
     weight: Mapping[str, float] | None = None,
     label: str | Iterable[str] = (),
     normals: Normals = "keep",
@@ -309,27 +322,36 @@ def simplify_file(
     fit: Fit = "auto",
     placement: Placement = "optimal",
     merge_distance: float | None = None,
+    progressive: PathLike | None = None,
+    progressive_bits: int | None = None,
+    seams: PathLike | None = None,
     verify: bool = False,
     report: PathLike | None = None,
     progress: OnProgress | None = None,
 ) -> Report:
     """Simplifies a mesh file of any size into another, in bounded memory; returns the report (docs/report.md).
 
-    Reads PLY, STL and OBJ, also compressed; writes those and GLB. The output appears whole or not at all. After an
-    interruption, Ctrl-C included, the same call continues where it stopped: what is done lies in
+    Reads PLY, STL, OBJ, GLB and glTF, also compressed; writes all but the last. The output appears whole or not at all.
+    After an interruption, Ctrl-C included, the same call continues where it stopped: what is done lies in
     ``OUTPUT.stonecut-job``. Options mean what they mean on the command line (``stonecut simplify --help``); in short:
 
     Args:
         triangles, ratio: the count, one of them.
         max_error: no point of either surface may be farther from the other, in input units: alone, as few triangles as
             that allows; beside a count, whichever ends it first. Proven for the file that is written, so a run may be
-            repeated with a tighter bound.
+            repeated with a tighter bound. ``error_field`` writes the distance with every vertex (PLY).
+        method: ``"collapse"`` for results; ``"cluster"`` in one pass for previews, ``"decimate"`` and ``"retile"`` in memory,
+            with ``grid`` (instead of a count), ``feature_angle``, ``gradation`` and ``manifold`` of theirs.
+        optimize: sweeps over the result that make it fit better at the same count; slow, in memory.
         memory: budget, everything included: bytes, ``"4GiB"`` or ``"50%"`` [75 % of what the process may use].
-        temp_dir: where the job folder lies [beside the output].
+        temp_dir: where the job folder lies [beside the output]. until: stop after this stage and return ``{}``; the same
+            call without it continues.
         force: replace the output if it exists. restart: throw away what an earlier call left.
         min_component: drop components below a count of triangles, or below ``"size=2.5"`` or ``"size=0.1%"``.
         texture: keep the input's charts and images, or bake new ones for the result on pages of ``bake_size`` texels a
-            side, ``bake_pages`` at most [bake below 10 % of the triangles].
+            side, ``bake_pages`` at most, normal maps with ``bake_normals`` [bake below 30 % of the triangles].
+        textures: copy images beside the output, link, embed (GLB) or drop them [copy; embed for GLB].
+        progressive: write a progressive mesh too, for ``stonecut refine``.
         verify: measure the result; ``report["measured"]``.
         report: write the report to this file, too.
         progress: called with a :class:`Progress`; an exception from it ends the call, and the next one continues.
@@ -368,8 +390,8 @@ def _file_words(given: Mapping[str, Any]) -> list[str]:
     rest = dict(given)
     rest.pop("progress", None)
     words = ["simplify", path("input", rest.pop("input")), path("output", rest.pop("output"))]
-    words += target(rest.pop("triangles"), rest.pop("ratio"), rest.pop("max_error"))
-    for name in ("temp_dir", "report"):
+    words += target(rest.pop("triangles"), rest.pop("ratio"), rest.pop("max_error"), rest.pop("grid", None))
+    for name in ("temp_dir", "report", "progressive", "seams"):
         if rest.get(name) is not None:
             rest[name] = path(name, rest[name])
     if isinstance(rest.get("label"), str):
@@ -388,6 +410,16 @@ def measure(
     temp_dir: PathLike | None = None,
     heatmap: PathLike | None = None,
     heatmap_of: Literal["simplified", "original"] = "simplified",
+    near: PathLike | None = None,
+    within: float | None = None,
+    certify: bool = False,
+    tolerance: float | str | None = None,
+    appearance: bool = False,
+    views: int | None = None,
+    lit: bool = False,
+    pictures: PathLike | None = None,
+    cell_triangles: int | str | None = None,
+    report: PathLike | None = None,
     force: bool = False,
     progress: OnProgress | None = None,
 ) -> Measured:
@@ -398,24 +430,43 @@ def measure(
 
     Args:
         samples: on each surface [1M]; ``"200k"`` works too. seed: chooses among equally good sets of samples.
-        heatmap: write a PLY coloured by distance (files only); ``heatmap_of`` says which of the two it shows.
+        heatmap: write a PLY coloured by distance; ``heatmap_of`` says which of the two it shows.
+        near: samples within ``within`` of the vertices of this file are counted apart.
+        certify: also enclose the largest distance in a proven interval, ``tolerance`` wide as a share of its upper end.
+        appearance: also compare pictures of both, ``views`` of each, ``lit`` though there are colours; ``pictures`` is a
+            folder to keep them in.
+        report: write the report to this file, too.
+
+    All from ``heatmap`` on, ``memory`` and ``temp_dir`` are for files only.
 
     Returns the report of ``stonecut measure`` as a dictionary: ``forward`` (original to simplified) and ``backward``, each
     with ``mean``, ``rms``, ``p999``, ``max`` in input units; ``rms``, ``diagonal``, ``relative_rms``; and as attributes
     ``rms``, ``max``, ``mean``, ``relative_rms``.
     """
+    paths = {"temp_dir": temp_dir, "heatmap": heatmap, "near": near, "pictures": pictures, "report": report}
+    of_files: dict[str, Any] = {
+        "within": within,
+        "certify": certify,
+        "tolerance": tolerance,
+        "appearance": appearance,
+        "views": views,
+        "lit": lit,
+        "cell_triangles": cell_triangles,
+    }
     files = [isinstance(mesh, (str, os.PathLike)) for mesh in (original, simplified)]
     if all(files):
         words = ["measure", path("original", original), path("simplified", simplified)]
         if heatmap is not None:
-            words += options(heatmap=path("heatmap", heatmap), heatmap_of=heatmap_of, force=force)
-        words += options(samples=samples, seed=seed, memory=memory, threads=threads)
-        words += [] if temp_dir is None else options(temp_dir=path("temp_dir", temp_dir))
+            words += options(heatmap_of=heatmap_of)
+        words += options(samples=samples, seed=seed, memory=memory, threads=threads, force=force, **of_files)
+        for name, file in paths.items():
+            words += [] if file is None else options(**{name: path(name, file)})
         return Measured(_report(words, progress)[0])
     if any(files):
         raise UsageError("give two files or two meshes in memory, not one of each")
-    if heatmap is not None or temp_dir is not None or memory is not None:
-        raise UsageError("heatmap, temp_dir and memory are for files")
+    asked = [name for name, value in {**paths, **of_files, "memory": memory}.items() if value not in (None, False)]
+    if asked:
+        raise UsageError(f"for files only: {', '.join(asked)}")
     meshes = []
     for mesh in (original, simplified):
         adapted = adapt(mesh)
@@ -444,7 +495,10 @@ def render(
     zoom: Sequence[float] | None = None,
     edges: bool = False,
     flat: bool = False,
-    color: Literal["plain", "vertex"] = "plain",
+    color: Literal["plain", "vertex", "texture"] = "plain",
+    color_by: str | None = None,
+    scale_to: float | None = None,
+    unlit: bool = False,
     caption: str | Sequence[str] = (),
     own_camera: bool = False,
     quadrics: int = 0,
@@ -460,7 +514,9 @@ def render(
     Args:
         size: width and height in pixels. view: auto, front, back, left, right, top, bottom or a direction x, y, z.
         zoom: a close-up of a sphere x, y, z, r. edges: draw the edges. flat: facets instead of smooth shading.
-        color: ``"vertex"`` paints with vertex colours. caption: above each picture. quadrics: draw so many error quadrics.
+        color: ``"vertex"`` paints with vertex colours, ``"texture"`` with the images of a file. color_by: paint by a number
+            that the vertices of a file carry, with a legend up to ``scale_to``. unlit: without lamps and shade.
+        caption: above each picture. quadrics: draw so many error quadrics. own_camera: each picture has its own view.
     """
     if isinstance(mesh, (str, os.PathLike)):
         files: list[Any] | None = [mesh]
@@ -475,9 +531,12 @@ def render(
         zoom=None if zoom is None else ",".join(map(str, zoom)),
         edges=edges,
         flat=flat,
-        color=color,
+        color=None if color_by is not None and color == "plain" else color,
+        color_by=color_by,
+        scale_to=scale_to,
+        unlit=unlit,
         own_camera=own_camera,
-        quadrics=quadrics,
+        quadrics=quadrics or None,
         memory=memory,
         threads=threads,
         force=force,
@@ -532,18 +591,28 @@ def convert(
     force: bool = False,
     skip_bad: bool = False,
     drop_texture: bool = False,
+    textures: Textures | None = None,
     keep_duplicates: bool = False,
     keep_unreferenced: bool = False,
     temp_dir: PathLike | None = None,
     progress: OnProgress | None = None,
 ) -> Report:
-    """Converts a mesh of any size between PLY, STL, OBJ and GLB; ``format`` as ``"ascii"`` or ``"double,ply"``."""
+    """Converts a mesh of any size; reads PLY, STL, OBJ, GLB and glTF, writes all but the last.
+
+    Args:
+        format: words joined by commas, as ``"ascii"`` or ``"double,ply"`` [by the output's name, binary].
+        textures: copy images beside the output, link, embed (GLB) or drop them [copy; embed for GLB].
+        skip_bad: drop and count broken faces and vertices instead of failing; warns with :class:`ShortOfTarget`.
+        keep_duplicates, keep_unreferenced: keep faces that come twice, and vertices without a face.
+
+    Returns the counts of what was written (``output``) and of what was dropped (``faults``)."""
     words = ["convert", path("input", input), path("output", output)]
     words += options(
         format=format,
         force=force,
         skip_bad=skip_bad,
         drop_texture=drop_texture,
+        textures=textures,
         keep_duplicates=keep_duplicates,
         keep_unreferenced=keep_unreferenced,
     )
@@ -565,13 +634,22 @@ def synth(
     uv: bool = False,
     noise: float | None = None,
     integer: bool = False,
+    sea: bool = False,
     pages: int | None = None,
     format: str | None = None,
     force: bool = False,
     threads: int | None = None,
     progress: OnProgress | None = None,
 ) -> Report:
-    """Makes a synthetic scan of any size, the same for the same seed: terrain, statue, gyroid, scans, volume or rooms."""
+    """Makes a synthetic scan of any size, the same for the same seed: terrain, statue, gyroid, scans, volume or rooms.
+
+    Args:
+        triangles: at least as many; ``"4M"`` works too. seed: another one makes another mesh.
+        shuffle: vertices, faces and corners in random order. color, uv: with vertex colours, texture coordinates.
+        sea: of the terrain, water at height 0. noise, integer: of the volume, a factor of the scanner's noise, and whole
+            values, which meet the level exactly. pages: of the rooms, the largest number of images.
+
+    Returns the path and the counts of what was written (``output``)."""
     words = ["synth", kind, path("output", output)]
     words += options(
         triangles=triangles,
@@ -581,6 +659,7 @@ def synth(
         uv=uv,
         noise=noise,
         integer=integer,
+        sea=sea,
         pages=pages,
         format=format,
         force=force,

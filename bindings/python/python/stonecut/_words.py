@@ -44,9 +44,10 @@ def options(**given: Any) -> list[str]:
     return words
 
 
-def target(triangles: Any, ratio: Any, max_error: Any = None) -> list[str]:
-    """The one count that is given, and the bound, alone or beside it."""
-    counts = {name: value for name, value in {"triangles": triangles, "ratio": ratio}.items() if value is not None}
+def target(triangles: Any, ratio: Any, max_error: Any = None, grid: Any = None) -> list[str]:
+    """The one count that is given, or the grid in its place, and the bound, alone or beside it."""
+    given = {"triangles": triangles, "ratio": ratio, "grid": grid}
+    counts = {name: value for name, value in given.items() if value is not None}
     bound = {} if max_error is None else {"max_error": max_error}
     if len(counts) > 1 or not (counts or bound):
         got = " and ".join(counts) or "none"
