@@ -289,6 +289,8 @@ pub struct Config {
     pub feature_angle: f64,
     /// Power of the curvature by which triangles of `Method::Retile` are denser; 0 for one size.
     pub gradation: f64,
+    /// Contract pairs of vertices without an edge as well, at the end of the collapse.
+    pub pairs: bool,
     /// Sweeps of optimisation after the method.
     pub optimize: Option<u32>,
     /// Take the result of `Method::Cluster` apart where it is not manifold.
@@ -409,6 +411,9 @@ impl Config {
                 settings.insert("manifold".to_owned(), true.to_string());
             }
         }
+        if self.pairs {
+            settings.insert("pairs".to_owned(), true.to_string());
+        }
         if let Some(sweeps) = self.optimize {
             settings.insert("optimize".to_owned(), sweeps.to_string());
         }
@@ -466,6 +471,7 @@ mod tests {
             gradation: 0.0,
             manifold: false,
             optimize: None,
+            pairs: false,
             memory_bytes: 1 << 30,
             threads: NonZeroUsize::MIN,
             cell_triangles: DEFAULT_CELL_TRIANGLES,

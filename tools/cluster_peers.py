@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""Runs a peer on a binary PLY: VTK's quadric clustering or DecimatePro, or meshoptimizer's simplifySloppy.
+"""Runs a peer on a binary PLY: VTK's quadric clustering or DecimatePro, meshoptimizer's simplifySloppy, pyacvd, or MeshLab's
+isotropic remeshing.
 
-    python -m venv v && v/bin/pip install numpy vtk meshoptimizer
-    v/bin/python tools/cluster_peers.py IN.ply {vtkqc,pro,sloppy} TRIANGLES OUT.ply [CELL]
+    python -m venv v && v/bin/pip install numpy vtk meshoptimizer pyacvd pymeshlab
+    v/bin/python tools/cluster_peers.py IN.ply {vtkqc,pro,sloppy,acvd,meshlab} TRIANGLES OUT.ply [CELL]
 
 CELL is the length to begin with for vtkqc, in input units; divisions are changed until 95 to 100 % of the count is met.
 Prints one line of JSON. Seconds are those of the peer's call, reading, writing and conversion of arrays left out.
@@ -102,6 +103,38 @@ def sloppy(vertices, faces, target, _):
     seconds = time.time() - start
     used, places = np.unique(out[:n], return_inverse=True)
     return vertices[used], places.reshape(-1, 3), seconds
+
+
+def acvd(vertices, faces, target, _):
+    import pyacvd
+    import pyvista
+
+    rows = np.column_stack([np.full(len(faces), 3), faces]).ravel()
+    start = time.time()
+    clusters = pyacvd.Clustering(pyvista.PolyData(vertices, rows))
+    clusters.cluster(target // 2 + 2)
+    out = clusters.create_mesh()
+    return np.asarray(out.points), np.asarray(out.faces).reshape(-1, 4)[:, 1:], time.time() - start
+
+
+def meshlab(vertices, faces, target, _):
+    import pymeshlab
+
+    sides = vertices[faces].astype("f8")
+    area = np.linalg.norm(np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]), axis=1).sum() / 2
+    length = (4 * area / (3**0.5 * target)) ** 0.5
+    # Lengths are changed until the count is met; the last call is the one that is timed.
+    for _ in range(4):
+        start = time.time()
+        meshes = pymeshlab.MeshSet()
+        meshes.add_mesh(pymeshlab.Mesh(vertices, faces))
+        meshes.meshing_isotropic_explicit_remeshing(iterations=10, targetlen=pymeshlab.PureValue(length))
+        seconds, out = time.time() - start, meshes.current_mesh()
+        n = out.face_number()
+        if 0.95 * target <= n <= 1.02 * target:
+            break
+        length *= (n / (0.985 * target)) ** 0.5
+    return out.vertex_matrix(), out.face_matrix(), seconds
 
 
 if __name__ == "__main__":

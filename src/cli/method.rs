@@ -36,6 +36,10 @@ pub(super) struct TypedMethod {
     /// vertex; vertices are copied, no triangle is lost.
     #[arg(long)]
     pub(super) manifold: bool,
+    /// Contract pairs of vertices that no edge joins as well, where they face each other across a gap: components join, tunnels
+    /// and handles close where that costs less than keeping them. The end of the collapse, in memory; the result is manifold.
+    #[arg(long)]
+    pub(super) pairs: bool,
     /// Sweeps over the result of any method that make it fit the original better at the same count: vertices move, edges are
     /// swapped, an edge collapses where another one's split gains more. Takes longer than everything else; in memory. 2 is enough.
     #[arg(long, value_name = "SWEEPS", value_parser = clap::value_parser!(u32).range(1..=100))]
@@ -75,6 +79,16 @@ impl TypedMethod {
             None => Ok(()),
             Some((option, _)) => Err(Error::Usage(format!(
                 "--optimize makes one result fit its original better: not with {option}"
+            ))),
+        }
+    }
+
+    /// Refuses options that do not go with `--pairs`.
+    pub(super) fn check_pairs(&self, typed: &[(&str, bool)]) -> Result<()> {
+        match typed.iter().find(|(_, is_given)| *is_given && self.pairs) {
+            None => Ok(()),
+            Some((option, _)) => Err(Error::Usage(format!(
+                "--pairs changes the topology and moves vertices at the end of one run: not with {option}"
             ))),
         }
     }

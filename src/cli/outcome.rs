@@ -53,6 +53,15 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
             fit.rms_after
         ));
     }
+    if let Some(done) = &report.pairs {
+        log.say(format!(
+            "pairs: {} triangles before; {} edges and {} pairs without one contracted, {} triangles went with their backs",
+            show_count(done.triangles_before),
+            show_count(done.contracted_edges),
+            show_count(done.contracted_pairs),
+            show_count(done.cancelled_triangles)
+        ));
+    }
     if let Some(done) = &report.optimization {
         log.say(format!(
             "optimized: RMS of {} points {:.4e} -> {:.4e}; {} swaps, {} pairs of collapse and split, {} relocations",

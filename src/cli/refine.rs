@@ -121,7 +121,7 @@ fn write_page(
     let Shown { triangles, slides } =
         watch(talk, progress, log, || show(&args.input, memory_bytes, progress))?;
     let title = args.input.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let text = slider_html(&Slider { title, triangles, slides });
+    let text = slider_html(&title, &Slider { triangles, slides });
     crate::system::pending_file::write_whole(page, text.as_bytes())?;
     log.say(format!(
         "{}: {} to {} triangles, {}",

@@ -4,8 +4,9 @@ use super::arguments::{memory_budget, parse_memory, require_ending, threads};
 use super::log::Log;
 use crate::error::{Error, Result};
 use crate::io::ply::Place;
+use crate::pipeline::refine::{Shown, show};
 use crate::render::Resources;
-use crate::report::{self, Material};
+use crate::report::{self, Material, Slider};
 use crate::system::disk::{folder_of, open_input};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
@@ -25,6 +26,10 @@ pub struct Args {
     /// The JSON of `measure --report`, to show the error of a simplification.
     #[arg(long, value_name = "FILE.json")]
     measured: Option<PathBuf>,
+    /// The progressive mesh of the run (`simplify --progressive`): the page shows it in place of the result, with a slider over
+    /// its triangles.
+    #[arg(long, value_name = "FILE.pm")]
+    progressive: Option<PathBuf>,
     /// Replace the page if it exists.
     #[arg(long)]
     force: bool,
@@ -42,20 +47,27 @@ impl Args {
         Ok(Paths::new(self.force)
             .with(Role::InputFile, "REPORT", &self.report)
             .with_option(Role::InputFile, "--measured", self.measured.as_ref())
+            .with_option(Role::InputFile, "--progressive", self.progressive.as_ref())
             .with(Role::Output, "--output", &self.output))
     }
 }
 
 /// Writes the page.
 pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
+    let memory_bytes = memory_budget(args.memory);
+    let progressive = match &args.progressive {
+        Some(path) => {
+            let Shown { triangles, slides } = show(path, memory_bytes, progress)?;
+            Some(Slider { triangles, slides })
+        }
+        None => None,
+    };
     let material = Material {
+        progressive,
         report: read(&args.report)?,
         measured: args.measured.as_deref().map(read).transpose()?,
         temp_dir: folder_of(&args.output).to_path_buf(),
-        resources: Resources {
-            memory_bytes: memory_budget(args.memory),
-            threads: threads(args.threads).get(),
-        },
+        resources: Resources { memory_bytes, threads: threads(args.threads).get() },
     };
     let page = report::html(&material, progress)?;
     let place = Place { replace: args.force, ..Place::from(&args.output) };

@@ -17,7 +17,7 @@ use crate::io::{OutputFormat, TextureMode};
 use crate::kernel;
 use crate::mesh::attribute_weights::Weights;
 use crate::pipeline::run_report::RunReport;
-use crate::pipeline::{self, Prepared, max_error, optimize};
+use crate::pipeline::{self, Prepared, max_error, optimize, pairs};
 use crate::stages::stitch::MAX_CELL_TRIANGLES;
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::progress::Progress;
@@ -237,6 +237,7 @@ impl Args {
             gradation: self.method.gradation.unwrap_or(0.0),
             manifold: self.method.manifold,
             optimize: self.method.optimize,
+            pairs: self.method.pairs,
             memory_bytes: memory_budget(self.memory),
             threads: super::arguments::threads(self.threads),
             cell_triangles: self.cell_triangles,
@@ -319,6 +320,18 @@ impl Args {
             ("--texture bake", self.texture == TypedTexture::Bake),
             ("--placement subset", self.placement == TypedPlacement::Subset),
         ])?;
+        self.method.check_pairs(&[
+            ("--max-error", self.target.max_error.is_some()),
+            ("a list of targets", self.target.is_chain()),
+            ("--topology keep", self.topology == TypedTopology::Keep),
+            ("--placement subset", self.placement == TypedPlacement::Subset),
+            ("--placement midpoint", self.placement == TypedPlacement::Midpoint),
+            ("--fit on", self.fit == TypedFit::On),
+            ("--until", self.until.is_some()),
+            ("--seams", self.seams.is_some()),
+            ("--progressive", self.progressive.progressive.is_some()),
+            ("--texture bake", self.texture == TypedTexture::Bake),
+        ])?;
         self.method.check(&[
             ("--max-error", self.target.max_error.is_some()),
             ("a list of targets", self.target.is_chain()),
@@ -330,6 +343,7 @@ impl Args {
             ("--fit", self.fit != TypedFit::Auto),
             ("--placement", self.placement != TypedPlacement::Optimal),
             ("--merge-distance", self.merge_distance != 0.0),
+            ("--pairs", self.method.pairs),
             ("--seams", self.seams.is_some()),
             ("--progressive", self.progressive.progressive.is_some()),
             ("--textures", self.textures.is_some()),
@@ -416,6 +430,7 @@ fn run_job(prepared: Prepared, config: &Config, progress: &Progress) -> Result<O
         None if config.optimize.is_some() => {
             optimize::simplify(prepared, config, progress).map(Some)
         }
+        None if config.pairs => pairs::simplify(prepared, config, progress).map(Some),
         None => pipeline::simplify(prepared, config, progress),
     }
 }

@@ -55,3 +55,4 @@ pub use quality::{Quality, QualityAt};
 pub use run::{simplify_mesh, simplify_mesh_portably};
 pub use statistics::{FitStatistics, Simplified, Statistics};
 pub use stepwise::Stepwise;
+pub use topology::MAX_SPECK;

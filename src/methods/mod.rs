@@ -9,9 +9,11 @@ pub mod decimate;
 mod key_table;
 mod load;
 mod manifold;
+pub mod pairs;
 mod positions;
 pub mod retile;
 mod sums;
+mod surface;
 
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;

@@ -87,3 +87,24 @@ pub struct GridReport {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub copied_vertices: Option<u64>,
 }
+
+/// Contractions of pairs of vertices.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PairsReport {
+    /// Triangles that the collapse left for it.
+    pub triangles_before: u64,
+    /// Triangles that it left for the last collapse.
+    pub triangles_after: u64,
+    /// Pairs without an edge that were found; one that is found again counts again.
+    pub virtual_pairs: u64,
+    /// Edges that were contracted.
+    pub contracted_edges: u64,
+    /// Pairs without an edge that were.
+    pub contracted_pairs: u64,
+    /// Triangles that went because they came to lie on each other's backs.
+    pub cancelled_triangles: u64,
+    /// Contractions that would have turned a triangle over, laid it on another one, or taken a tube or a component along; a pair that is tried again counts again.
+    pub refused: u64,
+    /// Vertices added at the end where sheets shared one.
+    pub copied_vertices: u64,
+}

@@ -5,6 +5,7 @@
 //! wherever an earlier run stopped.
 
 pub(crate) mod bake;
+mod before;
 pub mod extract;
 pub mod in_memory;
 mod kernel_side;
@@ -12,6 +13,7 @@ pub(crate) mod max_error;
 mod method_reports;
 pub mod methods;
 pub mod optimize;
+pub mod pairs;
 pub mod plan;
 mod prepare;
 mod quality;

@@ -1,6 +1,7 @@
 //! Opens the input, checks it against what was asked for, and plans the run; nothing is written yet.
 
 use super::optimize::check::check as check_optimize;
+use super::pairs::counts::check as check_pairs;
 use super::plan::{Plan, check_split};
 use super::{bake, verify};
 use crate::config::{Config, Method, Normals, Texture};
@@ -96,6 +97,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     check_error_field(&source, config)?;
     let mut plan = Plan::new(&source, config)?;
     check_optimize(&source, plan.target.min(plan.triangles_in), config)?;
+    check_pairs(&source, plan.target.min(plan.triangles_in), config)?;
     let textures = match texture {
         Texture::Bake => Vec::new(),
         Texture::Auto | Texture::Keep => plan_textures(&source, config)?,

@@ -4,7 +4,7 @@
 //! real reports against both.
 
 pub use super::method_reports::{
-    DecimationReport, EdgesReport, GridReport, RetilingReport, SpreadReport,
+    DecimationReport, EdgesReport, GridReport, PairsReport, RetilingReport, SpreadReport,
 };
 use crate::io::ply::{MeshSource, type_name};
 use crate::io::{NUMBER, OutputKind, TexturePlan};
@@ -306,6 +306,9 @@ pub struct RunReport {
     /// Triangles of `--method retile`; only with it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub retiling: Option<RetilingReport>,
+    /// Contractions of `--pairs`; only with it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pairs: Option<PairsReport>,
     /// Moves of `--optimize`; only with it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub optimization: Option<crate::optimize::Outcome>,

@@ -22,14 +22,11 @@ use crate::render::{Coloring, Resources, Scale, Sphere, View, has_images, top_of
 use crate::system::json_keys::is_old_name;
 use crate::system::progress::Progress;
 use base64::Engine;
-use page::{bars, escape, histogram, show, table};
+use page::{VIEWER, bars, escape, histogram, show, table};
 use pictures::pictures_of;
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-
-/// The viewer: three.js with a few lines of ours, see assets/README.md.
-const VIEWER: &str = include_str!("assets/viewer.min.js");
 
 /// A larger mesh would make the page too heavy to open; 1 M triangles are about 20 MiB of it.
 const MOST_EMBEDDED: u64 = 1_000_000;
@@ -44,6 +41,8 @@ pub struct Material {
     pub report: Value,
     /// The JSON of `measure --report`, if `report` has no deviation.
     pub measured: Option<Value>,
+    /// The progressive mesh of the run, shown with a slider instead of its result.
+    pub progressive: Option<Slider>,
     /// Folder for the one temporary file.
     pub temp_dir: PathBuf,
     /// Resources that rendering may use.
@@ -86,7 +85,13 @@ pub fn html(material: &Material, progress: &Progress) -> Result<String> {
     }
     if let [_, Some(simplified)] = &sources {
         error_field(simplified, material.resources, &mut out, progress)?;
-        viewer(simplified, material, &mut out, progress)?;
+    }
+    match (&material.progressive, &sources) {
+        (Some(slider), _) => {
+            let _ = write!(out, "<h2>To turn around</h2>{}", slider::part(slider));
+        }
+        (None, [_, Some(simplified)]) => viewer(simplified, material, &mut out, progress)?,
+        (None, _) => {}
     }
     out.push_str("</body></html>\n");
     Ok(out)

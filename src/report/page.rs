@@ -4,6 +4,9 @@ use crate::system::json_keys::is_old_name;
 use serde_json::Value;
 use std::fmt::Write;
 
+/// The viewer: three.js with a few lines of ours, see assets/README.md.
+pub(super) const VIEWER: &str = include_str!("assets/viewer.min.js");
+
 /// Escapes text for HTML, attribute values included.
 pub fn escape(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
@@ -143,5 +146,5 @@ table{border-collapse:collapse;margin:.6rem 0}th{text-align:left;font-weight:500
 td{text-align:right;font-variant-numeric:tabular-nums}svg{width:100%;max-width:46rem;display:block}\
 svg rect{fill:#3b6ea5}svg text{font-size:13px;fill:#333}.pair{display:grid;grid-template-columns:1fr 1fr;gap:1rem}\
 .pair img{width:100%;border:1px solid #ddd}figure{margin:0}figcaption{color:#555;font-size:.9rem}\
-canvas{width:100%;max-width:60rem;aspect-ratio:4/3;display:block;border:1px solid #ddd}.columns{display:flex;flex-wrap:wrap;gap:1rem 3rem}.columns section{max-width:100%;overflow-x:auto}\
+canvas{width:100%;max-width:60rem;aspect-ratio:4/3;display:block;border:1px solid #ddd}#viewer-slider{width:100%;max-width:60rem;display:block}.columns{display:flex;flex-wrap:wrap;gap:1rem 3rem}.columns section{max-width:100%;overflow-x:auto}\
 .line{font-size:1.25rem}h1{overflow-wrap:anywhere}td{overflow-wrap:anywhere}@media(max-width:40rem){body{padding:.8rem}.pair{gap:.3rem}}";

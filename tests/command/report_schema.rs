@@ -148,6 +148,7 @@ fn reports_of_simplify_keep_the_schema() {
         ("--max-error 0.05 --ratio 30%", 3),
         ("--max-error 1e-30", 0),
         ("--ratio 10% --optimize 1 --verify", 0),
+        ("--ratio 10% --pairs --verify", 0),
         ("--ratio 10% --progressive out.pm", 0),
     ] {
         let command =

@@ -87,6 +87,7 @@ pub fn config(folder: &Path, target: Target) -> Config {
         gradation: 0.0,
         manifold: false,
         optimize: None,
+        pairs: false,
         memory_bytes: 256 << 20,
         threads: std::num::NonZeroUsize::MIN,
         cell_triangles: 1000,

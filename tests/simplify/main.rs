@@ -12,6 +12,7 @@ mod input;
 mod max_error;
 mod methods;
 mod optimize;
+mod pairs;
 mod progressive;
 mod retile;
 mod simplify;

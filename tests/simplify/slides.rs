@@ -249,19 +249,26 @@ fn the_page_is_whole_by_itself() {
     expect(at, "synth statue in.ply --triangles 6000 -q", 0);
     expect(at, "simplify in.ply o.ply --triangles 300 --progressive o.pm -q", 0);
     expect(at, "refine o.pm --page o.html", 0);
-    let text = std::fs::read_to_string(at.join("o.html")).unwrap();
-    for part in [
-        "id=\"viewer\"",
-        "id=\"viewer-slider\"",
-        "id=\"viewer-count\"",
-        "id=\"slides\"",
-        "three.js",
-    ] {
-        assert!(text.contains(part), "no {part}");
+    // The page of a run has the same slider, in place of the result alone.
+    expect(at, "simplify in.ply p.ply --triangles 300 --report r.json -q", 0);
+    expect(at, "report r.json -o r.html --progressive o.pm", 0);
+    for page in ["o.html", "r.html"] {
+        let text = std::fs::read_to_string(at.join(page)).unwrap();
+        for part in [
+            "id=\"viewer\"",
+            "id=\"viewer-slider\"",
+            "id=\"viewer-count\"",
+            "id=\"slides\"",
+            "three.js",
+        ] {
+            assert!(text.contains(part), "{page}: no {part}");
+        }
+        assert!(!text.contains("id=\"glb\""), "{page}: two meshes");
+        for call in ["src=\"http", "href=\"http", "<link rel=\"stylesheet", "@import"] {
+            assert!(!text.contains(call), "{page} loads {call}");
+        }
     }
-    for call in ["src=\"http", "href=\"http", "<link rel=\"stylesheet", "@import"] {
-        assert!(!text.contains(call), "the page loads {call}");
-    }
+    expect(at, "report r.json -o q.html --progressive o.ply", 4);
     let said = expect(at, "refine o.pm --page o.html", 2);
     assert!(said.contains("--force"), "{said}");
     expect(at, "refine o.pm --page o.html --force", 0);

@@ -33,7 +33,7 @@ const SIDE_SQ_OVER_DEPTH_SQ: f64 = 72.0;
 /// A cut handle sets free what a collapse does, as far as is known: what goes later pays for itself.
 const FREED_BY_HANDLE: usize = 2;
 /// Components of more triangles than this do not vanish: collapses have work to do there first.
-pub(crate) const MAX_SPECK: usize = 24;
+pub const MAX_SPECK: usize = 24;
 /// The same once components on which collapses are stuck may vanish. Those of the legion of honor have up to 120.
 pub(crate) const MAX_STUCK: usize = 1024;
 

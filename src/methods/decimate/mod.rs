@@ -7,10 +7,10 @@
 
 mod classify;
 mod fill;
-mod surface;
 
 use super::Made;
 use super::load::{Loaded, for_records, load};
+use super::surface::Surface;
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::mesh::bounds::Bounds;
@@ -21,7 +21,6 @@ use classify::{Around, Kind};
 use fill::{Refusal, fill};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
-use surface::Surface;
 
 /// Vertices removed between two looks at the wish to stop.
 const STEPS: u64 = 4096;

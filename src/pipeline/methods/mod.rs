@@ -319,7 +319,8 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
     }
 }
 
-fn mean_edge(made: &Made) -> f64 {
+/// Mean length of the edges of a result.
+pub(super) fn mean_edge(made: &Made) -> f64 {
     let n_edges = 3 * made.mesh.triangles.len().max(1);
     let lengths = (0..made.mesh.triangles.len()).map(|t| {
         let [a, b, c] = made.mesh.corners(t);

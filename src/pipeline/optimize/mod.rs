@@ -5,21 +5,21 @@
 
 pub(super) mod check;
 
+use super::before::{open, settings, stage};
 use super::methods::{self, PreparedMethod};
 use super::prepare::{Prepared, WRITING, prepare};
-use super::run_report::{OutputReport, RunReport, StageReport};
-use super::verify;
+use super::run_report::{OutputReport, RunReport};
+use super::{pairs, verify};
 use crate::config::{Config, Method};
 use crate::error::Result;
-use crate::io::ply::{FaceBlock, MeshSource, ReadOptions, VertexBlock};
-use crate::io::{OutputFormat, OutputKind, StageOptions};
+use crate::io::ply::{FaceBlock, MeshSource, VertexBlock};
 use crate::measure::temp_store::Cutting;
 use crate::mesh::Mesh;
 use crate::methods::Made;
 use crate::optimize::{self, Drawing, Settings};
 use crate::store::job::fingerprint::{input_marks, job_identity, unchanged};
 use crate::store::job::{Job, TRIALS};
-use crate::system::disk::{Disk, folder_of};
+use crate::system::disk::Disk;
 use crate::system::memory::{BASE_BYTES, peak_bytes};
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
@@ -116,35 +116,18 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
 
 /// Runs the method into a file in the job folder.
 fn run_before(path: &Path, config: &Config, progress: &Progress) -> Result<RunReport> {
-    let inner = Config {
-        optimize: None,
-        output: path.to_path_buf(),
-        job_folder: config.job_folder.join(TRIALS).join("job"),
-        keep_temp: false,
-        verify: false,
-        force: true,
-        restart: false,
-        format: OutputFormat {
-            kind: Some(OutputKind::Ply),
-            coordinate: config.format.coordinate,
-            ..OutputFormat::default()
-        },
-        ..config.clone()
-    };
+    let inner = Config { optimize: None, ..settings(path, config) };
     if inner.method != Method::Collapse {
         return methods::simplify(methods::prepare(&inner, progress)?, &inner, progress);
+    }
+    if inner.pairs {
+        return pairs::simplify(prepare(&inner)?, &inner, progress);
     }
     let report = super::simplify(prepare(&inner)?, &inner, progress)?;
     let Some(report) = report else {
         unreachable!("a run before an optimisation does not end early")
     };
     Ok(report)
-}
-
-fn open(path: &Path, config: &Config, skip_bad: bool) -> Result<MeshSource> {
-    let read = ReadOptions { skip_bad, ..ReadOptions::default() };
-    let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
-    MeshSource::open_staged(path, &stage)
 }
 
 /// Reads the result with what its vertices carry.
@@ -176,22 +159,4 @@ fn load(source: &MeshSource, config: &Config, progress: &Progress) -> Result<Mad
         mesh.triangles.extend(block.triangles.iter().map(|t| t.map(|v| v as u32)));
     }
     Ok(Made { mesh, records, ..Made::default() })
-}
-
-fn stage(
-    name: &str,
-    start: Instant,
-    (triangles_in, triangles_out): (u64, u64),
-    (bytes_read, bytes_written): (u64, u64),
-) -> StageReport {
-    StageReport {
-        name: name.to_owned(),
-        part: name.to_owned(),
-        seconds: start.elapsed().as_secs_f64(),
-        triangles_in,
-        triangles_out,
-        bytes_read,
-        bytes_written,
-        peak_memory_bytes: peak_bytes(),
-    }
 }

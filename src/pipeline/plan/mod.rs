@@ -7,7 +7,7 @@ use crate::config::{Config, Normals, Target};
 use crate::error::{Error, Remedy, Result};
 use crate::io::ply::{FaceSchema, MeshSource, VertexBlock};
 use crate::io::{Expected, OutputKind, expected_bytes};
-use crate::kernel::history_bytes;
+use crate::kernel::{MAX_SPECK, history_bytes};
 use crate::mesh::face_properties::FacePropertyPlan;
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
@@ -319,6 +319,10 @@ impl Plan {
             }
             (_, Some(bound)) => {
                 format!("target   {triangles} triangles, or as few as a distance of {bound} allows")
+            }
+            // With one queue for every count a component that vanishes may be the last step.
+            (_, None) if config.progressive.is_some() => {
+                format!("target   {triangles} triangles, at most {MAX_SPECK} below")
             }
             (_, None) if self.finish => format!("target   {triangles} triangles, met exactly"),
             (_, None) => format!("target   {triangles} triangles, at most 0.5 % below"),

@@ -1,0 +1,133 @@
+//! Pairs of vertices without an edge that may become one: their balls meet and they face each other across a gap.
+//!
+//! Balls as large as the edges around each vertex cover the surface, and where two meet the parts are nearer to each other than
+//! triangles are long (a Cech complex of the vertices, as in Liu, Zhang & Yuksel 2025). Facing keeps the two sides of a
+//! wall apart, which would be eaten away from within, and leaves gaps, cracks and tunnels. Sets no price.
+
+use crate::mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub, unit};
+use crate::methods::surface::Surface;
+use std::collections::BTreeSet;
+
+/// Radius of a ball, in mean lengths of the edges around its vertex: two vertices pair up to twice the length apart.
+const RADIUS: f64 = 1.0;
+/// Radii are at most this many times the median, so that a few long triangles do not fill the lists.
+const LARGEST: f64 = 3.0;
+/// Least cosine between a normal and the way to the other vertex.
+const FACING: f64 = 0.3;
+/// Nearest partners that a vertex looks at.
+const MOST: usize = 4;
+/// Vertices at most this part of a ball apart are in one place.
+const SAME_PLACE: f64 = 1e-6;
+
+/// The vertices of a mesh as pairing needs them.
+struct Vertices {
+    used: Vec<u32>,
+    normals: Vec<Option<Vec3>>,
+    radii: Vec<f64>,
+    is_boundary: Vec<bool>,
+}
+
+impl Vertices {
+    fn of(surface: &Surface) -> Vertices {
+        let n = surface.positions.len();
+        let mut sums = vec![[0.0; 3]; n];
+        let mut lengths = vec![(0.0f64, 0u32); n];
+        let mut sides: Vec<[u32; 2]> = Vec::with_capacity(3 * surface.n_alive());
+        for corners in surface.alive() {
+            let weighted = normal(corners.map(|v| surface.positions[v as usize]));
+            for k in 0..3 {
+                let (a, b) = (corners[k], corners[(k + 1) % 3]);
+                let [p, q] = [a, b].map(|v| surface.positions[v as usize]);
+                let length = length_sq(sub(p, q)).sqrt();
+                for v in [a, b] {
+                    lengths[v as usize].0 += length;
+                    lengths[v as usize].1 += 1;
+                }
+                sums[a as usize] = add(sums[a as usize], weighted);
+                sides.push([a.min(b), a.max(b)]);
+            }
+        }
+        sides.sort_unstable();
+        let mut is_boundary = vec![false; n];
+        for edge in sides.chunk_by(|a, b| a == b).filter(|edge| edge.len() == 1) {
+            edge[0].iter().for_each(|&v| is_boundary[v as usize] = true);
+        }
+        let used: Vec<u32> = (0..n as u32).filter(|&v| surface.is_used(v)).collect();
+        let mut radii: Vec<f64> =
+            lengths.iter().map(|(sum, n)| RADIUS * sum / f64::from((*n).max(1))).collect();
+        let mut sorted: Vec<f64> = used.iter().map(|&v| radii[v as usize]).collect();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let most = LARGEST * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        radii.iter_mut().for_each(|radius| *radius = radius.min(most));
+        let normals = sums.into_iter().map(unit).collect();
+        Vertices { used, normals, radii, is_boundary }
+    }
+
+    /// True if two vertices face each other, lie on boundaries, or in one place.
+    fn may_pair(&self, surface: &Surface, a: u32, b: u32) -> bool {
+        let way = sub(surface.positions[b as usize], surface.positions[a as usize]);
+        let [a, b] = [a, b].map(|v| v as usize);
+        if self.is_boundary[a] && self.is_boundary[b] {
+            return true;
+        }
+        let length = length_sq(way).sqrt();
+        if length <= SAME_PLACE * (self.radii[a] + self.radii[b]) {
+            return true;
+        }
+        let (Some(of_a), Some(of_b)) = (self.normals[a], self.normals[b]) else { return false };
+        let way = scale(way, 1.0 / length);
+        dot(of_a, way) > FACING && dot(of_b, way) < -FACING
+    }
+}
+
+/// The vertices that share a triangle with `vertex`.
+fn ring(surface: &Surface, vertex: u32) -> BTreeSet<u32> {
+    surface.around(vertex).flat_map(|t| surface.corners(t)).filter(|&v| v != vertex).collect()
+}
+
+/// All pairs, lower vertex first, in ascending order.
+///
+/// Pairs with a common neighbour are left out: edges close those gaps.
+pub(super) fn pairs(surface: &Surface) -> Vec<[u32; 2]> {
+    let vertices = Vertices::of(surface);
+    let largest = vertices.used.iter().map(|&v| vertices.radii[v as usize]).fold(0.0, f64::max);
+    if largest <= 0.0 || !largest.is_finite() {
+        return Vec::new();
+    }
+    // A partner is at most two radii away, so in this cell of the grid or beside it.
+    let side = 2.0 * largest;
+    let cell = |p: Vec3| p.map(|x| (x / side).floor() as i64);
+    let mut places: Vec<([i64; 3], u32)> =
+        vertices.used.iter().map(|&v| (cell(surface.positions[v as usize]), v)).collect();
+    places.sort_unstable();
+    let mut found = Vec::new();
+    let mut near: Vec<(f64, u32)> = Vec::new();
+    for &a in &vertices.used {
+        let at = surface.positions[a as usize];
+        let [x, y, z] = cell(at);
+        near.clear();
+        for (dx, dy) in (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (dx, dy))) {
+            // Three cells in a row are one run of the list.
+            let (first, last) = ([x + dx, y + dy, z - 1], [x + dx, y + dy, z + 1]);
+            let begin = places.partition_point(|place| place.0 < first);
+            for &(_, b) in places[begin..].iter().take_while(|place| place.0 <= last) {
+                let apart = length_sq(sub(surface.positions[b as usize], at));
+                let reach = vertices.radii[a as usize] + vertices.radii[b as usize];
+                if a != b && apart <= reach * reach && vertices.may_pair(surface, a, b) {
+                    near.push((apart, b));
+                }
+            }
+        }
+        if near.is_empty() {
+            continue;
+        }
+        near.sort_unstable_by(|one, other| one.0.total_cmp(&other.0).then(one.1.cmp(&other.1)));
+        let own = ring(surface, a);
+        let is_apart = |b: u32| !own.contains(&b) && ring(surface, b).is_disjoint(&own);
+        let partners = near.iter().map(|&(_, b)| b).filter(|&b| is_apart(b)).take(MOST);
+        found.extend(partners.map(|b| [a.min(b), a.max(b)]));
+    }
+    found.sort_unstable();
+    found.dedup();
+    found
+}

@@ -1,0 +1,145 @@
+//! `--pairs`: the collapse to some times the target, pairs of vertices in memory, the collapse to the target.
+//!
+//! Gaps matter where they are as wide as triangles are long, thus near the target. So the cells on disk and the kernel stay as they
+//! are, memory is by the size of the result, and the kernel places what is left. Both meshes on the way lie in the job
+//! folder, sealed: a run that was interrupted continues behind them.
+
+pub(super) mod counts;
+
+use super::before::{open, settings, stage};
+use super::prepare::{Prepared, WRITING, prepare};
+use super::run_report::{PairsReport, RunReport, StageReport};
+use super::{methods, verify};
+use crate::config::{Attributes, Config, Normals, Target};
+use crate::error::{Error, Result};
+use crate::io::ply::MeshSource;
+use crate::kernel;
+use crate::methods::pairs;
+use crate::store::job::fingerprint::{input_marks, job_identity};
+use crate::store::job::{Job, TRIALS};
+use crate::system::disk::Disk;
+use crate::system::memory::peak_bytes;
+use crate::system::parallel::guarded;
+use crate::system::progress::Progress;
+use counts::Counts;
+use std::path::Path;
+use std::time::Instant;
+
+/// Simplifies by the collapse of edges, with contractions of pairs on the way.
+pub fn simplify(prepared: Prepared, config: &Config, progress: &Progress) -> Result<RunReport> {
+    let source = prepared.source;
+    guarded(|| run(source, config, progress))
+}
+
+fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunReport> {
+    let started = Instant::now();
+    let disk = Disk::default();
+    let marks = input_marks(&config.input)?;
+    let identity = job_identity(&source, &marks, config);
+    let (n_input, target) = (source.n_triangles(), config.target.triangles(source.n_triangles()));
+    let counts = Counts::new(n_input, target);
+    // The run before opens the input itself.
+    drop(source);
+    let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
+    disk.create_dir(&job.path(TRIALS))?;
+    let fine = job.path(TRIALS).join("result.ply");
+    let report = job.sealed("result", || {
+        let inner = settings(&fine, config);
+        let inner = Config { pairs: false, target: Target::Triangles(counts.before), ..inner };
+        collapse(&inner, progress)
+    });
+    let mut report = match report {
+        Ok(report) => report,
+        Err(error) => return Err(super::abandon(&job, error)),
+    };
+    let joined = job.path(TRIALS).join("joined.ply");
+    let done = job.sealed("pairs", || contract(&fine, &joined, counts, config, &disk, progress));
+    let (pairs, stages) = match done {
+        Ok(done) => done,
+        Err(error) => return Err(super::abandon(&job, error)),
+    };
+    let replaces = config.force || job.outcome::<()>(WRITING)?.is_some();
+    if job.outcome::<()>(WRITING)?.is_none() {
+        job.record(WRITING, &())?;
+    }
+    let last = Config {
+        input: joined,
+        output: config.output.clone(),
+        target: Target::Triangles(target),
+        format: config.format,
+        force: replaces,
+        skip_bad: false,
+        min_component: None,
+        kernel: kernel::Options { fit: fit(config), ..config.kernel.clone() },
+        ..settings(&fine, config)
+    };
+    let last = collapse(&last, progress)?;
+    job.clear_scratch()?;
+    report.stages.extend(stages);
+    report.stages.extend(last.stages);
+    report.pairs = Some(pairs);
+    (report.output, report.quality) = (last.output, last.quality);
+    (report.target, report.target_met) = (target, last.target_met);
+    (report.stop_reason, report.fit) = (last.stop_reason, last.fit);
+    report.settings = identity.settings;
+    report.seconds = started.elapsed().as_secs_f64();
+    report.triangles_per_second = n_input as f64 / report.seconds.max(1e-9);
+    report.peak_memory_bytes = peak_bytes();
+    report.peak_temp_bytes = report.peak_temp_bytes.max(disk.peak_bytes());
+    verify::end(&job, config, progress, &mut report)?;
+    Ok(report)
+}
+
+/// A run of the collapse, to its end.
+fn collapse(config: &Config, progress: &Progress) -> Result<RunReport> {
+    let report = super::simplify(prepare(config)?, config, progress)?;
+    let Some(report) = report else { unreachable!("a run without --until does not end early") };
+    Ok(report)
+}
+
+/// The last collapse begins from a mesh of some times the target: vertices are fitted to that, unless the fit is off.
+fn fit(config: &Config) -> kernel::Fit {
+    match config.kernel.fit {
+        kernel::Fit::Off => kernel::Fit::Off,
+        kernel::Fit::On | kernel::Fit::Auto => kernel::Fit::On,
+    }
+}
+
+/// Contracts pairs of the mesh at `fine` into a file at `joined`.
+fn contract(
+    fine: &Path,
+    joined: &Path,
+    counts: Counts,
+    config: &Config,
+    disk: &Disk,
+    progress: &Progress,
+) -> Result<(PairsReport, Vec<StageReport>)> {
+    let source = open(fine, config, false)?;
+    let codec = source.schema().kernel_codec(&config.attributes.labels);
+    let n_before = source.n_triangles();
+    let start = Instant::now();
+    let wanted = pairs::Settings { target: counts.joined, codec: &codec };
+    let made = pairs::contract_pairs(&source, wanted, progress)?;
+    let n_out = made.mesh.triangles.len() as u64;
+    if n_out == 0 {
+        let what = "no triangle is left; ask for more; nothing was written".to_owned();
+        return Err(Error::Empty { path: config.output.clone(), what });
+    }
+    let inner = settings(joined, config);
+    let attributes = Attributes { normals: Normals::Keep, ..config.attributes.clone() };
+    let inner = Config { attributes, ..inner };
+    let bytes = methods::write::write(&source, &made, &codec, &inner, disk, progress)?;
+    let stage = stage("pairs", start, (n_before, n_out), (source.file_bytes(), bytes));
+    let count = |name: &str| made.counts.get(name).copied().unwrap_or(0);
+    let report = PairsReport {
+        triangles_before: n_before,
+        triangles_after: n_out,
+        virtual_pairs: count("virtual_pairs"),
+        contracted_edges: count("contracted_edges"),
+        contracted_pairs: count("contracted_pairs"),
+        cancelled_triangles: count("cancelled_triangles"),
+        refused: count("refused"),
+        copied_vertices: count("copied_vertices"),
+    };
+    Ok((report, vec![stage]))
+}
