@@ -388,6 +388,9 @@ impl Config {
         if !self.coarser.is_empty() {
             settings.insert("coarser".to_owned(), list(self.coarser.iter().map(|l| l.target)));
         }
+        if self.kernel.no_self_intersections {
+            settings.insert("self_intersections".to_owned(), "refuse".to_owned());
+        }
         if self.error_field {
             settings.insert("error_field".to_owned(), "true".to_owned());
         }

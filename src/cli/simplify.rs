@@ -117,6 +117,10 @@ pub struct Args {
     /// (keep).
     #[arg(long, value_enum, value_name = "POLICY", default_value = "error")]
     topology: TypedTopology,
+    /// Refuse what would make the surface pass through itself where it did not, for 3D printing and simulation: takes several times
+    /// as long (docs/results/quality.md).
+    #[arg(long)]
+    no_self_intersections: bool,
     /// Moves the vertices of the result to fit the original: less error for more time; auto does so
     /// where at most 1 % of the triangles are left.
     #[arg(long, value_enum, value_name = "WHEN", default_value = "auto")]
@@ -292,6 +296,7 @@ impl Args {
                     TypedPlacement::Midpoint => kernel::Placement::Midpoint,
                 },
                 merge_distance: self.merge_distance,
+                no_self_intersections: self.no_self_intersections,
                 bound: max_error.map(|distance| kernel::Bound {
                     distance,
                     channel: None,
@@ -317,6 +322,7 @@ impl Args {
             ("--until", self.until.is_some()),
             ("--seams", self.seams.is_some()),
             ("--progressive", self.progressive.progressive.is_some()),
+            ("--no-self-intersections", self.no_self_intersections),
             ("--texture bake", self.texture == TypedTexture::Bake),
             ("--placement subset", self.placement == TypedPlacement::Subset),
         ])?;
@@ -344,6 +350,7 @@ impl Args {
             ("--placement", self.placement != TypedPlacement::Optimal),
             ("--merge-distance", self.merge_distance != 0.0),
             ("--pairs", self.method.pairs),
+            ("--no-self-intersections", self.no_self_intersections),
             ("--seams", self.seams.is_some()),
             ("--progressive", self.progressive.progressive.is_some()),
             ("--textures", self.textures.is_some()),

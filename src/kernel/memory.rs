@@ -30,6 +30,11 @@ pub fn bound_bytes(n_vertices: u64, n_triangles: u64) -> u64 {
     40 * n_vertices + 28 * n_triangles
 }
 
+/// Returns the memory that watching for self-intersections adds to `peak_bytes`: the boxes of all triangles.
+pub fn crossing_bytes(n_triangles: u64) -> u64 {
+    28 * n_triangles
+}
+
 /// Returns the memory that a record of all steps, and writing them, adds to `peak_bytes`. Measured: 63 bytes a triangle on the
 /// dragon to 1 %.
 pub fn history_bytes(n_vertices: u64, n_triangles: u64, n_channels: usize) -> u64 {

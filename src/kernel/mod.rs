@@ -11,6 +11,7 @@
 //! - `topology`: components that vanish, tubes that are cut; `repair`: what is cleaned, joined and taken apart
 //! - `followed`: where each vertex of the input went; `history`: every step, so that it can be taken back
 //! - `bound`: refuses collapses that lead too far from the original
+//! - `crossing`: refuses what makes the surface pass through itself
 //! - `collapse`: one collapse, its legality and carrying it out
 //! - `state`: the surface with its attributes and seams; builds, compacts, checks it
 //! - `cost`: quadrics, placement, attributes, seams
@@ -20,6 +21,7 @@
 mod bound;
 mod collapse;
 mod cost;
+mod crossing;
 mod fit;
 mod followed;
 mod history;
@@ -44,8 +46,8 @@ pub use cost::attributes::MAX_WEIGHTED;
 pub use history::{Cursor, Gone, History, Step};
 pub use interrupt::Interrupt;
 pub use memory::{
-    attribute_bytes, bound_bytes, fit_bytes, history_bytes, peak_bytes, round_fit_bytes,
-    wedge_bytes,
+    attribute_bytes, bound_bytes, crossing_bytes, fit_bytes, history_bytes, peak_bytes,
+    round_fit_bytes, wedge_bytes,
 };
 pub use options::{
     AUTO_FIT_RATIO, Bound, Fit, MAX_TRIANGLES, MAX_VERTICES, Options, Placement, Stop, Tight,

@@ -63,6 +63,8 @@ pub struct Options {
     pub bound: Option<Bound>,
     /// Places where the bound is tighter than elsewhere: there an earlier run of the same kind went beyond it.
     pub tight: Arc<[Tight]>,
+    /// Refuses what makes the surface pass through itself, for `crossing_bytes`.
+    pub no_self_intersections: bool,
     /// Estimates the quality of the result; its time was not measured.
     pub estimate: bool,
     /// Notes where every vertex of the input went (`Simplified::followed`), for 4 bytes a vertex.
@@ -204,6 +206,7 @@ impl Default for Options {
             seam_share: 0.0,
             bound: None,
             tight: Arc::from([]),
+            no_self_intersections: false,
             estimate: false,
             follow: false,
             record: false,

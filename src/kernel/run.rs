@@ -2,6 +2,7 @@
 
 use crate::kernel::bound::tracker::Tracker;
 use crate::kernel::collapse::legality::Reject;
+use crate::kernel::crossing::Crossings;
 use crate::kernel::fit;
 use crate::kernel::fit::samples::Samples;
 use crate::kernel::followed::Followed;
@@ -93,6 +94,13 @@ pub(crate) fn start(
         let tracker = Tracker::new(surface, bound.distance, simd, &options.tight, before);
         driver.bound = Some(Box::new(tracker));
     }
+    if options.no_self_intersections {
+        let surface = &mut driver.state.surface;
+        let is_single = |x: f64| f64::from(x as f32) == x;
+        surface.rounds =
+            surface.vertices.iter().all(|vertex| vertex.position.into_iter().all(is_single));
+        driver.crossings = Some(Box::new(Crossings::new(surface)));
+    }
     driver
 }
 
@@ -135,8 +143,17 @@ pub(crate) fn finish(
     keeps_relief: bool,
 ) -> Simplified {
     let mut relief = Vec::new();
+    if let (Some(crossings), None) = (&mut driver.crossings, &driver.history) {
+        crossings.part(&mut driver.state.surface);
+    }
     if let Some(samples) = driver.samples.take().filter(|_| !driver.interrupt.is_raised()) {
-        let (fitted, found) = fit::fit(&mut driver.state, samples, keeps_relief, driver.simd);
+        let (fitted, found) = fit::fit(
+            &mut driver.state,
+            samples,
+            driver.crossings.as_deref_mut(),
+            keeps_relief,
+            driver.simd,
+        );
         statistics.fit = Some(fitted);
         relief = found;
     }

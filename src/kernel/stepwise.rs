@@ -51,11 +51,13 @@ impl Stepwise {
         let more = if state.attributes.is_some() || state.wedges.is_some() { 4 } else { 1 };
         let probes = self.driver.probes.as_ref().map_or(0, |probes| probes.bytes());
         let tracker = self.driver.bound.as_ref().map_or(0, |tracker| tracker.bytes());
+        let crossings = self.driver.crossings.as_ref().map_or(0, |crossings| crossings.bytes());
         let followed = self.driver.followed.as_ref().map_or(0, |followed| followed.bytes());
         let samples = self.driver.samples.as_ref().map_or(0, |samples| samples.bytes());
         more * (BYTES_PER_TRIANGLE * surface.triangles.len() as u64 + channels)
             + probes
             + tracker
+            + crossings
             + followed
             + samples
     }

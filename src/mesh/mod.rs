@@ -10,6 +10,7 @@ mod color_channels;
 pub(crate) mod corners;
 pub(crate) mod face_properties;
 pub mod global_vertex;
+pub(crate) mod meeting;
 pub(crate) mod morton;
 pub(crate) mod oklab;
 pub mod property;

@@ -42,6 +42,7 @@ pub(super) fn kernel_side(facts: &Facts, config: &Config) -> (VertexLayout, kern
     let layout = VertexLayout {
         has_reach: bound.is_some(),
         has_relief: config.carries_relief(*n_triangles),
+        is_watched: config.kernel.no_self_intersections,
         ..VertexLayout::for_kernel(schema, *n_vertices, &attributes.labels, &attributes.weights)
     };
     let channel = layout.reach_channel();

@@ -45,6 +45,7 @@ impl Collapser {
                 let half = around.half.map(f64::from);
                 place = flats.hold((v0, v1), place, 2.0 * length_sq(half).sqrt() * unscale);
             }
+            place = surface.rounded(place);
             if surface.n_channels > 0 {
                 self.blend_channels(surface, plan, place);
             }
@@ -97,6 +98,26 @@ impl Collapser {
                 surface.rings[v as usize].class = Some(self.fan.look(surface, v));
             }
         }
+    }
+
+    /// The place that the survivor will have.
+    pub(super) fn place_of_survivor(surface: &Surface, plan: Plan, around: &Around) -> Vec3 {
+        let (v0, v1) = (plan.v0, plan.v1);
+        let own = surface.vertices[v1 as usize].position;
+        if surface.rings[v1 as usize].class.is_some_and(Class::is_fixed) {
+            return own;
+        }
+        if surface.placement == Placement::Subset {
+            let is_kept = placement::is_nearer_to_v1(surface, (v0, v1), &plan.place);
+            return if is_kept { own } else { surface.vertices[v0 as usize].position };
+        }
+        let unscale = surface.unscale;
+        let mut place = [0, 1, 2].map(|i| around.centre[i] + f64::from(plan.place[i]) * unscale);
+        if let Some(flats) = &surface.flats {
+            let half = around.half.map(f64::from);
+            place = flats.held((v0, v1), place, 2.0 * length_sq(half).sqrt() * unscale).0;
+        }
+        surface.rounded(place)
     }
 
     /// Interpolates the channels of the survivor along the edge.

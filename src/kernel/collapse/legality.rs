@@ -21,11 +21,13 @@ pub(crate) enum Reject {
     NonManifold,
     /// The surface would be farther from the original than it may.
     Bound,
+    /// The surface would pass through itself where it did not.
+    SelfIntersection,
 }
 
 impl Reject {
     /// Every reason in the order in which they are reported, with the name users see.
-    pub(crate) const NAMED: [(Reject, &'static str); 7] = [
+    pub(crate) const NAMED: [(Reject, &'static str); 8] = [
         (Reject::Locked, "locked"),
         (Reject::LinkCondition, "link_condition"),
         (Reject::Flip, "flip"),
@@ -33,12 +35,13 @@ impl Reject {
         (Reject::Sliver, "sliver"),
         (Reject::NonManifold, "non_manifold"),
         (Reject::Bound, "bound"),
+        (Reject::SelfIntersection, "self_intersection"),
     ];
 }
 
 /// Number of rejections by reason.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct RejectCounts([u64; 7]);
+pub(crate) struct RejectCounts([u64; 8]);
 
 impl RejectCounts {
     pub(crate) fn add(&mut self, reason: Reject) {

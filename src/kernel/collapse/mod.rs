@@ -17,6 +17,7 @@ use crate::kernel::collapse::collapser::{Collapser, Plan, eight};
 use crate::kernel::collapse::legality::Reject;
 use crate::kernel::cost::placement::place_on_edge;
 use crate::kernel::cost::quadric::{Around, RingSums};
+use crate::kernel::crossing::{Change, Crossings};
 use crate::kernel::simd::unchecked::KnownIds;
 use crate::kernel::simd::{Lanes, Portable};
 use crate::kernel::state::MeshState;
@@ -32,6 +33,9 @@ const FLIP_COSINE: f32 = 0.5;
 /// unless there was a worse one before.
 const MIN_SHAPE: f32 = 0.007;
 
+/// May refuse a legal collapse: the bound, and the guard that keeps the surface from passing through itself.
+pub(crate) type Watchers<'a> = (Option<&'a mut Tracker>, Option<&'a mut Crossings>);
+
 impl Collapser {
     /// Checks topology, then geometry; carries the collapse out if both agree. `number` becomes the
     /// stamp of every vertex whose quadric changes.
@@ -42,7 +46,7 @@ impl Collapser {
         state: &mut MeshState,
         plan: Plan,
         number: u32,
-        mut bound: Option<&mut Tracker>,
+        (mut bound, crossings): Watchers,
     ) -> Result<(), Reject> {
         let surface = &state.surface;
         let (v0, v1) = (plan.v0, plan.v1);
@@ -79,13 +83,7 @@ impl Collapser {
             }
         }
         if let Some(tracker) = &mut bound {
-            let fixed = known.at(&surface.rings, v1).class.is_some_and(Class::is_fixed);
-            let place = match fixed {
-                true => p1,
-                false => std::array::from_fn(|i| {
-                    around.centre[i] + f64::from(plan.place[i]) * surface.unscale
-                }),
-            };
+            let place = Collapser::place_of_survivor(surface, plan, &around);
             let patch = Patch {
                 ends: [v0, v1],
                 ids: &self.ids[..self.n],
@@ -100,6 +98,21 @@ impl Collapser {
                 return Err(Reject::Bound);
             }
         }
+        let crossings = match crossings {
+            Some(crossings) => {
+                let change = Change {
+                    ids: &self.ids[..self.n],
+                    around: (&self.b[..self.n_kept], &self.c[..self.n_kept]),
+                    vertex: v1,
+                    place: Collapser::place_of_survivor(surface, plan, &around),
+                };
+                if !crossings.admits(surface, &change) {
+                    return Err(Reject::SelfIntersection);
+                }
+                Some(crossings)
+            }
+            None => None,
+        };
         if state.attributes.is_some() | state.wedges.is_some() {
             self.with_wedges(known, state, plan, &around, found.quadric(), number);
         } else {
@@ -107,6 +120,9 @@ impl Collapser {
         }
         if let Some(tracker) = bound {
             tracker.carry_out(&self.ids[..self.n]);
+        }
+        if let Some(crossings) = crossings {
+            crossings.moved(&state.surface, &self.ids[..self.n]);
         }
         Ok(())
     }

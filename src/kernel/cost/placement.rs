@@ -58,15 +58,21 @@ fn product(q: &[f32; 9], x: [f32; 3]) -> f32 {
 /// Makes `v1` the end that `place`, relative to the middle of the edge, is at: position, channels and
 /// source, so that `v0` holds what is given up.
 pub(crate) fn keep_an_end(surface: &mut Surface, (v0, v1): (u32, u32), place: &[f32; 3]) {
-    let edge = surface.edge(v0, v1);
-    let along: f32 = (0..3).map(|k| edge[k] * place[k]).sum();
-    if along < 0.0 {
+    if !is_nearer_to_v1(surface, (v0, v1), place) {
         let (i0, i1) = (v0 as usize, v1 as usize);
         surface.vertices[i1].position = surface.vertices[i0].position;
         surface.source.swap(i0, i1);
         let n = surface.n_channels;
         surface.channels.copy_within(i0 * n..(i0 + 1) * n, i1 * n);
     }
+}
+
+/// Returns whether a place relative to the middle of an edge is at `v1`, not at `v0`.
+pub(crate) fn is_nearer_to_v1(surface: &Surface, (v0, v1): (u32, u32), place: &[f32; 3]) -> bool {
+    let edge = surface.edge(v0, v1);
+    let along: f32 = (0..3).map(|k| edge[k] * place[k]).sum();
+    // Written so that NaN chooses v1.
+    along.partial_cmp(&0.0) != Some(std::cmp::Ordering::Less)
 }
 
 /// Place on an edge (0 at `v0`) of a place relative to its midpoint, in f64 for either end exactly.

@@ -14,6 +14,7 @@ mod normal_equations;
 mod relief;
 pub(crate) mod samples;
 
+use crate::kernel::crossing::{self, Change, Crossings};
 use crate::kernel::fit::nearest::{Foot, feet, nearest_around};
 use crate::kernel::fit::samples::{Sample, Samples};
 use crate::kernel::simd::Simd;
@@ -21,9 +22,10 @@ use crate::kernel::state::MeshState;
 use crate::kernel::statistics::FitStatistics;
 use crate::kernel::surface::class::Class;
 use crate::kernel::surface::faces::Face;
+use crate::kernel::surface::{MAX_VALENCE, Surface};
 use crate::kernel::vertex::GONE;
 use crate::mesh::relief::Relief;
-use crate::mesh::vec3::{dot, normal, scale, sub};
+use crate::mesh::vec3::{Vec3, dot, normal, scale, sub};
 use normal_equations::{Element, FaceTerm, V, solve};
 
 /// Share of the samples (one in this many) that check whether the fit lowered the error.
@@ -65,6 +67,7 @@ impl Energy {
 pub(crate) fn fit(
     state: &mut MeshState,
     mut samples: Samples,
+    crossings: Option<&mut Crossings>,
     keeps_relief: bool,
     simd: Simd,
 ) -> (FitStatistics, Vec<Relief>) {
@@ -108,6 +111,9 @@ pub(crate) fn fit(
     }
     // Written so that NaN is not a gain.
     if change < 0.0 {
+        if let Some(crossings) = crossings {
+            work.hold_apart(crossings);
+        }
         statistics.moved = work.write_back(simd);
     } else {
         work.place.clone_from(&work.before);
@@ -216,13 +222,36 @@ impl<'a> Work<'a> {
         for (v, (now, before)) in self.place.iter().zip(&self.before).enumerate() {
             if self.free[v] && now != before {
                 moved += 1;
-                let position = &mut self.state.surface.vertices[v].position;
-                for k in 0..3 {
-                    position[k] += f64::from(now[k] - before[k]) / self.state.surface.scale;
-                }
+                let to = moved_to(&self.state.surface, v, (before, now));
+                self.state.surface.vertices[v].position = to;
             }
         }
         moved
+    }
+
+    /// Gives up the steps of vertices, one after the other, whose triangles would meet more others than they do.
+    fn hold_apart(&mut self, crossings: &mut Crossings) {
+        let surface = &mut self.state.surface;
+        let (mut b, mut c) = (Vec::new(), Vec::new());
+        let mut taken = Vec::new();
+        for v in 0..self.place.len() {
+            if !self.free[v] || self.place[v] == self.before[v] {
+                continue;
+            }
+            let place = moved_to(surface, v, (&self.before[v], &self.place[v]));
+            crossing::around(surface, v as u32, &mut b, &mut c);
+            let ids = surface.ring(v as u32);
+            let change = Change { ids, around: (&b, &c), vertex: v as u32, place };
+            if ids.len() > MAX_VALENCE as usize || !crossings.admits(surface, &change) {
+                self.place[v] = self.before[v];
+                continue;
+            }
+            let position = &mut surface.vertices[v].position;
+            taken.push((v, std::mem::replace(position, place)));
+            crossings.moved(surface, surface.ring(v as u32));
+        }
+        // They are made all at once, with all that rides along.
+        taken.into_iter().for_each(|(v, position)| surface.vertices[v].position = position);
     }
 
     /// Gives the vertices that move the channels of the place that they move to; those on seams keep theirs.
@@ -259,4 +288,11 @@ impl<'a> Work<'a> {
             }
         }
     }
+}
+
+/// The place of a vertex after a step between two local places.
+fn moved_to(surface: &Surface, v: usize, (before, now): (&V, &V)) -> Vec3 {
+    let position = surface.vertices[v].position;
+    let along = |k: usize| position[k] + f64::from(now[k] - before[k]) / surface.scale;
+    surface.rounded([along(0), along(1), along(2)])
 }

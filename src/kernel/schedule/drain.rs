@@ -235,11 +235,11 @@ impl Driver {
             Some(wedges) => wedges.source_off_seams(&self.state.surface, entry.v0),
             None => None,
         };
-        let bound = self.bound.as_deref_mut();
+        let watchers = (self.bound.as_deref_mut(), self.crossings.as_deref_mut());
         if let Some(history) = &mut self.history {
             history.before(&self.state.surface, entry.v0, entry.v1);
         }
-        match self.collapser.attempt::<L>(known, &mut self.state, plan, number, bound) {
+        match self.collapser.attempt::<L>(known, &mut self.state, plan, number, watchers) {
             Ok(()) => {
                 self.collapses += 1;
                 if let Some(history) = &mut self.history {
@@ -269,7 +269,9 @@ impl Driver {
     ) {
         self.rejects.add(reason);
         match reason {
-            Reject::Flip | Reject::Sliver | Reject::Bound if entry.failures < MAX_FAILURES => {
+            Reject::Flip | Reject::Sliver | Reject::Bound | Reject::SelfIntersection
+                if entry.failures < MAX_FAILURES =>
+            {
                 let dearer = cost * 2.0;
                 if dearer <= limits.cost {
                     let entry = Entry { failures: entry.failures + 1, ..entry };

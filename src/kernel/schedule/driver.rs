@@ -5,6 +5,7 @@
 use crate::kernel::bound::tracker::Tracker;
 use crate::kernel::collapse::collapser::Collapser;
 use crate::kernel::collapse::legality::RejectCounts;
+use crate::kernel::crossing::Crossings;
 use crate::kernel::fit::samples::Samples;
 use crate::kernel::followed::Followed;
 use crate::kernel::history::History;
@@ -43,6 +44,8 @@ pub(crate) struct Driver {
     pub(super) frees_stuck: bool,
     /// Keeps the surface near the original, where that was asked for.
     pub(crate) bound: Option<Box<Tracker>>,
+    /// Keeps the surface from passing through itself, where that was asked for.
+    pub(crate) crossings: Option<Box<Crossings>>,
     /// The channel that takes how far the result is from the original.
     pub(crate) reach_channel: Option<usize>,
     /// Samples that the result will be fitted to.
@@ -145,6 +148,7 @@ impl Driver {
             small_components: None,
             frees_stuck: false,
             bound: None,
+            crossings: None,
             reach_channel: None,
             samples: None,
             probes: None,
@@ -205,6 +209,10 @@ impl Driver {
     /// Takes over new numbers of the vertices.
     pub(super) fn renumber(&mut self, place: &[u32]) {
         self.small_components = None;
+        // The old tree goes before the new one is built.
+        if self.crossings.take().is_some() {
+            self.crossings = Some(Box::new(Crossings::new(&self.state.surface)));
+        }
         if let Some(samples) = &mut self.samples {
             samples.renumber(place, self.state.surface.n_alive, self.state.surface.vertices.len());
         }

@@ -76,7 +76,8 @@ impl Driver {
             });
         // Stuck components are large, so one may pass the target. Its price is for what it takes to get there.
         let n_wanted = surface.n_alive.saturating_sub(limits.triangles).max(1) as usize;
-        let may_pass = self.history.is_some() || self.frees_stuck;
+        let is_large = triangles.len() > topology::MAX_SPECK;
+        let may_pass = self.history.is_some() || (self.frees_stuck && is_large);
         let n_paid = if self.frees_stuck { triangles.len().min(n_wanted) } else { triangles.len() };
         let limit = topology::error_worth(limits.cost, n_paid);
         let Some(removal) = small_components.removal(&self.state.surface, triangles, limit) else {
@@ -132,11 +133,20 @@ impl Driver {
             }
             CutPlan::Strip(triangles, _) => Some(triangles),
         };
+        if let Some(crossings) = &mut self.crossings {
+            let gone = strip.as_deref().unwrap_or(&[]);
+            if !crossings.admits_triangle(&self.state.surface, cycle, gone) {
+                return;
+            }
+        }
         let number = (self.collapses + 1) as u32;
         let spare = &mut self.spare_sources;
         let Some(new) = cut(&mut self.state, cycle, spare, number, self.simd) else { return };
         self.collapses += 1;
         validate_small(&self.state);
+        if let Some(crossings) = &mut self.crossings {
+            crossings.extend(&self.state.surface);
+        }
         if let Some(triangles) = strip {
             self.strip(&triangles, cycle, new);
             self.changes.stripped += 1;

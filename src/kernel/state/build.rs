@@ -95,6 +95,7 @@ impl MeshState {
             n_channels,
             placement: Placement::default(),
             flats: None,
+            rounds: false,
             scale,
             unscale: 1.0 / scale,
         };

@@ -264,9 +264,16 @@ impl Flats {
     /// Brings the survivor of a collapse into the planes of both ends that it is next to, and notes which those are.
     /// `reach` is the length of the edge.
     pub(crate) fn hold(&mut self, (v0, v1): (u32, u32), place: Vec3, reach: f64) -> Vec3 {
+        let (held, kept) = self.held((v0, v1), place, reach);
+        self.set(v1, kept);
+        held
+    }
+
+    /// The same place, with a bit for each plane that it lies in; notes nothing.
+    pub(crate) fn held(&self, (v0, v1): (u32, u32), place: Vec3, reach: f64) -> (Vec3, u32) {
         let mask = self.of(v0) | self.of(v1);
         if mask == 0 {
-            return place;
+            return (place, 0);
         }
         let near = 16.0 * self.tolerance + 1e-6 * reach;
         let kept = self.planes_of(mask).filter(|(_, plane)| plane.height(place).abs() <= near);
@@ -280,8 +287,7 @@ impl Flats {
                 held[k] = plane.offset;
             }
         }
-        self.set(v1, kept);
-        held
+        (held, kept)
     }
 
     /// The same where the survivor stays at `v1`.

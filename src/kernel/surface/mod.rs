@@ -63,6 +63,8 @@ pub(crate) struct Surface {
     pub(crate) placement: Placement,
     /// Planes that parts of it lie in exactly, if there are any.
     pub(crate) flats: Option<Box<Flats>>,
+    /// True if new places are numbers of `f32`, as the output's are.
+    pub(crate) rounds: bool,
     /// Power of two that brings edges near to length 1, so that f32 neither over- nor underflows.
     pub(crate) scale: f64,
     /// 1 / scale, which is exact.
@@ -103,6 +105,12 @@ impl Surface {
     pub(crate) fn scaled(&self, from: Vec3, to: Vec3) -> [f32; 3] {
         let along = |i: usize| ((to[i] - from[i]) * self.scale) as f32;
         [along(0), along(1), along(2)]
+    }
+
+    /// A new place as the output will have it, if that counts.
+    #[inline(always)]
+    pub(crate) fn rounded(&self, place: Vec3) -> Vec3 {
+        if self.rounds { place.map(|x| f64::from(x as f32)) } else { place }
     }
 
     /// The triangles of a vertex.

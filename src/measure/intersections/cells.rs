@@ -167,7 +167,7 @@ impl Work<'_> {
             for i in 0..mesh.triangles.len() {
                 let corners = mesh.corners(i);
                 let bounds = Bounds::around(&corners);
-                if super::pair::is_flat(&corners) {
+                if super::meeting::is_flat(&corners) {
                     look.n_flat += 1;
                 } else if look.is_large(&bounds) {
                     look.n_large += 1;
@@ -275,7 +275,7 @@ impl Work<'_> {
 
     fn is_large(&self, cell: CellId, mesh: &Mesh, i: usize) -> bool {
         let corners = mesh.corners(i);
-        self.looks[cell].is_large(&Bounds::around(&corners)) && !super::pair::is_flat(&corners)
+        self.looks[cell].is_large(&Bounds::around(&corners)) && !super::meeting::is_flat(&corners)
     }
 
     /// Counts the pairs of a large triangle of a batch and one of a cell: one that is not large, or one of a later

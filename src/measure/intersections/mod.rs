@@ -1,12 +1,11 @@
 //! Counts the places where a surface passes through or lies on itself.
 //!
-//! Pairs of triangles whose boxes touch are found by trees of boxes (`boxes`) and decided exactly (`pair`). A mesh in
+//! Pairs of triangles whose boxes touch are found by trees of boxes (`boxes`) and decided exactly (`mesh::meeting`). A mesh in
 //! memory is one soup of triangles; one of any size is gone through cell by cell (`cells`). The counts are those of
 //! the surface alone: not of threads, memory or cells. Changes nothing. docs/design/self-intersections.md.
 
 mod boxes;
 mod cells;
-mod pair;
 
 pub(crate) use cells::{in_store, job_bytes};
 
@@ -14,10 +13,10 @@ use super::Unit;
 use crate::error::Result;
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
+use crate::mesh::meeting::{self, Meeting};
 use crate::system::parallel;
 use crate::system::progress::Progress;
 use boxes::{Boxes, Item, Task};
-use pair::Meeting;
 use std::borrow::Cow;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -152,7 +151,7 @@ impl<'a> Soup<'a> {
             if !is_wanted(i, &bounds) {
                 continue;
             }
-            if pair::is_flat(&corners) {
+            if meeting::is_flat(&corners) {
                 n_flat += 1;
             } else {
                 items.push(Item { bounds, id: i as u32 });
@@ -200,7 +199,7 @@ impl<'a> Soup<'a> {
 
     fn decide(&self, i: u32, other: &Soup, j: u32, marks: &Marks, tally: &mut Tally) {
         let (a, b) = (self.mesh.corners(i as usize), other.mesh.corners(j as usize));
-        let meeting = pair::meet(&a, &b);
+        let meeting = meeting::meet(&a, &b);
         if meeting == Meeting::None {
             return;
         }

@@ -98,6 +98,7 @@ impl Plan {
         let layout = VertexLayout {
             has_reach: config.kernel.bound.is_some(),
             has_relief: config.carries_relief(triangles_in),
+            is_watched: config.kernel.no_self_intersections,
             ..VertexLayout::for_kernel(
                 source.schema(),
                 source.n_vertices(),

@@ -87,6 +87,7 @@ fn kernel_bytes(tally: CellTally, layout: &VertexLayout) -> u64 {
         + kernel::attribute_bytes(vertices, layout.n_weighted())
         + wedges
         + if layout.has_reach { kernel::bound_bytes(vertices, triangles) } else { 0 }
+        + if layout.is_watched { kernel::crossing_bytes(triangles) } else { 0 }
 }
 
 /// Memory that mending adds: it grows with the boundaries, of which a mesh has about as many vertices as it has beyond one

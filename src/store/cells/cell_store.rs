@@ -83,6 +83,8 @@ pub struct VertexLayout {
     pub has_reach: bool,
     /// True if triangles carry their relief from round to round.
     pub has_relief: bool,
+    /// True if cells are kept from passing through themselves while they are simplified.
+    pub is_watched: bool,
 }
 
 impl VertexLayout {
@@ -95,6 +97,7 @@ impl VertexLayout {
             weights: Vec::new(),
             has_reach: false,
             has_relief: false,
+            is_watched: false,
         }
     }
 

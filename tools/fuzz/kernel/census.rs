@@ -12,6 +12,8 @@ pub struct Census {
     pub n_triangles: usize,
     pub n_vertices: usize,
     pub n_components: usize,
+    /// Triangles of the component that has most.
+    pub n_largest: usize,
     /// Vertices - edges + triangles.
     pub euler: i64,
 }
@@ -73,6 +75,9 @@ impl Census {
             census.n_vertices += 1;
             census.n_components += usize::from(parts.root(v) == v);
         }
+        let mut sizes = vec![0; n_names];
+        faces.iter().for_each(|t| sizes[parts.root(t[0]) as usize] += 1);
+        census.n_largest = sizes.into_iter().max().unwrap_or(0);
         census.euler = census.n_vertices as i64 - n_edges + faces.len() as i64;
         census
     }

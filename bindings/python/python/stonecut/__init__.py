@@ -180,6 +180,7 @@ def simplify_arrays(
     fit: Fit = "auto",
     placement: Placement = "optimal",
     merge_distance: float | None = None,
+    no_self_intersections: bool = False,
     cell_triangles: int | str | None = None,
     memory: Size | None = None,
     threads: int | None = None,
@@ -204,6 +205,7 @@ def simplify_arrays(
         fit: whether vertices are moved to fit the original; ``"auto"`` where at most 1 % is left.
         placement: ``"subset"`` keeps to vertices of the input, bit for bit.
         merge_distance: free boundaries at most this far apart, in input units, may join.
+        no_self_intersections: refuse what would make the surface pass through itself where it did not; takes four times as long.
         cell_triangles: beyond four cells of this size the mesh is simplified in parallel, through cells in memory [256k].
         memory: what the call may take beside the arrays [75 % of what the process may use].
         threads: [the cores the process may use]; the result does not depend on them.
@@ -225,6 +227,7 @@ def simplify_arrays(
         fit=fit,
         placement=placement,
         merge_distance=merge_distance,
+        no_self_intersections=no_self_intersections,
         cell_triangles=cell_triangles,
         memory=memory,
         threads=threads,
@@ -247,6 +250,7 @@ def simplify(
     fit: Fit = "auto",
     placement: Placement = "optimal",
     merge_distance: float | None = None,
+    no_self_intersections: bool = False,
     cell_triangles: int | str | None = None,
     memory: Size | None = None,
     threads: int | None = None,
@@ -275,6 +279,7 @@ def simplify(
         fit=fit,
         placement=placement,
         merge_distance=merge_distance,
+        no_self_intersections=no_self_intersections,
         cell_triangles=cell_triangles,
         memory=memory,
         threads=threads,
@@ -325,6 +330,7 @@ def simplify_file(
     progressive: PathLike | None = None,
     progressive_bits: int | None = None,
     seams: PathLike | None = None,
+    no_self_intersections: bool = False,
     verify: bool = False,
     report: PathLike | None = None,
     progress: OnProgress | None = None,

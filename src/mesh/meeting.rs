@@ -3,16 +3,16 @@
 //! All decisions are signs of determinants, by the adaptive predicates of Shewchuk 1997 (crate `robust`). Corners are
 //! compared by place, never by index. Takes triangles whose corners are not on one line (`is_flat`).
 
-use crate::measure::triangle::Vector;
+use crate::mesh::vec3::Vec3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 use std::cmp::Ordering::{self, Equal, Greater, Less};
 
 /// Corners of a triangle, in any order.
-pub(super) type Corners = [Vector; 3];
+pub(crate) type Corners = [Vec3; 3];
 
 /// Relation of two triangles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Meeting {
+pub(crate) enum Meeting {
     /// No common point but corners and edges that both have.
     None,
     /// A common point besides these.
@@ -22,12 +22,12 @@ pub(super) enum Meeting {
 }
 
 /// Side of the plane through a triangle on which `d` is.
-fn side([a, b, c]: &Corners, d: &Vector) -> Ordering {
+fn side([a, b, c]: &Corners, d: &Vec3) -> Ordering {
     side_of(a, b, c, d)
 }
 
-fn side_of(a: &Vector, b: &Vector, c: &Vector, d: &Vector) -> Ordering {
-    let place = |p: &Vector| Coord3D { x: p[0], y: p[1], z: p[2] };
+fn side_of(a: &Vec3, b: &Vec3, c: &Vec3, d: &Vec3) -> Ordering {
+    let place = |p: &Vec3| Coord3D { x: p[0], y: p[1], z: p[2] };
     sign(orient3d(place(a), place(b), place(c), place(d)))
 }
 
@@ -49,24 +49,24 @@ impl View {
     }
 
     /// Sense of three points.
-    fn turn(self, a: &Vector, b: &Vector, c: &Vector) -> Ordering {
-        let place = |p: &Vector| Coord { x: p[self.0], y: p[self.1] };
+    fn turn(self, a: &Vec3, b: &Vec3, c: &Vec3) -> Ordering {
+        let place = |p: &Vec3| Coord { x: p[self.0], y: p[self.1] };
         sign(orient2d(place(a), place(b), place(c)))
     }
 }
 
 /// Returns whether the corners of a triangle are on one line.
-pub(super) fn is_flat(t: &Corners) -> bool {
+pub(crate) fn is_flat(t: &Corners) -> bool {
     View::of(t).is_none()
 }
 
 /// Decides how two triangles meet.
-pub(super) fn meet(a: &Corners, b: &Corners) -> Meeting {
+pub(crate) fn meet(a: &Corners, b: &Corners) -> Meeting {
     let mut shared = [(0, 0); 3];
     let mut n = 0;
-    for i in 0..3 {
-        for j in 0..3 {
-            if a[i] == b[j] {
+    for (i, own) in a.iter().enumerate() {
+        for (j, other) in b.iter().enumerate() {
+            if own == other {
                 shared[n.min(2)] = (i, j);
                 n += 1;
             }
@@ -93,7 +93,7 @@ fn from(t: &Corners, first: usize) -> Corners {
 
 /// Triangles with a common edge meet elsewhere only if one is folded onto the other. Seen along an axis they are then on
 /// the same side of the edge, which hardly any neighbours are: the plane comes last.
-fn at_edge(a: &Corners, own: &Vector, other: &Vector, [p, q]: [&Vector; 2]) -> Meeting {
+fn at_edge(a: &Corners, own: &Vec3, other: &Vec3, [p, q]: [&Vec3; 2]) -> Meeting {
     let is_same_side = |(view, _): (View, Ordering)| view.turn(p, q, own) == view.turn(p, q, other);
     match View::of(a).is_some_and(is_same_side) && side(a, other) == Equal {
         true => Meeting::Overlap,
@@ -166,7 +166,7 @@ fn is_off(sides: &[Ordering]) -> bool {
 }
 
 /// Returns whether a segment and a triangle have a common point; `sides` are those of its ends.
-fn segment_meets([s, e]: [&Vector; 2], sides: [Ordering; 2], t: &Corners) -> bool {
+fn segment_meets([s, e]: [&Vec3; 2], sides: [Ordering; 2], t: &Corners) -> bool {
     if sides == [Equal; 2] {
         return segment_meets_in_plane([s, e], t);
     }
@@ -179,7 +179,7 @@ fn segment_meets([s, e]: [&Vector; 2], sides: [Ordering; 2], t: &Corners) -> boo
 }
 
 /// The same in the plane of the triangle: a line along an edge or along the segment parts the two, or they meet.
-fn segment_meets_in_plane([s, e]: [&Vector; 2], t: &Corners) -> bool {
+fn segment_meets_in_plane([s, e]: [&Vec3; 2], t: &Corners) -> bool {
     let Some((view, sense)) = View::of(t) else { return false };
     let outside = sense.reverse();
     let is_parted = |i: usize| {
@@ -215,7 +215,7 @@ fn in_plane_at_corner(a: &Corners, b: &Corners) -> Meeting {
     }
     // No common area: they meet elsewhere only along edges that leave the corner in the same direction.
     let Some((view, _)) = View::of(a) else { return Meeting::None };
-    let is_along = |p: &Vector, q: &Vector| {
+    let is_along = |p: &Vec3, q: &Vec3| {
         view.turn(&a[0], p, q) == Equal
             && (0..3).all(|k| p[k].partial_cmp(&a[0][k]) == q[k].partial_cmp(&a[0][k]))
     };

@@ -1,0 +1,258 @@
+//! Boxes of triangles in a tree that follows the surface: eight in a row have one box, eight of these the next.
+//!
+//! Triangles lie near each other in memory, so a row is a region. A box only grows until the tree is built again.
+
+use crate::mesh::vec3::Vec3;
+
+/// Boxes side by side: as many as have one box in the level above.
+const ROW: usize = 8;
+
+/// A box along the axes, relative to the centre of a tree.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Hull {
+    low: [f32; 3],
+    high: [f32; 3],
+}
+
+impl Hull {
+    /// The box of nothing: touches none.
+    pub(super) const EMPTY: Hull = Hull { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
+
+    pub(super) fn join(&mut self, other: &Hull) {
+        for k in 0..3 {
+            self.low[k] = self.low[k].min(other.low[k]);
+            self.high[k] = self.high[k].max(other.high[k]);
+        }
+    }
+
+    fn holds(&self, other: &Hull) -> bool {
+        (0..3).all(|k| self.low[k] <= other.low[k] && other.high[k] <= self.high[k])
+    }
+}
+
+/// Eight boxes, number by number, so that all are looked at together.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+struct Row {
+    low: [[f32; ROW]; 3],
+    high: [[f32; ROW]; 3],
+}
+
+impl Row {
+    const EMPTY: Row = Row { low: [[f32::INFINITY; ROW]; 3], high: [[f32::NEG_INFINITY; ROW]; 3] };
+
+    fn get(&self, i: usize) -> Hull {
+        Hull { low: self.low.map(|x| x[i]), high: self.high.map(|x| x[i]) }
+    }
+
+    fn set(&mut self, i: usize, hull: &Hull) {
+        for k in 0..3 {
+            (self.low[k][i], self.high[k][i]) = (hull.low[k], hull.high[k]);
+        }
+    }
+
+    fn hull(&self) -> Hull {
+        let least = |x: [f32; ROW]| x.into_iter().fold(f32::INFINITY, f32::min);
+        let most = |x: [f32; ROW]| x.into_iter().fold(f32::NEG_INFINITY, f32::max);
+        Hull { low: self.low.map(least), high: self.high.map(most) }
+    }
+
+    /// A bit for each box that touches another.
+    #[inline(always)]
+    fn touching(&self, hull: &Hull) -> u32 {
+        let mut touches = [1u32; ROW];
+        for k in 0..3 {
+            for (i, touches) in touches.iter_mut().enumerate() {
+                let below = self.low[k][i] <= hull.high[k];
+                let above = self.high[k][i] >= hull.low[k];
+                *touches &= u32::from(below) & u32::from(above);
+            }
+        }
+        touches.iter().enumerate().fold(0, |bits, (i, touches)| bits | touches << i)
+    }
+}
+
+/// A few boxes, to hold others against.
+#[derive(Clone, Default)]
+pub(super) struct Hulls(Vec<Row>);
+
+impl Hulls {
+    /// Takes these boxes instead of those before.
+    pub(super) fn fill(&mut self, hulls: impl Iterator<Item = Hull>) -> Hull {
+        self.0.clear();
+        let mut all = Hull::EMPTY;
+        for (i, hull) in hulls.enumerate() {
+            if i % ROW == 0 {
+                self.0.push(Row::EMPTY);
+            }
+            if let Some(row) = self.0.last_mut() {
+                row.set(i % ROW, &hull);
+            }
+            all.join(&hull);
+        }
+        all
+    }
+
+    /// The numbers of those that touch a box.
+    #[inline(always)]
+    pub(super) fn touching(&self, hull: &Hull) -> impl Iterator<Item = usize> {
+        let rows = self.0.iter().enumerate();
+        rows.flat_map(move |(row, boxes)| bits(boxes.touching(hull)).map(move |i| row * ROW + i))
+    }
+}
+
+/// The places of the bits that are set.
+fn bits(mut left: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let place = (left != 0).then(|| left.trailing_zeros() as usize);
+        left &= left.wrapping_sub(1);
+        place
+    })
+}
+
+/// The boxes. About 28 bytes a triangle.
+#[derive(Clone)]
+pub(super) struct Tree {
+    centre: Vec3,
+    n: usize,
+    /// Rows of boxes of triangles, then of the boxes of the rows of the level before; the last has one row.
+    levels: Vec<Vec<Row>>,
+    /// Scratch space of a search: level and row.
+    open: Vec<(u32, u32)>,
+}
+
+impl Tree {
+    /// A tree without triangles. Rounding relative to `centre` never parts boxes that touch: it keeps the order of numbers.
+    pub(super) fn new(centre: Vec3) -> Tree {
+        Tree { centre, n: 0, levels: vec![vec![Row::EMPTY]], open: Vec::new() }
+    }
+
+    /// The number of triangles that it has boxes of.
+    pub(super) fn len(&self) -> usize {
+        self.n
+    }
+
+    /// Memory that it holds, in bytes.
+    pub(super) fn bytes(&self) -> u64 {
+        self.levels.iter().map(|level| size_of_val(&level[..]) as u64).sum()
+    }
+
+    /// The box around points.
+    pub(super) fn hull(&self, points: &[Vec3]) -> Hull {
+        let mut hull = Hull::EMPTY;
+        for point in points {
+            let at: [f32; 3] = std::array::from_fn(|k| (point[k] - self.centre[k]) as f32);
+            hull.join(&Hull { low: at, high: at });
+        }
+        hull
+    }
+
+    /// The box of a triangle.
+    pub(super) fn of(&self, triangle: u32) -> Hull {
+        self.levels[0][triangle as usize / ROW].get(triangle as usize % ROW)
+    }
+
+    /// Appends the box of the next triangle.
+    pub(super) fn push(&mut self, hull: Hull) {
+        let mut rows = self.n / ROW + 1;
+        self.n += 1;
+        for level in 0.. {
+            if level == self.levels.len() {
+                // The row that was the top is the first of two now.
+                let mut row = Row::EMPTY;
+                row.set(0, &self.levels[level - 1][0].hull());
+                self.levels.push(vec![row]);
+            }
+            if self.levels[level].len() < rows {
+                self.levels[level].resize(rows, Row::EMPTY);
+            }
+            if self.levels[level].len() == 1 {
+                break;
+            }
+            rows = rows.div_ceil(ROW);
+        }
+        self.set(self.n as u32 - 1, hull);
+    }
+
+    /// Takes over the box of a triangle that has changed.
+    pub(super) fn set(&mut self, triangle: u32, hull: Hull) {
+        let mut place = triangle as usize;
+        self.levels[0][place / ROW].set(place % ROW, &hull);
+        for level in &mut self.levels[1..] {
+            place /= ROW;
+            let row = &mut level[place / ROW];
+            let mut whole = row.get(place % ROW);
+            if whole.holds(&hull) {
+                break;
+            }
+            whole.join(&hull);
+            row.set(place % ROW, &whole);
+        }
+    }
+
+    /// Lists the triangles whose boxes touch another.
+    pub(super) fn touching(&mut self, hull: &Hull, found: &mut Vec<u32>) {
+        found.clear();
+        let Tree { levels, open, .. } = self;
+        open.clear();
+        open.push((levels.len() as u32 - 1, 0));
+        while let Some((level, row)) = open.pop() {
+            let below = bits(levels[level as usize][row as usize].touching(hull));
+            let below = below.map(|i| row * ROW as u32 + i as u32);
+            match level {
+                0 => found.extend(below),
+                _ => open.extend(below.map(|place| (level - 1, place))),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn a_search_finds_what_a_plain_one_finds_after_boxes_have_moved() {
+        let mut state = 7u64;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 40) as f64 / (1u64 << 24) as f64
+        };
+        for n in [0, 1, 7, 8, 9, 64, 65, 600] {
+            let mut tree = Tree::new([0.5; 3]);
+            let mut plain: Vec<Hull> = Vec::new();
+            for _ in 0..n {
+                let at = [next(), next(), next()];
+                let hull = tree.hull(&[at, at.map(|x| x + 0.1 * next())]);
+                tree.push(hull);
+                plain.push(hull);
+            }
+            for _ in 0..n {
+                let triangle = (next() * n as f64) as usize;
+                let at = [next(), next(), next()];
+                let hull = if next() < 0.2 {
+                    Hull::EMPTY
+                } else {
+                    tree.hull(&[at, at.map(|x| x + 0.1 * next())])
+                };
+                tree.set(triangle as u32, hull);
+                plain[triangle] = hull;
+                let from = [next(), next(), next()];
+                let wanted = tree.hull(&[from, from.map(|x| x + 0.3 * next())]);
+                let mut found = Vec::new();
+                tree.touching(&wanted, &mut found);
+                found.sort_unstable();
+                let touches = |a: &Hull, b: &Hull| {
+                    (0..3).all(|k| a.low[k] <= b.high[k] && b.low[k] <= a.high[k])
+                };
+                let expected: Vec<u32> =
+                    (0..n as u32).filter(|&i| touches(&plain[i as usize], &wanted)).collect();
+                assert_eq!(found, expected);
+                let mut some = Hulls::default();
+                some.fill(plain.iter().copied());
+                assert!(some.touching(&wanted).eq(expected.iter().map(|&i| i as usize)));
+            }
+        }
+    }
+}
