@@ -39,6 +39,8 @@ pub(crate) struct Driver {
     pub(crate) changes: TopologyChanges,
     /// Distances of small components from the rest; computed when the first one is about to vanish.
     pub(crate) small_components: Option<SmallComponents>,
+    /// Area of the surface, in scaled units; computed when the first end of a strip is about to vanish.
+    pub(super) area: Option<f64>,
     /// True once a large component would vanish, or nothing goes on: from then on components on which collapses are stuck
     /// may vanish whole, however many triangles they have.
     pub(super) frees_stuck: bool,
@@ -146,6 +148,7 @@ impl Driver {
             spare_sources: Vec::new(),
             changes: TopologyChanges { may_mend: true, ..TopologyChanges::default() },
             small_components: None,
+            area: None,
             frees_stuck: false,
             bound: None,
             crossings: None,

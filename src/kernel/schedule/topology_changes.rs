@@ -7,7 +7,7 @@ use crate::kernel::schedule::driver::{Driver, Limits};
 use crate::kernel::schedule::queue::{BucketQueue, Entry};
 use crate::kernel::state::validate::validate_small;
 use crate::kernel::surface::Surface;
-use crate::kernel::topology::components::SmallComponents;
+use crate::kernel::topology::components::{SmallComponents, cost_of_distance, whole_area};
 use crate::kernel::topology::cut::cut;
 use crate::kernel::topology::{self, CutPlan, TopologyChange};
 
@@ -117,7 +117,9 @@ impl Driver {
         let Some(plan) = topology::plan_cut(&self.state.surface, cycle) else { return };
         let (cost, n_freed) = match &plan {
             CutPlan::Handle(cost, _) => (*cost, 0),
-            CutPlan::Strip(triangles, cost) => (*cost, triangles.len() - 1),
+            CutPlan::Strip(triangles, cost, farthest_sq) => {
+                (cost.max(self.hold_of_strip(*farthest_sq)), triangles.len() - 1)
+            }
         };
         let is_due = is_due(queue, (bucket, entry), cost, limits, &mut self.deferred);
         let may_pass = self.history.is_some();
@@ -131,7 +133,7 @@ impl Driver {
                 }
                 None
             }
-            CutPlan::Strip(triangles, _) => Some(triangles),
+            CutPlan::Strip(triangles, ..) => Some(triangles),
         };
         if let Some(crossings) = &mut self.crossings {
             let gone = strip.as_deref().unwrap_or(&[]);
@@ -161,6 +163,19 @@ impl Driver {
         for (v0, v1) in [(a, b), (b, c), (c, a)] {
             queue.push(bucket, Entry { v0, v1, failures: 0 });
         }
+    }
+
+    /// The least cost at which the end of a strip may go that is as far from the cut, in scaled units.
+    ///
+    /// A spike has hardly an area, so for its error it could go at once. Collapses see to it that it becomes short first,
+    /// unless they are refused because its sides meet: only then it is held.
+    fn hold_of_strip(&mut self, farthest_sq: f64) -> f32 {
+        if self.crossings.is_none() {
+            return 0.0;
+        }
+        let surface = &self.state.surface;
+        let area = *self.area.get_or_insert_with(|| whole_area(surface));
+        cost_of_distance(area, surface, farthest_sq)
     }
 
     /// Removes what a cut has separated: those triangles and the cap on their side.

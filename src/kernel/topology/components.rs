@@ -92,6 +92,17 @@ pub(crate) struct SmallComponents {
     n_held: u64,
 }
 
+/// The cost of collapses that make 1 / `FAR` of a distance, in scaled units, where the whole area is this.
+pub(crate) fn cost_of_distance(area: f64, surface: &Surface, distance_sq: f64) -> f32 {
+    let mean_area = area / surface.n_alive.max(1) as f64;
+    (COST_PER_SQUARE * mean_area * distance_sq / (FAR * FAR)) as f32
+}
+
+/// The area of what is left, in scaled units.
+pub(crate) fn whole_area(surface: &Surface) -> f64 {
+    surface.triangles.iter().filter(|t| t[0] != GONE).map(|t| area_of(surface, t)).sum()
+}
+
 impl SmallComponents {
     /// Finds the components of what is left of a surface; larger ones have more vertices.
     pub(crate) fn new(surface: &Surface) -> Self {
@@ -251,9 +262,8 @@ impl SmallComponents {
             self.is_held[rank] = true;
             self.n_held = n_held;
         }
-        let mean_area = self.area / surface.n_alive.max(1) as f64;
-        let cost = COST_PER_SQUARE * mean_area * removal.farthest_sq / (FAR * FAR);
-        if self.is_held[rank] { cost as f32 } else { 0.0 }
+        let cost = cost_of_distance(self.area, surface, removal.farthest_sq);
+        if self.is_held[rank] { cost } else { 0.0 }
     }
 
     fn find(&self, surface: &Surface, triangles: &[u32], rank: u32) -> Option<Removal> {

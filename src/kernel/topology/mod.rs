@@ -102,8 +102,8 @@ pub(crate) fn find_change(
 
 /// A cut along three edges, planned and priced in scaled units.
 pub(crate) enum CutPlan {
-    /// Strips these triangles off, which vanish; at this cost.
-    Strip(Vec<u32>, f32),
+    /// Strips these triangles off, which vanish, at this cost. The farthest corner is as far from the cut, squared.
+    Strip(Vec<u32>, f32, f64),
     /// Opens a handle, or separates too much to be made; at this cost in the first case. `opens_handle` tells.
     Handle(f32, Box<[Side; 2]>),
 }
@@ -144,16 +144,19 @@ pub(crate) fn plan_cut(surface: &Surface, cycle: [u32; 3]) -> Option<CutPlan> {
         }
         Separation::Part(triangles) if triangles.len() <= MAX_SPECK => {
             let corners = cycle.map(|v| surface.edge(cycle[0], v).map(f64::from));
-            let mut error = cap_error(surface, cycle);
+            let (mut error, mut farthest_sq) = (cap_error(surface, cycle), 0.0f64);
             for &t in &triangles {
                 let t = surface.triangles[t as usize].map(|v| surface.edge(cycle[0], v));
                 let t = t.map(|corner| corner.map(f64::from));
                 let area = 0.5 * length_sq(normal(t)).sqrt();
-                let corner_error = |p| area * triangle_distance_sq(p, corners) / 3.0;
-                error += t.map(corner_error).iter().sum::<f64>();
+                for p in t {
+                    let distance_sq = triangle_distance_sq(p, corners);
+                    error += area * distance_sq / 3.0;
+                    farthest_sq = farthest_sq.max(distance_sq);
+                }
             }
             let cost = price(error, triangles.len() - 1);
-            Some(CutPlan::Strip(triangles, cost))
+            Some(CutPlan::Strip(triangles, cost, farthest_sq))
         }
         Separation::Part(_) => None,
     }

@@ -348,6 +348,7 @@ def simplify_file(
             repeated with a tighter bound. ``error_field`` writes the distance with every vertex (PLY).
         method: ``"collapse"`` for results; ``"cluster"`` in one pass for previews, ``"decimate"`` and ``"retile"`` in memory,
             with ``grid`` (instead of a count), ``feature_angle``, ``gradation`` and ``manifold`` of theirs.
+        no_self_intersections: refuse what would make the surface pass through itself where it did not; takes four times as long.
         optimize: sweeps over the result that make it fit better at the same count; slow, in memory.
         memory: budget, everything included: bytes, ``"4GiB"`` or ``"50%"`` [75 % of what the process may use].
         temp_dir: where the job folder lies [beside the output]. until: stop after this stage and return ``{}``; the same
