@@ -7,7 +7,9 @@ use crate::kernel::fit;
 use crate::kernel::fit::samples::Samples;
 use crate::kernel::followed::Followed;
 use crate::kernel::history::History;
-use crate::kernel::options::{FitGoal, MAX_TRIANGLES, MAX_VERTICES, Options, Stop, Topology};
+use crate::kernel::options::{
+    FitGoal, MAX_TRIANGLES, MAX_VERTICES, Options, Placement, Stop, Topology,
+};
 use crate::kernel::quality::Probes;
 use crate::kernel::repair;
 use crate::kernel::schedule::driver::Driver;
@@ -143,7 +145,9 @@ pub(crate) fn finish(
     keeps_relief: bool,
 ) -> Simplified {
     let mut relief = Vec::new();
-    if let (Some(crossings), None) = (&mut driver.crossings, &driver.history) {
+    let may_move = driver.state.surface.placement != Placement::Subset;
+    let has_caps = driver.changes.cuts > 0 && driver.history.is_none();
+    if let Some(crossings) = driver.crossings.as_mut().filter(|_| may_move && has_caps) {
         crossings.part(&mut driver.state.surface);
     }
     if let Some(samples) = driver.samples.take().filter(|_| !driver.interrupt.is_raised()) {

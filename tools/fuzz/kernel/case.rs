@@ -129,6 +129,7 @@ fn options(mesh: &Mesh, choices: &mut Choices, has_charts: bool) -> Options {
         region: if choices.one_in(4) { Some(choices.below(3)) } else { None },
         seam_share: choices.of(&[0.0, 0.01, 1.0]),
         estimate: choices.one_in(4),
+        no_self_intersections: choices.one_in(5),
         ..Options::default()
     }
 }

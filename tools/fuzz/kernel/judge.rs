@@ -4,7 +4,9 @@ use super::Fault;
 use super::case::Case;
 use super::census::{Census, places};
 use stonecut::kernel::{self, Placement, Simplified, Stop, Topology};
+use stonecut::measure::intersections::in_memory;
 use stonecut::mesh::Mesh;
+use stonecut::system::progress::Progress;
 
 /// Triangles of a speck, at most (`kernel::topology`).
 const MAX_SPECK: usize = 24;
@@ -30,6 +32,7 @@ pub fn judge(case: &Case, depth: Depth) -> Result<(), Fault> {
     numbers(case, &result)?;
     locks(case, &result)?;
     counts(case, &result)?;
+    crossings(case, &result)?;
     topology(case, &result)?;
     if depth == Depth::AllRuns {
         let again = kernel::simplify_mesh(mesh.clone(), locked, options);
@@ -155,6 +158,23 @@ fn locks(case: &Case, result: &Simplified) -> Result<(), Fault> {
 
 fn change(result: &Simplified, name: &str) -> u64 {
     result.statistics.changes.iter().find(|(known, _)| *known == name).map_or(0, |(_, n)| *n)
+}
+
+/// Pairs of triangles that meet where they should not.
+fn crossings(case: &Case, result: &Simplified) -> Result<(), Fault> {
+    if !case.options.no_self_intersections || case.options.merge_distance != 0.0 {
+        return Ok(());
+    }
+    let pairs = |mesh: &Mesh| match in_memory(mesh, 1, &Progress::default()) {
+        Ok(found) => found.self_intersections,
+        Err(_) => 0,
+    };
+    // The two caps of a cut lie on each other until collapses take them apart.
+    let (before, after) = (pairs(&case.mesh), pairs(&result.mesh));
+    if after > before + change(result, "handles_cut") {
+        return fault("no more pairs meet", format!("{before} became {after}"));
+    }
+    Ok(())
 }
 
 /// Triangles against the stop.
