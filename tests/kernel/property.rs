@@ -154,3 +154,31 @@ fn levels_beyond_f32_let_everything_out() {
     let result = simplify_mesh(case.mesh, &case.locked, &case.options);
     assert_eq!(result.statistics.level_counts, [1, 1, 1]);
 }
+
+#[test]
+fn a_locked_vertex_stays_where_two_sheets_lie_on_each_other() {
+    let positions = vec![
+        [3.0, 3.0, 3.0],
+        [3.0, 0.0, 3.0],
+        [2.0, 0.0, 4.0],
+        [2.0, 0.0, 4.0],
+        [3.0, 3.0, 3.0],
+        [3.0, 0.0, 3.0],
+        [3.0, 3.0, 1.0],
+        [0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0],
+        [0.0, 0.0, 2.0],
+        [0.0, 0.0, 1.0],
+        [3.0, 3.0, 1.0],
+    ];
+    let triangles = vec![[0, 1, 2], [3, 4, 5], [6, 7, 8], [9, 10, 11]];
+    for confined in [vec![], vec![true]] {
+        let mut mesh = Mesh::new(positions.clone(), triangles.clone());
+        mesh.n_channels = 1;
+        mesh.channels = vec![0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0, 0.0];
+        let mut locked = vec![false; 12];
+        locked[2] = true;
+        let options = Options { stop: Stop::Triangles(36), confined, ..Options::default() };
+        holds(&Case { mesh, locked, options });
+    }
+}

@@ -201,9 +201,14 @@ fn counts(case: &Case, result: &Simplified) -> Result<(), Fault> {
             // What collapses are stuck on vanishes whole, if it is more than a speck.
             let place = places(&case.mesh.positions);
             let named = Census::of(&case.mesh.triangles, place.len(), |v| place[v as usize]);
-            let whole =
-                named.n_largest > MAX_SPECK && change(result, "small_components_removed") > 0;
-            let may_pass = if whole { named.n_largest as u64 } else { 0 };
+            let is_large = named.n_largest > MAX_SPECK
+                || case.options.merge_distance > 0.0 && proper > MAX_SPECK as u64;
+            let whole = is_large && change(result, "small_components_removed") > 0;
+            let may_pass = match whole {
+                true if case.options.merge_distance > 0.0 => proper,
+                true => named.n_largest as u64,
+                false => 0,
+            };
             if n + 2 + cleaned + may_pass < proper.min(*target) {
                 return fault("not far below the target", format!("{n} of {target} from {proper}"));
             }

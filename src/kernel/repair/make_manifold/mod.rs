@@ -77,7 +77,8 @@ pub(crate) fn mend(state: &mut MeshState, spare: &mut Vec<u32>, simd: Simd) -> M
     mended
 }
 
-/// Of triangles over the same three places in the same sense of rotation, only the first stays. Their corners
+/// Of triangles over the same three places in the same sense of rotation, only the first stays, and any that is the last
+/// of a locked vertex. Their corners
 /// are added to `touched`.
 fn drop_duplicates(surface: &mut Surface, places: &mut Places, touched: &mut Vec<u32>) -> u64 {
     // The sense is part of the key, so that none comes out as turned over.
@@ -96,7 +97,17 @@ fn drop_duplicates(surface: &mut Surface, places: &mut Places, touched: &mut Vec
     known.sort_unstable();
     let mut found = Repeats::default();
     found.add(&known, |t| oriented(surface, places, t));
+    let mut n = 0;
     for &t in &found.same {
+        // Another cell knows a locked vertex, so it keeps its last triangle.
+        let is_last = |v: u32| {
+            let ring = &surface.rings[v as usize];
+            ring.class == Some(Class::Locked) && ring.len == 1
+        };
+        if surface.triangles[t as usize].into_iter().any(is_last) {
+            continue;
+        }
+        n += 1;
         for v in surface.triangles[t as usize] {
             surface.remove_from_ring(v, t);
             // Its fan is open now, or falls into several.
@@ -110,5 +121,5 @@ fn drop_duplicates(surface: &mut Surface, places: &mut Places, touched: &mut Vec
         surface.triangles[t as usize][0] = GONE;
         surface.n_alive -= 1;
     }
-    found.same.len() as u64
+    n
 }
