@@ -205,7 +205,7 @@ def simplify_arrays(
         fit: whether vertices are moved to fit the original; ``"auto"`` where at most 1 % is left.
         placement: ``"subset"`` keeps to vertices of the input, bit for bit.
         merge_distance: free boundaries at most this far apart, in input units, may join.
-        no_self_intersections: refuse what would make the surface pass through itself where it did not; takes four times as long.
+        no_self_intersections: refuse what would make the surface pass through itself where it did not; takes four to eight times as long.
         cell_triangles: beyond four cells of this size the mesh is simplified in parallel, through cells in memory [256k].
         memory: what the call may take beside the arrays [75 % of what the process may use].
         threads: [the cores the process may use]; the result does not depend on them.
