@@ -9,6 +9,9 @@ use std::process::{Command, Output};
 use stonecut::config::{
     Attributes, BakeSettings, CHECKPOINT_EVERY, Config, FEATURE_ANGLE, Method, Target, Texture,
 };
+use stonecut::io::ply::{OutputHeader, PlyWriter};
+use stonecut::mesh::property::Scalar;
+use stonecut::mesh::record::VertexSchema;
 
 /// The `stonecut` command of this build.
 pub fn stonecut() -> Command {
@@ -113,4 +116,16 @@ pub fn config(folder: &Path, target: Target) -> Config {
         attributes: Attributes::default(),
         kernel: Default::default(),
     }
+}
+
+/// Writes positions and triangles as a binary PLY file.
+pub fn write_ply(path: &Path, coordinate: Scalar, positions: &[[f64; 3]], triangles: &[[u32; 3]]) {
+    let schema = VertexSchema { coordinate, properties: Vec::new() };
+    let mut records = Vec::new();
+    positions.iter().for_each(|&p| schema.encode_position(p, &mut records));
+    let header = OutputHeader::new(schema, positions.len() as u64, triangles.len() as u64);
+    let mut writer = PlyWriter::create(path, header).unwrap();
+    writer.write_vertices(&records).unwrap();
+    writer.write_faces_u32(triangles).unwrap();
+    writer.finish().unwrap();
 }

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
+use crate::common::write_ply;
 use std::path::Path;
 use stonecut::io::ply::{MeshSource, OutputHeader, PlyWriter};
 use stonecut::measure::compare::{Request, compare, compare_in_cells};
@@ -139,29 +140,17 @@ fn a_budget_for_nothing_is_refused() {
     assert_eq!(error.exit_code(), 6, "{error}");
 }
 
-fn write_doubles(path: &Path, points: &[[f64; 3]], triangles: &[[u64; 3]]) {
-    let schema = VertexSchema { coordinate: Scalar::F64, properties: Vec::new() };
-    let mut records = Vec::new();
-    points.iter().for_each(|&p| schema.encode_position(p, &mut records));
-    let header = OutputHeader::new(schema, points.len() as u64, triangles.len() as u64);
-    let mut writer = PlyWriter::create(path, header).unwrap();
-    writer.write_vertices(&records).unwrap();
-    writer.write_faces(triangles).unwrap();
-    writer.finish().unwrap();
-}
-
 /// Two parallel squares of `n^2` quads each, `scale` apart and wide.
-fn write_squares(folder: &Path, n: u64, scale: f64) {
+fn write_squares(folder: &Path, n: u32, scale: f64) {
     for (name, z) in [("original.ply", 0.0), ("simplified.ply", 0.25 * scale)] {
-        let at =
-            |i: u64| [(i % (n + 1)) as f64, (i / (n + 1)) as f64].map(|x| x / n as f64 * scale);
+        let at = |i: u32| [i % (n + 1), i / (n + 1)].map(|x| f64::from(x) / f64::from(n) * scale);
         let points: Vec<_> = (0..(n + 1) * (n + 1)).map(at).map(|[x, y]| [x, y, z]).collect();
-        let corner = |i: u64| i / n * (n + 1) + i % n;
+        let corner = |i: u32| i / n * (n + 1) + i % n;
         let triangles: Vec<_> = (0..n * n)
             .map(corner)
             .flat_map(|a| [[a, a + 1, a + n + 2], [a, a + n + 2, a + n + 1]])
             .collect();
-        write_doubles(&folder.join(name), &points, &triangles);
+        write_ply(&folder.join(name), Scalar::F64, &points, &triangles);
     }
 }
 
@@ -194,10 +183,10 @@ fn coordinates_of_any_size_are_measured_in_cells_too() {
 fn a_surface_without_area_is_refused_not_called_perfect() {
     let folder = tempfile::tempdir().unwrap();
     let line: Vec<[f64; 3]> = (0..300).map(|i| [f64::from(i), 0.0, 0.0]).collect();
-    let needles: Vec<[u64; 3]> = (0..298).map(|i| [i, i + 1, i + 2]).collect();
+    let needles: Vec<[u32; 3]> = (0..298).map(|i| [i, i + 1, i + 2]).collect();
     for flat in ["original.ply", "simplified.ply"] {
         write_squares(folder.path(), 20, 1.0);
-        write_doubles(&folder.path().join(flat), &line, &needles);
+        write_ply(&folder.path().join(flat), Scalar::F64, &line, &needles);
         let sources = sources(folder.path());
         let request = request(&sources, folder.path());
         for error in [

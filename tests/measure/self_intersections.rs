@@ -2,15 +2,14 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{expect, run};
+use crate::common::{expect, run, write_ply};
 use std::path::Path;
 use stonecut::Mesh;
-use stonecut::io::ply::{MeshSource, OutputHeader, PlyWriter};
+use stonecut::io::ply::MeshSource;
 use stonecut::measure::check;
 use stonecut::measure::intersections::{SelfIntersections, in_memory};
 use stonecut::measure::temp_store::Cutting;
 use stonecut::mesh::property::Scalar;
-use stonecut::mesh::record::VertexSchema;
 use stonecut::system::progress::Progress;
 
 type Point = [f64; 3];
@@ -311,15 +310,7 @@ fn soups_on_a_coarse_grid_agree_with_clipping_in_rational_numbers() {
 }
 
 fn write(mesh: &Mesh, path: &Path) {
-    let schema = VertexSchema { coordinate: Scalar::F64, properties: Vec::new() };
-    let mut records = Vec::new();
-    mesh.positions.iter().for_each(|&p| schema.encode_position(p, &mut records));
-    let triangles: Vec<[u64; 3]> = mesh.triangles.iter().map(|t| t.map(u64::from)).collect();
-    let header = OutputHeader::new(schema, mesh.positions.len() as u64, triangles.len() as u64);
-    let mut writer = PlyWriter::create(path, header).unwrap();
-    writer.write_vertices(&records).unwrap();
-    writer.write_faces(&triangles).unwrap();
-    writer.finish().unwrap();
+    write_ply(path, Scalar::F64, &mesh.positions, &mesh.triangles);
 }
 
 /// A rough sheet with a tube through it and a few triangles across everything, in a shuffled order of vertices.

@@ -2,14 +2,11 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{expect, run};
-use std::path::Path;
-use stonecut::io::ply::{OutputHeader, PlyWriter};
+use crate::common::{expect, run, write_ply};
 use stonecut::kernel::{Fit, Options, Stop, simplify_mesh};
 use stonecut::measure::intersections::in_memory;
 use stonecut::mesh::Mesh;
 use stonecut::mesh::property::Scalar;
-use stonecut::mesh::record::VertexSchema;
 use stonecut::system::progress::Progress;
 
 /// Two sheets of n by n squares, so rough that each fills its layer, and hardly apart.
@@ -78,23 +75,12 @@ fn what_was_there_may_stay_but_not_grow() {
     assert!(result.statistics.reached);
 }
 
-fn write(mesh: &Mesh, path: &Path) {
-    let schema = VertexSchema { coordinate: Scalar::F32, properties: Vec::new() };
-    let mut records = Vec::new();
-    mesh.positions.iter().for_each(|&p| schema.encode_position(p, &mut records));
-    let triangles: Vec<[u64; 3]> = mesh.triangles.iter().map(|t| t.map(u64::from)).collect();
-    let header = OutputHeader::new(schema, mesh.positions.len() as u64, triangles.len() as u64);
-    let mut writer = PlyWriter::create(path, header).unwrap();
-    writer.write_vertices(&records).unwrap();
-    writer.write_faces(&triangles).unwrap();
-    writer.finish().unwrap();
-}
-
 #[test]
 fn cells_make_none_either_and_threads_do_not_show() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    write(&sheets(100, 4), &at.join("in.ply"));
+    let mesh = sheets(100, 4);
+    write_ply(&at.join("in.ply"), Scalar::F32, &mesh.positions, &mesh.triangles);
     let options = "--ratio 5% --cell-triangles 2000 --no-self-intersections";
     for threads in [1, 3] {
         expect(at, &format!("simplify in.ply out{threads}.ply {options} --threads {threads}"), 0);
