@@ -19,6 +19,8 @@ _NAMES = {
     "uv": (["s", "t"], (2,), ("f4", "f8")),
     "material": (["texnumber"], (1,), ("i4",)),
 }
+# Points of one mesh in memory, all of which int32 can name.
+_MAX_POINTS = 2**31
 _CODES = {"i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"}
 
 
@@ -49,6 +51,8 @@ def points(given: Any) -> Array:
     array = np.asarray(given)
     if array.ndim != 2 or array.shape[1] != 3:
         raise BadInput(f"points: an array of shape (n, 3) is wanted, not {array.shape}", "points")
+    if len(array) > _MAX_POINTS:  # before anything is copied
+        raise BadInput(f"points: {len(array)} are too many for one mesh in memory; write the mesh to a file", "points")
     if array.dtype.kind not in "fiu":
         raise BadInput(f"points: numbers are wanted, not {array.dtype}", "points")
     if array.dtype.newbyteorder("=") not in (np.dtype(np.float32), np.dtype(np.float64)):
