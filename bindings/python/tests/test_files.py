@@ -58,6 +58,7 @@ def test_other_methods_stages_and_reports(scan: Path) -> None:
     assert coarse["output"]["triangles"] > 0
     kept = sc.simplify_file(scan, at / "decimate.ply", ratio=0.2, method="decimate", feature_angle=45)
     assert kept["output"]["triangles"] > 0
+    assert sc.simplify_file(scan, at / "pairs.ply", ratio=0.2, pairs=True)["target_met"]
     assert sc.simplify_file(scan, at / "until.ply", ratio=0.2, until="partition") == {}
     assert not (at / "until.ply").exists()
     assert sc.simplify_file(scan, at / "until.ply", ratio=0.2)["target_met"]

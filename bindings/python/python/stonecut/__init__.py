@@ -301,6 +301,7 @@ def simplify_file(
     gradation: float | None = None,
     manifold: bool = False,
     optimize: int | None = None,
+    pairs: bool = False,
     memory: Size | None = None,
     threads: int | None = None,
     cell_triangles: int | str | None = None,
@@ -350,6 +351,7 @@ def simplify_file(
             with ``grid`` (instead of a count), ``feature_angle``, ``gradation`` and ``manifold`` of theirs.
         no_self_intersections: refuse what would make the surface pass through itself where it did not; takes four times as long.
         optimize: sweeps over the result that make it fit better at the same count; slow, in memory.
+        pairs: vertices that face each other across a gap may become one, so that parts join; in memory.
         memory: budget, everything included: bytes, ``"4GiB"`` or ``"50%"`` [75 % of what the process may use].
         temp_dir: where the job folder lies [beside the output]. until: stop after this stage and return ``{}``; the same
             call without it continues.
