@@ -7,7 +7,7 @@ use super::scene::{OnDisk, find};
 use super::skin::Skins;
 use super::view::{Aim, Coloring, Resources, View, per_pixel};
 use crate::error::Result;
-use crate::io::materials::MapKind;
+use crate::io::materials::{Alpha, MapKind, Material};
 use crate::io::ply::MeshSource;
 use crate::mesh::vec3::{add, cross, scale, unit};
 use crate::system::progress::Progress;
@@ -45,7 +45,7 @@ fn has_normal_maps(source: &MeshSource) -> bool {
 /// True if a file has colours: of materials, or of vertices.
 pub fn has_looks(source: &MeshSource) -> bool {
     let has = |name: &str| find(source, name).is_some();
-    source.materials().is_some() || has("red") || has("diffuse_red")
+    source.materials().is_some_and(|all| !all.list.is_empty()) || has("red") || has("diffuse_red")
 }
 
 /// Cameras evenly around a file, all at the distance at which they see the sphere around its bounding box.
@@ -136,8 +136,40 @@ pub fn shots(
         drop(drawn);
         each(number, Shot { picture, covered })?;
     }
-    for line in palette.notes().iter().cloned().chain(images.notes()) {
+    let unseen = not_drawn(source, views.iter().any(is_textured));
+    for line in palette.notes().iter().cloned().chain(images.notes()).chain(unseen) {
         progress.note(line);
     }
     Ok(())
+}
+
+/// Parts of the looks that pictures are without, a line each.
+fn not_drawn(source: &MeshSource, is_textured: bool) -> Vec<String> {
+    let mut lines = Vec::new();
+    let Some(materials) = source.materials() else { return lines };
+    let has_image = materials.list.iter().any(|material| material.map(MapKind::Base).is_some());
+    if has_image && !source.has_corner_texture() {
+        lines.push(
+            "images are not drawn: faces have no texture coordinates; where vertices have them, convert the mesh to OBJ first"
+                .to_owned(),
+        );
+    }
+    if !is_textured {
+        return lines;
+    }
+    let lets_light_through = |material: &&Material| {
+        let is_mask = matches!(material.alpha, Alpha::Mask(_));
+        let is_clear = material.alpha == Alpha::Blend
+            || material.base[3] < 1.0
+            || material.map(MapKind::Opacity).is_some();
+        is_clear && !is_mask
+    };
+    match materials.list.iter().filter(lets_light_through).count() {
+        0 => {}
+        n => lines.push(format!(
+            "opacity of {n} material{}: drawn opaque, and holes where an image is less than half opaque",
+            if n == 1 { "" } else { "s" }
+        )),
+    }
+    lines
 }

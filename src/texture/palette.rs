@@ -3,7 +3,9 @@
 //! Images are looked at, not decoded: kind and size from their headers. Decides what cannot be used, and says so.
 
 use crate::error::{Error, Result};
-use crate::io::materials::{Alpha, ImageData, Map, MapKind, Material, Materials, look_at_image};
+use crate::io::materials::{
+    Alpha, ImageData, Map, MapKind, Material, Materials, besides_pages, look_at_image,
+};
 use crate::mesh::oklab::linear_of_srgb;
 use crate::system::units::show_bytes;
 use serde::{Deserialize, Serialize};
@@ -252,6 +254,7 @@ impl Palette {
         };
         let is_needed = |number: usize| is_used(number, &is_of_use);
         let mut faults: BTreeMap<String, (usize, String)> = BTreeMap::new();
+        let mut doubtful: Vec<(String, String)> = Vec::new();
         for (number, image) in materials.images.iter().enumerate() {
             if !is_needed(number) {
                 self.images.push(None);
@@ -261,7 +264,9 @@ impl Palette {
                 ImageData::File(path) => path.display().to_string(),
                 ImageData::Inside(_) => image.name.clone(),
             };
+            let mut doubt = None;
             let found = look_at_image(&image.data).and_then(|facts| {
+                doubt.clone_from(&facts.fault);
                 let size = facts.size.ok_or_else(|| "has no size in its header".to_owned())?;
                 Ok((size, facts))
             });
@@ -297,12 +302,22 @@ impl Palette {
                         show_bytes(image_bytes)
                     )));
                 }
-                Ok(picture) => self.images.push(Some(picture)),
+                Ok(picture) => {
+                    self.images.push(Some(picture));
+                    doubtful.extend(doubt.map(|fault| (fault, name)));
+                }
                 Err(fault) => {
                     self.images.push(None);
                     faults.entry(fault).or_insert_with(|| (0, name)).0 += 1;
                 }
             }
+        }
+        if let Some((fault, first)) = doubtful.first() {
+            let more = match doubtful.len() {
+                1 => String::new(),
+                n => format!(", and {} more are doubtful", n - 1),
+            };
+            self.notes.push(format!("image {first} is doubtful: {fault}{more}"));
         }
         self.notes.extend(faults.into_iter().map(|(fault, (n, first))| match n {
             1 => format!("image {first} {fault}: its material's colour stands for it"),
@@ -316,15 +331,34 @@ impl Palette {
 
     /// Says what of the materials has no place on the pages.
     fn note_losses(&mut self) {
-        let mut lost: BTreeMap<&'static str, usize> = BTreeMap::new();
+        let is_mixed = |of: fn(&Material) -> Option<f32>| {
+            self.materials.windows(2).any(|pair| of(&pair[0]) != of(&pair[1]))
+        };
+        let differ = [
+            ("metal and roughness", is_mixed(|m| m.metallic) || is_mixed(|m| m.roughness)),
+            (
+                "cut-off of opacity",
+                is_mixed(|material| match material.alpha {
+                    Alpha::Mask(from) => Some(from),
+                    Alpha::Plain | Alpha::Blend => None,
+                }),
+            ),
+            ("independence of light", is_mixed(|m| m.unlit.then_some(1.0))),
+        ];
+        let mut lost: BTreeMap<String, usize> = BTreeMap::new();
+        for (what, _) in differ.iter().filter(|(_, differs)| *differs) {
+            lost.insert(format!("{what} that differ from material to material"), 0);
+        }
         for material in &self.materials {
-            for map in &material.maps {
-                if !matches!(map.kind, MapKind::Base | MapKind::Opacity) {
-                    *lost.entry(map.kind.name()).or_default() += 1;
-                }
+            let maps = material.maps.iter().map(|map| map.kind);
+            let maps = maps.filter(|kind| !matches!(kind, MapKind::Base | MapKind::Opacity));
+            let names = maps.map(|kind| kind.name().to_owned());
+            for what in names.chain(besides_pages(material)) {
+                *lost.entry(what).or_default() += 1;
             }
         }
         let lines = lost.iter().map(|(what, n)| match n {
+            0 => format!("{what}: not baked"),
             1 => format!("{what} of 1 material: not baked"),
             n => format!("{what} of {n} materials: not baked"),
         });

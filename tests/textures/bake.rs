@@ -280,7 +280,7 @@ fn bytes_depend_on_the_question_alone() {
 }
 
 /// A sheet over the unit square with coordinates that repeat its image three times along x and begin far from 0.
-fn sheet(folder: &Path, uv: impl Fn(f64, f64) -> String, library: &str) {
+pub(super) fn sheet(folder: &Path, uv: impl Fn(f64, f64) -> String, library: &str) {
     let n = 20;
     let mut text = String::from("mtllib sheet.mtl\nusemtl only\n");
     for i in 0..=n {

@@ -6,5 +6,6 @@ mod common;
 mod appearance;
 mod bake;
 mod keep;
+mod losses;
 mod normals;
 mod render;

@@ -147,11 +147,15 @@ pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawF
     let has_numbers = !materials.list.is_empty();
     let mut joiner =
         Joiner::new(options, pieces.iter().any(|piece| piece.colours.is_some()), has_normals);
-    let mut n_bad = 0;
+    let (mut n_bad, mut n_not_finite) = (0, 0);
     for piece in &pieces {
         let first = joiner.n_vertices();
-        put_vertices(&file, piece, options, &mut joiner)?;
+        n_not_finite += put_vertices(&file, piece, options, &mut joiner)?;
         n_bad += put_faces(&file, piece, (first, options.read.skip_bad), &mut joiner)?;
+    }
+    if n_not_finite > 0 {
+        materials
+            .note(format!("{n_not_finite} texture coordinates are not finite: 0 stands for them"));
     }
     let mut staged = Staged { bad_faces: n_bad, ..Staged::default() };
     if has_texture {
@@ -251,13 +255,14 @@ const TRIANGLES: u32 = 4;
 const STRIP: u32 = 5;
 const FAN: u32 = 6;
 
-/// Hands on the vertices of a piece in their places.
+/// Hands on the vertices of a piece in their places; returns how many have texture coordinates that are not finite.
 fn put_vertices(
     file: &RawFile,
     piece: &Piece,
     options: &StageOptions,
     joiner: &mut Joiner,
-) -> Result<()> {
+) -> Result<u64> {
+    let mut n_not_finite = 0;
     let cofactors = piece.at.cofactors();
     let mut bytes = Vec::new();
     let (mut xyz, mut normals, mut colours, mut uvs) =
@@ -298,12 +303,13 @@ fn put_vertices(
                 (Some((_, place)), Some(&uv)) => place.place(uv),
                 _ => [0.0; 2],
             };
+            n_not_finite += u64::from(uv.iter().any(|x| !x.is_finite()));
             let uv = uv.map(|x| if x.is_finite() { x } else { 0.0 });
             joiner.put_vertex(&VertexRow { position, colour, normal, uv })?;
         }
         first += BLOCK;
     }
-    Ok(())
+    Ok(n_not_finite)
 }
 
 fn unit(v: [f64; 3]) -> [f32; 3] {

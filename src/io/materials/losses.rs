@@ -36,11 +36,8 @@ pub(super) fn lines(kind: OutputKind, materials: &Materials) -> Vec<String> {
             }
         }
         if kind != OutputKind::Obj {
-            for line in &material.mtl_lines {
-                let word = line.split_whitespace().next().unwrap_or_default();
-                if word != "illum" && !line.starts_with("Ni 1") {
-                    losses.add(format!("line '{word}'"), name);
-                }
+            for word in telling_lines(material) {
+                losses.add(format!("line '{word}'"), name);
             }
         }
     }
@@ -51,6 +48,28 @@ pub(super) fn lines(kind: OutputKind, materials: &Materials) -> Vec<String> {
         OutputKind::Stl => "STL has no place for it",
     };
     losses.lines(reason)
+}
+
+/// Colours and lines of a material that are neither in its images nor in what all pages of a bake have in common.
+pub(crate) fn besides_pages(material: &Material) -> Vec<String> {
+    const OWN: [&str; 3] = ["ambient colour", "highlights", "emitted light"];
+    let colours = traits(material).into_iter().map(|(what, _)| what);
+    let mut found: Vec<String> =
+        colours.filter(|what| OWN.contains(what)).map(str::to_owned).collect();
+    for line in telling_lines(material) {
+        let what = format!("line '{line}'");
+        if !found.contains(&what) {
+            found.push(what);
+        }
+    }
+    found
+}
+
+/// First words of the lines that only a material library can hold, without those that say nothing.
+fn telling_lines(material: &Material) -> impl Iterator<Item = &str> {
+    let lines = material.mtl_lines.iter().filter(|line| !line.starts_with("Ni 1"));
+    let words = lines.map(|line| line.split_whitespace().next().unwrap_or_default());
+    words.filter(|word| *word != "illum")
 }
 
 /// Colours and flags of a material that say something, and the kinds of output that hold them.

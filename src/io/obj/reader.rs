@@ -1,11 +1,11 @@
 //! OBJ: two passes over the text, one to learn what there is, one to write it as a PLY.
 //!
 //! Takes vertices, their colours, polygons, texture coordinates at corners and which material a face has
-//! (`texture`); corner normals, groups, lines and points have no place in a simplified mesh.
+//! (`texture`); corner normals, groups, lines and points have no place in a simplified mesh, and a note names them.
 
 use super::texture::{NO_MATERIAL, Named, TexturedFaces};
 use crate::error::Result;
-use crate::io::materials::Image;
+use crate::io::materials::{Image, Materials};
 use crate::io::open_options::StageOptions;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::ply::rows::MAX_CORNERS;
@@ -38,7 +38,17 @@ struct Summary {
     textured: bool,
     materials: Named,
     comments: Vec<String>,
+    /// Lines that a simplified mesh has no place for: normals, lines and points, names of groups, free forms.
+    n_left_out: [u64; 4],
 }
+
+/// Kinds of lines that are counted in `Summary::n_left_out`, as messages name them.
+const LEFT_OUT: [&str; 4] = [
+    "normals of corners (vn)",
+    "lines and points (l, p)",
+    "names of groups (o, g)",
+    "curves and surfaces (vp, curv, surf)",
+];
 
 impl Summary {
     fn read(file: &RawFile) -> Result<Self> {
@@ -66,6 +76,10 @@ impl Summary {
                     summary.textured |= words.next().is_some_and(has_texture);
                 }
                 Some(word @ (b"mtllib" | b"usemtl")) => summary.materials.learn(word, &line),
+                Some(b"vn") => summary.n_left_out[0] += 1,
+                Some(b"l" | b"p") => summary.n_left_out[1] += 1,
+                Some(b"o" | b"g") => summary.n_left_out[2] += 1,
+                Some(b"vp" | b"curv" | b"curv2" | b"surf") => summary.n_left_out[3] += 1,
                 Some(b"#") if summary.n_vertices == 0 && summary.comments.len() < 1000 => {
                     let text = line.trim_ascii().get(1..).unwrap_or_default().trim_ascii();
                     summary.comments.push(String::from_utf8_lossy(text).into_owned());
@@ -74,6 +88,15 @@ impl Summary {
             }
         }
         Ok(summary)
+    }
+
+    /// Notes the lines that have no place. A single name of a group says nothing.
+    fn note_left_out(&self, materials: &mut Materials) {
+        for (number, (n, what)) in self.n_left_out.iter().zip(LEFT_OUT).enumerate() {
+            if *n > u64::from(number == 2) {
+                materials.note(format!("{what}: not carried"));
+            }
+        }
     }
 
     /// Returns whether faces get the number of their material.
@@ -132,7 +155,8 @@ fn corner(word: &[u8], n_so_far: u64, n_vertices: u64) -> Option<u64> {
 pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
     let summary = Summary::read(file)?;
     let mut staged = Staged::default();
-    let materials = Arc::new(summary.materials.describe(file.path()));
+    let mut materials = summary.materials.describe(file.path());
+    summary.note_left_out(&mut materials);
     if summary.textured {
         let name = |image: &Image| image.name.clone();
         let mut files: Vec<String> = materials.images.iter().map(name).collect();
@@ -142,9 +166,6 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
             files.extend(summary.materials.library().map(str::to_owned));
         }
         staged.texture = Some(TextureInfo { files, property: "texcoord".to_owned() });
-    }
-    if summary.has_numbers() || !materials.notes.is_empty() {
-        staged.materials = Some(materials);
     }
     let mut material = NO_MATERIAL;
     let mut texture = summary.textured.then(|| TexturedFaces::new(options));
@@ -213,6 +234,12 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
             },
             _ => {}
         }
+    }
+    if let Some(n) = texture.as_ref().map(|texture| texture.n_not_finite).filter(|&n| n > 0) {
+        materials.note(format!("{n} texture coordinates (vt) are not finite: OBJ and GLB get 0"));
+    }
+    if summary.has_numbers() || !materials.notes.is_empty() {
+        staged.materials = Some(Arc::new(materials));
     }
     let header = header(&summary, coordinate, coloured, n_faces);
     let vertices = vertices.finish(file.path())?;

@@ -137,6 +137,8 @@ pub(super) struct TexturedFaces<'a> {
     pub(super) image: i32,
     coordinates: Spool,
     n_coordinates: u64,
+    /// Lines `vt` with a value that is not finite.
+    pub(super) n_not_finite: u64,
     images: Spool,
     /// Number of the coordinates, and of the corner.
     by_coordinates: ExternalSort<4>,
@@ -154,6 +156,7 @@ impl<'a> TexturedFaces<'a> {
             image: NO_MATERIAL,
             coordinates: Spool::new(&options.temp_dir),
             n_coordinates: 0,
+            n_not_finite: 0,
             images: Spool::new(&options.temp_dir),
             by_coordinates: ExternalSort::new(&options.temp_dir, memory_bytes),
             n_corners: 0,
@@ -170,6 +173,7 @@ impl<'a> TexturedFaces<'a> {
             *place = parse_number(word).ok_or("a texture coordinate is not a number")? as f32;
         }
         self.n_coordinates += 1;
+        self.n_not_finite += u64::from(uv.iter().any(|x| !x.is_finite()));
         Ok(self.coordinates.write(uv.map(f32::to_le_bytes).as_flattened()))
     }
 

@@ -1,0 +1,131 @@
+//! Parts that an output, a new texture or a picture has no place for: each is named.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use super::bake::sheet;
+use crate::common::expect;
+use image::{Rgba, RgbaImage};
+use std::path::Path;
+
+fn says_all(said: &str, all: &[&str]) {
+    for words in all {
+        assert!(said.contains(words), "{words}\n{said}");
+    }
+}
+
+fn image(folder: &Path) {
+    let image = RgbaImage::from_fn(16, 16, |x, y| Rgba([16 * x as u8, 16 * y as u8, 90, 255]));
+    image.save(folder.join("image.png")).unwrap();
+}
+
+#[test]
+fn lines_of_obj_without_a_place_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    let triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let more = "vn 0 0 1\nl 1 2\np 1\no first\ng second\nvp 0.5\n";
+    std::fs::write(folder.join("plain.obj"), format!("o only\n{triangle}")).unwrap();
+    std::fs::write(folder.join("more.obj"), format!("{triangle}{more}")).unwrap();
+    for output in ["out.obj", "out.ply", "out.glb"] {
+        let said = expect(folder, &format!("convert more.obj {output} --force"), 0);
+        says_all(
+            &said,
+            &[
+                "normals of corners (vn): not carried",
+                "lines and points (l, p): not carried",
+                "names of groups (o, g): not carried",
+                "curves and surfaces (vp, curv, surf): not carried",
+            ],
+        );
+        let said = expect(folder, &format!("convert plain.obj {output} --force"), 0);
+        assert!(!said.contains("not carried"), "{said}");
+    }
+    // Nothing comes of a note: no library, no material.
+    let text = std::fs::read_to_string(folder.join("out.obj")).unwrap();
+    assert!(!text.contains("mtl") && !folder.join("out.mtl").exists(), "{text}");
+    expect(folder, "convert more.obj more.out.obj", 0);
+    assert!(!folder.join("more.out.mtl").exists());
+}
+
+#[test]
+fn colours_that_pages_do_not_hold_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    image(folder);
+    let library = "newmtl only\nKd 1 1 1\nKa 0.2 0 0\nKs 0.5 0.5 0.5\nKe 1 0 0\nTf 0.5 1 1\nillum 2\n\
+                   map_Kd image.png\nmap_Ks image.png\nnorm image.png\n";
+    sheet(folder, |x, y| format!("{x} {y}"), library);
+    let said = expect(folder, "simplify sheet.obj out.obj --ratio 20% --texture bake", 0);
+    let named = [
+        "ambient colour",
+        "highlights",
+        "emitted light",
+        "line 'Tf'",
+        "image of highlights",
+        "normal map",
+    ];
+    let named = named.map(|what| format!("{what} of 1 material: not baked"));
+    says_all(&said, &named.each_ref().map(String::as_str));
+    assert!(!said.contains("illum"), "{said}");
+    // What says nothing is not a loss.
+    let library = "newmtl only\nKa 1 1 1\nKd 1 1 1\nKs 0 0 0\nillum 1\nmap_Kd image.png\n";
+    sheet(folder, |x, y| format!("{x} {y}"), library);
+    let said = expect(folder, "simplify sheet.obj out.obj --ratio 20% --texture bake --force", 0);
+    assert!(!said.contains("not baked"), "{said}");
+}
+
+#[test]
+fn pictures_name_the_looks_that_they_lack() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    image(folder);
+    sheet(folder, |x, y| format!("{x} {y}"), "newmtl only\nd 0.5\nmap_Kd image.png\n");
+    let picture =
+        |mesh: &str| expect(folder, &format!("render {mesh} -o p.png --size 90x60 --force"), 0);
+    assert!(picture("sheet.obj").contains("warning: opacity of 1 material: drawn opaque"));
+    sheet(folder, |x, y| format!("{x} {y}"), "newmtl only\nmap_Kd image.png\n");
+    assert!(!picture("sheet.obj").contains("warning"));
+    let ply = "ply\nformat ascii 1.0\ncomment TextureFile image.png\nelement vertex 3\nproperty float x\n\
+               property float y\nproperty float z\nproperty float s\nproperty float t\nelement face 1\n\
+               property list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n";
+    std::fs::write(folder.join("st.ply"), ply).unwrap();
+    assert!(picture("st.ply").contains("warning: images are not drawn"));
+    expect(folder, "convert st.ply st.obj", 0);
+    assert!(!picture("st.obj").contains("warning"));
+}
+
+#[test]
+fn coordinates_and_images_that_are_not_whole_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    let image = image::RgbImage::from_fn(128, 128, |x, y| {
+        image::Rgb([(x * y) as u8, (7 * x) as u8, y as u8])
+    });
+    image.save(folder.join("image.jpg")).unwrap();
+    let whole = std::fs::read(folder.join("image.jpg")).unwrap();
+    std::fs::write(folder.join("image.jpg"), &whole[..whole.len() / 2]).unwrap();
+    let odd = |x: f64, y: f64| if x < 0.2 { format!("nan {y}") } else { format!("{x} {y}") };
+    sheet(folder, odd, "newmtl only\nmap_Kd image.jpg\n");
+    let (cut, odd) =
+        ("image.jpg is doubtful: its end is missing", "84 texture coordinates (vt) are not finite");
+    let said = expect(folder, "simplify sheet.obj out.obj --ratio 20% --texture bake", 0);
+    says_all(&said, &[cut, odd]);
+    let said = expect(folder, "convert sheet.obj out.glb", 0);
+    says_all(&said, &["is doubtful: its end is missing", odd]);
+    let said = expect(folder, "render sheet.obj -o p.png --size 90x60", 0);
+    says_all(&said, &[cut]);
+}
+
+#[test]
+fn libraries_that_name_themselves_end() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    let cyclic = "mtllib sheet.mtl\nmtllib sheet.obj\nnewmtl only\nmap_Kd sheet.mtl\n";
+    sheet(folder, |x, y| format!("{x} {y}"), cyclic);
+    let said = expect(folder, "convert sheet.obj out.glb", 0);
+    says_all(&said, &["sheet.mtl' (material 'only') is not an image"]);
+    let text = std::fs::read_to_string(folder.join("sheet.obj")).unwrap();
+    std::fs::write(folder.join("self.obj"), text.replace("sheet.mtl", "self.obj")).unwrap();
+    let said = expect(folder, "simplify self.obj self.glb --ratio 20%", 0);
+    says_all(&said, &["1 materials are in no library"]);
+}
