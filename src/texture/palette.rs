@@ -20,8 +20,6 @@ pub(crate) struct Palette {
     pub paints: Vec<Paint>,
     /// Images as the materials number them; `None` for those that cannot be used or are not needed.
     pub images: Vec<Option<Picture>>,
-    /// True where colours are as screens show them (MTL); false where they are linear light (glTF).
-    is_mtl: bool,
     materials: Vec<Material>,
     notes: Vec<String>,
 }
@@ -174,7 +172,7 @@ impl MapUse {
 /// Look of the pages of a bake, besides their images.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Finish {
-    /// Colour and opacity that multiply the pages, as the input's format has them.
+    /// Colour as screens show it, and opacity; they multiply the pages.
     pub base: [f32; 4],
     /// Opaque from this value on, where opacity is a mask.
     pub mask: Option<f32>,
@@ -203,7 +201,6 @@ impl Palette {
         let mut palette = Palette {
             paints: Vec::new(),
             images: Vec::new(),
-            is_mtl: !materials.libraries.is_empty(),
             materials: materials.list.clone(),
             notes: match purpose {
                 Purpose::Bake => materials.notes.clone(),
@@ -211,13 +208,13 @@ impl Palette {
             },
         };
         palette.look(materials, image_bytes, purpose)?;
-        let (images, is_mtl) = (&palette.images, palette.is_mtl);
+        let images = &palette.images;
         let use_of = |material: &Material, kind: MapKind| {
             let map = material.maps.iter().find(|map| map.kind == kind)?;
             Some(MapUse::new(map, images[map.image].as_ref()?.size))
         };
         let paint = |material: &Material| Paint {
-            factor: linear(material.base, is_mtl),
+            factor: linear(material.base),
             base: use_of(material, MapKind::Base),
             opacity: use_of(material, MapKind::Opacity),
             normal: match purpose {
@@ -428,12 +425,9 @@ impl Palette {
 }
 
 /// A material's colour in linear light.
-fn linear(base: [f32; 4], is_mtl: bool) -> [f32; 4] {
+fn linear(base: [f32; 4]) -> [f32; 4] {
     let [r, g, b, opacity] = base.map(|x| if x.is_finite() { x.clamp(0.0, 1.0) } else { 1.0 });
-    let [r, g, b] = match is_mtl {
-        true => [r, g, b].map(|x| linear_of_srgb(f64::from(x)) as f32),
-        false => [r, g, b],
-    };
+    let [r, g, b] = [r, g, b].map(|x| linear_of_srgb(f64::from(x)) as f32);
     [r, g, b, opacity]
 }
 

@@ -5,6 +5,7 @@ use super::json::{self, Document, TextureInfo, Transform};
 use crate::error::Result;
 use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 use crate::io::ply::raw::RawFile;
+use crate::mesh::oklab::srgb_of_linear;
 
 /// Texture coordinates of a material: their set, and their way to those of the image.
 #[derive(Clone, Debug, PartialEq)]
@@ -103,10 +104,10 @@ fn add(
     let surface = &material.pbr_metallic_roughness;
     let mut new = Material {
         name: material.name.clone().unwrap_or_default(),
-        base: surface.base_color_factor.unwrap_or([1.0; 4]),
+        base: shown(surface.base_color_factor.unwrap_or([1.0; 4])),
         metallic: Some(surface.metallic_factor.unwrap_or(1.0)),
         roughness: Some(surface.roughness_factor.unwrap_or(1.0)),
-        emissive: material.emissive_factor,
+        emissive: material.emissive_factor.map(|light| light.map(shown_channel)),
         two_sided: material.double_sided,
         alpha: match material.alpha_mode.as_deref() {
             Some("BLEND") => Alpha::Blend,
@@ -125,7 +126,7 @@ fn add(
                 base = from("diffuseTexture").or(base);
                 let factor =
                     part("diffuseFactor").and_then(|value| serde_json::from_value(value).ok());
-                new.base = factor.unwrap_or(new.base);
+                new.base = factor.map_or(new.base, shown);
                 (new.metallic, new.roughness) = (None, None);
                 out.note(format!("highlights of {GLOSS}: not carried"));
             }
@@ -173,3 +174,14 @@ fn add(
 
 /// Tiling as it is unless a sampler says otherwise.
 const REPEAT: u32 = 10497;
+
+/// A colour as screens show it, from glTF's linear light; opacity stays.
+fn shown([r, g, b, opacity]: [f32; 4]) -> [f32; 4] {
+    let [r, g, b] = [r, g, b].map(shown_channel);
+    [r, g, b, opacity]
+}
+
+fn shown_channel(light: f32) -> f32 {
+    // Black and white stay exact; what is brighter than white has no other form.
+    if light > 0.0 && light < 1.0 { srgb_of_linear(f64::from(light)) as f32 } else { light }
+}

@@ -1,6 +1,7 @@
 //! Materials and images of a GLB file that is written.
 
 use crate::io::materials::{Alpha, Map, MapKind, Material, Reference, TexturePlan};
+use crate::mesh::oklab::linear_of_srgb;
 use serde_json::{Map as Object, Value, json};
 
 /// Materials that faces use, images that the file holds or names, and their places in its lists.
@@ -138,7 +139,9 @@ impl Lists {
             "metallicFactor": metallic.clamp(0.0, 1.0),
             "roughnessFactor": material.roughness.unwrap_or(1.0).clamp(0.0, 1.0),
         });
-        let base = material.base.map(|x| x.clamp(0.0, 1.0));
+        let [r, g, b, opacity] = material.base;
+        let [r, g, b] = [r, g, b].map(light);
+        let base = [r, g, b, opacity.clamp(0.0, 1.0)];
         if base != [1.0; 4] {
             surface["baseColorFactor"] = json!(base);
         }
@@ -154,7 +157,7 @@ impl Lists {
         let emits = material.map(MapKind::Emissive).is_some();
         let emissive = material.emissive.unwrap_or(if emits { [1.0; 3] } else { [0.0; 3] });
         if emissive != [0.0; 3] {
-            let factor = json!(emissive.map(|x| x.clamp(0.0, 1.0)));
+            let factor = json!(emissive.map(light));
             out.insert("emissiveFactor".to_owned(), factor);
         }
         for (key, map) in others {
@@ -204,6 +207,13 @@ impl Lists {
         }
         Some(json!({ "index": found_or_pushed(&mut self.textures, texture) }))
     }
+}
+
+/// glTF's linear light of a channel as screens show it.
+fn light(shown: f32) -> f32 {
+    let shown = shown.clamp(0.0, 1.0);
+    // White stays exact.
+    if shown < 1.0 { linear_of_srgb(f64::from(shown)) as f32 } else { shown }
 }
 
 /// The place of a value in a list that has each value once. Lists are as long as there are images.

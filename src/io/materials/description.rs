@@ -30,13 +30,13 @@ pub struct Materials {
 pub struct Material {
     /// Its name, distinct among the materials of a mesh; empty where the input has none.
     pub name: String,
-    /// Colour and opacity, from 0 to 1; multiplied with the image of kind `Base`.
+    /// Colour as screens show it (sRGB, as in MTL) and opacity, from 0 to 1; multiplied with the image of kind `Base`.
     pub base: [f32; 4],
     /// Ambient colour.
     pub ambient: Option<[f32; 3]>,
     /// Colour of highlights.
     pub specular: Option<[f32; 3]>,
-    /// Emitted light.
+    /// Emitted light, as screens show it.
     pub emissive: Option<[f32; 3]>,
     /// Exponent of highlights.
     pub shininess: Option<f32>,
