@@ -108,7 +108,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     }
     plan.add_output_bytes(textures.iter().map(|textures| textures.bytes).sum());
     if texture == Texture::Bake {
-        plan.add_bake(bake_bytes);
+        plan.add_bake(bake_bytes, config.threads);
     }
     plan.check_disk(config)?;
     Ok(Prepared { source, plan, textures, texture, can_bake, marks })

@@ -1,6 +1,7 @@
 //! The plan before the work: cells, rounds, memory, disk. Refuses what cannot succeed, by name.
 
 pub(super) mod disk;
+mod seconds;
 mod steps;
 
 use crate::config::{Config, Normals, Target};
@@ -44,9 +45,6 @@ const SAMPLED_VERTICES: usize = 512;
 /// goes to vertices: two sorts, and the staged mesh beside its parts.
 const SPLIT_CORNER_BYTES: u64 = 44;
 const SPLIT_FILE_COPIES: u64 = 2;
-
-/// End-to-end speed on one core of the reference machine in triangles/s, for the expected time only.
-const TRIANGLES_PER_SECOND_PER_CORE: f64 = 1.7e6;
 
 /// Forecast of a run: its steps, memory and disk use.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -265,7 +263,7 @@ impl Plan {
             output_bytes,
             spool_bytes,
             together_bytes,
-            seconds: triangles_in as f64 / (TRIANGLES_PER_SECOND_PER_CORE * threads as f64),
+            seconds: seconds::of_run(source, config, triangles_in),
             rounds,
         })
     }
@@ -287,9 +285,10 @@ impl Plan {
     }
 
     /// Adds a new texture for every level, which takes `bytes` for the time being, and as much for its pages at most.
-    pub fn add_bake(&mut self, bytes: u64) {
+    pub fn add_bake(&mut self, bytes: u64, threads: NonZeroUsize) {
         self.temp_bytes += bytes + self.output_bytes;
         self.together_bytes += bytes + self.output_bytes;
+        self.seconds += seconds::of_bake(bytes, threads);
         self.n_stages += 1 + self.coarser.len() as u32;
     }
 
