@@ -19,12 +19,22 @@ fn weight(stage: &str) -> f64 {
     }
 }
 
+/// Stages that do not count triangles at the pace of others: what they have left is told by themselves.
+fn has_own_pace(stage: &str) -> bool {
+    stage == "bake"
+}
+
+/// Share of such a stage that is taken to have been done in no time, so that its first second's estimate is a number.
+const HEAD_START: f64 = 0.05;
+
 /// A clock over the stages of one run.
 #[derive(Debug)]
 pub struct Pace {
     started: Instant,
     stage: Stage,
     stage_started: Instant,
+    /// Since when the stage counts in its present units.
+    part_started: Instant,
     /// Weighted triangles of stages that are over.
     weight_done: f64,
     /// The largest share so far: it never falls.
@@ -55,6 +65,7 @@ impl Default for Pace {
             started: now,
             stage: Stage::default(),
             stage_started: now,
+            part_started: now,
             weight_done: 0.0,
             fraction: 0.0,
         }
@@ -69,6 +80,9 @@ impl Pace {
             self.weight_done += self.stage.total as f64 * weight(self.stage.name);
             self.stage_started = Instant::now();
         }
+        if is_new || stage.total != self.stage.total {
+            self.part_started = Instant::now();
+        }
         self.stage = stage;
         let stage = &self.stage;
         let own_seconds = self.stage_started.elapsed().as_secs_f64();
@@ -79,14 +93,26 @@ impl Pace {
         let so_far = self.weight_done + weighted;
         let seconds = self.started.elapsed().as_secs_f64();
         self.fraction = self.fraction.max(so_far / (so_far + left).max(1.0));
+        let (stage_seconds_left, seconds_left) = match has_own_pace(stage.name) {
+            true => {
+                let total = stage.total.max(1) as f64;
+                let per_unit =
+                    self.part_started.elapsed().as_secs_f64() / (done as f64 + HEAD_START * total);
+                let left = per_unit * (stage.total - done) as f64;
+                (left, left)
+            }
+            false => (
+                stage_left * (own_seconds + ASSUMED_SECONDS) / (weighted + ASSUMED_WEIGHT),
+                (seconds + ASSUMED_SECONDS) * left / (so_far + ASSUMED_WEIGHT),
+            ),
+        };
         let figures = Figures {
             done,
             per_second: done as f64 / own_seconds.max(1e-3),
             fraction: self.fraction,
             seconds,
-            stage_seconds_left: stage_left * (own_seconds + ASSUMED_SECONDS)
-                / (weighted + ASSUMED_WEIGHT),
-            seconds_left: (seconds + ASSUMED_SECONDS) * left / (so_far + ASSUMED_WEIGHT),
+            stage_seconds_left,
+            seconds_left,
         };
         (figures, is_new)
     }
@@ -109,6 +135,19 @@ impl Pace {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_bake_tells_what_it_has_left_by_its_own_pace() {
+        let stage = |total| Stage { name: "bake", number: 7, n_stages: 7, total };
+        let mut pace = Pace::default();
+        pace.update(stage(1_000_000), 1_000_000);
+        // From here it counts in other units.
+        pace.update(stage(1000), 0);
+        pace.part_started -= std::time::Duration::from_secs(100);
+        let (figures, _) = pace.update(stage(1000), 200);
+        let expected = 100.0 / 250.0 * 800.0;
+        assert!((figures.seconds_left - expected).abs() < 1.0, "{}", figures.seconds_left);
+    }
 
     #[test]
     fn shares_rise_from_nothing_to_nearly_all() {
