@@ -100,6 +100,7 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
     let progress = Arc::new(Progress::default());
     let offers = typed.command.offers();
     raise_open_files();
+    crate::system::memory::share_one_heap();
     let begin = || {
         signals::listen(&progress, offers)?;
         typed.command.check_paths(&typed.talk)?;

@@ -54,6 +54,28 @@ pub fn give_back() {
     }
 }
 
+#[cfg(all(target_os = "linux", target_env = "gnu"))]
+fn tune_allocator(parameter: std::ffi::c_int, value: std::ffi::c_int) {
+    use std::ffi::c_int;
+    unsafe extern "C" {
+        fn mallopt(parameter: c_int, value: c_int) -> c_int;
+    }
+    // SAFETY: the C library's own function; it locks what it changes, which is a number for later allocations.
+    unsafe { mallopt(parameter, value) };
+}
+
+/// Lets all threads of the process share one heap, from now on; before there are any.
+///
+/// With a heap for each, what threads that come and go leave behind is not used again by others: a bake of 5 million
+/// triangles within 700 MiB was seen to have 844 MiB resident, 636 MiB with one heap, in the same time.
+pub fn share_one_heap() {
+    #[cfg(all(target_os = "linux", target_env = "gnu"))]
+    {
+        const M_ARENA_MAX: std::ffi::c_int = -8;
+        tune_allocator(M_ARENA_MAX, 1);
+    }
+}
+
 /// Makes the allocator give every large piece back as soon as it is freed, from now on, at some cost in time.
 ///
 /// Left to itself it keeps pieces of up to 32 MiB for later: a run whose live memory peaks at 98 MiB was seen to have
@@ -61,14 +83,9 @@ pub fn give_back() {
 pub fn keep_nothing_back() {
     #[cfg(all(target_os = "linux", target_env = "gnu"))]
     {
-        use std::ffi::c_int;
-        const M_MMAP_THRESHOLD: c_int = -3;
-        const LARGE_BYTES: c_int = 1 << 20;
-        unsafe extern "C" {
-            fn mallopt(parameter: c_int, value: c_int) -> c_int;
-        }
-        // SAFETY: the C library's own function; it locks what it changes, which is a number for later allocations.
-        unsafe { mallopt(M_MMAP_THRESHOLD, LARGE_BYTES) };
+        const M_MMAP_THRESHOLD: std::ffi::c_int = -3;
+        const LARGE_BYTES: std::ffi::c_int = 1 << 20;
+        tune_allocator(M_MMAP_THRESHOLD, LARGE_BYTES);
     }
 }
 

@@ -38,14 +38,10 @@ impl Collapser {
         if !fixed && surface.placement == Placement::Subset {
             placement::keep_an_end(surface, (v0, v1), &plan.place);
         } else if !fixed {
-            let (centre, unscale) = (&around.centre, surface.unscale);
-            let place = |i: usize| centre[i] + f64::from(plan.place[i]) * unscale;
-            let mut place = [place(0), place(1), place(2)];
+            let (place, planes) = Self::free_place(surface, plan, around);
             if let Some(flats) = &mut surface.flats {
-                let half = around.half.map(f64::from);
-                place = flats.hold((v0, v1), place, 2.0 * length_sq(half).sqrt() * unscale);
+                flats.set(v1, planes);
             }
-            place = surface.rounded(place);
             if surface.n_channels > 0 {
                 self.blend_channels(surface, plan, place);
             }
@@ -111,13 +107,23 @@ impl Collapser {
             let is_kept = placement::is_nearer_to_v1(surface, (v0, v1), &plan.place);
             return if is_kept { own } else { surface.vertices[v0 as usize].position };
         }
+        Self::free_place(surface, plan, around).0
+    }
+
+    /// The place of a survivor that may be anywhere, with a bit for each plane that it lies in.
+    #[inline(always)]
+    fn free_place(surface: &Surface, plan: Plan, around: &Around) -> (Vec3, u32) {
         let unscale = surface.unscale;
-        let mut place = [0, 1, 2].map(|i| around.centre[i] + f64::from(plan.place[i]) * unscale);
-        if let Some(flats) = &surface.flats {
-            let half = around.half.map(f64::from);
-            place = flats.held((v0, v1), place, 2.0 * length_sq(half).sqrt() * unscale).0;
-        }
-        surface.rounded(place)
+        let place = |i: usize| around.centre[i] + f64::from(plan.place[i]) * unscale;
+        let place = [place(0), place(1), place(2)];
+        let (place, planes) = match &surface.flats {
+            Some(flats) => {
+                let half = around.half.map(f64::from);
+                flats.hold((plan.v0, plan.v1), place, 2.0 * length_sq(half).sqrt() * unscale)
+            }
+            None => (place, 0),
+        };
+        (surface.rounded(place), planes)
     }
 
     /// Interpolates the channels of the survivor along the edge.

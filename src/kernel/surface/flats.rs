@@ -261,16 +261,9 @@ impl Flats {
         Some(found)
     }
 
-    /// Brings the survivor of a collapse into the planes of both ends that it is next to, and notes which those are.
-    /// `reach` is the length of the edge.
-    pub(crate) fn hold(&mut self, (v0, v1): (u32, u32), place: Vec3, reach: f64) -> Vec3 {
-        let (held, kept) = self.held((v0, v1), place, reach);
-        self.set(v1, kept);
-        held
-    }
-
-    /// The same place, with a bit for each plane that it lies in; notes nothing.
-    pub(crate) fn held(&self, (v0, v1): (u32, u32), place: Vec3, reach: f64) -> (Vec3, u32) {
+    /// Brings the survivor of a collapse into the planes of both ends that it is next to, with a bit for each of those;
+    /// notes nothing. `reach` is the length of the edge.
+    pub(crate) fn hold(&self, (v0, v1): (u32, u32), place: Vec3, reach: f64) -> (Vec3, u32) {
         let mask = self.of(v0) | self.of(v1);
         if mask == 0 {
             return (place, 0);
@@ -298,7 +291,8 @@ impl Flats {
         self.set(v1, kept);
     }
 
-    fn set(&mut self, v: u32, mask: u32) {
+    /// Notes the planes that a vertex lies in, a bit for each.
+    pub(crate) fn set(&mut self, v: u32, mask: u32) {
         if let Some(known) = self.masks.get_mut(v as usize) {
             *known = mask;
         }

@@ -3,13 +3,10 @@
 use super::Fault;
 use super::case::Case;
 use super::census::{Census, places};
-use stonecut::kernel::{self, Placement, Simplified, Stop, Topology};
+use stonecut::kernel::{self, MAX_SPECK, Placement, Simplified, Stop, Topology};
 use stonecut::measure::intersections::in_memory;
 use stonecut::mesh::Mesh;
 use stonecut::system::progress::Progress;
-
-/// Triangles of a speck, at most (`kernel::topology`).
-const MAX_SPECK: usize = 24;
 
 /// How much is asked.
 #[derive(Clone, Copy, PartialEq, Eq)]

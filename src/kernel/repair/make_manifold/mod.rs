@@ -78,8 +78,7 @@ pub(crate) fn mend(state: &mut MeshState, spare: &mut Vec<u32>, simd: Simd) -> M
 }
 
 /// Of triangles over the same three places in the same sense of rotation, only the first stays, and any that is the last
-/// of a locked vertex. Their corners
-/// are added to `touched`.
+/// of a locked vertex. Their corners are added to `touched`.
 fn drop_duplicates(surface: &mut Surface, places: &mut Places, touched: &mut Vec<u32>) -> u64 {
     // The sense is part of the key, so that none comes out as turned over.
     let oriented = |surface: &Surface, places: &Places, t: u32| {
