@@ -3,20 +3,26 @@
 use crate::measure::tree::{Nearest, Tree};
 use crate::measure::triangle::{Vector, closest};
 use crate::mesh::Mesh;
+use crate::mesh::bounds::Bounds;
 
-/// Points that look at all triangles one by one before a tree is built, which costs about as much.
-const WITHOUT_TREE: u32 = 12;
+/// Points that look through runs of triangles before a tree is built, which costs about as much.
+const WITHOUT_TREE: u32 = 100;
+
+/// Triangles in a run. They come in an order in which neighbours are mostly near each other.
+const RUN: usize = 32;
 
 /// The nearest triangle of a mesh.
 pub(super) struct Exact<'a> {
     mesh: &'a Mesh,
     n: u32,
+    /// Bounds of the runs; none before the first point.
+    runs: Vec<Bounds>,
     tree: Option<Tree>,
 }
 
 impl Exact<'_> {
     pub(super) fn new(mesh: &Mesh) -> Exact<'_> {
-        Exact { mesh, n: 0, tree: None }
+        Exact { mesh, n: 0, runs: Vec::new(), tree: None }
     }
 
     /// Squared distance and number of the nearest triangle to `point`; those of `guess` if none is nearer.
@@ -35,19 +41,25 @@ impl Exact<'_> {
         }
     }
 
-    fn scan(&self, point: Vector, guess: (f64, u32)) -> (f64, u32) {
+    fn scan(&mut self, point: Vector, guess: (f64, u32)) -> (f64, u32) {
+        let mesh = self.mesh;
+        if self.runs.is_empty() {
+            let runs = mesh.triangles.chunks(RUN).map(|run| {
+                let corners = run.as_flattened().iter().map(|v| mesh.positions[*v as usize]);
+                corners.fold(Bounds::EMPTY, |bounds, p| bounds.joined(&Bounds { low: p, high: p }))
+            });
+            self.runs = runs.collect();
+        }
         let mut best = guess;
-        for t in 0..self.mesh.triangles.len() {
-            let corners = self.mesh.corners(t);
-            let mut off_sq = 0.0;
-            for k in 0..3 {
-                let (a, b, c) = (corners[0][k], corners[1][k], corners[2][k]);
-                let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-                let off = (low - point[k]).max(point[k] - high).max(0.0);
-                off_sq += off * off;
+        for (run, bounds) in self.runs.iter().enumerate() {
+            let off = |k: usize| (bounds.low[k] - point[k]).max(point[k] - bounds.high[k]).max(0.0);
+            let [x, y, z] = [off(0), off(1), off(2)];
+            if x * x + y * y + z * z >= best.0 {
+                continue;
             }
-            if off_sq < best.0 {
-                let (distance_sq, _) = closest(point, &corners);
+            let first = run * RUN;
+            for t in first..(first + RUN).min(mesh.triangles.len()) {
+                let (distance_sq, _) = closest(point, &mesh.corners(t));
                 if distance_sq < best.0 {
                     best = (distance_sq, t as u32);
                 }

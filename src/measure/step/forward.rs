@@ -2,10 +2,10 @@
 
 use super::across::across_sq;
 use super::around::{Around, NONE};
+use super::covered::{Covered, QUARTERS, with_middles};
 use super::exact::Exact;
 use super::foot::{Doubtful, Foot};
 use super::largest::Largest;
-use super::star::Star;
 use crate::measure::triangle::{Vector, closest};
 use crate::mesh::Mesh;
 use crate::mesh::vec3::{length_sq, sub};
@@ -14,9 +14,6 @@ use std::collections::BinaryHeap;
 /// A triangle is quartered so often, at most.
 const DEEPEST: u32 = 6;
 
-/// A triangle over no star is quartered so often, at most, before feet are looked for.
-const OVER_STARS: u32 = 1;
-
 /// A mesh and its version.
 pub(super) struct Forward<'a> {
     pub(super) fine: &'a Mesh,
@@ -24,46 +21,7 @@ pub(super) struct Forward<'a> {
     pub(super) around: &'a Around,
 }
 
-/// Triangles as they lie over stars.
-pub(super) struct Covered {
-    /// The distance of each triangle of the mesh, at most; infinite for those that lie over no star.
-    most: Vec<f64>,
-    /// True for triangles of the version that a vertex of the mesh lies over.
-    pub(super) triangles: Vec<bool>,
-    /// True for vertices of the version that a triangle of the mesh lies over.
-    pub(super) vertices: Vec<bool>,
-}
-
-impl<'a> Forward<'a> {
-    /// Looks at every triangle over the stars of the vertices that its corners went into; `near` are the triangles of the
-    /// mesh by these.
-    pub(super) fn stars(&self, near: &Around) -> Covered {
-        let mut covered = Covered {
-            most: vec![f64::INFINITY; self.fine.triangles.len()],
-            triangles: vec![false; self.coarse.triangles.len()],
-            vertices: vec![false; self.coarse.positions.len()],
-        };
-        let mut star = Star::new();
-        for v in 0..self.coarse.positions.len() as u32 {
-            let near = near.of(v);
-            if near.is_empty() || !star.set(self.coarse, v, self.around.of(v)) {
-                continue;
-            }
-            for &t in near {
-                let most = &mut covered.most[t as usize];
-                if most.is_finite() {
-                    continue;
-                }
-                if let Some(over) = star.over(&self.fine.corners(t as usize)) {
-                    *most = over.most;
-                    over.feet.iter().for_each(|&t| covered.triangles[t as usize] = true);
-                    covered.vertices[v as usize] |= over.is_over_vertex;
-                }
-            }
-        }
-        covered
-    }
-
+impl Forward<'_> {
     /// Bounds the distances of all triangles: looks closer at the farthest ones, and at those over no star.
     pub(super) fn triangles(
         &self,
@@ -94,48 +52,23 @@ impl<'a> Forward<'a> {
             self.look(self.with_hints(item as usize, hints), largest, exact);
         }
         largest.bound_sq = largest.bound_sq.max(near_sq);
-        let mut stars = [Star::new(), Star::new(), Star::new()];
-        for t in (0..most.len()).filter(|t| !most[*t].is_finite()) {
-            let corners = self.with_hints(t, hints);
-            let near = corners.map(|(_, hint)| hint);
-            let is_set = |k: usize| {
-                near[k] != NONE
-                    && !near[..k].contains(&near[k])
-                    && stars[k].set(self.coarse, near[k], self.around.of(near[k]))
-            };
-            let is_set = [0, 1, 2].map(is_set);
-            let stars = [0, 1, 2].map(|k| is_set[k].then_some(&stars[k]));
-            self.quarter(corners, &stars, 0, largest, exact);
+        for quartered in &covered.rest {
+            let sq = quartered.most * quartered.most;
+            let is_near = quartered.done != 0 && largest.accepts(sq);
+            let [a, b, c] = self.with_hints(quartered.triangle as usize, hints);
+            let middles = with_middles([a.0, b.0, c.0]);
+            let hints = [a.1, b.1, c.1, a.1, b.1, c.1];
+            for (quarter, parts) in QUARTERS.iter().enumerate() {
+                if !(is_near && quartered.done & 1 << quarter != 0) {
+                    self.look(parts.map(|k| (middles[k], hints[k])), largest, exact);
+                }
+            }
         }
     }
 
     /// The corners of a triangle with the vertices of the version near them.
     fn with_hints(&self, t: usize, hints: &[u32]) -> [(Vector, u32); 3] {
         self.fine.triangles[t].map(|v| (self.fine.positions[v as usize], hints[v as usize]))
-    }
-
-    /// Bounds the distance of a triangle over no star by its quarters.
-    fn quarter(
-        &self,
-        corners: [(Vector, u32); 3],
-        stars: &[Option<&Star>; 3],
-        depth: u32,
-        largest: &mut Largest,
-        exact: &mut Exact,
-    ) {
-        if depth == OVER_STARS {
-            return self.look(corners, largest, exact);
-        }
-        let [a, b, c] = corners;
-        let [ab, bc, ca] = [(a, b), (b, c), (c, a)]
-            .map(|(p, q)| ([0, 1, 2].map(|k| 0.5 * (p.0[k] + q.0[k])), p.1));
-        for part in [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]] {
-            let places = part.map(|(place, _)| place);
-            let mut found = stars.iter().flatten().filter_map(|star| star.over(&places));
-            if !found.any(|over| largest.accepts(over.most * over.most)) {
-                self.quarter(part, stars, depth + 1, largest, exact);
-            }
-        }
     }
 
     /// Bounds the distance of a triangle by itself; each corner has a vertex of the version near it.

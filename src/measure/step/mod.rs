@@ -10,6 +10,7 @@
 mod across;
 mod around;
 mod back;
+mod covered;
 mod exact;
 mod foot;
 mod forward;
@@ -18,6 +19,7 @@ mod star;
 
 use crate::mesh::Mesh;
 use around::{Around, NONE};
+use covered::Covered;
 use exact::Exact;
 use forward::Forward;
 use largest::{Largest, ROUNDING};
@@ -36,7 +38,7 @@ pub fn deviation(fine: &Mesh, coarse: &Mesh, followed: &[u32], slack: f64) -> f6
     let around = Around::vertices(coarse);
     let near = Around::hints(fine, &hints, coarse.positions.len());
     let forward = Forward { fine, coarse, around: &around };
-    let covered = forward.stars(&near);
+    let covered = Covered::find(&forward, &near, &hints);
     forward.triangles(&hints, &covered, &mut largest, &mut Exact::new(coarse));
     back::samples(&forward, &near, &covered, &mut largest);
     largest.bound_sq.sqrt()

@@ -3,7 +3,8 @@
 //! If all of them face the same way and go around the vertex once at most, they are the graph of a height over what they
 //! cover. A triangle over it is cut along the edges at the vertex; each piece is laid along the normal into one of them. The
 //! distance between a point and its image is linear over a piece, so largest at the piece's corners: the triangle's
-//! own, the places where its edges cross those at the vertex, and the vertex.
+//! own, the places where its edges cross those at the vertex, and the vertex. What belongs to a corner alone is found
+//! once for all triangles that have it (`Place`).
 
 use crate::measure::triangle::Vector;
 use crate::mesh::Mesh;
@@ -11,13 +12,16 @@ use crate::mesh::corners::others;
 use crate::mesh::vec3::{add, cross, dot, length_sq, scale, sub};
 
 /// Triangles at a vertex, at most.
-const MOST: usize = 16;
+const MOST: usize = 15;
 
 /// Triangles that are seen more from the side than this, as the cosine, are not taken.
 const STEEPEST: f64 = 0.1;
 
 /// Rounding of places as a share of the size of a star; of products of two lengths, as a share of its square.
 const ROUNDING: f64 = 1e-12;
+
+/// The sector of a place that lies over no triangle of a star.
+const OUTSIDE: u32 = u32::MAX;
 
 /// An edge at the vertex, and the triangle that follows it counter-clockwise.
 #[derive(Clone, Copy, Default)]
@@ -46,16 +50,38 @@ pub(super) struct Star {
     size_sq: f64,
     /// Products of two lengths up to this are 0.
     tiny: f64,
+    /// For each edge at the vertex: a place is to its right if the product is below this. Beside a gap that is a little
+    /// in favour of the star.
+    limits: [f64; MOST + 1],
     /// Added to distances for the rounding.
     rounding: f64,
+}
+
+/// A point as it lies over a star.
+#[derive(Clone, Copy)]
+pub(super) struct Place {
+    x: f64,
+    y: f64,
+    z: f64,
+    /// Its distance along the normal.
+    off: f64,
+    /// The triangle that it lies over, as a number at the vertex; `OUTSIDE` if none.
+    sector: u32,
+}
+
+impl Place {
+    /// Tells if it lies over none of the triangles.
+    pub(super) fn is_outside(&self) -> bool {
+        self.sector == OUTSIDE
+    }
 }
 
 /// A triangle over a star.
 pub(super) struct Over {
     /// Its distance, at most.
     pub(super) most: f64,
-    /// Triangles that its corners lie over.
-    pub(super) feet: [u32; 3],
+    /// Triangles at the vertex that it lies over, by their numbers there; a bit for each.
+    sectors: u32,
     /// True if it lies over the vertex.
     pub(super) is_over_vertex: bool,
 }
@@ -70,6 +96,7 @@ impl Star {
             rays: [Ray::default(); MOST + 1],
             size_sq: 0.0,
             tiny: 0.0,
+            limits: [0.0; MOST + 1],
             rounding: 0.0,
         }
     }
@@ -82,14 +109,23 @@ impl Star {
         }
         self.n = n;
         self.origin = mesh.positions[v as usize];
-        let at = |w: u32| sub(mesh.positions[w as usize], self.origin);
         let mut sides = [(0u32, 0u32); MOST];
+        for (side, &t) in sides.iter_mut().zip(own) {
+            *side = others(mesh.triangles[t as usize], v);
+        }
+        let Some((order, is_closed)) = around(&sides[..n]) else { return false };
+        self.is_closed = is_closed;
+        // The ends of the edges, the first one again behind the last where there is no gap.
+        let mut ends = [[0.0; 3]; MOST + 1];
+        let at = |w: u32| sub(mesh.positions[w as usize], self.origin);
+        for (end, &k) in ends.iter_mut().zip(&order[..n]) {
+            *end = at(sides[k].0);
+        }
+        ends[n] = if is_closed { ends[0] } else { at(sides[order[n - 1]].1) };
         let mut normals = [[0.0; 3]; MOST];
         let mut normal = [0.0; 3];
-        for (k, &t) in own.iter().enumerate() {
-            let (b, c) = others(mesh.triangles[t as usize], v);
-            sides[k] = (b, c);
-            normals[k] = cross(at(b), at(c));
+        for k in 0..n {
+            normals[k] = cross(ends[k], ends[k + 1]);
             normal = add(normal, normals[k]);
         }
         let length = length_sq(normal).sqrt();
@@ -104,37 +140,30 @@ impl Star {
         if !normals[..n].iter().all(is_seen) {
             return false;
         }
-        let Some((order, is_closed)) = around(&sides[..n]) else { return false };
-        self.is_closed = is_closed;
         let aside = if normal[0].abs() < 0.6 { [1.0, 0.0, 0.0] } else { [0.0, 1.0, 0.0] };
         let across = cross(normal, aside);
         let across = scale(across, 1.0 / length_sq(across).sqrt());
-        self.axes = [across, cross(normal, across), normal];
+        let along = cross(normal, across);
+        self.axes = [across, along, normal];
         let mut size_sq = 0.0f64;
-        for step in 0..=n {
-            let k = order[step.min(n - 1)];
-            let (b, c) = sides[k];
-            let [x, y, z] = self.seen(mesh.positions[if step < n { b } else { c } as usize]);
+        for k in 0..=n {
+            let [x, y, z] = self.axes.map(|axis| dot(ends[k], axis));
             let length_sq = x * x + y * y;
             size_sq = size_sq.max(length_sq);
-            let [across, along, up] = self.axes;
-            let up = -1.0 / dot(normals[k], up);
-            let slope = [up * dot(normals[k], across), up * dot(normals[k], along)];
+            let last = k.min(n - 1);
+            let up = -1.0 / dot(normals[last], normal);
+            let slope = [up * dot(normals[last], across), up * dot(normals[last], along)];
             let inverse_sq = 1.0 / length_sq;
-            self.rays[step] = Ray { x, y, z, inverse_sq, slope, triangle: own[k] };
+            self.rays[k] = Ray { x, y, z, inverse_sq, slope, triangle: own[order[last]] };
         }
         self.size_sq = size_sq;
         self.tiny = ROUNDING * size_sq;
+        self.limits = [0.0; MOST + 1];
+        if !is_closed {
+            (self.limits[0], self.limits[n]) = (-self.tiny, self.tiny);
+        }
         self.rounding = 16.0 * ROUNDING * size_sq.sqrt();
         self.turns_once()
-    }
-
-    /// A place seen from the vertex.
-    #[inline(always)]
-    fn seen(&self, place: Vector) -> Vector {
-        let off = sub(place, self.origin);
-        let [x, y, z] = &self.axes;
-        [dot(off, *x), dot(off, *y), dot(off, *z)]
     }
 
     /// Tells if no place is covered twice. No triangle goes half around.
@@ -150,75 +179,106 @@ impl Star {
         pairs.map(angle).sum::<f64>() < 0.999 * std::f64::consts::TAU
     }
 
-    /// The distance of a triangle, if it lies over the star.
-    pub(super) fn over(&self, corners: &[Vector; 3]) -> Option<Over> {
-        let n = self.n;
-        let p = [self.seen(corners[0]), self.seen(corners[1]), self.seen(corners[2])];
-        if p.iter().any(|[x, y, _]| x * x + y * y > self.size_sq) {
-            return None;
-        }
-        // The side of each edge at the vertex on which the corners lie.
-        let mut sides = [[0.0f64; 3]; MOST + 1];
-        for (side, ray) in sides.iter_mut().zip(&self.rays[..=n]) {
-            for (side, [x, y, _]) in side.iter_mut().zip(&p) {
-                let area = ray.x * y - ray.y * x;
-                *side = if area.abs() <= self.tiny { 0.0 } else { area };
+    /// A point as it lies over the star.
+    pub(super) fn place(&self, point: Vector) -> Place {
+        let from = sub(point, self.origin);
+        let [across, along, normal] = self.axes;
+        let (x, y, z) = (dot(from, across), dot(from, along), dot(from, normal));
+        let mut place = Place { x, y, z, off: 0.0, sector: OUTSIDE };
+        // What is not a number is outside.
+        if x * x + y * y <= self.size_sq {
+            let mut right = 0u32;
+            for (k, (ray, limit)) in (0u32..).zip(self.rays[..=self.n].iter().zip(&self.limits)) {
+                right |= u32::from(ray.x * y - ray.y * x < *limit) << k;
+            }
+            // Not to the right of an edge, but of the next one.
+            let k = (!right & (right >> 1)).trailing_zeros();
+            if (k as usize) < self.n {
+                let (b, c) = (&self.rays[k as usize], &self.rays[k as usize + 1]);
+                let inwards = (c.x - b.x) * (y - b.y) - (c.y - b.y) * (x - b.x);
+                if inwards >= -self.tiny {
+                    place.sector = k;
+                    place.off = (z - b.slope[0] * x - b.slope[1] * y).abs();
+                }
             }
         }
-        let mut most = 0.0f64;
-        let mut feet = [0; 3];
-        for (i, &[x, y, z]) in p.iter().enumerate() {
-            let k = (0..n).find(|&k| sides[k][i] >= 0.0 && sides[k + 1][i] <= 0.0)?;
-            let (b, c) = (&self.rays[k], &self.rays[k + 1]);
-            let inwards = (c.x - b.x) * (y - b.y) - (c.y - b.y) * (x - b.x);
-            if inwards < -self.tiny {
-                return None;
-            }
-            most = most.max((z - b.slope[0] * x - b.slope[1] * y).abs());
-            feet[i] = b.triangle;
-        }
-        let mut is_over_vertex = false;
-        if feet[0] != feet[1] || feet[1] != feet[2] {
-            most = most.max(self.crossings(&p, &sides)?);
-            let product = |i: usize, j: usize| p[i][0] * p[j][1] - p[i][1] * p[j][0];
-            let (a, b, c) = (product(1, 2), product(2, 0), product(0, 1));
-            let sum = a + b + c;
-            let is_around = a.min(b).min(c) >= 0.0 || a.max(b).max(c) <= 0.0;
-            if is_around && sum != 0.0 {
-                let height = a * p[0][2] + b * p[1][2] + c * p[2][2];
-                most = most.max((height / sum).abs());
-                is_over_vertex = true;
-            }
-        }
-        Some(Over { most: most + self.rounding, feet, is_over_vertex })
+        place
     }
 
-    /// The largest distance where edges of a triangle cross those at the vertex; none if that leads out of the star.
-    fn crossings(&self, p: &[Vector; 3], sides: &[[f64; 3]; MOST + 1]) -> Option<f64> {
-        let mut most = 0.0f64;
-        // Where it is closed, the last edge is the first one again.
-        let n = if self.is_closed { self.n } else { self.n + 1 };
-        for (k, (ray, side)) in self.rays[..n].iter().zip(sides).enumerate() {
-            for (i, j) in [(0, 1), (1, 2), (2, 0)] {
-                if side[i] * side[j] >= 0.0 {
-                    continue;
+    /// The triangles of the version that a triangle lies over.
+    pub(super) fn feet(&self, over: &Over) -> impl Iterator<Item = u32> {
+        let rays = self.rays[..self.n].iter().enumerate();
+        rays.filter(move |(k, _)| over.sectors >> k & 1 != 0).map(|(_, ray)| ray.triangle)
+    }
+
+    /// The distance of a triangle, if it lies over the star; all its corners do.
+    pub(super) fn over(&self, corners: [&Place; 3]) -> Option<Over> {
+        let [a, b, c] = corners;
+        let mut over = Over {
+            most: a.off.max(b.off).max(c.off),
+            sectors: 1 << a.sector | 1 << b.sector | 1 << c.sector,
+            is_over_vertex: false,
+        };
+        if a.sector != b.sector || b.sector != c.sector {
+            let (u, v, w) = (product(b, c), product(c, a), product(a, b));
+            for (p, q, turn) in [(b, c, u), (c, a, v), (a, b, w)] {
+                // What two places of one triangle have between them lies in it too.
+                if p.sector != q.sector {
+                    // Counter-clockwise.
+                    let (p, q) = if turn >= 0.0 { (p, q) } else { (q, p) };
+                    if !self.cross(p, q, &mut over) {
+                        return None;
+                    }
                 }
-                let share = side[i] / (side[i] - side[j]);
-                let at = |c: usize| p[i][c] + share * (p[j][c] - p[i][c]);
-                let (x, y, z) = (at(0), at(1), at(2));
-                let along = (ray.x * x + ray.y * y) * ray.inverse_sq;
-                if along <= 0.0 {
-                    continue;
-                }
-                let leads_out = !self.is_closed && (k == 0 || k == self.n);
-                if leads_out || along > 1.0 + ROUNDING {
-                    return None;
-                }
-                most = most.max((z - along * ray.z).abs());
+            }
+            let sum = u + v + w;
+            let is_around = u.min(v).min(w) >= 0.0 || u.max(v).max(w) <= 0.0;
+            if is_around && sum != 0.0 {
+                let height = u * a.z + v * b.z + w * c.z;
+                over.most = over.most.max((height / sum).abs());
+                over.is_over_vertex = true;
             }
         }
-        Some(most)
+        over.most += self.rounding;
+        Some(over)
     }
+
+    /// Looks at the places where an edge of a triangle crosses those at the vertex, counter-clockwise. False if that leads out
+    /// of the star.
+    fn cross(&self, p: &Place, q: &Place, over: &mut Over) -> bool {
+        let mut k = p.sector as usize;
+        while k != q.sector as usize {
+            k += 1;
+            let ray = &self.rays[k];
+            if k == self.n {
+                if !self.is_closed {
+                    return false;
+                }
+                k = 0;
+            }
+            over.sectors |= 1 << k;
+            let (from, to) = (ray.x * p.y - ray.y * p.x, ray.x * q.y - ray.y * q.x);
+            // The ends lie on both sides of it, up to rounding.
+            let sum = to - from;
+            if sum <= self.tiny {
+                // Along the edge: both ends count already, and one of them may be beyond it.
+                continue;
+            }
+            let share = (-from / sum).clamp(0.0, 1.0);
+            let (x, y) = (p.x + share * (q.x - p.x), p.y + share * (q.y - p.y));
+            let along = (ray.x * x + ray.y * y) * ray.inverse_sq;
+            if along > 1.0 + ROUNDING {
+                return false;
+            }
+            let z = p.z + share * (q.z - p.z);
+            over.most = over.most.max((z - along * ray.z).abs());
+        }
+        true
+    }
+}
+
+fn product(p: &Place, q: &Place) -> f64 {
+    p.x * q.y - p.y * q.x
 }
 
 /// Puts the triangles at a vertex in order, given their other corners, beginning behind the gap if there is one; tells if

@@ -20,6 +20,9 @@ use std::sync::{Mutex, PoisonError};
 /// below that.
 const KEPT_MULTIPLE: f64 = 6.0;
 
+/// No copies are kept of cells that have more than this share of what they began with: that is done again as fast.
+const KEPT_SHARE: f64 = 0.7;
+
 /// Cells of the pilot as far as they have come, by cell and number of levels.
 #[derive(Default)]
 pub(super) struct Begun(Mutex<BTreeMap<(CellId, usize), Stepwise>>);
@@ -94,10 +97,11 @@ fn pilot(
         let mut stepwise = Stepwise::new(mesh, &cell.shared, &options);
         drop(cell);
         let wanted = start as f64 * ratio;
+        let most_kept = (KEPT_MULTIPLE * wanted).min(KEPT_SHARE * start as f64);
         let counts = descend(&mut stepwise, &ladder, (start, ratio), |stepwise, n| {
             run.progress.check()?;
             if let Some(begun) = begun
-                && stepwise.n_triangles() as f64 <= KEPT_MULTIPLE * wanted
+                && stepwise.n_triangles() as f64 <= most_kept
                 && takes(&free_bytes, stepwise.copy_bytes())
             {
                 let mut copies = begun.0.lock().unwrap_or_else(PoisonError::into_inner);

@@ -49,30 +49,54 @@ fn boxes(
     family: impl Fn(BoxKey) -> BoxKey,
     tile_triangles: u64,
 ) -> Boxes {
-    let mut keys: Vec<BoxKey> = (0..mesh.triangles.len()).map(place).collect();
-    let mut counts: BTreeMap<BoxKey, u64> = BTreeMap::new();
-    keys.iter().for_each(|key| *counts.entry(*key).or_default() += 1);
+    // Boxes by the order in which they are met; triangles after each other are mostly in the same one.
+    let mut numbers: BTreeMap<BoxKey, u32> = BTreeMap::new();
+    let mut met: Vec<(BoxKey, u64)> = Vec::new();
+    let mut last = 0u32;
+    let number_of = |t: usize| {
+        let key = place(t);
+        if met.get(last as usize).is_none_or(|(old, _)| *old != key) {
+            last = *numbers.entry(key).or_insert(met.len() as u32);
+            if last as usize == met.len() {
+                met.push((key, 0));
+            }
+        }
+        met[last as usize].1 += 1;
+        last
+    };
+    let of_triangle: Vec<u32> = (0..mesh.triangles.len()).map(number_of).collect();
     // The largest box of each family; of equal ones the first.
     let mut largest: BTreeMap<BoxKey, (u64, BoxKey)> = BTreeMap::new();
-    for (&key, &n) in &counts {
+    for (&key, &number) in &numbers {
+        let n = met[number as usize].1;
         let most = largest.entry(family(key)).or_insert((n, key));
         if n > most.0 {
             *most = (n, key);
         }
     }
-    let joined = |key: BoxKey| match counts[&key] < tile_triangles / SMALL {
-        true => largest[&family(key)].1,
-        false => key,
-    };
-    let mut last = None;
-    for key in &mut keys {
-        let (_, new) = last.filter(|(old, _)| old == key).unwrap_or_else(|| (*key, joined(*key)));
-        last = Some((*key, new));
-        *key = new;
+    let mut counts: BTreeMap<BoxKey, u64> = BTreeMap::new();
+    let mut joined: Vec<BoxKey> = Vec::with_capacity(met.len());
+    for &(key, n) in &met {
+        let is_small = n < tile_triangles / SMALL;
+        let key = if is_small { largest[&family(key)].1 } else { key };
+        *counts.entry(key).or_default() += n;
+        joined.push(key);
     }
-    let mut order: Vec<u32> = (0..keys.len() as u32).collect();
-    order.sort_by_key(|&t| keys[t as usize]);
-    let runs = order.chunk_by(|a, b| keys[*a as usize] == keys[*b as usize]);
-    let counts = runs.map(|run| (keys[run[0] as usize], run.len() as u64)).collect();
+    let counts: Vec<(BoxKey, u64)> = counts.into_iter().collect();
+    // Where the next triangle of each box goes.
+    let mut next: Vec<usize> = Vec::with_capacity(counts.len());
+    let mut sum = 0;
+    for (_, n) in &counts {
+        next.push(sum);
+        sum += *n as usize;
+    }
+    let find = |key| counts.binary_search_by_key(key, |(key, _)| *key).expect("counted above");
+    let places: Vec<usize> = joined.iter().map(find).collect();
+    let mut order = vec![0u32; sum];
+    for (t, number) in (0u32..).zip(&of_triangle) {
+        let next = &mut next[places[*number as usize]];
+        order[*next] = t;
+        *next += 1;
+    }
     Boxes { counts, order }
 }

@@ -67,13 +67,13 @@ impl Lattice {
 
     /// Length of a step of a level.
     pub fn step_of(&self, level: u32) -> f64 {
-        self.step * f64::from(level).exp2()
+        self.step * (1u64 << level) as f64
     }
 
     /// Integer coordinates of a point, in steps of level 0.
     #[inline]
     pub fn key(&self, point: [f64; 3]) -> [i32; 3] {
-        [0, 1, 2].map(|k| ((point[k] - self.origin[k]) / self.step).floor() as i32)
+        [0, 1, 2].map(|k| floor((point[k] - self.origin[k]) / self.step))
     }
 
     /// The box of a level that a point lies in.
@@ -85,8 +85,15 @@ impl Lattice {
     /// The nearest point of the lattice of a level, in its steps.
     pub fn nearest(&self, level: u32, point: [f64; 3]) -> [i32; 3] {
         let step = self.step_of(level);
-        [0, 1, 2].map(|k| ((point[k] - self.origin[k]) / step).round() as i32)
+        [0, 1, 2].map(|k| floor((point[k] - self.origin[k]) / step + 0.5))
     }
+}
+
+/// The largest whole number that is not above `x`, without a call of the C library.
+#[inline]
+fn floor(x: f64) -> i32 {
+    let whole = x as i32;
+    whole.saturating_sub(i32::from(x < f64::from(whole)))
 }
 
 /// The box of the next level that a box lies in.

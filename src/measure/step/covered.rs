@@ -1,0 +1,161 @@
+//! Triangles of the mesh laid over the stars of the vertices that their corners went into, star by star.
+//!
+//! A triangle over none of its stars is quartered once, and its quarters are tried over the same stars. What is found for a
+//! corner over a star serves all triangles around it.
+
+use super::around::{Around, NONE};
+use super::forward::Forward;
+use super::star::{Place, Star};
+use crate::measure::triangle::Vector;
+
+/// Corners of the four quarters of a triangle, by the numbers of its corners and of the middles of its sides.
+pub(super) const QUARTERS: [[usize; 3]; 4] = [[0, 3, 5], [1, 4, 3], [2, 5, 4], [3, 4, 5]];
+
+/// Triangles as they lie over stars.
+pub(super) struct Covered {
+    /// The distance of each triangle of the mesh, at most; infinite for those that do not lie over stars, whole or in quarters.
+    pub(super) most: Vec<f64>,
+    /// Triangles of which only some quarters lie over stars, or none.
+    pub(super) rest: Vec<Quartered>,
+    /// True for triangles of the version that a triangle of the mesh lies over.
+    pub(super) triangles: Vec<bool>,
+    /// True for vertices of the version that a triangle of the mesh lies over.
+    pub(super) vertices: Vec<bool>,
+}
+
+/// A triangle over no star.
+#[derive(Clone, Copy)]
+pub(super) struct Quartered {
+    pub(super) triangle: u32,
+    /// Quarters that lie over stars; a bit for each.
+    pub(super) done: u32,
+    /// Their distance, at most.
+    pub(super) most: f64,
+}
+
+/// Vertices of the mesh over the star in hand.
+struct Seen {
+    /// For each vertex of the mesh the last star that it was seen over, and its number in `places`.
+    last: Vec<[u32; 2]>,
+    places: Vec<Place>,
+}
+
+/// Corners of a triangle and the middles of its sides.
+pub(super) fn with_middles([a, b, c]: [Vector; 3]) -> [Vector; 6] {
+    let middle = |p: Vector, q: Vector| [0, 1, 2].map(|k| 0.5 * (p[k] + q[k]));
+    [a, b, c, middle(a, b), middle(b, c), middle(c, a)]
+}
+
+impl Covered {
+    /// Looks at every triangle over the stars of the vertices that its corners went into; `near` are the triangles of the
+    /// mesh by these, `hints` these by the vertices of the mesh.
+    pub(super) fn find(forward: &Forward, near: &Around, hints: &[u32]) -> Covered {
+        let Forward { fine, coarse, .. } = *forward;
+        let mut covered = Covered {
+            most: vec![f64::INFINITY; fine.triangles.len()],
+            rest: Vec::new(),
+            triangles: vec![false; coarse.triangles.len()],
+            vertices: vec![false; coarse.positions.len()],
+        };
+        covered.whole(forward, near);
+        covered.quarters(forward, hints);
+        covered
+    }
+
+    fn whole(&mut self, forward: &Forward, near: &Around) {
+        let Forward { fine, coarse, around } = *forward;
+        let mut star = Star::new();
+        let mut seen = Seen { last: vec![[NONE, 0]; fine.positions.len()], places: Vec::new() };
+        for v in 0..coarse.positions.len() as u32 {
+            let near = near.of(v);
+            if near.is_empty() || !star.set(coarse, v, around.of(v)) {
+                continue;
+            }
+            seen.places.clear();
+            for &t in near {
+                let most = &mut self.most[t as usize];
+                if most.is_finite() {
+                    continue;
+                }
+                let Some(corners) = seen.over(&star, v, forward, fine.triangles[t as usize]) else {
+                    continue;
+                };
+                let corners = corners.map(|k| &seen.places[k]);
+                if let Some(over) = star.over(corners) {
+                    *most = over.most;
+                    star.feet(&over).for_each(|t| self.triangles[t as usize] = true);
+                    self.vertices[v as usize] |= over.is_over_vertex;
+                }
+            }
+        }
+    }
+
+    /// Tries the quarters of triangles over no star, star by star.
+    fn quarters(&mut self, forward: &Forward, hints: &[u32]) {
+        let Forward { fine, coarse, around } = *forward;
+        let left = (0..self.most.len() as u32).filter(|&t| !self.most[t as usize].is_finite());
+        let rest = left.map(|triangle| Quartered { triangle, done: 0, most: 0.0 });
+        let mut rest: Vec<Quartered> = rest.collect();
+        let mut tries: Vec<(u32, u32)> = Vec::new();
+        for (n, quartered) in (0u32..).zip(&rest) {
+            let near = fine.triangles[quartered.triangle as usize].map(|v| hints[v as usize]);
+            for k in 0..3 {
+                if near[k] != NONE && !near[..k].contains(&near[k]) {
+                    tries.push((near[k], n));
+                }
+            }
+        }
+        tries.sort_unstable();
+        let mut star = Star::new();
+        for tries in tries.chunk_by(|a, b| a.0 == b.0) {
+            let v = tries[0].0;
+            if !star.set(coarse, v, around.of(v)) {
+                continue;
+            }
+            for &(_, n) in tries {
+                let quartered = &mut rest[n as usize];
+                let corners = fine.corners(quartered.triangle as usize);
+                let places = with_middles(corners).map(|point| star.place(point));
+                for (quarter, parts) in QUARTERS.iter().enumerate() {
+                    let parts = parts.map(|k| &places[k]);
+                    let bit = 1 << quarter;
+                    if quartered.done & bit != 0 || parts.iter().any(|p| p.is_outside()) {
+                        continue;
+                    }
+                    if let Some(over) = star.over(parts) {
+                        quartered.done |= bit;
+                        quartered.most = quartered.most.max(over.most);
+                    }
+                }
+            }
+        }
+        let all = (1 << QUARTERS.len()) - 1;
+        rest.retain(|quartered| {
+            let is_done = quartered.done == all;
+            if is_done {
+                self.most[quartered.triangle as usize] = quartered.most;
+            }
+            !is_done
+        });
+        self.rest = rest;
+    }
+}
+
+impl Seen {
+    /// The places of a triangle's corners over a star; none if one is outside.
+    fn over(&mut self, star: &Star, v: u32, forward: &Forward, t: [u32; 3]) -> Option<[usize; 3]> {
+        let mut corners = [0; 3];
+        for (corner, w) in corners.iter_mut().zip(t) {
+            let last = &mut self.last[w as usize];
+            if last[0] != v {
+                *last = [v, self.places.len() as u32];
+                self.places.push(star.place(forward.fine.positions[w as usize]));
+            }
+            *corner = last[1] as usize;
+            if self.places[*corner].is_outside() {
+                return None;
+            }
+        }
+        Some(corners)
+    }
+}
