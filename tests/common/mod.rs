@@ -4,6 +4,8 @@
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(dead_code)] // Each test program uses its own part.
 
+pub mod volume;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use stonecut::config::{

@@ -4,49 +4,10 @@
 //! exit code and names the remedy; once there is room again the same command ends with the reference bytes.
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
-#![allow(clippy::print_stdout)] // Skipped tests say so.
 
+use crate::common::volume::Volume;
 use crate::common::{expect, stonecut};
 use std::path::{Path, PathBuf};
-use std::process::Command;
-
-/// A mounted tmpfs, unmounted when dropped.
-struct Volume {
-    folder: tempfile::TempDir,
-}
-
-impl Volume {
-    fn mount(options: &str) -> Option<Volume> {
-        let folder = tempfile::tempdir().unwrap();
-        let mount = |options: &str| {
-            Command::new("mount")
-                .args(["-t", "tmpfs", "-o", options, "tmpfs"])
-                .arg(folder.path())
-                .output()
-                .is_ok_and(|output| output.status.success())
-        };
-        if mount(options) {
-            return Some(Volume { folder });
-        }
-        println!("skipped: no right to mount a tmpfs here");
-        None
-    }
-
-    fn path(&self) -> &Path {
-        self.folder.path()
-    }
-
-    fn remount(&self, options: &str) {
-        let status = Command::new("mount").args(["-o", options]).arg(self.path()).status().unwrap();
-        assert!(status.success(), "mount -o {options}");
-    }
-}
-
-impl Drop for Volume {
-    fn drop(&mut self) {
-        let _ = Command::new("umount").arg("-l").arg(self.path()).status();
-    }
-}
 
 struct Bench {
     folder: tempfile::TempDir,
@@ -95,11 +56,6 @@ fn command(output: &Path) -> String {
     )
 }
 
-fn free_bytes(folder: &Path) -> u64 {
-    let stat = rustix::fs::statvfs(folder).unwrap();
-    stat.f_bavail * stat.f_frsize
-}
-
 #[test]
 fn a_full_disk_stops_the_run_and_room_lets_it_go_on() {
     let Some(volume) = Volume::mount("size=64m") else { return };
@@ -110,7 +66,7 @@ fn a_full_disk_stops_the_run_and_room_lets_it_go_on() {
     for left in [0, 100 << 10] {
         bench.partition(&output);
         // The volume is full although the plan found room: another program was faster.
-        let whole = vec![0u8; free_bytes(volume.path()).saturating_sub(left) as usize];
+        let whole = vec![0u8; volume.free_bytes().saturating_sub(left) as usize];
         std::fs::write(&filler, whole).unwrap();
         bench.stops(&output, 5, &["--temp-dir", "make space"]);
         std::fs::remove_file(&filler).unwrap();

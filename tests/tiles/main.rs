@@ -5,4 +5,5 @@ mod common;
 
 mod extract;
 mod scalars;
+mod stops;
 mod tiles;

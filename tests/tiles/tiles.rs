@@ -118,7 +118,7 @@ fn a_tree_is_replaced_only_when_asked_and_only_if_it_is_one() {
     expect(folder.path(), "tiles in.ply no/such/folder", 2);
 }
 
-fn config(folder: &Path, output: &str) -> TilesConfig {
+pub fn config(folder: &Path, output: &str) -> TilesConfig {
     let mut transform = [0.0; 16];
     (0..4).for_each(|k| transform[5 * k] = 1.0);
     TilesConfig {
@@ -142,7 +142,7 @@ fn config(folder: &Path, output: &str) -> TilesConfig {
     }
 }
 
-fn make(disk: &Disk, config: &TilesConfig) -> stonecut::Result<()> {
+pub fn make(disk: &Disk, config: &TilesConfig) -> stonecut::Result<()> {
     let prepared = prepare_tiles(config)?;
     make_tiles_on(disk, prepared, config, &Progress::default()).map(|_| ())
 }

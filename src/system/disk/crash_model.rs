@@ -108,6 +108,30 @@ impl Losses {
         }
     }
 
+    /// The whole file system was synced.
+    pub fn all_synced(&mut self) {
+        for (path, &id) in &self.live {
+            if let (Ok(durable), Some(content)) = (std::fs::read(path), self.contents.get_mut(id)) {
+                content.durable = durable;
+                content.holes.clear();
+            }
+        }
+        self.durable = self.live.clone();
+    }
+
+    /// A folder got another name; taken as durable at once, since no file in it changes by that.
+    pub fn folder_renamed(&mut self, from: &Path, to: &Path) {
+        let moved = |path: &Path| path.strip_prefix(from).ok().map(|rest| to.join(rest));
+        for names in [&mut self.live, &mut self.durable] {
+            let new = |(path, id): (PathBuf, usize)| (moved(&path).unwrap_or(path), id);
+            *names = std::mem::take(names).into_iter().map(new).collect();
+        }
+        self.known = std::mem::take(&mut self.known)
+            .into_iter()
+            .map(|path| moved(&path).unwrap_or(path))
+            .collect();
+    }
+
     /// Puts the files into the state that `loss` leaves.
     pub fn lose(&mut self, loss: PowerLoss) -> std::io::Result<()> {
         match loss {

@@ -11,7 +11,9 @@ impl Disk {
     pub fn sync_all_below(&self, folder: &Path) -> Result<()> {
         self.operation(folder, "cannot sync", Change)?;
         let outcome = File::open(folder).and_then(|folder| Ok(rustix::fs::syncfs(&folder)?));
-        outcome.map_err(|e| Error::io(folder, "cannot sync", e))
+        outcome.map_err(|e| Error::io(folder, "cannot sync", e))?;
+        self.follow(|losses| losses.all_synced());
+        Ok(())
     }
 
     /// Gives a folder the name of another one, which is removed if it is there.
@@ -27,6 +29,7 @@ impl Disk {
         } else {
             std::fs::rename(from, to).map_err(|e| Error::io(to, "cannot rename to", e))?;
         }
+        self.follow(|losses| losses.folder_renamed(from, to));
         self.sync_folder_of(to)
     }
 

@@ -1,0 +1,151 @@
+//! Runs of `tiles` that are killed, lose power, meet a full disk or another run: the same bytes afterwards.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use crate::common::volume::Volume;
+use crate::common::{expect, signal, stonecut};
+use crate::tiles::{config, files, make};
+use rustix::process::Signal;
+use std::path::Path;
+use std::process::{Child, Stdio};
+use stonecut::system::disk::{Disk, PowerLoss};
+
+const OPTIONS: &str = "--tile-triangles 1000 --threads 1 --quiet";
+
+/// Files of a run in the order in which they appear, below the folder of the output.
+const STAGES: [&str; 8] = [
+    "out.stonecut-job/round-0.cells",
+    ".out.stonecut-tiles/tiles/0",
+    "out.stonecut-job/round-1.survivors",
+    "out.stonecut-job/round-2.cells",
+    ".out.stonecut-tiles/tiles/1",
+    "out.stonecut-job/round-2.survivors",
+    ".out.stonecut-tiles/tiles/2",
+    ".out.stonecut-tiles/tileset.json",
+];
+
+fn statue(triangles: &str) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), &format!("synth statue in.ply --triangles {triangles}"), 0);
+    folder
+}
+
+fn command(output: &Path) -> String {
+    format!("tiles in.ply {} {OPTIONS}", output.display())
+}
+
+/// Starts a run and comes back when a file of it is there, or when it is over.
+fn begun(input: &Path, output: &Path, file: &str) -> (Child, bool) {
+    let mut run = stonecut()
+        .current_dir(input)
+        .args(command(output).split(' '))
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let file = output.parent().unwrap().join(file);
+    while !file.exists() && run.try_wait().unwrap().is_none() {
+        std::thread::yield_now();
+    }
+    let is_under_way = run.try_wait().unwrap().is_none();
+    (run, is_under_way)
+}
+
+#[test]
+fn a_run_that_is_killed_at_any_stage_is_continued_to_the_same_bytes() {
+    let folder = statue("200k");
+    let path = folder.path();
+    expect(path, &command(&path.join("whole")), 0);
+    let whole = files(&path.join("whole"));
+    let output = path.join("out");
+    let mut killed = 0;
+    for stage in STAGES {
+        let (mut run, is_under_way) = begun(path, &output, stage);
+        if is_under_way {
+            signal(&run, Signal::KILL);
+            killed += 1;
+        }
+        run.wait().unwrap();
+        if !output.exists() {
+            expect(path, &command(&output), 0);
+        }
+        assert!(files(&output) == whole, "killed when {stage} was there");
+        std::fs::remove_dir_all(&output).unwrap();
+    }
+    assert!(killed >= 6, "{killed} of {} runs were killed", STAGES.len());
+}
+
+#[test]
+fn a_disk_that_fills_during_the_run_stops_it() {
+    let Some(volume) = Volume::mount("size=96m") else { return };
+    let folder = statue("200k");
+    expect(folder.path(), &command(&folder.path().join("whole")), 0);
+    let whole = files(&folder.path().join("whole"));
+    let output = volume.path().join("out");
+    let filler = volume.path().join("filler");
+    let mut stopped = 0;
+    for stage in STAGES {
+        let (mut run, is_under_way) = begun(folder.path(), &output, stage);
+        if is_under_way {
+            signal(&run, Signal::STOP);
+        }
+        let mut file = std::fs::File::create(&filler).unwrap();
+        while std::io::Write::write_all(&mut file, &[0; 1 << 16]).is_ok() {}
+        drop(file);
+        if is_under_way {
+            signal(&run, Signal::CONT);
+        }
+        let code = run.wait().unwrap().code();
+        assert!(matches!(code, Some(0 | 5)), "{stage}: {code:?}");
+        assert_eq!(code == Some(0), output.exists(), "{stage}");
+        std::fs::remove_file(&filler).unwrap();
+        if code == Some(5) {
+            stopped += 1;
+            expect(folder.path(), &command(&output), 0);
+        }
+        assert!(files(&output) == whole, "full when {stage} was there");
+        std::fs::remove_dir_all(&output).unwrap();
+        assert_eq!(std::fs::read_dir(volume.path()).unwrap().count(), 0, "{stage}");
+    }
+    assert!(stopped >= 4, "{stopped} of {} runs met the full disk", STAGES.len());
+}
+
+#[test]
+fn of_two_runs_at_once_one_is_refused_and_the_other_ends() {
+    let folder = statue("200k");
+    let path = folder.path();
+    expect(path, &command(&path.join("whole")), 0);
+    let output = path.join("out");
+    let (mut first, is_under_way) = begun(path, &output, STAGES[2]);
+    if is_under_way {
+        signal(&first, Signal::STOP);
+        expect(path, &command(&output), 7);
+        expect(path, &format!("{} --temp-dir {}", command(&output), path.display()), 7);
+        signal(&first, Signal::CONT);
+    }
+    assert_eq!(first.wait().unwrap().code(), Some(0));
+    assert!(files(&output) == files(&path.join("whole")));
+}
+
+#[test]
+fn a_power_loss_anywhere_costs_nothing() {
+    let folder = statue("20k");
+    let whole = Disk::default();
+    make(&whole, &config(folder.path(), "whole")).unwrap();
+    let n = whole.changes();
+    let whole = files(&folder.path().join("whole"));
+    let config = config(folder.path(), "out");
+    for i in 0..16 {
+        for loss in [PowerLoss::Unsynced, PowerLoss::UnsyncedData] {
+            let disk = Disk::for_crash_tests();
+            disk.freeze_at(1 + i * n / 16);
+            let _ = make(&disk, &config);
+            disk.lose(loss).unwrap();
+            if !config.output.exists() {
+                make(&Disk::default(), &config).unwrap();
+            }
+            assert!(files(&config.output) == whole, "{loss:?} at change {}", 1 + i * n / 16);
+            std::fs::remove_dir_all(&config.output).unwrap();
+            let _ = std::fs::remove_dir_all(&config.job_folder);
+        }
+    }
+}
