@@ -1,6 +1,14 @@
-//! Lists of triangles around vertices.
+//! Lists of triangles around vertices, of a mesh and its version.
 
 use crate::mesh::Mesh;
+
+/// A mesh and its version, on the way from one to the other.
+pub(super) struct Forward<'a> {
+    pub(super) fine: &'a Mesh,
+    pub(super) coarse: &'a Mesh,
+    /// The triangles at each vertex of the version.
+    pub(super) around: &'a Around,
+}
 
 /// No vertex, or no triangle.
 pub(super) const NONE: u32 = u32::MAX;

@@ -1,10 +1,9 @@
 //! From the simplified version back to the mesh: samples, each held against what went into the vertices around it.
 
-use super::around::{Around, NONE};
+use super::around::{Around, Forward, NONE};
 use super::covered::Covered;
 use super::exact::Exact;
 use super::foot::Doubtful;
-use super::forward::Forward;
 use super::largest::Largest;
 use crate::measure::triangle::{Vector, closest};
 use crate::mesh::Mesh;

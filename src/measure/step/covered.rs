@@ -3,8 +3,7 @@
 //! A triangle over none of its stars is quartered once, and its quarters are tried over the same stars. What is found for a
 //! corner over a star serves all triangles around it.
 
-use super::around::{Around, NONE};
-use super::forward::Forward;
+use super::around::{Around, Forward, NONE};
 use super::star::{Place, Star};
 use crate::measure::triangle::Vector;
 

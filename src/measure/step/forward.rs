@@ -1,25 +1,17 @@
 //! From the mesh to its simplified version: a proven bound for every triangle.
 
 use super::across::across_sq;
-use super::around::{Around, NONE};
+use super::around::{Forward, NONE};
 use super::covered::{Covered, QUARTERS, with_middles};
 use super::exact::Exact;
 use super::foot::{Doubtful, Foot};
 use super::largest::Largest;
 use crate::measure::triangle::{Vector, closest};
-use crate::mesh::Mesh;
 use crate::mesh::vec3::{length_sq, sub};
 use std::collections::BinaryHeap;
 
 /// A triangle is quartered so often, at most.
 const DEEPEST: u32 = 6;
-
-/// A mesh and its version.
-pub(super) struct Forward<'a> {
-    pub(super) fine: &'a Mesh,
-    pub(super) coarse: &'a Mesh,
-    pub(super) around: &'a Around,
-}
 
 impl Forward<'_> {
     /// Bounds the distances of all triangles: looks closer at the farthest ones, and at those over no star.

@@ -1,7 +1,7 @@
 //! The distance between a mesh and its simplified version, at most: for the steps between levels of detail.
 //!
 //! Every vertex of the mesh knows the vertex of the version that it went into, so each triangle is laid onto the triangles
-//! around one of those, and the distance is found where it is largest (`star`). Triangles that lie over none of them, and
+//! around one of those, and the distance is found where it is largest (`star`, `covered`). Triangles that lie over none of them, and
 //! those that seem farthest, are looked at one by one (`forward`). Back, from the version to the mesh, it is the
 //! largest of samples where nothing was laid (`back`).
 //!
@@ -18,10 +18,9 @@ mod largest;
 mod star;
 
 use crate::mesh::Mesh;
-use around::{Around, NONE};
+use around::{Around, Forward, NONE};
 use covered::Covered;
 use exact::Exact;
-use forward::Forward;
 use largest::{Largest, ROUNDING};
 
 /// The distance from `fine` to `coarse`, at most, or back as far as samples show it, whichever is larger.
