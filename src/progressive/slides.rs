@@ -1,8 +1,8 @@
 //! A progressive mesh for a browser: the steps told so that they can be taken and taken back without a search.
 //!
 //! A split names the corners that go to the new vertex instead of a place in an order, so that no order is needed.
-//! Positions have 16 bits an axis; nothing else that vertices carry is there. docs/format.md has the bytes,
-//! src/report/assets/slides.js reads them.
+//! Positions have 16 bits an axis, colours 8 bits a channel; nothing else that vertices carry is there. docs/format.md has
+//! the bytes, src/report/assets/slides.js reads them.
 
 use super::read::Refiner;
 use super::replay::Replay;
@@ -10,11 +10,13 @@ use super::rows::Rows;
 use super::step_reader::{OwnSplit, Taken};
 use super::steps::Other;
 use crate::error::Result;
+use crate::io::{find_colour, unit_colour};
 use crate::mesh::bounds::Bounds;
+use crate::mesh::property::Scalar;
 use crate::mesh::vec3::Vec3;
 
 /// The first bytes; the last one is the version.
-const MAGIC: [u8; 8] = *b"stncuts1";
+const MAGIC: [u8; 8] = *b"stncuts2";
 
 /// Places on an axis.
 const PLACES: f64 = 65_535.0;
@@ -24,6 +26,11 @@ const PLACES: f64 = 65_535.0;
 struct Slides {
     /// Positions in the order in which steps name them.
     positions: Vec<[f32; 3]>,
+    /// Types and places of the channels of a colour in a record.
+    channels: Option<[(Scalar, usize); 3]>,
+    /// Colours beside the positions, if there are any.
+    colours: Vec<[u8; 3]>,
+    record: Vec<u8>,
     steps: Vec<u8>,
     n_steps: u32,
     n_vertices: u32,
@@ -37,9 +44,11 @@ pub fn slides(mut mesh: Refiner, check: &dyn Fn() -> Result<()>) -> Result<Vec<u
     mesh.base(check)?;
     let rows = mesh.rows().clone();
     let base = (mesh.replay.keys.len() as u32, mesh.replay.triangles.len() as u32);
-    let mut slides = Slides { n_vertices: base.0, n_triangles: base.1, ..Slides::default() };
+    let channels = find_colour(&rows.schema);
+    let mut slides =
+        Slides { channels, n_vertices: base.0, n_triangles: base.1, ..Slides::default() };
     for v in 0..base.0 {
-        slides.add_position(rows.position(mesh.replay.row(v)));
+        slides.add_place(mesh.replay.row(v), &rows);
     }
     let corners = mesh.replay.triangles.clone();
     mesh.refine_watched(u64::MAX, check, &mut |replay, step| {
@@ -50,8 +59,14 @@ pub fn slides(mut mesh: Refiner, check: &dyn Fn() -> Result<()>) -> Result<Vec<u
 }
 
 impl Slides {
-    fn add_position(&mut self, position: Vec3) {
-        self.positions.push(position.map(|x| x as f32));
+    /// Appends the position and the colour of a row.
+    fn add_place(&mut self, row: &[u8], rows: &Rows) {
+        self.positions.push(rows.position(row).map(|x| x as f32));
+        let Some(channels) = self.channels else { return };
+        self.record.clear();
+        rows.put_record(row, &mut self.record);
+        let byte = |(scalar, at)| (255.0 * unit_colour(scalar, &self.record, at)).round() as u8;
+        self.colours.push(channels.map(byte));
     }
 
     fn add(&mut self, replay: &Replay, step: &Taken, rows: &Rows) {
@@ -66,9 +81,7 @@ impl Slides {
     fn add_split(&mut self, replay: &Replay, split: &OwnSplit, rows: &Rows) {
         self.put(0);
         self.put(self.n_vertices - split.kept);
-        let [of_new, of_kept] = [0, 1].map(|k| rows.position(&split.rows[k]));
-        self.add_position(of_new);
-        self.add_position(of_kept);
+        split.rows.iter().for_each(|row| self.add_place(row, rows));
         self.n_vertices += 1;
         let corner = |&t: &u32| {
             let k = replay.triangles[t as usize].iter().position(|&v| v == split.kept);
@@ -86,7 +99,7 @@ impl Slides {
         let n_new = other.keys.len() as u32;
         self.put(n_new);
         for i in 0..n_new as usize {
-            self.add_position(rows.position(&other.rows[i * replay.stride..][..replay.stride]));
+            self.add_place(&other.rows[i * replay.stride..][..replay.stride], rows);
         }
         self.n_vertices += n_new;
         let first = self.n_triangles;
@@ -148,7 +161,8 @@ impl Slides {
         let step = if side > 0.0 { side / PLACES } else { 1.0 };
         let mut out = MAGIC.to_vec();
         let numbers = [base.0, base.1, self.n_vertices, self.n_triangles, self.n_steps];
-        let numbers = numbers.into_iter().chain([points.len() as u32]);
+        let has_colours = u32::from(self.channels.is_some());
+        let numbers = numbers.into_iter().chain([points.len() as u32, has_colours, 0]);
         out.extend(numbers.flat_map(u32::to_le_bytes));
         out.extend(
             [bounds.low[0], bounds.low[1], bounds.low[2], step]
@@ -161,6 +175,8 @@ impl Slides {
             }
         }
         // Numbers of four bytes begin where their width divides the offset.
+        out.resize(out.len().next_multiple_of(4), 0);
+        out.extend(self.colours.iter().flatten());
         out.resize(out.len().next_multiple_of(4), 0);
         out.extend(corners.iter().flatten().flat_map(|v| v.to_le_bytes()));
         out.extend(self.steps);

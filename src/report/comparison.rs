@@ -1,7 +1,7 @@
 //! One self-contained HTML page that sets results side by side: pictures from one camera, error, time, memory, angles,
 //! topology. For narrow screens too.
 
-use super::page::{STYLE, bars, escape, histogram, show};
+use super::page::{STYLE, bars, brief, escape, show};
 use super::pictures::pictures_of;
 use crate::error::Result;
 use crate::io::StageOptions;
@@ -18,6 +18,8 @@ use std::path::{Path, PathBuf};
 /// Bins of smallest angles, 0 to 60 degrees.
 const ANGLE_BINS: usize = 60;
 
+const MEBIBYTE: f64 = 1048576.0;
+
 /// A triangle with a smaller angle is a sliver, in degrees.
 const SLIVER: f64 = 10.0;
 
@@ -26,9 +28,12 @@ const CLOSE_UP: f64 = 0.05;
 
 /// Style for pictures and tables of any number of columns; they wrap, or scroll within the page.
 const WIDE: &str = "\
-.row{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,17rem),1fr));gap:1rem}.row img{width:100%;\
-border:1px solid #ddd}.scroll{overflow-x:auto}.scroll td,.scroll th{padding:.15rem .9rem .15rem 0;white-space:nowrap}\
-.best{font-weight:700}thead th{text-align:right}@media(max-width:40rem){body{padding:.8rem}}";
+.row,.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,17rem),1fr));gap:1rem}.plots{gap:0 2rem}\
+.row img{width:100%;border:1px solid #ddd;box-sizing:border-box}.scroll{overflow-x:auto}.best{font-weight:700}\
+.scroll td,.scroll th{padding:.15rem 0 .15rem 1.6rem;border-bottom:1px solid #eee;white-space:nowrap}\
+.scroll th:first-child{padding-left:0}thead th{text-align:right}h3{margin-bottom:.3rem}@media(max-width:40rem){\
+.scroll{font-size:.8rem}.scroll td,.scroll th{padding-left:.7rem}.scroll th:first-child{white-space:normal;width:9rem}\
+.row{grid-template-columns:1fr 1fr;gap:.5rem}h2{font-size:1.2rem}}";
 
 /// A result on the page.
 #[derive(Clone, Debug)]
@@ -65,6 +70,46 @@ impl Angles {
         let median = all.get(all.len() / 2).copied().unwrap_or(0.0);
         Angles { counts, median, slivers: slivers / all.len().max(1) as f64 }
     }
+
+    /// The share of all triangles in each bin.
+    fn shares(&self) -> impl Iterator<Item = f64> {
+        let all = self.counts.iter().sum::<f64>().max(1.0);
+        self.counts.iter().map(move |n| n / all)
+    }
+
+    /// Columns for 0 to 60 degrees, with a line at the median; `most` is the share that is as high as the picture.
+    fn plot(&self, most: f64) -> String {
+        let mut out = String::from(
+            "<svg role=\"img\" aria-label=\"Triangles by their smallest angle\" viewBox=\"0 0 380 150\">",
+        );
+        let x = |degrees: f64| 10.0 + 6.0 * degrees;
+        for (i, share) in self.shares().enumerate().filter(|(_, share)| *share > 0.0) {
+            let height = 110.0 * share / most;
+            // A String takes everything that is written to it.
+            let _ = write!(
+                out,
+                "<rect x=\"{}\" y=\"{:.1}\" width=\"5.4\" height=\"{height:.1}\"/>",
+                x(i as f64),
+                120.0 - height
+            );
+        }
+        for degrees in [0.0, 15.0, 30.0, 45.0, 60.0] {
+            let _ = write!(
+                out,
+                "<text x=\"{}\" y=\"136\" text-anchor=\"middle\">{degrees}\u{b0}</text>",
+                x(degrees)
+            );
+        }
+        let (at, median) = (x(self.median), self.median);
+        let (anchor, aside) = if median > 30.0 { ("end", -4.0) } else { ("start", 4.0) };
+        let _ = write!(
+            out,
+            "<path d=\"M{at:.1} 0V120\" stroke=\"#b03a2e\"/><text x=\"{:.1}\" y=\"11\" text-anchor=\"{anchor}\">\
+             median {median:.0}\u{b0}</text></svg>",
+            at + aside
+        );
+        out
+    }
 }
 
 /// The smallest angle of a triangle, in degrees; 0 where an edge has no length.
@@ -97,7 +142,8 @@ pub fn html(
     for source in &sources[1..] {
         angles.push(Angles::of(&load::load(source, resources.threads, progress)?.mesh));
     }
-    let title = format!("Methods on {}", original.display());
+    let name = original.file_name().unwrap_or(original.as_os_str());
+    let title = format!("Methods on {}", name.to_string_lossy());
     let mut out = String::from("<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">");
     // A String takes everything that is written to it.
     let _ = write!(
@@ -109,8 +155,8 @@ pub fn html(
         show(&json!(sources[0].n_vertices())),
     );
     table(contenders, &angles, &mut out);
-    plots(contenders, &angles, &mut out);
     pictures(&sources, contenders, resources, &mut out, progress)?;
+    plots(contenders, &angles, &mut out);
     out.push_str("</body></html>\n");
     Ok(out)
 }
@@ -137,7 +183,8 @@ fn rows(contenders: &[Contender], angles: &[Angles]) -> Vec<Row> {
         best,
     };
     let topology = |c: &Contender, key: &str| c.measured["simplified"]["topology"][key].clone();
-    let mebibytes = |value: &Value| json!(value.as_f64().unwrap_or(0.0).round() as u64 >> 20);
+    let mebibytes =
+        |value: &Value| json!((value.as_f64().unwrap_or(0.0) / MEBIBYTE).round() as u64);
     let percent = |x: f64| json!((x * 1e4).round() / 100.0);
     vec![
         of("triangles", Best::None, &|c| c.run["output"]["triangles"].clone()),
@@ -181,12 +228,19 @@ fn table(contenders: &[Contender], angles: &[Angles], out: &mut String) {
             Best::Most => numbers.iter().copied().reduce(f64::max),
             Best::None => None,
         };
+        let is_small = numbers.iter().any(|x| *x != 0.0 && x.abs() < 1e-3);
         for value in &values {
             let class = match winner.is_some() && value.as_f64() == winner {
                 true => " class=\"best\"",
                 false => "",
             };
-            let _ = write!(out, "<td{class}>{}</td>", escape(&show(value)));
+            // One notation for a row.
+            let text = match value.as_f64() {
+                Some(x) if is_small => format!("{x:.2e}"),
+                Some(x) => brief(x),
+                None => show(value),
+            };
+            let _ = write!(out, "<td{class}>{}</td>", escape(&text));
         }
         out.push_str("</tr>");
     }
@@ -198,21 +252,19 @@ fn plots(contenders: &[Contender], angles: &[Angles], out: &mut String) {
     let all = |value: &dyn Fn(&Contender) -> f64| -> Vec<(String, f64)> {
         contenders.iter().map(|c| (c.name.clone(), value(c))).collect()
     };
+    out.push_str("<h2>Error, time, memory</h2><div class=\"plots\">");
     for (title, rows, unit) in [
-        ("RMS distance, both ways, in input units", all(&|c| number(&c.measured["rms"])), ""),
+        ("RMS distance, input units", all(&|c| number(&c.measured["rms"])), ""),
         ("Time", all(&|c| number(&c.run["seconds"])), "s"),
-        (
-            "Peak memory",
-            all(&|c| (number(&c.run["peak_memory_bytes"]) / f64::from(1 << 20)).round()),
-            "MiB",
-        ),
+        ("Peak memory", all(&|c| (number(&c.run["peak_memory_bytes"]) / MEBIBYTE).round()), "MiB"),
     ] {
-        let _ = write!(out, "<h2>{title}</h2>{}", bars(title, &rows, unit));
+        let _ = write!(out, "<section><h3>{title}</h3>{}</section>", bars(title, &rows, unit));
     }
-    out.push_str("<h2>Smallest angles of triangles</h2><div class=\"row\">");
+    out.push_str("</div><h2>Smallest angles of triangles</h2><div class=\"plots\">");
+    let most = angles.iter().flat_map(Angles::shares).fold(0.0, f64::max);
     for (contender, angles) in contenders.iter().zip(angles) {
-        let title = format!("{}: smallest angle, degrees", contender.name);
-        let _ = write!(out, "<div>{}</div>", histogram(&title, &angles.counts, ANGLE_BINS as f64));
+        let name = escape(&contender.name);
+        let _ = write!(out, "<section><h3>{name}</h3>{}</section>", angles.plot(most));
     }
     out.push_str("</div>");
 }

@@ -76,38 +76,40 @@ pub fn table(object: &Value) -> String {
     out + "</table>"
 }
 
-/// Horizontal bars, the longest across the whole width; `unit` follows each value.
+/// Horizontal bars, the longest across the width that names and values leave; `unit` follows each value.
 pub fn bars(title: &str, rows: &[(String, f64)], unit: &str) -> String {
     let top = rows.iter().map(|row| row.1).fold(0.0, f64::max);
     if top <= 0.0 {
         return String::new();
     }
-    let height = 26 * rows.len() + 6;
-    let mut out = format!(
-        "<svg role=\"img\" aria-label=\"{0}\" viewBox=\"0 0 720 {height}\"><title>{0}</title>",
-        escape(title)
-    );
-    for (i, (name, value)) in rows.iter().enumerate() {
-        let (y, width) = (26 * i + 4, value / top * 400.0);
-        let name = escape(name);
-        let value = match value.fract() == 0.0 && *value < 1e15 {
-            true => grouped(*value as u64),
-            false => show(&serde_json::json!(value)),
-        };
+    let mut out = format!("<div class=\"bars\" role=\"img\" aria-label=\"{}\">", escape(title));
+    for (name, value) in rows {
+        // A String takes everything that is written to it.
         let _ = write!(
             out,
-            "<text x=\"190\" y=\"{}\" text-anchor=\"end\">{name}</text>\
-             <rect x=\"200\" y=\"{y}\" width=\"{width:.1}\" height=\"18\"/>\
-             <text x=\"{:.1}\" y=\"{}\">{value} {unit}</text>",
-            y + 14,
-            206.0 + width,
-            y + 14
+            "<span>{}</span><div><i style=\"width:{:.1}%\"></i></div><span>{} {unit}</span>",
+            escape(name),
+            100.0 * value / top,
+            brief(*value),
         );
     }
-    out + "</svg>"
+    out + "</div>"
 }
 
-/// Two distributions over the same kind of axis, as columns; logarithmic in the count.
+/// A number of three digits, counts in full.
+pub fn brief(x: f64) -> String {
+    match x.abs() {
+        _ if x.fract() == 0.0 && (0.0..1e15).contains(&x) => grouped(x as u64),
+        _ if x.fract() == 0.0 && x.abs() < 1e15 => format!("-{}", grouped(-x as u64)),
+        size if !(1e-3..1e6).contains(&size) => format!("{x:.2e}"),
+        size if size < 1.0 => format!("{x:.4}"),
+        size if size < 10.0 => format!("{x:.2}"),
+        size if size < 100.0 => format!("{x:.1}"),
+        _ => format!("{x:.0}"),
+    }
+}
+
+/// A distribution as columns; logarithmic in the count.
 pub fn histogram(title: &str, counts: &[f64], top: f64) -> String {
     let most = counts.iter().copied().fold(0.0, f64::max);
     if most <= 0.0 {
@@ -144,7 +146,10 @@ pub const STYLE: &str = "\
 color:#222;background:#fff}h1{font-size:1.6rem}h2{margin-top:2.2rem;border-bottom:1px solid #ddd}\
 table{border-collapse:collapse;margin:.6rem 0}th{text-align:left;font-weight:500;color:#555;padding:.1rem 1.5rem .1rem 0}\
 td{text-align:right;font-variant-numeric:tabular-nums}svg{width:100%;max-width:46rem;display:block}\
-svg rect{fill:#3b6ea5}svg text{font-size:13px;fill:#333}.pair{display:grid;grid-template-columns:1fr 1fr;gap:1rem}\
+svg rect{fill:#3b6ea5}svg text{font-size:13px;fill:#333}\
+.bars{display:grid;grid-template-columns:auto 1fr auto;gap:.2rem .8rem;max-width:46rem;font-size:.9rem;align-items:center}\
+.bars span:nth-child(3n+1){text-align:right}.bars i{display:block;height:1rem;background:#3b6ea5;min-width:1px}\
+.pair{display:grid;grid-template-columns:1fr 1fr;gap:1rem}\
 .pair img{width:100%;border:1px solid #ddd}figure{margin:0}figcaption{color:#555;font-size:.9rem}\
 canvas{width:100%;max-width:60rem;aspect-ratio:4/3;display:block;border:1px solid #ddd}#viewer-slider{width:100%;max-width:60rem;display:block}.columns{display:flex;flex-wrap:wrap;gap:1rem 3rem}.columns section{max-width:100%;overflow-x:auto}\
 .line{font-size:1.25rem}h1{overflow-wrap:anywhere}td{overflow-wrap:anywhere}@media(max-width:40rem){body{padding:.8rem}.pair{gap:.3rem}}";

@@ -1,6 +1,6 @@
 //! The page with a progressive mesh and a slider over its triangles, whole by itself.
 
-use super::page::{STYLE, VIEWER, escape};
+use super::page::{STYLE, VIEWER, brief, escape};
 use base64::Engine;
 
 /// A progressive mesh as a page shows it.
@@ -25,7 +25,7 @@ pub fn slider_html(title: &str, slider: &Slider) -> String {
 
 /// The picture, the slider and the viewer, for any page with `STYLE`.
 pub(super) fn part(slider: &Slider) -> String {
-    let [coarsest, finest] = slider.triangles;
+    let [coarsest, finest] = slider.triangles.map(|n| brief(n as f64));
     let slides = base64::engine::general_purpose::STANDARD.encode(&slider.slides);
     format!(
         "<canvas id=\"viewer\" aria-label=\"The mesh in 3D\"></canvas>\

@@ -7,8 +7,11 @@ use std::path::Path;
 use std::process::Command;
 use stonecut::progressive::{Refiner, slides};
 
-/// A triangle by the places of its corners, which begin with the least.
-type Placed = [[u16; 3]; 3];
+/// A place and a colour, black where there is none.
+type Spot = [u16; 6];
+
+/// A triangle by the spots of its corners, which begin with the least.
+type Placed = [Spot; 3];
 
 /// The bytes of a page, read as its script does.
 struct Read<'a> {
@@ -49,7 +52,7 @@ impl Read<'_> {
 
 /// A mesh on the way.
 struct Mesh {
-    places: Vec<[u16; 3]>,
+    places: Vec<Spot>,
     triangles: Vec<Option<[u32; 3]>>,
 }
 
@@ -78,13 +81,26 @@ fn turned(t: Placed) -> Placed {
 
 /// All meshes of a page that have one of these counts, the last of each count.
 fn meshes(bytes: &[u8], counts: &[usize]) -> Vec<Vec<Placed>> {
-    assert_eq!(&bytes[..8], b"stncuts1");
+    assert_eq!(&bytes[..8], b"stncuts2");
     let mut read = Read { bytes, at: 8 };
-    let [base_vertices, base_triangles, n_vertices, n_triangles, n_steps, n_positions] =
-        std::array::from_fn(|_| read.u32());
-    let u16_at = |i: usize| u16::from_le_bytes(bytes[64 + 2 * i..66 + 2 * i].try_into().unwrap());
-    let mut positions = (0..n_positions as usize).map(|i| [0, 1, 2].map(|k| u16_at(3 * i + k)));
-    read.at = 64 + (6 * n_positions as usize).next_multiple_of(4);
+    let [
+        base_vertices,
+        base_triangles,
+        n_vertices,
+        n_triangles,
+        n_steps,
+        n_positions,
+        has_colours,
+        _,
+    ] = std::array::from_fn(|_| read.u32());
+    let u16_at = |i: usize| u16::from_le_bytes(bytes[72 + 2 * i..74 + 2 * i].try_into().unwrap());
+    let colours = 72 + (6 * n_positions as usize).next_multiple_of(4);
+    let colour = |i: usize| if has_colours == 1 { u16::from(bytes[colours + i]) } else { 0 };
+    let mut positions = (0..n_positions as usize).map(|i| {
+        [0, 1, 2, 3, 4, 5].map(|k| if k < 3 { u16_at(3 * i + k) } else { colour(3 * i + k - 3) })
+    });
+    read.at = colours;
+    read.at += (3 * has_colours as usize * n_positions as usize).next_multiple_of(4);
     let mut mesh = Mesh {
         places: positions.by_ref().take(base_vertices as usize).collect(),
         triangles: (0..base_triangles).map(|_| Some(std::array::from_fn(|_| read.u32()))).collect(),
@@ -138,17 +154,26 @@ fn meshes(bytes: &[u8], counts: &[usize]) -> Vec<Vec<Placed>> {
 /// What `refine` makes of the same count, in the places of the page.
 fn refined(pm: &Path, n: usize, bytes: &[u8]) -> Vec<Placed> {
     let f64_at = |at: usize| f64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
-    let (low, step) = ([32, 40, 48].map(f64_at), f64_at(56));
+    let (low, step) = ([40, 48, 56].map(f64_at), f64_at(64));
     let mut mesh = Refiner::open(pm, 1 << 30).unwrap();
     mesh.refine(n as u64, &|| Ok(())).unwrap();
     let schema = mesh.schema().clone();
+    let colour = ["red", "green", "blue"].map(|name| {
+        let mut at = schema.position_bytes();
+        schema.properties.iter().find_map(|p| {
+            at += p.scalar.bytes();
+            (p.name == name).then(|| at - p.scalar.bytes())
+        })
+    });
     let (mut places, mut out) = (Vec::new(), Vec::new());
     let ordered = mesh.ordered();
     ordered
         .records(|records| {
             for record in records.chunks_exact(schema.record_bytes()) {
                 let at = schema.position(record).map(|x| f64::from(x as f32));
-                places.push([0, 1, 2].map(|k| ((at[k] - low[k]) / step).round() as u16));
+                let place = |k: usize| ((at[k] - low[k]) / step).round() as u16;
+                let [r, g, b] = colour.map(|at| at.map_or(0, |at| u16::from(record[at])));
+                places.push([place(0), place(1), place(2), r, g, b]);
             }
             Ok(())
         })
@@ -208,7 +233,18 @@ import { readFileSync } from "node:fs";
 const bytes = readFileSync("slides.bin");
 const slides = new Slides(bytes.buffer.slice(bytes.byteOffset, bytes.byteOffset + bytes.length));
 const counts = process.argv.slice(2).map(Number);
-const place = (v) => [0, 1, 2].map((k) => Math.round((slides.position[3 * v + k] + 1) * 32767.5));
+const place = (v) => [...slides.place.subarray(4 * v, 4 * v + 3), ...(slides.colour?.subarray(4 * v, 4 * v + 3) ?? [0, 0, 0])];
+// What the graphics card has: only the ranges that are named.
+const card = { index: slides.index.slice(), place: slides.place.slice() };
+slides.corners.take(1);
+slides.vertices.take(1);
+const send = () => {
+  for (const [from, n] of slides.corners.take(8)) card.index.set(slides.index.subarray(from, from + n), from);
+  for (const [from, n] of slides.vertices.take(8)) card.place.set(slides.place.subarray(4 * from, 4 * (from + n)), 4 * from);
+  const isSame = (a, b, n) => a.subarray(0, n).every((x, i) => x === b[i]);
+  if (!isSame(card.index, slides.index, 3 * slides.drawn)) throw new Error("corners were not sent");
+  if (!isSame(card.place, slides.place, 4 * slides.vertexEnd)) throw new Error("places were not sent");
+};
 const mesh = () => {
   const out = [];
   for (let t = 0; t < slides.drawn; t += 1) {
@@ -216,6 +252,7 @@ const mesh = () => {
     if (a !== b) out.push([a, b, c].map(place));
   }
   if (out.length !== slides.triangles) throw new Error("another count");
+  send();
   return out;
 };
 const step = counts.map((n) => slides.stepFor(n));
@@ -224,14 +261,29 @@ for (const target of [step[0], step[4], 0, step[2], slides.nSteps, 0]) while (!s
 const up = step.map((s) => { slides.go(s); return mesh(); });
 slides.go(slides.nSteps);
 const down = [...step].reverse().map((s) => { slides.go(s); return mesh(); }).reverse();
-console.log(JSON.stringify([up, down]));
+// Frames with vertices that glide, some turning round half-way; the clock begins again in between.
+let now = 1e6;
+const glide = (wanted) => {
+  for (const turn of [Math.round(slides.nSteps / 3), wanted, slides.nSteps, wanted]) {
+    for (let frame = 0; frame < 5; frame += 1) {
+      slides.advance(turn, now += 16, { milliseconds: 0, isGliding: true });
+      send();
+    }
+  }
+  while (!slides.advance(wanted, now += 16, { isGliding: true })) send();
+  now += 3e5;
+  if (slides.share(0) !== 1) throw new Error("a vertex is on its way");
+  return mesh();
+};
+const glided = step.map(glide);
+console.log(JSON.stringify([up, down, glided]));
 "#;
     std::fs::write(at.join("try.mjs"), script).unwrap();
     let numbers = counts.iter().map(usize::to_string);
     let output =
         Command::new("node").arg("try.mjs").args(numbers).current_dir(at).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let ways: [Vec<Vec<Placed>>; 2] = serde_json::from_slice(&output.stdout).unwrap();
+    let ways: [Vec<Vec<Placed>>; 3] = serde_json::from_slice(&output.stdout).unwrap();
     for way in ways {
         for (found, wanted) in way.into_iter().zip(wanted).filter(|(_, wanted)| !wanted.is_empty())
         {

@@ -1,7 +1,7 @@
 // The page of `stonecut tiles --viewer`: NASA's 3d-tiles-renderer over three.js. Bundled into
 // src/pipeline/tiles/assets/viewer.js, see README.md.
 //
-// The address may say: ?error=16 (pixels), &view=x,y,z,tx,ty,tz (camera and its target, y upwards), &back=ff0000,
+// The address may say: ?error=16 (pixels) or ?triangles=2000000 (in the picture, at most), &view=x,y,z,tx,ty,tz (camera and its target, y upwards), &back=ff0000,
 // &plain (white, without light), &still (no panel). `document.title` begins with "settled" when everything is loaded.
 import { Color, DirectionalLight, HemisphereLight, Matrix4, MeshBasicMaterial, DoubleSide, PerspectiveCamera, Scene,
   Sphere, Vector3, WebGLRenderer } from 'three';
@@ -39,6 +39,9 @@ if (words.has('plain')) {
   tiles.addEventListener('load-model', ({ scene }) => scene.traverse(o => { if (o.isMesh) o.material = white; }));
 }
 
+// Pixels of error between which the count is met.
+const [LEAST_ERROR, MOST_ERROR] = [0.25, 4096];
+
 let framed = false;
 function frame() {
   if (framed || !tiles.root) return;
@@ -73,8 +76,27 @@ tiles.addEventListener('load-root-tileset', frame);
 const panel = document.getElementById('panel');
 const facts = document.getElementById('facts');
 const error = document.getElementById('error');
-error.value = Math.log2(tiles.errorTarget);
-error.addEventListener('input', () => { tiles.errorTarget = 2 ** Number(error.value); });
+const count = document.getElementById('count');
+
+// Either slider rules, the one that was moved last; the other one follows. With a count, the error is looked for between one
+// that shows too many triangles and one that does not, by halves, whenever everything is loaded.
+let budget = Number(words.get('triangles')) || 0;
+let [tooFine, coarse] = [0, Infinity];
+const search = () => { [tooFine, coarse] = [0, Infinity]; };
+controls.addEventListener('change', search);
+error.addEventListener('input', () => { budget = 0; tiles.errorTarget = 2 ** Number(error.value); });
+count.addEventListener('input', () => { budget = 2 ** Number(count.value); search(); });
+function keepCount(triangles) {
+  const now = tiles.errorTarget;
+  if (triangles > budget) tooFine = now; else coarse = now;
+  if (coarse / tooFine < 1.05) {
+    tiles.errorTarget = coarse;
+    return;
+  }
+  const step = Math.min(Math.max(Math.sqrt(triangles / budget), 0.25), 4);
+  const next = tooFine && coarse < Infinity ? Math.sqrt(tooFine * coarse) : now * (triangles > budget ? Math.max(step, 1.1) : Math.min(step, 0.9));
+  tiles.errorTarget = Math.min(Math.max(next, LEAST_ERROR), MOST_ERROR);
+}
 if (words.has('still')) panel.style.display = 'none';
 
 function resize() {
@@ -97,6 +119,14 @@ renderer.setAnimationLoop(() => {
   const shown = tiles.visibleTiles.size;
   quiet = framed && shown > 0 && downloading + parsing + queued === 0 ? quiet + 1 : 0;
   const triangles = renderer.info.render.triangles;
+  // A new error takes a frame to show.
+  if (budget > 0 && quiet > 2) {
+    const before = tiles.errorTarget;
+    keepCount(triangles);
+    if (tiles.errorTarget !== before) quiet = 0;
+  }
+  error.value = Math.log2(tiles.errorTarget);
+  if (budget === 0) count.value = Math.log2(Math.max(triangles, 1));
   facts.textContent = `${shown} tiles, ${(triangles / 1e6).toFixed(2)} M triangles, ` +
     `${tiles.errorTarget.toFixed(0)} px` + (downloading + parsing ? `, ${downloading + parsing} loading` : '') +
     (failed ? `, ${failed} failed` : '');

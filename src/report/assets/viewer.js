@@ -1,10 +1,11 @@
 // Shows the GLB embedded in the page, or the progressive mesh with a slider, to turn around with mouse or fingers.
 import {
-  AmbientLight, Box3, BufferAttribute, BufferGeometry, Color, DirectionalLight, DynamicDrawUsage, LineBasicMaterial,
-  LineSegments, Mesh, MeshStandardMaterial, PerspectiveCamera, Scene, Sphere, Vector3, WebGLRenderer, WireframeGeometry,
+  AmbientLight, Box3, Color, DirectionalLight, LineBasicMaterial, LineSegments, MeshStandardMaterial, PerspectiveCamera, Scene,
+  Vector3, WebGLRenderer, WireframeGeometry,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { GLTFLoader } from "three/examples/jsm/loaders/GLTFLoader.js";
+import { slide } from "./slider.js";
 import { Slides } from "./slides.js";
 
 const canvas = document.getElementById("viewer");
@@ -14,10 +15,19 @@ const bytesOf = (id) => {
   return element && Uint8Array.from(atob(element.textContent.trim()), (c) => c.charCodeAt(0)).buffer;
 };
 
+// Without a graphics card smooth edges take most of the time of a picture (docs/results/methods.md#page-with-a-slider).
+function isSoftware() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const about = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = about ? gl.getParameter(about.UNMASKED_RENDERER_WEBGL) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
+}
+
 function start() {
   let renderer;
   try {
-    renderer = new WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });
+    renderer = new WebGLRenderer({ canvas, antialias: !isSoftware(), preserveDrawingBuffer: true });
   } catch (error) {
     note.textContent = "This browser shows no 3D pictures (WebGL is off).";
     return;
@@ -66,7 +76,9 @@ function start() {
   const progressive = bytesOf("slides");
   if (progressive) {
     try {
-      slide(new Slides(progressive), { scene, draw, look, ready });
+      const slides = new Slides(progressive);
+      slide(slides, { scene, draw, look, ready, note });
+      window.slides = slides;
     } catch (error) {
       note.textContent = "The model cannot be shown: " + error;
     }
@@ -94,56 +106,6 @@ function start() {
     note.textContent = "Drag to turn, wheel to zoom, right button to move.";
     ready();
   }, (error) => { note.textContent = "The model cannot be shown: " + error; });
-}
-
-// Steps are taken for at most this long a frame, in milliseconds, so that the mesh can be turned meanwhile.
-const FRAME = 12;
-
-// The mesh goes to the count that the slider names, step by step, from wherever it is. The slider is logarithmic.
-function slide(slides, { scene, draw, look, ready }) {
-  const geometry = new BufferGeometry();
-  const position = new BufferAttribute(slides.position, 3).setUsage(DynamicDrawUsage);
-  const index = new BufferAttribute(slides.index, 1).setUsage(DynamicDrawUsage);
-  geometry.setAttribute("position", position);
-  geometry.setIndex(index);
-  geometry.boundingSphere = new Sphere(new Vector3(), 2);
-  const material = new MeshStandardMaterial({ color: 0xcabfae, roughness: 0.85, side: 2, flatShading: true });
-  const mesh = new Mesh(geometry, material);
-  scene.add(mesh);
-  const slider = document.getElementById("viewer-slider");
-  const count = document.getElementById("viewer-count");
-  const ratio = slides.finest / Math.max(slides.coarsest, 1);
-  let wanted = slides.step;
-  let isMoving = false;
-  const show = () => {
-    geometry.setDrawRange(0, 3 * slides.drawn);
-    position.needsUpdate = true;
-    index.needsUpdate = true;
-    count.textContent = slides.triangles.toLocaleString("en") + " triangles";
-    document.body.dataset.triangles = slides.triangles;
-    draw();
-  };
-  const frame = () => {
-    isMoving = !slides.go(wanted, FRAME);
-    show();
-    if (isMoving) requestAnimationFrame(frame);
-  };
-  slider.addEventListener("input", () => {
-    wanted = slides.stepFor(Math.round(Math.max(slides.coarsest, 1) * ratio ** (slider.value / slider.max)));
-    if (!isMoving) {
-      isMoving = true;
-      requestAnimationFrame(frame);
-    }
-  });
-  document.getElementById("viewer-edges").addEventListener("change", (event) => {
-    mesh.material.wireframe = event.target.checked;
-    draw();
-  });
-  geometry.computeBoundingBox();
-  look(geometry.boundingBox.getCenter(new Vector3()), geometry.boundingBox.getSize(new Vector3()).length() / 2 || 1);
-  show();
-  note.textContent = "Drag to turn, wheel to zoom, right button to move.";
-  ready();
 }
 
 start();
