@@ -8,6 +8,7 @@ pub mod convert;
 mod demo;
 mod display;
 mod extract;
+mod http;
 mod info;
 mod levels;
 mod log;

@@ -3,22 +3,15 @@
 //! Reads only, and only below the folder: an address is taken apart by its parts, and what it leads to must lie
 //! below the folder after all links are followed. Does not list folders and does not cache.
 
+use super::http::{self, Request, Response};
 use super::log::Log;
 use crate::error::{Error, Result};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
-use tiny_http::{Header, Method, Request, Response, Server};
-
-/// Requests that are answered at a time; browsers send six.
-const THREADS: usize = 8;
-
-/// A request to stop is looked for so often.
-const WAIT: Duration = Duration::from_millis(200);
 
 /// Offers a folder to browsers on this machine
 ///
@@ -45,86 +38,51 @@ impl Args {
 pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     let reading = |e| Error::reading(&args.folder, "cannot open", e);
     let root = args.folder.canonicalize().map_err(reading)?;
-    let server = Server::http(SocketAddr::new(args.address, args.port)).map_err(|e| {
-        let at = SocketAddr::new(args.address, args.port);
-        Error::Usage(format!("cannot listen at {at}: {e}; give another --port"))
-    })?;
-    let at = server.server_addr().to_ip();
-    let at = at.unwrap_or_else(|| SocketAddr::new(args.address, args.port));
+    let at = SocketAddr::new(args.address, args.port);
+    let busy = |e| Error::Usage(format!("cannot listen at {at}: {e}; give another --port"));
+    let listener = TcpListener::bind(at).map_err(busy)?;
+    let at = listener.local_addr().unwrap_or(at);
     log.say(format!("http://{at}/ shows {}; stop with Ctrl-C", root.display()));
-    std::thread::scope(|scope| {
-        let worker = || {
-            while progress.check().is_ok() {
-                match server.recv_timeout(WAIT) {
-                    Ok(Some(request)) => answer(request, &root, at.ip()),
-                    Ok(None) => {}
-                    Err(_) => return,
-                }
-            }
-        };
-        for _ in 1..THREADS {
-            // Fewer threads give the same answers.
-            let _ = std::thread::Builder::new().spawn_scoped(scope, worker);
-        }
-        worker();
-    });
+    let is_over = || progress.check().is_err();
+    http::serve(&listener, &is_over, &|request| answer(request, &root, at.ip())).map_err(busy)?;
     progress.check()
 }
 
-/// A response to a request.
-enum Answer {
+/// What there is at an address.
+enum Found {
     File { file: File, kind: &'static str, range: Option<(u64, u64)>, length: u64 },
     Refused(u16, Option<u64>),
 }
 
-fn answer(request: Request, root: &Path, own: IpAddr) {
-    let get = |name: &str| {
-        let field =
-            request.headers().iter().find(|h| h.field.as_str().as_str().eq_ignore_ascii_case(name));
-        field.map(|h| h.value.as_str().to_owned())
+fn answer(request: &Request, root: &Path, own: IpAddr) -> Response {
+    let is_read = matches!(request.method.as_str(), "GET" | "HEAD");
+    let found = match (is_read, is_meant(own, request.header("host"))) {
+        (false, _) => Found::Refused(405, None),
+        (_, false) => Found::Refused(403, None),
+        _ => find(root, &request.target, request.header("range")),
     };
-    let is_read = matches!(request.method(), Method::Get | Method::Head);
-    let found = match (is_read, is_meant(own, get("host").as_deref())) {
-        (false, _) => Answer::Refused(405, None),
-        (_, false) => Answer::Refused(403, None),
-        _ => find(root, request.url(), get("range").as_deref()),
-    };
-    let header = |name: &str, value: &str| {
-        Header::from_bytes(name.as_bytes(), value.as_bytes()).expect("written here, in ASCII")
-    };
-    // A browser that has gone away is not a fault.
-    let _ = match found {
-        Answer::Refused(code, length) => {
-            let mut response = Response::from_string(format!("{code}\n")).with_status_code(code);
-            if let Some(length) = length {
-                response.add_header(header("Content-Range", &format!("bytes */{length}")));
-            }
-            request.respond(response)
-        }
-        Answer::File { mut file, kind, range, length } => {
-            let (first, end) = range.unwrap_or((0, length));
-            if file.seek(SeekFrom::Start(first)).is_err() {
-                let _ = request.respond(Response::from_string("500\n").with_status_code(500));
-                return;
-            }
-            let mut headers = vec![
-                header("Content-Type", kind),
-                header("Accept-Ranges", "bytes"),
-                header("X-Content-Type-Options", "nosniff"),
-                header("Cache-Control", "no-cache"),
-            ];
-            if range.is_some() {
-                let value = format!("bytes {first}-{}/{length}", end - 1);
-                headers.push(header("Content-Range", &value));
-            }
-            let code = if range.is_some() { 206 } else { 200 };
-            let n = end - first;
-            // Bodies of known length, however long.
-            let body = file.take(n);
-            let response = Response::new(code.into(), headers, body, Some(n as usize), None);
-            request.respond(response.with_chunked_threshold(usize::MAX))
+    let (mut file, kind, range, length) = match found {
+        Found::File { file, kind, range, length } => (file, kind, range, length),
+        Found::Refused(code, length) => {
+            let of = length.map(|length| ("Content-Range", format!("bytes */{length}")));
+            return Response { headers: of.into_iter().collect(), ..Response::refused(code) };
         }
     };
+    let (first, end) = range.unwrap_or((0, length));
+    if file.seek(SeekFrom::Start(first)).is_err() {
+        return Response::refused(500);
+    }
+    let mut headers = vec![
+        ("Content-Type", kind.to_owned()),
+        ("Accept-Ranges", "bytes".to_owned()),
+        ("X-Content-Type-Options", "nosniff".to_owned()),
+        ("Cache-Control", "no-cache".to_owned()),
+    ];
+    if range.is_some() {
+        headers.push(("Content-Range", format!("bytes {first}-{}/{length}", end - 1)));
+    }
+    let code = if range.is_some() { 206 } else { 200 };
+    Response { code, headers, body: Some(file.take(end - first)) }
 }
 
 /// Tells if a request names this server. A page elsewhere could make its own name lead to this machine, and read
@@ -142,8 +100,8 @@ fn is_meant(own: IpAddr, host: Option<&str>) -> bool {
 }
 
 /// Finds the file of an address.
-fn find(root: &Path, url: &str, range: Option<&str>) -> Answer {
-    let missing = || Answer::Refused(404, None);
+fn find(root: &Path, url: &str, range: Option<&str>) -> Found {
+    let missing = || Found::Refused(404, None);
     let Some(mut path) = path_of(root, url) else { return missing() };
     if path.is_dir() {
         path.push("index.html");
@@ -157,11 +115,11 @@ fn find(root: &Path, url: &str, range: Option<&str>) -> Answer {
     let Ok(length) = file.metadata().map(|meta| meta.len()) else { return missing() };
     let kind = kind_of(&path);
     match range.map(|range| wanted(range, length)) {
-        None | Some(Wanted::Whole) => Answer::File { file, kind, range: None, length },
+        None | Some(Wanted::Whole) => Found::File { file, kind, range: None, length },
         Some(Wanted::Part(first, end)) => {
-            Answer::File { file, kind, range: Some((first, end)), length }
+            Found::File { file, kind, range: Some((first, end)), length }
         }
-        Some(Wanted::Beyond) => Answer::Refused(416, Some(length)),
+        Some(Wanted::Beyond) => Found::Refused(416, Some(length)),
     }
 }
 

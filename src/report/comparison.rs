@@ -28,7 +28,7 @@ const CLOSE_UP: f64 = 0.05;
 
 /// Style for pictures and tables of any number of columns; they wrap, or scroll within the page.
 const WIDE: &str = "\
-.row,.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,17rem),1fr));gap:1rem}.plots{gap:0 2rem}\
+.row,.plots{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,13rem),1fr));gap:1rem}.plots{gap:0 2rem}\
 .row img{width:100%;border:1px solid #ddd;box-sizing:border-box}.scroll{overflow-x:auto}.best{font-weight:700}\
 .scroll td,.scroll th{padding:.15rem 0 .15rem 1.6rem;border-bottom:1px solid #eee;white-space:nowrap}\
 .scroll th:first-child{padding-left:0}thead th{text-align:right}h3{margin-bottom:.3rem}@media(max-width:40rem){\
@@ -80,7 +80,7 @@ impl Angles {
     /// Columns for 0 to 60 degrees, with a line at the median; `most` is the share that is as high as the picture.
     fn plot(&self, most: f64) -> String {
         let mut out = String::from(
-            "<svg role=\"img\" aria-label=\"Triangles by their smallest angle\" viewBox=\"0 0 380 150\">",
+            "<svg role=\"img\" aria-label=\"Triangles by their smallest angle\" viewBox=\"0 0 390 150\">",
         );
         let x = |degrees: f64| 10.0 + 6.0 * degrees;
         for (i, share) in self.shares().enumerate().filter(|(_, share)| *share > 0.0) {
@@ -329,7 +329,7 @@ mod tests {
         let both = [contender("a<b", 0.5), contender("c", 0.25)];
         let mut out = String::new();
         table(&both, &[Angles::default(), Angles::default()], &mut out);
-        assert!(out.contains("<td>0.5000</td><td class=\"best\">0.2500</td>"), "{out}");
+        assert!(out.contains("<td>0.500</td><td class=\"best\">0.250</td>"), "{out}");
         assert!(out.contains("a&lt;b") && !out.contains("a<b"));
         assert!(plots_of(&both).contains("Peak memory"));
     }

@@ -79,6 +79,40 @@ fn files_come_whole_and_in_parts_with_their_types() {
     }
 }
 
+/// Browsers open six connections a page and keep them: the last ones waited until the first ones were closed.
+#[test]
+fn connections_that_stay_open_do_not_hold_others_up() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a.txt"), "all of it").unwrap();
+    let served = serve(folder.path());
+    let mut open: Vec<TcpStream> =
+        (0..40).map(|_| TcpStream::connect(&served.address).unwrap()).collect();
+    // Two requests at once on each, then a third one.
+    let text = format!("GET /a.txt HTTP/1.1\r\nHost: {}\r\n\r\n", served.address);
+    for (asked, times) in [(format!("{text}{text}"), 2), (text.clone(), 1)] {
+        for stream in &mut open {
+            stream.set_read_timeout(Some(std::time::Duration::from_secs(60))).unwrap();
+            stream.write_all(asked.as_bytes()).unwrap();
+        }
+        for stream in &mut open {
+            let mut found = Vec::new();
+            while found.windows(9).filter(|w| w == b"all of it").count() < times {
+                let mut some = [0; 500];
+                let n = stream.read(&mut some).unwrap();
+                assert!(n > 0, "closed after {}", String::from_utf8_lossy(&found));
+                found.extend_from_slice(&some[..n]);
+            }
+        }
+    }
+    for bad in ["nonsense\r\n\r\n", "POST / HTTP/1.1\r\nContent-Length: 3\r\n\r\nabc"] {
+        let mut stream = TcpStream::connect(&served.address).unwrap();
+        stream.write_all(bad.as_bytes()).unwrap();
+        let mut found = String::new();
+        stream.read_to_string(&mut found).unwrap();
+        assert!(found.starts_with("HTTP/1.1 40") && found.contains("Connection: close"), "{found}");
+    }
+}
+
 #[test]
 fn nothing_outside_of_the_folder_is_served() {
     let above = tempfile::tempdir().unwrap();
