@@ -134,7 +134,7 @@ pub(super) fn serve(
 
 struct Connection<'a> {
     stream: TcpStream,
-    /// What was read and not yet used.
+    /// Bytes that were read and not yet used.
     read: Vec<u8>,
     is_over: &'a (dyn Fn() -> bool + Sync),
 }

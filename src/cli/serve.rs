@@ -48,7 +48,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     progress.check()
 }
 
-/// What there is at an address.
+/// The file at an address, or a refusal.
 enum Found {
     File { file: File, kind: &'static str, range: Option<(u64, u64)>, length: u64 },
     Refused(u16, Option<u64>),
