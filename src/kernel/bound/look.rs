@@ -76,6 +76,12 @@ impl Tracker {
                 .map(|v| sub(self.local(surface.vertices[v as usize].position), place));
             scratch.faces.extend(Face::new(patch.ids[i], (patch.b[i], patch.c[i]), to_b, to_c));
         }
+        // A face that is turned over can hang over a hole, or over another sheet, unseen by any witness: only a small one may.
+        let most = self.limit * self.limit;
+        let is_long = |face: &Face| dot(face.to_b, face.to_b).max(dot(face.to_c, face.to_c)) > most;
+        if patch.turns && scratch.faces.iter().any(is_long) {
+            return false;
+        }
         if scratch.faces.is_empty() {
             return patch.ids.iter().all(|&t| self.head[t as usize] == NONE);
         }
