@@ -2,8 +2,9 @@
 
 #![allow(clippy::unwrap_used)]
 
-use crate::common::{count, expect, run};
+use crate::common::{count, expect, run, write_ply};
 use std::path::Path;
+use stonecut::mesh::property::Scalar;
 
 /// The larger one of the two distances that `measure` finds.
 fn measured(at: &Path, input: &str, output: &str) -> f64 {
@@ -46,6 +47,36 @@ fn the_result_stays_within_the_bound_and_goes_far() {
         }
         // The specks of a volume stay: four triangles each.
         assert!(before < 6_000, "{kind}: {before}");
+    }
+}
+
+#[test]
+fn holes_wider_than_the_bound_stay_open_and_cost_little() {
+    const SIDE: u32 = 80;
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let holes = [(20.0, 20.0, 3.0), (60.0, 25.0, 2.5), (40.0, 60.0, 4.0), (10.0, 70.0, 2.5)];
+    let mut positions = Vec::new();
+    let mut triangles = Vec::new();
+    for (y, x) in (0..=SIDE).flat_map(|y| (0..=SIDE).map(move |x| (y, x))) {
+        let (u, v) = (f64::from(x), f64::from(y));
+        positions.push([u, v, 0.3 * (0.7 * u).sin() * (0.9 * v).cos()]);
+        let is_in = |&(a, b, r): &(f64, f64, f64)| (u + 0.5 - a).hypot(v + 0.5 - b) < r;
+        if x < SIDE && y < SIDE && !holes.iter().any(is_in) {
+            let first = y * (SIDE + 1) + x;
+            let above = first + SIDE + 1;
+            triangles.extend([[first, first + 1, above + 1], [first, above + 1, above]]);
+        }
+    }
+    write_ply(&at.join("in.ply"), Scalar::F32, &positions, &triangles);
+    for bound in [0.5, 1.0, 1.5] {
+        let command = format!("simplify in.ply o.ply --max-error {bound} --force --report r.json");
+        expect(at, &command, 0);
+        let report = json(&at.join("r.json"));
+        // Triangles that were turned over spanned a hole, and each further run left thousands.
+        let n = count(&report["output"], "triangles");
+        assert!(n < 100, "{bound}: {n}");
+        assert_eq!(report["max_error"]["trials"].as_array().unwrap().len(), 1, "{bound}");
     }
 }
 

@@ -33,6 +33,8 @@ pub(super) struct Input {
     first: Vec<u32>,
     /// The other two corners of each triangle.
     around: Vec<[u32; 2]>,
+    /// True for witnesses with an open edge.
+    is_open: Vec<bool>,
 }
 
 impl Input {
@@ -65,21 +67,32 @@ impl Input {
                 *place += 1;
             }
         }
-        Input { witnesses, first, around }
+        let mut input = Input { witnesses, first, around, is_open: Vec::new() };
+        // Every neighbour is a second corner once and a third corner once, but at open ends.
+        let is_open = |v: u32| input.around(v).iter().fold(0, |sum, [b, c]| sum ^ b ^ c) != 0;
+        input.is_open = (0..input.witnesses.len() as u32).map(is_open).collect();
+        input
+    }
+
+    /// True for a vertex with an open edge.
+    pub(super) fn is_open(&self, witness: u32) -> bool {
+        self.is_open[witness as usize]
     }
 
     /// Memory that it holds, in bytes.
     pub(super) fn bytes(&self) -> u64 {
         let witnesses = self.witnesses.len() * size_of::<Witness>();
-        (witnesses + 4 * self.first.len() + size_of::<[u32; 2]>() * self.around.len()) as u64
+        (witnesses
+            + self.is_open.len()
+            + 4 * self.first.len()
+            + size_of::<[u32; 2]>() * self.around.len()) as u64
     }
 
     /// The witnesses at the other ends of the edges of a witness; each once where the input is manifold.
     pub(super) fn neighbours(&self, witness: u32) -> impl Iterator<Item = u32> {
         let around = self.around(witness);
         // All are second corners but one at each open end, where a third corner has an edge of one triangle.
-        let is_open = around.iter().fold(0, |sum, [b, c]| sum ^ b ^ c) != 0;
-        let thirds = if is_open { around } else { &[] };
+        let thirds = if self.is_open(witness) { around } else { &[] };
         let is_end = move |c: &u32| !around.iter().any(|[b, _]| b == c);
         let ends = thirds.iter().map(|&[_, c]| c).filter(is_end);
         around.iter().map(|&[b, _]| b).chain(ends)

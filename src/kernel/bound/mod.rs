@@ -12,6 +12,7 @@ mod between;
 mod fan;
 mod input;
 mod look;
+mod outside;
 mod result;
 pub(crate) mod scratch;
 pub(crate) mod tight;

@@ -182,7 +182,7 @@ impl Tracker {
 
     /// True if a point is near the input, found from one of the witnesses of the collapse.
     #[inline(always)]
-    fn is_near_some<L: Lanes>(&self, point: [f32; 3], scratch: &mut Scratch) -> bool {
+    pub(super) fn is_near_some<L: Lanes>(&self, point: [f32; 3], scratch: &mut Scratch) -> bool {
         let from = self.nearest_witness(point, scratch);
         from == NONE || self.is_near::<L>(point, from, &mut scratch.fan)
     }

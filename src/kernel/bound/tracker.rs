@@ -12,7 +12,7 @@ use crate::mesh::vec3::Vec3;
 
 /// The witnesses, and which triangle each belongs to.
 ///
-/// Memory: 40 bytes a vertex and 24 a triangle of the input, 4 a triangle of the surface, and 640 KiB for what was
+/// Memory: 41 bytes a vertex and 24 a triangle of the input, 4 a triangle of the surface, and 640 KiB for what was
 /// refused.
 #[derive(Clone)]
 pub(crate) struct Tracker {
