@@ -302,8 +302,7 @@ impl Used {
             sink.write_vertices(&kept)?;
         }
         if is_full {
-            done.n_bytes = self.write_full_faces(input, sink, progress)?;
-            return Ok(());
+            return self.write_full_faces(input, sink, done, progress);
         }
         let mut block = FaceBlock::default();
         let mut place = 0;
@@ -333,8 +332,9 @@ impl Used {
         &self,
         input: &Input,
         mut sink: MeshSink,
+        done: &mut Converted,
         progress: &Progress,
-    ) -> Result<u64> {
+    ) -> Result<()> {
         let source = input.source;
         let value_bytes: usize = source.face_properties().iter().map(|p| p.scalar.bytes()).sum();
         let mut blocks = FullBlocks {
@@ -371,7 +371,9 @@ impl Used {
             progress.check()?;
             blocks.write(&mut sink)?;
         }
-        sink.finish()
+        done.notes.extend(sink.loss());
+        done.n_bytes = sink.finish()?;
+        Ok(())
     }
 }
 

@@ -14,6 +14,8 @@ pub struct MeshSink {
     writer: Writer,
     /// Files that come before the mesh, and the disk that they are written through.
     textures: Option<(TexturePlan, Disk)>,
+    /// Faces whose texture coordinates no OBJ or GLB can hold.
+    n_not_finite: u64,
 }
 
 /// One writer for each kind of file.
@@ -52,7 +54,7 @@ impl MeshSink {
                 Writer::Glb(Box::new(GlbWriter::create_as(place, header, positions)?))
             }
         };
-        Ok(MeshSink { writer, textures })
+        Ok(MeshSink { writer, textures, n_not_finite: 0 })
     }
 
     /// Appends packed records of the header's schema.
@@ -82,6 +84,11 @@ impl MeshSink {
         triangles: &[TexturedTriangle],
         values: &[u8],
     ) -> Result<()> {
+        if let Writer::Obj(_) | Writer::Glb(_) = self.writer {
+            let is_bad =
+                |t: &&TexturedTriangle| !t.texture.as_flattened().iter().all(|x| x.is_finite());
+            self.n_not_finite += triangles.iter().filter(is_bad).count() as u64;
+        }
         match &mut self.writer {
             Writer::Ply(sink) => sink.write_full_faces(triangles, values),
             Writer::Obj(sink) => sink.write_full_faces(triangles, values),
@@ -101,6 +108,16 @@ impl MeshSink {
                 self.write_faces(&wide)
             }
         }
+    }
+
+    /// Words on what the format could not hold, so far.
+    pub fn loss(&self) -> Option<String> {
+        let n = self.n_not_finite;
+        (n > 0).then(|| {
+            format!(
+                "{n} faces have texture coordinates that are not finite: 0 was written for them"
+            )
+        })
     }
 
     /// Writes what stands beside the mesh, then syncs and renames it; returns the file's length in bytes.

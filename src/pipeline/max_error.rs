@@ -29,15 +29,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// Trials at most; the second or third one keeps the bound as a rule.
-const MOST_TRIALS: usize = 9;
+const MOST_TRIALS: usize = 14;
 /// After this many trials the bound is tightened everywhere.
-const LOCAL_TRIALS: usize = 7;
+const LOCAL_TRIALS: usize = 11;
 /// Share of the bound that the first trial keeps: between the points that the kernel looks at the surface is a little farther
 /// away.
-const FIRST: f64 = 0.96;
-/// Share of the bound that the next trial keeps everywhere, beside the places: what changes there changes others a
-/// little, and some of them were about to exceed it.
-const EASED: f64 = 0.97;
+const FIRST: f64 = 0.94;
 /// Share of the bound that is kept in hand, beyond the excess, where it was exceeded.
 const KEPT: f64 = 0.1;
 /// Growth of the ball around a place beyond the bound with every trial; the first one's radius is the longest edge of the
@@ -300,10 +297,9 @@ fn run_trial(
 impl Tightened {
     /// Tightens it as much as a trial was beyond the bound: there, or everywhere if the places are not known.
     fn tighten(&mut self, last: &Trial, bound: f64) {
-        self.share = match last.beyond.is_empty() || last.number >= LOCAL_TRIALS {
-            true => last.next_share(bound),
-            false => EASED * self.share,
-        };
+        if last.beyond.is_empty() || last.number >= LOCAL_TRIALS {
+            self.share = last.next_share(bound);
+        }
         let known = self.places.len();
         for one in &last.beyond {
             let before = self.places[..known].iter().filter(|tight| {

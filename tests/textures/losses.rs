@@ -117,6 +117,22 @@ fn coordinates_and_images_that_are_not_whole_are_named() {
 }
 
 #[test]
+fn coordinates_of_faces_that_are_not_finite_are_named() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    let text = "ply\nformat ascii 1.0\ncomment TextureFile a.png\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+                element face 4\nproperty list uchar int vertex_indices\nproperty list uchar float texcoord\nend_header\n\
+                0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2 6 nan 0 1 0 0 1\n3 0 3 1 6 0 0 1 0 0 1\n3 0 2 3 6 0 0 1 0 0 1\n\
+                3 1 3 2 6 0 0 1 inf 0 1\n";
+    std::fs::write(folder.join("in.ply"), text).unwrap();
+    let odd = "2 faces have texture coordinates that are not finite";
+    for output in ["out.obj", "out.glb"] {
+        says_all(&expect(folder, &format!("convert in.ply {output}"), 0), &[odd]);
+    }
+    assert!(!expect(folder, "convert in.ply out.ply", 0).contains(odd));
+}
+
+#[test]
 fn libraries_that_name_themselves_end() {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path();
