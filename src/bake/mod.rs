@@ -60,8 +60,7 @@ pub struct Baked {
 /// Shares of the memory: cells of the original, decoded images, points under way.
 const CELL_SHARE: u64 = 3;
 const IMAGE_SHARE: u64 = 3;
-/// The rest is for cells and images while they are read: a hundred million triangles took 10 % more than the budget with
-/// points in a quarter.
+/// The rest is for cells and images while they are read.
 const POINT_SHARE: u64 = 10;
 
 /// Gives the result `shape` a texture from `original`; files get names that begin with `name` in the folder `place`.
