@@ -8,7 +8,6 @@ pub mod convert;
 mod demo;
 mod display;
 mod extract;
-mod http;
 mod info;
 mod levels;
 mod log;

@@ -1,17 +1,30 @@
 //! `stonecut serve`: a folder over HTTP, for viewers of tiles on this machine.
 //!
 //! Reads only, and only below the folder: an address is taken apart by its parts, and what it leads to must lie
-//! below the folder after all links are followed. Does not list folders and does not cache.
+//! below the folder after all links are followed. Does not list folders. `hyper` speaks HTTP/1.1, `tower-http` answers
+//! from files: types, ranges, dates.
 
-use super::http::{self, Request, Response};
 use super::log::Log;
 use crate::error::{Error, Result};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
-use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use http_body_util::{Either, Full};
+use hyper::body::{Bytes, Incoming};
+use hyper::header::{CACHE_CONTROL, CONNECTION, HOST, HeaderValue, X_CONTENT_TYPE_OPTIONS};
+use hyper::{Method, Request, Response, StatusCode};
+use hyper_util::rt::{TokioIo, TokioTimer};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+use tower_http::services::ServeFile;
+use tower_http::services::fs::ServeFileSystemResponseBody;
+
+/// A request to stop is looked for so often; a connection that could not be accepted is tried again after it.
+const STOP_WAIT: Duration = Duration::from_millis(200);
+
+/// A connection on which no request comes for so long is closed.
+const IDLE: Duration = Duration::from_secs(60);
 
 /// Offers a folder to browsers on this machine
 ///
@@ -43,46 +56,82 @@ pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     let listener = TcpListener::bind(at).map_err(busy)?;
     let at = listener.local_addr().unwrap_or(at);
     log.say(format!("http://{at}/ shows {}; stop with Ctrl-C", root.display()));
-    let is_over = || progress.check().is_err();
-    http::serve(&listener, &is_over, &|request| answer(request, &root, at.ip())).map_err(busy)?;
+    let offered = Arc::new(Offered { root, address: at.ip() });
+    listener
+        .set_nonblocking(true)
+        .and_then(|()| tokio::runtime::Builder::new_current_thread().enable_all().build())
+        .and_then(|runtime| runtime.block_on(listen(listener, offered, progress)))
+        .map_err(busy)?;
     progress.check()
 }
 
-/// The file at an address, or a refusal.
-enum Found {
-    File { file: File, kind: &'static str, range: Option<(u64, u64)>, length: u64 },
-    Refused(u16, Option<u64>),
+/// Answers every connection until the progress is cancelled; those that are open then are dropped.
+async fn listen(
+    listener: TcpListener,
+    offered: Arc<Offered>,
+    progress: &Progress,
+) -> std::io::Result<()> {
+    let listener = tokio::net::TcpListener::from_std(listener)?;
+    while progress.check().is_ok() {
+        match tokio::time::timeout(STOP_WAIT, listener.accept()).await {
+            Ok(Ok((stream, _))) => drop(tokio::spawn(talk(stream, Arc::clone(&offered)))),
+            // Out of descriptors, or gone before it was accepted.
+            Ok(Err(_)) => tokio::time::sleep(STOP_WAIT).await,
+            Err(_) => {}
+        }
+    }
+    Ok(())
 }
 
-fn answer(request: &Request, root: &Path, own: IpAddr) -> Response {
-    let is_read = matches!(request.method.as_str(), "GET" | "HEAD");
-    let found = match (is_read, is_meant(own, request.header("host"))) {
-        (false, _) => Found::Refused(405, None),
-        (_, false) => Found::Refused(403, None),
-        _ => find(root, &request.target, request.header("range")),
-    };
-    let (mut file, kind, range, length) = match found {
-        Found::File { file, kind, range, length } => (file, kind, range, length),
-        Found::Refused(code, length) => {
-            let of = length.map(|length| ("Content-Range", format!("bytes */{length}")));
-            return Response { headers: of.into_iter().collect(), ..Response::refused(code) };
+/// Answers the requests of a connection until it is closed.
+async fn talk(stream: tokio::net::TcpStream, offered: Arc<Offered>) {
+    let _ = stream.set_nodelay(true);
+    let answer = hyper::service::service_fn(move |request| {
+        let offered = Arc::clone(&offered);
+        async move { offered.answer(request).await }
+    });
+    let mut http = hyper::server::conn::http1::Builder::new();
+    http.timer(TokioTimer::new()).header_read_timeout(IDLE);
+    // A browser that has gone away is not a fault.
+    let _ = http.serve_connection(TokioIo::new(stream), answer).await;
+}
+
+/// A file, or a code in words.
+type Body = Either<ServeFileSystemResponseBody, Full<Bytes>>;
+
+/// A folder, and the address at which it is offered.
+struct Offered {
+    root: PathBuf,
+    address: IpAddr,
+}
+
+impl Offered {
+    async fn answer(&self, request: Request<Incoming>) -> std::io::Result<Response<Body>> {
+        let host = request.headers().get(HOST).and_then(|host| host.to_str().ok());
+        if !matches!(*request.method(), Method::GET | Method::HEAD) {
+            return Ok(refused(StatusCode::METHOD_NOT_ALLOWED));
         }
-    };
-    let (first, end) = range.unwrap_or((0, length));
-    if file.seek(SeekFrom::Start(first)).is_err() {
-        return Response::refused(500);
+        if !is_meant(self.address, host) {
+            return Ok(refused(StatusCode::FORBIDDEN));
+        }
+        let target = request.uri();
+        let path =
+            (target.authority().is_none()).then(|| find(&self.root, target.path())).flatten();
+        let Some(path) = path else { return Ok(refused(StatusCode::NOT_FOUND)) };
+        let mut response = ServeFile::new(path).try_call(request).await?.map(Either::Left);
+        let headers = response.headers_mut();
+        headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-cache"));
+        headers.insert(X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+        Ok(response)
     }
-    let mut headers = vec![
-        ("Content-Type", kind.to_owned()),
-        ("Accept-Ranges", "bytes".to_owned()),
-        ("X-Content-Type-Options", "nosniff".to_owned()),
-        ("Cache-Control", "no-cache".to_owned()),
-    ];
-    if range.is_some() {
-        headers.push(("Content-Range", format!("bytes {first}-{}/{length}", end - 1)));
-    }
-    let code = if range.is_some() { 206 } else { 200 };
-    Response { code, headers, body: Some(file.take(end - first)) }
+}
+
+/// A code alone. The connection ends with it: what may follow a request that is refused is not read.
+fn refused(code: StatusCode) -> Response<Body> {
+    let mut response = Response::new(Either::Right(Full::from(format!("{code}\n"))));
+    *response.status_mut() = code;
+    response.headers_mut().insert(CONNECTION, HeaderValue::from_static("close"));
+    response
 }
 
 /// Tells if a request names this server. A page elsewhere could make its own name lead to this machine, and read
@@ -100,99 +149,30 @@ fn is_meant(own: IpAddr, host: Option<&str>) -> bool {
 }
 
 /// Finds the file of an address.
-fn find(root: &Path, url: &str, range: Option<&str>) -> Found {
-    let missing = || Found::Refused(404, None);
-    let Some(mut path) = path_of(root, url) else { return missing() };
+fn find(root: &Path, address: &str) -> Option<PathBuf> {
+    let mut path = path_of(root, address)?;
     if path.is_dir() {
         path.push("index.html");
     }
     // Links are followed before the place is looked at, so none leads out.
-    let Ok(path) = path.canonicalize() else { return missing() };
-    if !path.starts_with(root) {
-        return missing();
-    }
-    let Ok(file) = crate::system::disk::open_input(&path) else { return missing() };
-    let Ok(length) = file.metadata().map(|meta| meta.len()) else { return missing() };
-    let kind = kind_of(&path);
-    match range.map(|range| wanted(range, length)) {
-        None | Some(Wanted::Whole) => Found::File { file, kind, range: None, length },
-        Some(Wanted::Part(first, end)) => {
-            Found::File { file, kind, range: Some((first, end)), length }
-        }
-        Some(Wanted::Beyond) => Found::Refused(416, Some(length)),
-    }
+    let path = path.canonicalize().ok()?;
+    (path.starts_with(root) && path.is_file()).then_some(path)
 }
 
 /// The path below `root` that an address names; none if any of its parts is not a plain name.
-fn path_of(root: &Path, url: &str) -> Option<PathBuf> {
-    let address = url.split(['?', '#']).next()?;
+fn path_of(root: &Path, address: &str) -> Option<PathBuf> {
     let mut path = root.to_path_buf();
     for part in address.strip_prefix('/')?.split('/') {
         // Taken apart first: an encoded slash is part of a name, and no file has such a name.
-        let name = decoded(part)?;
+        let name = percent_encoding::percent_decode_str(part).decode_utf8().ok()?;
         if name.is_empty() {
             continue;
         }
         let is_plain = name != "." && name != ".." && !name.contains(['/', '\\', '\0']);
         is_plain.then_some(())?;
-        path.push(name);
+        path.push(name.as_ref());
     }
     Some(path)
-}
-
-/// Text in which `%20` stands for a blank.
-fn decoded(text: &str) -> Option<String> {
-    let (bytes, mut out, mut i) = (text.as_bytes(), Vec::new(), 0);
-    while i < bytes.len() {
-        if bytes[i] == b'%' {
-            let hex = std::str::from_utf8(bytes.get(i + 1..i + 3)?).ok()?;
-            hex.bytes().all(|b| b.is_ascii_hexdigit()).then_some(())?;
-            out.push(u8::from_str_radix(hex, 16).ok()?);
-            i += 3;
-        } else {
-            out.push(bytes[i]);
-            i += 1;
-        }
-    }
-    String::from_utf8(out).ok()
-}
-
-/// The part of a file that a request wants.
-#[derive(Debug, PartialEq)]
-enum Wanted {
-    Whole,
-    /// First byte and the one behind the last.
-    Part(u64, u64),
-    Beyond,
-}
-
-/// Reads `bytes=5-9`, `bytes=5-` and `bytes=-5` (RFC 9110); anything else is ignored, as it allows.
-fn wanted(range: &str, length: u64) -> Wanted {
-    let Some((first, last)) = range.strip_prefix("bytes=").and_then(|r| r.split_once('-')) else {
-        return Wanted::Whole;
-    };
-    let parse = |text: &str| text.trim().parse::<u64>().ok();
-    let (first, end) = match (parse(first), parse(last)) {
-        (Some(first), Some(last)) if last >= first => (first, last.saturating_add(1).min(length)),
-        (Some(first), None) if last.trim().is_empty() => (first, length),
-        (None, Some(n)) if first.trim().is_empty() && n > 0 => (length.saturating_sub(n), length),
-        _ => return Wanted::Whole,
-    };
-    if first < end { Wanted::Part(first, end) } else { Wanted::Beyond }
-}
-
-fn kind_of(path: &Path) -> &'static str {
-    match path.extension().and_then(|ext| ext.to_str()) {
-        Some("html") => "text/html; charset=utf-8",
-        Some("js") => "text/javascript; charset=utf-8",
-        Some("css") => "text/css; charset=utf-8",
-        Some("json") => "application/json",
-        Some("glb") => "model/gltf-binary",
-        Some("txt") => "text/plain; charset=utf-8",
-        Some("png") => "image/png",
-        Some("jpg" | "jpeg") => "image/jpeg",
-        _ => "application/octet-stream",
-    }
 }
 
 #[cfg(test)]
@@ -212,10 +192,6 @@ mod tests {
             "/..\\x",
             "/%5c..%5cx",
             "/a%00b",
-            "/%",
-            "/%4",
-            "/%zz",
-            "/%+1",
             "http://host/x",
             "x",
             "/./x",
@@ -225,33 +201,13 @@ mod tests {
         }
         for (url, path) in [
             ("/", "/srv/tiles"),
-            ("/tileset.json?v=../..", "/srv/tiles/tileset.json"),
+            ("/tileset.json", "/srv/tiles/tileset.json"),
             ("//etc/passwd", "/srv/tiles/etc/passwd"),
             ("/a%20b/..c", "/srv/tiles/a b/..c"),
             ("/%252e%252e/x", "/srv/tiles/%2e%2e/x"),
+            ("/100%", "/srv/tiles/100%"),
         ] {
             assert_eq!(path_of(root, url).as_deref(), Some(Path::new(path)), "{url}");
-        }
-    }
-
-    #[test]
-    fn parts_of_files_are_those_that_were_asked_for() {
-        use Wanted::{Beyond, Part, Whole};
-        for (range, found) in [
-            ("bytes=0-0", Part(0, 1)),
-            ("bytes=5-", Part(5, 10)),
-            ("bytes=-3", Part(7, 10)),
-            ("bytes=-30", Part(0, 10)),
-            ("bytes=8-99", Part(8, 10)),
-            ("bytes=10-", Beyond),
-            ("bytes=18446744073709551615-18446744073709551615", Beyond),
-            ("bytes=5-4", Whole),
-            ("bytes=-0", Whole),
-            ("bytes=1-2,4-5", Whole),
-            ("lines=1-2", Whole),
-            ("bytes=", Whole),
-        ] {
-            assert_eq!(wanted(range, 10), found, "{range}");
         }
     }
 
