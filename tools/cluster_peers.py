@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Runs a peer on a binary PLY: VTK's quadric clustering or DecimatePro, meshoptimizer's simplifySloppy, pyacvd, or MeshLab's
-isotropic remeshing.
+"""Runs a peer on a binary PLY: VTK's quadric clustering or DecimatePro, meshoptimizer's simplifySloppy, pyacvd, MeshLab's
+isotropic remeshing, or libigl's quadric edge collapse.
 
-    python -m venv v && v/bin/pip install numpy vtk meshoptimizer pyacvd pymeshlab
-    v/bin/python tools/cluster_peers.py IN.ply {vtkqc,pro,sloppy,acvd,meshlab} TRIANGLES OUT.ply [CELL]
+    python -m venv v && v/bin/pip install numpy vtk meshoptimizer pyacvd pymeshlab libigl
+    v/bin/python tools/cluster_peers.py IN.ply {vtkqc,pro,sloppy,acvd,meshlab,qslim} TRIANGLES OUT.ply [CELL]
 
 CELL is the length to begin with for vtkqc, in input units; divisions are changed until 95 to 100 % of the count is met.
 Prints one line of JSON. Seconds are those of the peer's call, reading, writing and conversion of arrays left out.
@@ -135,6 +135,14 @@ def meshlab(vertices, faces, target, _):
             break
         length *= (n / (0.985 * target)) ** 0.5
     return out.vertex_matrix(), out.face_matrix(), seconds
+
+
+def qslim(vertices, faces, target, _):
+    import igl
+
+    start = time.time()
+    points, ids, *_ = igl.qslim(vertices.astype("f8"), faces.astype("i4"), target)
+    return points, ids, time.time() - start
 
 
 if __name__ == "__main__":

@@ -50,17 +50,19 @@ pub struct Contender {
 
 /// Shapes of the triangles of a mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
-struct Angles {
+struct Shapes {
     /// Triangles by their smallest angle, in bins of one degree.
     counts: Vec<f64>,
     /// Median of the smallest angles, in degrees.
     median: f64,
     /// Share of slivers.
     slivers: f64,
+    /// Mean length of an edge, in input units.
+    mean_edge: f64,
 }
 
-impl Angles {
-    fn of(mesh: &Mesh) -> Angles {
+impl Shapes {
+    fn of(mesh: &Mesh) -> Shapes {
         let mut all: Vec<f64> =
             (0..mesh.triangles.len()).map(|t| smallest(mesh.corners(t))).collect();
         all.sort_by(f64::total_cmp);
@@ -68,7 +70,12 @@ impl Angles {
         all.iter().for_each(|angle| counts[(*angle as usize).min(ANGLE_BINS - 1)] += 1.0);
         let slivers = all.partition_point(|&angle| angle < SLIVER) as f64;
         let median = all.get(all.len() / 2).copied().unwrap_or(0.0);
-        Angles { counts, median, slivers: slivers / all.len().max(1) as f64 }
+        let n = all.len().max(1) as f64;
+        let around = |[p, q, r]: [[f64; 3]; 3]| {
+            [sub(q, p), sub(r, q), sub(p, r)].map(|edge| length_sq(edge).sqrt()).iter().sum::<f64>()
+        };
+        let lengths: f64 = (0..mesh.triangles.len()).map(|t| around(mesh.corners(t))).sum();
+        Shapes { counts, median, slivers: slivers / n, mean_edge: lengths / (3.0 * n) }
     }
 
     /// The share of all triangles in each bin.
@@ -138,9 +145,9 @@ pub fn html(
         .chain(contenders.iter().map(|contender| contender.mesh.as_path()))
         .map(|path| MeshSource::open_staged(path, &stage))
         .collect::<Result<_>>()?;
-    let mut angles = Vec::new();
+    let mut shapes = Vec::new();
     for source in &sources[1..] {
-        angles.push(Angles::of(&load::load(source, resources.threads, progress)?.mesh));
+        shapes.push(Shapes::of(&load::load(source, resources.threads, progress)?.mesh));
     }
     let name = original.file_name().unwrap_or(original.as_os_str());
     let title = format!("Methods on {}", name.to_string_lossy());
@@ -154,9 +161,9 @@ pub fn html(
         show(&json!(sources[0].n_triangles())),
         show(&json!(sources[0].n_vertices())),
     );
-    table(contenders, &angles, &mut out);
+    table(contenders, &shapes, &mut out);
     pictures(&sources, contenders, resources, &mut out, progress)?;
-    plots(contenders, &angles, &mut out);
+    plots(contenders, &shapes, &mut out);
     out.push_str("</body></html>\n");
     Ok(out)
 }
@@ -176,7 +183,7 @@ enum Best {
     None,
 }
 
-fn rows(contenders: &[Contender], angles: &[Angles]) -> Vec<Row> {
+fn rows(contenders: &[Contender], shapes: &[Shapes]) -> Vec<Row> {
     let of = |name: &'static str, best: Best, value: &dyn Fn(&Contender) -> Value| Row {
         name,
         values: contenders.iter().map(value).collect(),
@@ -186,11 +193,21 @@ fn rows(contenders: &[Contender], angles: &[Angles]) -> Vec<Row> {
     let mebibytes =
         |value: &Value| json!((value.as_f64().unwrap_or(0.0) / MEBIBYTE).round() as u64);
     let percent = |x: f64| json!((x * 1e4).round() / 100.0);
+    // Near 100 the triangles are too few for the scan, whatever the count that was met.
+    let error_per_edge = |(c, shapes): (&Contender, &Shapes)| match c.measured["rms"].as_f64() {
+        Some(rms) if shapes.mean_edge > 0.0 => percent(rms / shapes.mean_edge),
+        _ => Value::Null,
+    };
     vec![
         of("triangles", Best::None, &|c| c.run["output"]["triangles"].clone()),
         of("vertices", Best::None, &|c| c.run["output"]["vertices"].clone()),
         of("RMS distance, both ways", Best::Least, &|c| c.measured["rms"].clone()),
         of("… of the diagonal", Best::None, &|c| c.measured["relative_rms"].clone()),
+        Row {
+            name: "… of the mean edge, %",
+            values: contenders.iter().zip(shapes).map(error_per_edge).collect(),
+            best: Best::None,
+        },
         of("farthest, original to result", Best::Least, &|c| c.measured["forward"]["max"].clone()),
         of("farthest, result to original", Best::Least, &|c| c.measured["backward"]["max"].clone()),
         of("seconds", Best::Least, &|c| c.run["seconds"].clone()),
@@ -198,12 +215,12 @@ fn rows(contenders: &[Contender], angles: &[Angles]) -> Vec<Row> {
         of("peak disk, MiB", Best::Least, &|c| mebibytes(&c.run["peak_temp_bytes"])),
         Row {
             name: "median smallest angle, degrees",
-            values: angles.iter().map(|angles| json!(angles.median)).collect(),
+            values: shapes.iter().map(|shapes| json!(shapes.median)).collect(),
             best: Best::Most,
         },
         Row {
             name: "slivers below 10 degrees, %",
-            values: angles.iter().map(|angles| percent(angles.slivers)).collect(),
+            values: shapes.iter().map(|shapes| percent(shapes.slivers)).collect(),
             best: Best::Least,
         },
         of("components", Best::None, &|c| topology(c, "components")),
@@ -214,13 +231,13 @@ fn rows(contenders: &[Contender], angles: &[Angles]) -> Vec<Row> {
     ]
 }
 
-fn table(contenders: &[Contender], angles: &[Angles], out: &mut String) {
+fn table(contenders: &[Contender], shapes: &[Shapes], out: &mut String) {
     out.push_str("<div class=\"scroll\"><table><thead><tr><th></th>");
     for contender in contenders {
         let _ = write!(out, "<th>{}</th>", escape(&contender.name));
     }
     out.push_str("</tr></thead>");
-    for Row { name, values, best } in rows(contenders, angles) {
+    for Row { name, values, best } in rows(contenders, shapes) {
         let _ = write!(out, "<tr><th>{}</th>", escape(name));
         let numbers: Vec<f64> = values.iter().filter_map(Value::as_f64).collect();
         let winner = match best {
@@ -247,7 +264,7 @@ fn table(contenders: &[Contender], angles: &[Angles], out: &mut String) {
     out.push_str("</table></div>");
 }
 
-fn plots(contenders: &[Contender], angles: &[Angles], out: &mut String) {
+fn plots(contenders: &[Contender], shapes: &[Shapes], out: &mut String) {
     let number = |value: &Value| value.as_f64().unwrap_or(0.0);
     let all = |value: &dyn Fn(&Contender) -> f64| -> Vec<(String, f64)> {
         contenders.iter().map(|c| (c.name.clone(), value(c))).collect()
@@ -261,10 +278,10 @@ fn plots(contenders: &[Contender], angles: &[Angles], out: &mut String) {
         let _ = write!(out, "<section><h3>{title}</h3>{}</section>", bars(title, &rows, unit));
     }
     out.push_str("</div><h2>Smallest angles of triangles</h2><div class=\"plots\">");
-    let most = angles.iter().flat_map(Angles::shares).fold(0.0, f64::max);
-    for (contender, angles) in contenders.iter().zip(angles) {
+    let most = shapes.iter().flat_map(Shapes::shares).fold(0.0, f64::max);
+    for (contender, shapes) in contenders.iter().zip(shapes) {
         let name = escape(&contender.name);
-        let _ = write!(out, "<section><h3>{name}</h3>{}</section>", angles.plot(most));
+        let _ = write!(out, "<section><h3>{name}</h3>{}</section>", shapes.plot(most));
     }
     out.push_str("</div>");
 }
@@ -312,9 +329,10 @@ mod tests {
             [2.0, 0.0, 0.0],
         ];
         let mesh = Mesh::new(positions, vec![[0, 1, 2], [0, 1, 3], [0, 1, 4]]);
-        let angles = Angles::of(&mesh);
-        assert!((angles.median - 45.0).abs() < 1e-9 && (angles.slivers - 1.0 / 3.0).abs() < 1e-9);
-        assert_eq!((angles.counts[0], angles.counts.iter().sum::<f64>()), (1.0, 3.0));
+        let shapes = Shapes::of(&mesh);
+        assert!((shapes.median - 45.0).abs() < 1e-9 && (shapes.slivers - 1.0 / 3.0).abs() < 1e-9);
+        assert_eq!((shapes.counts[0], shapes.counts.iter().sum::<f64>()), (1.0, 3.0));
+        assert!((shapes.mean_edge - (9.0 + 2.0f64.sqrt()) / 9.0).abs() < 1e-9, "{shapes:?}");
         assert_eq!(smallest([[0.0; 3]; 3]), 0.0);
     }
 
@@ -328,7 +346,9 @@ mod tests {
         };
         let both = [contender("a<b", 0.5), contender("c", 0.25)];
         let mut out = String::new();
-        table(&both, &[Angles::default(), Angles::default()], &mut out);
+        let shapes = Shapes { mean_edge: 2.0, ..Shapes::default() };
+        table(&both, &[shapes, Shapes::default()], &mut out);
+        assert!(out.contains("… of the mean edge, %</th><td>25</td><td>-</td>"), "{out}");
         assert!(out.contains("<td>0.500</td><td class=\"best\">0.250</td>"), "{out}");
         assert!(out.contains("a&lt;b") && !out.contains("a<b"));
         assert!(plots_of(&both).contains("Peak memory"));

@@ -90,17 +90,18 @@ pub fn next_step_within_bound(
     if now <= cell_triangles.saturating_mul(FINISH_CELLS) {
         return Step::Finish;
     }
-    // The last shares of the bound: once for the cells, once more for what were their seams.
-    let is_at_an_end = rounds_done > BOUND_SHARES.len() as u32
-        && (rounds_done >= MOST_ROUNDS || now as f64 > 0.97 * before as f64);
+    // The whole bound: once for the cells, once more for what were their seams.
+    let is_at_an_end =
+        rounds_done > 1 && (rounds_done >= MOST_ROUNDS || now as f64 > 0.97 * before as f64);
     if is_at_an_end { Step::Done } else { Step::Round((now as f64 * EXPECTED_SHARE) as u64) }
 }
 
-/// Of the bound, what each round may use; later ones and the finish: all.
+/// Of the bound, what the first round may use; later ones and the finish: all.
 ///
-/// Errors grow about as the area of a triangle, so that the first round leaves about four times the triangles of
-/// the result, as towards a count.
-const BOUND_SHARES: [f64; 2] = [0.12, 0.5];
+/// Errors grow about as the area of a triangle, so that it leaves about four times the triangles of the result, as towards
+/// a count. A second share between costs up to two thirds more triangles, since what a round has used adds up
+/// (docs/design/bound.md).
+const FIRST_SHARE: f64 = 0.12;
 
 /// A round before the last ones ends where the bound refuses more collapses, at one level, than this share of the
 /// triangles.
@@ -111,7 +112,7 @@ const EXPECTED_SHARE: f64 = 0.5;
 
 /// Share of the bound that a round may use.
 pub fn bound_share(round: u32) -> f64 {
-    BOUND_SHARES.get(round as usize).copied().unwrap_or(1.0)
+    if round == 0 { FIRST_SHARE } else { 1.0 }
 }
 
 /// Tells if the next level of a chain begins from a result of this many triangles, or else from what the finish took in:
