@@ -8,9 +8,11 @@
 
 use crate::io::tileset::TreeTile;
 use crate::mesh::bounds::Bounds;
+use crate::mesh::vec3::{length_sq, sub};
 use crate::stages::tiles::tile_path;
 use crate::store::cell_id::CellId;
 use crate::store::cells::{BoxKey, GroupRecord, Lattice, TileRecord, group_of, parent_of};
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
 /// Errors grow from level to level by this share at least.
@@ -161,6 +163,39 @@ impl Tree {
                 let parent = parent.expect("there is at least one");
                 self.tiles[parent as usize].children.push(tile);
             }
+            self.share_out(levels, &self.owned[round][group].clone());
+        }
+    }
+
+    /// Gives each tile of a group that got no finer one the nearest of the tile that has most: a viewer would go on showing
+    /// it beside what takes its place. A group is refined whole, so any of its tiles may lead to any finer one.
+    fn share_out(&mut self, levels: &Levels, parents: &[u32]) {
+        for &poor in parents {
+            if !self.tiles[poor as usize].children.is_empty() {
+                continue;
+            }
+            let n_children = |parent: u32| self.tiles[parent as usize].children.len();
+            let rich = parents.iter().copied().max_by_key(|&p| (n_children(p), Reverse(p)));
+            let rich = rich.filter(|&rich| n_children(rich) > 1);
+            let child = rich.and_then(|rich| {
+                let centre = self.tiles[poor as usize].content_bounds.middle();
+                let tiles = &self.tiles;
+                let off_sq = |child: &u32| {
+                    length_sq(sub(tiles[*child as usize].content_bounds.middle(), centre))
+                };
+                let children = &self.tiles[rich as usize].children;
+                let nearest = (0..children.len())
+                    .min_by(|a, b| off_sq(&children[*a]).total_cmp(&off_sq(&children[*b])))?;
+                Some(self.tiles[rich as usize].children.remove(nearest))
+            });
+            // Fewer finer tiles than coarse ones: one without content takes its place.
+            let child = child.unwrap_or_else(|| {
+                let empty = self.push(levels, 0, self.keys[poor as usize], None);
+                self.tiles[empty as usize].content_bounds =
+                    self.tiles[poor as usize].content_bounds;
+                empty
+            });
+            self.tiles[poor as usize].children.push(child);
         }
     }
 
@@ -245,4 +280,59 @@ fn bounds_of(tile: &TileRecord) -> Bounds {
     let extent = (0..3).map(|k| tile.high[k] - tile.low[k]).fold(0.0, f64::max);
     let rim = extent.max(f64::MIN_POSITIVE) / 8192.0;
     Bounds { low: tile.low.map(|x| x - rim), high: tile.high.map(|x| x + rim) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tile(key: BoxKey, x: f64) -> TileRecord {
+        TileRecord {
+            key,
+            triangles: 10,
+            low: [x, 0.0, 0.0],
+            high: [x + 1.0, 1.0, 1.0],
+            ..TileRecord::default()
+        }
+    }
+
+    fn round(tiles: Vec<TileRecord>, group: BoxKey) -> Vec<GroupRecord> {
+        vec![GroupRecord { group, tiles, deviation: 0.1, ..GroupRecord::default() }]
+    }
+
+    fn made(finest: Vec<TileRecord>, coarse: Vec<TileRecord>) -> Vec<TreeTile> {
+        let lattice = Lattice { origin: [0.0; 3], step: 0.001 };
+        let rounds = [round(finest, [0; 3]), round(coarse, [0; 3])];
+        let top = tile([0; 3], 0.0);
+        let levels = Levels { lattice, rounds: &rounds, hidden: &[], top: &top, pixels: 1.0 };
+        tree(&levels).0
+    }
+
+    #[test]
+    fn every_tile_of_a_refined_group_has_a_finer_one() {
+        // All finer tiles lie in the box of the second coarse tile, as where boxes with few triangles were joined.
+        let coarse = || vec![tile([-1, 0, 0], 0.0), tile([0; 3], 2.0)];
+        for n_finest in [1, 2, 5] {
+            let finest = (0..n_finest).map(|i| tile([0; 3], f64::from(i))).collect();
+            let tiles = made(finest, coarse());
+            let coarse: Vec<&TreeTile> = tiles.iter().filter(|tile| tile.level == 1).collect();
+            assert_eq!(coarse.len(), 2);
+            let mut seen = Vec::new();
+            for tile in coarse {
+                assert!(!tile.children.is_empty(), "{n_finest}: {tiles:#?}");
+                for &child in &tile.children {
+                    let child_tile = &tiles[child as usize];
+                    assert!(child_tile.geometric_error < tile.geometric_error);
+                    assert!(tile.bounds.joined(&child_tile.bounds) == tile.bounds);
+                    seen.push(child);
+                }
+            }
+            seen.sort_unstable();
+            seen.dedup();
+            assert_eq!(seen.len(), n_finest.max(2) as usize);
+        }
+        // The nearest one is given away.
+        let tiles = made((0..3).map(|i| tile([0; 3], f64::from(i))).collect(), coarse());
+        assert_eq!(tiles.iter().find(|t| t.level == 1).unwrap().children, [0]);
+    }
 }
