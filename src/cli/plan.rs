@@ -4,7 +4,7 @@ use super::log::{Log, Talk};
 use super::simplify;
 use crate::config::{Config, Level, Texture};
 use crate::error::{Error, Result};
-use crate::pipeline::units::{MOST_UNITS, freeze};
+use crate::pipeline::units::{MOST_UNITS, Pieces, freeze};
 use crate::store::job::units::{Frozen, Phase, UnitJob};
 use crate::system::disk::Disk;
 use crate::system::paths::Paths;
@@ -25,6 +25,9 @@ pub struct Args {
     /// Pieces to cut the work into; about as many as there are machines.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_UNITS)))]
     units: u32,
+    /// Parts of the partition, each a unit in three of its phases [default: one for 16 M triangles, at most --units].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_UNITS)))]
+    parts: Option<u32>,
     /// Print a script for Slurm instead, with these options for every sbatch: '-p compute -c 32 --mem 60G'.
     #[arg(long, value_name = "OPTIONS", allow_hyphen_values = true)]
     slurm: Option<String>,
@@ -84,8 +87,8 @@ pub fn run(args: &Args, _: &Talk, log: &mut Log) -> Result<()> {
     let here = std::env::current_dir().map_err(|e| Error::reading(".", "cannot find", e))?;
     let folder = std::path::absolute(&args.folder).unwrap_or_else(|_| args.folder.clone());
     let config = args.config(&folder, &here)?;
-    let frozen =
-        freeze(&folder, (args.words.clone(), here), &config, args.units, &Disk::default())?;
+    let pieces = Pieces { units: args.units, parts: args.parts };
+    let frozen = freeze(&folder, (args.words.clone(), here), &config, pieces, &Disk::default())?;
     for phase in &frozen.phases {
         log.say(format!("{:10} {} units", phase.name, phase.units));
     }

@@ -263,7 +263,7 @@ fn with_original(
     progress: &Progress,
 ) -> Result<Comparison> {
     let first = parts(original, request.original);
-    let temp_bytes = original.store().info().pack_bytes;
+    let temp_bytes = original.store().info().pack_bytes();
     let degenerate = original.partition().degenerate_faces;
     let whole =
         load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_triangles());
@@ -290,7 +290,7 @@ fn with_original(
     let second = parts(&cells, request.simplified);
     let mut comparison = run(request, &first, &second, &options, usable, progress)?;
     add_degenerate(&mut comparison, degenerate, cells.partition().degenerate_faces);
-    comparison.temp_bytes = temp_bytes + cells.store().info().pack_bytes;
+    comparison.temp_bytes = temp_bytes + cells.store().info().pack_bytes();
     Ok(comparison)
 }
 

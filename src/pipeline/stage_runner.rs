@@ -247,7 +247,7 @@ impl<'a> Stages<'a> {
         let mut options = self.kernel.clone();
         options.use_share_of_bound(stitch::bound_share(round), stitch::PATIENCE);
         let (layout, n) = (self.layout.clone(), info.triangles);
-        let pack = info.pack.clone();
+        let packs = info.packs.clone();
         let left = self.stages.stage(
             (&format!("round {round}"), name),
             n,
@@ -263,7 +263,7 @@ impl<'a> Stages<'a> {
                 }
             },
         )?;
-        self.run.job.discard(&pack)?;
+        packs.iter().try_for_each(|file| self.run.job.discard(&file.pack))?;
         self.rounds_done += 1;
         self.count(&left);
         Ok(left)
@@ -342,7 +342,9 @@ impl<'a> Stages<'a> {
     /// Removes what a finish took in.
     pub(super) fn remove(&self, left: &Left) -> Result<()> {
         match left {
-            Left::Cells(store) => self.run.job.discard(&store.pack),
+            Left::Cells(store) => {
+                store.packs.iter().try_for_each(|file| self.run.job.discard(&file.pack))
+            }
             Left::Survivors(survivors) => self.discard(&survivors.packs),
         }
     }

@@ -31,7 +31,7 @@ pub enum ChunkKind {
     /// One simplified cell, see `cells::survivors`.
     Survivors = 4,
     /// Rows of a vertex id (8 bytes) and a cell (4 bytes) that uses it without owning it; a note of the
-    /// partition to itself, under cell 0.
+    /// partition to itself, under cell 0, or under the number of the part that takes it up.
     Foreign = 5,
     /// All chunks of a sealed pack, behind them; under cell 0.
     Index = 6,
@@ -39,14 +39,16 @@ pub enum ChunkKind {
     Found = 7,
     /// Pieces of a cell that are left out: a bit for each, in the order of their least vertices.
     Verdict = 8,
+    /// Places of sampled vertices, three numbers of 8 bytes each; under cell 0.
+    Samples = 9,
 }
 
 impl ChunkKind {
     fn from_code(code: u32) -> Option<ChunkKind> {
         use ChunkKind::{
-            Foreign, Found, Index, SharedIds, Survivors, Triangles, Verdict, Vertices,
+            Foreign, Found, Index, Samples, SharedIds, Survivors, Triangles, Verdict, Vertices,
         };
-        [Vertices, Triangles, SharedIds, Survivors, Foreign, Index, Found, Verdict]
+        [Vertices, Triangles, SharedIds, Survivors, Foreign, Index, Found, Verdict, Samples]
             .into_iter()
             .find(|kind| *kind as u32 == code)
     }
@@ -59,6 +61,8 @@ pub struct Chunk {
     pub cell: CellId,
     /// Kind of its content.
     pub kind: ChunkKind,
+    /// Number of the file that it lies in, where several are read as one.
+    pub file: u16,
     /// Byte offset of the payload in the pack.
     pub offset: u64,
     /// Payload bytes.
@@ -114,6 +118,7 @@ pub fn parse_chunk_header(header: &[u8; CHUNK_HEADER_BYTES as usize], at: u64) -
     Some(Chunk {
         cell: CellId(u32_at(0)),
         kind: ChunkKind::from_code(u32_at(4))?,
+        file: 0,
         offset: at + CHUNK_HEADER_BYTES,
         bytes: u64_at(8),
         checksum: u64_at(16),
@@ -152,7 +157,7 @@ pub fn decode_index(payload: &[u8], end: u64) -> Option<Vec<Chunk>> {
         let (offset, bytes) = (u64_at(8), u64_at(16));
         offset.checked_add(bytes).filter(|&chunk_end| chunk_end <= end)?;
         let kind = ChunkKind::from_code(u32_at(4))?;
-        Some(Chunk { cell: CellId(u32_at(0)), kind, offset, bytes, checksum: u64_at(24) })
+        Some(Chunk { cell: CellId(u32_at(0)), kind, file: 0, offset, bytes, checksum: u64_at(24) })
     };
     rows.chunks_exact(INDEX_ROW_BYTES).map(chunk_at).collect()
 }

@@ -7,7 +7,7 @@ use crate::common::{expect, run, stonecut};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
-use stonecut::pipeline::units::{Done, Task, Unit, freeze, work};
+use stonecut::pipeline::units::{Done, Pieces, Task, Unit, freeze, work};
 use stonecut::system::disk::Disk;
 use stonecut::system::progress::Progress;
 
@@ -87,19 +87,20 @@ fn scan(kind: &str, triangles: &str, options: &str) -> (tempfile::TempDir, Vec<u
 
 #[test]
 fn any_number_of_units_gives_the_bytes_of_one_process() {
-    for (kind, options) in [
-        ("statue", "--ratio 5% --cell-triangles 3000"),
-        ("scans", "--ratio 10% --cell-triangles 4000 --min-component 50"),
-        ("terrain", "--ratio 60% --cell-triangles 2000"),
-        ("terrain", "--ratio 97% --cell-triangles 2000"),
-        ("statue", "--ratio 5%"),
+    for (kind, triangles, options) in [
+        ("statue", "60k", "--ratio 5% --cell-triangles 3000"),
+        ("scans", "300k", "--ratio 10% --cell-triangles 10k --min-component 50"),
+        ("terrain", "60k", "--ratio 60% --cell-triangles 2000"),
+        ("terrain", "60k", "--ratio 97% --cell-triangles 2000"),
+        ("statue", "300k", "--ratio 5%"),
     ] {
-        let (folder, whole) = scan(kind, "60k", options);
+        let (folder, whole) = scan(kind, triangles, options);
         let at = folder.path();
-        for n in [1, 3, 16] {
+        for (n, parts) in [(1, 1), (3, 2), (16, 4)] {
             let output = format!("out-{n}.ply");
-            let phases = plan(at, &format!("job-{n} in.ply {output} {options} --units {n}"));
-            assert_eq!(phases.len(), 4);
+            let cut = format!("--units {n} --parts {parts}");
+            let phases = plan(at, &format!("job-{n} in.ply {output} {options} {cut}"));
+            assert_eq!(phases.len(), if parts == 1 { 4 } else { 8 });
             for (_, units) in &phases {
                 for unit in shuffled(units, n) {
                     let threads = 1 + unit.len() % 3;
@@ -120,7 +121,7 @@ fn every_unit_twice_and_at_once_gives_the_same_bytes() {
     let (folder, whole) = scan("statue", "60k", "--ratio 5% --cell-triangles 3000");
     let at = folder.path();
     for (_, units) in
-        plan(at, &format!("job {} --units 12", SCAN.replace("in.ply", "in.ply out.ply")))
+        plan(at, &format!("job {} --units 12 --parts 3", SCAN.replace("in.ply", "in.ply out.ply")))
     {
         // All of the phase and its double together.
         let both = units.iter().chain(&units);
@@ -134,11 +135,11 @@ fn every_unit_twice_and_at_once_gives_the_same_bytes() {
     // Once it is over any unit says so, and the same plan is printed again.
     ends_well(start(at, "job", "simplify/5", ""), "simplify/5");
     ends_well(start(at, "job", "simplify/5", "--mend"), "simplify/5");
-    plan(at, &format!("job {} --units 12", SCAN.replace("in.ply", "in.ply out.ply")));
+    plan(at, &format!("job {} --units 12 --parts 3", SCAN.replace("in.ply", "in.ply out.ply")));
     let status = run(at, "status job --json");
     let json: serde_json::Value = serde_json::from_slice(&status.stdout).unwrap();
     assert_eq!((json["is_over"].as_bool(), json["share"].as_f64()), (Some(true), Some(1.0)));
-    assert_eq!(json["phases"][2]["done"], json["phases"][2]["units"]);
+    assert!((0..8).all(|i| json["phases"][i]["done"] == json["phases"][i]["units"]));
     assert_eq!(json["report"]["target_met"], true);
 }
 
@@ -148,7 +149,9 @@ fn killed_units_are_done_again_and_leave_nothing() {
     let at = folder.path();
     let mut n_killed = 0;
     let mut seed = 17_u64;
-    for (_, units) in plan(at, "job in.ply out.ply --ratio 5% --cell-triangles 10k --units 2") {
+    for (_, units) in
+        plan(at, "job in.ply out.ply --ratio 5% --cell-triangles 10k --units 2 --parts 2")
+    {
         for unit in units {
             for _ in 0..3 {
                 seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
@@ -167,7 +170,8 @@ fn killed_units_are_done_again_and_leave_nothing() {
 
 /// Plans a job and does all units of the first phases.
 fn until(at: &Path, last: &str) -> Vec<(String, Vec<String>)> {
-    let phases = plan(at, "job in.ply out.ply --ratio 5% --cell-triangles 3000 --units 8");
+    let phases =
+        plan(at, "job in.ply out.ply --ratio 5% --cell-triangles 3000 --units 8 --parts 2");
     for (name, units) in &phases {
         units.iter().for_each(|unit| ends_well(start(at, "job", unit, ""), unit));
         if name == last {
@@ -194,6 +198,9 @@ fn a_damaged_pack_is_named_and_mended() {
         ("simplify-0003", "survivors", "simplify/3", "rest/0"),
         ("simplify-0003", "gone", "simplify/3", "rest/0"),
         ("partition-0000", "cells", "partition/0", "simplify/3"),
+        ("scatter-0001", "cells", "scatter/1", "simplify/3"),
+        ("scatter-0001", "gone", "scatter/1", "rest/0"),
+        ("share-0001", "cells", "share/1", "simplify/3"),
     ] {
         let path = file_of(at, begin);
         if victim == "simplify/3" {
@@ -235,9 +242,10 @@ fn another_input_program_or_plan_is_refused() {
         assert!(expect(at, &format!("work job {unit}"), 2).contains("simplify/0 to 7"));
     }
     for (other, code) in [
-        ("job in.ply out.ply --ratio 6% --cell-triangles 3000 --units 8", 8),
-        ("job in.ply other.ply --ratio 5% --cell-triangles 3000 --units 8", 8),
-        ("job in.ply out.ply --ratio 5% --cell-triangles 3000 --units 3", 8),
+        ("job in.ply out.ply --ratio 6% --cell-triangles 3000 --units 8 --parts 2", 8),
+        ("job in.ply other.ply --ratio 5% --cell-triangles 3000 --units 8 --parts 2", 8),
+        ("job in.ply out.ply --ratio 5% --cell-triangles 3000 --units 3 --parts 2", 8),
+        ("job in.ply out.ply --ratio 5% --cell-triangles 3000 --units 8 --parts 3", 8),
         ("other in.ply out.ply --max-error 0.1 --units 2", 2),
         ("other in.ply out.ply --ratio 5% --until partition --units 2", 2),
         ("other in.ply out.ply --ratio 5% --dry-run --units 2", 2),
@@ -332,7 +340,9 @@ fn a_failing_disk_ends_a_unit_and_harms_nothing() {
         ..typed
     };
     let job = at.join("job");
-    let frozen = freeze(&job, (Vec::new(), at.to_owned()), &config, 1, &Disk::default()).unwrap();
+    let pieces = Pieces { units: 1, parts: Some(2) };
+    let frozen =
+        freeze(&job, (Vec::new(), at.to_owned()), &config, pieces, &Disk::default()).unwrap();
     let mut n_failures = 0;
     for phase in &frozen.phases {
         for index in 0..phase.units {
@@ -481,4 +491,101 @@ fn a_script_for_slurm_chains_arrays() {
             .iter()
             .for_each(|word| assert!(calls[call].contains(word), "{word}: {}", calls[call]));
     }
+}
+
+/// A stonecut that is killed the first time it is to do a batch of cells.
+fn killed_once(at: &Path) -> PathBuf {
+    let path = at.join("killed-once");
+    let program = env!("CARGO_BIN_EXE_stonecut");
+    let text = format!(
+        "#!/bin/sh\ncase \"$3\" in simplify/*) mkdir '{}/killed' 2>/dev/null && kill -KILL $$ ;; esac\nexec '{program}' \"$@\"\n",
+        at.display()
+    );
+    std::fs::write(&path, text).unwrap();
+    std::fs::set_permissions(&path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    path
+}
+
+/// Plans a job and keeps its graph in `plan.json`.
+fn plan_file(at: &Path) {
+    let words = "plan job in.ply out.ply --ratio 5% --cell-triangles 3000 --units 4 --parts 2";
+    std::fs::write(at.join("plan.json"), run(at, words).stdout).unwrap();
+}
+
+fn recipe(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tools/recipes").join(name)
+}
+
+fn has(program: &str) -> bool {
+    let is_there =
+        Command::new(program).arg("--version").output().is_ok_and(|o| o.status.success());
+    if !is_there {
+        println!("skipped: there is no {program} here");
+    }
+    is_there
+}
+
+#[test]
+fn the_recipe_without_an_engine_survives_a_killed_unit() {
+    if !has("python3") || !has("xargs") {
+        return;
+    }
+    let (folder, whole) = scan("statue", "60k", "--ratio 5% --cell-triangles 3000");
+    let at = folder.path();
+    plan_file(at);
+    let output = Command::new(recipe("loop"))
+        .current_dir(at)
+        .args(["job", "plan.json", "3"])
+        .env("STONECUT", killed_once(at))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(at.join("killed").exists());
+    assert!(bytes(&at.join("out.ply")) == whole);
+}
+
+#[test]
+fn the_recipe_for_arrays_takes_the_numbers_of_queues() {
+    let (folder, whole) = scan("statue", "60k", "--ratio 5% --cell-triangles 3000");
+    let at = folder.path();
+    let words = "job in.ply out.ply --ratio 5% --cell-triangles 3000 --units 4 --parts 2";
+    for (k, (phase, units)) in plan(at, words).into_iter().enumerate() {
+        for index in 0..units.len() {
+            let (name, number) = match k % 4 {
+                0 => ("AWS_BATCH_JOB_ARRAY_INDEX", index),
+                1 => ("SGE_TASK_ID", index + 1),
+                2 => ("PBS_ARRAY_INDEX", index),
+                _ => ("LSB_JOBINDEX", index + 1),
+            };
+            let status = Command::new(recipe("array"))
+                .current_dir(at)
+                .args(["job", &phase])
+                .env(name, number.to_string())
+                .env("STONECUT", env!("CARGO_BIN_EXE_stonecut"))
+                .status();
+            assert!(status.unwrap().success(), "{phase}/{index} by {name}");
+        }
+    }
+    assert!(bytes(&at.join("out.ply")) == whole);
+}
+
+#[test]
+fn the_recipe_for_snakemake_survives_a_killed_unit() {
+    if !has("snakemake") {
+        return;
+    }
+    let (folder, whole) = scan("statue", "60k", "--ratio 5% --cell-triangles 3000");
+    let at = folder.path();
+    plan_file(at);
+    let output = Command::new("snakemake")
+        .current_dir(at)
+        .arg("-s")
+        .arg(recipe("Snakefile"))
+        .args(["-j", "3", "--config"])
+        .arg(format!("stonecut={}", killed_once(at).display()))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(at.join("killed").exists());
+    assert!(bytes(&at.join("out.ply")) == whole);
 }

@@ -14,6 +14,8 @@ pub(crate) struct RawFile {
     path: PathBuf,
     data: Data,
     len: u64,
+    /// True if it is the file of this name itself, and not something made from it.
+    is_original: bool,
 }
 
 enum Data {
@@ -26,18 +28,24 @@ impl RawFile {
     pub fn open(path: &Path) -> Result<Self> {
         let file = open_input(path)?;
         let meta = file.metadata().map_err(|e| Error::reading(path, "cannot stat", e))?;
-        Ok(RawFile { path: path.to_path_buf(), data: Data::File(file), len: meta.len() })
+        let path = path.to_path_buf();
+        Ok(RawFile { path, data: Data::File(file), len: meta.len(), is_original: true })
     }
 
     /// Takes bytes as if they were the file `name`.
     pub fn from_bytes(name: &str, bytes: Vec<u8>) -> Self {
         let len = bytes.len() as u64;
-        RawFile { path: name.into(), data: Data::Memory(bytes), len }
+        RawFile { path: name.into(), data: Data::Memory(bytes), len, is_original: false }
     }
 
     /// The file's name, for messages.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Returns whether this is the file of its name itself.
+    pub fn is_original(&self) -> bool {
+        self.is_original
     }
 
     /// The file's length in bytes when it was opened.
@@ -176,6 +184,6 @@ impl Spool {
             Some(file) => Data::File(file),
             None => Data::Memory(self.memory),
         };
-        Ok(RawFile { path: name.to_path_buf(), data, len: self.len })
+        Ok(RawFile { path: name.to_path_buf(), data, len: self.len, is_original: false })
     }
 }

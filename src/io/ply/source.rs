@@ -5,7 +5,7 @@
 use super::BLOCK_ROWS;
 use super::fields::FieldPlan;
 use super::header::{Element, Encoding, Header, Kind};
-use super::layout::{FaceLayout, Layout, locate};
+use super::layout::{FaceLayout, Layout, VertexLayout, locate};
 use super::raw::RawFile;
 use super::skipped::BadVertices;
 use super::textures;
@@ -268,6 +268,15 @@ impl MeshSource {
             FaceLayout::Strips(_) => 3 * self.n_triangles(),
             _ => self.n_triangles() + 2 * self.n_face_rows(),
         }
+    }
+
+    /// Returns whether any block is found in the file by arithmetic: nothing was unpacked, converted, scanned or moved
+    /// when it was opened.
+    pub fn is_read_in_place(&self) -> bool {
+        self.file.is_original()
+            && !self.options.skip_bad
+            && matches!(self.layout.vertices, VertexLayout::Fixed { .. })
+            && matches!(self.layout.faces, FaceLayout::Fixed { .. })
     }
 
     /// Number of vertex blocks, each of `BLOCK_ROWS` vertices but the last.

@@ -107,7 +107,7 @@ impl Stages<'_> {
                     Ok(left)
                 },
             )?;
-            run.disk().remove(&run.job.path(&store.pack))?;
+            store.packs.iter().try_for_each(|file| run.disk().remove(&run.job.path(&file.pack)))?;
             let records = std::mem::take(&mut left.statistics.groups);
             if left.triangles == 0 {
                 let what = format!("no triangle is left after round {round}; nothing was written");

@@ -6,6 +6,7 @@
 //!
 //! docs/design/cluster.md, docs/cluster.md.
 
+mod parts;
 mod phases;
 mod standing;
 mod task;
@@ -18,6 +19,8 @@ use super::prepare;
 use super::run_report::RunReport;
 use crate::config::{Config, Method, Texture};
 use crate::error::{Error, Result};
+use crate::io::ply::MeshSource;
+use crate::stages::partition::is_local;
 use crate::store::job::fingerprint::{input_marks, job_identity};
 use crate::store::job::units::{Phase, Record, UnitJob};
 use crate::system::disk::Disk;
@@ -37,9 +40,36 @@ const CELLS_OF_A_PIECE: u32 = 8;
 /// The most units that may be asked for.
 pub const MOST_UNITS: u32 = 2000;
 
-/// Shares of the time that a run takes, by phase.
-const SHARES: [(&str, f64); 4] =
-    [("partition", 0.2), ("pilot", 0.05), ("simplify", 0.65), ("rest", 0.1)];
+/// Triangles of the input for each part of the partition: five phases more, each with 0.1 s to begin and to end, pay only if
+/// a part is 0.7 s of work.
+const TRIANGLES_OF_A_PART: u64 = 16_000_000;
+
+/// Where faces use vertices from everywhere, each part looks up all vertices; more parts than this gain nothing.
+const PARTS_IN_NO_ORDER: u32 = 4;
+
+/// Shares of the time that a run takes, by phase: first those of a partition in parts.
+const SHARES: [(&str, f64); 8] = [
+    ("scan", 0.04),
+    ("tree", 0.01),
+    ("scatter", 0.12),
+    ("share", 0.03),
+    ("partition", 0.01),
+    ("pilot", 0.05),
+    ("simplify", 0.65),
+    ("rest", 0.09),
+];
+
+/// The number of phases that a partition by one process does not have.
+const PHASES_OF_PARTS: usize = 4;
+
+/// Pieces that a job is cut into.
+#[derive(Clone, Copy, Debug)]
+pub struct Pieces {
+    /// About as many as there are machines.
+    pub units: u32,
+    /// Parts of the partition, if that is not left to the program.
+    pub parts: Option<u32>,
+}
 
 /// Decides everything about a job and writes it down; nothing is done yet. Called again with the same words it changes
 /// nothing.
@@ -49,18 +79,24 @@ pub fn freeze(
     folder: &Path,
     (words, here): (Vec<String>, PathBuf),
     config: &Config,
-    n_units: u32,
+    pieces: Pieces,
     disk: &Disk,
 ) -> Result<Frozen> {
     refuse(config)?;
     let prepared = prepare(config)?;
     let plan = &prepared.plan;
-    let pieces = (plan.cells / CELLS_OF_A_PIECE).clamp(n_units, PIECES * n_units);
-    let units = |name: &str| if name == "simplify" { pieces } else { 1 };
+    let n_batches = (plan.cells / CELLS_OF_A_PIECE).clamp(pieces.units, PIECES * pieces.units);
+    let n_parts = n_parts(&prepared.source, pieces)?;
+    let units = |name: &str| match name {
+        "scan" | "scatter" | "share" => n_parts,
+        "simplify" => n_batches,
+        _ => 1,
+    };
+    let shares = if n_parts == 1 { &SHARES[PHASES_OF_PARTS..] } else { &SHARES[..] };
     let phase = |(i, (name, share)): (usize, &(&str, f64))| Phase {
         name: (*name).to_owned(),
         units: units(name),
-        after: SHARES[..i].last().map(|(before, _)| (*before).to_owned()).into_iter().collect(),
+        after: shares[..i].last().map(|(before, _)| (*before).to_owned()).into_iter().collect(),
         memory: plan.needed_memory_bytes,
         seconds: plan.seconds * config.threads.get() as f64 * share / f64::from(units(name)),
     };
@@ -72,10 +108,23 @@ pub fn freeze(
         settings: settings_checksum(config),
         identity: job_identity(&prepared.source, &prepared.marks, config),
         triangles: plan.triangles_in,
-        phases: SHARES.iter().enumerate().map(phase).collect(),
+        phases: shares.iter().enumerate().map(phase).collect(),
     };
     UnitJob::new(folder, disk, Duration::ZERO).freeze(&frozen)?;
     Ok(frozen)
+}
+
+/// The number of parts of the partition. What has to be unpacked, converted or scanned first is not cut: each part would do all of that.
+fn n_parts(source: &MeshSource, pieces: Pieces) -> Result<u32> {
+    if !source.is_read_in_place() {
+        return Ok(1);
+    }
+    let most = match is_local(source)? {
+        true => pieces.units,
+        false => pieces.units.min(PARTS_IN_NO_ORDER),
+    };
+    let enough = source.n_triangles() / TRIANGLES_OF_A_PART;
+    Ok(pieces.parts.unwrap_or_else(|| enough.clamp(1, u64::from(most)) as u32))
 }
 
 /// Checksum of all settings but those of a machine.

@@ -1,6 +1,7 @@
 //! The phases of a job in units: what each reads from the records of the others, which stages it runs.
 //!
-//! `partition` and `rest` are the run of one process, stopped early and taken up late. `pilot` finds the thresholds of
+//! `partition` and `rest` are the run of one process, stopped early and taken up late; the partition may be done in parts
+//! before (`parts`). `pilot` finds the thresholds of
 //! the first round, `simplify` takes all cells down to them, batch by batch. Where the first round is not of that kind (a
 //! small mesh, a target near the input) these two have nothing to do, and `rest` does it all.
 
@@ -15,7 +16,7 @@ use crate::stages::components::Components;
 use crate::stages::partition::Partition;
 use crate::stages::simplify::{self, Goal};
 use crate::stages::stitch::{self, Step};
-use crate::store::cells::{CellStore, StoreInfo, SurvivorInfo, check_pack};
+use crate::store::cells::{CellStore, PackFile, StoreInfo, SurvivorInfo, check_pack};
 use crate::store::job::Job;
 use crate::store::job::units::{Attempt, Frozen, Record, Unit, UnitFile, UnitJob};
 use crate::store::stage_context::StageContext;
@@ -50,6 +51,10 @@ pub(super) fn run(
     let phase = Run { job, attempt, config, progress, earlier };
     let plain = |record| (record, None);
     match task.unit.phase.as_str() {
+        "scan" => phase.scan(task).map(plain),
+        "tree" => phase.tree().map(plain),
+        "scatter" => phase.scatter(task).map(plain),
+        "share" => phase.share(task).map(plain),
         "partition" => phase.partition().map(plain),
         "pilot" => phase.pilot().map(plain),
         "simplify" => phase.simplify(task).map(plain),
@@ -58,15 +63,20 @@ pub(super) fn run(
     }
 }
 
-/// The records of all units that come before this one, by phase; what else their attempts have left is removed by phases
-/// of one unit.
+/// Phases whose files nothing reads once the cells are there.
+const NEEDED_BY_PARTS: [&str; 2] = ["scan", "tree"];
+
+/// The records of all units that come before this one and matter to it, by phase; what else their attempts have left is
+/// removed by phases of one unit.
 fn earlier(
     job: &UnitJob,
     task: &Task,
     progress: &Progress,
 ) -> Result<BTreeMap<String, Vec<(Unit, Record)>>> {
     let mut earlier = BTreeMap::new();
-    for phase in task.frozen.phases.iter().take_while(|phase| phase.name != task.unit.phase) {
+    let has_cells = ["pilot", "simplify", "rest"].contains(&task.unit.phase.as_str());
+    let phases = task.frozen.phases.iter().take_while(|phase| phase.name != task.unit.phase);
+    for phase in phases.filter(|p| !has_cells || !NEEDED_BY_PARTS.contains(&p.name.as_str())) {
         let units = task.frozen.units_of(&phase.name).into_iter();
         let require = |unit: Unit| job.require(&unit, progress).map(|record| (unit, record));
         let records: Vec<(Unit, Record)> = units.map(require).collect::<Result<_>>()?;
@@ -78,27 +88,28 @@ fn earlier(
     Ok(earlier)
 }
 
-struct Run<'a> {
+pub(super) struct Run<'a> {
     job: &'a UnitJob,
     attempt: &'a Attempt<'a>,
-    config: &'a Config,
-    progress: &'a Progress,
-    earlier: BTreeMap<String, Vec<(Unit, Record)>>,
+    pub(super) config: &'a Config,
+    pub(super) progress: &'a Progress,
+    pub(super) earlier: BTreeMap<String, Vec<(Unit, Record)>>,
 }
 
 impl Run<'_> {
     /// A job with what was found before.
-    fn guest(&self, more: BTreeMap<String, serde_json::Value>) -> Job {
+    pub(super) fn guest(&self, more: BTreeMap<String, serde_json::Value>) -> Job {
         let single = |name: &str| self.earlier.get(name).into_iter().flatten();
-        let records = single("partition").chain(single("pilot"));
+        let records = single("tree").chain(single("partition")).chain(single("pilot"));
         let mut outcomes: BTreeMap<String, serde_json::Value> =
             records.flat_map(|(_, record)| record.outcomes.clone()).collect();
+        self.name_packs(&mut outcomes);
         outcomes.extend(more);
         let folder = self.job.units_folder();
         Job::guest(&folder, self.job.disk(), self.attempt.prefix(), outcomes)
     }
 
-    fn context<'a>(&'a self, job: &'a Job) -> StageContext<'a> {
+    pub(super) fn context<'a>(&'a self, job: &'a Job) -> StageContext<'a> {
         StageContext {
             job,
             progress: self.progress,
@@ -116,11 +127,11 @@ impl Run<'_> {
         let triangles = facts.n_triangles;
         let job = self.guest(BTreeMap::new());
         job.record(FACTS, &facts)?;
+        self.join_parts(&prepared.source, &job)?;
         run_stages_in(&job, prepared, &config, self.progress)?;
         let store = store_of(&job)?;
-        let verdicts = store.verdicts.map(|v| UnitFile { pack: v.pack, bytes: v.pack_bytes });
-        let cells = UnitFile { pack: store.pack, bytes: store.pack_bytes };
-        let files = std::iter::once(cells).chain(verdicts).collect();
+        let files = store.packs.into_iter().chain(store.verdicts);
+        let files = files.filter(|file| job.owns(&file.pack)).map(unit_file).collect();
         Ok(Record { outcomes: job.recorded(), files, triangles, ..Record::default() })
     }
 
@@ -163,7 +174,9 @@ impl Run<'_> {
         let batches = self.earlier.get("simplify").map_or(&[][..], Vec::as_slice);
         let mut more = BTreeMap::new();
         if batches.iter().any(|(_, record)| !record.outcomes.is_empty()) {
-            let round = (joined(batches)?, stage_report(batches));
+            let left = joined(batches)?;
+            let report = stage_report("simplify", batches, left.triangles);
+            let round = (left, report);
             let value = serde_json::to_value(round).expect("plain data");
             more.insert(FIRST_ROUND.to_owned(), value);
         }
@@ -171,7 +184,7 @@ impl Run<'_> {
         let report = run_stages_in(&job, prepared, self.config, self.progress)?.report();
         let mut report =
             report.ok_or_else(|| Error::Internal("the run has no report".to_owned()))?;
-        let began = self.earlier["partition"].iter().map(|(_, record)| record.span[0]);
+        let began = self.earlier.values().flatten().map(|(_, record)| record.span[0]);
         report.seconds = (program::now() - began.fold(f64::INFINITY, f64::min)).max(report.seconds);
         report.triangles_per_second = report.input.triangles as f64 / report.seconds.max(1e-9);
         let value = serde_json::to_value(report.written()).expect("plain data");
@@ -189,22 +202,30 @@ fn joined(batches: &[(Unit, Record)]) -> Result<SurvivorInfo> {
     Ok(SurvivorInfo::joined(parts))
 }
 
-/// The first round as one stage.
-fn stage_report(batches: &[(Unit, Record)]) -> StageReport {
-    let records = || batches.iter().map(|(_, record)| record);
+/// Units as one stage.
+pub(super) fn stage_report(
+    name: &str,
+    units: &[(Unit, Record)],
+    triangles_out: u64,
+) -> StageReport {
+    let records = || units.iter().map(|(_, record)| record);
     let began = records().map(|record| record.span[0]).fold(f64::INFINITY, f64::min);
     let ended = records().map(|record| record.span[1]).fold(0.0, f64::max);
-    let left = joined(batches).map_or(0, |left| left.triangles);
     StageReport {
-        name: "simplify".to_owned(),
-        part: StageReport::part_of("simplify").to_owned(),
+        name: name.to_owned(),
+        part: StageReport::part_of(name).to_owned(),
         seconds: (ended - began).max(0.0),
         triangles_in: records().map(|record| record.triangles).sum(),
-        triangles_out: left,
+        triangles_out,
         bytes_read: records().map(|record| record.bytes_read).sum(),
         bytes_written: records().map(|record| record.bytes_written).sum(),
         peak_memory_bytes: records().map(|record| record.peak_memory_bytes).max().unwrap_or(0),
     }
+}
+
+/// A pack as a file of a unit.
+pub(super) fn unit_file(file: PackFile) -> UnitFile {
+    UnitFile { pack: file.pack, bytes: file.pack_bytes }
 }
 
 fn found<T: DeserializeOwned>(job: &Job, name: &str) -> Result<T> {

@@ -15,7 +15,7 @@ pub use sizes::{Below, ComponentSizes, Least, below_list, sizes_in_memory};
 
 use crate::error::{Error, Result};
 use crate::store::cell_id::CellId;
-use crate::store::cells::{CellStore, PackWriter, Pieces, StoreInfo, Verdicts, load_bytes};
+use crate::store::cells::{CellStore, PackFile, PackWriter, Pieces, StoreInfo, load_bytes};
 use crate::store::pack_format::ChunkKind;
 use crate::store::stage_context::StageContext;
 use crate::system::parallel::{Weighted, largest_first};
@@ -53,7 +53,7 @@ pub fn find(store: &CellStore, least: Least, run: &StageContext) -> Result<Compo
     info.triangles = info.cells.iter().map(|cell| cell.triangles).sum();
     if joined.pack_bytes > 0 {
         let pack = run.job.name(VERDICTS_NAME);
-        info.verdicts = Some(Verdicts { pack, pack_bytes: joined.pack_bytes });
+        info.verdicts = Some(PackFile { pack, pack_bytes: joined.pack_bytes });
     }
     Ok(Components { sizes: joined.sizes, store: info })
 }

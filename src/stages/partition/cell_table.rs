@@ -2,14 +2,17 @@
 //!
 //! It is a list of plain numbers where that fits its share of the budget. Else blocks of vertices are packed. If those
 //! do not fit either, they lie in a mapped file where faces use vertices that are near each other in the
-//! input, and otherwise the table ends before the last vertex: a window, and each window takes a pass over the faces.
+//! input, and otherwise the table ends before the last vertex: a window, and each window takes a pass over the faces. One of
+//! many processes, which sees a part of the faces, finds pages of it when they are needed (`pages`).
 
 use super::packed_cells::{STRETCH, cell_of, unpack};
+use super::pages::{Page, Pages};
 use crate::error::{Error, Result};
 use crate::io::ply::BLOCK_ROWS;
 use crate::store::cell_id::CellId;
 use crate::system::mapped_file::{MappedFile, MappedWriter};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// Memory of a packed block beside its bytes.
 const BLOCK_OVERHEAD: u64 = 32;
@@ -17,13 +20,16 @@ const BLOCK_OVERHEAD: u64 = 32;
 /// Stretches that a reader keeps unpacked, 4 KiB each; a power of two.
 const SLOTS: usize = 16;
 
+/// Pages that a reader has in hand, 256 KiB each; a power of two.
+const PAGES: usize = 8;
+
 /// The cell of every vertex of a window of ids.
-pub struct CellTable {
+pub struct CellTable<'a> {
     /// Id of the first vertex of the window.
     pub first: u64,
     n_rows: u64,
     room: Room,
-    cells: Cells,
+    cells: Cells<'a>,
 }
 
 /// Room for a table.
@@ -31,12 +37,14 @@ pub struct CellTable {
 pub struct Room {
     /// Bytes of memory for blocks or plain numbers.
     pub bytes: u64,
-    /// Folder of a file for blocks that exceed them, where faces use vertices near each other in the input.
+    /// Folder of a file for blocks that exceed them; without one the table ends there.
     pub folder: Option<PathBuf>,
+    /// True if faces use vertices near each other in the input.
+    pub is_near: bool,
 }
 
 /// Plain numbers, of 2 bytes while there are at most 65,536 cells, or packed blocks of `BLOCK_ROWS` vertices.
-enum Cells {
+enum Cells<'a> {
     Narrow(Vec<u16>),
     Wide(Vec<CellId>),
     Packed {
@@ -53,16 +61,18 @@ enum Cells {
         file: MappedFile,
         starts: Vec<u64>,
     },
+    /// Blocks that are found when they are needed.
+    Paged(Pages<'a>),
 }
 
-impl CellTable {
+impl<'a> CellTable<'a> {
     /// Bytes of a plain number: 2 or 4.
     pub fn bytes_per_vertex(n_cells: u32) -> u64 {
         if n_cells <= 1 << 16 { 2 } else { 4 }
     }
 
     /// An empty table for at most `n_rows` vertices from `first` on, the beginning of a block.
-    pub fn new(first: u64, n_rows: u64, n_cells: u32, room: Room) -> CellTable {
+    pub fn new(first: u64, n_rows: u64, n_cells: u32, room: Room) -> CellTable<'a> {
         let n = n_rows as usize;
         let per_vertex = Self::bytes_per_vertex(n_cells);
         let cells = match per_vertex {
@@ -75,9 +85,15 @@ impl CellTable {
         CellTable { first, n_rows: 0, room, cells }
     }
 
+    /// A table of all `n_rows` vertices whose blocks are found when they are needed.
+    pub fn paged(n_rows: u64, pages: Pages<'a>) -> CellTable<'a> {
+        let room = Room { bytes: 0, folder: None, is_near: true };
+        CellTable { first: 0, n_rows, room, cells: Cells::Paged(pages) }
+    }
+
     /// Returns whether `extend` takes packed blocks.
     pub fn is_packed(&self) -> bool {
-        !matches!(self.cells, Cells::Narrow(_) | Cells::Wide(_))
+        !matches!(self.cells, Cells::Narrow(_) | Cells::Wide(_) | Cells::Paged(_))
     }
 
     /// Returns whether further vertices belong to the next window.
@@ -97,12 +113,13 @@ impl CellTable {
             Cells::Wide(table) => 4 * table.len() as u64,
             Cells::Packed { bytes, .. } => *bytes,
             Cells::Filed { starts, .. } | Cells::Mapped { starts, .. } => 8 * starts.len() as u64,
+            Cells::Paged(pages) => pages.most_bytes(),
         }
     }
 
     /// Appends the cells of the next block of vertices, given as `packed` too if the table is. A table that is full
-    /// takes nothing.
-    pub fn extend(&mut self, cells: &[CellId], packed: &[u8]) -> Result<()> {
+    /// takes nothing; one of pages takes any `block`, the others the next one.
+    pub fn extend(&mut self, block: u64, cells: &[CellId], packed: &[u8]) -> Result<()> {
         match &mut self.cells {
             Cells::Narrow(table) => table.extend(cells.iter().map(|cell| cell.0 as u16)),
             Cells::Wide(table) => table.extend_from_slice(cells),
@@ -115,7 +132,7 @@ impl CellTable {
                 } else if let Some(folder) = &self.room.folder {
                     let blocks = std::mem::take(blocks);
                     self.cells = filed(blocks, folder).map_err(|e| unwritten(folder, e))?;
-                    return self.extend(cells, packed);
+                    return self.extend(block, cells, packed);
                 } else {
                     *is_full = true;
                     return Ok(());
@@ -127,13 +144,17 @@ impl CellTable {
                 starts.push(start.map_err(|e| unwritten(folder, e))?);
             }
             Cells::Mapped { .. } => return Err(Error::Internal("a table was closed".to_owned())),
+            Cells::Paged(pages) => {
+                pages.keep(block, Arc::new(cells.to_vec()));
+                return Ok(());
+            }
         }
         self.n_rows += cells.len() as u64;
         Ok(())
     }
 
     /// Readies a table that takes no further vertices to be read.
-    pub fn finish(mut self) -> Result<CellTable> {
+    pub fn finish(mut self) -> Result<CellTable<'a>> {
         if let Cells::Filed { writer, mut starts } = self.cells {
             let folder = self.room.folder.as_deref().unwrap_or(Path::new(""));
             starts.push(writer.length());
@@ -145,10 +166,11 @@ impl CellTable {
     }
 
     /// Looks cells up, for one thread.
-    pub fn reader(&self) -> CellReader<'_> {
-        let is_near = self.is_packed() && self.room.folder.is_some();
+    pub fn reader(&self) -> CellReader<'_, 'a> {
+        let is_near = self.is_packed() && self.room.is_near;
         let unpacked = vec![CellId(0); if is_near { SLOTS * STRETCH } else { 0 }];
-        CellReader { table: self, is_near, held: [u64::MAX; SLOTS], unpacked }
+        let (held, pages) = ([u64::MAX; SLOTS], Default::default());
+        CellReader { table: self, is_near, held, unpacked, pages, failure: None }
     }
 
     /// A block, packed.
@@ -159,7 +181,7 @@ impl CellTable {
                 let (start, end) = (starts[block], starts[block + 1]);
                 file.at(start, (end - start) as usize)
             }
-            Cells::Narrow(_) | Cells::Wide(_) | Cells::Filed { .. } => &[],
+            Cells::Narrow(_) | Cells::Wide(_) | Cells::Filed { .. } | Cells::Paged(_) => &[],
         }
     }
 
@@ -172,15 +194,40 @@ impl CellTable {
 }
 
 /// Looks cells up. Where vertices of faces are near each other it keeps some stretches unpacked.
-pub struct CellReader<'a> {
-    table: &'a CellTable,
+pub struct CellReader<'t, 'a> {
+    table: &'t CellTable<'a>,
     is_near: bool,
     /// Number of the stretch in each slot.
     held: [u64; SLOTS],
     unpacked: Vec<CellId>,
+    /// Pages in hand, each with the number of its block.
+    pages: [Option<(u64, Page)>; PAGES],
+    failure: Option<Error>,
 }
 
-impl CellReader<'_> {
+impl CellReader<'_, '_> {
+    /// The first failure to find a page; looked-up cells are `None` after it.
+    pub fn finish(self) -> Result<()> {
+        self.failure.map_or(Ok(()), Err)
+    }
+
+    #[inline]
+    fn paged(&mut self, pages: &Pages, row: u64) -> Option<CellId> {
+        let block = row / BLOCK_ROWS;
+        let slot = (block.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> (64 - PAGES.ilog2())) as usize;
+        if self.pages[slot].as_ref().is_none_or(|(held, _)| *held != block) {
+            match pages.page(block) {
+                Ok(page) => self.pages[slot] = Some((block, page)),
+                Err(error) => {
+                    self.failure.get_or_insert(error);
+                    return None;
+                }
+            }
+        }
+        let (_, page) = self.pages[slot].as_ref()?;
+        page.get((row % BLOCK_ROWS) as usize).copied()
+    }
+
     /// The cell of a vertex; `None` outside the window.
     #[inline]
     pub fn get(&mut self, vertex: u64) -> Option<CellId> {
@@ -191,6 +238,7 @@ impl CellReader<'_> {
         Some(match &self.table.cells {
             Cells::Narrow(cells) => CellId(cells[row as usize].into()),
             Cells::Wide(cells) => cells[row as usize],
+            Cells::Paged(pages) => return self.paged(pages, row),
             _ if self.is_near => self.unpacked(row),
             _ => {
                 let block = self.table.block((row / BLOCK_ROWS) as usize);
@@ -222,7 +270,7 @@ impl CellReader<'_> {
 }
 
 /// Blocks in a file in `folder`.
-fn filed(blocks: Vec<Box<[u8]>>, folder: &Path) -> std::io::Result<Cells> {
+fn filed(blocks: Vec<Box<[u8]>>, folder: &Path) -> std::io::Result<Cells<'static>> {
     let mut writer = MappedWriter::create(folder)?;
     let starts: std::io::Result<_> = blocks.iter().map(|block| writer.append(block)).collect();
     Ok(Cells::Filed { writer, starts: starts? })

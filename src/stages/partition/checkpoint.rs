@@ -6,7 +6,7 @@
 
 use crate::error::{Error, Result};
 use crate::store::cells::{CellTally, PackWriter, VertexLayout};
-use crate::store::pack_format::ChunkKind;
+use crate::store::pack_format::{Chunk, ChunkKind};
 use crate::store::stage_context::StageContext;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -123,10 +123,13 @@ pub fn take_up(
     Ok((pack, ResumePoint::default()))
 }
 
-/// Rows per cell of what the pack holds.
-pub fn tally(pack: &PackWriter, layout: &VertexLayout, n_cells: u32) -> Result<Vec<CellTally>> {
+/// Rows per cell of what chunks hold.
+pub fn tally(chunks: &[Chunk], layout: &VertexLayout, n_cells: u32) -> Result<Vec<CellTally>> {
     let mut tally = vec![CellTally::default(); n_cells as usize];
-    for chunk in pack.chunks() {
+    for chunk in chunks {
+        if chunk.kind == ChunkKind::Foreign {
+            continue;
+        }
         let cell = tally.get_mut(chunk.cell.index()).ok_or_else(|| {
             let what = format!("byte {}: cell {} of {n_cells}", chunk.offset, chunk.cell);
             Error::corrupt("the pack of cells", format!("{what}; run again with --restart"))
@@ -142,6 +145,7 @@ pub fn tally(pack: &PackWriter, layout: &VertexLayout, n_cells: u32) -> Result<V
             | ChunkKind::Foreign
             | ChunkKind::Index
             | ChunkKind::Found
+            | ChunkKind::Samples
             | ChunkKind::Verdict => {}
         }
     }

@@ -26,17 +26,22 @@ const FOREIGN_ROWS: usize = 65_536;
 const SORT_ROWS: usize = 1_000_000;
 
 /// Pairs as a pass finds them.
-pub(super) struct Gathering {
+pub(super) struct Gathering<'a> {
     list: Vec<Foreign>,
     sorted_up_to: usize,
     most_rows: usize,
+    /// The number under which the pairs of a vertex are noted.
+    note_of: &'a dyn Fn(GlobalVertex) -> CellId,
 }
 
-impl Gathering {
-    /// Keeps at most `memory_bytes` of pairs, or 1 MiB if that is more.
-    pub(super) fn new(memory_bytes: u64) -> Self {
+/// All pairs are noted together.
+pub(super) const TOGETHER: &dyn Fn(GlobalVertex) -> CellId = &|_| CellId(0);
+
+impl<'a> Gathering<'a> {
+    /// Keeps at most `memory_bytes` of pairs, or 1 MiB if that is more. `note_of` rises with the vertices.
+    pub(super) fn new(memory_bytes: u64, note_of: &'a dyn Fn(GlobalVertex) -> CellId) -> Self {
         let most_rows = (memory_bytes / LISTED_BYTES).max(FOREIGN_ROWS as u64) as usize;
-        Gathering { list: Vec::new(), sorted_up_to: 0, most_rows }
+        Gathering { list: Vec::new(), sorted_up_to: 0, most_rows, note_of }
     }
 
     /// Takes all of `found`.
@@ -60,16 +65,20 @@ impl Gathering {
     /// Appends all pairs to the pack, as a note for the end of the pass or for the run that takes it up.
     pub(super) fn note(&mut self, pack: &mut PackWriter) -> Result<()> {
         self.tidy();
-        note(self.list.iter().copied().map(Ok), pack)?;
+        for rows in self.list.chunk_by(|a, b| (self.note_of)(a.0) == (self.note_of)(b.0)) {
+            note((self.note_of)(rows[0].0), rows.iter().copied().map(Ok), pack)?;
+        }
         self.list.clear();
         self.sorted_up_to = 0;
         Ok(())
     }
 
-    /// The pairs and what was noted in the pack that `noted` reads, sorted, each once; `folder` takes a file.
-    pub(super) fn finish(mut self, noted: Option<&Pack>, folder: &Path) -> Result<Halo> {
-        let of_notes =
-            |reader| Pack::chunks_of(reader, CellId(0)).iter().map(move |chunk| (reader, chunk));
+    /// The pairs and what was noted under a number in the pack that `noted` reads, sorted, each once; `folder` takes a
+    /// file.
+    pub(super) fn finish(mut self, noted: Option<(&Pack, CellId)>, folder: &Path) -> Result<Halo> {
+        let of_notes = |(reader, number)| {
+            Pack::chunks_of(reader, number).iter().map(move |chunk| (reader, chunk))
+        };
         let notes: Vec<_> = noted
             .into_iter()
             .flat_map(of_notes)
@@ -123,19 +132,23 @@ impl Gathering {
     }
 }
 
-/// Appends pairs to the pack.
-fn note(rows: impl Iterator<Item = Result<Foreign>>, pack: &mut PackWriter) -> Result<()> {
+/// Appends pairs to the pack, under a number.
+fn note(
+    number: CellId,
+    rows: impl Iterator<Item = Result<Foreign>>,
+    pack: &mut PackWriter,
+) -> Result<()> {
     let mut payload = Vec::new();
     for row in rows {
         payload.extend_from_slice(&encode(row?));
         if payload.len() == FOREIGN_ROWS * FOREIGN_BYTES {
-            pack.append(CellId(0), ChunkKind::Foreign, &payload)?;
+            pack.append(number, ChunkKind::Foreign, &payload)?;
             payload.clear();
         }
     }
     match payload.is_empty() {
         true => Ok(()),
-        false => pack.append(CellId(0), ChunkKind::Foreign, &payload),
+        false => pack.append(number, ChunkKind::Foreign, &payload),
     }
 }
 
@@ -193,7 +206,7 @@ impl Halo {
     /// Appends all pairs to the pack, as a note for a run that takes up what follows.
     pub(super) fn note(&self, pack: &mut PackWriter) -> Result<()> {
         let mut cursor = self.from(GlobalVertex(0))?;
-        note(std::iter::from_fn(|| cursor.take().transpose()), pack)
+        note(CellId(0), std::iter::from_fn(|| cursor.take().transpose()), pack)
     }
 }
 

@@ -13,7 +13,7 @@ const MOST_SHARE: u64 = 4;
 
 /// Returns whether the faces of most blocks use few blocks of vertices, so that a table in pages is read little more than
 /// once. Scans as they come from a scanner, a grid or a triangulation are; shuffled ones are not.
-pub(super) fn is_local(source: &MeshSource) -> Result<bool> {
+pub fn is_local(source: &MeshSource) -> Result<bool> {
     let n_blocks = source.n_face_blocks();
     let n_probes = PROBES.min(n_blocks);
     let most = (source.n_vertex_blocks() / MOST_SHARE).clamp(2, MOST_BLOCKS) as usize;

@@ -20,7 +20,7 @@ impl Passes<'_> {
     /// Adds the vertices that triangles of each cell use and the cell does not hold.
     ///
     /// Memory: 24 bytes for each of `OWN_ROWS` vertices, and some MiB of missing ones, a thread.
-    pub(super) fn missing(&self, foreign: &mut Gathering, pack: &mut PackWriter) -> Result<()> {
+    pub(super) fn missing(&self, foreign: &mut Gathering<'_>, pack: &mut PackWriter) -> Result<()> {
         let run = self.run;
         let n_cells = self.tally.len();
         let reader = pack.reader(run.disk(), n_cells)?;

@@ -2,7 +2,7 @@
 //!
 //! Three passes after the scan, all I/O sequential: vertices go to the cell of their position, triangles to
 //! the cell of their corner of lowest index, and the vertices that triangles of another cell use are copied there.
-//! It does not look at connectivity and moves nothing.
+//! It does not look at connectivity and moves nothing. Many processes may do it in parts (`parts`).
 
 mod cell_table;
 mod checkpoint;
@@ -11,6 +11,8 @@ mod locality;
 mod memory;
 mod missing;
 mod packed_cells;
+mod pages;
+mod parts;
 mod passes;
 mod scan;
 mod shared;
@@ -20,6 +22,10 @@ mod tests;
 mod triangles;
 
 pub use memory::{Shares, Sizes};
+pub use parts::{
+    Part, Scanned, Scattered, SharedPart, join_parts, scan_part, scatter_part, share_part,
+    tree_of_parts,
+};
 pub use scan::{Scan, chosen, scan};
 
 use crate::error::{Error, Result};
@@ -32,9 +38,9 @@ use crate::store::cells::{
 use crate::store::stage_context::StageContext;
 use cell_table::CellTable;
 use checkpoint::{Checkpoints, Pass, take_up, tally};
-use halo::Gathering;
-use locality::is_local;
-use passes::Passes;
+use halo::{Gathering, TOGETHER};
+pub use locality::is_local;
+use passes::{Blocks, Passes, at_window};
 use serde::{Deserialize, Serialize};
 
 /// File name of the first round's pack.
@@ -110,44 +116,59 @@ fn cut(
     map: impl FnOnce(Bounds, &[[f64; 3]]) -> CellMap,
 ) -> Result<(Partition, CellMap)> {
     let layout = VertexLayout::new(source.schema(), source.n_vertices());
-    let shares = |n_cells| {
-        let store_bytes = store_bytes(source.n_vertices(), source.n_triangles(), &layout);
-        let n_vertices = source.n_vertices();
-        let sizes = Sizes { n_vertices, n_cells, store_bytes, layout: &layout };
-        Shares::new(sizes, run.threads, run.memory_bytes)
-    };
+    let shares = |n_cells| shares(source, &layout, n_cells, run);
     // Sealed by itself: the passes below can only be taken up with the very same cells.
     let (bounds, tree) = run.job.sealed("partition tree", || {
         let shares = shares(n_cells);
-        let Scan { bounds, samples } = scan(source, n_cells, shares.threads, run.progress)?;
+        let blocks = 0..source.n_vertex_blocks();
+        let Scan { bounds, samples } = scan(source, n_cells, blocks, shares.threads, run.progress)?;
+        let bounds = bounds.or_origin();
         Ok((bounds, map(bounds, &samples)))
     })?;
     run.progress.add(source.n_triangles() / 8);
     let shares = shares(tree.n_cells());
     let (mut pack, place) = take_up(run, PACK_NAME, shares.table_bytes)?;
-    let tally = tally(&pack, &layout, tree.n_cells())?;
+    let tally = tally(pack.chunks(), &layout, tree.n_cells())?;
     let checkpoints = Checkpoints::new(run);
     let plain_bytes = source.n_vertices() * CellTable::bytes_per_vertex(tree.n_cells());
     let table_folder = match plain_bytes > shares.table_bytes && is_local(source)? {
         true => Some(run.job.folder()),
         false => None,
     };
-    let mut passes =
-        Passes { source, run, layout, tally, tree, shares, table_folder, place, checkpoints };
+    let blocks = Blocks { vertices: 0..source.n_vertex_blocks(), faces: 0..source.n_face_blocks() };
+    let mut passes = Passes {
+        source,
+        run,
+        layout,
+        tally,
+        tree: &tree,
+        blocks,
+        shares,
+        table_folder,
+        is_near: table_folder.is_some(),
+        place,
+        checkpoints,
+    };
     let table = match place.pass {
-        Pass::Vertices => Some(passes.vertices(&mut pack)?),
+        Pass::Vertices => {
+            let mut table = passes.begun_table()?;
+            passes.vertices(Some(&mut table), &mut pack)?;
+            let table = table.finish()?;
+            passes.place = at_window(&table);
+            Some(table)
+        }
         Pass::Triangles => Some(passes.same_window()?),
         Pass::Shared => None,
     };
-    let foreign = match table {
-        Some(table) => passes.triangles(table, &mut pack)?,
-        None => passes.halo(Gathering::new(shares.halo_bytes), &mut pack)?,
-    };
+    let mut foreign = Gathering::new(shares.halo_bytes, TOGETHER);
+    if let Some(table) = table {
+        passes.triangles(table, &mut foreign, &mut pack)?;
+    }
+    let foreign = passes.halo(foreign, &mut pack)?;
     let middle = bounds.middle();
     let seams = passes.shared(foreign, middle, &mut pack)?;
     let dropped = passes.place.dropped;
     let store = StoreInfo {
-        pack: run.job.name(PACK_NAME),
         triangles: passes.tally.iter().map(|cell| cell.triangles).sum(),
         cells: passes.tally,
         shared_vertices: seams.n_shared,
@@ -159,9 +180,7 @@ fn cut(
         }
         None => store,
     };
-    pack.seal()?;
-    run.disk().sync_folder_of(&run.job.path(PACK_NAME))?;
-    let store = StoreInfo { pack_bytes: pack.length(), ..store };
+    let store = StoreInfo { packs: vec![pack.close(run.disk())?], ..store };
     let partition = Partition {
         store,
         bounds,
@@ -169,5 +188,11 @@ fn cut(
         bad_faces: dropped.bad,
         seam_place: seams.place,
     };
-    Ok((partition, passes.tree))
+    Ok((partition, tree))
+}
+
+fn shares(source: &MeshSource, layout: &VertexLayout, n_cells: u32, run: &StageContext) -> Shares {
+    let store_bytes = store_bytes(source.n_vertices(), source.n_triangles(), layout);
+    let sizes = Sizes { n_vertices: source.n_vertices(), n_cells, store_bytes, layout };
+    Shares::new(sizes, run.threads, run.memory_bytes)
 }

@@ -10,36 +10,57 @@ use crate::store::cells::{CellMap, CellTally, PackWriter, Scatter, VertexLayout}
 use crate::store::pack_format::ChunkKind;
 use crate::store::stage_context::StageContext;
 use crate::system::parallel::in_order;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+
+/// Blocks of the input.
+#[derive(Clone, Debug)]
+pub(super) struct Blocks {
+    pub(super) vertices: Range<u64>,
+    pub(super) faces: Range<u64>,
+}
 
 /// The passes over the input, and how far they are.
 pub(super) struct Passes<'a> {
     pub(super) source: &'a MeshSource,
     pub(super) run: &'a StageContext<'a>,
     pub(super) layout: VertexLayout,
-    pub(super) tree: CellMap,
+    pub(super) tree: &'a CellMap,
+    /// The blocks of vertices and of faces that the passes go over.
+    pub(super) blocks: Blocks,
     pub(super) tally: Vec<CellTally>,
     pub(super) shares: Shares,
-    /// Folder for a table that exceeds its memory, if pages of it serve.
+    /// Folder for a table that exceeds its memory; without one it comes in windows.
     pub(super) table_folder: Option<&'a Path>,
+    /// True if faces are known to use vertices near each other in the input.
+    pub(super) is_near: bool,
     /// Position of the passes, or where they continue.
     pub(super) place: ResumePoint,
     pub(super) checkpoints: Checkpoints<'a>,
 }
 
-impl Passes<'_> {
+impl<'a> Passes<'a> {
     pub(super) fn buffers(&self, kind: ChunkKind) -> Scatter {
         Scatter::new(kind, self.tree.n_cells(), self.shares.buffer_bytes)
     }
 
-    /// Sends every vertex to the cell of its position.
-    pub(super) fn vertices(&mut self, pack: &mut PackWriter) -> Result<CellTable> {
-        let first_block = self.place.block;
+    /// The table of cells up to the place of the passes.
+    pub(super) fn begun_table(&self) -> Result<CellTable<'a>> {
         let mut table = self.table(0, self.source.n_vertices());
-        self.extend(&mut table, first_block * BLOCK_ROWS)?;
-        let is_packed = table.is_packed();
-        let (source, run, tree, ids) = (self.source, self.run, &self.tree, self.layout.ids);
+        self.extend(&mut table, self.place.block * BLOCK_ROWS)?;
+        Ok(table)
+    }
+
+    /// Sends every vertex to the cell of its position, which is added to the table.
+    pub(super) fn vertices(
+        &mut self,
+        mut table: Option<&mut CellTable<'a>>,
+        pack: &mut PackWriter,
+    ) -> Result<()> {
+        let first_block = self.blocks.vertices.start + self.place.block;
+        let is_packed = table.as_ref().is_some_and(|table| table.is_packed());
+        let (source, run, tree, ids) = (self.source, self.run, self.tree, self.layout.ids);
         let n_cells = tree.n_cells();
         let record_bytes = self.layout.schema.record_bytes();
         let row_bytes = ids.bytes + record_bytes;
@@ -47,7 +68,7 @@ impl Passes<'_> {
         let (schema, tally, checkpoints) =
             (&self.layout.schema, &mut self.tally, &mut self.checkpoints);
         in_order(
-            source.n_vertex_blocks() - first_block,
+            self.blocks.vertices.end - first_block,
             self.shares.threads,
             run.progress,
             |index, out: &mut Sorted| {
@@ -70,7 +91,9 @@ impl Passes<'_> {
                 Ok(())
             },
             |index, sorted| {
-                table.extend(&sorted.cells, &sorted.packed)?;
+                if let Some(table) = table.as_deref_mut() {
+                    table.extend(first_block + index, &sorted.cells, &sorted.packed)?;
+                }
                 for &(cell, n_rows) in &sorted.runs {
                     tally[cell].vertices += u64::from(n_rows);
                 }
@@ -84,14 +107,18 @@ impl Passes<'_> {
             },
         )?;
         scatter.finish(pack)?;
-        run.progress.add(source.n_triangles() / 4);
-        let table = table.finish()?;
-        self.place = at_window(&table);
-        Ok(table)
+        run.progress.add(self.share(source.n_triangles() / 4));
+        Ok(())
+    }
+
+    /// The part of a count of all that falls to the blocks of these passes.
+    pub(super) fn share(&self, n: u64) -> u64 {
+        let blocks = self.blocks.faces.end - self.blocks.faces.start;
+        (u128::from(n) * u128::from(blocks) / u128::from(self.source.n_face_blocks().max(1))) as u64
     }
 
     /// The window of the place at which the passes are taken up.
-    pub(super) fn same_window(&self) -> Result<CellTable> {
+    pub(super) fn same_window(&self) -> Result<CellTable<'a>> {
         let [first, rows] = self.place.window;
         let table = self.window(first, rows)?;
         match table.len() == rows {
@@ -102,22 +129,22 @@ impl Passes<'_> {
     }
 
     /// The window that begins at vertex `first` and holds at most `rows` vertices.
-    pub(super) fn window(&self, first: u64, rows: u64) -> Result<CellTable> {
+    pub(super) fn window(&self, first: u64, rows: u64) -> Result<CellTable<'a>> {
         let mut table = self.table(first, rows);
         self.extend(&mut table, rows)?;
         table.finish()
     }
 
     /// An empty table for at most `rows` vertices from `first` on.
-    fn table(&self, first: u64, rows: u64) -> CellTable {
+    fn table(&self, first: u64, rows: u64) -> CellTable<'a> {
         let folder = self.table_folder.map(Path::to_path_buf);
-        let room = Room { bytes: self.shares.table_bytes, folder };
+        let room = Room { bytes: self.shares.table_bytes, folder, is_near: self.is_near };
         CellTable::new(first, rows, self.tree.n_cells(), room)
     }
 
     /// Adds the cells of the first `rows` vertices to an empty table, or of as many as it takes.
     fn extend(&self, table: &mut CellTable, rows: u64) -> Result<()> {
-        let (source, run, tree) = (self.source, self.run, &self.tree);
+        let (source, run, tree) = (self.source, self.run, self.tree);
         let record_bytes = self.layout.schema.record_bytes();
         let (first, is_packed) = (table.first, table.is_packed());
         let is_full = AtomicBool::new(false);
@@ -140,8 +167,8 @@ impl Passes<'_> {
                 }
                 Ok(())
             },
-            |_, block| {
-                table.extend(&block.cells, &block.packed)?;
+            |index, block| {
+                table.extend(first / BLOCK_ROWS + index, &block.cells, &block.packed)?;
                 is_full.store(table.is_full(), Relaxed);
                 Ok(())
             },

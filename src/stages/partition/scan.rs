@@ -8,11 +8,12 @@ use crate::mesh::bounds::Bounds;
 use crate::store::cells::n_samples;
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
+use std::ops::Range;
 
 /// Findings of a pass over the vertices.
 #[derive(Clone, Debug)]
 pub struct Scan {
-    /// The bounding box; that of the origin when there are no vertices.
+    /// The bounding box; an empty one when there are no vertices.
     pub bounds: Bounds,
     /// One vertex out of each stretch of equal length, chosen by a hash within it.
     pub samples: Vec<[f64; 3]>,
@@ -25,10 +26,11 @@ struct BlockScan {
     samples: Vec<[f64; 3]>,
 }
 
-/// Reads all vertices once. Memory: `n_samples` positions and a few blocks.
+/// Reads all vertices of some blocks once. Memory: their share of `n_samples` positions and a few blocks.
 pub fn scan(
     source: &MeshSource,
     n_cells: u32,
+    blocks: Range<u64>,
     threads: usize,
     progress: &Progress,
 ) -> Result<Scan> {
@@ -36,11 +38,11 @@ pub fn scan(
     let stretch = (source.n_vertices() / n_samples(source.n_vertices(), n_cells)).max(1);
     let mut out = Scan { bounds: Bounds::EMPTY, samples: Vec::new() };
     in_order(
-        source.n_vertex_blocks(),
+        blocks.end - blocks.start,
         threads,
         progress,
         |index, out: &mut BlockScan| {
-            source.read_vertices(index, &mut out.block)?;
+            source.read_vertices(blocks.start + index, &mut out.block)?;
             out.samples.clear();
             out.bounds = Bounds::EMPTY;
             let mut wanted = chosen(out.block.first / stretch, stretch);
@@ -63,7 +65,6 @@ pub fn scan(
             Ok(())
         },
     )?;
-    out.bounds = out.bounds.or_origin();
     Ok(out)
 }
 

@@ -82,7 +82,7 @@ impl Passes<'_> {
         )?;
         rows.finish(pack)?;
         marks.finish(pack)?;
-        run.progress.add(source.n_triangles() / 8);
+        run.progress.add(self.share(source.n_triangles() / 8));
         Ok(seams)
     }
 }

@@ -102,6 +102,87 @@ fn cut_in(
     (partition, cells)
 }
 
+/// The same in parts, each as another process would do it, last parts first.
+fn cut_in_parts(
+    cell_triangles: u64,
+    folder: &std::path::Path,
+    memory_bytes: u64,
+    of: u32,
+) -> (Partition, Vec<CellMesh>) {
+    let source = MeshSource::open(&folder.join("grid.ply")).unwrap();
+    assert!(source.is_read_in_place());
+    let folder = &folder.join(format!("parts of {of} and {memory_bytes}"));
+    std::fs::create_dir(folder).unwrap();
+    let (disk, progress, none) = (Disk::default(), Progress::default(), BTreeMap::new());
+    let guest = |prefix: &str, outcomes: &BTreeMap<String, serde_json::Value>| {
+        Job::guest(folder, &disk, prefix, outcomes.clone())
+    };
+    fn context<'a>(job: &'a Job, progress: &'a Progress, memory_bytes: u64) -> StageContext<'a> {
+        StageContext { job, progress, threads: 2, memory_bytes, checkpoint_every: Duration::MAX }
+    }
+    let parts = |phase: &str, outcomes: &BTreeMap<String, serde_json::Value>| {
+        let job_of = |index| (Part { index, of }, guest(&format!("{phase}-{index}."), outcomes));
+        (0..of).rev().map(job_of).collect::<Vec<_>>()
+    };
+    let mut scanned: Vec<Scanned> = Vec::new();
+    for (part, job) in parts("scan", &none) {
+        let run = context(&job, &progress, memory_bytes);
+        scanned.insert(0, scan_part(&source, cell_triangles, part, &run).unwrap());
+    }
+    let job = guest("tree.", &none);
+    let run = context(&job, &progress, memory_bytes);
+    tree_of_parts(&source, cell_triangles, &scanned, &run).unwrap();
+    let tree = job.recorded();
+    let mut scattered: Vec<Scattered> = Vec::new();
+    for (part, job) in parts("scatter", &tree) {
+        let run = context(&job, &progress, memory_bytes);
+        scattered.insert(0, scatter_part(&source, part, &run).unwrap());
+    }
+    let mut shared: Vec<SharedPart> = Vec::new();
+    for (part, job) in parts("share", &tree) {
+        let run = context(&job, &progress, memory_bytes);
+        shared.insert(0, share_part(&source, part, &scattered, &run).unwrap());
+    }
+    let job = guest("partition.", &tree);
+    let run = context(&job, &progress, memory_bytes);
+    let partition = join_parts(&source, cell_triangles, (&scattered, &shared), &run).unwrap();
+    let layout = VertexLayout::new(source.schema(), source.n_vertices());
+    let store = CellStore::open(&disk, folder, partition.store.clone(), layout).unwrap();
+    let cells = CellId::first(store.n_cells()).map(|cell| store.load_tidy(cell).unwrap()).collect();
+    (partition, cells)
+}
+
+/// Parts of the partition give the cells of one process bit for bit, also where pages of the table come and go,
+/// where faces are in no order, with more parts than blocks, and with notes that exceed their memory.
+fn assert_parts_are_the_whole(cell_triangles: u64, folder: &std::path::Path) {
+    let (whole, cells) = cut_in(cell_triangles, folder, 1 << 30, Duration::MAX);
+    for (memory, of) in [(1 << 30, 1), (1 << 30, 3), (1 << 10, 2), (1 << 10, 5), (32 << 20, 16)] {
+        let (parts, others) = cut_in_parts(cell_triangles, folder, memory, of);
+        let what = format!("{of} parts, {memory} bytes");
+        assert_eq!(whole.store.cells, parts.store.cells, "{what}");
+        assert_eq!(whole.store.shared_vertices, parts.store.shared_vertices, "{what}");
+        assert_eq!(whole.store.split, parts.store.split, "{what}");
+        assert_eq!(whole.seam_place, parts.seam_place, "{what}");
+        assert_eq!(whole.bounds, parts.bounds, "{what}");
+        assert_eq!(whole.degenerate_faces, parts.degenerate_faces, "{what}");
+        assert_same(&cells, &others, &what);
+    }
+}
+
+#[test]
+fn parts_of_a_mesh_in_order_give_the_same_cells_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    write_grid(folder.path(), 880);
+    assert_parts_are_the_whole(20_000, folder.path());
+}
+
+#[test]
+fn parts_of_a_mesh_in_no_order_give_the_same_cells_bit_for_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    write_shuffled_grid(folder.path(), 400);
+    assert_parts_are_the_whole(400, folder.path());
+}
+
 /// All that the kernel sees of cells, and what stays beside it, bit for bit.
 fn assert_same(cells: &[CellMesh], others: &[CellMesh], what: &str) {
     assert_eq!(cells.len(), others.len(), "{what}");
@@ -167,7 +248,7 @@ fn wide_ids_give_the_same_cells_bit_for_bit() {
     ALWAYS_WIDE.set(true);
     for memory in [1 << 10, 1 << 30] {
         let (wide, others) = cut_in(400, folder.path(), memory, Duration::ZERO);
-        assert!(wide.store.pack_bytes > narrow.store.pack_bytes);
+        assert!(wide.store.pack_bytes() > narrow.store.pack_bytes());
         assert_eq!(wide.store.cells, narrow.store.cells);
         assert_same(&cells, &others, &format!("{memory} bytes"));
     }
@@ -223,6 +304,7 @@ fn pairs_on_disk_give_the_same_cells_bit_for_bit() {
         assert_eq!(whole.seam_place, other.seam_place);
         assert_same(&cells, &others, &format!("{memory} bytes"));
     }
+    assert_parts_are_the_whole(500, folder.path());
 }
 
 /// Cells that are split by ids, and whose triangles came in several windows, are the same bit for bit.
@@ -242,6 +324,7 @@ fn a_split_cell_in_windows_is_the_same_bit_for_bit() {
     let (windowed, other) = cut_in(500, folder.path(), 1 << 10, Duration::MAX);
     assert_eq!(whole.store.cells, windowed.store.cells);
     assert_same(&cells, &other, "split");
+    assert_parts_are_the_whole(500, folder.path());
 }
 
 /// A fan around the vertex of lowest index, which would be one cell, comes out as cells of the planned size that

@@ -7,23 +7,28 @@ use super::passes::{Passes, at_window};
 use super::sorted::Sorted;
 use crate::error::Result;
 use crate::mesh::global_vertex::GlobalVertex;
+use crate::store::cell_id::CellId;
 use crate::store::cells::{PackWriter, Scatter};
 use crate::store::pack_format::ChunkKind;
 use crate::system::parallel::in_order;
 
-impl Passes<'_> {
+impl<'a> Passes<'a> {
     /// Sends every triangle to the cell of its corner of lowest index; finds the corners that lie elsewhere.
     ///
     /// While the table holds all vertices that takes one pass over the faces. Otherwise each window takes a
     /// pass for the triangles whose lowest corner it knows, and the cells tell afterwards what they miss.
-    pub(super) fn triangles(&mut self, table: CellTable, pack: &mut PackWriter) -> Result<Halo> {
+    pub(super) fn triangles(
+        &mut self,
+        table: CellTable<'a>,
+        foreign: &mut Gathering<'_>,
+        pack: &mut PackWriter,
+    ) -> Result<()> {
         let mut scatter = self.buffers(ChunkKind::Triangles);
-        let mut foreign = Gathering::new(self.shares.halo_bytes);
         let n_vertices = self.source.n_vertices();
         let is_whole = table.first == 0 && table.len() >= n_vertices;
         let mut table = table;
         loop {
-            let found = is_whole.then_some(&mut foreign);
+            let found = is_whole.then_some(&mut *foreign);
             self.triangles_of(&table, found, &mut scatter, pack)?;
             let next = table.first + table.len();
             if next >= n_vertices {
@@ -36,7 +41,7 @@ impl Passes<'_> {
         drop(table);
         scatter.finish(pack)?;
         if !is_whole {
-            self.missing(&mut foreign, pack)?;
+            self.missing(foreign, pack)?;
         }
         self.place = ResumePoint {
             pass: Pass::Shared,
@@ -47,17 +52,18 @@ impl Passes<'_> {
             foreign.note(pack)?;
             self.checkpoints.seal(self.place, pack)?;
         }
-        self.halo(foreign, pack)
+        Ok(())
     }
 
     /// `foreign` and what has been noted in the pack.
-    pub(super) fn halo(&self, foreign: Gathering, pack: &mut PackWriter) -> Result<Halo> {
+    pub(super) fn halo(&self, foreign: Gathering<'_>, pack: &mut PackWriter) -> Result<Halo> {
         let is_noted = pack.chunks().iter().any(|chunk| chunk.kind == ChunkKind::Foreign);
         let reader = match is_noted {
             true => Some(pack.reader(self.run.disk(), self.tally.len())?),
             false => None,
         };
-        foreign.finish(reader.as_ref(), self.run.job.folder())
+        let noted = reader.as_ref().map(|reader| (reader, CellId(0)));
+        foreign.finish(noted, self.run.job.folder())
     }
 
     /// Sends the triangles whose lowest corner lies in `table` to their cells. `foreign`, which is given if the
@@ -67,7 +73,7 @@ impl Passes<'_> {
     fn triangles_of(
         &mut self,
         table: &CellTable,
-        mut foreign: Option<&mut Gathering>,
+        mut foreign: Option<&mut Gathering<'_>>,
         scatter: &mut Scatter,
         pack: &mut PackWriter,
     ) -> Result<()> {
@@ -76,14 +82,16 @@ impl Passes<'_> {
         let row_bytes = 3 * ids.bytes;
         let start = self.place;
         let mut dropped = start.dropped;
+        let blocks = self.blocks.faces.clone();
+        let first_block = blocks.start + start.block;
         let (tally, checkpoints) = (&mut self.tally, &mut self.checkpoints);
         in_order(
-            source.n_face_blocks() - start.block,
+            blocks.end - first_block,
             self.shares.threads,
             run.progress,
             |index, out: &mut Sorted| {
                 let mut faces = std::mem::take(&mut out.faces);
-                source.read_faces(start.block + index, &mut faces)?;
+                source.read_faces(first_block + index, &mut faces)?;
                 out.cells.clear();
                 out.foreign.clear();
                 let mut cells = table.reader();
@@ -98,6 +106,7 @@ impl Passes<'_> {
                     }
                     true
                 });
+                cells.finish()?;
                 table.trim();
                 out.foreign.sort_unstable();
                 out.foreign.dedup();

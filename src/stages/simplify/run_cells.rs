@@ -132,8 +132,8 @@ pub(super) fn run_cells(
     run: &StageContext,
     work: impl Fn(CellId, CellMesh) -> Survivors + Sync,
 ) -> Result<SurvivorInfo> {
-    let frees =
-        frees_sources(store.info().triangles, goal.triangles) && run.job.owns(&store.info().pack);
+    let frees = frees_sources(store.info().triangles, goal.triangles)
+        && store.info().packs.iter().all(|file| run.job.owns(&file.pack));
     run_cells_with((store, goal), (frees, None), run, |index, cell| Ok(work(index, cell)))
 }
 
@@ -187,7 +187,7 @@ fn run_cells_with(
     let synced_at = Instant::now();
     let (unsynced, synced_bytes) = (Vec::new(), writer.length());
     let output = Mutex::new(Output { writer, frees, unsynced, synced_bytes, synced_at });
-    let freed_bytes = store.info().pack_bytes / FREED_AT_A_TIME;
+    let freed_bytes = store.info().pack_bytes() / FREED_AT_A_TIME;
     let left = CellId::first(store.n_cells()).filter(|&cell| !is_done[cell]);
     let more = beside.map_or(0, |beside| beside.bytes_per_triangle);
     let outcome = for_cells_beside((store, goal), left, more, run, |cell| {

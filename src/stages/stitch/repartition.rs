@@ -83,7 +83,6 @@ fn recut_by(
     let mut tally = vec![CellTally::default(); map.n_cells as usize];
     let shared_vertices = scatter(survivors, map, &mut tally, &mut pack, run)?;
     let store = StoreInfo {
-        pack: run.job.name(&name),
         triangles: tally.iter().map(|cell| cell.triangles).sum(),
         cells: tally,
         shared_vertices,
@@ -93,10 +92,8 @@ fn recut_by(
     Ok((pack, store))
 }
 
-fn seal(mut pack: PackWriter, store: StoreInfo, run: &StageContext) -> Result<StoreInfo> {
-    pack.seal()?;
-    run.disk().sync_folder_of(&run.job.path(&store.pack))?;
-    Ok(StoreInfo { pack_bytes: pack.length(), ..store })
+fn seal(pack: PackWriter, store: StoreInfo, run: &StageContext) -> Result<StoreInfo> {
+    Ok(StoreInfo { packs: vec![pack.close(run.disk())?], ..store })
 }
 
 /// Threads that may read old cells at a time: each has one cell as it lies on disk and as it was read, and rows of two

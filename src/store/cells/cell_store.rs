@@ -5,7 +5,7 @@
 
 use super::cell_mesh::CellMesh;
 use super::id_map::IdMap;
-use super::pack::Pack;
+use super::pack::{Pack, PackFile};
 use super::pieces::PieceSet;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
@@ -33,10 +33,9 @@ pub struct CellTally {
 /// The sealed description of a store: enough to open it again.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StoreInfo {
-    /// File name of the pack in the job folder.
-    pub pack: String,
-    /// Sealed length of the pack.
-    pub pack_bytes: u64,
+    /// The packs; the chunks of a cell are those of all packs, in this order. More than one if several processes have
+    /// made the store.
+    pub packs: Vec<PackFile>,
     /// Rows per cell.
     pub cells: Vec<CellTally>,
     /// Vertices used by more than one cell.
@@ -48,24 +47,23 @@ pub struct StoreInfo {
     /// Cells that were split: their chunks before `split_at` count no more.
     #[serde(default)]
     pub split: Vec<CellId>,
-    /// Place in the pack at which the chunks of split cells begin.
+    /// Place in the last of the packs at which the chunks of split cells begin.
     #[serde(default)]
     pub split_at: u64,
     /// The first of the cells that came behind the others by splitting.
     #[serde(default)]
     pub first_part: CellId,
-    /// Pieces of the cells that are left out; `cells` and `triangles` count without their triangles.
+    /// The pack that says which pieces of cells are left out, a set for each such cell; `cells` and `triangles` count
+    /// without their triangles.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub verdicts: Option<Verdicts>,
+    pub verdicts: Option<PackFile>,
 }
 
-/// The sealed description of a pack that says which pieces of cells are left out: a set for each such cell.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Verdicts {
-    /// File name of the pack in the job folder.
-    pub pack: String,
-    /// Sealed length of the pack.
-    pub pack_bytes: u64,
+impl StoreInfo {
+    /// Bytes of all packs.
+    pub fn pack_bytes(&self) -> u64 {
+        self.packs.iter().map(|file| file.pack_bytes).sum()
+    }
 }
 
 /// Layout of the vertex rows of a store: id, record as read, and in later rounds the kernel channels.
@@ -176,12 +174,10 @@ impl CellStore {
         layout: VertexLayout,
     ) -> Result<CellStore> {
         let n_cells = info.cells.len();
-        let pack = Pack::open(disk, &folder.join(&info.pack), n_cells, info.pack_bytes)?
-            .forget(&info.split, info.split_at);
+        let pack =
+            Pack::open_all(disk, folder, &info.packs, n_cells)?.forget(&info.split, info.split_at);
         let verdicts = match &info.verdicts {
-            Some(Verdicts { pack, pack_bytes }) => {
-                Some(Pack::open(disk, &folder.join(pack), n_cells, *pack_bytes)?)
-            }
+            Some(file) => Some(Pack::open_all(disk, folder, std::slice::from_ref(file), n_cells)?),
             None => None,
         };
         Ok(CellStore { info, layout, pack, verdicts })
@@ -260,8 +256,7 @@ impl CellStore {
                     "byte {}: cell {cell} has other pieces; run again with --restart",
                     chunk.offset
                 );
-                let name = self.info.verdicts.as_ref().map_or("", |verdicts| &verdicts.pack);
-                return Err(Error::corrupt(Path::new(name), what));
+                return Err(Error::corrupt(verdicts.path_of(chunk), what));
             }
         }
         Ok(mesh)
@@ -334,7 +329,7 @@ impl CellStore {
         for chunk in chunks {
             let missing = |id| {
                 let what = format!("byte {}: no vertex {id} in cell {cell}", chunk.offset);
-                Error::corrupt(Path::new(&self.info.pack), what)
+                Error::corrupt(self.pack.path_of(chunk), what)
             };
             let mut find = |row: &[u8]| {
                 let id = self.layout.ids.read(row);
@@ -363,6 +358,7 @@ impl CellStore {
                 | ChunkKind::Foreign
                 | ChunkKind::Index
                 | ChunkKind::Found
+                | ChunkKind::Samples
                 | ChunkKind::Verdict => {}
             }
         }

@@ -18,14 +18,12 @@ mod split_oversized;
 
 pub use cell_map::CellMap;
 pub use cell_mesh::{CellMesh, Dropped};
-pub use cell_store::{
-    CellStore, CellTally, StoreInfo, Verdicts, VertexLayout, load_bytes, store_row_bytes,
-};
+pub use cell_store::{CellStore, CellTally, StoreInfo, VertexLayout, load_bytes, store_row_bytes};
 pub use group_record::{GroupRecord, TileRecord};
 pub use id_map::IdMap;
 pub use kd_tree::{CellTree, TurnedFrame, n_samples, plan_cells};
 pub use lattice::{BoxKey, GroupGrid, Lattice, clamp_below, clamp_to, group_of, parent_of};
-pub use pack::{Pack, PackWriter, check_pack};
+pub use pack::{Pack, PackFile, PackWriter, check_pack};
 pub use pieces::{Extent, PieceSet, Pieces, position_bits};
 pub use scatter::Scatter;
 pub use simplified_cell::{

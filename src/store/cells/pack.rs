@@ -9,12 +9,22 @@ use crate::store::pack_format::{
     self, CHUNK_HEADER_BYTES, Chunk, ChunkKind, PACK_END_BYTES, PACK_HEADER_BYTES,
 };
 use crate::system::disk::{Disk, DiskFile};
+use serde::{Deserialize, Serialize};
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Chunks collect here before they go to the file in one write.
 const WRITE_BYTES: usize = 1 << 20;
+
+/// The sealed description of a pack: enough to open it again.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct PackFile {
+    /// Its file name in the job folder.
+    pub pack: String,
+    /// Its sealed length.
+    pub pack_bytes: u64,
+}
 
 /// Appends chunks to a new pack.
 #[derive(Debug)]
@@ -132,11 +142,35 @@ impl PackWriter {
         self.sync()
     }
 
+    /// Seals the pack, and makes its name durable.
+    pub fn close(mut self, disk: &Disk) -> Result<PackFile> {
+        self.seal()?;
+        let path = self.file.path();
+        disk.sync_folder_of(path)?;
+        let pack = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(PackFile { pack, pack_bytes: self.length() })
+    }
+
     /// Opens what was appended so far for reading.
     pub fn reader(&mut self, disk: &Disk, n_cells: usize) -> Result<Pack> {
+        self.reader_behind(disk, &[], n_cells)
+    }
+
+    /// The same behind sealed packs in the same folder.
+    pub fn reader_behind(
+        &mut self,
+        disk: &Disk,
+        earlier: &[PackFile],
+        n_cells: usize,
+    ) -> Result<Pack> {
         self.flush()?;
-        let cells = CellId(0)..CellId::at(n_cells);
-        Pack::from_chunks(disk.open(self.file.path())?, self.chunks.clone(), cells)
+        let path = self.file.path();
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let (mut files, mut chunks) = read_indices(disk, in_folder(folder, earlier))?;
+        let number = files.len() as u16;
+        chunks.extend(self.chunks.iter().map(|&chunk| Chunk { file: number, ..chunk }));
+        files.push(disk.open(path)?);
+        Pack::from_chunks(files, chunks, CellId(0)..CellId::at(n_cells))
     }
 
     /// Bytes in the pack, once everything pending is written.
@@ -145,11 +179,11 @@ impl PackWriter {
     }
 }
 
-/// A pack opened for reading; safe to share between threads.
+/// A pack opened for reading, or several as if one were appended to the other; safe to share between threads.
 #[derive(Debug)]
 pub struct Pack {
-    file: DiskFile,
-    /// All chunks, by cell, within a cell in the order they were appended.
+    files: Vec<DiskFile>,
+    /// All chunks, by cell, within a cell in the order of the files, then in that in which they were appended.
     chunks: Vec<Chunk>,
     /// The cells that it may hold.
     cells: Range<CellId>,
@@ -158,51 +192,61 @@ pub struct Pack {
 }
 
 impl Pack {
-    /// Opens a pack of `n_cells` cells; `bytes` is its sealed length. Memory: 40 bytes a chunk, twice for a
-    /// moment.
-    pub fn open(disk: &Disk, path: &Path, n_cells: usize, bytes: u64) -> Result<Pack> {
-        Self::open_some(disk, path, CellId(0)..CellId::at(n_cells), bytes)
+    /// Opens packs of `n_cells` cells as one. The chunks of a cell come in the order of the packs. Memory: 40 bytes a chunk,
+    /// twice for a moment.
+    pub fn open_all(
+        disk: &Disk,
+        folder: &Path,
+        packs: &[PackFile],
+        n_cells: usize,
+    ) -> Result<Pack> {
+        let (files, chunks) = read_indices(disk, in_folder(folder, packs))?;
+        Self::from_chunks(files, chunks, CellId(0)..CellId::at(n_cells))
     }
 
     /// Opens a pack of some cells; memory grows with these alone.
     pub fn open_some(disk: &Disk, path: &Path, cells: Range<CellId>, bytes: u64) -> Result<Pack> {
-        let file = disk.open(path)?;
-        if file.length() < bytes {
-            let what =
-                format!("has {} of its {bytes} bytes; run again with --restart", file.length());
-            return Err(Error::corrupt(path, what));
-        }
-        match read_index(&file, bytes)? {
-            Some(chunks) => Self::from_chunks(file, chunks, cells),
-            None => {
-                let what = "the index of its chunks is damaged; run again with --restart";
-                Err(Error::corrupt(path, what))
-            }
-        }
+        let (files, chunks) = read_indices(disk, std::iter::once((path.to_path_buf(), bytes)))?;
+        Self::from_chunks(files, chunks, cells)
     }
 
-    fn from_chunks(file: DiskFile, mut chunks: Vec<Chunk>, cells: Range<CellId>) -> Result<Pack> {
+    fn from_chunks(
+        files: Vec<DiskFile>,
+        mut chunks: Vec<Chunk>,
+        cells: Range<CellId>,
+    ) -> Result<Pack> {
         if let Some(bad) = chunks.iter().find(|chunk| !cells.contains(&chunk.cell)) {
             let what = format!(
                 "byte {}: cell {} is not in {}..{}; run again with --restart",
                 bad.offset, bad.cell, cells.start, cells.end
             );
-            return Err(Error::corrupt(file.path(), what));
+            return Err(Error::corrupt(files[usize::from(bad.file)].path(), what));
         }
-        chunks.sort_by_key(|chunk| (chunk.cell, chunk.offset));
+        chunks.sort_by_key(|chunk| (chunk.cell, chunk.file, chunk.offset));
         let first = Self::index(&chunks, &cells);
-        Ok(Pack { file, chunks, cells, first })
+        Ok(Pack { files, chunks, cells, first })
     }
 
-    /// Leaves out the chunks of some cells (ascending) that lie before a place in the pack.
+    /// Leaves out the chunks of some cells (ascending) that lie before a place in the last of the packs.
     pub fn forget(mut self, cells: &[CellId], before: u64) -> Pack {
         if !cells.is_empty() {
+            let last = self.files.len() - 1;
             self.chunks.retain(|chunk| {
-                chunk.offset >= before || cells.binary_search(&chunk.cell).is_err()
+                (usize::from(chunk.file), chunk.offset) >= (last, before)
+                    || cells.binary_search(&chunk.cell).is_err()
             });
             self.first = Self::index(&self.chunks, &self.cells);
         }
         self
+    }
+
+    /// Path of the file that a chunk lies in.
+    pub fn path_of(&self, chunk: &Chunk) -> &Path {
+        self.file_of(chunk).path()
+    }
+
+    fn file_of(&self, chunk: &Chunk) -> &DiskFile {
+        &self.files[usize::from(chunk.file)]
     }
 
     fn index(chunks: &[Chunk], cells: &Range<CellId>) -> Vec<u32> {
@@ -217,6 +261,11 @@ impl Pack {
         first
     }
 
+    /// All chunks, by cell.
+    pub fn chunks(&self) -> &[Chunk] {
+        &self.chunks
+    }
+
     /// The chunks of one cell, in the order they were written.
     pub fn chunks_of(&self, cell: CellId) -> &[Chunk] {
         let place = cell.index() - self.cells.start.index();
@@ -225,28 +274,61 @@ impl Pack {
 
     /// Reads a chunk's payload into `payload` and checks it.
     pub fn read(&self, chunk: &Chunk, payload: &mut Vec<u8>) -> Result<()> {
-        if !read_payload(&self.file, chunk, payload)? {
+        if !read_payload(self.file_of(chunk), chunk, payload)? {
             let what = format!(
                 "the chunk at byte {} (cell {}) is damaged; run again with --restart",
                 chunk.offset, chunk.cell
             );
-            return Err(Error::corrupt(self.file.path(), what));
+            return Err(Error::corrupt(self.path_of(chunk), what));
         }
         Ok(())
     }
 
     /// Lets the system begin to read a cell that will soon be wanted.
     pub fn expect(&self, cell: CellId) {
-        self.chunks_of(cell).iter().for_each(|chunk| self.file.expect(chunk.offset, chunk.bytes));
+        let expect = |chunk: &Chunk| self.file_of(chunk).expect(chunk.offset, chunk.bytes);
+        self.chunks_of(cell).iter().for_each(expect);
     }
 
     /// Gives the payload bytes of a cell back to the file system; its chunk headers stay readable.
     pub fn free(&self, cell: CellId) -> Result<()> {
         for chunk in self.chunks_of(cell) {
-            self.file.punch(chunk.offset, chunk.bytes)?;
+            self.file_of(chunk).punch(chunk.offset, chunk.bytes)?;
         }
         Ok(())
     }
+}
+
+/// Paths and sealed lengths of packs.
+fn in_folder<'a>(
+    folder: &'a Path,
+    packs: &'a [PackFile],
+) -> impl Iterator<Item = (PathBuf, u64)> + 'a {
+    packs.iter().map(|file| (folder.join(&file.pack), file.pack_bytes))
+}
+
+/// Opens packs that were sealed at these lengths; their chunks bear the number of their file.
+fn read_indices(
+    disk: &Disk,
+    packs: impl Iterator<Item = (PathBuf, u64)>,
+) -> Result<(Vec<DiskFile>, Vec<Chunk>)> {
+    let (mut files, mut chunks) = (Vec::new(), Vec::new());
+    for (path, bytes) in packs {
+        let file = disk.open(&path)?;
+        if file.length() < bytes {
+            let what =
+                format!("has {} of its {bytes} bytes; run again with --restart", file.length());
+            return Err(Error::corrupt(&path, what));
+        }
+        let found = read_index(&file, bytes)?.ok_or_else(|| {
+            let what = "the index of its chunks is damaged; run again with --restart";
+            Error::corrupt(&path, what)
+        })?;
+        let number = files.len() as u16;
+        chunks.extend(found.into_iter().map(|chunk| Chunk { file: number, ..chunk }));
+        files.push(file);
+    }
+    Ok((files, chunks))
 }
 
 /// Reads a pack that was sealed at `bytes` and checks every chunk. The error names the first that is damaged.
@@ -333,7 +415,7 @@ mod tests {
         writer.seal().unwrap();
         let bytes = writer.length();
         drop(writer);
-        let pack = Pack::open(&disk, &path, 7, bytes).unwrap();
+        let pack = Pack::open_some(&disk, &path, CellId(0)..CellId(7), bytes).unwrap();
         let mut payload = Vec::new();
         let lengths: Vec<u64> = pack.chunks_of(CellId(3)).iter().map(|c| c.bytes / 31).collect();
         assert_eq!(lengths, (0..100).filter(|i| i % 7 == 3).collect::<Vec<_>>());
@@ -352,13 +434,16 @@ mod tests {
         assert_eq!(std::fs::metadata(&path).unwrap().len(), index_at as u64);
         std::fs::write(&path, &raw[..index_at - 5]).unwrap();
         assert_eq!(PackWriter::reopen(&disk, &path).unwrap().chunks().len(), 98);
-        assert!(Pack::open(&disk, &path, 7, bytes).is_err());
+        assert!(Pack::open_some(&disk, &path, CellId(0)..CellId(7), bytes).is_err());
         // Any damage to the index is found when the pack is opened.
         raw[victim.offset as usize] ^= 1;
         for at in (index_at..raw.len()).step_by(13) {
             raw[at] ^= 0x10;
             std::fs::write(&path, &raw).unwrap();
-            assert!(Pack::open(&disk, &path, 7, bytes).is_err(), "byte {at}");
+            assert!(
+                Pack::open_some(&disk, &path, CellId(0)..CellId(7), bytes).is_err(),
+                "byte {at}"
+            );
             raw[at] ^= 0x10;
         }
     }

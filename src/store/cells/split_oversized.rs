@@ -28,7 +28,7 @@ const WINDOW_VERTICES: u64 = 1 << 20;
 /// Share of the memory budget for each set of scatter buffers.
 const BUFFER_SHARE: u64 = 16;
 
-/// Splits what is overfull in a store whose rows have all been written to `pack`, for round `round`.
+/// Splits what is overfull in a store whose rows have all been written to its packs and then to `pack`, for round `round`.
 ///
 /// Every cell holds all vertices its triangles use, before and after. Wedges of one place that come into different cells are
 /// marked as shared there. Memory: buffers within the budget and some 60 MB. Reads an overfull cell once for each million of
@@ -49,7 +49,7 @@ pub fn split_overfull(
     }
     info.split_at = pack.length();
     info.first_part = CellId::at(info.cells.len());
-    let source = pack.reader(run.disk(), info.cells.len())?;
+    let source = pack.reader_behind(run.disk(), &info.packs, info.cells.len())?;
     for &cell in &overfull {
         let old = Old { source: &source, cell, layout, info: &info };
         let cuts = old.cuts(planned_triangles, round, run)?;

@@ -33,6 +33,20 @@ pub struct Machines {
     pub files: f64,
 }
 
+/// Share of the input that a unit of a phase reads: vertices are a third of a mesh of bare positions.
+fn share_of_input(phase: &str, phases: Option<&Vec<Value>>) -> f64 {
+    let units = |name: &str| {
+        let phase = phases?.iter().find(|phase| phase["name"] == name);
+        phase?["units"].as_f64()
+    };
+    match (phase, units("scatter")) {
+        ("partition", None) => 1.0,
+        ("scatter", Some(parts)) => 1.0 / parts,
+        ("scan" | "share", Some(parts)) => 1.0 / (3.0 * parts),
+        _ => 0.0,
+    }
+}
+
 /// The phases of a job, with the costs of their units.
 #[derive(Clone, Debug)]
 pub struct Job {
@@ -60,7 +74,7 @@ impl Job {
                 let record = line(&folder.join(format!("units/{name}-{index:04}.record")))?;
                 let number = |key: &str| record["outcome"][key].as_f64().unwrap_or(0.0);
                 // Records count the files of the job and the output.
-                let read = if name == "partition" { input } else { 0.0 };
+                let read = input * share_of_input(name, plan["phases"].as_array());
                 let bytes = times * (number("bytes_read") + number("bytes_written") + read);
                 units.push(Cost { start, processor: times * number("processor_seconds"), bytes });
             }
