@@ -74,7 +74,7 @@ fn left_over(folder: &Path, job: &str) -> Vec<String> {
     names.filter(|name| !name.ends_with(".record") && name != "writing").collect()
 }
 
-const SCAN: &str = "in.ply --ratio 5% --cell-triangles 3000";
+const SCAN: &str = "in.ply --ratio 10% --cell-triangles 1000";
 
 /// A scan and the result of one process.
 fn scan(kind: &str, triangles: &str, options: &str) -> (tempfile::TempDir, Vec<u8>) {
@@ -87,12 +87,15 @@ fn scan(kind: &str, triangles: &str, options: &str) -> (tempfile::TempDir, Vec<u
 
 #[test]
 fn any_number_of_units_gives_the_bytes_of_one_process() {
-    for (kind, triangles, options) in [
-        ("statue", "60k", "--ratio 5% --cell-triangles 3000"),
-        ("scans", "300k", "--ratio 10% --cell-triangles 10k --min-component 50"),
-        ("terrain", "60k", "--ratio 60% --cell-triangles 2000"),
-        ("terrain", "60k", "--ratio 97% --cell-triangles 2000"),
-        ("statue", "300k", "--ratio 5%"),
+    // The last number: rounds after the first that are done in units.
+    for (kind, triangles, options, later) in [
+        ("statue", "60k", "--ratio 5% --cell-triangles 3000", 0),
+        ("scans", "300k", "--ratio 10% --cell-triangles 10k --min-component 50", 1),
+        ("terrain", "60k", "--ratio 60% --cell-triangles 2000", 0),
+        ("terrain", "60k", "--ratio 97% --cell-triangles 2000", 0),
+        ("statue", "300k", "--ratio 5%", 0),
+        ("statue", "60k", "--ratio 10% --cell-triangles 1000", 2),
+        ("statue", "60k", "--ratio 10% --cell-triangles 1000 --fit on", 2),
     ] {
         let (folder, whole) = scan(kind, triangles, options);
         let at = folder.path();
@@ -100,7 +103,9 @@ fn any_number_of_units_gives_the_bytes_of_one_process() {
             let output = format!("out-{n}.ply");
             let cut = format!("--units {n} --parts {parts}");
             let phases = plan(at, &format!("job-{n} in.ply {output} {options} {cut}"));
-            assert_eq!(phases.len(), if parts == 1 { 4 } else { 8 });
+            let rounds = phases.iter().filter(|(name, _)| name.starts_with("round-")).count();
+            assert_eq!(phases.len(), if parts == 1 { 4 } else { 8 } + 2 * rounds);
+            assert_eq!(rounds, if n == 1 { 0 } else { later });
             for (_, units) in &phases {
                 for unit in shuffled(units, n) {
                     let threads = 1 + unit.len() % 3;
@@ -118,7 +123,7 @@ fn any_number_of_units_gives_the_bytes_of_one_process() {
 
 #[test]
 fn every_unit_twice_and_at_once_gives_the_same_bytes() {
-    let (folder, whole) = scan("statue", "60k", "--ratio 5% --cell-triangles 3000");
+    let (folder, whole) = scan("statue", "60k", "--ratio 10% --cell-triangles 1000");
     let at = folder.path();
     for (_, units) in
         plan(at, &format!("job {} --units 12 --parts 3", SCAN.replace("in.ply", "in.ply out.ply")))
@@ -139,18 +144,18 @@ fn every_unit_twice_and_at_once_gives_the_same_bytes() {
     let status = run(at, "status job --json");
     let json: serde_json::Value = serde_json::from_slice(&status.stdout).unwrap();
     assert_eq!((json["is_over"].as_bool(), json["share"].as_f64()), (Some(true), Some(1.0)));
-    assert!((0..8).all(|i| json["phases"][i]["done"] == json["phases"][i]["units"]));
+    assert!((0..12).all(|i| json["phases"][i]["done"] == json["phases"][i]["units"]));
     assert_eq!(json["report"]["target_met"], true);
 }
 
 #[test]
 fn killed_units_are_done_again_and_leave_nothing() {
-    let (folder, whole) = scan("statue", "300k", "--ratio 5% --cell-triangles 10k");
+    let (folder, whole) = scan("statue", "300k", "--ratio 5% --cell-triangles 5k");
     let at = folder.path();
     let mut n_killed = 0;
     let mut seed = 17_u64;
     for (_, units) in
-        plan(at, "job in.ply out.ply --ratio 5% --cell-triangles 10k --units 2 --parts 2")
+        plan(at, "job in.ply out.ply --ratio 5% --cell-triangles 5k --units 2 --parts 2")
     {
         for unit in units {
             for _ in 0..3 {

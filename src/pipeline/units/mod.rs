@@ -8,6 +8,7 @@
 
 mod parts;
 mod phases;
+mod rounds;
 mod standing;
 mod task;
 
@@ -15,12 +16,14 @@ pub use crate::store::job::units::{Frozen, Unit};
 pub use standing::{Standing, standing};
 pub use task::Task;
 
+use super::plan::Plan;
 use super::prepare;
 use super::run_report::RunReport;
 use crate::config::{Config, Method, Texture};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::stages::partition::is_local;
+use crate::stages::stitch::{Step, next_step};
 use crate::store::job::fingerprint::{input_marks, job_identity};
 use crate::store::job::units::{Phase, Record, UnitJob};
 use crate::system::disk::Disk;
@@ -44,23 +47,11 @@ pub const MOST_UNITS: u32 = 2000;
 /// a part is 0.7 s of work.
 const TRIANGLES_OF_A_PART: u64 = 16_000_000;
 
-/// Where faces use vertices from everywhere, each part looks up all vertices; more parts than this gain nothing.
+/// The most parts where faces use vertices from everywhere: each part looks up all vertices then.
 const PARTS_IN_NO_ORDER: u32 = 4;
 
-/// Shares of the time that a run takes, by phase: first those of a partition in parts.
-const SHARES: [(&str, f64); 8] = [
-    ("scan", 0.04),
-    ("tree", 0.01),
-    ("scatter", 0.12),
-    ("share", 0.03),
-    ("partition", 0.01),
-    ("pilot", 0.05),
-    ("simplify", 0.65),
-    ("rest", 0.09),
-];
-
-/// The number of phases that a partition by one process does not have.
-const PHASES_OF_PARTS: usize = 4;
+/// Later rounds of fewer cells are left to the last unit: their pilot, which takes four cells, is most of them.
+const CELLS_OF_A_ROUND: u64 = 8;
 
 /// Pieces that a job is cut into.
 #[derive(Clone, Copy, Debug)]
@@ -86,19 +77,14 @@ pub fn freeze(
     let prepared = prepare(config)?;
     let plan = &prepared.plan;
     let n_batches = (plan.cells / CELLS_OF_A_PIECE).clamp(pieces.units, PIECES * pieces.units);
-    let n_parts = n_parts(&prepared.source, pieces)?;
-    let units = |name: &str| match name {
-        "scan" | "scatter" | "share" => n_parts,
-        "simplify" => n_batches,
-        _ => 1,
-    };
-    let shares = if n_parts == 1 { &SHARES[PHASES_OF_PARTS..] } else { &SHARES[..] };
-    let phase = |(i, (name, share)): (usize, &(&str, f64))| Phase {
-        name: (*name).to_owned(),
-        units: units(name),
-        after: shares[..i].last().map(|(before, _)| (*before).to_owned()).into_iter().collect(),
+    let rounds = later_rounds(plan, config, pieces.units);
+    let cut = cut((n_parts(&prepared.source, pieces)?, n_batches), &rounds);
+    let phase = |(i, (name, units, share)): (usize, &(String, u32, f64))| Phase {
+        name: name.clone(),
+        units: *units,
+        after: cut[..i].last().map(|(before, ..)| before.clone()).into_iter().collect(),
         memory: plan.needed_memory_bytes,
-        seconds: plan.seconds * config.threads.get() as f64 * share / f64::from(units(name)),
+        seconds: plan.seconds * config.threads.get() as f64 * share / f64::from(*units),
     };
     let frozen = Frozen {
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -108,10 +94,53 @@ pub fn freeze(
         settings: settings_checksum(config),
         identity: job_identity(&prepared.source, &prepared.marks, config),
         triangles: plan.triangles_in,
-        phases: shares.iter().enumerate().map(phase).collect(),
+        phases: cut.iter().enumerate().map(phase).collect(),
     };
     UnitJob::new(folder, disk, Duration::ZERO).freeze(&frozen)?;
     Ok(frozen)
+}
+
+/// All phases with their units, and the share of the time that each takes.
+fn cut((parts, batches): (u32, u32), rounds: &[u32]) -> Vec<(String, u32, f64)> {
+    let of_parts = [
+        ("scan", parts, 0.04),
+        ("tree", 1, 0.01),
+        ("scatter", parts, 0.12),
+        ("share", parts, 0.03),
+    ];
+    let first = [
+        ("partition", 1, if parts > 1 { 0.01 } else { 0.2 }),
+        ("pilot", 1, 0.05),
+        ("simplify", batches, 0.65),
+    ];
+    let of_parts = of_parts.into_iter().filter(|_| parts > 1);
+    let named = |(name, units, share): (&str, u32, f64)| (name.to_owned(), units, share);
+    let later = (1..).zip(rounds).flat_map(|(round, &units)| {
+        [(format!("recut-{round}"), 1, 0.01), (format!("round-{round}"), units, 0.02)]
+    });
+    let first = of_parts.chain(first).map(named);
+    first.chain(later).chain(std::iter::once(("rest".to_owned(), 1, 0.09))).collect()
+}
+
+/// The units of each later round, as far as rounds can be told from counts: one for a cell, at most as many as were asked for.
+fn later_rounds(plan: &Plan, config: &Config, units: u32) -> Vec<u32> {
+    let (mut now, mut rounds) = (plan.triangles_in, Vec::new());
+    if units == 1 {
+        return rounds;
+    }
+    for round in 0.. {
+        let step = next_step(now, plan.target, config.cell_triangles, round);
+        let Step::Round(goal) = step else { break };
+        let cells = now.div_ceil(config.cell_triangles);
+        if round > 0 && cells < CELLS_OF_A_ROUND {
+            break;
+        }
+        if round > 0 {
+            rounds.push(cells.min(u64::from(units)) as u32);
+        }
+        now = goal.min(now);
+    }
+    rounds
 }
 
 /// The number of parts of the partition. What has to be unpacked, converted or scanned first is not cut: each part would do all of that.

@@ -1,22 +1,18 @@
 //! The phases of a job in units: what each reads from the records of the others, which stages it runs.
 //!
 //! `partition` and `rest` are the run of one process, stopped early and taken up late; the partition may be done in parts
-//! before (`parts`). `pilot` finds the thresholds of
-//! the first round, `simplify` takes all cells down to them, batch by batch. Where the first round is not of that kind (a
-//! small mesh, a target near the input) these two have nothing to do, and `rest` does it all.
+//! before (`parts`), and rounds are done between them (`rounds`).
 
 use super::task::Task;
 use crate::config::{Config, Until};
 use crate::error::{Error, Result};
-use crate::pipeline::kernel_side::{Facts, kernel_side};
+use crate::pipeline::kernel_side::Facts;
 use crate::pipeline::prepare::prepare;
 use crate::pipeline::run_report::{RunReport, StageReport};
 use crate::pipeline::run_stages_in;
 use crate::stages::components::Components;
 use crate::stages::partition::Partition;
-use crate::stages::simplify::{self, Goal};
-use crate::stages::stitch::{self, Step};
-use crate::store::cells::{CellStore, PackFile, StoreInfo, SurvivorInfo, check_pack};
+use crate::store::cells::{PackFile, StoreInfo, check_pack};
 use crate::store::job::Job;
 use crate::store::job::units::{Attempt, Frozen, Record, Unit, UnitFile, UnitJob};
 use crate::store::stage_context::StageContext;
@@ -27,12 +23,8 @@ use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 
 /// Names of outcomes that are not those of a stage.
-const FACTS: &str = "facts";
-const BATCH: &str = "batch";
+pub(super) const FACTS: &str = "facts";
 const REPORT: &str = "report";
-
-/// The outcome of the first round (`stage_runner`).
-const FIRST_ROUND: &str = "round 0";
 
 /// Returns whether nothing comes after a unit.
 pub(super) fn is_last(unit: &Unit) -> bool {
@@ -57,14 +49,37 @@ pub(super) fn run(
         "share" => phase.share(task).map(plain),
         "partition" => phase.partition().map(plain),
         "pilot" => phase.pilot().map(plain),
-        "simplify" => phase.simplify(task).map(plain),
+        "simplify" => phase.batch(0, task).map(plain),
         "rest" => phase.rest().map(|(record, report)| (record, Some(report))),
-        other => Err(Error::Usage(format!("this program knows no phase '{other}'"))),
+        other => match numbered(other) {
+            Some(("recut", round)) => phase.recut(round).map(plain),
+            Some(("round", round)) => phase.batch(round, task).map(plain),
+            _ => Err(Error::Usage(format!("this program knows no phase '{other}'"))),
+        },
     }
 }
 
-/// Phases whose files nothing reads once the cells are there.
-const NEEDED_BY_PARTS: [&str; 2] = ["scan", "tree"];
+/// The phase in which the cells of a round are simplified.
+pub(super) fn phase_of_round(round: u32) -> String {
+    if round == 0 { "simplify".to_owned() } else { format!("round-{round}") }
+}
+
+/// The name and the round of a phase of a later round.
+fn numbered(phase: &str) -> Option<(&str, u32)> {
+    let (name, round) = phase.split_once('-')?;
+    Some((name, round.parse().ok()?))
+}
+
+/// Tells if a phase has to know of one before it.
+fn needs(phase: &str, before: &str) -> bool {
+    match (phase, numbered(phase)) {
+        (_, Some(("recut", round))) => before == "partition" || before == phase_of_round(round - 1),
+        (_, Some((_, round))) => before == "partition" || before == format!("recut-{round}"),
+        // What only the cells were made from.
+        ("pilot" | "simplify", _) => !["scan", "tree"].contains(&before),
+        _ => true,
+    }
+}
 
 /// The records of all units that come before this one and matter to it, by phase; what else their attempts have left is
 /// removed by phases of one unit.
@@ -74,9 +89,8 @@ fn earlier(
     progress: &Progress,
 ) -> Result<BTreeMap<String, Vec<(Unit, Record)>>> {
     let mut earlier = BTreeMap::new();
-    let has_cells = ["pilot", "simplify", "rest"].contains(&task.unit.phase.as_str());
     let phases = task.frozen.phases.iter().take_while(|phase| phase.name != task.unit.phase);
-    for phase in phases.filter(|p| !has_cells || !NEEDED_BY_PARTS.contains(&p.name.as_str())) {
+    for phase in phases.filter(|phase| needs(&task.unit.phase, &phase.name)) {
         let units = task.frozen.units_of(&phase.name).into_iter();
         let require = |unit: Unit| job.require(&unit, progress).map(|record| (unit, record));
         let records: Vec<(Unit, Record)> = units.map(require).collect::<Result<_>>()?;
@@ -99,8 +113,10 @@ pub(super) struct Run<'a> {
 impl Run<'_> {
     /// A job with what was found before.
     pub(super) fn guest(&self, more: BTreeMap<String, serde_json::Value>) -> Job {
-        let single = |name: &str| self.earlier.get(name).into_iter().flatten();
-        let records = single("tree").chain(single("partition")).chain(single("pilot"));
+        let is_single = |name: &str| {
+            ["tree", "partition", "pilot"].contains(&name) || name.starts_with("recut-")
+        };
+        let records = self.earlier.iter().filter(|(name, _)| is_single(name)).flat_map(|(_, r)| r);
         let mut outcomes: BTreeMap<String, serde_json::Value> =
             records.flat_map(|(_, record)| record.outcomes.clone()).collect();
         self.name_packs(&mut outcomes);
@@ -135,52 +151,11 @@ impl Run<'_> {
         Ok(Record { outcomes: job.recorded(), files, triangles, ..Record::default() })
     }
 
-    /// The thresholds of the first round.
-    fn pilot(self) -> Result<Record> {
-        let job = self.guest(BTreeMap::new());
-        if let Some(round) = FirstRound::of(&job, self.config)? {
-            let run = self.context(&job);
-            self.progress.begin("pilot", 1, 1, 0);
-            simplify::find_thresholds(&round.store, round.goal, &round.options, &run)?;
-        }
-        Ok(Record { outcomes: job.recorded(), ..Record::default() })
-    }
-
-    /// One batch of cells.
-    fn simplify(self, task: &Task) -> Result<Record> {
-        let job = self.guest(BTreeMap::new());
-        let Some(round) = FirstRound::of(&job, self.config)? else { return Ok(Record::default()) };
-        let n_batches = task.frozen.units_of(&task.unit.phase).len();
-        let tallies = &round.store.info().cells;
-        let cells = simplify::batches(tallies, n_batches)[task.unit.index as usize].clone();
-        if cells.is_empty() {
-            return Ok(Record::default());
-        }
-        let triangles = tallies[cells.clone()].iter().map(|cell| cell.triangles).sum();
-        let run = self.context(&job);
-        self.progress.begin("simplify", 1, 1, triangles);
-        let FirstRound { store, goal, options } = &round;
-        let left = simplify::simplify_batch(store, *goal, options, &run, cells)?;
-        let files = left.packs.iter();
-        let files = files.map(|f| UnitFile { pack: f.pack.clone(), bytes: f.pack_bytes }).collect();
-        job.record(BATCH, &left)?;
-        Ok(Record { outcomes: job.recorded(), files, triangles, ..Record::default() })
-    }
-
-    /// Everything from the survivors of the first round to the output.
+    /// Everything from the survivors of the last round in units to the output.
     fn rest(self) -> Result<(Record, RunReport)> {
         let prepared = prepare(self.config)?;
         self.job.begin_to_write()?;
-        let batches = self.earlier.get("simplify").map_or(&[][..], Vec::as_slice);
-        let mut more = BTreeMap::new();
-        if batches.iter().any(|(_, record)| !record.outcomes.is_empty()) {
-            let left = joined(batches)?;
-            let report = stage_report("simplify", batches, left.triangles);
-            let round = (left, report);
-            let value = serde_json::to_value(round).expect("plain data");
-            more.insert(FIRST_ROUND.to_owned(), value);
-        }
-        let job = self.guest(more);
+        let job = self.guest(self.rounds()?);
         let report = run_stages_in(&job, prepared, self.config, self.progress)?.report();
         let mut report =
             report.ok_or_else(|| Error::Internal("the run has no report".to_owned()))?;
@@ -192,14 +167,6 @@ impl Run<'_> {
         let triangles = report.input.triangles;
         Ok((Record { outcomes, triangles, ..Record::default() }, report))
     }
-}
-
-/// The survivors of all batches.
-fn joined(batches: &[(Unit, Record)]) -> Result<SurvivorInfo> {
-    let filled = batches.iter().filter(|(_, record)| !record.outcomes.is_empty());
-    let parts: Vec<SurvivorInfo> =
-        filled.map(|(_, record)| record.outcome(BATCH)).collect::<Result<_>>()?;
-    Ok(SurvivorInfo::joined(parts))
 }
 
 /// Units as one stage.
@@ -228,40 +195,16 @@ pub(super) fn unit_file(file: PackFile) -> UnitFile {
     UnitFile { pack: file.pack, bytes: file.pack_bytes }
 }
 
-fn found<T: DeserializeOwned>(job: &Job, name: &str) -> Result<T> {
+pub(super) fn found<T: DeserializeOwned>(job: &Job, name: &str) -> Result<T> {
     let missing = || Error::Internal(format!("an earlier phase has left no '{name}'"));
     job.outcome(name)?.ok_or_else(missing)
 }
 
 /// The cells of the first round, as they were left by the last stage before it.
-fn store_of(job: &Job) -> Result<StoreInfo> {
+pub(super) fn store_of(job: &Job) -> Result<StoreInfo> {
     match job.outcome::<(Components, StageReport)>("components")? {
         Some((components, _)) => Ok(components.store),
         None => Ok(found::<(Partition, StageReport)>(job, "partition")?.0.store),
-    }
-}
-
-/// The first round, if it goes to a threshold that a pilot finds.
-struct FirstRound {
-    store: CellStore,
-    goal: Goal,
-    options: crate::kernel::Options,
-}
-
-impl FirstRound {
-    fn of(job: &Job, config: &Config) -> Result<Option<FirstRound>> {
-        let facts: Facts = found(job, FACTS)?;
-        let info = store_of(job)?;
-        let step = stitch::next_step(info.triangles, facts.target, config.cell_triangles, 0);
-        let Step::Round(goal) = step else { return Ok(None) };
-        let (layout, mut options) = kernel_side(&facts, config);
-        if let Some(weights) = job.outcome("channel lengths")? {
-            options.weights = weights;
-        }
-        options.use_share_of_bound(stitch::bound_share(0), stitch::PATIENCE);
-        let triangles = stitch::within_reach(goal, info.triangles, info.shared_vertices);
-        let store = CellStore::open(job.disk(), job.folder(), info, layout)?;
-        Ok(Some(FirstRound { store, goal: Goal { round: 0, triangles }, options }))
     }
 }
 

@@ -127,9 +127,6 @@ pub fn take_up(
 pub fn tally(chunks: &[Chunk], layout: &VertexLayout, n_cells: u32) -> Result<Vec<CellTally>> {
     let mut tally = vec![CellTally::default(); n_cells as usize];
     for chunk in chunks {
-        if chunk.kind == ChunkKind::Foreign {
-            continue;
-        }
         let cell = tally.get_mut(chunk.cell.index()).ok_or_else(|| {
             let what = format!("byte {}: cell {} of {n_cells}", chunk.offset, chunk.cell);
             Error::corrupt("the pack of cells", format!("{what}; run again with --restart"))

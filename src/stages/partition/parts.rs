@@ -179,8 +179,7 @@ pub fn share_part(
 ) -> Result<SharedPart> {
     let (bounds, tree): (Bounds, CellMap) = found(run, TREE)?;
     let files: Vec<PackFile> = scattered.iter().map(|part| part.cells.clone()).collect();
-    let most = tree.n_cells().max(part.of) as usize;
-    let noted = Pack::open_all(run.disk(), run.job.folder(), &files, most)?;
+    let noted = Pack::open_notes(run.disk(), run.job.folder(), &files, part.of)?;
     let mut passes = passes(source, &tree, part, run);
     let foreign = Gathering::new(passes.shares.halo_bytes, TOGETHER);
     let foreign = foreign.finish(Some((&noted, CellId(part.index))), run.job.folder())?;
@@ -203,8 +202,7 @@ pub fn join_parts(
     let cells = scattered.iter().map(|part| &part.cells);
     let packs: Vec<PackFile> =
         cells.chain(shared.iter().map(|part| &part.cells)).cloned().collect();
-    let most = (tree.n_cells() as usize).max(scattered.len());
-    let pack = Pack::open_all(run.disk(), run.job.folder(), &packs, most)?;
+    let pack = Pack::open_all(run.disk(), run.job.folder(), &packs, tree.n_cells() as usize)?;
     let cells: Vec<CellTally> = tally(pack.chunks(), &layout, tree.n_cells())?;
     drop(pack);
     let mut seams = Seams::default();

@@ -167,6 +167,7 @@ impl PackWriter {
         let path = self.file.path();
         let folder = path.parent().unwrap_or(Path::new(""));
         let (mut files, mut chunks) = read_indices(disk, in_folder(folder, earlier))?;
+        chunks.retain(|chunk| chunk.kind != ChunkKind::Foreign);
         let number = files.len() as u16;
         chunks.extend(self.chunks.iter().map(|&chunk| Chunk { file: number, ..chunk }));
         files.push(disk.open(path)?);
@@ -192,16 +193,24 @@ pub struct Pack {
 }
 
 impl Pack {
-    /// Opens packs of `n_cells` cells as one. The chunks of a cell come in the order of the packs. Memory: 40 bytes a chunk,
-    /// twice for a moment.
+    /// Opens packs of `n_cells` cells as one, without notes of the partition. The chunks of a cell come in the order of the
+    /// packs. Memory: 40 bytes a chunk, twice for a moment.
     pub fn open_all(
         disk: &Disk,
         folder: &Path,
         packs: &[PackFile],
         n_cells: usize,
     ) -> Result<Pack> {
-        let (files, chunks) = read_indices(disk, in_folder(folder, packs))?;
+        let (files, mut chunks) = read_indices(disk, in_folder(folder, packs))?;
+        chunks.retain(|chunk| chunk.kind != ChunkKind::Foreign);
         Self::from_chunks(files, chunks, CellId(0)..CellId::at(n_cells))
+    }
+
+    /// Opens the notes alone that packs hold under numbers below `n`.
+    pub fn open_notes(disk: &Disk, folder: &Path, packs: &[PackFile], n: u32) -> Result<Pack> {
+        let (files, mut chunks) = read_indices(disk, in_folder(folder, packs))?;
+        chunks.retain(|chunk| chunk.kind == ChunkKind::Foreign);
+        Self::from_chunks(files, chunks, CellId(0)..CellId(n))
     }
 
     /// Opens a pack of some cells; memory grows with these alone.
