@@ -24,8 +24,8 @@ const _: () = assert!(3 * FINISH_CELLS * MAX_CELL_TRIANGLES <= kernel::MAX_VERTI
 /// Cells stop at this multiple of the final count in the round after which their seams first vanish; nearer,
 /// seams show (KERNEL experiments: 4x no trace, 1.2x 1.08-1.29 times the error at the seams).
 ///
-/// The second number says how much above its goal a round may end before it is repeated: the pilot misses by
-/// up to 17 %, and only the last multiple has to be near, since the exact round begins from it.
+/// The second number says how much above its goal a round may end before it is repeated: the pilot misses by some
+/// percent, and only the last multiple has to be near, since the exact round begins from it.
 const COARSE: (f64, f64) = (4.0, 1.3);
 /// Further multiples for results too large for one finish, each with seams elsewhere.
 const MEDIUM: (f64, f64) = (2.0, 1.3);
