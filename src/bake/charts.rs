@@ -52,6 +52,8 @@ pub(super) struct Charts {
     pub corners: Vec<[[f32; 2]; 3]>,
     pub n_charts: u64,
     pub texels_per_unit: f64,
+    /// The same of each page.
+    pub densities: Vec<f64>,
     /// For each triangle the tangents of its corners; empty until `add_tangents`.
     pub tangents: Vec<[Tangent; 3]>,
 }
@@ -107,6 +109,7 @@ impl Charts {
             corners: vec![[[0.0; 2]; 3]; n],
             n_charts: 0,
             texels_per_unit,
+            densities: Vec::new(),
             tangents: Vec::new(),
         };
         for block in blocks(mesh, texels_per_unit) {
@@ -181,6 +184,7 @@ impl Charts {
             })
         };
         self.pages.extend(used.iter().map(cropped));
+        self.densities.resize(self.pages.len(), self.texels_per_unit);
         self.n_charts += u64::from(atlas.chart_count);
         Ok(())
     }

@@ -13,8 +13,10 @@ mod nearest;
 mod normals;
 mod original;
 mod pages;
+mod projected;
 mod settings;
 mod texels;
+mod tiles;
 mod vertex_colours;
 
 use crate::error::{Error, Result};
@@ -25,6 +27,7 @@ use crate::system::units::show_bytes;
 pub use crate::texture::Finish;
 use crate::texture::{ImageCache, Palette, Purpose};
 use charts::Charts;
+use nearest::CellCache;
 use original::Original;
 pub use pages::Page;
 use pages::{Canvas, PageKind};
@@ -33,6 +36,7 @@ use settings::NormalReport;
 pub use settings::{BakeReport, Corner, Means, NormalSource, Options, TANGENT_BYTES};
 use std::path::{Path, PathBuf};
 use texels::Canvases;
+pub use tiles::{Photographs, TilePainter, TilePicture, check_tiles};
 pub use vertex_colours::{Coloured, colour_properties, colour_vertices, has_only_images};
 
 /// Finished pages, and the texture coordinates of the result's corners in a file.
@@ -135,11 +139,12 @@ pub fn bake(
             original: &original,
             palette: &palette,
             images: &cache,
-            cell_bytes: free_bytes / CELL_SHARE,
+            side: texels::points_of_side(density.of_images, charts.texels_per_unit),
             batch_bytes: free_bytes / POINT_SHARE,
             threads: means.threads,
             progress,
         },
+        &mut CellCache::new(free_bytes / CELL_SHARE),
         &mut canvases,
     )?;
     notes.extend(cache.notes());

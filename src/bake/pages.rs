@@ -145,12 +145,7 @@ impl Canvas {
                     mean = STRAIGHT_PIXEL;
                 }
                 let rows = Rows { canvas: self, page: number, mean };
-                let bytes = match kind {
-                    PageKind::Jpeg => rows.write_jpeg(&path, means.disk)?,
-                    PageKind::Png | PageKind::Directions => {
-                        rows.write_png(&path, means.disk, (self.has_alpha, kind == PageKind::Png))?
-                    }
-                };
+                let bytes = rows.write(kind, &path, means.disk)?;
                 *out = Some((Page { path, kind, width, height, bytes }, covered));
                 Ok(())
             },
@@ -163,6 +158,14 @@ impl Canvas {
             },
         )?;
         Ok((pages, n_covered))
+    }
+
+    /// The image of a page as a file in memory, and the number of texels that charts cover.
+    pub fn image(&self, page: usize, kind: PageKind) -> Result<(Vec<u8>, u64)> {
+        let (mean, n_covered) = self.mean(page)?;
+        let mut out = Vec::new();
+        Rows { canvas: self, page, mean }.encode(kind, &mut out)?;
+        Ok((out, n_covered))
     }
 
     /// The mean of a page's texels, opaque, and their number.
@@ -231,17 +234,24 @@ impl Rows<'_> {
         Ok(band)
     }
 
-    /// Values are marked as colours (`is_srgb`), or not.
-    fn write_png(
-        &self,
-        path: &Path,
-        disk: &Disk,
-        (has_alpha, is_srgb): (bool, bool),
-    ) -> Result<u64> {
-        let [width, height] = self.size();
+    fn write(&self, kind: PageKind, path: &Path, disk: &Disk) -> Result<u64> {
         let mut out = Out { file: disk.create(path)?, failed: None };
+        let result = self.encode(kind, &mut out);
+        out.finish(result)
+    }
+
+    fn encode(&self, kind: PageKind, out: impl Write) -> Result<()> {
+        match kind {
+            PageKind::Jpeg => self.encode_jpeg(out),
+            PageKind::Png | PageKind::Directions => self.encode_png(out, kind == PageKind::Png),
+        }
+    }
+
+    /// Values are marked as colours (`is_srgb`), or not.
+    fn encode_png(&self, out: impl Write, is_srgb: bool) -> Result<()> {
+        let ([width, height], has_alpha) = (self.size(), self.canvas.has_alpha);
         let result = (|| {
-            let mut encoder = png::Encoder::new(&mut out, width, height);
+            let mut encoder = png::Encoder::new(out, width, height);
             let color = if has_alpha { png::ColorType::Rgba } else { png::ColorType::Rgb };
             encoder.set_color(color);
             encoder.set_depth(png::BitDepth::Eight);
@@ -262,21 +272,24 @@ impl Rows<'_> {
             }
             stream.finish()
         })();
-        out.finish(path, result.map_err(|error| error.to_string()))
+        result.map_err(|error: png::EncodingError| not_encoded(&error))
     }
 
-    fn write_jpeg(&self, path: &Path, disk: &Disk) -> Result<u64> {
-        let mut out = Out { file: disk.create(path)?, failed: None };
+    fn encode_jpeg(&self, out: impl Write) -> Result<()> {
         let image = JpegRows { rows: self, held: RefCell::default() };
-        let mut encoder = jpeg_encoder::Encoder::new(&mut out, JPEG_QUALITY);
+        let mut encoder = jpeg_encoder::Encoder::new(out, JPEG_QUALITY);
         // Half the colours, as photographs have them.
         encoder.set_sampling_factor(jpeg_encoder::SamplingFactor::F_2_2);
-        let result = encoder.encode_image(&image).map_err(|error| error.to_string());
-        if let Some(error) = image.held.take().failed {
-            return Err(error);
+        let result = encoder.encode_image(&image);
+        match image.held.take().failed {
+            Some(error) => Err(error),
+            None => result.map_err(|error| not_encoded(&error)),
         }
-        out.finish(path, result)
     }
+}
+
+fn not_encoded(error: &dyn std::error::Error) -> Error {
+    Error::Internal(format!("cannot encode a page: {error}"))
 }
 
 /// A file that an encoder writes to, and the first error of the disk.
@@ -301,13 +314,11 @@ impl Write for Out {
 }
 
 impl Out {
-    fn finish(mut self, path: &Path, result: Result<(), String>) -> Result<u64> {
+    fn finish(mut self, result: Result<()>) -> Result<u64> {
         if let Some(error) = self.failed.take() {
             return Err(error);
         }
-        result.map_err(|what| {
-            Error::Internal(format!("{}: cannot encode a page: {what}", path.display()))
-        })?;
+        result?;
         self.file.sync()?;
         Ok(self.file.length())
     }

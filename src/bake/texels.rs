@@ -29,6 +29,13 @@ const POINT_BYTES: u64 = 264;
 /// sizes of its images are read.
 const SIDES: [u32; 3] = [2, 3, 4];
 
+/// Points for a side of a texel of pages of `texels_per_unit`.
+pub(super) fn points_of_side(of_images: Option<f64>, texels_per_unit: f64) -> u32 {
+    let ratio = of_images.map_or(1.0, |density| density / texels_per_unit);
+    let side = SIDES.iter().find(|&&side| ratio <= 0.75 * f64::from(side)).copied();
+    side.unwrap_or(SIDES[SIDES.len() - 1])
+}
+
 /// A place that faces the result may be farther than the nearest one by this share of the triangle's longest edge.
 const GRACE: f64 = 0.25;
 
@@ -41,7 +48,8 @@ pub(super) struct Scene<'a> {
     pub original: &'a Original,
     pub palette: &'a Palette,
     pub images: &'a ImageCache<'a>,
-    pub cell_bytes: u64,
+    /// Points for a side of a texel.
+    pub side: u32,
     pub batch_bytes: u64,
     pub threads: usize,
     pub progress: &'a Progress,
@@ -87,8 +95,6 @@ struct Work {
     order: Vec<u32>,
     /// Bands in the order in which they are filled.
     bands: Vec<Band>,
-    /// Points for a side of a texel.
-    side: u32,
 }
 
 /// A point of the result.
@@ -132,10 +138,9 @@ impl Seekers for Batch<'_> {
 ///
 /// Memory: cells and images within their budgets, and `batch_bytes` for points, those of a row of the largest page at
 /// least.
-pub(super) fn fill(scene: &Scene, canvases: &mut Canvases) -> Result<Seen> {
+pub(super) fn fill(scene: &Scene, cells: &mut CellCache, canvases: &mut Canvases) -> Result<Seen> {
     let most_points = (scene.batch_bytes / POINT_BYTES).max(1);
     let work = Work::new(scene, most_points / 4);
-    let mut cells = CellCache::new(scene.cell_bytes);
     let mut seen = Seen::default();
     let n_rows = work.bands.len().max(1) as u64;
     let n_triangles = scene.mesh.triangles.len() as u64;
@@ -150,7 +155,7 @@ pub(super) fn fill(scene: &Scene, canvases: &mut Canvases) -> Result<Seen> {
             end += 1;
         }
         let bands = &work.bands[first..end];
-        work.fill_bands(scene, bands, (&mut cells, canvases), &mut seen)?;
+        work.fill_bands(scene, bands, (cells, canvases), &mut seen)?;
         first = end;
         let done = n_triangles * first as u64 / n_rows;
         scene.progress.add(done - counted);
@@ -162,10 +167,7 @@ pub(super) fn fill(scene: &Scene, canvases: &mut Canvases) -> Result<Seen> {
 impl Work {
     fn new(scene: &Scene, most_points: u64) -> Work {
         let charts = scene.charts;
-        let of_images = scene.original.density_of_images();
-        let ratio = of_images.map_or(1.0, |density| density / charts.texels_per_unit);
-        let side = SIDES.iter().find(|&&side| ratio <= 0.75 * f64::from(side)).copied();
-        let side = side.unwrap_or(SIDES[SIDES.len() - 1]);
+        let side = scene.side;
         let mut order: Vec<u32> =
             (0..charts.chart.len() as u32).filter(|&t| charts.chart[t as usize] != NONE).collect();
         order.sort_by_key(|&t| (charts.chart[t as usize], t));
@@ -212,7 +214,7 @@ impl Work {
             start = end;
         }
         placed.sort_by_key(|&(key, number, _)| (key, number));
-        Work { order, bands: placed.into_iter().map(|(_, _, band)| band).collect(), side }
+        Work { order, bands: placed.into_iter().map(|(_, _, band)| band).collect() }
     }
 
     fn fill_bands(
@@ -273,7 +275,7 @@ impl Work {
             )?;
         }
         let Some(canvas) = &mut canvases.colours else { return Ok(()) };
-        let lights = self.lights(scene, &hits)?;
+        let lights = lights(scene, &batch.points, &hits)?;
         drop(hits);
         in_order(
             bands.len() as u64,
@@ -312,7 +314,7 @@ impl Work {
             let is_small = area(&scene.charts.corners[t as usize]) < 2.0;
             // Small ones are looked at as a whole, so that the count does not depend on the rows.
             let rows = if is_small { 0..u32::MAX } else { band.rows.clone() };
-            each_point(&flat, self.side, rows, |x, y, weights| {
+            each_point(&flat, scene.side, rows, |x, y, weights| {
                 n += 1;
                 put(x, y, weights);
             });
@@ -323,34 +325,34 @@ impl Work {
             }
         }
     }
+}
 
-    /// The colour of every place.
-    fn lights(&self, scene: &Scene, hits: &[Hit]) -> Result<Vec<Light>> {
-        let table = &scene.images.table;
-        let spacing = scene.charts.texels_per_unit * f64::from(self.side);
-        let paint = |hit: &Hit| scene.palette.paints.get(hit.material as usize);
-        // First what needs no image; what an image says is multiplied with it.
-        let plain = |hit: &Hit| -> Light {
-            let factor = paint(hit).map_or([1.0; 4], |paint| paint.factor);
-            let has_image = paint(hit).is_some_and(|paint| paint.base.is_some());
-            if has_image || !scene.original.has_colours() {
-                return times_opacity(factor);
-            }
-            let [r, g, b] = hit.colour;
-            let [r, g, b, _] = table.of([r, g, b, 255]);
-            times_opacity([r, g, b, factor[3]])
-        };
-        let mut lights: Vec<Light> = hits.iter().map(plain).collect();
-        let spot = |hit: &Hit| Spot {
-            material: hit.material,
-            uv: hit.uv,
-            apart: f64::from(hit.per_unit) / spacing,
-        };
-        let spots: Vec<Spot> = hits.iter().map(spot).collect();
-        let looks = (scene.palette, scene.images);
-        multiply(&mut lights, &spots, looks, scene.threads, scene.progress)?;
-        Ok(lights)
-    }
+/// The colour of every place.
+fn lights(scene: &Scene, points: &[Point], hits: &[Hit]) -> Result<Vec<Light>> {
+    let table = &scene.images.table;
+    let paint = |hit: &Hit| scene.palette.paints.get(hit.material as usize);
+    // First what needs no image; what an image says is multiplied with it.
+    let plain = |hit: &Hit| -> Light {
+        let factor = paint(hit).map_or([1.0; 4], |paint| paint.factor);
+        let has_image = paint(hit).is_some_and(|paint| paint.base.is_some());
+        if has_image || !scene.original.has_colours() {
+            return times_opacity(factor);
+        }
+        let [r, g, b] = hit.colour;
+        let [r, g, b, _] = table.of([r, g, b, 255]);
+        times_opacity([r, g, b, factor[3]])
+    };
+    let mut lights: Vec<Light> = hits.iter().map(plain).collect();
+    let charts = scene.charts;
+    let spot = |(point, hit): (&Point, &Hit)| {
+        let density = charts.densities[charts.page[point.triangle as usize] as usize];
+        let spacing = density * f64::from(scene.side);
+        Spot { material: hit.material, uv: hit.uv, apart: f64::from(hit.per_unit) / spacing }
+    };
+    let spots: Vec<Spot> = points.iter().zip(hits).map(spot).collect();
+    let looks = (scene.palette, scene.images);
+    multiply(&mut lights, &spots, looks, scene.threads, scene.progress)?;
+    Ok(lights)
 }
 
 /// Makes the texels that points lie in; `pixel` gets the numbers of the points of each.

@@ -6,7 +6,9 @@ use super::log::{EXIT_SHORT, Log, Talk};
 use super::outcome::stage_line;
 use crate::error::{Error, Result};
 use crate::pipeline::tiles::report::TilesReport;
-use crate::pipeline::tiles::{Finest, TILE_TRIANGLES, TilesConfig, make_tiles, prepare_tiles};
+use crate::pipeline::tiles::{
+    Finest, TILE_TRIANGLES, TileTexture, TilesConfig, make_tiles, prepare_tiles,
+};
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::progress::Progress;
 use crate::system::units::{parse_count, parse_ratio, show_bytes, show_count};
@@ -37,6 +39,9 @@ pub struct Args {
     /// Compression of tiles.
     #[arg(long, value_enum, value_name = "HOW", default_value = "meshopt")]
     compress: Compress,
+    /// Look of tiles of a scan with images [default: bake where there are images, otherwise colors].
+    #[arg(long, value_enum, value_name = "HOW")]
+    texture: Option<Texture>,
     /// Axis of the mesh that points upwards.
     #[arg(long, value_enum, value_name = "AXIS", default_value = "z")]
     up: Up,
@@ -86,6 +91,15 @@ enum Compress {
     Meshopt,
     /// Plain numbers, for viewers that know no compression.
     None,
+}
+
+/// The choices of `--texture`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum Texture {
+    /// An image for each tile, as fine as its level.
+    Bake,
+    /// Colours of vertices out of the images.
+    Colors,
 }
 
 /// The choices of `--up`.
@@ -190,6 +204,11 @@ impl Args {
             output: self.output.clone(),
             tile_triangles: self.tile_triangles,
             finest: self.finest.unwrap_or_default(),
+            texture: match self.texture {
+                None => TileTexture::Auto,
+                Some(Texture::Bake) => TileTexture::Bake,
+                Some(Texture::Colors) => TileTexture::Colors,
+            },
             pixels: self.pixels,
             packs: self.compress == Compress::Meshopt,
             is_z_up: self.up == Up::Z,
@@ -267,6 +286,16 @@ fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {
         show_bytes(report.peak_memory_bytes),
         show_bytes(report.peak_temp_bytes)
     ));
+    if let Some(pages) = &report.texture {
+        log.say(format!(
+            "  textures  {} charts, {} texels of which {} show the surface, {} of JPEG or PNG; {:.4} texels per unit of length on level 0",
+            show_count(pages.charts),
+            show_count(pages.texels),
+            show_count(pages.covered_texels),
+            show_bytes(pages.bytes),
+            pages.texels_per_unit
+        ));
+    }
     for note in &report.notes {
         log.say(format!("  {note}"));
     }

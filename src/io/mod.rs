@@ -25,7 +25,9 @@ pub use duplicates::{DuplicateFinder, Duplicates};
 pub(crate) use expected_size::{Expected, expected_bytes};
 pub(crate) use external_sort::{ExternalSort, halves, whole};
 pub use face_survey::{SurveyOptions, survey_faces};
-pub use gltf::{GlbWriter, StoredTile, TileForm, TileMesh, TileScalar, decode_tile, encode_tile};
+pub use gltf::{
+    GlbWriter, StoredTile, TileForm, TileMesh, TilePage, TileScalar, decode_tile, encode_tile,
+};
 pub(crate) use materials::NUMBER;
 pub use materials::{TextureMode, TexturePlan, TextureRequest};
 pub use obj::ObjWriter;

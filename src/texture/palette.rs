@@ -294,7 +294,7 @@ impl Palette {
                     let [width, height] = picture.size;
                     return Err(Error::NoMemory(format!(
                         "image {name} of {width} x {height} pixels takes {} once it is decoded, of which the budget \
-                         leaves {}: give more --memory, or choose --texture keep",
+                         leaves {}: give more --memory, or choose another --texture",
                         show_bytes(picture.bytes()),
                         show_bytes(image_bytes)
                     )));

@@ -6,4 +6,5 @@ mod common;
 mod extract;
 mod scalars;
 mod stops;
+mod textures;
 mod tiles;

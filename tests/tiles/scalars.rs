@@ -172,7 +172,7 @@ fn coarse_levels_average_floats_within_their_range_and_choose_integers() {
 }
 
 /// The JSON of a GLB file.
-fn document(bytes: &[u8]) -> Value {
+pub fn document(bytes: &[u8]) -> Value {
     let n = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
     serde_json::from_slice(&bytes[20..20 + n]).unwrap()
 }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use stonecut::io::decode_tile;
 use stonecut::measure::tree::{Nearest, Tree};
 use stonecut::mesh::Mesh;
-use stonecut::pipeline::tiles::{Finest, TilesConfig, make_tiles_on, prepare_tiles};
+use stonecut::pipeline::tiles::{Finest, TileTexture, TilesConfig, make_tiles_on, prepare_tiles};
 use stonecut::system::disk::Disk;
 use stonecut::system::progress::Progress;
 
@@ -126,6 +126,7 @@ pub fn config(folder: &Path, output: &str) -> TilesConfig {
         output: folder.join(output),
         tile_triangles: 1000,
         finest: Finest::Input,
+        texture: TileTexture::Auto,
         pixels: 1.0,
         packs: true,
         is_z_up: true,
@@ -151,7 +152,7 @@ pub fn make(disk: &Disk, config: &TilesConfig) -> stonecut::Result<()> {
 fn a_run_that_stopped_anywhere_is_continued_to_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     expect(folder.path(), "synth statue in.ply --triangles 20k", 0);
-    stopped_anywhere(&folder);
+    stopped_anywhere(&folder, config);
 }
 
 #[test]
@@ -159,22 +160,21 @@ fn a_run_over_images_that_stopped_anywhere_is_continued_to_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     painted(folder.path(), 100);
     expect(folder.path(), "convert in.obj in.ply", 0);
-    stopped_anywhere(&folder);
+    for texture in [TileTexture::Bake, TileTexture::Colors] {
+        stopped_anywhere(&folder, |folder, name| TilesConfig { texture, ..config(folder, name) });
+        std::fs::remove_dir_all(folder.path().join("whole")).unwrap();
+    }
 }
 
 #[test]
 fn a_run_to_a_coarser_finest_level_that_stopped_anywhere_is_continued_to_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     expect(folder.path(), "synth statue in.ply --triangles 40k", 0);
-    stopped_anywhere_to(&folder, Finest::Ratio(0.1));
+    let finest = Finest::Ratio(0.1);
+    stopped_anywhere(&folder, |folder, name| TilesConfig { finest, ..config(folder, name) });
 }
 
-fn stopped_anywhere(folder: &tempfile::TempDir) {
-    stopped_anywhere_to(folder, Finest::Input);
-}
-
-fn stopped_anywhere_to(folder: &tempfile::TempDir, finest: Finest) {
-    let config = |folder: &Path, name: &str| TilesConfig { finest, ..config(folder, name) };
+fn stopped_anywhere(folder: &tempfile::TempDir, config: impl Fn(&Path, &str) -> TilesConfig) {
     let disk = Disk::default();
     make(&disk, &config(folder.path(), "whole")).unwrap();
     let whole = files(&folder.path().join("whole"));
@@ -197,7 +197,7 @@ fn stopped_anywhere_to(folder: &tempfile::TempDir, finest: Finest) {
 }
 
 /// A wavy sheet of `n` by `n` squares with two images: red to blue, and green.
-fn painted(folder: &Path, n: u32) {
+pub fn painted(folder: &Path, n: u32) {
     let ramp = |x: u32, _| image::Rgb([255 - x as u8, 0, x as u8]);
     image::RgbImage::from_fn(256, 64, ramp).save(folder.join("ramp.png")).unwrap();
     image::RgbImage::from_pixel(8, 8, image::Rgb([0, 200, 0]))
@@ -231,7 +231,7 @@ fn vertices_get_their_colours_from_images() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     painted(path, 120);
-    expect(path, "tiles in.obj out --tile-triangles 900 --report r.json", 0);
+    expect(path, "tiles in.obj out --texture colors --tile-triangles 900 --report r.json", 0);
     let report: Value =
         serde_json::from_slice(&std::fs::read(path.join("r.json")).unwrap()).unwrap();
     assert!(report["notes"].to_string().contains("vertices have colours out of them"), "{report}");
@@ -270,7 +270,11 @@ fn colours_out_of_images_are_the_same_for_any_threads_and_memory() {
     let path = folder.path();
     painted(path, 120);
     let cut = |name: &str, options: &str| {
-        expect(path, &format!("tiles in.obj {name} --tile-triangles 900 {options}"), 0);
+        expect(
+            path,
+            &format!("tiles in.obj {name} --texture colors --tile-triangles 900 {options}"),
+            0,
+        );
         files(&path.join(name))
     };
     assert!(cut("one", "--threads 1 --memory 200MiB") == cut("two", "--threads 3 --memory 2GiB"));

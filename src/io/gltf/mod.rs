@@ -20,7 +20,7 @@ mod writer;
 pub use document::Positions;
 pub(super) use reader::{looks_like, read};
 pub use tile_in::{StoredTile, decode_tile};
-pub use tile_out::{TileForm, TileMesh, encode_tile};
+pub use tile_out::{TileForm, TileMesh, TilePage, encode_tile};
 pub use tile_scalars::TileScalar;
 pub use writer::GlbWriter;
 pub(super) use writer::{EXTRA_BYTES, FLOAT_BYTES, POSITION_BYTES, SPOOLED_BYTES, TEXTURE_BYTES};

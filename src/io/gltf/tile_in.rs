@@ -1,9 +1,10 @@
 //! Reads a tile back that `tile_out` has written, for its checker: every number as it is stored.
 
-use super::json::{Document, View};
+use super::json::{Document, Material, View};
 use super::meshopt::decode;
 use super::tile_out::TileMesh;
 use super::tile_scalars::{TileScalar, join_all, number};
+use crate::io::materials::image_size;
 use std::collections::BTreeMap;
 
 /// A tile as it lies in its file.
@@ -15,6 +16,8 @@ pub struct StoredTile {
     pub step: f64,
     /// True if the file turns z upwards.
     pub is_z_up: bool,
+    /// Width and height of the page; `None` without one.
+    pub page: Option<[u32; 2]>,
     /// Types of components and values of further attributes by name, one for each vertex.
     attributes: BTreeMap<String, (u32, Vec<f64>)>,
 }
@@ -63,6 +66,15 @@ pub fn decode_tile(bytes: &[u8]) -> Result<StoredTile, String> {
             |row: &Vec<u8>| [0, 1, 2].map(|k| u16::from_le_bytes([row[2 * k], row[2 * k + 1]]));
         out.mesh.colours = read(colour)?.1.iter().map(of).collect();
     }
+    if let Some(&coordinates) = primitive.attributes.get("TEXCOORD_0") {
+        let of = |row: &Vec<u8>| [0, 1].map(|k| u16::from_le_bytes([row[2 * k], row[2 * k + 1]]));
+        let (component, rows) = read(coordinates)?;
+        if component != 5123 {
+            return Err(format!("its texture coordinates are of type {component}"));
+        }
+        out.mesh.coordinates = rows.iter().map(of).collect();
+    }
+    out.page = page(&document, binary)?;
     let n = out.mesh.positions.len();
     for (name, &accessor) in primitive.attributes.iter().filter(|(name, _)| name.starts_with('_')) {
         let (component, rows) = read(accessor)?;
@@ -83,12 +95,28 @@ pub fn decode_tile(bytes: &[u8]) -> Result<StoredTile, String> {
     if let Some(corner) = corners.iter().find(|&&corner| corner as usize >= n) {
         return Err(format!("a triangle names vertex {corner} of {n}"));
     }
-    let per_vertex = [out.mesh.normals.len(), out.mesh.colours.len()];
+    let mesh = &out.mesh;
+    let per_vertex = [mesh.normals.len(), mesh.colours.len(), mesh.coordinates.len()];
     if per_vertex.iter().any(|&m| m != 0 && m != n) || !corners.len().is_multiple_of(3) {
         return Err("its parts have different lengths".to_owned());
     }
     out.mesh.triangles = corners.as_chunks().0.to_vec();
     Ok(out)
+}
+
+/// Width and height of the image of the first material, by the head of its file.
+fn page(document: &Document, binary: &[u8]) -> Result<Option<[u32; 2]>, String> {
+    let map = |m: &Material| m.pbr_metallic_roughness.base_color_texture.as_ref().map(|t| t.index);
+    let Some(texture) = document.materials.first().and_then(map) else { return Ok(None) };
+    let source = document.textures.get(texture).and_then(|texture| texture.source);
+    let image = source.and_then(|source| document.images.get(source));
+    let view = image
+        .and_then(|image| document.buffer_views.get(image.buffer_view?))
+        .ok_or("its image is missing")?;
+    let start = view.byte_offset as usize;
+    let bytes = binary.get(start..start.saturating_add(view.byte_length as usize));
+    let size = image_size(bytes.ok_or("its image lies beyond the file")?);
+    size.map(Some).map_err(|what| format!("its image {what}"))
 }
 
 fn chunks(bytes: &[u8]) -> Result<(Document, &[u8]), String> {
@@ -127,6 +155,7 @@ fn elements(
     };
     let n_numbers = match accessor.kind.as_str() {
         "SCALAR" => 1,
+        "VEC2" => 2,
         "VEC3" => 3,
         "VEC4" => 4,
         other => return Err(format!("elements of type {other}")),
@@ -159,12 +188,17 @@ fn elements(
 
 #[cfg(test)]
 mod tests {
-    use super::super::tile_out::{TileForm, encode_tile};
+    use super::super::tile_out::{TileForm, TilePage, encode_tile};
     use super::*;
     use crate::mesh::property::{Property, Scalar};
 
-    fn sorted(mesh: &TileMesh) -> Vec<[([i32; 3], [i8; 3]); 3]> {
-        let corner = |v: u32| (mesh.positions[v as usize], mesh.normals[v as usize]);
+    type Corner = ([i32; 3], [i8; 3], [u16; 2]);
+
+    fn sorted(mesh: &TileMesh) -> Vec<[Corner; 3]> {
+        let corner = |v: u32| {
+            let v = v as usize;
+            (mesh.positions[v], mesh.normals[v], mesh.coordinates[v])
+        };
         let turned = |t: &[u32; 3]| {
             let t = t.map(corner);
             let first = (0..3).min_by_key(|&k| t[k]).unwrap();
@@ -177,6 +211,20 @@ mod tests {
 
     #[test]
     fn a_tile_comes_back_as_it_was() {
+        let mut image = Vec::new();
+        let mut encoder = png::Encoder::new(&mut image, 3, 2);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.write_header().unwrap().write_image_data(&[7; 18]).unwrap();
+        let page = TilePage {
+            image: &image,
+            is_jpeg: false,
+            factor: [1.0; 4],
+            mask: None,
+            blends: false,
+            unlit: true,
+            metallic: 0.0,
+            roughness: 1.0,
+        };
         for (n, wide) in [(2, 1), (20, 1), (300, 1), (9, 9000)] {
             let mut mesh = TileMesh::default();
             for i in 0..n * n {
@@ -184,6 +232,7 @@ mod tests {
                 mesh.positions.push([wide * (x - 5), wide * y, -7 + (x * y) % 5]);
                 mesh.normals.push([(x % 100) as i8, -(y % 100) as i8, 127]);
                 mesh.colours.push([(i * 7 % 65_536) as u16, 0, 65_535]);
+                mesh.coordinates.push([(3 * x) as u16, 65_535 - y as u16]);
             }
             let properties =
                 [("quality", Scalar::F32), ("time", Scalar::F64), ("class", Scalar::U8)]
@@ -202,11 +251,13 @@ mod tests {
                 mesh.triangles.extend([[a, a + 1, a + n + 1], [a, a + n + 1, a + n]]);
             }
             for packs in [false, true] {
-                let form = TileForm { step: 0.25, packs, is_z_up: packs, scalars: &scalars };
+                let page = (n == 20).then_some(page);
+                let form = TileForm { step: 0.25, packs, is_z_up: packs, scalars: &scalars, page };
                 let (bytes, _) = encode_tile(mesh.clone(), form);
                 let mut back = decode_tile(&bytes).unwrap();
                 assert_eq!((back.step, back.is_z_up), (0.25, packs));
                 assert_eq!(sorted(&back.mesh), sorted(&mesh), "{n} {packs}");
+                assert_eq!(back.page, page.map(|_| [3, 2]));
                 assert!(back.clone().take_scalars(&scalars[1..]).is_err());
                 back.take_scalars(&scalars).unwrap();
                 for (now, was) in back.mesh.scalars.iter().zip(&mesh.scalars) {

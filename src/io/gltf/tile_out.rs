@@ -2,7 +2,8 @@
 //!
 //! Positions are whole steps from the corner of the tile (`KHR_mesh_quantization`), so tiles of one step agree to the
 //! bit in what they share. A tile wider than 65,535 steps has them as floats, which hold whole numbers
-//! of 24 bits exactly. Colours are linear, as glTF wants them. Further properties are attributes with names that begin with `_`.
+//! of 24 bits exactly. Colours are linear, as glTF wants them; instead of colours there may be a page, an image within
+//! the file. Further properties are attributes with names that begin with `_`.
 
 use super::meshopt_out::{pack_rows, pack_triangles, reorder};
 use super::tile_scalars::{TileScalar, element};
@@ -16,7 +17,11 @@ const F32: u32 = 5126;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
+/// A sampler that does not repeat its image.
+const CLAMP: u32 = 33071;
+
 const MESHOPT: &str = "EXT_meshopt_compression";
+const UNLIT: &str = "KHR_materials_unlit";
 
 /// A mesh that becomes a tile.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -27,6 +32,8 @@ pub struct TileMesh {
     pub normals: Vec<[i8; 3]>,
     /// Linear colours; empty without any.
     pub colours: Vec<[u16; 3]>,
+    /// Texture coordinates in 65,535ths of the page, from its upper left corner; empty without a page.
+    pub coordinates: Vec<[u16; 2]>,
     /// The finite values of each further property, in the order of `TileForm::scalars`.
     pub scalars: Vec<Vec<f64>>,
     /// Corners; every vertex is used.
@@ -44,6 +51,29 @@ pub struct TileForm<'a> {
     pub is_z_up: bool,
     /// Further properties of vertices.
     pub scalars: &'a [TileScalar],
+    /// The image on the tile; `coordinates` lead into it.
+    pub page: Option<TilePage<'a>>,
+}
+
+/// An image, and the look of the surface besides.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TilePage<'a> {
+    /// The file of the image.
+    pub image: &'a [u8],
+    /// True of JPEG, otherwise it is PNG.
+    pub is_jpeg: bool,
+    /// Linear light and opacity by which the image is multiplied.
+    pub factor: [f32; 4],
+    /// Opaque from this value on, where opacity is a mask.
+    pub mask: Option<f32>,
+    /// True if a share of the light passes.
+    pub blends: bool,
+    /// True if light does not matter.
+    pub unlit: bool,
+    /// Share of metal.
+    pub metallic: f32,
+    /// Roughness.
+    pub roughness: f32,
 }
 
 /// Turns coordinates with z upwards into those of glTF.
@@ -83,6 +113,15 @@ impl Binary {
         view["target"] = ELEMENT_ARRAY_BUFFER.into();
         self.views.push(view);
         (self.views.len() - 1, component)
+    }
+
+    /// Adds a view of a file as it is; returns its number.
+    fn file(&mut self, bytes: &[u8]) -> usize {
+        let at = self.bytes.len();
+        self.bytes.extend_from_slice(bytes);
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        self.views.push(json!({ "buffer": 0, "byteOffset": at, "byteLength": bytes.len() }));
+        self.views.len() - 1
     }
 
     fn view(&mut self, packed: &[u8], n_bytes: usize, packing: Value) -> Value {
@@ -173,6 +212,18 @@ pub fn encode_tile(mut mesh: TileMesh, form: TileForm) -> (Vec<u8>, Vec<u32>) {
             "normalized": true,
         }));
     }
+    if !mesh.coordinates.is_empty() {
+        let row = |v: &u32| -> [u8; 4] {
+            let [u, v] = mesh.coordinates[*v as usize].map(u16::to_le_bytes);
+            [u[0], u[1], v[0], v[1]]
+        };
+        let view = binary.rows(&order.iter().map(row).collect::<Vec<_>>());
+        attributes["TEXCOORD_0"] = accessors.len().into();
+        accessors.push(json!({
+            "bufferView": view, "count": n_vertices, "type": "VEC2", "componentType": U16,
+            "normalized": true,
+        }));
+    }
     for (scalar, values) in form.scalars.iter().zip(&mesh.scalars) {
         for part in scalar.parts(values) {
             let value = |v: &u32| part.values[*v as usize];
@@ -200,29 +251,27 @@ pub fn encode_tile(mut mesh: TileMesh, form: TileForm) -> (Vec<u8>, Vec<u32>) {
     if form.is_z_up {
         nodes.push(json!({ "matrix": Z_UP, "children": [0] }));
     }
-    let mut used = vec!["KHR_mesh_quantization"];
+    let page_view = form.page.map(|page| binary.file(page.image));
+    let mut required = vec!["KHR_mesh_quantization"];
     let mut buffers = vec![json!({ "byteLength": binary.bytes.len() })];
     if form.packs {
-        used.push(MESHOPT);
+        required.push(MESHOPT);
         buffers.push(json!({
             "byteLength": binary.unpacked, "extensions": { MESHOPT: { "fallback": true } },
         }));
     }
-    let grey = if mesh.colours.is_empty() { 0.6 } else { 1.0 };
-    let document = json!({
+    let mut used = required.clone();
+    if form.page.is_some_and(|page| page.unlit) {
+        used.push(UNLIT);
+    }
+    let mut document = json!({
         "asset": { "version": "2.0", "generator": concat!("stonecut ", env!("CARGO_PKG_VERSION")) },
         "extensionsUsed": used,
-        "extensionsRequired": used,
+        "extensionsRequired": required,
         "buffers": buffers,
         "bufferViews": binary.views,
         "accessors": accessors,
-        "materials": [{
-            "pbrMetallicRoughness": {
-                "baseColorFactor": [grey, grey, grey, 1.0], "metallicFactor": 0.0,
-                "roughnessFactor": 0.9,
-            },
-            "doubleSided": true,
-        }],
+        "materials": [material(&form, !mesh.colours.is_empty())],
         "meshes": [{ "primitives": [{
             "attributes": attributes, "indices": indices, "material": 0, "mode": 4,
         }] }],
@@ -230,7 +279,44 @@ pub fn encode_tile(mut mesh: TileMesh, form: TileForm) -> (Vec<u8>, Vec<u32>) {
         "scenes": [{ "nodes": [nodes.len() - 1] }],
         "scene": 0,
     });
+    if let (Some(page), Some(view)) = (form.page, page_view) {
+        let mime = if page.is_jpeg { "image/jpeg" } else { "image/png" };
+        document["images"] = json!([{ "bufferView": view, "mimeType": mime }]);
+        document["samplers"] = json!([{ "wrapS": CLAMP, "wrapT": CLAMP }]);
+        document["textures"] = json!([{ "source": 0, "sampler": 0 }]);
+    }
     (glb(&document, &binary.bytes), order)
+}
+
+/// The material of a tile: its page, the colours of its vertices, or grey.
+fn material(form: &TileForm, has_colours: bool) -> Value {
+    let Some(page) = form.page else {
+        let grey = if has_colours { 1.0 } else { 0.6 };
+        return json!({
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [grey, grey, grey, 1.0], "metallicFactor": 0.0,
+                "roughnessFactor": 0.9,
+            },
+            "doubleSided": true,
+        });
+    };
+    let mut out = json!({
+        "pbrMetallicRoughness": {
+            "baseColorFactor": page.factor, "baseColorTexture": { "index": 0 },
+            "metallicFactor": page.metallic, "roughnessFactor": page.roughness,
+        },
+        "doubleSided": true,
+    });
+    if let Some(from) = page.mask {
+        out["alphaMode"] = "MASK".into();
+        out["alphaCutoff"] = from.into();
+    } else if page.blends {
+        out["alphaMode"] = "BLEND".into();
+    }
+    if page.unlit {
+        out["extensions"] = json!({ UNLIT: {} });
+    }
+    out
 }
 
 /// The two chunks of a GLB file (Khronos, section 4.4).

@@ -88,6 +88,24 @@ pub(crate) fn look(data: &ImageData) -> Result<ImageFacts, String> {
     Ok(ImageFacts { n_bytes, mime, ending, size, is_too_large, fault })
 }
 
+/// Width and height of the file of a JPEG or PNG image, which is whole; the error says in words what is wrong with it.
+pub(crate) fn image_size(bytes: &[u8]) -> Result<[u32; 2], String> {
+    let end_mark: &[u8] = match imagesize::image_type(bytes) {
+        Ok(imagesize::ImageType::Png) => b"IEND",
+        Ok(imagesize::ImageType::Jpeg) => b"\xff\xd9",
+        _ => return Err("is neither JPEG nor PNG".to_owned()),
+    };
+    let tail = &bytes[bytes.len().saturating_sub(TAIL_BYTES as usize)..];
+    if !tail.windows(end_mark.len()).any(|window| window == end_mark) {
+        return Err("was cut off".to_owned());
+    }
+    let size = imagesize::blob_size(bytes).map_err(|_| "has no size".to_owned())?;
+    match (u32::try_from(size.width), u32::try_from(size.height)) {
+        (Ok(width), Ok(height)) if width > 0 && height > 0 => Ok([width, height]),
+        _ => Err("has no pixels".to_owned()),
+    }
+}
+
 /// Hands the bytes of an image to `each`, a MiB at a time; returns their number.
 pub(crate) fn copy_bytes(
     data: &ImageData,

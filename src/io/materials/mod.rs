@@ -13,7 +13,7 @@ mod sides;
 
 pub(crate) use description::NUMBER;
 pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
-pub(crate) use images::{copy_bytes, look as look_at_image};
+pub(crate) use images::{copy_bytes, image_size, look as look_at_image};
 pub(crate) use losses::besides_pages;
 pub(crate) use mtl::{after_word, read_library};
 pub(crate) use plan::Reference;

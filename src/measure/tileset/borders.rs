@@ -8,7 +8,7 @@ use super::rules::Tree;
 use crate::io::TileMesh;
 use crate::io::tileset::TileBorder;
 use crate::mesh::global_vertex::GlobalVertex;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// A place in steps of the tile's level.
 type Node = [i32; 3];
@@ -32,14 +32,22 @@ pub(super) struct Border {
 /// The edges that one triangle of a tile has; the error says what is wrong with the numbers of its vertices.
 pub(super) fn border(mesh: &TileMesh, numbers: &TileBorder) -> Result<Border, String> {
     let mut ids = vec![None; mesh.positions.len()];
+    // Vertices of several charts are the first one with their number.
+    let mut first: HashMap<GlobalVertex, u32> = HashMap::with_capacity(numbers.len());
+    let mut same: Vec<u32> = (0..mesh.positions.len() as u32).collect();
     for &(at, id) in numbers {
         let Some(place) = ids.get_mut(at as usize) else {
             return Err(format!("a number is given to vertex {at} of {}", mesh.positions.len()));
         };
         *place = Some(id);
+        let one = *first.entry(id).or_insert(at);
+        if mesh.positions[one as usize] != mesh.positions[at as usize] {
+            return Err(format!("its vertices {one} and {at} are one and lie apart"));
+        }
+        same[at as usize] = one;
     }
     let mut edges: Vec<[u32; 2]> = Vec::with_capacity(3 * mesh.triangles.len());
-    for &[a, b, c] in &mesh.triangles {
+    for [a, b, c] in mesh.triangles.iter().map(|t| t.map(|v| same[v as usize])) {
         edges.extend([[a, b], [b, c], [c, a]].map(|[a, b]| [a.min(b), a.max(b)]));
     }
     edges.sort_unstable();

@@ -127,6 +127,12 @@ fn look(
     if let Some(i) = mesh.normals.iter().position(|n| *n == [0; 3]) {
         return Err(format!("the normal of its vertex {i} has no direction"));
     }
+    if tree.has_pages && (stored.page.is_none() || mesh.coordinates.is_empty()) {
+        return Err("it has no page, or no coordinates on it".to_owned());
+    }
+    if stored.page.is_some() && !mesh.colours.is_empty() {
+        return Err("it has a page and colours, which multiply it".to_owned());
+    }
     Ok((n, border(mesh, &numbers_of(folder, tile.name())?)?))
 }
 

@@ -75,6 +75,8 @@ pub(super) struct Tree {
     pub(super) is_z_up: bool,
     /// Properties of vertices that tiles have as attributes.
     pub(super) scalars: Vec<TileScalar>,
+    /// True if tiles have pages.
+    pub(super) has_pages: bool,
 }
 
 impl Tree {
@@ -103,6 +105,7 @@ impl Tree {
             step,
             is_z_up,
             scalars,
+            has_pages: facts["texels_per_unit"].as_f64().is_some(),
             ..Tree::default()
         };
         found.tilesets = 1;

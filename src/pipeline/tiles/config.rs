@@ -22,6 +22,18 @@ pub enum Finest {
     Triangles(u64),
 }
 
+/// Look of tiles of an input with images.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TileTexture {
+    /// Pages where the input has images that can be used.
+    #[default]
+    Auto,
+    /// A page for each tile.
+    Bake,
+    /// Colours of vertices.
+    Colors,
+}
+
 /// A run of `tiles`.
 #[derive(Clone, Debug)]
 pub struct TilesConfig {
@@ -33,6 +45,8 @@ pub struct TilesConfig {
     pub tile_triangles: u64,
     /// The finest level that is kept.
     pub finest: Finest,
+    /// Look of tiles of an input with images.
+    pub texture: TileTexture,
     /// Pixels that the distance from the input may have on the screen of a viewer with its defaults.
     pub pixels: f64,
     /// Packs tiles with EXT_meshopt_compression.

@@ -1,7 +1,7 @@
 //! The program of `tiles`: from a mesh larger than memory to a tree of tiles.
 //!
 //! Partition into the groups of the first round; then round after round: write the tiles of the level below, simplify
-//! every group, regroup what is left, until one group holds all. Every step is sealed in the job folder, the
+//! every group, regroup what is left, until one group holds all. Tiles of textured scans then get their pages. Every step is sealed in the job folder, the
 //! folder of the tree gets its name when everything in it is durable.
 //!
 //! docs/design/tiles.md.
@@ -10,17 +10,18 @@ mod config;
 mod plan;
 pub mod report;
 mod rounds;
+mod textures;
 mod tree;
 mod viewer;
 
 use config::NAMED;
-pub use config::{Finest, TILE_TRIANGLES, TilesConfig};
+pub use config::{Finest, TILE_TRIANGLES, TileTexture, TilesConfig};
 pub use plan::{PreparedTiles, TilesPlan, prepare_tiles};
 
 use super::abandon;
 use super::run_report::InputReport;
 use super::sealed_stages::SealedStages;
-use crate::bake::{Coloured, Means, colour_vertices, has_only_images};
+use crate::bake::{Coloured, Means, colour_vertices};
 use crate::error::{Error, Result};
 use crate::io::NUMBER;
 use crate::io::ply::MeshSource;
@@ -39,8 +40,8 @@ use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::memory::peak_bytes;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
-use plan::{Hidden, layout};
-use report::{FolderReport, TilesReport, level_reports};
+use plan::{Hidden, gets_colours, layout};
+use report::{FolderReport, PagesReport, TilesReport, level_reports};
 use rounds::Stages;
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -75,7 +76,7 @@ fn run(
     progress: &Progress,
 ) -> Result<TilesReport> {
     let started = Instant::now();
-    let PreparedTiles { source, plan, marks } = prepared;
+    let PreparedTiles { source, plan, textured, marks } = prepared;
     if config.memory_bytes < 2 * plan.needed_memory_bytes {
         crate::system::memory::keep_nothing_back();
     }
@@ -83,14 +84,17 @@ fn run(
     input_marks.insert("vertices".to_owned(), source.n_vertices().to_string());
     input_marks.insert("faces".to_owned(), source.n_face_rows().to_string());
     let input = std::path::absolute(&config.input).unwrap_or_else(|_| config.input.clone());
-    let (scalars, lost) = tiles::carried_scalars(&layout(&source).schema);
+    let (scalars, lost) = tiles::carried_scalars(&layout(&source, textured).schema);
     let mut settings = config.settings();
     if !scalars.is_empty() {
         // Builds that do not carry them cannot go on with the job, nor this one with theirs.
         settings.insert("attributes".to_owned(), scalars.len().to_string());
     }
-    if has_only_images(&source) {
+    if gets_colours(&source, textured) {
         settings.insert("colours".to_owned(), "images".to_owned());
+    }
+    if textured {
+        settings.insert("texture".to_owned(), "bake".to_owned());
     }
     let identity = Identity { input: input.display().to_string(), input_marks, settings };
     let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
@@ -115,18 +119,21 @@ fn run(
         checkpoint_every: config.checkpoint_every,
     };
     let n = source.n_triangles();
+    let shapes = pending.join(textures::SHAPES);
     let mut stages = Stages {
         stages: SealedStages::new(run, 2 * plan.levels),
         run,
         config,
         pending: &pending,
-        layout: layout(&source),
+        tiles_folder: if textured { &shapes } else { &pending },
+        input_triangles: n,
+        layout: layout(&source, textured),
         hidden: Hidden::new(config, n),
-        kernel: kernel_options(&plan::schema(&source)),
+        kernel: kernel_options(&plan::schema(&source, textured)),
     };
     let count = |cut: &(Partition, GroupGrid)| cut.0.store.triangles;
     let cut = stages.stages.stage(("partition", "partition"), n, count, |run| {
-        let outcome = guarded(|| cut_into_groups(&source, config, run));
+        let outcome = guarded(|| cut_into_groups(&source, (config, textured), run));
         unchanged(&config.input, &marks, outcome)
     });
     let cut = cut.and_then(|cut: (Partition, GroupGrid)| match cut.0.store.triangles {
@@ -147,12 +154,18 @@ fn run(
     if coloured.is_some() {
         disk.remove(&job.path(COLOURED_FILE))?;
     }
-    let (rounds, top) = stages.rounds(&partition, &grid)?;
+    let (mut hidden, mut top) = stages.rounds(&partition, &grid)?;
+    let mut rounds = hidden.split_off(stages.hidden.rounds as usize);
+    let frame = textures::Frame { origin: grid.lattice.origin, scalars: &scalars };
+    let pages = match textured {
+        true => Some(textures::paint(&mut stages, &marks, (&mut rounds, &mut top), frame)?),
+        false => None,
+    };
     stages.stages.begin("write", 1);
-    let (hidden, rounds) = rounds.split_at(stages.hidden.rounds as usize);
     let step = grid.lattice.step_of(stages.hidden.rounds);
     let lattice = Lattice { step, ..grid.lattice };
-    let levels = Levels { lattice, rounds, hidden, top: &top, pixels: config.pixels };
+    let levels =
+        Levels { lattice, rounds: &rounds, hidden: &hidden, top: &top, pixels: config.pixels };
     let (tiles, deviations) = tree::tree(&levels);
     let root = tiles.iter().rposition(|tile| tile.level as usize == rounds.len()).unwrap_or(0);
     let leaf_triangles: u64 =
@@ -171,6 +184,9 @@ fn run(
     if !hidden.is_empty() {
         tree.extras["stonecut"]["finest_triangles"] = leaf_triangles.into();
         tree.extras["stonecut"]["finest_deviation"] = deviations[0].into();
+    }
+    if let Some(pages) = &pages {
+        tree.extras["stonecut"]["texels_per_unit"] = pages.texels_per_unit.into();
     }
     if !scalars.is_empty() {
         tree.extras["stonecut"]["scalars"] = json!(scalars);
@@ -193,7 +209,7 @@ fn run(
     job.record(NAMED, &xxh3_64(&text))?;
     disk.replace_folder(&pending, &config.output)?;
     let reports = stages.stages.reports;
-    let level_reports = level_reports(rounds, &top, &deviations, config.tile_triangles);
+    let level_reports = level_reports(&rounds, &top, &deviations, config.tile_triangles);
     let seconds = started.elapsed().as_secs_f64();
     let dropped = partition.degenerate_faces;
     let mut report = TilesReport {
@@ -219,7 +235,8 @@ fn run(
         peak_memory_bytes: peak_bytes(),
         peak_temp_bytes: disk.peak_bytes(),
         stages: reports,
-        notes: notes(&source, coloured),
+        notes: notes(&source, coloured, pages.as_ref()),
+        texture: pages,
     };
     if !config.keep_temp {
         job.remove()?;
@@ -231,11 +248,11 @@ fn run(
 /// Cuts the input into the groups of the first round; where it has images and no colours, a copy with colours out of them.
 fn cut_into_groups(
     source: &MeshSource,
-    config: &TilesConfig,
+    (config, textured): (&TilesConfig, bool),
     run: &StageContext,
 ) -> Result<(Partition, GroupGrid)> {
     let base = Hidden::new(config, source.n_triangles()).base_triangles;
-    if !has_only_images(source) {
+    if !gets_colours(source, textured) {
         return partition_into_groups(source, base, run);
     }
     let path = run.job.path(COLOURED_FILE);
@@ -298,10 +315,16 @@ fn scalar_notes(lost: &[String], leaves: Option<&Vec<GroupRecord>>) -> Vec<Strin
 }
 
 /// Parts of the input that tiles do not carry.
-fn notes(source: &MeshSource, coloured: Option<Coloured>) -> Vec<String> {
+fn notes(
+    source: &MeshSource,
+    coloured: Option<Coloured>,
+    pages: Option<&PagesReport>,
+) -> Vec<String> {
     let mut notes = Vec::new();
     let is_coloured = coloured.is_some();
-    if source.require_no_texture().is_err() {
+    if let Some(pages) = pages {
+        notes.extend(pages.notes.iter().cloned());
+    } else if source.require_no_texture().is_err() {
         let instead = match is_coloured {
             true => "vertices have colours out of them instead",
             false => "tiles have vertex colours only",
@@ -311,7 +334,8 @@ fn notes(source: &MeshSource, coloured: Option<Coloured>) -> Vec<String> {
     notes.extend(coloured.into_iter().flat_map(|coloured| coloured.notes));
     let others = source.face_properties().into_iter().map(|p| p.name);
     // The number of the material goes with the images.
-    let faces: Vec<String> = others.filter(|name| !(is_coloured && name == NUMBER)).collect();
+    let faces: Vec<String> =
+        others.filter(|name| !((is_coloured || pages.is_some()) && name == NUMBER)).collect();
     if !faces.is_empty() {
         notes.push(format!("properties of faces are not carried: {}", faces.join(", ")));
     }

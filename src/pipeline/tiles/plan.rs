@@ -1,7 +1,7 @@
 //! Opens the input of `tiles`, checks it against what was asked for, and plans the run; nothing is written yet.
 
-use super::config::{Finest, NAMED, TilesConfig};
-use crate::bake::{colour_properties, has_only_images};
+use super::config::{Finest, NAMED, TileTexture, TilesConfig};
+use crate::bake::{check_tiles, colour_properties, has_images, has_only_images};
 use crate::error::{Error, Result};
 use crate::io::StageOptions;
 use crate::io::ply::{MeshSource, ReadOptions};
@@ -80,6 +80,9 @@ impl Hidden {
 /// Bytes of output for each triangle of a tile, packed and not.
 const OUTPUT_BYTES: [u64; 2] = [7, 16];
 
+/// Bytes of the page of a tile for each of its triangles, about: 30 texels, packed as JPEG.
+const PAGE_BYTES: f64 = 12.0;
+
 /// Bytes of a triangle in the copy of the input that has colours instead of images.
 const FACE_BYTES: u64 = 13;
 
@@ -114,6 +117,8 @@ pub struct PreparedTiles {
     pub source: MeshSource,
     /// Plan of the run.
     pub plan: TilesPlan,
+    /// True if tiles get pages.
+    pub textured: bool,
     /// Fingerprint of the input, taken before it was opened.
     pub marks: BTreeMap<String, String>,
 }
@@ -128,10 +133,11 @@ pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
     stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
     let source = MeshSource::open_staged(&config.input, &stage);
     let source = unchanged(&config.input, &marks, source)?;
-    let plan = TilesPlan::new(&source, config)?;
+    let textured = is_textured(&source, config)?;
+    let plan = TilesPlan::new(&source, config, textured)?;
     let (temp, output) = (plan.temp_bytes, plan.output_bytes);
     check_space((&config.output, &config.job_folder), temp, output, temp + output)?;
-    Ok(PreparedTiles { source, plan, marks })
+    Ok(PreparedTiles { source, plan, textured, marks })
 }
 
 /// Clears up after a run that gave the tree its name and was killed before its job folder was gone; true if there was one.
@@ -178,13 +184,13 @@ fn refuse_to_replace(output: &Path, force: bool, is_over: bool) -> Result<()> {
 }
 
 impl TilesPlan {
-    fn new(source: &MeshSource, config: &TilesConfig) -> Result<TilesPlan> {
+    fn new(source: &MeshSource, config: &TilesConfig, textured: bool) -> Result<TilesPlan> {
         let triangles_in = source.n_triangles();
         if triangles_in == 0 {
             let what = "has no triangles (element face, row 0): there is nothing to cut into tiles";
             return Err(Error::bad_input(source.path(), what));
         }
-        let layout = layout(source);
+        let layout = layout(source, textured);
         let per_triangle = source.n_vertices() as f64 / triangles_in as f64;
         let hidden = Hidden::new(config, triangles_in);
         let group = TILES_OF_GROUP * config.tile_triangles;
@@ -213,13 +219,19 @@ impl TilesPlan {
         }
         // Later rounds carry ids and channels with every vertex.
         let row = (9 + layout.row_bytes(true)) as f64 * per_triangle.clamp(0.5, 3.0) + 12.0;
-        let coloured = match has_only_images(source) {
+        let coloured = match gets_colours(source, textured) {
             true => {
-                source.n_vertices() * schema(source).record_bytes() as u64
+                source.n_vertices() * schema(source, textured).record_bytes() as u64
                     + FACE_BYTES * triangles_in
             }
             false => 0,
         };
+        let shapes = if textured {
+            (OUTPUT_BYTES[usize::from(!config.packs)] as f64 * all) as u64
+        } else {
+            0
+        };
+        let staged = if textured { check_tiles(source, most, usable)? } else { 0 };
         let output = (OUTPUT_BYTES[usize::from(!config.packs)] as f64
             + scalar_bytes(&layout.schema) * per_triangle.clamp(0.5, 3.0))
             * all;
@@ -229,8 +241,11 @@ impl TilesPlan {
             tiles: (1.5 * all / config.tile_triangles as f64).ceil() as u64,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
-            temp_bytes: store + coloured + (triangles_in as f64 * hidden.left(1) * row) as u64,
-            output_bytes: output as u64,
+            // The cells are gone when the input is staged for pages.
+            temp_bytes: (store + coloured + (triangles_in as f64 * hidden.left(1) * row) as u64)
+                .max(staged)
+                + shapes,
+            output_bytes: output as u64 + if textured { (PAGE_BYTES * all) as u64 } else { 0 },
             seconds: triangles_in as f64
                 / (TRIANGLES_PER_SECOND_PER_CORE * config.threads.get() as f64),
         })
@@ -274,17 +289,35 @@ fn scalar_bytes(schema: &VertexSchema) -> f64 {
     (4 * carried_scalars(schema).0.len()) as f64
 }
 
+/// True if tiles get pages. Errors: pages were asked for, and the input has none that could be made.
+fn is_textured(source: &MeshSource, config: &TilesConfig) -> Result<bool> {
+    match config.texture {
+        TileTexture::Colors => Ok(false),
+        TileTexture::Auto => Ok(has_images(source)),
+        TileTexture::Bake if has_images(source) => Ok(true),
+        TileTexture::Bake => Err(Error::Usage(format!(
+            "--texture bake: {} has no texture coordinates at the corners of faces, or no image that can be used",
+            source.path().display()
+        ))),
+    }
+}
+
+/// True if vertices get colours out of images.
+pub(super) fn gets_colours(source: &MeshSource, textured: bool) -> bool {
+    !textured && has_only_images(source)
+}
+
 /// Properties of the vertices that are cut into tiles: those of the input, and the colours that they get from its images.
-pub(super) fn schema(source: &MeshSource) -> VertexSchema {
+pub(super) fn schema(source: &MeshSource, textured: bool) -> VertexSchema {
     let mut schema = source.schema().clone();
-    if has_only_images(source) {
+    if gets_colours(source, textured) {
         schema.properties.extend(colour_properties());
     }
     schema
 }
 
 /// Rows of vertices of a run.
-pub(super) fn layout(source: &MeshSource) -> VertexLayout {
+pub(super) fn layout(source: &MeshSource, textured: bool) -> VertexLayout {
     let weights = crate::mesh::attribute_weights::Weights::default();
-    VertexLayout::for_kernel(&schema(source), source.n_vertices(), &[], &weights)
+    VertexLayout::for_kernel(&schema(source, textured), source.n_vertices(), &[], &weights)
 }

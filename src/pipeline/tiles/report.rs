@@ -33,6 +33,26 @@ pub struct FolderReport {
     pub bytes: u64,
 }
 
+/// The pages of tiles.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PagesReport {
+    /// One a tile.
+    pub pages: u64,
+    /// Charts on all of them.
+    pub charts: u64,
+    /// Texels of all pages.
+    pub texels: u64,
+    /// Texels that show the surface.
+    pub covered_texels: u64,
+    /// Bytes of their images, within the bytes of the tiles.
+    pub bytes: u64,
+    /// Texels per input unit of length on the finest level; half of it on each level above. Tiles whose page would be too
+    /// large have half or less of that.
+    pub texels_per_unit: f64,
+    /// Missing, damaged and lost parts of the input's images, a line each.
+    pub notes: Vec<String>,
+}
+
 /// The report of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct TilesReport {
@@ -52,6 +72,9 @@ pub struct TilesReport {
     pub tilesets: u64,
     /// Levels, the finest first.
     pub levels: Vec<LevelReport>,
+    /// Pages of tiles; absent where tiles have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub texture: Option<PagesReport>,
     /// Groups that kept most of their triangles, on all levels.
     pub stuck: u64,
     /// Wall time.

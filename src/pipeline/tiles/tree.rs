@@ -55,6 +55,7 @@ pub(super) fn tree(levels: &Levels) -> (Vec<TreeTile>, Vec<f64>) {
     top.content_bounds = bounds_of(levels.top);
     top.triangles = levels.top.triangles;
     top.group = (n_rounds > 0).then_some(0);
+    tree.texels[root as usize] = levels.top.texel;
     tree.owned = levels.rounds.iter().map(|round| vec![Vec::new(); round.len()]).collect();
     for tile in 0..root {
         if let Some((round, group)) = tree.owner(tile) {
@@ -76,6 +77,8 @@ pub(super) fn tree(levels: &Levels) -> (Vec<TreeTile>, Vec<f64>) {
 struct Tree {
     tiles: Vec<TreeTile>,
     keys: Vec<BoxKey>,
+    /// For each tile the side of a texel of its page.
+    texels: Vec<f64>,
     /// For each round the number of the first tile that each of its groups has written, and their end.
     first: Vec<Vec<u32>>,
     /// For each round and group the tiles that it shows finer.
@@ -119,6 +122,7 @@ impl Tree {
                 .map(|group| group as u32),
         };
         let mut tile = TreeTile { level, group, ..TreeTile::default() };
+        self.texels.push(content.as_ref().map_or(0.0, |(_, record)| record.texel));
         if let Some((path, record)) = content {
             tile.content = Some(path);
             tile.content_bounds = bounds_of(record);
@@ -242,7 +246,9 @@ impl Tree {
             let mut most = 0.0f64;
             for (group, record) in records.iter().enumerate() {
                 let (mut bounds, mut below, mut error) = (Bounds::EMPTY, 0.0f64, 0.0f64);
+                let mut texel = 0.0f64;
                 for &tile in &self.owned[round][group] {
+                    texel = texel.max(self.texels[tile as usize]);
                     let tile = &self.tiles[tile as usize];
                     bounds = bounds.joined(&tile.content_bounds);
                     for &number in &tile.children {
@@ -259,7 +265,8 @@ impl Tree {
                 own.push(distance);
                 let deviation = distance + rounding;
                 most = most.max(deviation);
-                let wanted = VIEWER_PIXELS / levels.pixels * deviation;
+                // A texel is at most as wide on the screen as a distance from the input may be.
+                let wanted = VIEWER_PIXELS / levels.pixels * deviation.max(texel);
                 let geometric_error = wanted.max(error * (1.0 + LEAST_STEP));
                 for tile in self.owned[round][group].clone() {
                     let tile = &mut self.tiles[tile as usize];

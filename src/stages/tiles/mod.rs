@@ -9,6 +9,7 @@
 mod boxes;
 mod mesh;
 mod scalars;
+mod textured;
 
 use crate::error::{Error, Result};
 use crate::io::tileset::{TileBorder, encode_borders};
@@ -24,6 +25,7 @@ use boxes::Boxes;
 use mesh::{Part, Whole};
 pub use scalars::carried_scalars;
 use std::path::Path;
+pub use textured::{Places, Shape, encode_with_page, read_shapes};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Groups whose tiles lie in one folder: at most 64 tiles each, fewer than 1,000 files together.
@@ -51,6 +53,8 @@ pub struct TileRound<'a> {
     pub tile_triangles: u64,
     /// The folder of the tree.
     pub folder: &'a Path,
+    /// True if tiles are the output, false if they are shapes that get pages later.
+    pub is_output: bool,
     /// True if tiles are packed.
     pub packs: bool,
     /// True if z points upwards in the mesh.
@@ -69,7 +73,7 @@ pub fn tile_path(level: u32, cell: CellId, n: usize) -> String {
 }
 
 /// Path of the numbers of the vertices that the tiles of a cell have in common with others.
-fn border_name(level: u32, cell: CellId) -> String {
+pub fn border_name(level: u32, cell: CellId) -> String {
     format!("tiles/{level}/{}/{cell}.ids", cell.index() / GROUPS_PER_FOLDER)
 }
 
@@ -183,7 +187,7 @@ impl TileRound<'_> {
         // Files count from the finest level that is written.
         let name = level - self.finest;
         let scalars = &whole.columns.scalars;
-        let form = TileForm { step, packs: self.packs, is_z_up: self.is_z_up, scalars };
+        let form = TileForm { step, packs: self.packs, is_z_up: self.is_z_up, scalars, page: None };
         let mut local = vec![u32::MAX; whole.mesh.positions.len()];
         let mut tiles = Vec::with_capacity(boxes.counts.len());
         let common = common(&whole.mesh.triangles, boxes, whole.shared);
@@ -216,6 +220,7 @@ impl TileRound<'_> {
                 inexact,
                 bytes: bytes.len() as u64,
                 checksum: xxh3_64(&bytes),
+                texel: 0.0,
                 low,
                 high,
             });
@@ -226,15 +231,21 @@ impl TileRound<'_> {
     }
 
     fn put(&self, path: &Path, bytes: &[u8]) -> Result<()> {
-        let folder = crate::system::disk::folder_of(path);
-        if !folder.is_dir() {
-            self.disk.create_dir(folder)?;
+        put_file(self.disk, path, bytes)?;
+        if self.is_output {
+            self.disk.disown(bytes.len() as u64);
         }
-        let mut file = self.disk.create(path)?;
-        file.append(bytes)?;
-        self.disk.disown(bytes.len() as u64);
         Ok(())
     }
+}
+
+/// Writes a file and makes its folder if need be; it is not durable yet.
+pub fn put_file(disk: &Disk, path: &Path, bytes: &[u8]) -> Result<()> {
+    let folder = crate::system::disk::folder_of(path);
+    if !folder.is_dir() {
+        disk.create_dir(folder)?;
+    }
+    disk.create(path)?.append(bytes)
 }
 
 /// The new cell of each triangle of a cell that was put in the order of its boxes: that of the group of the next round

@@ -36,6 +36,9 @@ pub struct TileRecord {
     pub bytes: u64,
     /// xxh3 of its file.
     pub checksum: u64,
+    /// Side of a texel of its page, in input units; 0 without a page.
+    #[serde(default)]
+    pub texel: f64,
     /// Bounds of its vertices as they are stored, from the lattice's origin.
     pub low: [f64; 3],
     /// Upper end of them.

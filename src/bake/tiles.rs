@@ -1,0 +1,284 @@
+//! Pages of tiles: charts by projection, texels from the nearest places of the input, an image in memory for each tile.
+//!
+//! The input is staged once for all tiles. Tiles are given some at a time; what they get depends neither on what is given
+//! together with them but for opacity, which decides between JPEG and PNG, nor on memory or threads. Writes no tiles.
+
+use super::charts::{Charts, NONE};
+use super::nearest::CellCache;
+use super::original::Original;
+use super::pages::{Canvas, PageKind};
+use super::projected::{Projected, project};
+use super::settings::{Means, Options};
+use super::texels::{self, Canvases, Scene};
+use super::{CELL_SHARE, CORNER_BYTES, IMAGE_SHARE, LEAST_WORK_BYTES, POINT_SHARE};
+use crate::error::{Error, Result};
+use crate::io::TilePage;
+use crate::io::ply::MeshSource;
+use crate::mesh::Mesh;
+use crate::mesh::oklab::linear_of_srgb;
+use crate::system::parallel::in_order;
+use crate::system::units::show_bytes;
+use crate::texture::{Finish, ImageCache, Palette, Purpose};
+
+/// Texels of a side of a page at most: what every graphics card takes.
+const MOST_SIDE: u32 = 4096;
+
+/// Triangles of a cell of the input.
+const CELL_TRIANGLES: u64 = 65_536;
+
+/// Bytes of a triangle of the tiles that are given together.
+const TILE_BYTES: u64 = 400;
+
+/// The input with its images, staged for looking up.
+pub struct Photographs {
+    original: Original,
+    palette: Palette,
+    /// For cells, images and points.
+    free_bytes: u64,
+    texels_per_unit: f64,
+}
+
+/// A tile's page and the places of its triangles on it.
+#[derive(Clone, Debug, Default)]
+pub struct TilePicture {
+    /// For each triangle its chart; `TilePicture::NO_CHART` without an area.
+    pub chart: Vec<u32>,
+    /// For each triangle its corners on the page, from 0 to 1, from the upper left corner.
+    pub corners: Vec<[[f32; 2]; 3]>,
+    /// The file of the image.
+    pub image: Vec<u8>,
+    /// True of JPEG, otherwise it is PNG.
+    pub is_jpeg: bool,
+    /// Charts.
+    pub n_charts: u64,
+    /// Texels of the page.
+    pub texels: u64,
+    /// Texels that show the surface.
+    pub covered_texels: u64,
+    /// Texels per unit of length.
+    pub texels_per_unit: f64,
+    /// Look besides the image.
+    finish: Option<Finish>,
+}
+
+impl TilePicture {
+    /// The chart of triangles without an area.
+    pub const NO_CHART: u32 = NONE;
+
+    /// The page as a tile holds it.
+    pub fn page(&self) -> TilePage<'_> {
+        let finish = self.finish.as_ref();
+        let [r, g, b, opacity] = finish.map_or([1.0; 4], |finish| finish.base);
+        let light = |shown: f32| linear_of_srgb(f64::from(shown.clamp(0.0, 1.0))) as f32;
+        let share = |x: Option<f32>, other: f32| x.unwrap_or(other).clamp(0.0, 1.0);
+        TilePage {
+            image: &self.image,
+            is_jpeg: self.is_jpeg,
+            factor: [light(r), light(g), light(b), opacity.clamp(0.0, 1.0)],
+            mask: finish.and_then(|finish| finish.mask),
+            blends: finish.is_some_and(|finish| finish.blends),
+            unlit: finish.is_some_and(|finish| finish.unlit),
+            metallic: share(finish.and_then(|finish| finish.metallic), 0.0),
+            roughness: share(finish.and_then(|finish| finish.roughness), 1.0),
+        }
+    }
+}
+
+/// Fails where pages of tiles would fail for want of memory; `n_triangles` is the number of triangles of the tiles that are
+/// given together. Returns bytes on disk for the time being.
+pub fn check_tiles(source: &MeshSource, n_triangles: u64, memory_bytes: u64) -> Result<u64> {
+    let free = free_bytes(n_triangles, memory_bytes)?;
+    let images =
+        Palette::new(source.materials().map(|all| &**all), free / IMAGE_SHARE, Purpose::Bake)?;
+    // Pages of some tiles while they are filled.
+    let pages = images.n_pixels().min(64 << 20) * 4;
+    Ok(CORNER_BYTES * source.n_corners() + pages)
+}
+
+fn free_bytes(n_triangles: u64, memory_bytes: u64) -> Result<u64> {
+    let taken = TILE_BYTES * n_triangles;
+    let free = memory_bytes.checked_sub(taken).filter(|free| *free >= LEAST_WORK_BYTES);
+    free.ok_or_else(|| {
+        Error::NoMemory(format!(
+            "textures of tiles take {} of memory, {} are left for them: give more --memory, fewer --tile-triangles, or \
+             --texture colors",
+            show_bytes(taken + LEAST_WORK_BYTES),
+            show_bytes(memory_bytes)
+        ))
+    })
+}
+
+impl Photographs {
+    /// Stages the input; `n_triangles` as for `check_tiles`.
+    ///
+    /// Disk: about 40 bytes a triangle of the input, six times that for a while.
+    pub fn stage(source: MeshSource, n_triangles: u64, means: Means) -> Result<Photographs> {
+        let free_bytes = free_bytes(n_triangles, means.memory_bytes)?;
+        let options = Options {
+            page_size: MOST_SIDE,
+            most_pages: None,
+            cell_triangles: CELL_TRIANGLES,
+            normals: false,
+        };
+        let palette = Palette::new(
+            source.materials().map(|all| &**all),
+            free_bytes / IMAGE_SHARE,
+            Purpose::Bake,
+        )?;
+        let within = Means { memory_bytes: free_bytes, ..means };
+        let original = Original::cut(source, &palette, &options, within)?;
+        let (largest, share) = (original.largest_cell_bytes(), free_bytes / CELL_SHARE);
+        if largest > share {
+            return Err(Error::NoMemory(format!(
+                "a cell of the input takes {} with its texture coordinates, the budget has {} for it: give more --memory, \
+                 or --texture colors",
+                show_bytes(largest),
+                show_bytes(share)
+            )));
+        }
+        let texels_per_unit = original.density(&options).wanted;
+        Ok(Photographs { original, palette, free_bytes, texels_per_unit })
+    }
+
+    /// Texels per unit of length of the input's images.
+    pub fn texels_per_unit(&self) -> f64 {
+        self.texels_per_unit
+    }
+
+    /// A painter of tiles, with caches for cells and images.
+    pub fn painter<'a>(&'a self, means: Means<'a>) -> TilePainter<'a> {
+        TilePainter {
+            from: self,
+            images: ImageCache::new(&self.palette, self.free_bytes / IMAGE_SHARE),
+            cells: CellCache::new(self.free_bytes / CELL_SHARE),
+            means,
+        }
+    }
+}
+
+/// Makes pages of tiles one after the other.
+pub struct TilePainter<'a> {
+    from: &'a Photographs,
+    images: ImageCache<'a>,
+    cells: CellCache,
+    means: Means<'a>,
+}
+
+impl TilePainter<'_> {
+    /// Missing, damaged and lost parts up to now, a line each.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = self.from.original.notes(&self.from.palette);
+        notes.extend(self.images.notes());
+        notes
+    }
+
+    /// Makes a page for each tile, of `texels_per_unit` or less, with `side` x `side` points a texel.
+    pub fn paint(
+        &mut self,
+        tiles: &[Mesh],
+        texels_per_unit: f64,
+        side: u32,
+    ) -> Result<Vec<TilePicture>> {
+        let Means { threads, progress, .. } = self.means;
+        let mut pages: Vec<Projected> = Vec::with_capacity(tiles.len());
+        in_order(
+            tiles.len() as u64,
+            threads,
+            progress,
+            |i, page: &mut Projected| {
+                *page = project(&tiles[i as usize], texels_per_unit, MOST_SIDE);
+                Ok(())
+            },
+            |_, page| {
+                pages.push(std::mem::take(page));
+                Ok(())
+            },
+        )?;
+        let (mesh, charts) = (joined(tiles), joined_charts(&pages));
+        let colours = Some(Canvas::new(&charts.pages, self.means.temp_dir)?);
+        let mut canvases = Canvases { colours, normals: None };
+        let scene = Scene {
+            mesh: &mesh,
+            charts: &charts,
+            normals: &[],
+            original: &self.from.original,
+            palette: &self.from.palette,
+            images: &self.images,
+            side,
+            batch_bytes: self.from.free_bytes / POINT_SHARE,
+            threads,
+            progress,
+        };
+        let seen = texels::fill(&scene, &mut self.cells, &mut canvases)?;
+        drop((charts, mesh));
+        let kind = match self.from.palette.is_photographic() && !seen.has_alpha {
+            true => PageKind::Jpeg,
+            false => PageKind::Png,
+        };
+        let finish = self.from.palette.finish(seen.has_alpha);
+        let mut out = Vec::with_capacity(pages.len());
+        let canvas = &canvases.colours;
+        in_order(
+            pages.len() as u64,
+            threads,
+            progress,
+            |i, file: &mut (Vec<u8>, u64)| {
+                if let Some(canvas) = canvas {
+                    *file = canvas.image(i as usize, kind)?;
+                }
+                Ok(())
+            },
+            |i, (image, covered_texels)| {
+                let page = std::mem::take(&mut pages[i as usize]);
+                let [width, height] = page.size;
+                let on_page = |[x, y]: [f32; 2]| [x / width as f32, y / height as f32];
+                out.push(TilePicture {
+                    corners: page.corners.iter().map(|t| t.map(on_page)).collect(),
+                    chart: page.chart,
+                    image: std::mem::take(image),
+                    is_jpeg: kind == PageKind::Jpeg,
+                    n_charts: u64::from(page.n_charts),
+                    texels: u64::from(width) * u64::from(height),
+                    covered_texels: *covered_texels,
+                    texels_per_unit: page.texels_per_unit,
+                    finish: Some(finish.clone()),
+                });
+                Ok(())
+            },
+        )?;
+        Ok(out)
+    }
+}
+
+fn joined(tiles: &[Mesh]) -> Mesh {
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for tile in tiles {
+        let first = positions.len() as u32;
+        positions.extend_from_slice(&tile.positions);
+        triangles.extend(tile.triangles.iter().map(|t| t.map(|v| first + v)));
+    }
+    Mesh::new(positions, triangles)
+}
+
+fn joined_charts(pages: &[Projected]) -> Charts {
+    let mut out = Charts {
+        pages: Vec::new(),
+        page: Vec::new(),
+        chart: Vec::new(),
+        corners: Vec::new(),
+        n_charts: 0,
+        texels_per_unit: 0.0,
+        densities: Vec::new(),
+        tangents: Vec::new(),
+    };
+    for (number, page) in (0u32..).zip(pages) {
+        let first = out.n_charts as u32;
+        out.pages.push(page.size);
+        out.densities.push(page.texels_per_unit);
+        out.page.resize(out.page.len() + page.chart.len(), number);
+        out.chart.extend(page.chart.iter().map(|&c| if c == NONE { NONE } else { first + c }));
+        out.corners.extend_from_slice(&page.corners);
+        out.n_charts += u64::from(page.n_charts);
+    }
+    out
+}

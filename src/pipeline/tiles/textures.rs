@@ -1,0 +1,277 @@
+//! Pages of the tiles of a textured scan: a step behind the last round.
+//!
+//! The rounds have written shapes, which know nothing of the input's charts. Here the input is staged with its images, and
+//! the tiles of one group after the other get charts, a page of the density of their level, and their final
+//! file. What is durable is recorded from time to time, so a run that was stopped goes on behind it.
+//!
+//! docs/design/tiles.md, "Textures".
+
+use super::report::PagesReport;
+use super::rounds::Stages;
+use crate::bake::{Photographs, TilePainter, TilePicture};
+use crate::error::{Error, Result};
+use crate::io::ply::{MeshSource, ReadOptions};
+use crate::io::tileset::encode_borders;
+use crate::io::{StageOptions, TileScalar};
+use crate::mesh::Mesh;
+use crate::stages::tiles::{
+    Places, Shape, border_name, encode_with_page, put_file, read_shapes, tile_path,
+};
+use crate::store::cell_id::CellId;
+use crate::store::cells::{GroupRecord, TileRecord};
+use crate::store::job::fingerprint::unchanged;
+use crate::store::stage_context::StageContext;
+use crate::system::parallel::in_order;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Instant;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// The folder of the shapes within that of the tree.
+pub(super) const SHAPES: &str = "shapes";
+
+/// Record of the cells whose tiles are durable.
+const SO_FAR: &str = "tiles with pages";
+
+/// The tiles of one cell of a round.
+struct Unit {
+    level: u32,
+    cell: CellId,
+    n_tiles: usize,
+    /// Tiles of the tree before it.
+    before: u32,
+}
+
+/// A tile with its page.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+struct PaintedTile {
+    bytes: u64,
+    checksum: u64,
+    image_bytes: u64,
+    charts: u64,
+    texels: u64,
+    covered_texels: u64,
+    texels_per_unit: f64,
+}
+
+/// The tiles of a cell, and checksum and bytes of the file of their numbers.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+struct PaintedCell {
+    tiles: Vec<PaintedTile>,
+    borders: (u64, u64),
+}
+
+/// Outcome of the step.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+struct Painted {
+    cells: Vec<PaintedCell>,
+    texels_per_unit: f64,
+    notes: Vec<String>,
+}
+
+/// Frame and properties of a tree.
+#[derive(Clone, Copy)]
+pub(super) struct Frame<'a> {
+    pub(super) origin: [f64; 3],
+    pub(super) scalars: &'a [TileScalar],
+}
+
+/// Gives the tiles of all levels their pages, and writes into their records what became of them.
+pub(super) fn paint(
+    stages: &mut Stages,
+    marks: &BTreeMap<String, String>,
+    (rounds, top): (&mut [Vec<GroupRecord>], &mut TileRecord),
+    frame: Frame,
+) -> Result<PagesReport> {
+    let units = units(rounds);
+    let all = rounds.iter().flatten().flat_map(|record| &record.tiles);
+    let n_triangles = all.map(|tile| tile.triangles).sum::<u64>() + top.triangles;
+    let largest = rounds.iter().flatten().map(|record| record.triangles[0]).max().unwrap_or(0);
+    let (config, pending) = (stages.config, stages.pending);
+    let painted: Painted = stages.stages.stage(
+        ("bake", "bake"),
+        n_triangles,
+        |_| n_triangles,
+        |run| {
+            // What an attempt that was killed has left.
+            run.job.clear_scratch()?;
+            let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
+            let stage = StageOptions {
+                read,
+                memory_bytes: run.memory_bytes / 2,
+                ..StageOptions::new(run.job.folder())
+            };
+            run.progress.count_from_zero(stages.input_triangles);
+            let most = largest.max(top.triangles);
+            let staged = MeshSource::open_staged(&config.input, &stage)
+                .and_then(|source| Photographs::stage(source, most, run.into()));
+            let photographs = unchanged(&config.input, marks, staged)?;
+            run.progress.count_from_zero(n_triangles);
+            let mut work = Work {
+                painter: photographs.painter(run.into()),
+                folder: pending,
+                packs: config.packs,
+                texels_per_unit: photographs.texels_per_unit(),
+                frame,
+                run,
+            };
+            let cells = work.all(&units, config.checkpoint_every)?;
+            run.disk().sync_all_below(pending)?;
+            let texels_per_unit = photographs.texels_per_unit();
+            Ok(Painted { cells, texels_per_unit, notes: work.painter.notes() })
+        },
+    )?;
+    for unit in &units {
+        remove_shapes(stages.run.disk(), pending, unit)?;
+    }
+    let shapes = pending.join(SHAPES);
+    if shapes.exists() {
+        std::fs::remove_dir_all(&shapes).map_err(|e| Error::io(&shapes, "cannot remove", e))?;
+    }
+    let mut report = PagesReport {
+        texels_per_unit: painted.texels_per_unit,
+        notes: painted.notes,
+        ..PagesReport::default()
+    };
+    for (unit, cell) in units.iter().zip(&painted.cells) {
+        let record = rounds.get_mut(unit.level as usize).map(|round| &mut round[unit.cell]);
+        let tiles = match record {
+            Some(record) => {
+                record.borders = cell.borders;
+                &mut record.tiles[..]
+            }
+            None => std::slice::from_mut(&mut *top),
+        };
+        for (tile, painted) in tiles.iter_mut().zip(&cell.tiles) {
+            (tile.bytes, tile.checksum) = (painted.bytes, painted.checksum);
+            tile.texel = 1.0 / painted.texels_per_unit;
+            report.pages += 1;
+            report.charts += painted.charts;
+            report.texels += painted.texels;
+            report.covered_texels += painted.covered_texels;
+            report.bytes += painted.image_bytes;
+        }
+    }
+    Ok(report)
+}
+
+/// All cells with tiles, level by level, the top last.
+fn units(rounds: &[Vec<GroupRecord>]) -> Vec<Unit> {
+    let mut units = Vec::new();
+    let mut before = 0;
+    for (level, round) in (0u32..).zip(rounds) {
+        for (cell, record) in CellId::first(round.len()).zip(round) {
+            let n_tiles = record.tiles.len();
+            units.push(Unit { level, cell, n_tiles, before });
+            before += n_tiles as u32;
+        }
+    }
+    units.push(Unit { level: rounds.len() as u32, cell: CellId(0), n_tiles: 1, before });
+    units
+}
+
+fn remove_shapes(disk: &crate::system::disk::Disk, pending: &Path, unit: &Unit) -> Result<()> {
+    let shapes = pending.join(SHAPES);
+    disk.remove(&shapes.join(border_name(unit.level, unit.cell)))?;
+    for n in 0..unit.n_tiles {
+        disk.remove(&shapes.join(tile_path(unit.level, unit.cell, n)))?;
+    }
+    Ok(())
+}
+
+/// The step while it is under way.
+struct Work<'a> {
+    painter: TilePainter<'a>,
+    folder: &'a Path,
+    packs: bool,
+    texels_per_unit: f64,
+    frame: Frame<'a>,
+    run: &'a StageContext<'a>,
+}
+
+impl Work<'_> {
+    fn all(&mut self, units: &[Unit], every: std::time::Duration) -> Result<Vec<PaintedCell>> {
+        let job = self.run.job;
+        let mut done: Vec<PaintedCell> = job.outcome(SO_FAR)?.unwrap_or_default();
+        let mut last = Instant::now();
+        for unit in units.iter().skip(done.len()) {
+            self.run.progress.check()?;
+            done.push(self.one(unit)?);
+            if last.elapsed() >= every {
+                self.run.disk().sync_all_below(self.folder)?;
+                job.record(SO_FAR, &done)?;
+                last = Instant::now();
+            }
+        }
+        Ok(done)
+    }
+
+    fn one(&mut self, unit: &Unit) -> Result<PaintedCell> {
+        let Unit { level, cell, n_tiles, before } = *unit;
+        let scalars = self.frame.scalars;
+        let shapes = read_shapes(&self.folder.join(SHAPES), (level, cell, n_tiles), scalars)?;
+        let meshes: Vec<Mesh> =
+            shapes.iter().map(|shape| mesh_of(shape, self.frame.origin)).collect();
+        // Triangles of a level are twice as long as those of the one below. Photographs are sampled as they are on the finest.
+        let texels_per_unit = self.texels_per_unit / f64::from(level).exp2();
+        let side = if level == 0 { 1 } else { 2 };
+        let pictures = self.painter.paint(&meshes, texels_per_unit, side)?;
+        drop(meshes);
+        let mut out = PaintedCell::default();
+        let mut borders = Vec::with_capacity(n_tiles);
+        in_order(
+            n_tiles as u64,
+            self.run.threads,
+            self.run.progress,
+            |n, encoded: &mut Encoded| {
+                let (shape, picture) = (&shapes[n as usize], &pictures[n as usize]);
+                let places = Places {
+                    chart: &picture.chart,
+                    no_chart: TilePicture::NO_CHART,
+                    corners: &picture.corners,
+                };
+                let tile = before + n as u32;
+                *encoded =
+                    encode_with_page(shape, places, (picture.page(), self.packs), scalars, tile);
+                Ok(())
+            },
+            |n, (bytes, border)| {
+                let path = self.folder.join(tile_path(level, cell, n as usize));
+                self.put(&path, bytes)?;
+                let picture = &pictures[n as usize];
+                out.tiles.push(PaintedTile {
+                    bytes: bytes.len() as u64,
+                    checksum: xxh3_64(bytes),
+                    image_bytes: picture.image.len() as u64,
+                    charts: picture.n_charts,
+                    texels: picture.texels,
+                    covered_texels: picture.covered_texels,
+                    texels_per_unit: picture.texels_per_unit,
+                });
+                borders.push(std::mem::take(border));
+                Ok(())
+            },
+        )?;
+        let bytes = encode_borders(&borders);
+        self.put(&self.folder.join(border_name(level, cell)), &bytes)?;
+        out.borders = (xxh3_64(&bytes), bytes.len() as u64);
+        Ok(out)
+    }
+
+    fn put(&self, path: &Path, bytes: &[u8]) -> Result<()> {
+        put_file(self.run.disk(), path, bytes)?;
+        self.run.disk().disown(bytes.len() as u64);
+        Ok(())
+    }
+}
+
+/// A tile's file and its numbers.
+type Encoded = (Vec<u8>, crate::io::tileset::TileBorder);
+
+/// The surface of a tile in the frame of the input.
+fn mesh_of(shape: &Shape, origin: [f64; 3]) -> Mesh {
+    let (stored, step) = (&shape.tile.mesh, shape.tile.step);
+    let place = |p: &[i32; 3]| [0, 1, 2].map(|k| origin[k] + f64::from(p[k]) * step);
+    Mesh::new(stored.positions.iter().map(place).collect(), stored.triangles.clone())
+}

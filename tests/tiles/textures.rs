@@ -1,0 +1,180 @@
+//! Tiles of textured scans: a page for each tile, with the colours of the images in their places.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use crate::common::{check, count, expect};
+use crate::scalars::document;
+use crate::tiles::{files, painted};
+use serde_json::Value;
+use std::path::Path;
+use stonecut::io::{StoredTile, decode_tile};
+
+/// The page of a tile.
+fn page(bytes: &[u8]) -> image::RgbImage {
+    let json = document(bytes);
+    let view = &json["bufferViews"][json["images"][0]["bufferView"].as_u64().unwrap() as usize];
+    let number = |key: &str| view[key].as_u64().unwrap() as usize;
+    let binary = 28 + u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let file = &bytes[binary + number("byteOffset")..][..number("byteLength")];
+    image::load_from_memory(file).unwrap().into_rgb8()
+}
+
+/// Tiles of a level.
+fn tiles(folder: &Path, level: u32) -> Vec<Vec<u8>> {
+    let is_tile = |path: &Path| path.extension().is_some_and(|ext| ext == "glb");
+    let all = files(&folder.join(format!("tiles/{level}")));
+    all.into_iter().filter(|(path, _)| is_tile(path)).map(|(_, bytes)| bytes).collect()
+}
+
+/// Calls `each` with place and colour in the middle of every triangle.
+fn each_middle(bytes: &[u8], origin: [f64; 3], mut each: impl FnMut([f64; 3], [u8; 3])) {
+    let StoredTile { mesh, step, .. } = decode_tile(bytes).unwrap();
+    let page = page(bytes);
+    let size = [page.width(), page.height()].map(f64::from);
+    for t in &mesh.triangles {
+        let mean =
+            |k: usize| t.iter().map(|&v| f64::from(mesh.positions[v as usize][k])).sum::<f64>();
+        let place = [0, 1, 2].map(|k| origin[k] + step * mean(k) / 3.0);
+        let texel = |k: usize| {
+            let sum: f64 = t.iter().map(|&v| f64::from(mesh.coordinates[v as usize][k])).sum();
+            (sum / 3.0 / 65_535.0 * size[k]) as u32
+        };
+        each(place, page.get_pixel(texel(0), texel(1)).0);
+    }
+}
+
+#[test]
+fn every_tile_shows_the_images_at_their_places() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    painted(path, 120);
+    for options in ["", "--compress none --up y"] {
+        expect(
+            path,
+            &format!("tiles in.obj out --force --tile-triangles 900 --report r.json {options}"),
+            0,
+        );
+        let found = check(path, "out");
+        assert_eq!(
+            (count(&found, "n_faults"), count(&found, "boundary_edges")),
+            (0, 480),
+            "{found}"
+        );
+        assert_eq!(count(&found, "triangles"), 2 * 120 * 120);
+        assert_eq!(found["gap_within"], serde_json::json!(0.0));
+        let report: Value =
+            serde_json::from_slice(&std::fs::read(path.join("r.json")).unwrap()).unwrap();
+        assert_eq!(report["texture"]["pages"], report["tiles"]);
+        let set: Value =
+            serde_json::from_slice(&std::fs::read(path.join("out/tileset.json")).unwrap()).unwrap();
+        let facts = &set["extras"]["stonecut"];
+        let origin = [0, 1, 2].map(|k| facts["origin"][k].as_f64().unwrap());
+        for level in 0..facts["levels"].as_u64().unwrap() as u32 {
+            let tiles = tiles(&path.join("out"), level);
+            assert!(!tiles.is_empty());
+            for tile in &tiles {
+                assert!(decode_tile(tile).unwrap().mesh.colours.is_empty());
+                each_middle(tile, origin, |[x, y, _], [red, green, blue]| {
+                    // A triangle of a coarse level may lie on both images.
+                    let rim = 0.02 * f64::from(level + 1);
+                    if y > 0.5 + rim {
+                        assert_eq!([red, green, blue], [0, 200, 0], "level {level} at {x} {y}");
+                    } else if y < 0.5 - rim && (rim..1.0 - rim).contains(&x) {
+                        let off = (f64::from(blue) - 256.0 * x).abs();
+                        let limit = 6.0 * f64::from(level + 1);
+                        assert!(green == 0 && off < limit, "level {level}: {blue} at {x} {y}");
+                    }
+                });
+            }
+        }
+    }
+}
+
+#[test]
+fn cuts_through_tiles_with_pages_are_one_mesh() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    painted(path, 120);
+    expect(path, "tiles in.obj out --tile-triangles 900", 0);
+    // The finest level, one in the middle, and a fine box in a coarse mesh.
+    for cut in [
+        "--max-error 0",
+        "--max-error 0.002",
+        "--max-error 1 --inside 0.1,0.1,-1,0.4,0.4,1 --max-error-inside 0",
+    ] {
+        expect(path, &format!("extract out cut.ply --force {cut}"), 0);
+        let found = check(path, "cut.ply");
+        assert_eq!(count(&found, "components"), 1, "{cut}: {found}");
+        assert_eq!(count(&found, "non_manifold_edges"), 0, "{cut}: {found}");
+        // A disc: a vertex that was parted would open it.
+        let [v, t, b] = ["vertices", "triangles", "boundary_edges"].map(|key| count(&found, key));
+        assert_eq!(2 * v, t + b + 2, "{cut}: {found}");
+    }
+}
+
+#[test]
+fn pages_are_the_same_for_any_threads_and_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    painted(path, 120);
+    let cut = |name: &str, options: &str| {
+        expect(path, &format!("tiles in.obj {name} --tile-triangles 900 {options}"), 0);
+        files(&path.join(name))
+    };
+    assert!(cut("one", "--threads 1 --memory 200MiB") == cut("two", "--threads 3 --memory 2GiB"));
+}
+
+#[test]
+fn tiles_are_no_coarser_on_the_screen_than_their_pages() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    painted(path, 120);
+    expect(path, "tiles in.obj out --tile-triangles 900", 0);
+    let set: Value =
+        serde_json::from_slice(&std::fs::read(path.join("out/tileset.json")).unwrap()).unwrap();
+    let texels = set["extras"]["stonecut"]["texels_per_unit"].as_f64().unwrap();
+    let levels = set["extras"]["stonecut"]["levels"].as_f64().unwrap();
+    let root = set["root"]["geometricError"].as_f64().unwrap();
+    // At 16 pixels of error a texel is one pixel wide.
+    assert!(root >= 16.0 * (levels - 1.0).exp2() / texels * 0.999, "{root} {texels} {levels}");
+}
+
+#[test]
+fn a_page_that_is_damaged_is_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    painted(path, 60);
+    expect(path, "tiles in.obj out --tile-triangles 900", 0);
+    let tile = path.join("out/tiles/0/0/0-0.glb");
+    let bytes = std::fs::read(&tile).unwrap();
+    // The view of the image lies at the end of the file.
+    let end = bytes.len() - 64;
+    let mut cut = bytes.clone();
+    cut[end..].fill(0);
+    std::fs::write(&tile, cut).unwrap();
+    let found = check_faults(path);
+    assert!(found.contains("image was cut off"), "{found}");
+    let mut text = bytes;
+    let at = text.windows(10).position(|w| w == b"TEXCOORD_0").unwrap();
+    text[at..at + 10].copy_from_slice(b"TEXCOORD_1");
+    std::fs::write(&tile, text).unwrap();
+    let found = check_faults(path);
+    assert!(found.contains("no page, or no coordinates"), "{found}");
+}
+
+fn check_faults(folder: &Path) -> String {
+    let output = crate::common::run(folder, "info --check --json out");
+    assert!(!output.status.success());
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+#[test]
+fn pages_are_asked_for_only_where_there_are_images() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    expect(path, "synth scans in.ply --triangles 5k", 0);
+    let said = expect(path, "tiles in.ply out --texture bake", 2);
+    assert!(said.contains("no image"), "{said}");
+    assert!(!path.join("out").exists());
+    expect(path, "tiles in.ply out --texture colors", 0);
+}
