@@ -123,7 +123,7 @@ fn threads_memory_and_an_earlier_run_do_not_show() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     expect(at, "synth gyroid in.ply --triangles 60k", 0);
-    let options = "--triangles 800 --pairs --cell-triangles 8k --force";
+    let options = "--triangles 2000 --pairs --cell-triangles 8k --force";
     expect(at, &format!("simplify in.ply out.ply {options} --threads 1"), 0);
     let wanted = std::fs::read(at.join("out.ply")).unwrap();
     for more in ["--threads 3", "--threads 2 --memory 256MiB", "--keep-temp"] {
