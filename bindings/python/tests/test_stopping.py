@@ -69,7 +69,7 @@ def test_a_stopped_run_is_continued_by_the_same_call(large: Path) -> None:
     with pytest.raises(sc.JobMismatch):
         sc.simplify_file(large, output, ratio=0.02)
     report = sc.simplify_file(large, output, ratio=0.01, progress=lambda p: seen.append(p.stage))
-    assert "partition" in seen
+    assert "simplify" in seen  # the partition can be over before the first look
     assert report["target_met"] and not (large.parent / "out.ply.stonecut-job").exists()
     assert output.read_bytes() == expected.read_bytes()
 
