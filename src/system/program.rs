@@ -1,12 +1,13 @@
 //! This program as a process: its code, its host, its parent, the time it has used.
 
 use crate::error::{Error, Result};
+use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Checksum of the file that this code was loaded from: the program, or an extension of another one.
-pub fn checksum() -> Result<String> {
+/// The file that this code was loaded from: the program, or an extension of another one.
+fn file() -> PathBuf {
     let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
     let here = checksum as fn() -> Result<String> as usize;
     let holds = |line: &&str| {
@@ -15,9 +16,24 @@ pub fn checksum() -> Result<String> {
         matches!(ends, Some((Ok(first), Ok(end))) if (first..end).contains(&here))
     };
     let mapped = maps.lines().find(holds).and_then(|line| line.find('/').map(|at| &line[at..]));
-    let path = mapped.map_or_else(|| PathBuf::from("/proc/self/exe"), PathBuf::from);
+    mapped.map_or_else(|| PathBuf::from("/proc/self/exe"), PathBuf::from)
+}
+
+/// Checksum of the file that this code was loaded from.
+pub fn checksum() -> Result<String> {
+    let path = file();
     let bytes = std::fs::read(&path).map_err(|e| Error::reading(&path, "cannot read", e))?;
     Ok(format!("{:016x}", xxh3_64(&bytes)))
+}
+
+/// A mark of that file which is found without reading it: its path, inode and length, and the times of its last changes.
+/// Two files with one mark have the same bytes, since the time of the last change of an inode cannot be set; the same file
+/// has it on all machines that share it. `None` where the file is gone.
+pub fn mark() -> Option<String> {
+    let path = file();
+    let meta = std::fs::metadata(&path).ok()?;
+    let times = [meta.mtime(), meta.mtime_nsec(), meta.ctime(), meta.ctime_nsec()];
+    Some(format!("{} {} {} {times:?}", path.display(), meta.ino(), meta.len()))
 }
 
 /// The name of this machine, letters and digits only.
@@ -69,6 +85,8 @@ mod tests {
     fn a_program_knows_itself() {
         let exe = std::fs::read("/proc/self/exe").unwrap();
         assert_eq!(checksum().unwrap(), format!("{:016x}", xxh3_64(&exe)));
+        assert_eq!(mark(), mark());
+        assert!(mark().is_some_and(|mark| mark.contains(&format!(" {} ", exe.len()))));
         assert_ne!(unique_name(), unique_name());
         assert!(processor_seconds() >= 0.0 && !host().is_empty());
     }

@@ -87,15 +87,33 @@ fn scan(kind: &str, triangles: &str, options: &str) -> (tempfile::TempDir, Vec<u
 
 #[test]
 fn any_number_of_units_gives_the_bytes_of_one_process() {
-    // The last number: rounds after the first that are done in units.
-    for (kind, triangles, options, later) in [
-        ("statue", "60k", "--ratio 5% --cell-triangles 3000", 0),
-        ("scans", "300k", "--ratio 10% --cell-triangles 10k --min-component 50", 1),
-        ("terrain", "60k", "--ratio 60% --cell-triangles 2000", 0),
-        ("terrain", "60k", "--ratio 97% --cell-triangles 2000", 0),
-        ("statue", "300k", "--ratio 5%", 0),
-        ("statue", "60k", "--ratio 10% --cell-triangles 1000", 2),
-        ("statue", "60k", "--ratio 10% --cell-triangles 1000 --fit on", 2),
+    // The phases of rounds, with several units.
+    let threshold = ["pilot", "simplify"];
+    let exact = ["pilot", "trial", "simplify"];
+    let two = ["recut-1", "pilot-1", "round-1", "recut-2", "pilot-2", "round-2"];
+    let last_exact = ["recut-1", "pilot-1", "trial-1", "round-1"];
+    let third_exact = ["recut-3", "pilot-3", "trial-3", "round-3"];
+    for (kind, triangles, options, first, later) in [
+        ("statue", "60k", "--ratio 5% --cell-triangles 3000", &threshold[..], &two[..3]),
+        ("statue", "60k", "--ratio 4% --cell-triangles 3000", &threshold, &[]),
+        ("scans", "300k", "--ratio 10% --cell-triangles 10k --min-component 50", &threshold, &two),
+        ("terrain", "60k", "--ratio 60% --cell-triangles 2000", &threshold, &last_exact),
+        ("terrain", "60k", "--ratio 97% --cell-triangles 2000", &exact, &[]),
+        ("statue", "300k", "--ratio 5%", &[], &[]),
+        (
+            "statue",
+            "60k",
+            "--ratio 10% --cell-triangles 1000",
+            &threshold,
+            &[&two[..], &third_exact].concat(),
+        ),
+        (
+            "statue",
+            "60k",
+            "--ratio 10% --cell-triangles 1000 --fit on",
+            &threshold,
+            &[&two[..], &third_exact].concat(),
+        ),
     ] {
         let (folder, whole) = scan(kind, triangles, options);
         let at = folder.path();
@@ -103,9 +121,16 @@ fn any_number_of_units_gives_the_bytes_of_one_process() {
             let output = format!("out-{n}.ply");
             let cut = format!("--units {n} --parts {parts}");
             let phases = plan(at, &format!("job-{n} in.ply {output} {options} {cut}"));
-            let rounds = phases.iter().filter(|(name, _)| name.starts_with("round-")).count();
-            assert_eq!(phases.len(), if parts == 1 { 4 } else { 8 } + 2 * rounds);
-            assert_eq!(rounds, if n == 1 { 0 } else { later });
+            let names: Vec<&str> = phases.iter().map(|(name, _)| name.as_str()).collect();
+            let of_parts = ["scan", "tree", "scatter", "share"];
+            let wanted = [
+                if parts == 1 { &[][..] } else { &of_parts },
+                &["partition"],
+                first,
+                if n == 1 { &[] } else { later },
+                &["finish", "rest"],
+            ];
+            assert_eq!(names, wanted.concat(), "{kind} {options}");
             for (_, units) in &phases {
                 for unit in shuffled(units, n) {
                     let threads = 1 + unit.len() % 3;
@@ -144,7 +169,8 @@ fn every_unit_twice_and_at_once_gives_the_same_bytes() {
     let status = run(at, "status job --json");
     let json: serde_json::Value = serde_json::from_slice(&status.stdout).unwrap();
     assert_eq!((json["is_over"].as_bool(), json["share"].as_f64()), (Some(true), Some(1.0)));
-    assert!((0..12).all(|i| json["phases"][i]["done"] == json["phases"][i]["units"]));
+    let phases = json["phases"].as_array().unwrap();
+    assert!(phases.iter().all(|phase| phase["done"] == phase["units"]));
     assert_eq!(json["report"]["target_met"], true);
 }
 
@@ -175,8 +201,11 @@ fn killed_units_are_done_again_and_leave_nothing() {
 
 /// Plans a job and does all units of the first phases.
 fn until(at: &Path, last: &str) -> Vec<(String, Vec<String>)> {
-    let phases =
-        plan(at, "job in.ply out.ply --ratio 5% --cell-triangles 3000 --units 8 --parts 2");
+    until_of(at, "--ratio 5% --cell-triangles 3000 --units 8 --parts 2", last)
+}
+
+fn until_of(at: &Path, options: &str, last: &str) -> Vec<(String, Vec<String>)> {
+    let phases = plan(at, &format!("job in.ply out.ply {options}"));
     for (name, units) in &phases {
         units.iter().for_each(|unit| ends_well(start(at, "job", unit, ""), unit));
         if name == last {
@@ -194,46 +223,74 @@ fn file_of(at: &Path, unit: &str) -> PathBuf {
     units.join(json["outcome"]["files"][0]["pack"].as_str().unwrap())
 }
 
+/// Damages or removes the file of a unit, sees `victim` refused with a word on that, mends, and does `victim`.
+fn damage_and_mend(at: &Path, (unit, is_gone): (&str, bool), victim: &str) {
+    let record = |unit: &str| {
+        let (phase, index) = unit.split_once('/').unwrap();
+        format!("{phase}-{:04}", index.parse::<u32>().unwrap())
+    };
+    let path = file_of(at, &record(unit));
+    // So that it has to read its cells again.
+    let _ = std::fs::remove_file(at.join(format!("job/units/{}.record", record(victim))));
+    if is_gone {
+        std::fs::remove_file(&path).unwrap();
+    } else {
+        let mut damaged = bytes(&path);
+        let n = damaged.len();
+        (0..n).step_by(40).for_each(|i| damaged[i] ^= 0x5a);
+        damaged[..16].copy_from_slice(b"stonecut pack 02");
+        std::fs::write(&path, damaged).unwrap();
+    }
+    let said = expect(at, &format!("work job {victim} -q --wait 0"), 1);
+    assert!(said.contains(&format!("work job {unit} --mend")) && said.contains(unit), "{said}");
+    assert!(!said.contains("--restart"), "{said}");
+    expect(at, &format!("work job {unit} -q"), 0);
+    expect(at, &format!("work job {victim} -q --wait 0"), 1);
+    expect(at, &format!("work job {unit} -q --mend"), 0);
+    expect(at, &format!("work job {victim} -q --wait 0"), 0);
+}
+
 #[test]
 fn a_damaged_pack_is_named_and_mended() {
-    let (folder, whole) = scan("statue", "60k", "--ratio 5% --cell-triangles 3000");
+    let options = "--ratio 4% --cell-triangles 3000";
+    let (folder, whole) = scan("statue", "60k", options);
     let at = folder.path();
-    until(at, "simplify");
-    for (begin, end, unit, victim) in [
-        ("simplify-0003", "survivors", "simplify/3", "rest/0"),
-        ("simplify-0003", "gone", "simplify/3", "rest/0"),
-        ("partition-0000", "cells", "partition/0", "simplify/3"),
-        ("scatter-0001", "cells", "scatter/1", "simplify/3"),
-        ("scatter-0001", "gone", "scatter/1", "rest/0"),
-        ("share-0001", "cells", "share/1", "simplify/3"),
+    until_of(at, &format!("{options} --units 8 --parts 2"), "simplify");
+    for (unit, is_gone, victim) in [
+        ("simplify/3", false, "finish/0"),
+        ("simplify/3", true, "finish/0"),
+        ("partition/0", false, "simplify/3"),
+        ("scatter/1", false, "simplify/3"),
+        ("scatter/1", true, "finish/0"),
+        ("share/1", false, "simplify/3"),
+        ("finish/0", false, "rest/0"),
     ] {
-        let path = file_of(at, begin);
-        if victim == "simplify/3" {
-            // So that it has to read the cells again.
-            std::fs::remove_file(at.join("job/units/simplify-0003.record")).unwrap();
-        }
-        match end {
-            "gone" => std::fs::remove_file(&path).unwrap(),
-            _ => {
-                let mut damaged = bytes(&path);
-                let n = damaged.len();
-                (0..n).step_by(40).for_each(|i| damaged[i] ^= 0x5a);
-                damaged[..16].copy_from_slice(b"stonecut pack 02");
-                std::fs::write(&path, damaged).unwrap();
-            }
-        }
-        let said = expect(at, &format!("work job {victim} -q --wait 0"), 1);
-        assert!(said.contains(&format!("work job {unit} --mend")) && said.contains(unit), "{said}");
-        assert!(!said.contains("--restart"), "{said}");
-        expect(at, &format!("work job {unit} -q"), 0);
-        expect(at, &format!("work job {victim} -q --wait 0"), 1);
-        expect(at, &format!("work job {unit} -q --mend"), 0);
-        if victim == "simplify/3" {
-            expect(at, "work job simplify/3 -q --wait 0", 0);
-        }
+        damage_and_mend(at, (unit, is_gone), victim);
     }
-    expect(at, "work job rest/0 -q --wait 0", 0);
     assert!(bytes(&at.join("out.ply")) == whole);
+}
+
+#[test]
+fn damaged_packs_of_later_rounds_are_named_and_mended() {
+    let options = "--ratio 10% --cell-triangles 1000";
+    let (folder, whole) = scan("statue", "60k", options);
+    let at = folder.path();
+    let phases = until_of(at, &format!("{options} --units 8"), "round-2");
+    for (unit, is_gone, victim) in [
+        ("simplify/3", false, "recut-1/0"),
+        ("recut-1/0", false, "pilot-1/1"),
+        ("recut-1/0", true, "round-1/2"),
+        ("recut-1/0", false, "round-1/5"),
+        ("round-1/5", false, "recut-2/0"),
+        ("recut-2/0", true, "round-2/0"),
+    ] {
+        damage_and_mend(at, (unit, is_gone), victim);
+    }
+    for (_, units) in &phases {
+        units.iter().for_each(|unit| ends_well(start(at, "job", unit, ""), unit));
+    }
+    assert!(bytes(&at.join("out.ply")) == whole);
+    assert_eq!(left_over(at, "job"), [""; 0]);
 }
 
 #[test]
@@ -459,7 +516,9 @@ fn a_script_for_slurm_chains_arrays() {
             "in.ply",
             "out.ply",
             "--ratio",
-            "5%",
+            "1%",
+            "--cell-triangles",
+            "1000",
             "--units",
             "1200",
             "--slurm",
@@ -482,7 +541,7 @@ fn a_script_for_slurm_chains_arrays() {
     assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
     let calls = std::fs::read_to_string(at.join("calls")).unwrap();
     let calls: Vec<&str> = calls.lines().collect();
-    assert_eq!(calls.len(), 5, "1,200 units of simplify are two arrays: {calls:#?}");
+    assert_eq!(calls.len(), 6, "1,200 units of simplify are two arrays: {calls:#?}");
     assert!(
         calls.iter().all(|call| call.contains("-p compute -c 2") && call.contains("--retry 5,10"))
     );
@@ -490,7 +549,8 @@ fn a_script_for_slurm_chains_arrays() {
         (0, &["-a 0-0", "partition/$((SLURM_ARRAY_TASK_ID + 0))"][..]),
         (2, &["-d afterok:2", "-a 0-999", "simplify/$((SLURM_ARRAY_TASK_ID + 0))"]),
         (3, &["-d afterok:2", "-a 0-199", "simplify/$((SLURM_ARRAY_TASK_ID + 1000))"]),
-        (4, &["-d afterok:3:4", "-a 0-0", "rest/$(("]),
+        (4, &["-d afterok:3:4", "-a 0-0", "finish/$(("]),
+        (5, &["-d afterok:5", "-a 0-0", "rest/$(("]),
     ] {
         words
             .iter()

@@ -6,6 +6,7 @@
 //!
 //! docs/design/cluster.md, docs/cluster.md.
 
+mod kind;
 mod parts;
 mod phases;
 mod rounds;
@@ -23,6 +24,7 @@ use crate::config::{Config, Method, Texture};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::stages::partition::is_local;
+use crate::stages::simplify::pilot_cells;
 use crate::stages::stitch::{Step, next_step};
 use crate::store::job::fingerprint::{input_marks, job_identity};
 use crate::store::job::units::{Phase, Record, UnitJob};
@@ -30,13 +32,14 @@ use crate::system::disk::Disk;
 use crate::system::parallel::guarded;
 use crate::system::program;
 use crate::system::progress::Progress;
+use kind::Kind;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Units of the phase `simplify` for each unit that was asked for, so that they can be shared out evenly: at most this
-/// many, as long as each has this number of cells. A cell takes 0.08 s, a unit 0.03 s to begin and to end.
+/// many, as long as each has this number of cells. A cell takes 0.06 s, a unit 0.03 s to begin and to end.
 const PIECES: u32 = 4;
 const CELLS_OF_A_PIECE: u32 = 8;
 
@@ -49,9 +52,6 @@ const TRIANGLES_OF_A_PART: u64 = 16_000_000;
 
 /// The most parts where faces use vertices from everywhere: each part looks up all vertices then.
 const PARTS_IN_NO_ORDER: u32 = 4;
-
-/// Later rounds of fewer cells are left to the last unit: their pilot, which takes four cells, is most of them.
-const CELLS_OF_A_ROUND: u64 = 8;
 
 /// Pieces that a job is cut into.
 #[derive(Clone, Copy, Debug)]
@@ -76,9 +76,7 @@ pub fn freeze(
     refuse(config)?;
     let prepared = prepare(config)?;
     let plan = &prepared.plan;
-    let n_batches = (plan.cells / CELLS_OF_A_PIECE).clamp(pieces.units, PIECES * pieces.units);
-    let rounds = later_rounds(plan, config, pieces.units);
-    let cut = cut((n_parts(&prepared.source, pieces)?, n_batches), &rounds);
+    let cut = cut(n_parts(&prepared.source, pieces)?, &planned_rounds(plan, config, pieces.units));
     let phase = |(i, (name, units, share)): (usize, &(String, u32, f64))| Phase {
         name: name.clone(),
         units: *units,
@@ -89,6 +87,7 @@ pub fn freeze(
     let frozen = Frozen {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         program: program::checksum()?,
+        program_mark: program::mark(),
         words,
         folder: here,
         settings: settings_checksum(config),
@@ -100,44 +99,67 @@ pub fn freeze(
     Ok(frozen)
 }
 
-/// All phases with their units, and the share of the time that each takes.
-fn cut((parts, batches): (u32, u32), rounds: &[u32]) -> Vec<(String, u32, f64)> {
-    let of_parts = [
-        ("scan", parts, 0.04),
-        ("tree", 1, 0.01),
-        ("scatter", parts, 0.12),
-        ("share", parts, 0.03),
-    ];
-    let first = [
-        ("partition", 1, if parts > 1 { 0.01 } else { 0.2 }),
-        ("pilot", 1, 0.05),
-        ("simplify", batches, 0.65),
-    ];
-    let of_parts = of_parts.into_iter().filter(|_| parts > 1);
-    let named = |(name, units, share): (&str, u32, f64)| (name.to_owned(), units, share);
-    let later = (1..).zip(rounds).flat_map(|(round, &units)| {
-        [(format!("recut-{round}"), 1, 0.01), (format!("round-{round}"), units, 0.02)]
-    });
-    let first = of_parts.chain(first).map(named);
-    first.chain(later).chain(std::iter::once(("rest".to_owned(), 1, 0.09))).collect()
+/// A round that is done in units.
+#[derive(Clone, Copy, Debug)]
+struct PlannedRound {
+    /// Units of its pilot, and of its batches.
+    pilot: u32,
+    batches: u32,
+    /// True if a total is to be met, which takes a trial.
+    is_exact: bool,
 }
 
-/// The units of each later round, as far as rounds can be told from counts: one for a cell, at most as many as were asked for.
-fn later_rounds(plan: &Plan, config: &Config, units: u32) -> Vec<u32> {
+/// All phases with their units, and the share of the time that each takes.
+fn cut(parts: u32, rounds: &[PlannedRound]) -> Vec<(String, u32, f64)> {
+    let of_parts = [
+        ("scan", parts, 0.01),
+        ("tree", 1, 0.01),
+        ("scatter", parts, 0.12),
+        ("share", parts, 0.01),
+    ];
+    let of_parts = of_parts.into_iter().filter(|_| parts > 1);
+    let partition = ("partition", 1, if parts > 1 { 0.01 } else { 0.15 });
+    let named = |(name, units, share): (&str, u32, f64)| (name.to_owned(), units, share);
+    let of_round = |(number, round): (u32, &PlannedRound)| {
+        let batches = if number == 0 { 0.6 } else { 0.06 };
+        let phases = [
+            (Kind::Recut, u32::from(number > 0), 0.02),
+            (Kind::Pilot, round.pilot, 0.04),
+            (Kind::Trial, if round.is_exact { round.batches } else { 0 }, batches),
+            (Kind::Batch, round.batches, batches),
+        ];
+        let phases = phases.into_iter().filter(|(_, units, _)| *units > 0);
+        phases.map(move |(kind, units, share)| (kind.of_round(number), units, share))
+    };
+    let last = [("finish", 1, 0.06), ("rest", 1, 0.01)];
+    let first = of_parts.chain(std::iter::once(partition)).map(named);
+    let rounds = (0..).zip(rounds).flat_map(of_round);
+    first.chain(rounds).chain(last.map(named)).collect()
+}
+
+/// The rounds, as far as they can be told from counts. Later ones have a unit for a cell, at most as many as were asked for;
+/// with one unit they are left to `finish`.
+fn planned_rounds(plan: &Plan, config: &Config, units: u32) -> Vec<PlannedRound> {
     let (mut now, mut rounds) = (plan.triangles_in, Vec::new());
-    if units == 1 {
-        return rounds;
-    }
-    for round in 0.. {
+    let most = if units == 1 { 1 } else { u32::MAX };
+    for round in 0..most {
         let step = next_step(now, plan.target, config.cell_triangles, round);
-        let Step::Round(goal) = step else { break };
-        let cells = now.div_ceil(config.cell_triangles);
-        if round > 0 && cells < CELLS_OF_A_ROUND {
-            break;
-        }
-        if round > 0 {
-            rounds.push(cells.min(u64::from(units)) as u32);
-        }
+        let (goal, is_exact) = match step {
+            Step::Round(goal) => (goal, false),
+            Step::ExactRound => (plan.target, true),
+            Step::Finish | Step::Done => break,
+        };
+        let cells = match round {
+            0 => plan.cells,
+            _ => now.div_ceil(config.cell_triangles).min(u64::from(u32::MAX)) as u32,
+        };
+        let batches = match round {
+            // As many for each of the units that were asked for.
+            0 => units * (cells / CELLS_OF_A_PIECE / units).clamp(1, PIECES),
+            _ => cells.min(units),
+        };
+        let pilot = (pilot_cells(cells as usize).len() as u32).min(units);
+        rounds.push(PlannedRound { pilot, batches, is_exact });
         now = goal.min(now);
     }
     rounds
@@ -200,7 +222,11 @@ pub enum Done {
 /// for a unit that the plan does not have; `Io` if an earlier phase is not over.
 pub fn work(task: &Task, config: &Config, disk: &Disk, progress: &Progress) -> Result<Done> {
     let Task { folder, frozen, unit, patience, mends } = task;
-    frozen.check_program(folder, env!("CARGO_PKG_VERSION"), &program::checksum()?)?;
+    let program = match program::mark() {
+        Some(mark) if frozen.program_mark.as_ref() == Some(&mark) => frozen.program.clone(),
+        _ => program::checksum()?,
+    };
+    frozen.check_program(folder, env!("CARGO_PKG_VERSION"), &program)?;
     if frozen.phase(&unit.phase).is_none_or(|phase| unit.index >= phase.units) {
         let phases = frozen.phases.iter().map(|p| format!("{}/0 to {}", p.name, p.units - 1));
         let known = phases.collect::<Vec<_>>().join(", ");
@@ -209,6 +235,10 @@ pub fn work(task: &Task, config: &Config, disk: &Disk, progress: &Progress) -> R
     let job = UnitJob::new(folder, disk, *patience);
     match job.record(unit) {
         Ok(Some(record)) if !mends || phases::is_whole(&job, frozen, &record)? => {
+            // The last one may have been killed after it had published its record.
+            if phases::is_last(unit) {
+                job.clear()?;
+            }
             return Ok(Done::Before);
         }
         Ok(Some(_)) => job.withdraw(unit)?,

@@ -1,8 +1,9 @@
 //! The phases of a job in units: what each reads from the records of the others, which stages it runs.
 //!
-//! `partition` and `rest` are the run of one process, stopped early and taken up late; the partition may be done in parts
-//! before (`parts`), and rounds are done between them (`rounds`).
+//! `partition`, `finish` and `rest` are the run of one process, stopped early and taken up later; the partition may be done
+//! in parts before (`parts`), and rounds are done between them (`rounds`).
 
+use super::kind::Kind;
 use super::task::Task;
 use crate::config::{Config, Until};
 use crate::error::{Error, Result};
@@ -48,36 +49,29 @@ pub(super) fn run(
         "scatter" => phase.scatter(task).map(plain),
         "share" => phase.share(task).map(plain),
         "partition" => phase.partition().map(plain),
-        "pilot" => phase.pilot().map(plain),
-        "simplify" => phase.batch(0, task).map(plain),
+        "finish" => phase.finish().map(plain),
         "rest" => phase.rest().map(|(record, report)| (record, Some(report))),
-        other => match numbered(other) {
-            Some(("recut", round)) => phase.recut(round).map(plain),
-            Some(("round", round)) => phase.batch(round, task).map(plain),
-            _ => Err(Error::Usage(format!("this program knows no phase '{other}'"))),
+        other => match Kind::find(other) {
+            Some((Kind::Recut, round)) => phase.recut(round).map(plain),
+            Some((Kind::Pilot, round)) => phase.pilot(round, task).map(plain),
+            Some((Kind::Trial, round)) => phase.trial(round, task).map(plain),
+            Some((Kind::Batch, round)) => phase.batch(round, task).map(plain),
+            None => Err(Error::Usage(format!("this program knows no phase '{other}'"))),
         },
     }
 }
 
-/// The phase in which the cells of a round are simplified.
-pub(super) fn phase_of_round(round: u32) -> String {
-    if round == 0 { "simplify".to_owned() } else { format!("round-{round}") }
-}
-
-/// The name and the round of a phase of a later round.
-fn numbered(phase: &str) -> Option<(&str, u32)> {
-    let (name, round) = phase.split_once('-')?;
-    Some((name, round.parse().ok()?))
-}
-
 /// Tells if a phase has to know of one before it.
 fn needs(phase: &str, before: &str) -> bool {
-    match (phase, numbered(phase)) {
-        (_, Some(("recut", round))) => before == "partition" || before == phase_of_round(round - 1),
-        (_, Some((_, round))) => before == "partition" || before == format!("recut-{round}"),
-        // What only the cells were made from.
-        ("pilot" | "simplify", _) => !["scan", "tree"].contains(&before),
-        _ => true,
+    match (Kind::find(phase), Kind::find(before)) {
+        (Some((Kind::Recut, round)), Some(before)) => before == (Kind::Batch, round - 1),
+        (Some((_, round)), Some((_, before))) => round == before,
+        (Some((kind, round)), None) => {
+            let is_first = round == 0 && kind != Kind::Recut;
+            // The packs of the parts, but not what only the cells were made from.
+            before == "partition" || (is_first && !["scan", "tree"].contains(&before))
+        }
+        (None, _) => true,
     }
 }
 
@@ -114,7 +108,7 @@ impl Run<'_> {
     /// A job with what was found before.
     pub(super) fn guest(&self, more: BTreeMap<String, serde_json::Value>) -> Job {
         let is_single = |name: &str| {
-            ["tree", "partition", "pilot"].contains(&name) || name.starts_with("recut-")
+            ["tree", "partition", "finish"].contains(&name) || name.starts_with("recut-")
         };
         let records = self.earlier.iter().filter(|(name, _)| is_single(name)).flat_map(|(_, r)| r);
         let mut outcomes: BTreeMap<String, serde_json::Value> =
@@ -151,7 +145,17 @@ impl Run<'_> {
         Ok(Record { outcomes: job.recorded(), files, triangles, ..Record::default() })
     }
 
-    /// Everything from the survivors of the last round in units to the output.
+    /// Everything from the survivors of the last round in units to the result, or to that of the first level of a chain.
+    fn finish(self) -> Result<Record> {
+        let config = Config { until: Some(Until::Stitch), ..self.config.clone() };
+        let prepared = prepare(&config)?;
+        let job = self.guest(self.rounds()?);
+        run_stages_in(&job, prepared, &config, self.progress)?;
+        let files = self.attempt.files()?;
+        Ok(Record { outcomes: job.recorded(), files, ..Record::default() })
+    }
+
+    /// The output; for a chain its further levels before it.
     fn rest(self) -> Result<(Record, RunReport)> {
         let prepared = prepare(self.config)?;
         self.job.begin_to_write()?;

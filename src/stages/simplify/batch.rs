@@ -2,9 +2,10 @@
 //!
 //! Cells lie in the pack in their order, so that two attempts at a batch write equal packs.
 
+use super::exact::ExactLevels;
 use super::fitted;
+use super::ladder::Thresholds;
 use super::memory::{cell_bytes, result_bytes};
-use super::pilot::sealed_thresholds;
 use super::run_cells::{Goal, drain};
 use crate::error::Result;
 use crate::kernel::{Options, Stop};
@@ -14,27 +15,36 @@ use crate::store::stage_context::StageContext;
 use crate::system::parallel::in_order;
 use std::ops::Range;
 
-/// Finds the thresholds of a round and records them; nothing is simplified yet.
-pub fn find_thresholds(
-    store: &CellStore,
-    goal: Goal,
-    options: &Options,
-    run: &StageContext,
-) -> Result<()> {
-    sealed_thresholds(store, goal, options, run, false).map(drop)
+/// The end of every cell of a round.
+#[derive(Clone, Debug)]
+pub enum Levels {
+    /// At one threshold.
+    Threshold(Thresholds),
+    /// At close levels that meet a total.
+    Exact(ExactLevels),
 }
 
-/// Simplifies some cells of `store` to the thresholds that are recorded. The result is that of
-/// `simplify_cells` for these cells.
+impl Levels {
+    /// The end of a cell; `None` if it stays as it is.
+    fn stop(&self, cell: CellId) -> Option<Stop> {
+        match self {
+            Levels::Threshold(levels) => levels.last().map(|_| Stop::Costs(levels.of(cell))),
+            Levels::Exact(levels) => levels.stop(cell),
+        }
+    }
+}
+
+/// Simplifies some cells of `store` as far as `levels` say. The result is that of `simplify_cells`, or of
+/// `simplify_cells_exactly`, for these cells.
 pub fn simplify_batch(
     store: &CellStore,
     goal: Goal,
     options: &Options,
     run: &StageContext,
-    cells: Range<usize>,
+    (levels, cells): (&Levels, Range<usize>),
 ) -> Result<SurvivorInfo> {
-    let (thresholds, _) = sealed_thresholds(store, goal, options, run, false)?;
-    let options = &fitted(options, store, goal);
+    let mut options = fitted(options, store, goal);
+    options.keeps_relief &= matches!(levels, Levels::Threshold(_));
     let name = run.job.name(&format!("round-{}.survivors", goal.round));
     let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
     in_order(
@@ -44,9 +54,9 @@ pub fn simplify_batch(
         |index, left: &mut Survivors| {
             let number = CellId::at(cells.start + index as usize);
             let cell = store.load_tidy(number)?;
-            *left = match thresholds.last() {
+            *left = match levels.stop(number) {
                 None => Survivors::all_of(cell, store.layout()),
-                Some(_) => drain(cell, Stop::Costs(thresholds.of(number)), options, store),
+                Some(stop) => drain(cell, stop, &options, store),
             };
             Ok(())
         },

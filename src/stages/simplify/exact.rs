@@ -1,13 +1,17 @@
 //! Simplifies cells to an exact total, by a trial run of every cell.
 
 use super::fitted;
+use super::ladder::Thresholds;
 use super::pilot::sealed_thresholds;
+use super::powers::exp2;
 use super::run_cells::{Goal, drain, kernel_run, run_all, run_cells};
 use crate::error::Result;
 use crate::kernel::{Options, Stop};
+use crate::store::cell_id::CellId;
 use crate::store::cells::{CellStore, SurvivorInfo, Survivors};
 use crate::store::stage_context::StageContext;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Simplifies every cell to an exact total, at most `goal.triangles`: for results too large for one finish.
 ///
@@ -21,42 +25,72 @@ pub fn simplify_cells_exactly(
     run: &StageContext,
 ) -> Result<SurvivorInfo> {
     let (thresholds, _) = sealed_thresholds(store, goal, options, run, false)?;
-    let Some(last) = thresholds.last() else {
-        return run_cells(store, goal, run, |_, cell| Survivors::all_of(cell, store.layout()));
-    };
-    // Sealed with the counts: another machine's exp2 may differ in the last bit.
-    let plan: ExactLevels =
+    let levels: ExactLevels =
         run.job.sealed(&format!("round {} exact levels", goal.round), || {
-            let level = |j| last * (f64::from(j) / FINE_STEPS).exp2();
-            let levels: Vec<f64> = (-FINE_LEVELS..=FINE_LEVELS).map(level).collect();
-            let counts = run_all((store, goal), run, |cell| {
-                let stop = Stop::CloseCosts(levels.clone());
-                kernel_run(cell, stop, options).1.statistics.level_counts
-            })?;
-            let (n_levels, n_ahead) = choose_levels(&counts, store, goal.triangles);
-            Ok(ExactLevels { levels, n_levels, n_ahead })
+            let cells = 0..store.n_cells();
+            let counts = trial((store, goal), options, &thresholds, run, cells)?;
+            Ok(ExactLevels::choose(&thresholds, &counts, store, goal))
         })?;
-    let ExactLevels { levels: fine, n_levels, n_ahead } = plan;
     let options = &Options { keeps_relief: false, ..fitted(options, store, goal) };
-    run_cells(store, goal, run, |id, cell| {
-        let depth = n_levels + usize::from(id.index() < n_ahead);
-        if depth == 0 {
-            return Survivors::all_of(cell, store.layout());
-        }
-        let stop = Stop::CloseCosts(fine[..depth.min(fine.len())].to_vec());
-        drain(cell, stop, options, store)
+    run_cells(store, goal, run, |id, cell| match levels.stop(id) {
+        Some(stop) => drain(cell, stop, options, store),
+        None => Survivors::all_of(cell, store.layout()),
     })
+}
+
+/// The counts of some cells after each of many close levels, in the order of the cells; nothing where nothing is to be done.
+pub fn trial(
+    round: (&CellStore, Goal),
+    options: &Options,
+    thresholds: &Thresholds,
+    run: &StageContext,
+    cells: Range<usize>,
+) -> Result<Vec<Vec<u64>>> {
+    let levels = close_levels(thresholds);
+    if levels.is_empty() {
+        return Ok(Vec::new());
+    }
+    run_all(round, cells, run, |cell| {
+        let stop = Stop::CloseCosts(levels.clone());
+        kernel_run(cell, stop, options).1.statistics.level_counts
+    })
+}
+
+fn close_levels(thresholds: &Thresholds) -> Vec<f64> {
+    let level = |last: f64, j| last * exp2(f64::from(j) / FINE_STEPS);
+    let levels = |last| (-FINE_LEVELS..=FINE_LEVELS).map(|j| level(last, j)).collect();
+    thresholds.last().map_or_else(Vec::new, levels)
 }
 
 /// The levels of an exact round.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
-struct ExactLevels {
-    /// Close cost thresholds, ascending.
+pub struct ExactLevels {
+    /// Close cost thresholds, ascending. Empty: nothing is to be done.
     levels: Vec<f64>,
     /// Number of them that every cell drains.
     n_levels: usize,
     /// Number of first cells that drain one more.
     n_ahead: usize,
+}
+
+impl ExactLevels {
+    /// The levels that meet the goal, from the counts of all cells in a trial.
+    pub fn choose(
+        thresholds: &Thresholds,
+        counts: &[Vec<u64>],
+        store: &CellStore,
+        goal: Goal,
+    ) -> ExactLevels {
+        let (n_levels, n_ahead) = choose_levels(counts, store, goal.triangles);
+        ExactLevels { levels: close_levels(thresholds), n_levels, n_ahead }
+    }
+
+    /// The end of a cell; `None` if it stays as it is.
+    pub fn stop(&self, cell: CellId) -> Option<Stop> {
+        let depth = self.n_levels + usize::from(cell.index() < self.n_ahead);
+        let levels = &self.levels[..depth.min(self.levels.len())];
+        (!levels.is_empty()).then(|| Stop::CloseCosts(levels.to_vec()))
+    }
 }
 
 /// Levels of the exact round: an octave and a half to either side, 16 to an octave.

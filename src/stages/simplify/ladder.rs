@@ -5,6 +5,7 @@
 //!
 //! docs/algorithm.md, section 11.
 
+use super::powers::{exp2, log2};
 use crate::error::Result;
 use crate::kernel::Stepwise;
 use crate::mesh::Mesh;
@@ -167,9 +168,9 @@ fn interpolate(ladder: &[f64], total: &[f64], start: f64, wanted: f64) -> f64 {
         return ladder[ladder.len() - 1];
     };
     let before = if level == 0 { start } else { total[level - 1] };
-    let (high, low) = (before.max(1.0).ln(), total[level].max(1.0).ln());
-    let share = if high > low { (high - wanted.max(1.0).ln()) / (high - low) } else { 1.0 };
-    ladder[level] * PILOT_STEP.powf(share.clamp(0.0, 1.0) - 1.0)
+    let (high, low) = (log2(before.max(1.0)), log2(total[level].max(1.0)));
+    let share = if high > low { (high - log2(wanted.max(1.0))) / (high - low) } else { 1.0 };
+    ladder[level] * exp2((share.clamp(0.0, 1.0) - 1.0) * log2(PILOT_STEP))
 }
 
 #[cfg(test)]

@@ -7,11 +7,12 @@
 use super::ladder::{Thresholds, descend, ladder, pilot_cells};
 use super::memory::cell_bytes;
 use super::run_cells::{Goal, for_cells};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::kernel::{Options, Stepwise};
 use crate::store::cell_id::CellId;
 use crate::store::cells::CellStore;
 use crate::store::stage_context::StageContext;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -63,6 +64,15 @@ pub(super) fn whole_ladder(store: &CellStore) -> Result<Vec<f64>> {
     }
 }
 
+/// The counts of some cells of a pilot on their way down: of all, or of the share of one of many processes.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct PilotPart {
+    /// The rungs, the same for all cells.
+    ladder: Vec<f64>,
+    /// Triangles after every rung that a cell took.
+    curves: BTreeMap<CellId, Vec<u64>>,
+}
+
 /// Finds the thresholds that bring the whole store to `goal`.
 fn pilot(
     store: &CellStore,
@@ -71,18 +81,74 @@ fn pilot(
     run: &StageContext,
     begun: Option<&Begun>,
 ) -> Result<Thresholds> {
+    let sample = sample(store, goal);
+    let part = send_down((store, goal), (&sample, &sample), options, run, begun)?;
+    thresholds_of(store, goal, [part])
+}
+
+/// Sends the share of one process down the ladder: every `of`-th cell of the sample from the one of number `index` on.
+pub fn pilot_part(
+    store: &CellStore,
+    goal: Goal,
+    options: &Options,
+    run: &StageContext,
+    (index, of): (usize, usize),
+) -> Result<PilotPart> {
+    let sample = sample(store, goal);
+    let share: Vec<CellId> = sample.iter().copied().skip(index).step_by(of).collect();
+    send_down((store, goal), (&sample, &share), options, run, None)
+}
+
+/// The thresholds of a round from all parts of its pilot. The same on every machine.
+pub fn thresholds_of(
+    store: &CellStore,
+    goal: Goal,
+    parts: impl IntoIterator<Item = PilotPart>,
+) -> Result<Thresholds> {
+    let sample = sample(store, goal);
+    if sample.is_empty() {
+        return Ok(Thresholds::default());
+    }
+    let mut whole = PilotPart::default();
+    for part in parts.into_iter().filter(|part| !part.curves.is_empty()) {
+        whole.ladder = part.ladder;
+        whole.curves.extend(part.curves);
+    }
+    if !whole.curves.keys().eq(&sample) {
+        return Err(Error::Internal(format!("round {} lacks a part of its pilot", goal.round)));
+    }
+    let n_triangles = store.info().triangles;
+    let start: u64 = sample.iter().map(|&cell| store.info().cells[cell].triangles).sum();
+    let ratio = goal.triangles as f64 / n_triangles as f64;
+    Ok(Thresholds::choose(whole.ladder, &whole.curves, start, ratio))
+}
+
+/// The cells of a pilot, in order; none if nothing is to be done.
+fn sample(store: &CellStore, goal: Goal) -> Vec<CellId> {
     let n_triangles = store.info().triangles;
     if goal.triangles >= n_triangles {
-        return Ok(Thresholds::default());
+        return Vec::new();
     }
     // Nearly empty cells, around a hub whose triangles lie in another, tell nothing.
     let enough = n_triangles / store.n_cells() as u64 / 8;
     let is_telling = |cell: &CellId| store.info().cells[*cell].triangles > enough;
     let telling: Vec<CellId> = CellId::first(store.n_cells()).filter(is_telling).collect();
-    let sample: Vec<CellId> = pilot_cells(telling.len()).into_iter().map(|i| telling[i]).collect();
-    let ratio = goal.triangles as f64 / n_triangles as f64;
+    pilot_cells(telling.len()).into_iter().map(|i| telling[i]).collect()
+}
+
+/// Sends some cells of a sample down its ladder.
+fn send_down(
+    (store, goal): (&CellStore, Goal),
+    (sample, share): (&[CellId], &[CellId]),
+    options: &Options,
+    run: &StageContext,
+    begun: Option<&Begun>,
+) -> Result<PilotPart> {
+    if share.is_empty() {
+        return Ok(PilotPart::default());
+    }
+    let ratio = goal.triangles as f64 / store.info().triangles as f64;
     let ladder = ladder(&store.load_tidy(sample[0])?.mesh);
-    // Counts after each level, by cell.
     let curves = Mutex::new(BTreeMap::new());
     let free_bytes = AtomicU64::new(bytes_for_copies(store, run));
     let mut options = Options { estimate: begun.is_some(), ..options.clone() };
@@ -90,7 +156,7 @@ fn pilot(
         // Only counts are asked for.
         options.expected_share = 0.0;
     }
-    for_cells((store, goal), sample.iter().copied(), run, |index| {
+    for_cells((store, goal), share.iter().copied(), run, |index| {
         let mut cell = store.load_tidy(index)?;
         let mesh = std::mem::take(&mut cell.mesh);
         let start = mesh.triangles.len() as u64;
@@ -113,8 +179,7 @@ fn pilot(
         Ok(())
     })?;
     let curves = curves.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let start: u64 = sample.iter().map(|&cell| store.info().cells[cell].triangles).sum();
-    Ok(Thresholds::choose(ladder, &curves, start, ratio))
+    Ok(PilotPart { ladder, curves })
 }
 
 /// Memory that copies may take: half of what the largest cells on all threads leave of the budget.

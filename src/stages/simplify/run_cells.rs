@@ -10,6 +10,7 @@ use crate::store::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Sur
 use crate::store::stage_context::StageContext;
 use crate::system::parallel::{Weighted, largest_first};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
@@ -88,16 +89,18 @@ fn for_cells_beside(
     largest_first(jobs, run.threads, run.memory_bytes, run.progress, announce, work)
 }
 
-/// Runs `work` on every cell without writing anything; outcomes in cell order.
+/// Runs `work` on some cells without writing anything; outcomes in cell order.
 pub(super) fn run_all<T: Send + Clone + Default>(
     (store, goal): (&CellStore, Goal),
+    cells: Range<usize>,
     run: &StageContext,
     work: impl Fn(CellMesh) -> T + Sync,
 ) -> Result<Vec<T>> {
-    let outcomes = Mutex::new(vec![T::default(); store.n_cells()]);
-    for_cells((store, goal), CellId::first(store.n_cells()), run, |cell| {
+    let outcomes = Mutex::new(vec![T::default(); cells.len()]);
+    for_cells((store, goal), cells.clone().map(CellId::at), run, |cell| {
         let outcome = work(store.load_tidy(cell)?);
-        outcomes.lock().unwrap_or_else(PoisonError::into_inner)[cell] = outcome;
+        let place = cell.index() - cells.start;
+        outcomes.lock().unwrap_or_else(PoisonError::into_inner)[place] = outcome;
         Ok(())
     })?;
     Ok(outcomes.into_inner().unwrap_or_else(PoisonError::into_inner))

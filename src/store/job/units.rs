@@ -83,6 +83,8 @@ pub struct Frozen {
     pub version: String,
     /// Checksum of the program.
     pub program: String,
+    /// Mark of its file: whoever runs that file need not read it for the checksum.
+    pub program_mark: Option<String>,
     /// The words of the command.
     pub words: Vec<String>,
     /// The folder in which it was given.
@@ -434,6 +436,22 @@ impl Attempt<'_> {
     /// Begin of the names of all its files.
     pub fn prefix(&self) -> &str {
         &self.prefix
+    }
+
+    /// The files that it has left up to now.
+    pub fn files(&self) -> Result<Vec<UnitFile>> {
+        let folder = self.job.units_folder();
+        let failed = |e| Error::reading(&folder, "cannot list", e);
+        let mut files = Vec::new();
+        for entry in std::fs::read_dir(&folder).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            let pack = entry.file_name().to_string_lossy().into_owned();
+            if pack.starts_with(&self.prefix) {
+                files.push(UnitFile { pack, bytes: entry.metadata().map_err(failed)?.len() });
+            }
+        }
+        files.sort_by(|a, b| a.pack.cmp(&b.pack));
+        Ok(files)
     }
 
     /// Publishes the record; everything that it names must be durable. `false` if another attempt was faster.
