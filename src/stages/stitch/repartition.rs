@@ -250,15 +250,18 @@ fn take_apart(part: &Survivors, cells: &[CellId], survivors: &SurvivorPack) -> A
     let mut out = Apart::default();
     let mut order: Vec<(CellId, u32)> = cells.iter().copied().zip(0..).collect();
     order.sort_unstable();
-    // Every vertex with every new cell that uses it, ordered by vertex, then by cell.
+    // Every vertex with every new cell that uses it, cell by cell.
     let mut users: Vec<(u32, CellId)> = Vec::with_capacity(part.ids.len() + part.ids.len() / 8);
+    let mut used_by = vec![CellId(u32::MAX); part.ids.len()];
     for run in order.chunk_by(|a, b| a.0 == b.0) {
         let cell = run[0].0;
         let mut rows = Vec::with_capacity(run.len() * layout.triangle_row_bytes(true));
         for &(_, triangle) in run {
             for v in part.mesh.triangles[triangle as usize] {
                 layout.ids.push(part.ids[v as usize], &mut rows);
-                users.push((v, cell));
+                if std::mem::replace(&mut used_by[v as usize], cell) != cell {
+                    users.push((v, cell));
+                }
             }
             if layout.has_relief {
                 let relief = part.mesh.relief.get(triangle as usize).copied();
@@ -267,18 +270,22 @@ fn take_apart(part: &Survivors, cells: &[CellId], survivors: &SurvivorPack) -> A
         }
         out.triangles.push((cell, rows));
     }
-    users.sort_unstable();
-    users.dedup();
+    let users = by_vertex(&users, part.ids.len());
     // The wedges of a seam lie in one place, and their triangles may go to different cells.
     let has_seams = layout.codec.has_seams(&layout.schema);
-    let place = |v: u32| match has_seams || part.shared[v as usize] {
-        true => place_key(part.mesh.positions[v as usize]),
-        false => u64::from(v),
-    };
-    let mut by_place: Vec<(u64, u32, CellId)> =
-        users.iter().map(|&(v, cell)| (place(v), v, cell)).collect();
-    by_place.sort_unstable();
     let mut marked: Vec<(CellId, GlobalVertex)> = Vec::new();
+    let mut by_place: Vec<(u64, u32, CellId)> = Vec::new();
+    for of_vertex in users.chunk_by(|a, b| a.0 == b.0) {
+        let v = of_vertex[0].0 as usize;
+        if has_seams || part.shared[v] {
+            let key = place_key(part.mesh.positions[v]);
+            by_place.extend(of_vertex.iter().map(|&(v, cell)| (key, v, cell)));
+        } else if of_vertex.len() > 1 {
+            out.n_shared += 1;
+            marked.extend(of_vertex.iter().map(|&(_, cell)| (cell, part.ids[v])));
+        }
+    }
+    by_place.sort_unstable();
     for here in by_place.chunk_by(|a, b| a.0 == b.0) {
         if here.iter().any(|&(_, v, _)| part.shared[v as usize]) {
             out.open.extend(here.iter().map(|&(key, v, cell)| (key, part.ids[v as usize], cell)));
@@ -293,7 +300,9 @@ fn take_apart(part: &Survivors, cells: &[CellId], survivors: &SurvivorPack) -> A
         run.iter().for_each(|&(_, id)| layout.ids.push(id, &mut rows));
         out.marks.push((run[0].0, rows));
     }
-    users.sort_unstable_by_key(|&(vertex, cell)| (cell, vertex));
+    let mut users = users;
+    // Stable, so that vertices stay in order.
+    users.sort_by_key(|&(_, cell)| cell);
     for run in users.chunk_by(|a, b| a.1 == b.1) {
         let mut rows = Vec::with_capacity(run.len() * (layout.ids.bytes + layout.row_bytes(true)));
         for &(vertex, _) in run {
@@ -308,4 +317,19 @@ fn take_apart(part: &Survivors, cells: &[CellId], survivors: &SurvivorPack) -> A
         out.vertices.push((run[0].1, rows));
     }
     out
+}
+
+/// Pairs of a vertex and a cell in the order of vertices, those of one vertex in the order that they have.
+fn by_vertex(pairs: &[(u32, CellId)], n_vertices: usize) -> Vec<(u32, CellId)> {
+    let mut next = vec![0_u32; n_vertices + 1];
+    pairs.iter().for_each(|&(v, _)| next[v as usize + 1] += 1);
+    for v in 1..=n_vertices {
+        next[v] += next[v - 1];
+    }
+    let mut sorted = vec![(0, CellId(0)); pairs.len()];
+    for &(v, cell) in pairs {
+        sorted[next[v as usize] as usize] = (v, cell);
+        next[v as usize] += 1;
+    }
+    sorted
 }
