@@ -11,7 +11,7 @@ use crate::mesh::property::{Property, Scalar};
 use crate::system::pending_file::Place;
 use crate::system::units::show_bytes;
 use crate::texture::{
-    ImageCache, Light, Palette, Purpose, Spot, multiply, pixel_of, times_opacity,
+    ImageCache, Light, Palette, Purpose, Spot, apart, multiply, pixel_of, times_opacity,
 };
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -199,15 +199,6 @@ impl Painter<'_> {
         let place = vertex.checked_sub(self.first)? as usize;
         (place < self.sums.len()).then_some(place)
     }
-}
-
-/// Length in texture coordinates from a corner halfway to the next ones: the part of an image that its colour stands for.
-fn apart(uv: [[f32; 2]; 3], corner: usize) -> f64 {
-    let to = |other: usize| {
-        let [u, v] = [0, 1].map(|k| f64::from(uv[other][k] - uv[corner][k]));
-        u.hypot(v)
-    };
-    0.25 * (to((corner + 1) % 3) + to((corner + 2) % 3))
 }
 
 #[cfg(test)]

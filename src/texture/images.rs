@@ -3,7 +3,7 @@
 //! An image comes with all its halves, so that no look-up skips texels. What cannot be decoded is noted and stays without
 //! an image. Does not know materials.
 
-use super::palette::{MapUse, Palette, Picture};
+use super::palette::{MapUse, Palette, Picture, image_bytes};
 use crate::error::Result;
 use crate::io::materials::copy_bytes;
 use crate::mesh::oklab::{linear_of_srgb, srgb_of_linear};
@@ -93,14 +93,23 @@ impl Decoded {
             Ok(())
         });
         read.map_err(|error| error.to_string())?;
+        Decoded::of_bytes(&bytes, picture.size, table)
+    }
+
+    /// Decodes the file of an image whose head names `size`; the error says in words why that is not possible.
+    pub(super) fn of_bytes(
+        bytes: &[u8],
+        size: [u32; 2],
+        table: &LightTable,
+    ) -> Result<Decoded, String> {
         let mut reader = image::ImageReader::new(Cursor::new(bytes))
             .with_guessed_format()
             .map_err(|error| error.to_string())?;
         let mut limits = image::Limits::default();
         // The header was looked at before; a decoder that finds another size is stopped.
-        limits.max_image_width = Some(picture.size[0]);
-        limits.max_image_height = Some(picture.size[1]);
-        limits.max_alloc = Some(16 * picture.bytes() + (16 << 20));
+        limits.max_image_width = Some(size[0]);
+        limits.max_image_height = Some(size[1]);
+        limits.max_alloc = Some(16 * image_bytes(size) + (16 << 20));
         reader.limits(limits);
         let pixels = reader.decode().map_err(|error| error.to_string())?.into_rgba8();
         let size = [pixels.width(), pixels.height()];

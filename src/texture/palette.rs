@@ -48,9 +48,14 @@ pub(crate) struct Picture {
 impl Picture {
     /// Bytes of the image once it is decoded, with its smaller sizes.
     pub fn bytes(&self) -> u64 {
-        let [width, height] = self.size.map(u64::from);
-        PIXEL_BYTES * width * height / 3 * 4 + 4096
+        image_bytes(self.size)
     }
+}
+
+/// Bytes of an image of `size` once it is decoded, with its smaller sizes.
+pub(crate) fn image_bytes(size: [u32; 2]) -> u64 {
+    let [width, height] = size.map(u64::from);
+    PIXEL_BYTES * width * height / 3 * 4 + 4096
 }
 
 /// Colour of a material.
@@ -133,6 +138,11 @@ impl MapUse {
             }
         }
         out
+    }
+
+    /// An image that does not repeat, with coordinates from 0 to 1 that lead to all of it.
+    pub(super) fn whole(size: [u32; 2]) -> MapUse {
+        MapUse { image: 0, size, wrap: [Wrap::Clamp; 2], scale: [1.0; 2], offset: [0.0; 2] }
     }
 
     /// Place in an image of `size` at coordinates, v upwards: the four texels around it, and shares of the right and

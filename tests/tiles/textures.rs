@@ -4,7 +4,7 @@
 
 use crate::common::{check, count, expect};
 use crate::scalars::document;
-use crate::tiles::{files, painted};
+use crate::tiles::{check_colours, files, painted};
 use serde_json::Value;
 use std::path::Path;
 use stonecut::io::{StoredTile, decode_tile};
@@ -96,11 +96,13 @@ fn cuts_through_tiles_with_pages_are_one_mesh() {
     let path = folder.path();
     painted(path, 120);
     expect(path, "tiles in.obj out --tile-triangles 900", 0);
-    // The finest level, one in the middle, and a fine box in a coarse mesh.
-    for cut in [
-        "--max-error 0",
-        "--max-error 0.002",
-        "--max-error 1 --inside 0.1,0.1,-1,0.4,0.4,1 --max-error-inside 0",
+    // The finest level, one in the middle, a fine box in a coarse mesh, and a number of triangles. The farther vertices are
+    // apart, the larger is the part of an image that a vertex stands for.
+    for (cut, colours) in [
+        ("--max-error 0", (0.02, 4.0)),
+        ("--max-error 0.002", (0.1, 8.0)),
+        ("--max-error 1 --inside 0.1,0.1,-1,0.4,0.4,1 --max-error-inside 0", (0.2, 12.0)),
+        ("--triangles 20k", (0.05, 8.0)),
     ] {
         expect(path, &format!("extract out cut.ply --force {cut}"), 0);
         let found = check(path, "cut.ply");
@@ -109,6 +111,11 @@ fn cuts_through_tiles_with_pages_are_one_mesh() {
         // A disc: a vertex that was parted would open it.
         let [v, t, b] = ["vertices", "triangles", "boundary_edges"].map(|key| count(&found, key));
         assert_eq!(2 * v, t + b + 2, "{cut}: {found}");
+        assert_eq!(check_colours(&path.join("cut.ply"), colours) as i64, v);
+        let read = || std::fs::read(path.join("cut.ply")).unwrap();
+        let first = read();
+        expect(path, &format!("extract out cut.ply --force {cut} --threads 3"), 0);
+        assert!(first == read(), "{cut}: other bytes with other threads");
     }
 }
 

@@ -1,6 +1,6 @@
 //! Reads a tile back that `tile_out` has written, for its checker: every number as it is stored.
 
-use super::json::{Document, Material, View};
+use super::json::{Document, View};
 use super::meshopt::decode;
 use super::tile_out::TileMesh;
 use super::tile_scalars::{TileScalar, join_all, number};
@@ -16,10 +16,21 @@ pub struct StoredTile {
     pub step: f64,
     /// True if the file turns z upwards.
     pub is_z_up: bool,
-    /// Width and height of the page; `None` without one.
-    pub page: Option<[u32; 2]>,
+    /// Its page, if it has one.
+    pub page: Option<StoredPage>,
     /// Types of components and values of further attributes by name, one for each vertex.
     attributes: BTreeMap<String, (u32, Vec<f64>)>,
+}
+
+/// A page as it lies in the file of its tile.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StoredPage {
+    /// Width and height.
+    pub size: [u32; 2],
+    /// The file of the image.
+    pub image: Vec<u8>,
+    /// Linear light and opacity by which the image is multiplied.
+    pub factor: [f32; 4],
 }
 
 impl StoredTile {
@@ -104,19 +115,22 @@ pub fn decode_tile(bytes: &[u8]) -> Result<StoredTile, String> {
     Ok(out)
 }
 
-/// Width and height of the image of the first material, by the head of its file.
-fn page(document: &Document, binary: &[u8]) -> Result<Option<[u32; 2]>, String> {
-    let map = |m: &Material| m.pbr_metallic_roughness.base_color_texture.as_ref().map(|t| t.index);
-    let Some(texture) = document.materials.first().and_then(map) else { return Ok(None) };
-    let source = document.textures.get(texture).and_then(|texture| texture.source);
+/// The image of the first material; the size is that in the head of its file.
+fn page(document: &Document, binary: &[u8]) -> Result<Option<StoredPage>, String> {
+    let Some(material) = document.materials.first() else { return Ok(None) };
+    let surface = &material.pbr_metallic_roughness;
+    let Some(texture) = surface.base_color_texture.as_ref() else { return Ok(None) };
+    let source = document.textures.get(texture.index).and_then(|texture| texture.source);
     let image = source.and_then(|source| document.images.get(source));
     let view = image
         .and_then(|image| document.buffer_views.get(image.buffer_view?))
         .ok_or("its image is missing")?;
     let start = view.byte_offset as usize;
     let bytes = binary.get(start..start.saturating_add(view.byte_length as usize));
-    let size = image_size(bytes.ok_or("its image lies beyond the file")?);
-    size.map(Some).map_err(|what| format!("its image {what}"))
+    let bytes = bytes.ok_or("its image lies beyond the file")?;
+    let size = image_size(bytes).map_err(|what| format!("its image {what}"))?;
+    let factor = surface.base_color_factor.unwrap_or([1.0; 4]);
+    Ok(Some(StoredPage { size, image: bytes.to_vec(), factor }))
 }
 
 fn chunks(bytes: &[u8]) -> Result<(Document, &[u8]), String> {
@@ -257,7 +271,12 @@ mod tests {
                 let mut back = decode_tile(&bytes).unwrap();
                 assert_eq!((back.step, back.is_z_up), (0.25, packs));
                 assert_eq!(sorted(&back.mesh), sorted(&mesh), "{n} {packs}");
-                assert_eq!(back.page, page.map(|_| [3, 2]));
+                let stored = |page: TilePage| StoredPage {
+                    size: [3, 2],
+                    image: page.image.to_vec(),
+                    factor: page.factor,
+                };
+                assert_eq!(back.page, page.map(stored));
                 assert!(back.clone().take_scalars(&scalars[1..]).is_err());
                 back.take_scalars(&scalars).unwrap();
                 for (now, was) in back.mesh.scalars.iter().zip(&mesh.scalars) {

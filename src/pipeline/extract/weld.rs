@@ -1,9 +1,10 @@
 //! Joins the tiles of a cut into one mesh: what several of them have is one vertex by its number in the input.
 
+use super::VERTICES_PER_TRIANGLE;
 use super::tree::{Cut, Tree};
 use crate::error::{Error, Result};
 use crate::io::tileset::{TileBorder, border_path, decode_borders};
-use crate::io::{StoredTile, TileScalar, decode_tile};
+use crate::io::{StoredPage, StoredTile, TileMesh, TileScalar, decode_tile};
 use crate::mesh::Mesh;
 use crate::mesh::codec::VertexCodec;
 use crate::mesh::global_vertex::GlobalVertex;
@@ -12,8 +13,10 @@ use crate::mesh::record::VertexSchema;
 use crate::system::parallel::{guarded, in_order};
 use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
+use crate::texture::{Light, add_corners, corner_bytes};
 use std::collections::HashMap;
 use std::path::Path;
+use std::sync::{Mutex, PoisonError};
 
 /// Bytes of a vertex, of a triangle, and of a vertex that several tiles have, while tiles are joined; lists may be twice as
 /// long as what is in them while they grow.
@@ -22,14 +25,64 @@ const CHANNEL_BYTES: u64 = 2 * 4;
 const TRIANGLE_BYTES: u64 = 2 * 12;
 const BORDER_BYTES: u64 = 48;
 
+/// Linear light of vertices that only triangles without an area have: grey.
+const NO_LIGHT: f32 = 0.45;
+
 /// A tile with the numbers of its vertices.
 #[derive(Default)]
 struct Read {
     tile: Option<(StoredTile, TileBorder)>,
+    /// Light of the page at its vertices, multiplied by opacity, summed over their corners; empty without a page.
+    shown: Vec<Light>,
 }
 
 /// Channels of a mesh with colours.
 pub(super) const COLOURS: usize = 3;
+
+/// Memory for pages that are looked at.
+struct Pages {
+    /// Bytes for all of them, and for one that others are looked at beside.
+    free_bytes: u64,
+    share_bytes: u64,
+    large: Mutex<()>,
+}
+
+impl Pages {
+    /// Adds up what the page shows at the vertices of its tile; `bad` makes an error of what is wrong with it.
+    fn shown(
+        &self,
+        page: &StoredPage,
+        mesh: &TileMesh,
+        sums: &mut Vec<Light>,
+        bad: impl Fn(String) -> Error,
+    ) -> Result<()> {
+        let bytes = corner_bytes(page.size);
+        if bytes > self.free_bytes / 2 {
+            return Err(Error::NoMemory(format!(
+                "a page of {} x {} texels needs {}, there are {} for it beside the mesh; give more --memory or a \
+                 coarser cut",
+                page.size[0],
+                page.size[1],
+                show_bytes(bytes),
+                show_bytes(self.free_bytes / 2)
+            )));
+        }
+        // One large page at a time, and small ones beside it.
+        let _turn = (bytes > self.share_bytes)
+            .then(|| self.large.lock().unwrap_or_else(PoisonError::into_inner));
+        sums.resize(mesh.positions.len(), [0.0; 4]);
+        let corner = |v: u32| mesh.coordinates[v as usize].map(|x| f32::from(x) / 65_535.0);
+        if mesh.coordinates.len() != mesh.positions.len() {
+            return Err(bad("it has a page, and no coordinates on it".to_owned()));
+        }
+        // A decoder that panics is a damaged image.
+        guarded(|| {
+            Ok(add_corners((&page.image, page.size, page.factor), &mesh.triangles, corner, sums))
+        })
+        .unwrap_or_else(|error| Err(error.to_string()))
+        .map_err(|what| bad(format!("its image cannot be decoded ({what})")))
+    }
+}
 
 /// Rows of the properties that tiles carry as attributes: records whose position is not used.
 pub(super) struct Rows {
@@ -90,22 +143,35 @@ pub(super) fn join(
     let mut joined = Joined { mesh: Mesh::default(), has_colours: false, records: Vec::new() };
     let mut known: HashMap<GlobalVertex, u32> = HashMap::new();
     joined.mesh.triangles.reserve_exact(cut.triangles as usize);
+    let free_bytes = memory_bytes.saturating_sub(join_bytes(
+        (cut.triangles as f64 * VERTICES_PER_TRIANGLE) as u64,
+        cut.triangles,
+        rows,
+    ));
+    let share_bytes = free_bytes / 2 / threads as u64;
+    let pages = Pages { free_bytes, share_bytes, large: Mutex::new(()) };
     let name = |index: u64| tree.nodes[cut.tiles[index as usize]].content.as_deref().unwrap_or("");
     in_order(
         cut.tiles.len() as u64,
         threads,
         progress,
         |index, out: &mut Read| {
-            out.tile = Some(read(folder, name(index), &tree.scalars).map_err(|what| {
+            let bad = |what: String| {
                 let what =
                     format!("{}: {what}; see what 'stonecut info --check' finds", name(index));
                 Error::bad_input(folder, what)
-            })?);
+            };
+            let (tile, border) = read(folder, name(index), &tree.scalars).map_err(bad)?;
+            out.shown.clear();
+            if let Some(page) = &tile.page {
+                pages.shown(page, &tile.mesh, &mut out.shown, bad)?;
+            }
+            out.tile = Some((tile, border));
             Ok(())
         },
         |index, out| {
             let Some((tile, border)) = out.tile.take() else { return Ok(()) };
-            let has_colours = !tile.mesh.colours.is_empty();
+            let has_colours = !tile.mesh.colours.is_empty() || !out.shown.is_empty();
             if joined.mesh.positions.is_empty() {
                 joined.has_colours = has_colours;
                 let colours = if has_colours { COLOURS } else { 0 };
@@ -116,7 +182,7 @@ pub(super) fn join(
                     format!("{}: it differs from other tiles in having colours", name(index));
                 return Err(Error::bad_input(folder, what));
             }
-            add(&mut joined, rows, &mut known, &tile, (&border, tree.origin));
+            add(&mut joined, rows, &mut known, (&tile, &border, &out.shown), tree.origin);
             let mesh = &joined.mesh;
             let (vertices, triangles) = (mesh.positions.len() as u64, mesh.triangles.len() as u64);
             let bytes = join_bytes(vertices, triangles, rows) + BORDER_BYTES * known.len() as u64;
@@ -138,12 +204,15 @@ fn add(
     joined: &mut Joined,
     rows: &Rows,
     known: &mut HashMap<GlobalVertex, u32>,
-    tile: &StoredTile,
-    (border, origin): (&TileBorder, [f64; 3]),
+    (tile, border, shown): (&StoredTile, &TileBorder, &[Light]),
+    origin: [f64; 3],
 ) {
-    let Joined { mesh, records, .. } = joined;
+    let Joined { mesh, records, has_colours } = joined;
     let mut numbers = border.iter().copied().peekable();
     let mut place = Vec::with_capacity(tile.mesh.positions.len());
+    let first = mesh.positions.len();
+    // Of the vertices that this tile is the first to have: those that charts have parted are several in the tile.
+    let mut lights: Vec<Light> = Vec::new();
     for (v, position) in (0u32..).zip(&tile.mesh.positions) {
         let next = mesh.positions.len() as u32;
         let id = numbers.next_if(|(at, _)| *at == v).map(|(_, id)| id);
@@ -154,6 +223,9 @@ fn add(
             mesh.positions.push(at);
             if let Some(colour) = tile.mesh.colours.get(v as usize) {
                 mesh.channels.extend(colour.map(|x| f32::from(x) / 65_535.0));
+            } else if *has_colours {
+                mesh.channels.extend([0.0; COLOURS]);
+                lights.push([0.0; 4]);
             }
             if rows.row_bytes() > 0 {
                 let first = records.len();
@@ -163,6 +235,18 @@ fn add(
                 rows.codec.decode_channels(&records[first..], &mut mesh.channels[place..]);
             }
         }
+        if let (Some(own), Some(light)) =
+            ((number as usize).checked_sub(first), shown.get(v as usize))
+        {
+            lights[own] = std::array::from_fn(|i| lights[own][i] + light[i]);
+        }
+    }
+    for (v, [r, g, b, opacity]) in (first..).zip(lights) {
+        let colour = match opacity > 0.0 {
+            true => [r, g, b].map(|light| (light / opacity).clamp(0.0, 1.0)),
+            false => [NO_LIGHT; COLOURS],
+        };
+        mesh.channels[v * mesh.n_channels..][..COLOURS].copy_from_slice(&colour);
     }
     let triangles = tile.mesh.triangles.iter().map(|t| t.map(|v| place[v as usize]));
     mesh.triangles.extend(triangles);
