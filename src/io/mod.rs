@@ -26,7 +26,8 @@ pub(crate) use expected_size::{Expected, expected_bytes};
 pub(crate) use external_sort::{ExternalSort, halves, whole};
 pub use face_survey::{SurveyOptions, survey_faces};
 pub use gltf::{
-    GlbWriter, StoredPage, StoredTile, TileForm, TileMesh, TilePage, TileScalar, decode_tile, encode_tile,
+    GlbWriter, StoredPage, StoredTile, TileForm, TileMesh, TilePage, TileScalar, decode_tile,
+    encode_tile,
 };
 pub(crate) use materials::NUMBER;
 pub use materials::{TextureMode, TexturePlan, TextureRequest};

@@ -5,7 +5,7 @@
 //! of 24 bits exactly. Colours are linear, as glTF wants them; instead of colours there may be a page, an image within
 //! the file. Further properties are attributes with names that begin with `_`.
 
-use super::meshopt_out::{pack_rows, pack_triangles, reorder};
+use super::meshopt_out::{OCTAHEDRAL, octahedral, pack_rows, pack_triangles, reorder};
 use super::tile_scalars::{TileScalar, element};
 use serde_json::{Value, json};
 
@@ -100,6 +100,17 @@ impl Binary {
         self.views.len() - 1
     }
 
+    /// Adds a view of directions, in rows that end with a byte of 0; returns its number.
+    fn directions(&mut self, rows: &[[i8; 3]]) -> usize {
+        if !self.packs {
+            let plain = |[x, y, z]: &[i8; 3]| [*x as u8, *y as u8, *z as u8, 0];
+            return self.rows(&rows.iter().map(plain).collect::<Vec<_>>());
+        }
+        let view = self.rows(&rows.iter().map(|&row| octahedral(row)).collect::<Vec<_>>());
+        self.views[view]["extensions"][MESHOPT]["filter"] = OCTAHEDRAL.into();
+        view
+    }
+
     /// Adds a view of triangles; returns its number.
     fn triangles(&mut self, triangles: &[[u32; 3]], n_vertices: usize) -> (usize, u32) {
         let corners = triangles.as_flattened();
@@ -189,11 +200,8 @@ pub fn encode_tile(mut mesh: TileMesh, form: TileForm) -> (Vec<u8>, Vec<u32>) {
     })];
     let mut attributes = json!({ "POSITION": 0 });
     if !mesh.normals.is_empty() {
-        let row = |v: &u32| -> [u8; 4] {
-            let [x, y, z] = mesh.normals[*v as usize];
-            [x as u8, y as u8, z as u8, 0]
-        };
-        let view = binary.rows(&order.iter().map(row).collect::<Vec<_>>());
+        let of = |v: &u32| mesh.normals[*v as usize];
+        let view = binary.directions(&order.iter().map(of).collect::<Vec<_>>());
         attributes["NORMAL"] = accessors.len().into();
         accessors.push(json!({
             "bufferView": view, "count": n_vertices, "type": "VEC3", "componentType": I8,

@@ -7,6 +7,7 @@ use crate::mesh::global_vertex::GlobalVertex;
 use crate::mesh::property::{Scalar, read_scalar};
 use crate::mesh::vec3::{length_sq, normal};
 use crate::store::cells::{Lattice, VertexLayout};
+use std::sync::LazyLock;
 
 /// A cell whose tiles are made.
 pub(super) struct Whole<'a> {
@@ -101,8 +102,10 @@ impl<'a> Whole<'a> {
                 None => self.normals[vertex],
             }));
             if let Some(fields) = self.colour {
-                out.colours
-                    .push(fields.map(|(scalar, at)| linear(unit_colour(scalar, &record, at))));
+                out.colours.push(fields.map(|(scalar, at)| match scalar {
+                    Scalar::U8 => light_of(record[at]),
+                    _ => linear(unit_colour(scalar, &record, at)),
+                }));
             }
             inexact += self.columns.push(&record, &mut out.scalars);
         }
@@ -121,8 +124,49 @@ fn unit(n: [f64; 3]) -> [i8; 3] {
     n.map(|x| (x * 127.0).round() as i8)
 }
 
+/// The light of a byte of sRGB: of the numbers that are nearer to it than to other bytes, the one that ends in most zeros.
+///
+/// Views are packed byte by byte, and the lower bytes of exact light are noise: of a scan with colours they were a seventh of the
+/// tiles. Black and white stay what they are.
+fn light_of(byte: u8) -> u16 {
+    static LIGHTS: LazyLock<[u16; 256]> = LazyLock::new(|| {
+        std::array::from_fn(|byte| {
+            let edge = |at: f64| linear(at.clamp(0.0, 255.0) / 255.0);
+            let (low, high) = (edge(byte as f64 - 0.49), edge(byte as f64 + 0.49));
+            match byte {
+                0 => 0,
+                255 => u16::MAX,
+                _ => roundest(low, high),
+            }
+        })
+    });
+    LIGHTS[usize::from(byte)]
+}
+
+/// The number from `low` to `high` that ends in most binary zeros.
+fn roundest(low: u16, high: u16) -> u16 {
+    (0..16).rev().map(|zeros| high >> zeros << zeros).find(|&number| number >= low).unwrap_or(high)
+}
+
 /// A colour component of sRGB in linear light (IEC 61966-2-1).
 fn linear(x: f64) -> u16 {
     let y = if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) };
     (y * 65_535.0).round() as u16
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::oklab::srgb_of_linear;
+
+    #[test]
+    fn every_byte_of_colour_comes_back() {
+        for byte in 0..=255 {
+            let light = f64::from(light_of(byte)) / 65_535.0;
+            assert_eq!((255.0 * srgb_of_linear(light)).round(), f64::from(byte));
+        }
+        let even = (0..=255).filter(|&byte| light_of(byte).is_multiple_of(256)).count();
+        assert!(even > 130, "{even}");
+        assert_eq!([0, 255].map(light_of), [0, 65_535]);
+    }
 }

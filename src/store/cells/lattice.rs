@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// Binary logarithm of the steps along a side of a box.
-const STEPS: u32 = 15;
+const STEPS: u32 = 14;
 
 /// Boxes along the longest side of the bounds, at most, so that coordinates fit into 31 bits.
 const MOST_BOXES: f64 = 32_768.0;
