@@ -16,10 +16,6 @@ pub(super) struct Covered {
     pub(super) most: Vec<f64>,
     /// Triangles of which only some quarters lie over stars, or none.
     pub(super) rest: Vec<Quartered>,
-    /// True for triangles of the version that a triangle of the mesh lies over.
-    pub(super) triangles: Vec<bool>,
-    /// True for vertices of the version that a triangle of the mesh lies over.
-    pub(super) vertices: Vec<bool>,
 }
 
 /// A triangle over no star.
@@ -49,13 +45,9 @@ impl Covered {
     /// Looks at every triangle over the stars of the vertices that its corners went into; `near` are the triangles of the
     /// mesh by these, `hints` these by the vertices of the mesh.
     pub(super) fn find(forward: &Forward, near: &Around, hints: &[u32]) -> Covered {
-        let Forward { fine, coarse, .. } = *forward;
-        let mut covered = Covered {
-            most: vec![f64::INFINITY; fine.triangles.len()],
-            rest: Vec::new(),
-            triangles: vec![false; coarse.triangles.len()],
-            vertices: vec![false; coarse.positions.len()],
-        };
+        let fine = forward.fine;
+        let mut covered =
+            Covered { most: vec![f64::INFINITY; fine.triangles.len()], rest: Vec::new() };
         covered.whole(forward, near);
         covered.quarters(forward, hints);
         covered
@@ -81,9 +73,7 @@ impl Covered {
                 };
                 let corners = corners.map(|k| &seen.places[k]);
                 if let Some(over) = star.over(corners) {
-                    *most = over.most;
-                    star.feet(&over).for_each(|t| self.triangles[t as usize] = true);
-                    self.vertices[v as usize] |= over.is_over_vertex;
+                    *most = over;
                 }
             }
         }
@@ -123,7 +113,7 @@ impl Covered {
                     }
                     if let Some(over) = star.over(parts) {
                         quartered.done |= bit;
-                        quartered.most = quartered.most.max(over.most);
+                        quartered.most = quartered.most.max(over);
                     }
                 }
             }

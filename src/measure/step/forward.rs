@@ -59,12 +59,17 @@ impl Forward<'_> {
     }
 
     /// The corners of a triangle with the vertices of the version near them.
-    fn with_hints(&self, t: usize, hints: &[u32]) -> [(Vector, u32); 3] {
+    pub(super) fn with_hints(&self, t: usize, hints: &[u32]) -> [(Vector, u32); 3] {
         self.fine.triangles[t].map(|v| (self.fine.positions[v as usize], hints[v as usize]))
     }
 
     /// Bounds the distance of a triangle by itself; each corner has a vertex of the version near it.
-    fn look(&self, corners: [(Vector, u32); 3], largest: &mut Largest, exact: &mut Exact) {
+    pub(super) fn look(
+        &self,
+        corners: [(Vector, u32); 3],
+        largest: &mut Largest,
+        exact: &mut Exact,
+    ) {
         let feet =
             corners.map(|(place, hint)| self.certain(self.descend(place, hint), largest, exact));
         self.cover(feet, 0, largest, exact);

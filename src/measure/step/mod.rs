@@ -2,14 +2,15 @@
 //!
 //! Every vertex of the mesh knows the vertex of the version that it went into, so each triangle is laid onto the triangles
 //! around one of those, and the distance is found where it is largest (`star`, `covered`). Triangles that lie over none of them, and
-//! those that seem farthest, are looked at one by one (`forward`). Back, from the version to the mesh, it is the
-//! largest of samples where nothing was laid (`back`).
+//! those that seem farthest, are looked at one by one (`forward`). Back, from the version to the mesh, every triangle is looked
+//! at that the mesh does not cover within that distance (`back`).
 //!
 //! docs/design/tiles.md, "Errors".
 
 mod across;
 mod around;
 mod back;
+mod below;
 mod covered;
 mod exact;
 mod foot;
@@ -23,7 +24,7 @@ use covered::Covered;
 use exact::Exact;
 use largest::{Largest, ROUNDING};
 
-/// The distance from `fine` to `coarse`, at most, or back as far as samples show it, whichever is larger.
+/// The distance from `fine` to `coarse`, at most, or back, whichever is larger.
 ///
 /// `followed`: for each vertex of `fine` the vertex of `coarse` that it went into, or `u32::MAX`; empty if nothing is known.
 /// The bound exceeds the largest distance found by at most the factor `slack`, above 1; the nearer to 1, the longer it takes.
@@ -39,7 +40,8 @@ pub fn deviation(fine: &Mesh, coarse: &Mesh, followed: &[u32], slack: f64) -> f6
     let forward = Forward { fine, coarse, around: &around };
     let covered = Covered::find(&forward, &near, &hints);
     forward.triangles(&hints, &covered, &mut largest, &mut Exact::new(coarse));
-    back::samples(&forward, &near, &covered, &mut largest);
+    drop(covered);
+    back::triangles(&forward, &near, &hints, &mut largest);
     largest.bound_sq.sqrt()
 }
 

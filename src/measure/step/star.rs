@@ -34,7 +34,6 @@ struct Ray {
     inverse_sq: f64,
     /// Slope of the triangle.
     slope: [f64; 2],
-    triangle: u32,
 }
 
 /// The triangles around a vertex.
@@ -74,16 +73,6 @@ impl Place {
     pub(super) fn is_outside(&self) -> bool {
         self.sector == OUTSIDE
     }
-}
-
-/// A triangle over a star.
-pub(super) struct Over {
-    /// Its distance, at most.
-    pub(super) most: f64,
-    /// Triangles at the vertex that it lies over, by their numbers there; a bit for each.
-    sectors: u32,
-    /// True if it lies over the vertex.
-    pub(super) is_over_vertex: bool,
 }
 
 impl Star {
@@ -154,7 +143,7 @@ impl Star {
             let up = -1.0 / dot(normals[last], normal);
             let slope = [up * dot(normals[last], across), up * dot(normals[last], along)];
             let inverse_sq = 1.0 / length_sq;
-            self.rays[k] = Ray { x, y, z, inverse_sq, slope, triangle: own[order[last]] };
+            self.rays[k] = Ray { x, y, z, inverse_sq, slope };
         }
         self.size_sq = size_sq;
         self.tiny = ROUNDING * size_sq;
@@ -205,20 +194,10 @@ impl Star {
         place
     }
 
-    /// The triangles of the version that a triangle lies over.
-    pub(super) fn feet(&self, over: &Over) -> impl Iterator<Item = u32> {
-        let rays = self.rays[..self.n].iter().enumerate();
-        rays.filter(move |(k, _)| over.sectors >> k & 1 != 0).map(|(_, ray)| ray.triangle)
-    }
-
     /// The distance of a triangle, if it lies over the star; all its corners do.
-    pub(super) fn over(&self, corners: [&Place; 3]) -> Option<Over> {
+    pub(super) fn over(&self, corners: [&Place; 3]) -> Option<f64> {
         let [a, b, c] = corners;
-        let mut over = Over {
-            most: a.off.max(b.off).max(c.off),
-            sectors: 1 << a.sector | 1 << b.sector | 1 << c.sector,
-            is_over_vertex: false,
-        };
+        let mut most = a.off.max(b.off).max(c.off);
         if a.sector != b.sector || b.sector != c.sector {
             let (u, v, w) = (product(b, c), product(c, a), product(a, b));
             for (p, q, turn) in [(b, c, u), (c, a, v), (a, b, w)] {
@@ -226,7 +205,7 @@ impl Star {
                 if p.sector != q.sector {
                     // Counter-clockwise.
                     let (p, q) = if turn >= 0.0 { (p, q) } else { (q, p) };
-                    if !self.cross(p, q, &mut over) {
+                    if !self.cross(p, q, &mut most) {
                         return None;
                     }
                 }
@@ -235,17 +214,15 @@ impl Star {
             let is_around = u.min(v).min(w) >= 0.0 || u.max(v).max(w) <= 0.0;
             if is_around && sum != 0.0 {
                 let height = u * a.z + v * b.z + w * c.z;
-                over.most = over.most.max((height / sum).abs());
-                over.is_over_vertex = true;
+                most = most.max((height / sum).abs());
             }
         }
-        over.most += self.rounding;
-        Some(over)
+        Some(most + self.rounding)
     }
 
     /// Looks at the places where an edge of a triangle crosses those at the vertex, counter-clockwise. False if that leads out
     /// of the star.
-    fn cross(&self, p: &Place, q: &Place, over: &mut Over) -> bool {
+    fn cross(&self, p: &Place, q: &Place, most: &mut f64) -> bool {
         let mut k = p.sector as usize;
         while k != q.sector as usize {
             k += 1;
@@ -256,7 +233,6 @@ impl Star {
                 }
                 k = 0;
             }
-            over.sectors |= 1 << k;
             let (from, to) = (ray.x * p.y - ray.y * p.x, ray.x * q.y - ray.y * q.x);
             // The ends lie on both sides of it, up to rounding.
             let sum = to - from;
@@ -271,7 +247,7 @@ impl Star {
                 return false;
             }
             let z = p.z + share * (q.z - p.z);
-            over.most = over.most.max((z - along * ray.z).abs());
+            *most = most.max((z - along * ray.z).abs());
         }
         true
     }

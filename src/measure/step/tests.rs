@@ -45,7 +45,7 @@ fn a_bound_is_never_below_the_distance_and_not_far_above() {
         // The other way round: large triangles over small ones.
         let back: Vec<u32> = flat.positions.iter().map(|&p| near(p, &fine)).collect();
         let bound = deviation(&flat, &fine, &back, 1.25);
-        assert!(bound >= 0.9 * far && bound <= 1.27 * far + 0.5 / 1024.0, "{bound} {far}");
+        assert!(bound >= far && bound <= 1.27 * far + 0.5 / 1024.0, "{bound} {far}");
     }
 }
 
@@ -53,4 +53,28 @@ fn a_bound_is_never_below_the_distance_and_not_far_above() {
 fn nothing_done_is_no_distance() {
     let sheet = sheet(9, |x, y| x * y);
     assert!(deviation(&sheet, &sheet.clone(), &[], 1.25) < 1e-12);
+}
+
+#[test]
+fn what_the_mesh_does_not_cover_counts() {
+    // A strip is missing in the middle of the mesh: all vertices of its version, and most of its places, are on it.
+    let mut fine = sheet(16, |_, _| 0.0);
+    let positions = fine.positions.clone();
+    fine.triangles.retain(|t| {
+        let x: f64 = t.iter().map(|&v| positions[v as usize][0]).sum::<f64>() / 3.0;
+        !(0.375..0.625).contains(&x)
+    });
+    for n in [1, 2, 8] {
+        let coarse = sheet(n, |_, _| 0.0);
+        let near = |a: &[f64; 3]| {
+            let off = |b: &[f64; 3]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
+            let all = (0u32..).zip(&coarse.positions);
+            all.min_by(|a, b| off(a.1).total_cmp(&off(b.1))).unwrap().0
+        };
+        let followed: Vec<u32> = fine.positions.iter().map(near).collect();
+        for followed in [followed, Vec::new()] {
+            let bound = deviation(&fine, &coarse, &followed, 1.25);
+            assert!(bound >= 0.125 && bound <= 1.27 * 0.125 + 0.5 / 1024.0, "{n}: {bound}");
+        }
+    }
 }

@@ -1,0 +1,229 @@
+//! Tells if the mesh covers a triangle of its version: seen along the triangle's normal, without gaps, within a distance.
+//!
+//! Taken together, triangles that are not farther than allowed over the triangle cover each of its points as often as any other
+//! one, counted with their sides, if no edge of their common border lies over it (the degree of a map is constant off the image of
+//! the border). So one point that is covered shows that all are.
+
+use crate::measure::triangle::Vector;
+use crate::mesh::Mesh;
+use crate::mesh::vec3::{cross, dot, length_sq, scale, sub};
+
+/// The point that is tried, in shares of the corners: where edges hardly ever meet.
+const POINT: [f64; 2] = [0.345_771_3, 0.318_930_7];
+
+/// Place of a point over the triangle: shares of the corners, and height along the normal.
+#[derive(Clone, Copy)]
+struct Over {
+    shares: [f64; 3],
+    height: f64,
+    /// A bit for each side of the triangle that it does not lie within, for each side of the point that is tried, and `HIGH`.
+    out: u8,
+}
+
+/// A bit for each side of the triangle.
+const SIDES: u8 = 7;
+
+/// The bit of points that are farther than the limit.
+const HIGH: u8 = 8;
+
+/// A bit for each side of the point that is tried, by two of the shares.
+const ASIDE: u8 = 0xf0;
+
+/// The triangle that is held against the mesh: its first corner, what gives shares of the other two, and its normal.
+struct Frame {
+    origin: Vector,
+    to_b: Vector,
+    to_c: Vector,
+    up: Vector,
+}
+
+/// Triangles of a mesh that may lie over a triangle.
+pub(super) struct Below<'a> {
+    mesh: &'a Mesh,
+    limit: f64,
+    /// For each triangle, and each vertex, of the mesh the last query that it was seen in; for a vertex its number in `places`.
+    seen: Vec<u32>,
+    last: Vec<[u32; 2]>,
+    query: u32,
+    places: Vec<Over>,
+    /// Edges of the triangles that count, without those that two of them have; with the places of their ends.
+    border: Vec<([u32; 2], [u32; 2])>,
+}
+
+impl Below<'_> {
+    /// Of a mesh, within a distance.
+    pub(super) fn new(mesh: &Mesh, limit: f64) -> Below<'_> {
+        Below {
+            mesh,
+            limit,
+            seen: vec![0; mesh.triangles.len()],
+            last: vec![[0; 2]; mesh.positions.len()],
+            query: 0,
+            places: Vec::new(),
+            border: Vec::new(),
+        }
+    }
+
+    /// True if the triangles of some lists, which may come more than once, cover the triangle `t` as a whole. False says
+    /// nothing.
+    pub(super) fn covers<'b>(
+        &mut self,
+        t: &[Vector; 3],
+        lists: impl Iterator<Item = &'b [u32]>,
+    ) -> bool {
+        let (a, b) = (sub(t[1], t[0]), sub(t[2], t[0]));
+        let normal = cross(a, b);
+        let area_sq = length_sq(normal);
+        if area_sq.is_nan() || area_sq <= 0.0 {
+            return false;
+        }
+        let frame = Frame {
+            origin: t[0],
+            to_b: scale(cross(b, normal), 1.0 / area_sq),
+            to_c: scale(cross(normal, a), 1.0 / area_sq),
+            up: scale(normal, 1.0 / area_sq.sqrt()),
+        };
+        self.query += 1;
+        self.places.clear();
+        self.border.clear();
+        let mut times = 0;
+        for list in lists {
+            for &f in list {
+                let seen = &mut self.seen[f as usize];
+                if *seen == self.query {
+                    continue;
+                }
+                *seen = self.query;
+                let [u, v, w] = self.mesh.triangles[f as usize];
+                let places = [self.place(&frame, u), self.place(&frame, v), self.place(&frame, w)];
+                let [p, q, r] = places.map(|place| &self.places[place as usize]);
+                let out = p.out & q.out & r.out;
+                if out & SIDES != 0 {
+                    continue;
+                }
+                let is_high = (p.out | q.out | r.out) & HIGH != 0;
+                if is_high && !is_near([*p, *q, *r], self.limit) {
+                    continue;
+                }
+                if out & ASIDE == 0 {
+                    match turns([p, q, r]) {
+                        Some(turns) => times += turns,
+                        None => return false,
+                    }
+                }
+                let outs = [p.out & q.out, q.out & r.out, r.out & p.out];
+                let ends = [[u, v], [v, w], [w, u]];
+                for k in 0..3 {
+                    if outs[k] & SIDES == 0 {
+                        self.add(ends[k], [places[k], places[(k + 1) % 3]]);
+                    }
+                }
+            }
+        }
+        let crosses = |ends: [u32; 2]| {
+            let [p, q] = ends.map(|place| &self.places[place as usize]);
+            crosses(p, q)
+        };
+        times != 0 && !self.border.iter().any(|(_, ends)| crosses(*ends))
+    }
+
+    /// The number of a vertex's place.
+    #[inline(always)]
+    fn place(&mut self, frame: &Frame, vertex: u32) -> u32 {
+        let last = &mut self.last[vertex as usize];
+        if last[0] == self.query {
+            return last[1];
+        }
+        let number = self.places.len() as u32;
+        *last = [self.query, number];
+        let p = sub(self.mesh.positions[vertex as usize], frame.origin);
+        let (b, c, height) = (dot(p, frame.to_b), dot(p, frame.to_c), dot(p, frame.up));
+        let shares = [1.0 - b - c, b, c];
+        let bit = |is_out: bool, bit: u8| if is_out { bit } else { 0 };
+        let out = bit(shares[0] <= 0.0, 1)
+            | bit(shares[1] <= 0.0, 2)
+            | bit(shares[2] <= 0.0, 4)
+            | bit(height.abs() > self.limit, HIGH)
+            | bit(b < POINT[0], 0x10)
+            | bit(b > POINT[0], 0x20)
+            | bit(c < POINT[1], 0x40)
+            | bit(c > POINT[1], 0x80);
+        self.places.push(Over { shares, height, out });
+        number
+    }
+
+    /// Adds an edge to the border, or takes away its other side.
+    #[inline]
+    fn add(&mut self, [v, w]: [u32; 2], ends: [u32; 2]) {
+        for i in (0..self.border.len()).rev() {
+            if self.border[i].0 == [w, v] {
+                self.border.swap_remove(i);
+                return;
+            }
+        }
+        self.border.push(([v, w], ends));
+    }
+}
+
+/// True if what of a triangle lies over the one in question is within the limit.
+fn is_near(corners: [Over; 3], limit: f64) -> bool {
+    // What is left of it after each side.
+    let (mut part, mut n) = ([corners[0]; 8], 3);
+    part[..3].copy_from_slice(&corners);
+    for side in 0..3 {
+        let (old, n_old) = (part, n);
+        n = 0;
+        for i in 0..n_old {
+            let (p, q) = (old[i], old[(i + 1) % n_old]);
+            let (a, b) = (p.shares[side], q.shares[side]);
+            if a >= 0.0 {
+                part[n] = p;
+                n += 1;
+            }
+            if (a < 0.0) != (b < 0.0) {
+                part[n] = between(&p, &q, a / (a - b));
+                n += 1;
+            }
+        }
+    }
+    part[..n].iter().all(|p| p.height.abs() <= limit)
+}
+
+fn between(p: &Over, q: &Over, share: f64) -> Over {
+    let mix = |a: f64, b: f64| a + share * (b - a);
+    Over {
+        shares: [0, 1, 2].map(|k| mix(p.shares[k], q.shares[k])),
+        height: mix(p.height, q.height),
+        out: 0,
+    }
+}
+
+/// Times that a triangle goes around the point that is tried: 1 or -1 by its side, 0 beside it; none if that is not certain.
+fn turns(corners: [&Over; 3]) -> Option<i32> {
+    let (mut left, mut right) = (0, 0);
+    for k in 0..3 {
+        let (p, q) = (corners[k], corners[(k + 1) % 3]);
+        let a = (p.shares[1] - POINT[0]) * (q.shares[2] - POINT[1]);
+        let b = (p.shares[2] - POINT[1]) * (q.shares[1] - POINT[0]);
+        if (a - b).abs() <= 1e-12 * a.abs().max(b.abs()) {
+            return None;
+        }
+        left += i32::from(a > b);
+        right += i32::from(a < b);
+    }
+    Some(i32::from(left == 3) - i32::from(right == 3))
+}
+
+/// True if a part of an edge lies over the triangle.
+fn crosses(p: &Over, q: &Over) -> bool {
+    let (mut from, mut to) = (0.0f64, 1.0f64);
+    for k in 0..3 {
+        let (a, b) = (p.shares[k], q.shares[k]);
+        if a < 0.0 {
+            from = from.max(a / (a - b));
+        } else if b < 0.0 {
+            to = to.min(a / (a - b));
+        }
+    }
+    from < to
+}
