@@ -42,6 +42,7 @@ const ROOMS: [(&str, &[&str]); 19] = [
             "stages",
             "progressive",
             "store",
+            "texture",
             "config",
             "io",
             "kernel",

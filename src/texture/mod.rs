@@ -1,6 +1,7 @@
 //! Looks of surfaces: materials as factors and images, images decoded in a cache within a budget, tangent frames.
 //!
-//! For those that look colours up: a new texture is filled from them (`bake`), pictures are drawn with them (`render`).
+//! For those that look colours up: a new texture is filled from them (`bake`), pictures are drawn with them (`render`),
+//! vertices of a cut through tiles get them (`pipeline/extract`).
 //! Knows no triangles; the description of materials is in `io/materials`.
 
 mod frames;

@@ -74,7 +74,8 @@ fn what_the_mesh_does_not_cover_counts() {
         let followed: Vec<u32> = fine.positions.iter().map(near).collect();
         for followed in [followed, Vec::new()] {
             let bound = deviation(&fine, &coarse, &followed, 1.25);
-            assert!(bound >= 0.125 && bound <= 1.27 * 0.125 + 0.5 / 1024.0, "{n}: {bound}");
+            let near = 0.125..=1.27 * 0.125 + 0.5 / 1024.0;
+            assert!(near.contains(&bound), "{n}: {bound}");
         }
     }
 }

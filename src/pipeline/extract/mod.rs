@@ -22,7 +22,7 @@ use crate::system::units::{show_bytes, show_count};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use tree::{Allowed, Cut, Tree};
-use weld::{COLOURS, Joined, Rows};
+use weld::{COLOURS, Joined, Rows, VERTICES_PER_TRIANGLE};
 
 /// Fineness of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,9 +72,6 @@ pub struct Extracted {
     /// Bytes of the file.
     pub bytes: u64,
 }
-
-/// Vertices of a triangle that are planned for: half as many and some for borders.
-const VERTICES_PER_TRIANGLE: f64 = 0.6;
 
 /// Vertices that are written at a time.
 const BLOCK: usize = 65_536;

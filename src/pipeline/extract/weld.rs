@@ -1,6 +1,5 @@
 //! Joins the tiles of a cut into one mesh: what several of them have is one vertex by its number in the input.
 
-use super::VERTICES_PER_TRIANGLE;
 use super::tree::{Cut, Tree};
 use crate::error::{Error, Result};
 use crate::io::tileset::{TileBorder, border_path, decode_borders};
@@ -18,6 +17,8 @@ use std::collections::HashMap;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
+/// Vertices of a triangle that are planned for: half as many and some for borders.
+pub(super) const VERTICES_PER_TRIANGLE: f64 = 0.6;
 /// Bytes of a vertex, of a triangle, and of a vertex that several tiles have, while tiles are joined; lists may be twice as
 /// long as what is in them while they grow.
 const VERTEX_BYTES: u64 = 2 * 24;
