@@ -31,7 +31,7 @@ pub struct Args {
     /// With texture coordinates s, t.
     #[arg(long)]
     pub uv: bool,
-    /// volume: factor of the scanner's noise, from 0 (a clean surface) to 4.
+    /// terrain, statue, volume: factor of the scanner's noise, from 0 (a clean surface) to 4.
     #[arg(long, value_name = "X", default_value_t = 1.0)]
     pub noise: f64,
     /// volume: whole voxel values, which meet the level exactly: triangles of no area, coinciding vertices.

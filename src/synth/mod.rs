@@ -94,7 +94,7 @@ pub struct Settings {
     pub color: bool,
     /// With texture coordinates `s t`.
     pub uv: bool,
-    /// Factor of the scanner's noise; `volume` alone has another than 1.
+    /// Factor of the scanner's noise; `terrain`, `statue` and `volume` alone have another than 1.
     pub noise: f64,
     /// Whole voxel values that meet the level exactly; `volume` alone has voxels.
     pub integer: bool,
@@ -274,9 +274,12 @@ fn surface(settings: &Settings, threads: usize, progress: &Progress) -> Result<B
     let Settings { n_triangles, seed, color, .. } = *settings;
     Ok(match settings.kind {
         Kind::Terrain => {
-            ordered(terrain::Terrain::new(n_triangles, seed, color, settings.sea), settings)
+            let ground = (settings.sea, settings.noise);
+            ordered(terrain::Terrain::new(n_triangles, seed, color, ground), settings)
         }
-        Kind::Statue => ordered(statue::Statue::new(n_triangles, seed, color), settings),
+        Kind::Statue => {
+            ordered(statue::Statue::new(n_triangles, seed, color, settings.noise), settings)
+        }
         Kind::Gyroid => Box::new(Counted::at_least(n_triangles, threads, progress, |scale| {
             gyroid::Gyroid::new(n_triangles, scale, seed, color)
         })?),
@@ -328,10 +331,15 @@ fn check(settings: &Settings) -> Result<()> {
              in 32 bits)"
         )));
     }
-    if settings.kind != Kind::Volume && (settings.noise != 1.0 || settings.integer) {
+    if settings.kind != Kind::Volume && settings.integer {
         return Err(Error::Usage(
-            "--noise and --integer are properties of a scanned volume: only `synth volume` has them"
-                .to_owned(),
+            "--integer is a property of a scanned volume: only `synth volume` has it".to_owned(),
+        ));
+    }
+    let has_noise = matches!(settings.kind, Kind::Terrain | Kind::Statue | Kind::Volume);
+    if !has_noise && settings.noise != 1.0 {
+        return Err(Error::Usage(
+            "--noise: only `synth terrain`, `statue` and `volume` have a factor for it".to_owned(),
         ));
     }
     if settings.kind != Kind::Terrain && settings.sea {

@@ -22,8 +22,8 @@ pub(super) struct Statue {
 }
 
 impl Statue {
-    /// The coarsest statue of at least `n_triangles`: the next 20 n^2.
-    pub(super) fn new(n_triangles: u64, seed: u64, colored: bool) -> Self {
+    /// The coarsest statue of at least `n_triangles`: the next 20 n^2. `noise` is a factor of the usual one.
+    pub(super) fn new(n_triangles: u64, seed: u64, colored: bool, noise: f64) -> Self {
         let mut n = ((n_triangles as f64 / 20.0).sqrt() as u64).max(1);
         while 20 * n * n < n_triangles {
             n += 1;
@@ -35,7 +35,7 @@ impl Statue {
             seed,
             corners: icosahedron(),
             sculpture: Sculpture::new(seed, spacing),
-            noise: (0.06 * spacing).min(0.05),
+            noise: noise * (0.06 * spacing).min(0.05),
             colored,
         }
     }

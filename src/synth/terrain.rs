@@ -21,12 +21,20 @@ pub(super) struct Terrain {
     seed: u64,
     colored: bool,
     has_sea: bool,
+    /// Factor of the usual noise.
+    noise: f64,
 }
 
 impl Terrain {
     /// The height field whose triangle count is the nearest to `n_triangles` from above among grids
-    /// whose sides differ by at most a third. With a sea, all ground below 0 is water at exactly 0.
-    pub(super) fn new(n_triangles: u64, seed: u64, colored: bool, has_sea: bool) -> Self {
+    /// whose sides differ by at most a third. With a sea, all ground below 0 is water at exactly 0. `noise` is a factor of
+    /// the usual one.
+    pub(super) fn new(
+        n_triangles: u64,
+        seed: u64,
+        colored: bool,
+        (has_sea, noise): (bool, f64),
+    ) -> Self {
         let quads = n_triangles.div_ceil(2).max(1);
         let side = (quads as f64).sqrt() as u64;
         // Among the widths from square to 4:3 (at most 2,000 of them), the one that wastes least.
@@ -36,7 +44,7 @@ impl Terrain {
             .expect("a range with both ends has a member");
         let height = quads.div_ceil(width);
         let spacing = EXTENT / width.max(height) as f64;
-        Terrain { width: width + 1, height: height + 1, spacing, seed, colored, has_sea }
+        Terrain { width: width + 1, height: height + 1, spacing, seed, colored, has_sea, noise }
     }
 
     /// Height above the sea and steepness (1 = 45 degrees) of the ground.
@@ -87,7 +95,7 @@ impl Indexed for Terrain {
         let x = self.spacing * (column as f64 + 0.25 * aside[0]);
         let y = self.spacing * (row as f64 + 0.25 * aside[1]);
         let (z, steep) = self.ground(x, y);
-        let noise = (0.04 * self.spacing).min(0.15) * gauss(hash2(random, 1));
+        let noise = self.noise * (0.04 * self.spacing).min(0.15) * gauss(hash2(random, 1));
         let height = z + noise;
         let height = if self.has_sea { height.max(0.0) } else { height };
         let color = if self.colored { self.color([x, y, z], steep) } else { [0; 3] };

@@ -31,6 +31,7 @@ struct File {
 
 #[derive(Deserialize)]
 struct Side {
+    rms: f64,
     p999: f64,
     max: f64,
 }
@@ -76,6 +77,7 @@ pub fn judge(
         after: measured.simplified.topology,
         samples: options.samples,
         rms: measured.rms,
+        rms_forward: measured.forward.rms,
         p999: measured.forward.p999.max(measured.backward.p999),
         max: measured.forward.max.max(measured.backward.max),
         diagonal: measured.diagonal,

@@ -12,6 +12,7 @@ mod forecast;
 mod inside;
 mod judge;
 mod meshes;
+mod optimum;
 mod page;
 mod peers;
 mod plot;
@@ -147,6 +148,15 @@ enum Command {
         output: PathBuf,
         #[arg(long, value_parser = parse_count)]
         triangles: u64,
+    },
+    /// Says how far results are from the least error that so many triangles can have on a smooth surface
+    Optimum {
+        /// A mesh without noise, as `stonecut synth --noise 0` makes it, much finer than its features
+        surface: PathBuf,
+        /// Simplified versions of it
+        results: Vec<PathBuf>,
+        #[command(flatten)]
+        common: Common,
     },
     /// Draws the page and plots again from the JSON of an earlier session
     Redraw {
@@ -380,6 +390,9 @@ fn run(command: Command) -> Outcome<()> {
             };
             print!("{}", forecast::tables(&reports, &sizes, machine)?);
             Ok(())
+        }
+        Command::Optimum { surface, results, common } => {
+            optimum::compare(&surface, &results, &common.settings(None)?)
         }
         Command::Redraw { record } => redraw(&record),
         Command::Crop { input, output, triangles } => {

@@ -29,6 +29,9 @@ pub struct Quality {
     pub samples: u64,
     /// Two-sided root mean square distance, input units.
     pub rms: f64,
+    /// The same from the original to the result alone.
+    #[serde(default)]
+    pub rms_forward: f64,
     /// The larger of the two directions' 99.9th percentiles, input units.
     pub p999: f64,
     /// The larger of the two directions' maxima, input units.
