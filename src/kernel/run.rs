@@ -89,7 +89,6 @@ pub(crate) fn start(
     driver.mend();
     driver.state.find_flats(options);
     if let Some(bound) = options.bound {
-        driver.collapser.may_close = false;
         driver.reach_channel = bound.channel;
         let surface = &driver.state.surface;
         let before = |v: u32| bound.channel.map_or(0.0, |channel| surface.channels_of(v)[channel]);

@@ -80,6 +80,75 @@ fn holes_wider_than_the_bound_stay_open_and_cost_little() {
     }
 }
 
+#[test]
+fn what_others_stand_in_for_vanishes_and_what_is_far_stays() {
+    const SIDE: u32 = 40;
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for (y, x) in (0..=SIDE).flat_map(|y| (0..=SIDE).map(move |x| (y, x))) {
+        let (u, v) = (f64::from(x), f64::from(y));
+        positions.push([u, v, 0.05 * (0.7 * u).sin() * (0.9 * v).cos()]);
+        if x < SIDE && y < SIDE {
+            let first = y * (SIDE + 1) + x;
+            let above = first + SIDE + 1;
+            triangles.extend([[first, first + 1, above + 1], [first, above + 1, above]]);
+        }
+    }
+    // Tetrahedra over the plane: twelve within the bound, three beyond it.
+    for (i, height) in (0u32..).zip([0.5; 12].into_iter().chain([4.0; 3])) {
+        let first = positions.len() as u32;
+        let (u, v) = (5.0 + f64::from(i % 4) * 8.0, 5.0 + f64::from(i / 4) * 8.0);
+        for [a, b, c] in [[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.0, 0.2, 0.0], [0.1, 0.1, 0.2]] {
+            positions.push([u + a, v + b, height + c]);
+        }
+        triangles
+            .extend([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]].map(|t| t.map(|k| first + k)));
+    }
+    write_ply(&at.join("in.ply"), Scalar::F32, &positions, &triangles);
+    for (options, n_gone) in [("", 12), ("--topology keep", 0)] {
+        let command =
+            format!("simplify in.ply o.ply --max-error 1 {options} --force --report r.json");
+        let code = run(at, &command).status.code().unwrap();
+        assert!(code == 0 || code == 3, "{options}: {code}");
+        let report = json(&at.join("r.json"));
+        assert_eq!(count(&report["changes"], "small_components_removed"), n_gone, "{options}");
+        assert!(report["hausdorff"]["upper"].as_f64().unwrap() <= 1.0, "{options}");
+        expect(at, "info o.ply --check --json", 0);
+        // The plane has two triangles at least, each tetrahedron four.
+        assert!(count(&report["output"], "triangles") >= 2 + 4 * (15 - n_gone), "{options}");
+    }
+}
+
+#[test]
+fn thin_handles_are_cut_within_the_bound() {
+    const AROUND: u32 = 240;
+    const ACROSS: u32 = 12;
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let (mut positions, mut triangles) = (Vec::new(), Vec::new());
+    for (i, j) in (0..AROUND).flat_map(|i| (0..ACROSS).map(move |j| (i, j))) {
+        let turn = |k: u32, n: u32| std::f64::consts::TAU * f64::from(k) / f64::from(n);
+        let (long, short) = (turn(i, AROUND), turn(j, ACROSS));
+        let radius = 10.0 + 0.3 * short.cos();
+        positions.push([radius * long.cos(), radius * long.sin(), 0.3 * short.sin()]);
+        let id = |i: u32, j: u32| (i % AROUND) * ACROSS + j % ACROSS;
+        let [a, b] = [id(i, j), id(i + 1, j)];
+        let [c, d] = [id(i + 1, j + 1), id(i, j + 1)];
+        triangles.extend([[a, b, c], [a, c, d]]);
+    }
+    write_ply(&at.join("in.ply"), Scalar::F32, &positions, &triangles);
+    for (bound, may_cut) in [(1.0, true), (0.05, false)] {
+        let command = format!("simplify in.ply o.ply --max-error {bound} --force --report r.json");
+        // 3: the ring is thinner than the bound, so what is left of it is hardly a ring.
+        let code = run(at, &command).status.code().unwrap();
+        assert!(code == 0 || code == 3, "{bound}: {code}");
+        let report = json(&at.join("r.json"));
+        assert_eq!(count(&report["changes"], "handles_cut") > 0, may_cut, "{bound}");
+        assert!(report["hausdorff"]["upper"].as_f64().unwrap() <= bound, "{bound}");
+    }
+}
+
 /// Diagonal of the input's box, from the report of a run.
 fn diagonal(at: &Path, input: &str) -> f64 {
     expect(at, &format!("simplify {input} b.ply --ratio 50% --force --report b.json"), 0);

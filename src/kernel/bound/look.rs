@@ -92,6 +92,7 @@ impl Tracker {
         }
         self.holds_survivor::<L>(surface, patch, place, nearest, scratch)
             && self.holds_folds::<L>(patch, place, nearest, scratch)
+            && self.holds_caps::<L>(place, scratch)
             && self.holds_outside::<L>(patch, place, scratch)
             && self.holds_between::<L>(surface, patch, place, scratch)
     }

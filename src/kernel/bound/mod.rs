@@ -9,6 +9,7 @@
 //! It decides nothing but yes or no; `schedule` chooses edges. docs/algorithm.md, section 13.
 
 mod between;
+mod cap;
 mod fan;
 mod input;
 mod look;
@@ -17,4 +18,5 @@ mod result;
 pub(crate) mod scratch;
 pub(crate) mod tight;
 pub(crate) mod tracker;
+pub(crate) mod vanish;
 mod walk;

@@ -9,6 +9,7 @@ use crate::kernel::surface::Surface;
 use crate::kernel::vertex::GONE;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::vec3::Vec3;
+use std::collections::HashSet;
 
 /// The witnesses, and which triangle each belongs to.
 ///
@@ -28,8 +29,10 @@ pub(crate) struct Tracker {
     pub(super) slot: Vec<u32>,
     pub(super) scratch: Scratch,
     pub(super) refused: Vec<Refused>,
+    /// Triangles that a cut has made.
+    pub(super) caps: HashSet<u32>,
     /// The part of `Witness::before` that only keeps the bound tighter there; empty if it is nowhere. Scaled.
-    margins: Vec<f32>,
+    pub(super) margins: Vec<f32>,
 }
 
 /// Share of the bound that is used: what lies between the points that are looked at may be a little farther.
@@ -80,6 +83,7 @@ impl Tracker {
             slot: vec![0; n],
             scratch: Scratch::default(),
             refused: vec![Refused::NONE; MOST_REFUSED],
+            caps: HashSet::new(),
             margins,
         };
         for (id, t) in surface.triangles.iter().enumerate().filter(|(_, t)| t[0] != GONE) {
@@ -134,6 +138,8 @@ impl Tracker {
             head[place as usize] = first;
         }
         self.head = head;
+        let caps = std::mem::take(&mut self.caps).into_iter().map(|t| place[t as usize]);
+        self.caps = caps.filter(|&t| t != GONE).collect();
         self.refused.fill(Refused::NONE);
         for witness in self.input.witnesses.iter_mut().filter(|witness| witness.owner != GONE) {
             witness.owner = place[witness.owner as usize];

@@ -4,7 +4,7 @@
 //! is held here is what `info --check --self-intersections` counts. docs/design/self-intersections.md.
 
 mod facet;
-mod tree;
+pub(crate) mod tree;
 
 use crate::kernel::surface::class::Class;
 use crate::kernel::surface::{MAX_VALENCE, Surface};

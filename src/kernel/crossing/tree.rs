@@ -9,14 +9,14 @@ const ROW: usize = 8;
 
 /// A box along the axes, relative to the centre of a tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Hull {
+pub(crate) struct Hull {
     low: [f32; 3],
     high: [f32; 3],
 }
 
 impl Hull {
     /// The box of nothing: touches none.
-    pub(super) const EMPTY: Hull = Hull { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
+    pub(crate) const EMPTY: Hull = Hull { low: [f32::INFINITY; 3], high: [f32::NEG_INFINITY; 3] };
 
     pub(super) fn join(&mut self, other: &Hull) {
         for k in 0..3 {
@@ -112,7 +112,7 @@ fn bits(mut left: u32) -> impl Iterator<Item = usize> {
 
 /// The boxes. About 28 bytes a triangle.
 #[derive(Clone)]
-pub(super) struct Tree {
+pub(crate) struct Tree {
     centre: Vec3,
     n: usize,
     /// Rows of boxes of triangles, then of the boxes of the rows of the level before; the last has one row.
@@ -123,7 +123,7 @@ pub(super) struct Tree {
 
 impl Tree {
     /// A tree without triangles. Rounding relative to `centre` never parts boxes that touch: it keeps the order of numbers.
-    pub(super) fn new(centre: Vec3) -> Tree {
+    pub(crate) fn new(centre: Vec3) -> Tree {
         Tree { centre, n: 0, levels: vec![vec![Row::EMPTY]], open: Vec::new() }
     }
 
@@ -138,7 +138,7 @@ impl Tree {
     }
 
     /// The box around points.
-    pub(super) fn hull(&self, points: &[Vec3]) -> Hull {
+    pub(crate) fn hull(&self, points: &[Vec3]) -> Hull {
         let mut hull = Hull::EMPTY;
         for point in points {
             let at: [f32; 3] = std::array::from_fn(|k| (point[k] - self.centre[k]) as f32);
@@ -153,7 +153,7 @@ impl Tree {
     }
 
     /// Appends the box of the next triangle.
-    pub(super) fn push(&mut self, hull: Hull) {
+    pub(crate) fn push(&mut self, hull: Hull) {
         let mut rows = self.n / ROW + 1;
         self.n += 1;
         for level in 0.. {
@@ -175,7 +175,7 @@ impl Tree {
     }
 
     /// Takes over the box of a triangle that has changed.
-    pub(super) fn set(&mut self, triangle: u32, hull: Hull) {
+    pub(crate) fn set(&mut self, triangle: u32, hull: Hull) {
         let mut place = triangle as usize;
         self.levels[0][place / ROW].set(place % ROW, &hull);
         for level in &mut self.levels[1..] {
@@ -191,7 +191,7 @@ impl Tree {
     }
 
     /// Lists the triangles whose boxes touch another.
-    pub(super) fn touching(&mut self, hull: &Hull, found: &mut Vec<u32>) {
+    pub(crate) fn touching(&mut self, hull: &Hull, found: &mut Vec<u32>) {
         found.clear();
         let Tree { levels, open, .. } = self;
         open.clear();

@@ -278,9 +278,7 @@ impl Driver {
                     queue.push(queue.bucket(dearer), entry);
                 }
             }
-            Reject::LinkCondition | Reject::Boundary
-                if self.topology == Topology::Error && self.bound.is_none() =>
-            {
+            Reject::LinkCondition | Reject::Boundary if self.topology == Topology::Error => {
                 self.apply_change(queue, (bucket, entry), limits);
             }
             _ => {}

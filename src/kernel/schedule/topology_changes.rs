@@ -49,7 +49,8 @@ impl Driver {
             .is_none_or(|small_components| small_components.is_small(entry.v0));
         let ends = (entry.v0, entry.v1);
         let most = if self.frees_stuck { topology::MAX_STUCK } else { topology::MAX_SPECK };
-        let most = if may_vanish { most } else { 0 };
+        // Within a bound components vanish after all collapses, and only where others stand in for them.
+        let most = if may_vanish && self.bound.is_none() { most } else { 0 };
         let find_change = topology::find_change(&self.state.surface, ends, &self.collapser, most);
         match find_change {
             Some(TopologyChange::Vanish(triangles)) => {
@@ -135,6 +136,11 @@ impl Driver {
             }
             CutPlan::Strip(triangles, ..) => Some(triangles),
         };
+        if let Some(tracker) = &mut self.bound
+            && (strip.is_some() || !tracker.admits_cap(&self.state.surface, cycle))
+        {
+            return;
+        }
         if let Some(crossings) = &mut self.crossings {
             let gone = strip.as_deref().unwrap_or(&[]);
             if !crossings.admits_triangle(&self.state.surface, cycle, gone) {
@@ -148,6 +154,9 @@ impl Driver {
         validate_small(&self.state);
         if let Some(crossings) = &mut self.crossings {
             crossings.extend(&self.state.surface);
+        }
+        if let Some(tracker) = &mut self.bound {
+            tracker.add_caps(&self.state.surface);
         }
         if let Some(triangles) = strip {
             self.strip(&triangles, cycle, new);

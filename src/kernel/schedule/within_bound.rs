@@ -1,9 +1,13 @@
 //! As far down as a bound on the error allows: levels of rising cost until nearly all is refused, then queues over
 //! everything.
 
+use crate::kernel::options::Topology;
 use crate::kernel::schedule::driver::{Driver, Limits};
 use crate::kernel::schedule::levels::{MIN_LEVEL_TRIANGLES, PILOT_STRIDE};
 use crate::kernel::schedule::queue::BucketQueue;
+use crate::kernel::state::validate::validate;
+use crate::kernel::topology;
+use crate::kernel::topology::components::components;
 
 /// The first level has the cost that this share of the edges does not reach.
 const FIRST_SHARE: f64 = 0.25;
@@ -31,6 +35,7 @@ impl Driver {
             }
             cost *= STEP;
         }
+        self.vanish_within_bound(target);
         let mut queue = BucketQueue::new(5);
         while self.state.surface.n_alive > target {
             let before = self.state.surface.n_alive;
@@ -44,6 +49,21 @@ impl Driver {
             }
             self.tidy();
         }
+        self.vanish_within_bound(target);
         self.state.surface.n_alive <= target
+    }
+
+    /// Removes small components that others stand in for.
+    fn vanish_within_bound(&mut self, target: u64) {
+        let may_vanish = self.topology == Topology::Error && self.history.is_none();
+        if let Some(tracker) = self.bound.as_mut().filter(|_| may_vanish) {
+            let surface = &mut self.state.surface;
+            let root = components(surface);
+            let until = (target, &self.interrupt);
+            let vanished = tracker.vanish(surface, root, until, topology::vanish);
+            self.changes.specks += vanished.components;
+            self.changes.removed_error += vanished.error;
+            validate(&self.state);
+        }
     }
 }

@@ -133,12 +133,13 @@ impl Run<'_> {
     /// The outcomes of the rounds before this phase, as one process would have recorded them.
     pub(super) fn rounds(&self) -> Result<BTreeMap<String, serde_json::Value>> {
         let mut rounds = BTreeMap::new();
-        for (phase, batches) in &self.earlier {
-            let Some((Kind::Batch, round)) = Kind::find(phase) else { continue };
+        for round in 0..self.earlier.len() as u32 {
+            let phase = Kind::Batch.of_round(round);
+            let batches = self.earlier.get(&phase).map_or(&[][..], Vec::as_slice);
             if filled(batches).next().is_none() {
                 continue;
             }
-            let left = SurvivorInfo::joined(self.outcomes::<SurvivorInfo>(phase, BATCH)?);
+            let left = SurvivorInfo::joined(self.outcomes::<SurvivorInfo>(&phase, BATCH)?);
             let name = if round == 0 { "simplify" } else { "round" };
             let report = stage_report(name, batches, left.triangles);
             let value = serde_json::to_value((left, report)).expect("plain data");
