@@ -47,12 +47,18 @@ pub fn simplify_batch(
     options.keeps_relief &= matches!(levels, Levels::Threshold(_));
     let name = run.job.name(&format!("round-{}.survivors", goal.round));
     let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
+    let threads = threads(store, goal, run, cells.clone());
     in_order(
         cells.len() as u64,
-        threads(store, goal, run, cells.clone()),
+        threads,
         run.progress,
         |index, left: &mut Survivors| {
-            let number = CellId::at(cells.start + index as usize);
+            let place = cells.start + index as usize;
+            // On its way from the disk while this one is at work.
+            if cells.contains(&(place + threads)) {
+                store.expect(CellId::at(place + threads));
+            }
+            let number = CellId::at(place);
             let cell = store.load_tidy(number)?;
             *left = match levels.stop(number) {
                 None => Survivors::all_of(cell, store.layout()),
