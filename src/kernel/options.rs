@@ -139,7 +139,8 @@ pub(crate) struct FitGoal {
 
 /// A bound on the distance between the result and the original, both ways.
 ///
-/// Components, holes and handles stay as they are then, and nothing is fitted.
+/// Topology changes within it only: small components vanish where others stand in for them, handles are cut where the caps
+/// are near the original, holes of three edges close. Nothing is fitted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bound {
     /// In input units.

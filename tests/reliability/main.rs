@@ -8,4 +8,5 @@ mod cluster;
 mod crash;
 mod full_disk;
 mod memory_promise;
+mod recipes;
 mod resume_damage;

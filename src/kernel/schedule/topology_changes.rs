@@ -19,7 +19,7 @@ const LARGE_SHARE: f64 = 1.0 / 256.0;
 impl Driver {
     /// Returns whether components on which collapses are stuck may be freed from now on.
     ///
-    /// Steps that are recorded are of few triangles each, and nothing vanishes within a bound.
+    /// Steps that are recorded are of few triangles each, and within a bound components vanish after the collapses.
     fn may_free_stuck(&self) -> bool {
         let is_free = self.topology == Topology::Error && self.bound.is_none();
         is_free && self.history.is_none() && !self.frees_stuck

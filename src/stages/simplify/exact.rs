@@ -3,13 +3,13 @@
 use super::fitted;
 use super::ladder::Thresholds;
 use super::pilot::sealed_thresholds;
-use super::powers::exp2;
 use super::run_cells::{Goal, drain, kernel_run, run_all, run_cells};
 use crate::error::Result;
 use crate::kernel::{Options, Stop};
 use crate::store::cell_id::CellId;
 use crate::store::cells::{CellStore, SurvivorInfo, Survivors};
 use crate::store::stage_context::StageContext;
+use libm::exp2;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 

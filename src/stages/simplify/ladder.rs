@@ -5,12 +5,13 @@
 //!
 //! docs/algorithm.md, section 11.
 
-use super::powers::{exp2, log2};
 use crate::error::Result;
 use crate::kernel::Stepwise;
 use crate::mesh::Mesh;
+// Those of a C library may differ in the last bit from machine to machine; each unit finds the thresholds by itself.
 use crate::mesh::vec3::{length_sq, normal};
 use crate::store::cell_id::CellId;
+use libm::{exp2, log2};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 

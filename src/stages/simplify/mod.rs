@@ -11,7 +11,6 @@ mod exact;
 mod ladder;
 mod memory;
 mod pilot;
-mod powers;
 mod run_cells;
 
 pub use batch::{Levels, batches, simplify_batch};
