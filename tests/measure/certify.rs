@@ -219,6 +219,39 @@ fn sheet(n: u32, size: f64, z: f64, is_turned: bool) -> Mesh {
     Mesh::new(positions, triangles)
 }
 
+/// A sheet whose vertices were moved, with holes, folds, steep places, or triangles that come twice.
+fn torn(random: &mut Random, n: u32) -> Mesh {
+    let mut mesh = sheet(n, 1.0, 0.0, random.below(2) == 0);
+    let aside = [0.0, 0.1, 1.5][random.below(3) as usize] / f64::from(n);
+    let up = [0.02, 0.3][random.below(2) as usize];
+    for p in &mut mesh.positions {
+        let by = [aside, aside, up].map(|most| most * (random.number() - 0.5));
+        *p = [p[0] + by[0], p[1] + by[1], p[2] + by[2]];
+    }
+    let gone = [0, 0, 20][random.below(3) as usize];
+    mesh.triangles.retain(|_| random.below(100) >= gone);
+    if random.below(8) == 0 {
+        mesh.triangles.extend_from_within(..mesh.triangles.len() / 2);
+    }
+    mesh
+}
+
+#[test]
+fn surfaces_that_hang_together_agree_with_brute_force() {
+    let mut random = Random(18);
+    for i in 0..1_000 {
+        let (n, m) = (1 + random.below(2), 2 + random.below(4));
+        let [a, b] = [n, m].map(|n| torn(&mut random, n as u32));
+        if a.triangles.is_empty() || b.triangles.is_empty() {
+            continue;
+        }
+        let [lower, upper] = brute_force([&a, &b], 300);
+        let found = certify(&a, &b, 0.01);
+        let what = format!("pair {i}: {lower} to {upper}, {found:?} {a:?} {b:?}");
+        assert!(found.certified && found.lower <= upper && found.upper >= lower - 1e-12, "{what}");
+    }
+}
+
 fn sphere(n: u32, radius: f64) -> Mesh {
     let mut positions = Vec::new();
     for j in 0..=n {

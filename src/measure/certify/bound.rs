@@ -11,7 +11,7 @@ use crate::mesh::bounds::Bounds;
 use crate::mesh::vec3::{cross, dot, length_sq, sub};
 
 /// Rounding of a bound in the sum of the coordinates it is computed from: 16 units of rounding, 8 are needed.
-const ROUNDING: f64 = 16.0 * UNIT_ROUNDING;
+pub(super) const ROUNDING: f64 = 16.0 * UNIT_ROUNDING;
 
 /// A triangle is a sliver if the squared sine at its first corner is below this.
 const SLIVER_SQ: f64 = 1e-5;
@@ -20,7 +20,7 @@ const SLIVER_SQ: f64 = 1e-5;
 const UNIT_ROUNDING: f64 = f64::EPSILON / 2.0;
 
 /// Bound on what underflow adds to a distance: the root of a few of the least numbers, with room to spare.
-const UNDERFLOW: f64 = 1e-159;
+pub(super) const UNDERFLOW: f64 = 1e-159;
 
 /// Squared lengths below this have lost digits to underflow.
 const LEAST_SQ: f64 = 1e-280;

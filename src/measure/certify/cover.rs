@@ -6,6 +6,7 @@
 
 use super::bound::upper;
 use super::piece::{Cut, Limits, Piece};
+use super::sheet::{Neighbours, Sheets};
 use crate::error::Result;
 use crate::measure::certificate::{Beyond, MOST_BEYOND};
 use crate::measure::tree::Tree;
@@ -27,6 +28,12 @@ const STOP_STEPS: u64 = 256;
 
 /// Distance of the middle of a piece below which halving it gains something, in the distance to be proven.
 const COVERABLE: f64 = 0.9;
+
+/// Target triangles over a piece below which halves of it are not tried with sheets.
+const FEW: usize = 6;
+
+/// Most halvings of a source triangle for sheets.
+const MOST_HALVED: u32 = 16;
 
 /// Question that is put.
 #[derive(Clone, Copy, Debug)]
@@ -180,7 +187,11 @@ pub(super) struct Cover<'a> {
     per_cut: f64,
     progress: &'a Progress,
     hint: u32,
+    /// Proofs by sheets, where it is known which target triangles hang together.
+    sheets: Option<Sheets<'a>>,
     stack: Vec<Open>,
+    /// The farthest place of the present source triangle beyond what is listed.
+    worst: Option<Beyond>,
     pub found: Found,
     /// Pieces that this tree does not prove.
     pub left: Vec<Piece>,
@@ -201,10 +212,17 @@ impl<'a> Cover<'a> {
             per_cut,
             progress,
             hint: u32::MAX,
+            sheets: None,
             stack: Vec::new(),
+            worst: None,
             found: Found::default(),
             left: Vec::new(),
         }
+    }
+
+    /// The same where it is known which triangles of the tree hang together.
+    pub fn with_sheets(self, neighbours: &'a Neighbours) -> Self {
+        Cover { sheets: Some(Sheets::new(self.tree, neighbours)), ..self }
     }
 
     /// Proves one piece, or leaves parts of it.
@@ -222,9 +240,47 @@ impl<'a> Cover<'a> {
             }
             Err(nearest) => {
                 self.found.is_apart = true;
-                self.search(piece, nearest)
+                self.worst = None;
+                self.by_sheets(piece, nearest)?;
+                let worst = self.worst.take();
+                self.found.beyond.extend(worst.filter(|_| self.found.beyond.len() <= MOST_BEYOND));
+                Ok(())
             }
         }
+    }
+
+    /// Proves a source triangle, or halves of it, by sheets; searches where that fails.
+    fn by_sheets(&mut self, whole: Piece, nearest: Option<u32>) -> Result<()> {
+        let size = whole.longest_sq().0.sqrt();
+        if self.sheets.is_none() {
+            return self.search(whole, nearest, size);
+        }
+        let mut waiting = vec![(whole, nearest, self.hint)];
+        while let Some((piece, nearest, near)) = waiting.pop() {
+            let limit = self.limits(self.goal.bound).at(piece.depth);
+            let tried = self.sheets.as_mut().map(|sheets| sheets.prove(&piece, near, limit));
+            match tried {
+                Some(Ok(())) => {
+                    self.found.n_steps += 1;
+                    self.found.upper = self.found.upper.max(self.goal.bound);
+                }
+                Some(Err(n)) if n > FEW && piece.depth < whole.depth + MOST_HALVED => {
+                    for half in piece.halves() {
+                        self.found.n_steps += 1;
+                        if let Err(nearest) = self.at_once(&half) {
+                            waiting.push((half, nearest, self.hint));
+                        }
+                    }
+                }
+                _ => {
+                    self.search(piece, nearest, size)?;
+                    if self.found.is_over(&self.goal) {
+                        return Ok(());
+                    }
+                }
+            }
+        }
+        Ok(())
     }
 
     /// The bound that one triangle proves for the whole piece, if that is near enough. Otherwise the triangle that is nearest
@@ -256,10 +312,9 @@ impl<'a> Cover<'a> {
         Limits { bound, per_cut: self.per_cut }
     }
 
-    fn search(&mut self, whole: Piece, mut nearest: Option<u32>) -> Result<()> {
+    fn search(&mut self, whole: Piece, mut nearest: Option<u32>, size: f64) -> Result<()> {
         let mut bound = self.goal.bound;
         let mut steps = 0;
-        let mut worst: Option<Beyond> = None;
         self.stack.clear();
         self.stack.push(Open { piece: whole, slots: [self.hint; KEPT] });
         while let Some(Open { piece, slots }) = self.stack.pop() {
@@ -284,11 +339,10 @@ impl<'a> Cover<'a> {
                 if self.found.is_over(&self.goal) {
                     return Ok(());
                 }
-                let most = worst.map_or(self.goal.listed_above, |worst| worst.distance);
+                let most = self.worst.map_or(self.goal.listed_above, |worst| worst.distance);
                 if distance > most {
-                    let size = whole.longest_sq().0.sqrt();
                     let other = Piece::whole(*self.tree.corners(near)).longest_sq().0.sqrt();
-                    worst = Some(Beyond { point: middle, distance, size: size.max(other) });
+                    self.worst = Some(Beyond { point: middle, distance, size: size.max(other) });
                 }
             }
             if steps > MOST_STEPS {
@@ -322,7 +376,6 @@ impl<'a> Cover<'a> {
         }
         self.found.n_steps += steps;
         self.found.upper = self.found.upper.max(bound);
-        self.found.beyond.extend(worst.filter(|_| self.found.beyond.len() <= MOST_BEYOND));
         Ok(())
     }
 }

@@ -10,6 +10,7 @@ mod exact;
 mod nearby;
 mod passes;
 mod piece;
+mod sheet;
 mod witness;
 
 use super::certificate::{Certificate, Certify, LEAST_TOLERANCE, MOST_BEYOND, On, Verdict};

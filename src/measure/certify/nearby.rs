@@ -6,14 +6,17 @@
 
 use super::cover::{Cover, Final, Found, Goal};
 use super::piece::Piece;
+use super::sheet::Neighbours;
 use crate::error::Result;
 use crate::measure::Surface;
 use crate::measure::parts::{Means, Parts, Survey};
 use crate::measure::sample::order_along_curve;
 use crate::measure::tree::{Nearest, Tree};
 use crate::measure::triangle::{Vector, point_at};
+use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::vec3::{length_sq, sub};
+use std::collections::HashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Triangles are gathered from so far, in the distance to be proven: it may grow a little on the way.
@@ -22,9 +25,13 @@ const REACH: f64 = 1.05;
 /// Pieces that are held against the boxes of the cells together.
 const RUN: usize = 64;
 
-/// Bytes of a gathered triangle: in the list of its cell, in that of all, in the tree.
+/// Bytes of a gathered triangle where vertices are told apart, beside the list of all.
+const WELDING_BYTES: u64 = 160;
+
+/// Bytes of a gathered triangle: in the list of its cell, in that of all, in the tree; or while vertices are told apart.
 fn gathered_bytes() -> u64 {
-    2 * size_of::<[Vector; 3]>() as u64 + Tree::bytes(1000) / 1000 + 1
+    let list = size_of::<[Vector; 3]>() as u64;
+    2 * list + WELDING_BYTES.max(Tree::bytes(1000) / 1000 + 1)
 }
 
 /// Input of a proof besides the pieces.
@@ -77,8 +84,10 @@ impl Nearby<'_> {
     ) -> Result<()> {
         let progress = self.means.progress;
         let tree = Tree::build_until(triangles.len(), |i| triangles[i], progress)?;
+        let neighbours = Neighbours::new(&tree, &welded(triangles));
         let is_final = Final::Within(self.reach());
-        let mut cover = Cover::new(&tree, is_final, *self.goal, self.per_cut, progress);
+        let mut cover = Cover::new(&tree, is_final, *self.goal, self.per_cut, progress)
+            .with_sheets(&neighbours);
         for piece in pieces {
             cover.cover(*piece)?;
             if cover.found.is_over(self.goal) {
@@ -149,4 +158,20 @@ impl Nearby<'_> {
         all.into_iter().for_each(|(_, mut near)| triangles.append(&mut near));
         Ok(Some(triangles))
     }
+}
+
+/// Triangles as a mesh, in which corners at the same place are one vertex.
+fn welded(triangles: &[[Vector; 3]]) -> Mesh {
+    let mut numbers: HashMap<[u64; 3], u32> = HashMap::new();
+    let mut mesh = Mesh::default();
+    for corners in triangles {
+        mesh.triangles.push(corners.map(|corner| {
+            // Adding 0 makes both zeros one.
+            *numbers.entry(corner.map(|x| (x + 0.0).to_bits())).or_insert_with(|| {
+                mesh.positions.push(corner);
+                mesh.positions.len() as u32 - 1
+            })
+        }));
+    }
+    mesh
 }

@@ -8,6 +8,7 @@ use super::cover::{Cover, Final, Found, Goal};
 use super::exact;
 use super::nearby::Nearby;
 use super::piece::Piece;
+use super::sheet::Neighbours;
 use crate::error::Result;
 use crate::measure::Surface;
 use crate::measure::parts::{Means, Parts, Place, Survey};
@@ -68,9 +69,11 @@ impl Way<'_> {
         let target = if let Place::Memory(mesh) = self.target.place { mesh } else { &none };
         let corners_of = |i| target.corners(i);
         let tree = Tree::build_until(target.triangles.len(), corners_of, means.progress)?;
+        let neighbours = Neighbours::new(&tree, target);
         let prove = |mesh: &Mesh, triangles: std::ops::Range<usize>| {
             let mut cover =
-                Cover::new(&tree, Final::Always, self.goal, self.per_cut(), means.progress);
+                Cover::new(&tree, Final::Always, self.goal, self.per_cut(), means.progress)
+                    .with_sheets(&neighbours);
             for i in triangles {
                 cover.cover(Piece::whole(mesh.corners(i)))?;
                 if cover.found.is_over(&self.goal) {
@@ -237,8 +240,10 @@ impl Way<'_> {
         let work = |part: usize, surface: Surface| {
             let corners_of = |i| surface.mesh.corners(i);
             let tree = Tree::build_until(surface.mesh.triangles.len(), corners_of, means.progress)?;
+            let neighbours = Neighbours::new(&tree, surface.mesh);
             let others = Final::Outside(others(part, &lists[part], boxes));
-            let mut cover = Cover::new(&tree, others, self.goal, self.per_cut(), means.progress);
+            let mut cover = Cover::new(&tree, others, self.goal, self.per_cut(), means.progress)
+                .with_sheets(&neighbours);
             for piece in &lists[part] {
                 cover.cover(*piece)?;
                 if cover.found.is_over(&self.goal) {
