@@ -89,7 +89,7 @@ const HOMES: [(&str, &[&str]); 23] = [
     ("noto_sans_mono_bitmap", &["render/picture.rs"]),
     ("png", &["bake/pages.rs", "render/picture.rs"]),
     ("rayon", &["system/parallel.rs"]),
-    ("robust", &["mesh/meeting.rs"]),
+    ("robust", &["measure/certify/sheet.rs", "mesh/meeting.rs"]),
     ("rustix", &["cli/mod.rs", "error.rs", "pipeline/plan/", "store/job/lock.rs", "system/"]),
     ("signal_hook", &["cli/"]),
     ("thiserror", &["error.rs"]),

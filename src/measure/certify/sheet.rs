@@ -25,7 +25,7 @@ const MOST: usize = 1 << 14;
 /// Shares beyond this have lost too many digits.
 const FAR: f64 = 1e5;
 
-/// What rounding may take of the limit where heights are cut off.
+/// Share of the limit that rounding may take where heights are cut off.
 const IN_HAND: f64 = 1e-9;
 
 /// The point that is counted, in shares of the second and third corner: where edges hardly ever are.
