@@ -7,6 +7,7 @@ TREE is made of INPUT.ply by `stonecut tiles INPUT.ply TREE --compress none`; ne
 Two distances belong to a tile above the finest level:
   there   from the surface of the tile to the whole input;
   back    from the triangles of the finest tiles below it to all tiles of its level.
+All tiles of a group state one error, that of the group, so it is held against the largest distance of the group, too.
 `measure --certify` proves the distance of two meshes both ways. A mesh against itself with a piece added is the distance of that
 piece alone, so each of the two is one run, with the mesh cut to what lies within the stated error of the piece.
 """
@@ -163,11 +164,13 @@ def main():
 
     with ThreadPoolExecutor(args.jobs) as pool:
         found = list(pool.map(look, coarse))
-    rows = []
+    rows, groups = [], {}
     for tile, (there, back) in zip(coarse, found):
         ends = [max(pair) for pair in zip(there, back or [0.0, 0.0])]
         ratios = [tile["stated"] / max(x, 1e-300) for x in (there[1], back[1] if back else 0.0, ends[1], ends[0])]
         rows.append((tile["level"], ratios, back is not None))
+        group = groups.setdefault((tile["level"], tile["group"]), [tile["stated"], 0.0])
+        group[1] = max(group[1], ends[1])
         if args.list:
             print(tile["path"], tile["level"], tile["group"], "%.6g" % tile["stated"], there, back)
     print("stated / certified    tiles   min  median   max")
@@ -177,7 +180,9 @@ def main():
         if any(row[2] for row in own):
             print(line("level %d, back" % level, [row[1][1] for row in own if row[2]]))
         print(line("level %d, both" % level, [row[1][2] for row in own]))
+        print(line("level %d, groups" % level, [stated / most for key, (stated, most) in groups.items() if key[0] == level]))
     print(line("all, both", [row[1][2] for row in rows]))
+    print(line("all, groups", [stated / most for stated, most in groups.values()]))
     print("stated below the lower end of what is certified:", sum(row[1][3] < 1.0 for row in rows))
 
 

@@ -1,6 +1,7 @@
 //! Lists of triangles around vertices, of a mesh and its version.
 
 use crate::mesh::Mesh;
+use std::ops::Range;
 
 /// A mesh and its version, on the way from one to the other.
 pub(super) struct Forward<'a> {
@@ -51,8 +52,19 @@ impl Around {
     /// The triangles of a vertex.
     #[inline]
     pub(super) fn of(&self, vertex: u32) -> &[u32] {
+        &self.triangles[self.range(vertex)]
+    }
+
+    /// The place of a vertex's list among all entries.
+    #[inline]
+    pub(super) fn range(&self, vertex: u32) -> Range<usize> {
         let v = vertex as usize;
-        &self.triangles[self.first[v] as usize..self.first[v + 1] as usize]
+        self.first[v] as usize..self.first[v + 1] as usize
+    }
+
+    /// All entries.
+    pub(super) fn len(&self) -> usize {
+        self.triangles.len()
     }
 }
 

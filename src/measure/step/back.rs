@@ -7,35 +7,45 @@ use super::around::{Around, Forward, NONE};
 use super::below::Below;
 use super::exact::Exact;
 use super::largest::Largest;
+use super::patches::Patches;
+use super::within::{Found, Within};
 
 /// Bounds the distances of all triangles of the version from the mesh.
 ///
-/// `near`: for each vertex of the version the triangles of the mesh with a corner that went into it; `hints`: the vertices
-/// that the vertices of the mesh went into. Memory: 20 bytes for each triangle of the mesh.
-pub(super) fn triangles(forward: &Forward, near: &Around, hints: &[u32], largest: &mut Largest) {
+/// `hints`: the vertices that the vertices of the mesh went into. Memory: 20 bytes for each triangle of the mesh.
+pub(super) fn triangles(
+    forward: &Forward,
+    patches: &Patches,
+    hints: &[u32],
+    largest: &mut Largest,
+) {
     let Forward { fine, coarse, around } = *forward;
-    let limit = largest.bound_sq.max(largest.rounding_sq).sqrt();
-    let mut below = Below::new(fine, limit);
-    let is_open = |&t: &u32| {
-        let (own, corners) = (coarse.triangles[t as usize], coarse.corners(t as usize));
-        if below.covers(&corners, own.iter().map(|&v| near.of(v))) {
-            return false;
-        }
-        // What went into the vertices next to its own may reach over it.
-        let next = own.iter().flat_map(|&v| around.of(v));
-        let wider = next.flat_map(|&t| coarse.triangles[t as usize]).map(|v| near.of(v));
-        !below.covers(&corners, wider)
-    };
-    let open: Vec<u32> = (0..coarse.triangles.len() as u32).filter(is_open).collect();
-    if open.is_empty() {
-        return;
-    }
+    let limit_sq = largest.bound_sq.max(largest.rounding_sq);
+    let limit = limit_sq.sqrt();
     let mut back = vec![NONE; coarse.positions.len()];
     for (v, &hint) in (0u32..).zip(hints).filter(|(_, hint)| **hint != NONE) {
         back[hint as usize] = v;
     }
-    let around = Around::vertices(fine);
-    let reverse = Forward { fine: coarse, coarse: fine, around: &around };
+    let fine_around = Around::vertices(fine);
+    let reverse = Forward { fine: coarse, coarse: fine, around: &fine_around };
+    let mut within = Within::new(fine, patches, hints, limit);
+    let mut below = Below::new(fine, limit);
+    let is_open = |&t: &u32| {
+        if reverse.is_beside(&reverse.with_hints(t as usize, &back), limit_sq) {
+            return false;
+        }
+        let (own, corners) = (coarse.triangles[t as usize], coarse.corners(t as usize));
+        match within.look(&corners, own) {
+            Found::Covered => return false,
+            Found::Open => return true,
+            Found::Perhaps => {}
+        }
+        // What went into the vertices next to its own may reach over it.
+        let next = own.iter().flat_map(|&v| around.of(v));
+        let wider = next.flat_map(|&t| coarse.triangles[t as usize]).map(|v| patches.triangles(v));
+        !below.covers(&corners, wider)
+    };
+    let open: Vec<u32> = (0..coarse.triangles.len() as u32).filter(is_open).collect();
     let mut exact = Exact::new(fine);
     for t in open {
         reverse.look(reverse.with_hints(t as usize, &back), largest, &mut exact);

@@ -1,5 +1,8 @@
 //! Tells if the mesh covers a triangle of its version: seen along the triangle's normal, without gaps, within a distance.
 //!
+//! A rim of the triangle may stay uncovered: made smaller around its middle by the factor 1 - f, it lies nowhere farther from what it was
+//! than f times the distance of its corners from its middle, and all shares of the smaller one are f / 3 at least.
+//!
 //! Taken together, triangles that are not farther than allowed over the triangle cover each of its points as often as any other
 //! one, counted with their sides, if no edge of their common border lies over it (the degree of a map is constant off the image of
 //! the border). So one point that is covered shows that all are.
@@ -9,16 +12,27 @@ use crate::mesh::Mesh;
 use crate::mesh::vec3::{cross, dot, length_sq, scale, sub};
 
 /// The point that is tried, in shares of the corners: where edges hardly ever meet.
-const POINT: [f64; 2] = [0.345_771_3, 0.318_930_7];
+pub(super) const POINT: [f64; 2] = [0.345_771_3, 0.318_930_7];
 
 /// Place of a point over the triangle: shares of the corners, and height along the normal.
 #[derive(Clone, Copy)]
-struct Over {
-    shares: [f64; 3],
-    height: f64,
+pub(super) struct Over {
+    pub(super) shares: [f64; 3],
+    pub(super) height: f64,
     /// A bit for each side of the triangle that it does not lie within, for each side of the point that is tried, and `HIGH`.
-    out: u8,
+    pub(super) out: u8,
 }
+
+/// Heights over a triangle may be up to this share of the limit, and what is not covered may be up to the other aside of what is:
+/// the two are at right angles, so together they are within the limit.
+const HIGH_SHARE: f64 = 0.8;
+const ASIDE_SHARE: f64 = 0.6;
+
+/// Shares up to this are 0 in any case: some are not known better.
+const RIM: f64 = 1.0 / (1u64 << 46) as f64;
+
+/// Shares from this on are never outside; the point that is tried has more.
+const WIDEST_RIM: f64 = 0.25;
 
 /// A bit for each side of the triangle.
 const SIDES: u8 = 7;
@@ -30,11 +44,56 @@ const HIGH: u8 = 8;
 const ASIDE: u8 = 0xf0;
 
 /// The triangle that is held against the mesh: its first corner, what gives shares of the other two, and its normal.
-struct Frame {
-    origin: Vector,
-    to_b: Vector,
-    to_c: Vector,
-    up: Vector,
+pub(super) struct Frame {
+    pub(super) origin: Vector,
+    pub(super) to_b: Vector,
+    pub(super) to_c: Vector,
+    pub(super) up: Vector,
+    /// Shares up to this are outside.
+    pub(super) rim: f64,
+    /// Heights beyond this are too far.
+    pub(super) limit: f64,
+}
+
+#[inline(always)]
+fn bit(is_set: bool, bit: u8) -> u8 {
+    if is_set { bit } else { 0 }
+}
+
+impl Frame {
+    /// For what is within `limit` of the triangle; none without an area.
+    pub(super) fn new(t: &[Vector; 3], limit: f64) -> Option<Frame> {
+        let (a, b) = (sub(t[1], t[0]), sub(t[2], t[0]));
+        let normal = cross(a, b);
+        let area_sq = length_sq(normal);
+        let middle = [0, 1, 2].map(|k| (t[0][k] + t[1][k] + t[2][k]) / 3.0);
+        let radius_sq = t.iter().map(|p| length_sq(sub(*p, middle))).fold(0.0, f64::max);
+        let rim = ASIDE_SHARE * limit / radius_sq.sqrt() / 3.0;
+        (area_sq > 0.0).then(|| Frame {
+            origin: t[0],
+            to_b: scale(cross(b, normal), 1.0 / area_sq),
+            to_c: scale(cross(normal, a), 1.0 / area_sq),
+            up: scale(normal, 1.0 / area_sq.sqrt()),
+            rim: rim.clamp(RIM, WIDEST_RIM),
+            limit: HIGH_SHARE * limit,
+        })
+    }
+
+    #[inline(always)]
+    fn place(&self, point: Vector) -> Over {
+        let p = sub(point, self.origin);
+        let (b, c, height) = (dot(p, self.to_b), dot(p, self.to_c), dot(p, self.up));
+        let shares = [1.0 - b - c, b, c];
+        let out = bit(shares[0] <= self.rim, 1)
+            | bit(shares[1] <= self.rim, 2)
+            | bit(shares[2] <= self.rim, 4)
+            | bit(height.abs() > self.limit, HIGH)
+            | bit(b < POINT[0], 0x10)
+            | bit(b > POINT[0], 0x20)
+            | bit(c < POINT[1], 0x40)
+            | bit(c > POINT[1], 0x80);
+        Over { shares, height, out }
+    }
 }
 
 /// Triangles of a mesh that may lie over a triangle.
@@ -71,18 +130,7 @@ impl Below<'_> {
         t: &[Vector; 3],
         lists: impl Iterator<Item = &'b [u32]>,
     ) -> bool {
-        let (a, b) = (sub(t[1], t[0]), sub(t[2], t[0]));
-        let normal = cross(a, b);
-        let area_sq = length_sq(normal);
-        if area_sq.is_nan() || area_sq <= 0.0 {
-            return false;
-        }
-        let frame = Frame {
-            origin: t[0],
-            to_b: scale(cross(b, normal), 1.0 / area_sq),
-            to_c: scale(cross(normal, a), 1.0 / area_sq),
-            up: scale(normal, 1.0 / area_sq.sqrt()),
-        };
+        let Some(frame) = Frame::new(t, self.limit) else { return false };
         self.query += 1;
         self.places.clear();
         self.border.clear();
@@ -102,7 +150,7 @@ impl Below<'_> {
                     continue;
                 }
                 let is_high = (p.out | q.out | r.out) & HIGH != 0;
-                if is_high && !is_near([*p, *q, *r], self.limit) {
+                if is_high && !is_near([*p, *q, *r], &frame) {
                     continue;
                 }
                 if out & ASIDE == 0 {
@@ -122,7 +170,7 @@ impl Below<'_> {
         }
         let crosses = |ends: [u32; 2]| {
             let [p, q] = ends.map(|place| &self.places[place as usize]);
-            crosses(p, q)
+            crosses([p, q], frame.rim)
         };
         times != 0 && !self.border.iter().any(|(_, ends)| crosses(*ends))
     }
@@ -136,19 +184,7 @@ impl Below<'_> {
         }
         let number = self.places.len() as u32;
         *last = [self.query, number];
-        let p = sub(self.mesh.positions[vertex as usize], frame.origin);
-        let (b, c, height) = (dot(p, frame.to_b), dot(p, frame.to_c), dot(p, frame.up));
-        let shares = [1.0 - b - c, b, c];
-        let bit = |is_out: bool, bit: u8| if is_out { bit } else { 0 };
-        let out = bit(shares[0] <= 0.0, 1)
-            | bit(shares[1] <= 0.0, 2)
-            | bit(shares[2] <= 0.0, 4)
-            | bit(height.abs() > self.limit, HIGH)
-            | bit(b < POINT[0], 0x10)
-            | bit(b > POINT[0], 0x20)
-            | bit(c < POINT[1], 0x40)
-            | bit(c > POINT[1], 0x80);
-        self.places.push(Over { shares, height, out });
+        self.places.push(frame.place(self.mesh.positions[vertex as usize]));
         number
     }
 
@@ -166,7 +202,7 @@ impl Below<'_> {
 }
 
 /// True if what of a triangle lies over the one in question is within the limit.
-fn is_near(corners: [Over; 3], limit: f64) -> bool {
+pub(super) fn is_near(corners: [Over; 3], frame: &Frame) -> bool {
     // What is left of it after each side.
     let (mut part, mut n) = ([corners[0]; 8], 3);
     part[..3].copy_from_slice(&corners);
@@ -175,7 +211,7 @@ fn is_near(corners: [Over; 3], limit: f64) -> bool {
         n = 0;
         for i in 0..n_old {
             let (p, q) = (old[i], old[(i + 1) % n_old]);
-            let (a, b) = (p.shares[side], q.shares[side]);
+            let (a, b) = (p.shares[side] - frame.rim, q.shares[side] - frame.rim);
             if a >= 0.0 {
                 part[n] = p;
                 n += 1;
@@ -186,7 +222,7 @@ fn is_near(corners: [Over; 3], limit: f64) -> bool {
             }
         }
     }
-    part[..n].iter().all(|p| p.height.abs() <= limit)
+    part[..n].iter().all(|p| p.height.abs() <= frame.limit)
 }
 
 fn between(p: &Over, q: &Over, share: f64) -> Over {
@@ -214,11 +250,12 @@ fn turns(corners: [&Over; 3]) -> Option<i32> {
     Some(i32::from(left == 3) - i32::from(right == 3))
 }
 
-/// True if a part of an edge lies over the triangle.
-fn crosses(p: &Over, q: &Over) -> bool {
+/// True if a part of an edge lies over the triangle, but for its rim.
+#[inline]
+pub(super) fn crosses([p, q]: [&Over; 2], rim: f64) -> bool {
     let (mut from, mut to) = (0.0f64, 1.0f64);
     for k in 0..3 {
-        let (a, b) = (p.shares[k], q.shares[k]);
+        let (a, b) = (p.shares[k] - rim, q.shares[k] - rim);
         if a < 0.0 {
             from = from.max(a / (a - b));
         } else if b < 0.0 {

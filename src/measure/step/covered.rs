@@ -3,7 +3,8 @@
 //! A triangle over none of its stars is quartered once, and its quarters are tried over the same stars. What is found for a
 //! corner over a star serves all triangles around it.
 
-use super::around::{Around, Forward, NONE};
+use super::around::{Forward, NONE};
+use super::patches::Patches;
 use super::star::{Place, Star};
 use crate::measure::triangle::Vector;
 
@@ -28,13 +29,6 @@ pub(super) struct Quartered {
     pub(super) most: f64,
 }
 
-/// Vertices of the mesh over the star in hand.
-struct Seen {
-    /// For each vertex of the mesh the last star that it was seen over, and its number in `places`.
-    last: Vec<[u32; 2]>,
-    places: Vec<Place>,
-}
-
 /// Corners of a triangle and the middles of its sides.
 pub(super) fn with_middles([a, b, c]: [Vector; 3]) -> [Vector; 6] {
     let middle = |p: Vector, q: Vector| [0, 1, 2].map(|k| 0.5 * (p[k] + q[k]));
@@ -42,37 +36,47 @@ pub(super) fn with_middles([a, b, c]: [Vector; 3]) -> [Vector; 6] {
 }
 
 impl Covered {
-    /// Looks at every triangle over the stars of the vertices that its corners went into; `near` are the triangles of the
-    /// mesh by these, `hints` these by the vertices of the mesh.
-    pub(super) fn find(forward: &Forward, near: &Around, hints: &[u32]) -> Covered {
+    /// Looks at every triangle over the stars of the vertices that its corners went into; `hints` are these by the vertices
+    /// of the mesh.
+    pub(super) fn find(forward: &Forward, patches: &Patches, hints: &[u32]) -> Covered {
         let fine = forward.fine;
         let mut covered =
             Covered { most: vec![f64::INFINITY; fine.triangles.len()], rest: Vec::new() };
-        covered.whole(forward, near);
+        covered.whole(forward, patches);
         covered.quarters(forward, hints);
         covered
     }
 
-    fn whole(&mut self, forward: &Forward, near: &Around) {
+    fn whole(&mut self, forward: &Forward, patches: &Patches) {
         let Forward { fine, coarse, around } = *forward;
         let mut star = Star::new();
-        let mut seen = Seen { last: vec![[NONE, 0]; fine.positions.len()], places: Vec::new() };
+        let mut places: Vec<Option<Place>> = Vec::new();
         for v in 0..coarse.positions.len() as u32 {
-            let near = near.of(v);
-            if near.is_empty() || !star.set(coarse, v, around.of(v)) {
+            let (triangles, vertices) = (patches.triangles(v), patches.vertices(v));
+            let is_small = vertices.len() <= usize::from(u16::MAX);
+            if triangles.is_empty() || !is_small || !star.set(coarse, v, around.of(v)) {
                 continue;
             }
-            seen.places.clear();
-            for &t in near {
+            places.clear();
+            places.resize(vertices.len(), None);
+            let mut place = |k: u16| {
+                let k = usize::from(k);
+                *places[k].get_or_insert_with(|| star.place(fine.positions[vertices[k] as usize]))
+            };
+            for (&t, &[a, b, c]) in triangles.iter().zip(patches.corners(v)) {
                 let most = &mut self.most[t as usize];
                 if most.is_finite() {
                     continue;
                 }
-                let Some(corners) = seen.over(&star, v, forward, fine.triangles[t as usize]) else {
+                let a = place(a);
+                if a.is_outside() {
                     continue;
-                };
-                let corners = corners.map(|k| &seen.places[k]);
-                if let Some(over) = star.over(corners) {
+                }
+                let (b, c) = (place(b), place(c));
+                if b.is_outside() || c.is_outside() {
+                    continue;
+                }
+                if let Some(over) = star.over([&a, &b, &c]) {
                     *most = over;
                 }
             }
@@ -127,24 +131,5 @@ impl Covered {
             !is_done
         });
         self.rest = rest;
-    }
-}
-
-impl Seen {
-    /// The places of a triangle's corners over a star; none if one is outside.
-    fn over(&mut self, star: &Star, v: u32, forward: &Forward, t: [u32; 3]) -> Option<[usize; 3]> {
-        let mut corners = [0; 3];
-        for (corner, w) in corners.iter_mut().zip(t) {
-            let last = &mut self.last[w as usize];
-            if last[0] != v {
-                *last = [v, self.places.len() as u32];
-                self.places.push(star.place(forward.fine.positions[w as usize]));
-            }
-            *corner = last[1] as usize;
-            if self.places[*corner].is_outside() {
-                return None;
-            }
-        }
-        Some(corners)
     }
 }

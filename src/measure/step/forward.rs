@@ -70,9 +70,23 @@ impl Forward<'_> {
         largest: &mut Largest,
         exact: &mut Exact,
     ) {
+        if self.is_beside(&corners, largest.bound_sq) {
+            return;
+        }
         let feet =
             corners.map(|(place, hint)| self.certain(self.descend(place, hint), largest, exact));
         self.cover(feet, 0, largest, exact);
+    }
+
+    /// True if a triangle is not farther than a squared distance from one of the vertices near its corners: it is farthest from
+    /// that at a corner.
+    pub(super) fn is_beside(&self, corners: &[(Vector, u32); 3], distance_sq: f64) -> bool {
+        corners.iter().any(|&(_, hint)| {
+            hint != NONE && {
+                let at = self.coarse.positions[hint as usize];
+                corners.iter().all(|&(corner, _)| length_sq(sub(corner, at)) <= distance_sq)
+            }
+        })
     }
 
     /// Looks for the foot of a point everywhere if it is so far that it would count.

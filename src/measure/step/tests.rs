@@ -79,3 +79,60 @@ fn what_the_mesh_does_not_cover_counts() {
         }
     }
 }
+
+#[test]
+fn borders_that_have_moved_and_holes_count() {
+    let fine = sheet(16, |_, _| 0.0);
+    let near = |a: &[f64; 3], mesh: &Mesh| {
+        let off = |b: &[f64; 3]| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2);
+        let all = (0u32..).zip(&mesh.positions);
+        all.min_by(|a, b| off(a.1).total_cmp(&off(b.1))).unwrap().0
+    };
+    let follow = |fine: &Mesh, coarse: &Mesh| -> Vec<u32> {
+        fine.positions.iter().map(|p| near(p, coarse)).collect()
+    };
+    // A larger and a smaller sheet: a corner is farthest off.
+    for (n, size) in [(1, 1.05), (4, 1.05), (8, 1.002), (4, 0.95)] {
+        let mut coarse = sheet(n, |_, _| 0.0);
+        coarse.positions.iter_mut().for_each(|p| *p = p.map(|x| x * size));
+        let far = 2f64.sqrt() * (size - 1.0).abs();
+        let bound = deviation(&fine, &coarse, &follow(&fine, &coarse), 1.25);
+        assert!(bound >= far && bound <= 1.27 * far + 0.5 / 1024.0, "{n} {size}: {bound} {far}");
+    }
+    // What is around a vertex is missing: its middle is 0.7 sides from the rest.
+    let middle = 8 * 17 + 8;
+    let mut open = fine;
+    open.triangles.retain(|t| !t.contains(&middle));
+    let far = 0.5f64.sqrt() / 16.0;
+    for n in [1, 4, 8] {
+        let coarse = sheet(n, |_, _| 0.0);
+        let bound = deviation(&open, &coarse, &follow(&open, &coarse), 1.25);
+        assert!(bound >= far && bound <= 1.27 * far + 0.5 / 1024.0, "{n}: {bound} {far}");
+    }
+}
+
+/// ```text
+///   3---2   Both triangles go into vertex 0 with all their corners, so their border is that of the patch; into vertices
+///   | / |   0 and 1 with a corner each, and two common ones, only what is loose there counts.
+///   0---1
+/// ```
+#[test]
+fn borders_of_patches() {
+    let mesh = Mesh::new(vec![[0.0; 3]; 4], vec![[0, 1, 2], [0, 2, 3]]);
+    let edges = |hints: [u32; 4], v: u32| {
+        let patches = Patches::new(&mesh, &hints, 4);
+        let border = patches.border(v).unwrap();
+        let named = |edges: &[[u16; 2]]| {
+            let name = |k: u16| patches.vertices(v)[usize::from(k)];
+            let mut named: Vec<[u32; 2]> = edges.iter().map(|edge| edge.map(name)).collect();
+            named.sort_unstable();
+            named
+        };
+        (named(border.rim), named(border.loose))
+    };
+    assert_eq!(edges([0; 4], 0), (vec![], vec![[0, 1], [1, 2], [2, 3], [3, 0]]));
+    assert_eq!(edges([0; 4], 1), (vec![], vec![]));
+    assert_eq!(edges([0, 1, 2, 2], 0), (vec![[1, 2], [2, 3]], vec![[0, 1], [3, 0]]));
+    assert_eq!(edges([0, 1, 2, 2], 1), (vec![[2, 0]], vec![[0, 1], [1, 2]]));
+    assert_eq!(edges([0, 1, 2, 2], 2), (vec![[0, 1]], vec![[1, 2], [2, 3], [3, 0]]));
+}

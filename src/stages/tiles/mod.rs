@@ -32,7 +32,7 @@ use xxhash_rust::xxh3::xxh3_64;
 const GROUPS_PER_FOLDER: usize = 15;
 
 /// Memory for the tiles of a group and for measuring it, in bytes for each of its triangles.
-pub const BYTES_PER_TRIANGLE: u64 = 60;
+pub const BYTES_PER_TRIANGLE: u64 = 70;
 
 /// A round of groups whose tiles are written.
 pub struct TileRound<'a> {
