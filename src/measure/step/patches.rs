@@ -11,7 +11,7 @@ pub(super) struct Patches {
     near: Around,
     /// The corners of the triangles, as numbers in their patch; beside `near`.
     corners: Vec<[u16; 3]>,
-    /// Where the vertices, the rim and the loose edges of each patch begin, and their end.
+    /// The places at which the vertices, the rim and the loose edges of each patch begin, and their end.
     first: Vec<[u32; 3]>,
     vertices: Vec<u32>,
     rim: Vec<[u16; 2]>,
