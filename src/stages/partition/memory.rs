@@ -4,7 +4,7 @@
 
 use super::cell_table::CellTable;
 use crate::io::ply::BLOCK_ROWS;
-use crate::store::cells::{Scatter, VertexLayout, n_samples};
+use crate::store::cells::{BEHIND_BYTES, Scatter, VertexLayout, n_samples};
 
 /// Share of the budget that one set of scatter buffers may take.
 const BUFFER_SHARE: u64 = 6;
@@ -18,6 +18,9 @@ const BLOCK_SHARE: u64 = 3;
 
 /// Blocks under way per thread (`parallel::in_order`).
 const BLOCKS_PER_THREAD: u64 = 2;
+
+/// Another thread writes the pack where its buffers are at most this part of the budget.
+const BEHIND_SHARE: u64 = 64;
 
 /// Bytes a sample takes: its position, and the same as integers.
 const SAMPLE_BYTES: u64 = 36;
@@ -43,6 +46,8 @@ pub struct Sizes<'a> {
 pub struct Shares {
     /// Threads that read blocks; no more than were given.
     pub threads: usize,
+    /// True if another thread writes the pack.
+    pub writes_behind: bool,
     /// Bytes of memory for the table of cells.
     pub table_bytes: u64,
     /// The most that a file takes for what exceeds them.
@@ -60,6 +65,7 @@ impl Shares {
     pub fn new(sizes: Sizes, threads: usize, budget_bytes: u64) -> Shares {
         let Sizes { n_vertices, n_cells, store_bytes, layout } = sizes;
         let buffer_bytes = budget_bytes / BUFFER_SHARE;
+        let writes_behind = writes_behind(threads, budget_bytes);
         let block = block_bytes(layout, n_cells) * BLOCKS_PER_THREAD;
         let threads = (budget_bytes / BLOCK_SHARE / block).clamp(1, threads.max(1) as u64);
         let buffers = Scatter::bytes(n_cells, buffer_bytes);
@@ -67,7 +73,8 @@ impl Shares {
         let per_vertex = CellTable::bytes_per_vertex(n_cells);
         // The second set of buffers comes when the table is gone.
         let least_table = buffers.max(BLOCK_ROWS.min(n_vertices) * per_vertex);
-        let others = threads * block + buffers + list;
+        let behind = if writes_behind { BEHIND_BYTES } else { 0 };
+        let others = threads * block + buffers + list + behind;
         let left = budget_bytes.saturating_sub(others + least_table);
         let halo_bytes =
             (budget_bytes / HALO_SHARE).min(left).clamp(*HALO_BYTES.start(), *HALO_BYTES.end());
@@ -81,6 +88,7 @@ impl Shares {
         let passes = others + least_table + HALO_BYTES.start();
         Shares {
             threads: threads as usize,
+            writes_behind,
             table_bytes,
             table_file_bytes,
             buffer_bytes,
@@ -88,6 +96,12 @@ impl Shares {
             least_bytes: passes.max(samples),
         }
     }
+}
+
+/// Tells if another thread writes a pack that rows are scattered to: with one thread alone, or in little memory, the one that
+/// scatters them does.
+fn writes_behind(threads: usize, budget_bytes: u64) -> bool {
+    threads > 1 && BEHIND_BYTES <= budget_bytes / BEHIND_SHARE
 }
 
 /// Bytes of a block under way: as read, decoded, in the order of its cells, and its cells packed.

@@ -127,7 +127,8 @@ fn cut(
     })?;
     run.progress.add(source.n_triangles() / 8);
     let shares = shares(tree.n_cells());
-    let (mut pack, place) = take_up(run, PACK_NAME, shares.table_bytes)?;
+    let (pack, place) = take_up(run, PACK_NAME, shares.table_bytes)?;
+    let mut pack = if shares.writes_behind { pack.behind() } else { pack };
     let tally = tally(pack.chunks(), &layout, tree.n_cells())?;
     let checkpoints = Checkpoints::new(run);
     let plain_bytes = source.n_vertices() * CellTable::bytes_per_vertex(tree.n_cells());

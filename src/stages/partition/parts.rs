@@ -141,7 +141,8 @@ pub fn scatter_part(source: &MeshSource, part: Part, run: &StageContext) -> Resu
     let (_, tree): (Bounds, CellMap) = found(run, TREE)?;
     let is_local: bool = found(run, LOCAL)?;
     let mut passes = passes(source, &tree, part, run);
-    let mut pack = PackWriter::create(run.disk(), &run.job.path(PACK_NAME))?;
+    let pack = PackWriter::create(run.disk(), &run.job.path(PACK_NAME))?;
+    let mut pack = if passes.shares.writes_behind { pack.behind() } else { pack };
     let n_vertices = source.n_vertices();
     let table_bytes = passes.shares.table_bytes;
     let pages = || CellTable::paged(n_vertices, Pages::new(source, &tree, table_bytes));

@@ -27,8 +27,12 @@ pub fn simplify_cells_exactly(
     let (thresholds, _) = sealed_thresholds(store, goal, options, run, false)?;
     let levels: ExactLevels =
         run.job.sealed(&format!("round {} exact levels", goal.round), || {
-            let cells = 0..store.n_cells();
-            let counts = trial((store, goal), options, &thresholds, run, cells)?;
+            let near = near_levels(&thresholds);
+            let counts = run_to(near, (store, goal), options, run, 0..store.n_cells())?;
+            if left_after(&counts) <= goal.triangles {
+                return Ok(ExactLevels::choose(&thresholds, &counts, store, goal));
+            }
+            let counts = trial((store, goal), options, &thresholds, run, 0..store.n_cells())?;
             Ok(ExactLevels::choose(&thresholds, &counts, store, goal))
         })?;
     let options = &Options { keeps_relief: false, ..fitted(options, store, goal) };
@@ -46,7 +50,17 @@ pub fn trial(
     run: &StageContext,
     cells: Range<usize>,
 ) -> Result<Vec<Vec<u64>>> {
-    let levels = close_levels(thresholds);
+    run_to(close_levels(thresholds), round, options, run, cells)
+}
+
+/// The counts of some cells after each of `levels`.
+fn run_to(
+    levels: Vec<f64>,
+    round: (&CellStore, Goal),
+    options: &Options,
+    run: &StageContext,
+    cells: Range<usize>,
+) -> Result<Vec<Vec<u64>>> {
     if levels.is_empty() {
         return Ok(Vec::new());
     }
@@ -54,6 +68,18 @@ pub fn trial(
         let stop = Stop::CloseCosts(levels.clone());
         kernel_run(cell, stop, options).1.statistics.level_counts
     })
+}
+
+/// Triangles in all cells after the last of their levels.
+fn left_after(counts: &[Vec<u64>]) -> u64 {
+    counts.iter().filter_map(|counts| counts.last()).sum()
+}
+
+/// The close levels that are tried first. Each costs a trial as many collapses as the round itself needs.
+fn near_levels(thresholds: &Thresholds) -> Vec<f64> {
+    let mut levels = close_levels(thresholds);
+    levels.truncate((FINE_LEVELS + NEAR_LEVELS + 1) as usize);
+    levels
 }
 
 fn close_levels(thresholds: &Thresholds) -> Vec<f64> {
@@ -96,6 +122,9 @@ impl ExactLevels {
 /// Levels of the exact round: an octave and a half to either side, 16 to an octave.
 const FINE_LEVELS: i32 = 24;
 const FINE_STEPS: f64 = 16.0;
+
+/// Levels above the pilot's threshold that a trial takes at first.
+const NEAR_LEVELS: i32 = 6;
 
 /// Chooses the number of levels of every cell, and of first cells that take one more, so that the total is
 /// the largest that does not exceed `target`.

@@ -195,8 +195,10 @@ fn run_cells_with(
     let more = beside.map_or(0, |beside| beside.bytes_per_triangle);
     let outcome = for_cells_beside((store, goal), left, more, run, |cell| {
         let survivors = work(cell, store.load_tidy(cell)?)?;
+        // Before the lock: others wait for nothing but the file.
+        let encoded = survivors.encode(store.layout());
         let mut output = output.lock().map_err(half_written)?;
-        output.writer.append(cell, &survivors)?;
+        output.writer.append_encoded(cell, &survivors, &encoded)?;
         output.unsynced.push(cell);
         run.progress.add(store.info().cells[cell].triangles);
         let is_much = output.writer.length() - output.synced_bytes >= freed_bytes;

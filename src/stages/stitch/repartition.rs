@@ -10,8 +10,8 @@ use crate::mesh::bounds::Bounds;
 use crate::mesh::global_vertex::GlobalVertex;
 use crate::store::cell_id::CellId;
 use crate::store::cells::{
-    CellTally, CellTree, PackWriter, Scatter, StoreInfo, SurvivorPack, Survivors, TurnedFrame,
-    n_samples, plan_cells, split_overfull, survivor_bytes,
+    BEHIND_BYTES, CellTally, CellTree, PackWriter, Scatter, StoreInfo, SurvivorPack, Survivors,
+    TurnedFrame, n_samples, plan_cells, split_overfull, survivor_bytes,
 };
 use crate::store::pack_format::ChunkKind;
 use crate::store::stage_context::StageContext;
@@ -79,7 +79,10 @@ fn recut_by(
     run: &StageContext,
 ) -> Result<(PackWriter, StoreInfo)> {
     let name = format!("round-{round}.cells");
-    let mut pack = PackWriter::create(run.disk(), &run.job.path(&name))?;
+    let pack = PackWriter::create(run.disk(), &run.job.path(&name))?;
+    // Of the budget a sixteenth is spoken for by nothing else.
+    let writes_behind = run.threads > 1 && BEHIND_BYTES <= run.memory_bytes / 64;
+    let mut pack = if writes_behind { pack.behind() } else { pack };
     let mut tally = vec![CellTally::default(); map.n_cells as usize];
     let shared_vertices = scatter(survivors, map, &mut tally, &mut pack, run)?;
     let store = StoreInfo {

@@ -23,7 +23,7 @@ pub use group_record::{GroupRecord, TileRecord};
 pub use id_map::IdMap;
 pub use kd_tree::{CellTree, TurnedFrame, n_samples, plan_cells};
 pub use lattice::{BoxKey, GroupGrid, Lattice, clamp_below, clamp_to, group_of, parent_of};
-pub use pack::{Pack, PackFile, PackWriter, check_pack};
+pub use pack::{BEHIND_BYTES, Pack, PackFile, PackWriter, check_pack};
 pub use pieces::{Extent, PieceSet, Pieces, position_bits};
 pub use scatter::Scatter;
 pub use simplified_cell::{

@@ -8,14 +8,20 @@ use crate::store::cell_id::CellId;
 use crate::store::pack_format::{
     self, CHUNK_HEADER_BYTES, Chunk, ChunkKind, PACK_END_BYTES, PACK_HEADER_BYTES,
 };
+use crate::system::behind::Behind;
 use crate::system::disk::{Disk, DiskFile};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Chunks collect here before they go to the file in one write.
 const WRITE_BYTES: usize = 1 << 20;
+
+/// Memory of buffers that wait while another thread writes: one that is written, one that waits, of chunks up to a quarter
+/// of what makes one full.
+pub const BEHIND_BYTES: u64 = 5 * WRITE_BYTES as u64 / 2;
 
 /// The sealed description of a pack: enough to open it again.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -29,8 +35,14 @@ pub struct PackFile {
 /// Appends chunks to a new pack.
 #[derive(Debug)]
 pub struct PackWriter {
-    file: DiskFile,
+    file: Arc<Mutex<DiskFile>>,
+    path: PathBuf,
+    /// Bytes that the file has once all that was handed over is written.
+    handed_over: u64,
     pending: Vec<u8>,
+    /// The thread that writes, and buffers that it is done with.
+    behind: Option<Behind<Vec<u8>>>,
+    spare: Arc<Mutex<Vec<Vec<u8>>>>,
     chunks: Vec<Chunk>,
     /// A write or sync has failed: what the file holds is unknown, so that nothing may be sealed on it.
     is_broken: bool,
@@ -88,35 +100,77 @@ impl PackWriter {
     }
 
     fn at_end_of(file: DiskFile, chunks: Vec<Chunk>) -> PackWriter {
-        PackWriter { file, pending: Vec::with_capacity(WRITE_BYTES * 2), chunks, is_broken: false }
+        PackWriter {
+            path: file.path().to_path_buf(),
+            handed_over: file.length(),
+            file: Arc::new(Mutex::new(file)),
+            pending: Vec::with_capacity(WRITE_BYTES * 2),
+            behind: None,
+            spare: Arc::default(),
+            chunks,
+            is_broken: false,
+        }
+    }
+
+    /// Lets another thread write from now on, so that who appends does not wait for the system. Memory: `BEHIND_BYTES`.
+    #[must_use]
+    pub fn behind(mut self) -> PackWriter {
+        let (file, spare) = (self.file.clone(), self.spare.clone());
+        self.behind = Behind::start(move |mut bytes: Vec<u8>| {
+            locked(&file).append(&bytes)?;
+            bytes.clear();
+            spare.lock().unwrap_or_else(PoisonError::into_inner).push(bytes);
+            Ok(())
+        });
+        self
     }
 
     /// Appends one chunk.
     pub fn append(&mut self, cell: CellId, kind: ChunkKind, payload: &[u8]) -> Result<()> {
         let header = pack_format::chunk_header(cell, kind, payload);
-        let at = self.file.length() + self.pending.len() as u64;
+        let at = self.length();
         self.chunks.push(pack_format::parse_chunk_header(&header, at).expect("just made"));
         self.pending.extend_from_slice(&header);
         if payload.len() >= WRITE_BYTES {
             self.flush()?;
-            let outcome = self.file.append(payload);
+            let outcome = locked(&self.file).append(payload);
             self.is_broken |= outcome.is_err();
+            self.handed_over += payload.len() as u64;
             return outcome;
         }
         self.pending.extend_from_slice(payload);
-        if self.pending.len() >= WRITE_BYTES { self.flush() } else { Ok(()) }
+        if self.pending.len() >= WRITE_BYTES { self.hand_over() } else { Ok(()) }
     }
 
     /// Hands everything pending to the system: a death of the process no longer loses it, one of the machine
     /// may.
     pub fn flush(&mut self) -> Result<()> {
+        self.hand_over()?;
+        let outcome = self.behind.as_ref().map_or(Ok(()), Behind::wait);
+        self.is_broken |= outcome.is_err();
+        outcome
+    }
+
+    /// The same, or hands it to the thread that writes.
+    fn hand_over(&mut self) -> Result<()> {
         if self.is_broken {
             let what = "an earlier write failed; run the same command to continue";
             let cause = std::io::Error::other(what);
-            return Err(Error::io(self.file.path(), "cannot write", cause));
+            return Err(Error::io(&self.path, "cannot write", cause));
         }
-        let outcome = self.file.append(&self.pending);
-        self.pending.clear();
+        self.handed_over += self.pending.len() as u64;
+        let outcome = match &self.behind {
+            None => {
+                let outcome = locked(&self.file).append(&self.pending);
+                self.pending.clear();
+                outcome
+            }
+            Some(behind) => {
+                let spare = self.spare.lock().unwrap_or_else(PoisonError::into_inner).pop();
+                let next = spare.unwrap_or_else(|| Vec::with_capacity(WRITE_BYTES * 2));
+                behind.give(std::mem::replace(&mut self.pending, next))
+            }
+        };
         self.is_broken = outcome.is_err();
         outcome
     }
@@ -129,7 +183,7 @@ impl PackWriter {
     /// Makes everything appended so far durable.
     pub fn sync(&mut self) -> Result<()> {
         self.flush()?;
-        let outcome = self.file.sync();
+        let outcome = locked(&self.file).sync();
         // The system may report a lost write only once; a second sync would falsely succeed.
         self.is_broken = outcome.is_err();
         outcome
@@ -145,9 +199,8 @@ impl PackWriter {
     /// Seals the pack, and makes its name durable.
     pub fn close(mut self, disk: &Disk) -> Result<PackFile> {
         self.seal()?;
-        let path = self.file.path();
-        disk.sync_folder_of(path)?;
-        let pack = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        disk.sync_folder_of(&self.path)?;
+        let pack = self.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         Ok(PackFile { pack, pack_bytes: self.length() })
     }
 
@@ -164,7 +217,7 @@ impl PackWriter {
         n_cells: usize,
     ) -> Result<Pack> {
         self.flush()?;
-        let path = self.file.path();
+        let path = self.path.as_path();
         let folder = path.parent().unwrap_or(Path::new(""));
         let (mut files, mut chunks) = read_indices(disk, in_folder(folder, earlier))?;
         chunks.retain(|chunk| chunk.kind != ChunkKind::Foreign);
@@ -176,8 +229,13 @@ impl PackWriter {
 
     /// Bytes in the pack, once everything pending is written.
     pub fn length(&self) -> u64 {
-        self.file.length() + self.pending.len() as u64
+        self.handed_over + self.pending.len() as u64
     }
+}
+
+/// The file, for whoever writes to it. After a panic nothing more is written: the writer is broken.
+fn locked(file: &Mutex<DiskFile>) -> MutexGuard<'_, DiskFile> {
+    file.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A pack opened for reading, or several as if one were appended to the other; safe to share between threads.

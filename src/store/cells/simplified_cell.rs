@@ -214,7 +214,7 @@ impl Survivors {
     }
 
     /// Bytes on disk.
-    fn encode(&self, layout: &VertexLayout) -> Vec<u8> {
+    pub fn encode(&self, layout: &VertexLayout) -> Vec<u8> {
         let statistics = serde_json::to_vec(&self.statistics).expect("plain data");
         let n_channels = layout.n_channels();
         let record_bytes = layout.schema.record_bytes();
@@ -325,7 +325,17 @@ impl SurvivorWriter {
 
     /// Appends one cell.
     pub fn append(&mut self, cell: CellId, survivors: &Survivors) -> Result<()> {
-        self.pack.append(cell, ChunkKind::Survivors, &survivors.encode(&self.layout))?;
+        self.append_encoded(cell, survivors, &survivors.encode(&self.layout))
+    }
+
+    /// Appends one cell that was encoded before, which needs no lock.
+    pub fn append_encoded(
+        &mut self,
+        cell: CellId,
+        survivors: &Survivors,
+        encoded: &[u8],
+    ) -> Result<()> {
+        self.pack.append(cell, ChunkKind::Survivors, encoded)?;
         self.appended.insert(cell, (survivors.tally(), survivors.statistics.clone()));
         self.pack.flush()
     }
