@@ -36,7 +36,7 @@ use settings::NormalReport;
 pub use settings::{BakeReport, Corner, Means, NormalSource, Options, TANGENT_BYTES};
 use std::path::{Path, PathBuf};
 use texels::Canvases;
-pub use tiles::{Photographs, TilePainter, TilePicture, check_tiles};
+pub use tiles::{Photographs, TilePainter, TilePicture, TilesNeed, check_tiles};
 pub use vertex_colours::{Coloured, colour_properties, colour_vertices, has_only_images};
 
 /// Finished pages, and the texture coordinates of the result's corners in a file.
@@ -126,8 +126,8 @@ pub fn bake(
     }
     let mut notes = original.notes(&palette);
     progress.count_from_zero(mesh.triangles.len() as u64);
-    let canvas =
-        |is_wanted: bool| is_wanted.then(|| Canvas::new(&charts.pages, means.temp_dir)).transpose();
+    let empty = || Canvas::new(&charts.pages, means.temp_dir, means.disk);
+    let canvas = |is_wanted: bool| is_wanted.then(empty).transpose();
     let mut canvases =
         Canvases { colours: canvas(original.has_looks())?, normals: canvas(options.normals)? };
     let cache = ImageCache::new(&palette, free_bytes / IMAGE_SHARE);
@@ -147,6 +147,7 @@ pub fn bake(
         &mut CellCache::new(free_bytes / CELL_SHARE),
         &mut canvases,
     )?;
+    canvases.count();
     notes.extend(cache.notes());
     let kind = match palette.is_photographic() && !seen.has_alpha {
         true => PageKind::Jpeg,

@@ -166,6 +166,11 @@ pub(super) struct Cell {
     pub tree: Tree,
 }
 
+/// Memory for the sorts of staging.
+pub(super) fn staging_bytes(memory_bytes: u64) -> u64 {
+    (memory_bytes / 2).max(3 << 20)
+}
+
 impl Original {
     /// Cuts the original into cells in the folder for temporary data.
     pub fn cut(
@@ -184,7 +189,8 @@ impl Original {
         }
         let number = carry.properties.iter().find(|p| p.property.name == NUMBER).cloned();
         let stage = StageOptions {
-            memory_bytes: (means.memory_bytes / 2).max(3 << 20),
+            memory_bytes: staging_bytes(means.memory_bytes),
+            disk: means.disk.clone(),
             ..StageOptions::new(means.temp_dir)
         };
         let source = faces_to_vertices(source, carry, &stage)?;
@@ -210,6 +216,7 @@ impl Original {
             temp_dir: means.temp_dir,
             threads: means.threads,
             memory_bytes: means.memory_bytes,
+            disk: Some(means.disk),
         };
         let scratch = Scratch::cut(&source, cutting, means.progress)?;
         let mut original = Original {

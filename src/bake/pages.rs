@@ -84,11 +84,13 @@ pub(super) struct Canvas {
     /// Place of each page in the file.
     starts: Vec<u64>,
     has_alpha: bool,
+    /// Holds the bytes of the file.
+    account: Disk,
 }
 
 impl Canvas {
     /// Empty pages of given width and height. Disk: 4 bytes a texel, taken as they are filled.
-    pub fn new(sizes: &[[u32; 2]], folder: &Path) -> Result<Canvas> {
+    pub fn new(sizes: &[[u32; 2]], folder: &Path, disk: &Disk) -> Result<Canvas> {
         let fail = |e| Error::io(folder, "cannot write temporary data", e);
         let file = scratch_file(folder).map_err(fail)?;
         let (mut starts, mut end) = (Vec::new(), 0);
@@ -98,7 +100,15 @@ impl Canvas {
         }
         file.set_len(end).map_err(fail)?;
         let folder = folder.to_path_buf();
-        Ok(Canvas { file, folder, sizes: sizes.to_vec(), starts, has_alpha: false })
+        let (sizes, account) = (sizes.to_vec(), disk.part());
+        Ok(Canvas { file, folder, sizes, starts, has_alpha: false, account })
+    }
+
+    /// Accounts for the disk that the pages take, once they are filled.
+    pub fn count(&self) {
+        use std::os::unix::fs::MetadataExt;
+        let taken = self.file.metadata().map_or(0, |meta| meta.blocks() * 512);
+        self.account.adopt(taken);
     }
 
     /// Writes texels of a page, given row by row.
@@ -438,7 +448,7 @@ mod tests {
     fn bands_do_not_show() {
         let folder = tempfile::tempdir().unwrap();
         let size = [40, 200];
-        let mut canvas = Canvas::new(&[[8, 8], size], folder.path()).unwrap();
+        let mut canvas = Canvas::new(&[[8, 8], size], folder.path(), &Disk::default()).unwrap();
         let mut texels = Vec::new();
         for row in (5..190).step_by(17) {
             for column in 10..20 {

@@ -79,6 +79,13 @@ pub(super) struct Canvases {
     pub normals: Option<Canvas>,
 }
 
+impl Canvases {
+    /// Accounts for the disk that the pages take, once they are filled.
+    pub fn count(&self) {
+        [&self.colours, &self.normals].into_iter().flatten().for_each(Canvas::count);
+    }
+}
+
 /// Rows of a chart that are filled together.
 #[derive(Clone, Debug)]
 struct Band {

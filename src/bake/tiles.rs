@@ -5,12 +5,12 @@
 
 use super::charts::{Charts, NONE};
 use super::nearest::CellCache;
-use super::original::Original;
+use super::original::{Original, staging_bytes};
 use super::pages::{Canvas, PageKind};
 use super::projected::{Projected, project};
 use super::settings::{Means, Options};
 use super::texels::{self, Canvases, Scene};
-use super::{CELL_SHARE, CORNER_BYTES, IMAGE_SHARE, LEAST_WORK_BYTES, POINT_SHARE};
+use super::{CELL_SHARE, IMAGE_SHARE, LEAST_WORK_BYTES, POINT_SHARE};
 use crate::error::{Error, Result};
 use crate::io::TilePage;
 use crate::io::ply::MeshSource;
@@ -85,15 +85,48 @@ impl TilePicture {
 }
 
 /// Fails where pages of tiles would fail for want of memory; `n_triangles` is the number of triangles of the tiles that are
-/// given together. Returns bytes on disk for the time being.
-pub fn check_tiles(source: &MeshSource, n_triangles: u64, memory_bytes: u64) -> Result<u64> {
+/// given together, `staged_bytes` those that the open source itself has on disk.
+pub fn check_tiles(
+    source: &MeshSource,
+    n_triangles: u64,
+    (memory_bytes, staged_bytes): (u64, u64),
+) -> Result<TilesNeed> {
     let free = free_bytes(n_triangles, memory_bytes)?;
     let images =
         Palette::new(source.materials().map(|all| &**all), free / IMAGE_SHARE, Purpose::Bake)?;
+    let pixels = images.n_pixels();
+    // Vertices are parted along charts: two sorts, of which either stays in memory where that suffices.
+    let sort_bytes = |bytes: u64| {
+        let bytes = bytes * source.n_corners();
+        if bytes > staging_bytes(free) / 3 { bytes } else { 0 }
+    };
+    let sorts = [28, 16].map(sort_bytes);
+    let n_vertices = PARTED * source.n_vertices() as f64;
+    let vertices = (n_vertices * (source.schema().record_bytes() as f64 + 12.0)) as u64;
+    let faces = 13 * source.n_triangles();
+    let cells = (CELL_ROWS * (vertices + faces) as f64) as u64;
+    let sorting = (sorts[0] + sorts[1] + vertices).max(sorts[1] + vertices + vertices.max(faces));
+    let cutting = vertices + faces + cells;
     // Pages of some tiles while they are filled.
-    let pages = images.n_pixels().min(64 << 20) * 4;
-    Ok(CORNER_BYTES * source.n_corners() + pages)
+    let share = (n_triangles as f64 / source.n_triangles().max(1) as f64).min(1.0);
+    let pages = (4.0 * share * pixels as f64) as u64;
+    Ok(TilesNeed { temp_bytes: (staged_bytes + sorting.max(cutting)).max(cells + pages), pixels })
 }
+
+/// Needs of the pages of tiles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TilesNeed {
+    /// Bytes on disk for the time being.
+    pub temp_bytes: u64,
+    /// Pixels of the images.
+    pub pixels: u64,
+}
+
+/// Vertices after they are parted along charts, for those before (an estimate, on the safe side).
+const PARTED: f64 = 1.25;
+
+/// Bytes of cells for those of the mesh that is cut, about.
+const CELL_ROWS: f64 = 1.1;
 
 fn free_bytes(n_triangles: u64, memory_bytes: u64) -> Result<u64> {
     let taken = TILE_BYTES * n_triangles;
@@ -195,7 +228,7 @@ impl TilePainter<'_> {
             },
         )?;
         let (mesh, charts) = (joined(tiles), joined_charts(&pages));
-        let colours = Some(Canvas::new(&charts.pages, self.means.temp_dir)?);
+        let colours = Some(Canvas::new(&charts.pages, self.means.temp_dir, self.means.disk)?);
         let mut canvases = Canvases { colours, normals: None };
         let scene = Scene {
             mesh: &mesh,
@@ -211,6 +244,7 @@ impl TilePainter<'_> {
         };
         let seen = texels::fill(&scene, &mut self.cells, &mut canvases)?;
         drop((charts, mesh));
+        canvases.count();
         let kind = match self.from.palette.is_photographic() && !seen.has_alpha {
             true => PageKind::Jpeg,
             false => PageKind::Png,

@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::io::ply::raw::{RawFile, Spool};
+use crate::system::disk::Disk;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::path::Path;
@@ -28,6 +29,11 @@ impl<const N: usize> ExternalSort<N> {
             runs: Vec::new(),
             name: folder.to_path_buf(),
         }
+    }
+
+    /// The same sort, with what it holds of a file in the account of `disk`.
+    pub fn counted(self, disk: &Disk) -> Self {
+        ExternalSort { spool: self.spool.counted(disk), ..self }
     }
 
     pub fn push(&mut self, record: [u32; N]) -> Result<()> {

@@ -108,7 +108,7 @@ fn unpack(path: &Path, reader: impl Read, options: &StageOptions) -> Result<RawF
     let mut reader = BufReader::with_capacity(1 << 20, reader);
     let first = reader.fill_buf().map_err(|e| Error::reading(path, "cannot read", e))?;
     let packing = Packing::of(first);
-    let mut spool = Spool::new(&options.temp_dir);
+    let mut spool = options.spool();
     match packing {
         Packing::Plain => copy(path, reader, &mut spool)?,
         // Several members or frames one after another are one stream (`cat a.gz b.gz`, pigz).

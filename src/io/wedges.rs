@@ -5,7 +5,7 @@
 //! coordinates and region numbers the new vertices and mixes the values of their faces, a sort by corner puts
 //! them back into faces. The staged mesh has the properties of `FacePropertyPlan::vertex_properties` behind its own.
 
-use super::external_sort::{ExternalSort, halves, whole};
+use super::external_sort::{halves, whole};
 use super::open_options::StageOptions;
 use crate::error::{Error, Result};
 use crate::io::ply::header::Encoding;
@@ -56,8 +56,8 @@ fn split<const N: usize>(
     options: &StageOptions,
 ) -> Result<MeshSource> {
     let memory_bytes = (options.memory_bytes / 3) as usize;
-    let mut corners = ExternalSort::<N>::new(&options.temp_dir, memory_bytes);
-    let mut counts = Spool::new(&options.temp_dir);
+    let mut corners = options.sort::<N>(memory_bytes);
+    let mut counts = options.spool();
     let (mut n_corners, mut n_faces) = (0u64, 0u64);
     let path = source.path().to_path_buf();
     let mut regions = Regions::default();
@@ -100,12 +100,12 @@ fn split<const N: usize>(
         source: &source,
         carry: &carry,
         mixer: FaceMixer::new(&carry),
-        out: Spool::new(&options.temp_dir),
+        out: options.spool(),
         block: VertexBlock::default(),
         loaded: None,
         row: Vec::new(),
     };
-    let mut by_corner = ExternalSort::<4>::new(&options.temp_dir, memory_bytes);
+    let mut by_corner = options.sort::<4>(memory_bytes);
     let (mut n_vertices, mut last) = (0u64, None);
     corners.drain(|record| {
         let own: [u32; 5] = std::array::from_fn(|i| record[i]);
@@ -134,7 +134,7 @@ fn split<const N: usize>(
         ..OutputHeader::new(staged_schema(source.schema(), &carry), n_vertices, n_faces)
     };
     let index = header.index_type()?;
-    let mut out = Spool::new(&options.temp_dir);
+    let mut out = options.spool();
     out.write(header.text_signed(Encoding::BinaryLittleEndian, index, None).as_bytes())?;
     let vertices = vertices.finish(&path)?;
     out.append_file(&vertices)?;

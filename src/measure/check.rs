@@ -47,7 +47,7 @@ pub fn cutting(
         true => fitting.clamp(LEAST_CELL_TRIANGLES, DEFAULT_CELL_TRIANGLES),
         false => DEFAULT_CELL_TRIANGLES,
     };
-    Cutting { cell_triangles, temp_dir, threads, memory_bytes }
+    Cutting { cell_triangles, temp_dir, threads, memory_bytes, disk: None }
 }
 
 /// Counts by way of a scratch store, self-intersections too if asked for. Memory: tables and cells within that of

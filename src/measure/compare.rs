@@ -372,7 +372,8 @@ fn cut(
         )));
     }
     progress.begin("partition", 1, 2, source.n_triangles());
-    let cutting = Cutting { cell_triangles, temp_dir: &request.temp_dir, threads, memory_bytes };
+    let temp_dir = &request.temp_dir;
+    let cutting = Cutting { cell_triangles, temp_dir, threads, memory_bytes, disk: None };
     Scratch::cut(source, cutting, progress)
 }
 

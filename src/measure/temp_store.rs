@@ -28,6 +28,8 @@ pub struct Cutting<'a> {
     pub threads: usize,
     /// Memory for tables and buffers, in bytes.
     pub memory_bytes: u64,
+    /// The disk whose account the store is part of, if there is one.
+    pub disk: Option<&'a Disk>,
 }
 
 /// A store of cells whose file has no name any more.
@@ -60,7 +62,7 @@ impl Scratch {
         sweep_scratch(cutting.temp_dir);
         progress.owe(&folder);
         let cut = || {
-            let disk = Disk::default();
+            let disk = cutting.disk.map(Disk::part).unwrap_or_default();
             let identity = Identity {
                 input: source.path().display().to_string(),
                 input_marks: BTreeMap::new(),
@@ -129,6 +131,7 @@ mod tests {
             temp_dir: folder.path(),
             threads: 1,
             memory_bytes: 1 << 30,
+            disk: None,
         };
         let source = MeshSource::open(&path).unwrap();
         let scratch = Scratch::cut(&source, cutting, &Progress::default()).unwrap();

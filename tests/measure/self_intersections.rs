@@ -346,7 +346,7 @@ fn in_cells(
 ) -> SelfIntersections {
     let source = MeshSource::open(path).unwrap();
     let temp_dir = path.parent().unwrap();
-    let cutting = Cutting { cell_triangles, temp_dir, threads, memory_bytes };
+    let cutting = Cutting { cell_triangles, temp_dir, threads, memory_bytes, disk: None };
     let checked = check::check(&source, cutting, true, &Progress::default()).unwrap();
     checked.intersections.unwrap()
 }

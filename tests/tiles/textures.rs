@@ -4,10 +4,16 @@
 
 use crate::common::{check, count, expect};
 use crate::scalars::document;
-use crate::tiles::{check_colours, files, painted};
+use crate::tiles::{check_colours, config, files, painted};
 use serde_json::Value;
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use stonecut::io::{StoredTile, decode_tile};
+use stonecut::pipeline::tiles::{TileTexture, TilesConfig, make_tiles_on, prepare_tiles};
+use stonecut::system::disk::Disk;
+use stonecut::system::progress::Progress;
 
 /// The page of a tile.
 fn page(bytes: &[u8]) -> image::RgbImage {
@@ -184,4 +190,63 @@ fn pages_are_asked_for_only_where_there_are_images() {
     assert!(said.contains("no image"), "{said}");
     assert!(!path.join("out").exists());
     expect(path, "tiles in.ply out --texture colors", 0);
+}
+
+fn painted_config(folder: &Path, texture: TileTexture) -> TilesConfig {
+    TilesConfig { input: folder.join("in.obj"), texture, ..config(folder, "out") }
+}
+
+#[test]
+fn pages_have_their_share_of_the_plan() {
+    let folder = tempfile::tempdir().unwrap();
+    painted(folder.path(), 120);
+    let plan = |texture| prepare_tiles(&painted_config(folder.path(), texture)).unwrap().plan;
+    let (with, without) = (plan(TileTexture::Bake), plan(TileTexture::Colors));
+    assert!(with.seconds > 1.5 * without.seconds, "{} {}", with.seconds, without.seconds);
+    assert!(with.temp_bytes > without.temp_bytes);
+    // A larger image takes longer.
+    image::RgbImage::new(2048, 2048).save(folder.path().join("green.png")).unwrap();
+    assert!(plan(TileTexture::Bake).seconds > 1.5 * with.seconds);
+    assert_eq!(plan(TileTexture::Colors).seconds, without.seconds);
+}
+
+/// Bytes of the files of a folder, and of the files without a name in it that this process has open.
+fn bytes_in(folder: &Path) -> (u64, u64) {
+    let mut named = 0;
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let Ok(meta) = entry.metadata() else { continue };
+        named += if meta.is_dir() { bytes_in(&entry.path()).0 } else { meta.len() };
+    }
+    let open = std::fs::read_dir("/proc/self/fd").into_iter().flatten().flatten();
+    let nameless = open.filter_map(|entry| {
+        let place = std::fs::read_link(entry.path()).ok()?;
+        let meta = std::fs::metadata(entry.path()).ok()?;
+        (place.starts_with(folder) && meta.nlink() == 0).then(|| (meta.ino(), meta.len()))
+    });
+    let nameless: std::collections::BTreeMap<u64, u64> = nameless.collect();
+    (named, nameless.values().sum())
+}
+
+#[test]
+fn the_most_temporary_bytes_are_at_least_those_that_are_seen() {
+    let folder = tempfile::tempdir().unwrap();
+    painted(folder.path(), 120);
+    let config = painted_config(folder.path(), TileTexture::Bake);
+    let disk = Disk::default();
+    let [all, nameless] = [(); 2].map(|()| Arc::new(AtomicU64::new(0)));
+    let (most, most_nameless) = (Arc::clone(&all), Arc::clone(&nameless));
+    let (job, pending) = (config.job_folder.clone(), config.pending_output());
+    disk.watch(move |_| {
+        let (job, shapes) = (bytes_in(&job), bytes_in(&pending.join("shapes")));
+        most.fetch_max(job.0 + job.1 + shapes.0, Relaxed);
+        most_nameless.fetch_max(job.1, Relaxed);
+    });
+    let prepared = prepare_tiles(&config).unwrap();
+    let planned = prepared.plan.temp_bytes;
+    let report = make_tiles_on(&disk, prepared, &config, &Progress::default()).unwrap();
+    let [all, nameless] = [all, nameless].map(|n| n.load(Relaxed));
+    assert!(nameless > 100_000, "{nameless}");
+    let said = report.peak_temp_bytes;
+    assert!((all..2 * all).contains(&said), "{said} said, {all} seen, {nameless} without a name");
+    assert!((said..4 * said).contains(&planned), "{said} said, {planned} planned");
 }

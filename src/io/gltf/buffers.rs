@@ -7,7 +7,7 @@ use super::meshopt;
 use crate::error::{Error, Result};
 use crate::io::materials::Part;
 use crate::io::open_options::StageOptions;
-use crate::io::ply::raw::{RawFile, Spool};
+use crate::io::ply::raw::RawFile;
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -232,7 +232,7 @@ impl Inline {
         document: &Document,
         options: &StageOptions,
     ) -> Result<Inline> {
-        let mut spool = Spool::new(&options.temp_dir);
+        let mut spool = options.spool();
         let mut take = |what: &str, number: usize, uri: Option<&String>| {
             let Some(data) = uri.and_then(|uri| uri.strip_prefix("data:")) else { return Ok(None) };
             let bytes = data_of(data)

@@ -48,13 +48,13 @@ impl<'a> Joiner<'a> {
             has_colour,
             has_normal,
             has_alpha: false,
-            by_place: ExternalSort::new(&options.temp_dir, memory_bytes(options)),
-            uvs: Spool::new(&options.temp_dir),
+            by_place: options.sort(memory_bytes(options)),
+            uvs: options.spool(),
             n_vertices: 0,
             low: [f64::MAX; 3],
             high: [f64::MIN; 3],
-            by_vertex: ExternalSort::new(&options.temp_dir, memory_bytes(options)),
-            materials: Spool::new(&options.temp_dir),
+            by_vertex: options.sort(memory_bytes(options)),
+            materials: options.spool(),
             n_faces: 0,
         }
     }
@@ -103,7 +103,6 @@ impl<'a> Joiner<'a> {
         has_numbers: bool,
     ) -> Result<RawFile> {
         let (options, coordinate) = (self.options, self.coordinate());
-        let folder = &options.temp_dir;
         let (n_old, n_faces) = (self.n_vertices, self.n_faces);
         let extras = Extras {
             coordinate,
@@ -111,7 +110,7 @@ impl<'a> Joiner<'a> {
             alpha: self.has_alpha,
             normal: self.has_normal,
         };
-        let mut by_first = ExternalSort::<BY_FIRST>::new(folder, memory_bytes(options));
+        let mut by_first = options.sort::<BY_FIRST>(memory_bytes(options));
         let mut last: Option<([u32; 9], [u32; 2])> = None;
         self.by_place.drain(|record| {
             let place: [u32; 9] = std::array::from_fn(|i| record[i]);
@@ -128,8 +127,8 @@ impl<'a> Joiner<'a> {
             out[7..].copy_from_slice(&place[..7]);
             by_first.push(out)
         })?;
-        let mut ids = ExternalSort::<4>::new(folder, memory_bytes(options));
-        let mut vertices = Spool::new(folder);
+        let mut ids = options.sort::<4>(memory_bytes(options));
+        let mut vertices = options.spool();
         let (mut n_vertices, mut open): (u64, Option<Open>) = (0, None);
         by_first.drain(|record| {
             let first = whole(record[0], record[1]);
@@ -149,11 +148,11 @@ impl<'a> Joiner<'a> {
         if let Some(open) = open {
             vertices.write(&open.row(&extras))?;
         }
-        let mut table = Spool::new(folder);
+        let mut table = options.spool();
         ids.drain(|[_, _, high, low]| table.write(&whole(high, low).to_le_bytes()))?;
         let tables = [table.finish(name.path())?, self.uvs.finish(name.path())?];
 
-        let mut by_corner = ExternalSort::<6>::new(folder, memory_bytes(options));
+        let mut by_corner = options.sort::<6>(memory_bytes(options));
         let (mut next, mut id, mut uv) = (0, 0, [0; 2]);
         let mut ahead = tables.each_ref().map(|table| Words { table, at: 0, words: Vec::new() });
         self.by_vertex.drain(|[high, low, c, d]| {
@@ -170,7 +169,7 @@ impl<'a> Joiner<'a> {
             by_corner.push([c, d, id_high, id_low, uv[0], uv[1]])
         })?;
         let is_wide = n_vertices > 1 << 32;
-        let mut out = Spool::new(folder);
+        let mut out = options.spool();
         out.write(
             extras.header(n_vertices, n_faces, (is_wide, has_texture, has_numbers)).as_bytes(),
         )?;

@@ -7,7 +7,7 @@ use super::json::Meshopt;
 use crate::error::Result;
 use crate::io::materials::Part;
 use crate::io::open_options::StageOptions;
-use crate::io::ply::raw::{RawFile, Spool};
+use crate::io::ply::raw::RawFile;
 use crate::system::parallel::guarded;
 use crate::system::units::show_bytes;
 use meshopt_rs::index::buffer::decode_index_buffer;
@@ -48,7 +48,7 @@ pub(super) fn unpack(
         // The decoder checks by panicking in places.
         Err(_) => return Err(bad("its data is damaged; fetch the file again")),
     };
-    let mut spool = Spool::new(&options.temp_dir);
+    let mut spool = options.spool();
     spool.write(&out)?;
     Ok(Part { file: Arc::new(spool.finish(file.path())?), offset: 0, n_bytes })
 }

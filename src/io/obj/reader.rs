@@ -7,7 +7,7 @@ use super::texture::{NO_MATERIAL, Named, TexturedFaces};
 use crate::error::Result;
 use crate::io::materials::{Image, Materials};
 use crate::io::open_options::StageOptions;
-use crate::io::ply::raw::{RawFile, Spool};
+use crate::io::ply::raw::RawFile;
 use crate::io::ply::rows::MAX_CORNERS;
 use crate::io::ply::source::{Staged, TextureInfo};
 use crate::io::text_lines::{Lines, parse_number, words};
@@ -174,7 +174,7 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
     // Colours go from 0 to 1, but some programs write 0 to 255.
     let scale = if summary.max_colour > 1.0 { 1.0 } else { 255.0 };
 
-    let (mut vertices, mut faces) = (Spool::new(&options.temp_dir), Spool::new(&options.temp_dir));
+    let (mut vertices, mut faces) = (options.spool(), options.spool());
     let (mut n_vertices, mut n_faces) = (0, 0);
     let (mut lines, mut line) = (Lines::new(file), Vec::new());
     let mut row = Vec::new();
@@ -248,7 +248,7 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
         let index_bytes = if wide(summary.n_vertices) { 8 } else { 4 };
         faces = texture.join(&faces, index_bytes, n_faces)?;
     }
-    let mut out = Spool::new(&options.temp_dir);
+    let mut out = options.spool();
     out.write(header.as_bytes())?;
     out.append_file(&vertices)?;
     drop(vertices);

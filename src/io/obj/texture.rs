@@ -154,11 +154,11 @@ impl<'a> TexturedFaces<'a> {
         TexturedFaces {
             options,
             image: NO_MATERIAL,
-            coordinates: Spool::new(&options.temp_dir),
+            coordinates: options.spool(),
             n_coordinates: 0,
             n_not_finite: 0,
-            images: Spool::new(&options.temp_dir),
-            by_coordinates: ExternalSort::new(&options.temp_dir, memory_bytes),
+            images: options.spool(),
+            by_coordinates: options.sort(memory_bytes),
             n_corners: 0,
         }
     }
@@ -197,11 +197,9 @@ impl<'a> TexturedFaces<'a> {
 
     /// The rows of `faces` (a count in 4 bytes, then indices) with coordinates and image behind them.
     pub(super) fn join(self, faces: &RawFile, index_bytes: usize, n_faces: u64) -> Result<RawFile> {
-        let folder = &self.options.temp_dir;
         let coordinates = self.coordinates.finish(faces.path())?;
         let mut known = Ahead::new(&coordinates);
-        let mut by_corner =
-            ExternalSort::<4>::new(folder, (self.options.memory_bytes / 3) as usize);
+        let mut by_corner = self.options.sort::<4>((self.options.memory_bytes / 3) as usize);
         let (mut n_read, mut uv) = (0, [0u8; 8]);
         self.by_coordinates.drain(|[high, low, c, d]| {
             let number = whole(high, low);
@@ -222,7 +220,7 @@ impl<'a> TexturedFaces<'a> {
             faces_left: n_faces,
             row: Vec::new(),
             corners_left: 0,
-            out: Spool::new(folder),
+            out: self.options.spool(),
         };
         rows.begin()?;
         by_corner.drain(|[_, _, u, v]| {

@@ -4,7 +4,7 @@
 //! holds sizes against `len` before it allocates.
 
 use crate::error::{Error, Result};
-use crate::system::disk::{open_input, scratch_file};
+use crate::system::disk::{Disk, open_input, scratch_file};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
@@ -16,6 +16,8 @@ pub(crate) struct RawFile {
     len: u64,
     /// True if it is the file of this name itself, and not something made from it.
     is_original: bool,
+    /// Holds the bytes of temporary data on disk.
+    _account: Option<Disk>,
 }
 
 enum Data {
@@ -29,13 +31,25 @@ impl RawFile {
         let file = open_input(path)?;
         let meta = file.metadata().map_err(|e| Error::reading(path, "cannot stat", e))?;
         let path = path.to_path_buf();
-        Ok(RawFile { path, data: Data::File(file), len: meta.len(), is_original: true })
+        Ok(RawFile {
+            path,
+            data: Data::File(file),
+            len: meta.len(),
+            is_original: true,
+            _account: None,
+        })
     }
 
     /// Takes bytes as if they were the file `name`.
     pub fn from_bytes(name: &str, bytes: Vec<u8>) -> Self {
         let len = bytes.len() as u64;
-        RawFile { path: name.into(), data: Data::Memory(bytes), len, is_original: false }
+        RawFile {
+            path: name.into(),
+            data: Data::Memory(bytes),
+            len,
+            is_original: false,
+            _account: None,
+        }
     }
 
     /// The file's name, for messages.
@@ -108,12 +122,25 @@ pub(crate) struct Spool {
     memory: Vec<u8>,
     file: Option<File>,
     len: u64,
+    /// Holds the bytes of the file.
+    account: Disk,
 }
 
 impl Spool {
     /// An empty spool; nothing is created in `folder` before it is needed.
     pub fn new(folder: &Path) -> Self {
-        Spool { folder: folder.to_path_buf(), memory: Vec::new(), file: None, len: 0 }
+        Spool {
+            folder: folder.to_path_buf(),
+            memory: Vec::new(),
+            file: None,
+            len: 0,
+            account: Disk::default(),
+        }
+    }
+
+    /// The same spool while it is empty, with the bytes of its file in the account of `disk` as long as there is a file.
+    pub fn counted(self, disk: &Disk) -> Self {
+        Spool { account: disk.part(), ..self }
     }
 
     /// Bytes written so far.
@@ -171,6 +198,7 @@ impl Spool {
             None => scratch_file(&self.folder).map_err(fail)?,
         };
         std::io::Write::write_all(&mut file, bytes).map_err(fail)?;
+        self.account.adopt(bytes.len() as u64);
         self.file = Some(file);
         Ok(())
     }
@@ -184,6 +212,7 @@ impl Spool {
             Some(file) => Data::File(file),
             None => Data::Memory(self.memory),
         };
-        Ok(RawFile { path: name.to_path_buf(), data, len: self.len, is_original: false })
+        let (path, _account) = (name.to_path_buf(), Some(self.account));
+        Ok(RawFile { path, data, len: self.len, is_original: false, _account })
     }
 }

@@ -9,7 +9,7 @@ use crate::io::external_sort::{ExternalSort, halves, whole};
 use crate::io::open_options::StageOptions;
 use crate::io::ply::OutputHeader;
 use crate::io::ply::header::Encoding;
-use crate::io::ply::raw::{RawFile, Spool};
+use crate::io::ply::raw::RawFile;
 use crate::mesh::property::Scalar;
 use crate::mesh::record::VertexSchema;
 use std::path::Path;
@@ -18,7 +18,7 @@ use std::path::Path;
 pub(crate) struct Welder {
     corners: ExternalSort<5>,
     n_corners: u64,
-    folder: std::path::PathBuf,
+    options: StageOptions,
     memory_bytes: usize,
 }
 
@@ -26,9 +26,8 @@ impl Welder {
     /// Memory: a third of the stage's for each sort; disk at peak 60 bytes a corner.
     pub fn new(options: &StageOptions) -> Self {
         let memory_bytes = (options.memory_bytes / 3) as usize;
-        let folder = options.temp_dir.clone();
-        let corners = ExternalSort::new(&folder, memory_bytes);
-        Welder { corners, n_corners: 0, folder, memory_bytes }
+        let corners = options.sort(memory_bytes);
+        Welder { corners, n_corners: 0, options: options.clone(), memory_bytes }
     }
 
     /// Appends a triangle.
@@ -45,7 +44,7 @@ impl Welder {
 
     /// The welded mesh as a PLY of that name.
     pub fn finish(self, name: &Path, comments: Vec<String>) -> Result<RawFile> {
-        let mut by_first = ExternalSort::<7>::new(&self.folder, self.memory_bytes);
+        let mut by_first = self.options.sort::<7>(self.memory_bytes);
         let mut n_vertices = 0u64;
         let mut current = None;
         self.corners.drain(|[x, y, z, high, low]| {
@@ -65,9 +64,9 @@ impl Welder {
         let mut header = OutputHeader::new(schema, n_vertices, self.n_corners / 3);
         header.comments = comments;
         let index = header.index_type()?;
-        let mut out = Spool::new(&self.folder);
+        let mut out = self.options.spool();
         out.write(header.text_signed(Encoding::BinaryLittleEndian, index, None).as_bytes())?;
-        let mut by_corner = ExternalSort::<4>::new(&self.folder, self.memory_bytes);
+        let mut by_corner = self.options.sort::<4>(self.memory_bytes);
         let (mut id, mut last) = (0u64, None);
         by_first.drain(|[first_high, first_low, high, low, x, y, z]| {
             let first = whole(first_high, first_low);

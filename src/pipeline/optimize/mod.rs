@@ -77,6 +77,7 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
             temp_dir: job.folder(),
             threads: config.threads.get(),
             memory_bytes: (config.memory_bytes - BASE_BYTES).saturating_sub(in_memory / 2),
+            disk: Some(&disk),
         },
         progress,
     };

@@ -118,6 +118,7 @@ impl Stages<'_> {
                 let stage = StageOptions {
                     read,
                     memory_bytes: run.memory_bytes / 2,
+                    disk: run.disk().clone(),
                     ..StageOptions::new(run.job.folder())
                 };
                 let name = run.job.name(&format!("bake-{level}"));

@@ -76,7 +76,8 @@ fn run(
     progress: &Progress,
 ) -> Result<TilesReport> {
     let started = Instant::now();
-    let PreparedTiles { source, plan, textured, marks } = prepared;
+    let PreparedTiles { source, plan, textured, marks, staging } = prepared;
+    disk.adopt(staging.held_bytes());
     if config.memory_bytes < 2 * plan.needed_memory_bytes {
         crate::system::memory::keep_nothing_back();
     }
@@ -233,7 +234,7 @@ fn run(
         seconds,
         triangles_per_second: source.n_triangles() as f64 / seconds.max(1e-9),
         peak_memory_bytes: peak_bytes(),
-        peak_temp_bytes: disk.peak_bytes(),
+        peak_temp_bytes: disk.peak_bytes().max(staging.peak_bytes()),
         stages: reports,
         notes: notes(&source, coloured, pages.as_ref()),
         texture: pages,

@@ -1,7 +1,7 @@
 //! Opens the input of `tiles`, checks it against what was asked for, and plans the run; nothing is written yet.
 
 use super::config::{Finest, NAMED, TileTexture, TilesConfig};
-use crate::bake::{check_tiles, colour_properties, has_images, has_only_images};
+use crate::bake::{TilesNeed, check_tiles, colour_properties, has_images, has_only_images};
 use crate::error::{Error, Result};
 use crate::io::StageOptions;
 use crate::io::ply::{MeshSource, ReadOptions};
@@ -86,8 +86,14 @@ const PAGE_BYTES: f64 = 12.0;
 /// Bytes of a triangle in the copy of the input that has colours instead of images.
 const FACE_BYTES: u64 = 13;
 
-/// End-to-end speed on one core of the reference machine in triangles/s, for the expected time only.
-const TRIANGLES_PER_SECOND_PER_CORE: f64 = 0.8e6;
+/// Processor seconds for a triangle, for the expected time only (dragon 2.1e-6, chest 2.5e-6).
+const SECONDS_PER_TRIANGLE: f64 = 2.4e-6;
+/// The same where vertices have properties (the legion with colours 4.6e-6, not welded 5.9e-6).
+const SECONDS_WITH_PROPERTIES: f64 = 5e-6;
+/// The same where corners have texture coordinates (`synth rooms` 6.4e-6, the legion 8e-6 with its OBJ file read).
+const SECONDS_WITH_TEXTURE: f64 = 7e-6;
+/// Processor seconds of pages: for a triangle of the tiles (staged, cut, put into charts), and for a pixel of the images.
+const PAGE_SECONDS: [f64; 2] = [5e-6, 0.65e-6];
 
 /// Forecast of a run.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -121,6 +127,8 @@ pub struct PreparedTiles {
     pub textured: bool,
     /// Fingerprint of the input, taken before it was opened.
     pub marks: BTreeMap<String, String>,
+    /// The account of what the open input has on disk.
+    pub staging: Disk,
 }
 
 /// Opens the input and plans the run.
@@ -129,15 +137,19 @@ pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
     refuse_to_replace(&config.output, config.force, is_over)?;
     let marks = input_marks(&config.input)?;
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
-    let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+    let staging = Disk::default();
+    let disk = staging.clone();
+    let mut stage = StageOptions { read, disk, ..StageOptions::new(folder_of(&config.job_folder)) };
     stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
     let source = MeshSource::open_staged(&config.input, &stage);
     let source = unchanged(&config.input, &marks, source)?;
     let textured = is_textured(&source, config)?;
-    let plan = TilesPlan::new(&source, config, textured)?;
-    let (temp, output) = (plan.temp_bytes, plan.output_bytes);
+    let staged = staging.held_bytes();
+    let plan = TilesPlan::new(&source, config, (textured, &staging))?;
+    // What is staged lies there already.
+    let (temp, output) = (plan.temp_bytes - staged, plan.output_bytes);
     check_space((&config.output, &config.job_folder), temp, output, temp + output)?;
-    Ok(PreparedTiles { source, plan, textured, marks })
+    Ok(PreparedTiles { source, plan, textured, marks, staging })
 }
 
 /// Clears up after a run that gave the tree its name and was killed before its job folder was gone; true if there was one.
@@ -184,7 +196,12 @@ fn refuse_to_replace(output: &Path, force: bool, is_over: bool) -> Result<()> {
 }
 
 impl TilesPlan {
-    fn new(source: &MeshSource, config: &TilesConfig, textured: bool) -> Result<TilesPlan> {
+    /// `staging` has the account of what the open source has on disk.
+    fn new(
+        source: &MeshSource,
+        config: &TilesConfig,
+        (textured, staging): (bool, &Disk),
+    ) -> Result<TilesPlan> {
         let triangles_in = source.n_triangles();
         if triangles_in == 0 {
             let what = "has no triangles (element face, row 0): there is nothing to cut into tiles";
@@ -231,23 +248,38 @@ impl TilesPlan {
         } else {
             0
         };
-        let staged = if textured { check_tiles(source, most, usable)? } else { 0 };
+        let staged = staging.held_bytes();
+        let pages = match textured {
+            true => check_tiles(source, most, (usable, staged))?,
+            false => TilesNeed::default(),
+        };
         let output = (OUTPUT_BYTES[usize::from(!config.packs)] as f64
             + scalar_bytes(&layout.schema) * per_triangle.clamp(0.5, 3.0))
             * all;
+        let of_triangle = match (source.has_corner_texture(), source.schema().properties.is_empty())
+        {
+            (true, _) => SECONDS_WITH_TEXTURE,
+            (false, false) => SECONDS_WITH_PROPERTIES,
+            (false, true) => SECONDS_PER_TRIANGLE,
+        };
+        let mut seconds = of_triangle * triangles_in as f64;
+        if textured {
+            seconds += PAGE_SECONDS[0] * all + PAGE_SECONDS[1] * pages.pixels as f64;
+        }
         Ok(TilesPlan {
             triangles_in,
             levels,
             tiles: (1.5 * all / config.tile_triangles as f64).ceil() as u64,
             usable_memory_bytes: usable,
             needed_memory_bytes: needed,
-            // The cells are gone when the input is staged for pages.
+            // The cells are gone when the input is staged for pages, once more.
             temp_bytes: (store + coloured + (triangles_in as f64 * hidden.left(1) * row) as u64)
-                .max(staged)
-                + shapes,
+                .max(pages.temp_bytes)
+                .max(if textured { staging.peak_bytes() } else { 0 })
+                + shapes
+                + staged,
             output_bytes: output as u64 + if textured { (PAGE_BYTES * all) as u64 } else { 0 },
-            seconds: triangles_in as f64
-                / (TRIANGLES_PER_SECOND_PER_CORE * config.threads.get() as f64),
+            seconds: seconds / config.threads.get() as f64,
         })
     }
 

@@ -100,6 +100,7 @@ pub(super) fn paint(
             let stage = StageOptions {
                 read,
                 memory_bytes: run.memory_bytes / 2,
+                disk: run.disk().clone(),
                 ..StageOptions::new(run.job.folder())
             };
             run.progress.count_from_zero(stages.input_triangles);

@@ -1,4 +1,4 @@
-//! Whole folders: made durable, renamed, replaced, removed; and the account of what lies in them.
+//! Whole folders: made durable, renamed, replaced, removed.
 
 use super::Disk;
 use super::Effect::Change;
@@ -40,10 +40,5 @@ impl Disk {
             Err(e) if e.kind() == std::io::ErrorKind::DirectoryNotEmpty => Ok(()),
             outcome => outcome.map_err(|e| Error::io(path, "cannot remove folder", e)),
         }
-    }
-
-    /// Takes bytes of the output out of the account of job files.
-    pub fn disown(&self, bytes: u64) {
-        self.hold(-(bytes as i64));
     }
 }

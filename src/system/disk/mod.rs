@@ -9,12 +9,14 @@ use std::fs::{File, OpenOptions};
 use std::num::NonZeroU64;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
+mod account;
 mod crash_model;
 mod folders;
 mod publish;
+use account::Account;
 use crash_model::Losses;
 pub use crash_model::PowerLoss;
 
@@ -28,8 +30,7 @@ pub struct Disk {
 struct Shared {
     bytes_read: AtomicU64,
     bytes_written: AtomicU64,
-    held_bytes: AtomicI64,
-    peak_bytes: AtomicI64,
+    account: Arc<Account>,
     operations: AtomicU64,
     /// Operations that change something; the only moments between which a death makes a difference.
     changes: AtomicU64,
@@ -68,16 +69,6 @@ impl Disk {
     /// Bytes written to job files and output so far.
     pub fn bytes_written(&self) -> u64 {
         self.shared.bytes_written.load(Relaxed)
-    }
-
-    /// The most bytes that job files have held at one time, as far as this process knows.
-    pub fn peak_bytes(&self) -> u64 {
-        self.shared.peak_bytes.load(Relaxed).max(0) as u64
-    }
-
-    /// Accounts for bytes that a resumed job already holds.
-    pub fn adopt(&self, bytes: u64) {
-        self.hold(bytes as i64);
     }
 
     /// For tests: a disk that knows what a power loss would take. It syncs nothing for real.
@@ -124,11 +115,6 @@ impl Disk {
     /// Operations that have passed through this joint so far.
     pub fn operations(&self) -> u64 {
         self.shared.operations.load(Relaxed)
-    }
-
-    fn hold(&self, bytes: i64) {
-        let now = self.shared.held_bytes.fetch_add(bytes, Relaxed) + bytes;
-        self.shared.peak_bytes.fetch_max(now, Relaxed);
     }
 
     fn operation(&self, path: &Path, action: &'static str, effect: Effect) -> Result<()> {
