@@ -1,10 +1,12 @@
-//! Whole folders: made durable, renamed, replaced, removed.
+//! Whole folders: made durable, renamed, replaced, removed; and the account of what lies in them.
 
-use super::Disk;
 use super::Effect::Change;
+use super::account::Account;
+use super::{Disk, Shared};
 use crate::error::{Error, Result};
 use std::fs::File;
 use std::path::Path;
+use std::sync::Arc;
 
 impl Disk {
     /// Makes everything in a folder and below durable, and with it all that its file system holds.
@@ -40,5 +42,55 @@ impl Disk {
             Err(e) if e.kind() == std::io::ErrorKind::DirectoryNotEmpty => Ok(()),
             outcome => outcome.map_err(|e| Error::io(path, "cannot remove folder", e)),
         }
+    }
+}
+
+impl Disk {
+    /// The most bytes that job files have held at one time, as far as this process knows.
+    pub fn peak_bytes(&self) -> u64 {
+        self.shared.account.peak()
+    }
+
+    /// The bytes that are held now.
+    pub fn held_bytes(&self) -> u64 {
+        self.shared.account.held()
+    }
+
+    /// A disk whose bytes are part of this one's account until its last clone is dropped.
+    pub fn part(&self) -> Disk {
+        let account = Account::part_of(&self.shared.account);
+        Disk { shared: Arc::new(Shared { account, ..Shared::default() }) }
+    }
+
+    /// Accounts for bytes that this disk has not written itself, such as those of a job that is resumed.
+    pub fn adopt(&self, bytes: u64) {
+        self.hold(bytes as i64);
+    }
+
+    /// Takes bytes of the output out of the account of job files.
+    pub fn disown(&self, bytes: u64) {
+        self.hold(-(bytes as i64));
+    }
+
+    pub(super) fn hold(&self, bytes: i64) {
+        self.shared.account.hold(bytes);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_part_holds_counts_until_it_is_dropped() {
+        let disk = Disk::default();
+        disk.adopt(100);
+        let part = disk.part();
+        part.adopt(50);
+        part.part().adopt(7);
+        part.disown(20);
+        assert_eq!((part.held_bytes(), disk.held_bytes()), (30, 130));
+        drop(part);
+        assert_eq!((disk.held_bytes(), disk.peak_bytes()), (100, 157));
     }
 }
