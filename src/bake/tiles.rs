@@ -100,7 +100,9 @@ pub fn check_tiles(
         let bytes = bytes * source.n_corners();
         if bytes > staging_bytes(free) / 3 { bytes } else { 0 }
     };
-    let sorts = [28, 16].map(sort_bytes);
+    // The number of the material goes with a corner where there are several.
+    let has_numbers = source.materials().is_some_and(|all| all.list.len() > 1);
+    let sorts = [if has_numbers { 32 } else { 28 }, 16].map(sort_bytes);
     let n_vertices = PARTED * source.n_vertices() as f64;
     let vertices = (n_vertices * (source.schema().record_bytes() as f64 + 12.0)) as u64;
     let faces = 13 * source.n_triangles();
