@@ -444,14 +444,6 @@ impl Config {
     pub fn targets(&self) -> impl Iterator<Item = Target> {
         std::iter::once(self.target).chain(self.coarser.iter().map(|level| level.target))
     }
-
-    /// Tells if the triangles of a job carry the relief of the original from round to round: where a level ends with a fit.
-    pub fn carries_relief(&self, n_triangles: u64) -> bool {
-        let kernel = &self.kernel;
-        let is_free = kernel.placement == Placement::Optimal && kernel.bound.is_none();
-        let mut levels = self.targets().map(|target| target.triangles(n_triangles));
-        is_free && levels.any(|target| kernel.fit.decided(n_triangles, target) == Fit::On)
-    }
 }
 
 /// Targets as they are stored in settings.

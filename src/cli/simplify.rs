@@ -122,7 +122,7 @@ pub struct Args {
     #[arg(long)]
     no_self_intersections: bool,
     /// Moves the vertices of the result to fit the original: less error for more time; auto does so
-    /// where at most 1 % of the triangles are left.
+    /// where at most 1 % of the triangles are left, and up to 11 % of them where the result is too large for one finish.
     #[arg(long, value_enum, value_name = "WHEN", default_value = "auto")]
     fit: TypedFit,
     /// Position of the vertex that survives a collapse: optimal, subset (only vertices of the input) or

@@ -56,5 +56,5 @@ pub use options::{
 pub use quality::{Quality, QualityAt};
 pub use run::{simplify_mesh, simplify_mesh_portably};
 pub use statistics::{FitStatistics, Simplified, Statistics};
-pub use stepwise::Stepwise;
+pub use stepwise::{CloseLevels, Stepwise};
 pub use topology::MAX_SPECK;

@@ -57,6 +57,25 @@ fn a_prefix_of_close_levels_gives_the_same_counts() {
     assert_eq!(counts(7), all[..7]);
 }
 
+#[test]
+fn close_levels_may_be_taken_one_at_a_time() {
+    let mesh = sheet(90);
+    let locked: Vec<bool> = (0..mesh.positions.len()).map(|v| v % 11 == 0).collect();
+    let levels: Vec<f64> = (0..20).map(|k| 1e-12 * 1.5f64.powi(k)).collect();
+    for (fit, expected_share) in [(Fit::Off, 0.0), (Fit::On, 0.3)] {
+        let of = |stop| Options { stop, fit, expected_share, ..Options::default() };
+        let options = of(Stop::Triangles(0));
+        let mut way = CloseLevels::new(mesh.clone(), &locked, &options, levels.clone());
+        [5, 5, 6, 13].into_iter().for_each(|n| way.take(n));
+        assert_eq!(way.counts().len(), 13);
+        assert!(way.bytes() > 40 * mesh.triangles.len() as u64, "{}", way.bytes());
+        let at_once =
+            simplify_mesh(mesh.clone(), &locked, &of(Stop::CloseCosts(levels[..13].to_vec())));
+        assert_eq!(way.finish(), at_once);
+        assert!(at_once.mesh.triangles.len() < mesh.triangles.len() / 2);
+    }
+}
+
 /// A sheet and a tetrahedron, far smaller than the error will be, so high above its middle.
 fn sheet_and_speck(height: f64) -> (Mesh, u32) {
     let mut mesh = sheet(40);

@@ -1,5 +1,6 @@
 //! The kernel's side of a job: rows of vertices and options, from the schema of the input and the settings alone.
 
+use super::fit;
 use super::source_facts::{confined, region};
 use crate::config::Config;
 use crate::io::ply::MeshSource;
@@ -37,23 +38,21 @@ pub(super) fn kernel_side(facts: &Facts, config: &Config) -> (VertexLayout, kern
     let Facts { schema, n_vertices, n_triangles, target } = facts;
     let bound = config.kernel.bound;
     let attributes = &config.attributes;
-    // Whether it is worth its time is a question of the whole job, not of what the finish sees.
-    let fit = config.kernel.fit.decided(*n_triangles, *target);
     let layout = VertexLayout {
         has_reach: bound.is_some(),
-        has_relief: config.carries_relief(*n_triangles),
+        has_relief: fit::carries_relief(config, *n_triangles),
         is_watched: config.kernel.no_self_intersections,
         ..VertexLayout::for_kernel(schema, *n_vertices, &attributes.labels, &attributes.weights)
     };
     let channel = layout.reach_channel();
-    let options = kernel::Options {
+    let mut options = kernel::Options {
         confined: confined(schema, config),
         region: region(schema, config),
         seam_share: attributes.weights.seam_share(),
-        fit,
-        fits_first_round: config.kernel.fit == kernel::Fit::On,
         bound: bound.map(|bound| kernel::Bound { channel, ..bound }),
         ..config.kernel.clone()
     };
+    // Whether it is worth its time is a question of the whole job, not of what the finish sees.
+    fit::decide(&mut options, config, *n_triangles, *target);
     (layout, options)
 }

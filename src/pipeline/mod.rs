@@ -7,6 +7,7 @@
 pub(crate) mod bake;
 mod before;
 pub mod extract;
+mod fit;
 pub mod in_memory;
 mod kernel_side;
 pub(crate) mod max_error;

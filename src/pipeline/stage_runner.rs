@@ -15,6 +15,7 @@ use crate::error::{Error, Result};
 use crate::io::ply::{MeshSource, OutputHeader, Place};
 use crate::io::{OutputFormat, OutputKind, TexturePlan};
 use crate::kernel;
+use crate::pipeline::fit;
 use crate::pipeline::plan::Plan;
 use crate::pipeline::run_report::StageReport;
 use crate::stages::components::{self, Components};
@@ -136,7 +137,7 @@ impl<'a> Stages<'a> {
         let Some(&target) = level.checked_sub(1).and_then(|k| plan.coarser.get(k)) else { return };
         (self.level, self.target) = (level, target);
         (self.rounds_before, self.before) = (self.rounds_done, u64::MAX);
-        self.kernel.fit = self.config.kernel.fit.decided(plan.triangles_in, target);
+        fit::decide(&mut self.kernel, self.config, plan.triangles_in, target);
     }
 
     pub(super) fn partition(

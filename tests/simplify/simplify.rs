@@ -47,6 +47,29 @@ fn a_closed_statue_stays_closed_through_many_cells() {
     }
 }
 
+/// More than one finish takes: a last round goes down level by level, with as many cells standing as the memory holds.
+#[test]
+fn a_large_result_is_the_same_for_any_memory_and_fitted_by_default() {
+    let folder = folder_with("statue", "300k");
+    let simplify = "simplify in.ply out.ply --triangles 30k --cell-triangles 6k --force";
+    let mut results = Vec::new();
+    for memory in ["24MiB", "32MiB", "40MiB", "64MiB", "1GiB"] {
+        let done = run(folder.path(), &format!("{simplify} --threads 2 --memory {memory}"));
+        if done.status.success() {
+            results.push(bytes(folder.path(), "out.ply"));
+        }
+    }
+    assert!(results.len() >= 2, "budgets were refused");
+    assert!(results.windows(2).all(|two| two[0] == two[1]));
+    let n = count(&check(folder.path(), "out.ply"), "triangles");
+    let target = 30_000;
+    assert!(n <= target && n >= target - target / 200, "{n} of {target}");
+    let fitted = rms(folder.path(), "in.ply", "out.ply");
+    expect(folder.path(), &format!("{simplify} --fit off"), 0);
+    let plain = rms(folder.path(), "in.ply", "out.ply");
+    assert!(fitted < 0.95 * plain, "{fitted} {plain}");
+}
+
 #[test]
 fn an_exact_target_is_met_exactly() {
     let folder = folder_with("terrain", "120k");

@@ -51,7 +51,7 @@ fn heights(term: &FaceTerm) -> Option<[f64; 3]> {
         m[a][c] * m[b][d] - m[a][d] * m[b][c]
     };
     let determinant: f64 = (0..3).map(|j| m[0][j] * minor(0, j)).sum();
-    let solved =
-        std::array::from_fn(|k| (0..3).map(|i| minor(i, k) * q[i]).sum::<f64>() / determinant);
+    let share = 1.0 / determinant;
+    let solved = std::array::from_fn(|k| (0..3).map(|i| minor(i, k) * q[i]).sum::<f64>() * share);
     Some(solved)
 }

@@ -154,6 +154,7 @@ impl Samples {
         // What a round leaves is not the result yet.
         let (n, is_round) = (surface.n_alive, goal.sweeps == 1);
         let density = match is_round {
+            _ if !relief.is_empty() && goal.is_sparse => Density::Middles,
             _ if !relief.is_empty() => Density::over_relief(n, goal.left),
             true => Density::of_round(n, goal.left),
             false => Density::of(n, goal.left),

@@ -48,18 +48,24 @@ impl Driver {
     /// many triangles were left after each. Thresholds are rounded up to 1/32 of an octave.
     pub(crate) fn close_levels(&mut self, levels: &[f64]) -> Vec<u64> {
         let Some(&highest) = levels.last() else { return Vec::new() };
+        let mut queue = self.queue_for(highest);
+        levels.iter().map(|&level| self.close_level(&mut queue, level)).collect()
+    }
+
+    /// Seeds a queue with all edges that are no dearer than the highest of some close thresholds.
+    pub(crate) fn queue_for(&mut self, highest: f64) -> BucketQueue {
         let mut queue = BucketQueue::new(5);
-        let limits = Limits { cost: f32::MAX, triangles: 0, may_stall: false };
         let highest = queue.bucket(self.scaled(highest));
         let below = queue.lowest_cost(highest + 1);
         self.seed(&mut queue, 0..self.state.surface.triangles.len(), below);
-        let mut counts = Vec::new();
-        for &level in levels {
-            queue.close_above(self.scaled(level));
-            self.drain(&mut queue, limits);
-            counts.push(self.state.surface.n_alive);
-        }
-        counts
+        queue
+    }
+
+    /// Drains such a queue to the next of its thresholds; gives back how many triangles are left.
+    pub(crate) fn close_level(&mut self, queue: &mut BucketQueue, level: f64) -> u64 {
+        queue.close_above(self.scaled(level));
+        self.drain(queue, Limits { cost: f32::MAX, triangles: 0, may_stall: false });
+        self.state.surface.n_alive
     }
 
     /// Simplifies to at most `target` triangles; false if nothing legal is left before.

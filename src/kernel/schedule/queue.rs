@@ -91,6 +91,13 @@ impl BucketQueue {
         }
     }
 
+    /// Memory in bytes.
+    pub(crate) fn bytes(&self) -> u64 {
+        let fixed =
+            size_of_val(&*self.heads) + size_of_val(&*self.filled) + size_of_val(&*self.seen);
+        (fixed + self.pool.capacity() * size_of::<Slot>()) as u64
+    }
+
     /// The bucket of a cost; of what is negative or NaN, the first.
     #[inline(always)]
     pub(crate) fn bucket(&self, cost: f32) -> u32 {

@@ -12,6 +12,7 @@ use crate::kernel::{MAX_SPECK, history_bytes};
 use crate::mesh::face_properties::FacePropertyPlan;
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
+use crate::pipeline::fit;
 use crate::stages::components;
 use crate::stages::partition::{self, Shares, Sizes};
 use crate::stages::simplify::{
@@ -95,7 +96,7 @@ impl Plan {
         let attributes = &config.attributes;
         let layout = VertexLayout {
             has_reach: config.kernel.bound.is_some(),
-            has_relief: config.carries_relief(triangles_in),
+            has_relief: fit::carries_relief(config, triangles_in),
             is_watched: config.kernel.no_self_intersections,
             ..VertexLayout::for_kernel(
                 source.schema(),
@@ -151,7 +152,7 @@ impl Plan {
                 true => 1.0,
                 false => (finish.after as f64 / finish.before.max(1) as f64).min(1.0),
             };
-            let fit = config.kernel.fit.decided(triangles_in, finish.after);
+            let fit = fit::decided(config, triangles_in, finish.after);
             let record = match config.progressive {
                 Some(_) => {
                     let tally = tally_of(finish.before);

@@ -1,23 +1,29 @@
-//! Simplifies cells to an exact total, by a trial run of every cell.
+//! Simplifies cells to an exact total.
+//!
+//! All cells go down the same close levels, one level at a time, until their total is met. A cell stands where it is until
+//! then, if the memory holds it; else its counts after all levels are noted, and it is simplified once more when its
+//! level is known. The result is the same.
 
 use super::fitted;
 use super::ladder::Thresholds;
-use super::pilot::sealed_thresholds;
-use super::run_cells::{Goal, drain, kernel_run, run_all, run_cells};
+use super::pilot::{bytes_for_copies, sealed_thresholds, takes};
+use super::run_cells::{Goal, drain, for_cells, kernel_run, run_all, run_cells_loading, survivors};
 use crate::error::Result;
-use crate::kernel::{Options, Stop};
+use crate::kernel::{CloseLevels, Options, Stop};
 use crate::store::cell_id::CellId;
-use crate::store::cells::{CellStore, SurvivorInfo, Survivors};
+use crate::store::cells::{CellMesh, CellStore, SurvivorInfo, Survivors};
 use crate::store::stage_context::StageContext;
 use libm::exp2;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::ops::Range;
+use std::sync::atomic::AtomicU64;
+use std::sync::{Mutex, PoisonError};
 
 /// Simplifies every cell to an exact total, at most `goal.triangles`: for results too large for one finish.
 ///
-/// Every cell is run twice: once to learn its count after each of many close levels, once to the levels
-/// chosen from those counts. The first cells, in order, stop one level later than the others, so that the
-/// total meets the target to within one such step of one cell.
+/// The first cells, in order, stop one level later than the others, so that the total meets the target to within one such
+/// step of one cell.
 pub fn simplify_cells_exactly(
     store: &CellStore,
     goal: Goal,
@@ -25,21 +31,123 @@ pub fn simplify_cells_exactly(
     run: &StageContext,
 ) -> Result<SurvivorInfo> {
     let (thresholds, _) = sealed_thresholds(store, goal, options, run, false)?;
+    let options = &Options { keeps_relief: false, ..fitted(options, store, goal) };
+    let standing = Standing::default();
     let levels: ExactLevels =
         run.job.sealed(&format!("round {} exact levels", goal.round), || {
-            let near = near_levels(&thresholds);
-            let counts = run_to(near, (store, goal), options, run, 0..store.n_cells())?;
-            if left_after(&counts) <= goal.triangles {
-                return Ok(ExactLevels::choose(&thresholds, &counts, store, goal));
-            }
-            let counts = trial((store, goal), options, &thresholds, run, 0..store.n_cells())?;
-            Ok(ExactLevels::choose(&thresholds, &counts, store, goal))
+            descend((store, goal), options, &thresholds, &standing, run)
         })?;
-    let options = &Options { keeps_relief: false, ..fitted(options, store, goal) };
-    run_cells(store, goal, run, |id, cell| match levels.stop(id) {
-        Some(stop) => drain(cell, stop, options, store),
-        None => Survivors::all_of(cell, store.layout()),
+    run_cells_loading(store, goal, run, |id| {
+        if let Some((cell, way)) = standing.take(id, levels.depth(id)) {
+            return Ok(survivors(&cell, way.finish(), store));
+        }
+        let cell = store.load_tidy(id)?;
+        Ok(match levels.stop(id) {
+            Some(stop) => drain(cell, stop, options, store),
+            None => Survivors::all_of(cell, store.layout()),
+        })
     })
+}
+
+/// Cells that stand on their way down close levels; their meshes are on the way.
+#[derive(Default)]
+struct Standing(Mutex<BTreeMap<CellId, (CellMesh, CloseLevels)>>);
+
+impl Standing {
+    fn put(&self, cell: CellId, standing: (CellMesh, CloseLevels)) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(cell, standing);
+    }
+
+    fn remove(&self, cell: CellId) -> Option<(CellMesh, CloseLevels)> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).remove(&cell)
+    }
+
+    /// A cell, if it stands after just as many levels.
+    fn take(&self, cell: CellId, n_levels: usize) -> Option<(CellMesh, CloseLevels)> {
+        self.remove(cell).filter(|(_, way)| way.counts().len() == n_levels)
+    }
+
+    fn cells(&self) -> Vec<CellId> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).keys().copied().collect()
+    }
+}
+
+/// Finds the levels that meet the goal. Cells that the memory holds are left `standing`.
+fn descend(
+    (store, goal): (&CellStore, Goal),
+    options: &Options,
+    thresholds: &Thresholds,
+    standing: &Standing,
+    run: &StageContext,
+) -> Result<ExactLevels> {
+    let levels = close_levels(thresholds);
+    if levels.is_empty() {
+        return Ok(ExactLevels::default());
+    }
+    let free_bytes = AtomicU64::new(bytes_for_copies(store, run));
+    let options = &Options { estimate: true, ..options.clone() };
+    let mut counts = run_all((store, goal), 0..store.n_cells(), run, |id, mut cell| {
+        let mesh = std::mem::take(&mut cell.mesh);
+        let mut way = CloseLevels::new(mesh, &cell.shared, options, levels.clone());
+        way.take(FIRST_LOOK);
+        let stands = takes(&free_bytes, way.bytes() + cell.bytes());
+        if !stands {
+            way.take(SECOND_LOOK);
+        }
+        let counts = way.counts().to_vec();
+        if stands {
+            standing.put(id, (cell, way));
+        }
+        counts
+    })?;
+    let all_standing = standing.cells();
+    for depth in FIRST_LOOK.. {
+        if depth >= levels.len() || meets(&counts, store, (depth, goal.triangles)) {
+            break;
+        }
+        let is_short = |id: &CellId| counts[id.index()].len() <= depth;
+        let short: Vec<CellId> = CellId::first(store.n_cells()).filter(is_short).collect();
+        let lack = short.iter().filter(|id| all_standing.binary_search(id).is_err());
+        let lack: Vec<CellId> = lack.copied().collect();
+        note(&mut counts, (store, goal), &lack, run, |id| {
+            let stop = Stop::CloseCosts(levels.clone());
+            Ok(kernel_run(store.load_tidy(id)?, stop, options).1.statistics.level_counts)
+        })?;
+        // In order, and no farther than the goal asks for.
+        for few in all_standing.chunks(run.threads.max(1)) {
+            if meets(&counts, store, (depth + 1, goal.triangles)) {
+                break;
+            }
+            note(&mut counts, (store, goal), few, run, |id| {
+                let Some((cell, mut way)) = standing.remove(id) else { return Ok(Vec::new()) };
+                way.take(depth + 1);
+                let counts = way.counts().to_vec();
+                standing.put(id, (cell, way));
+                Ok(counts)
+            })?;
+        }
+    }
+    Ok(ExactLevels::choose(thresholds, &counts, store, goal))
+}
+
+/// Runs `work` on some cells and notes the counts that it finds for each.
+fn note(
+    counts: &mut [Vec<u64>],
+    round: (&CellStore, Goal),
+    cells: &[CellId],
+    run: &StageContext,
+    work: impl Fn(CellId) -> Result<Vec<u64>> + Sync,
+) -> Result<()> {
+    let found = Mutex::new(Vec::new());
+    for_cells(round, cells.iter().copied(), run, |id| {
+        let counts = work(id)?;
+        found.lock().unwrap_or_else(PoisonError::into_inner).push((id, counts));
+        Ok(())
+    })?;
+    for (id, found) in found.into_inner().unwrap_or_else(PoisonError::into_inner) {
+        counts[id.index()] = found;
+    }
+    Ok(())
 }
 
 /// The counts of some cells after each of many close levels, in the order of the cells; nothing where nothing is to be done.
@@ -50,36 +158,14 @@ pub fn trial(
     run: &StageContext,
     cells: Range<usize>,
 ) -> Result<Vec<Vec<u64>>> {
-    run_to(close_levels(thresholds), round, options, run, cells)
-}
-
-/// The counts of some cells after each of `levels`.
-fn run_to(
-    levels: Vec<f64>,
-    round: (&CellStore, Goal),
-    options: &Options,
-    run: &StageContext,
-    cells: Range<usize>,
-) -> Result<Vec<Vec<u64>>> {
+    let levels = close_levels(thresholds);
     if levels.is_empty() {
         return Ok(Vec::new());
     }
-    run_all(round, cells, run, |cell| {
+    run_all(round, cells, run, |_, cell| {
         let stop = Stop::CloseCosts(levels.clone());
         kernel_run(cell, stop, options).1.statistics.level_counts
     })
-}
-
-/// Triangles in all cells after the last of their levels.
-fn left_after(counts: &[Vec<u64>]) -> u64 {
-    counts.iter().filter_map(|counts| counts.last()).sum()
-}
-
-/// The close levels that are tried first. Each costs a trial as many collapses as the round itself needs.
-fn near_levels(thresholds: &Thresholds) -> Vec<f64> {
-    let mut levels = close_levels(thresholds);
-    levels.truncate((FINE_LEVELS + NEAR_LEVELS + 1) as usize);
-    levels
 }
 
 fn close_levels(thresholds: &Thresholds) -> Vec<f64> {
@@ -111,10 +197,14 @@ impl ExactLevels {
         ExactLevels { levels: close_levels(thresholds), n_levels, n_ahead }
     }
 
+    /// Number of levels that a cell drains.
+    fn depth(&self, cell: CellId) -> usize {
+        (self.n_levels + usize::from(cell.index() < self.n_ahead)).min(self.levels.len())
+    }
+
     /// The end of a cell; `None` if it stays as it is.
     pub fn stop(&self, cell: CellId) -> Option<Stop> {
-        let depth = self.n_levels + usize::from(cell.index() < self.n_ahead);
-        let levels = &self.levels[..depth.min(self.levels.len())];
+        let levels = &self.levels[..self.depth(cell)];
         (!levels.is_empty()).then(|| Stop::CloseCosts(levels.to_vec()))
     }
 }
@@ -123,16 +213,38 @@ impl ExactLevels {
 const FINE_LEVELS: i32 = 24;
 const FINE_STEPS: f64 = 16.0;
 
-/// Levels above the pilot's threshold that a trial takes at first.
-const NEAR_LEVELS: i32 = 6;
+/// Levels after which all cells are looked at first: a quarter of an octave before the pilot's threshold, at which they stand.
+const FIRST_LOOK: usize = FINE_LEVELS as usize - 3;
+
+/// Levels that a cell takes at once if the memory does not hold it: six more than the pilot's threshold. Each costs it as
+/// many collapses as the round itself needs.
+const SECOND_LOOK: usize = FINE_LEVELS as usize + 7;
+
+/// Triangles of a cell after so many levels.
+fn after(counts: &[Vec<u64>], store: &CellStore, cell: usize, depth: usize) -> u64 {
+    match depth {
+        0 => store.info().cells[cell].triangles,
+        _ => counts[cell].get(depth - 1).or(counts[cell].last()).copied().unwrap_or(0),
+    }
+}
+
+/// Tells if the first cells, or all, with `depth` levels behind them and the others with one less come to at most `target`
+/// triangles, as far as counts are known.
+fn meets(counts: &[Vec<u64>], store: &CellStore, (depth, target): (usize, u64)) -> bool {
+    let mut sum: u64 = (0..counts.len()).map(|cell| after(counts, store, cell, depth - 1)).sum();
+    for (cell, known) in counts.iter().enumerate() {
+        if sum <= target || known.len() < depth {
+            break;
+        }
+        sum = sum - after(counts, store, cell, depth - 1) + known[depth - 1];
+    }
+    sum <= target
+}
 
 /// Chooses the number of levels of every cell, and of first cells that take one more, so that the total is
 /// the largest that does not exceed `target`.
 fn choose_levels(counts: &[Vec<u64>], store: &CellStore, target: u64) -> (usize, usize) {
-    let after = |cell: usize, depth: usize| match depth {
-        0 => store.info().cells[cell].triangles,
-        _ => counts[cell].get(depth - 1).or(counts[cell].last()).copied().unwrap_or(0),
-    };
+    let after = |cell: usize, depth: usize| after(counts, store, cell, depth);
     let total = |depth: usize| (0..counts.len()).map(|cell| after(cell, depth)).sum::<u64>();
     let deepest = counts.iter().map(Vec::len).max().unwrap_or(0);
     let Some(enough) = (0..=deepest).find(|&depth| total(depth) <= target) else {

@@ -182,15 +182,15 @@ fn send_down(
     Ok(PilotPart { ladder, curves })
 }
 
-/// Memory that copies may take: half of what the largest cells on all threads leave of the budget.
-fn bytes_for_copies(store: &CellStore, run: &StageContext) -> u64 {
+/// Memory that meshes on their way may take beside the cells at work: half of what the largest cells on all threads leave of the budget.
+pub(super) fn bytes_for_copies(store: &CellStore, run: &StageContext) -> u64 {
     let cells = CellId::first(store.n_cells());
     let largest = cells.map(|cell| cell_bytes(store, cell, 1.0)).max().unwrap_or(0);
     run.memory_bytes.saturating_sub(largest.saturating_mul(run.threads as u64)) / 2
 }
 
 /// Takes `bytes` out of what is free, if there are as many.
-fn takes(free_bytes: &AtomicU64, bytes: u64) -> bool {
+pub(super) fn takes(free_bytes: &AtomicU64, bytes: u64) -> bool {
     free_bytes
         .fetch_update(Ordering::Relaxed, Ordering::Relaxed, |free| free.checked_sub(bytes))
         .is_ok()

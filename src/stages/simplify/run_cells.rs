@@ -94,11 +94,11 @@ pub(super) fn run_all<T: Send + Clone + Default>(
     (store, goal): (&CellStore, Goal),
     cells: Range<usize>,
     run: &StageContext,
-    work: impl Fn(CellMesh) -> T + Sync,
+    work: impl Fn(CellId, CellMesh) -> T + Sync,
 ) -> Result<Vec<T>> {
     let outcomes = Mutex::new(vec![T::default(); cells.len()]);
     for_cells((store, goal), cells.clone().map(CellId::at), run, |cell| {
-        let outcome = work(store.load_tidy(cell)?);
+        let outcome = work(cell, store.load_tidy(cell)?);
         let place = cell.index() - cells.start;
         outcomes.lock().unwrap_or_else(PoisonError::into_inner)[place] = outcome;
         Ok(())
@@ -135,9 +135,19 @@ pub(super) fn run_cells(
     run: &StageContext,
     work: impl Fn(CellId, CellMesh) -> Survivors + Sync,
 ) -> Result<SurvivorInfo> {
+    run_cells_loading(store, goal, run, |index| Ok(work(index, store.load_tidy(index)?)))
+}
+
+/// The same where `work` loads the cell, if it needs to.
+pub(super) fn run_cells_loading(
+    store: &CellStore,
+    goal: Goal,
+    run: &StageContext,
+    work: impl Fn(CellId) -> Result<Survivors> + Sync,
+) -> Result<SurvivorInfo> {
     let frees = frees_sources(store.info().triangles, goal.triangles)
         && store.info().packs.iter().all(|file| run.job.owns(&file.pack));
-    run_cells_with((store, goal), (frees, None), run, |index, cell| Ok(work(index, cell)))
+    run_cells_with((store, goal), (frees, None), run, work)
 }
 
 /// The same with work beside: sources stay until the round is over.
@@ -148,7 +158,8 @@ pub(super) fn run_cells_beside(
     run: &StageContext,
     work: impl Fn(CellId, CellMesh) -> Survivors + Sync,
 ) -> Result<SurvivorInfo> {
-    run_cells_with((store, goal), (false, Some(beside)), run, |index, cell| {
+    run_cells_with((store, goal), (false, Some(beside)), run, |index| {
+        let cell = store.load_tidy(index)?;
         let before = cell.clone();
         let mut left = work(index, cell);
         (beside.look)(index, before, &mut left)?;
@@ -162,7 +173,7 @@ fn run_cells_with(
     (store, goal): (&CellStore, Goal),
     (frees, beside): (bool, Option<Beside>),
     run: &StageContext,
-    work: impl Fn(CellId, CellMesh) -> Result<Survivors> + Sync,
+    work: impl Fn(CellId) -> Result<Survivors> + Sync,
 ) -> Result<SurvivorInfo> {
     let name = run.job.name(&format!("round-{}.survivors", goal.round));
     let mut writer = SurvivorWriter::open(run.disk(), run.job.folder(), &name, store.layout())?;
@@ -194,7 +205,7 @@ fn run_cells_with(
     let left = CellId::first(store.n_cells()).filter(|&cell| !is_done[cell]);
     let more = beside.map_or(0, |beside| beside.bytes_per_triangle);
     let outcome = for_cells_beside((store, goal), left, more, run, |cell| {
-        let survivors = work(cell, store.load_tidy(cell)?)?;
+        let survivors = work(cell)?;
         // Before the lock: others wait for nothing but the file.
         let encoded = survivors.encode(store.layout());
         let mut output = output.lock().map_err(half_written)?;

@@ -29,7 +29,7 @@ const _: () = assert!(3 * FINISH_CELLS * MAX_CELL_TRIANGLES <= kernel::MAX_VERTI
 const COARSE: (f64, f64) = (4.0, 1.3);
 /// Further multiples for results too large for one finish, each with seams elsewhere.
 const MEDIUM: (f64, f64) = (2.0, 1.3);
-const FINE: (f64, f64) = (1.08, 1.06);
+const FINE: (f64, f64) = (1.08, 1.1);
 
 /// A round leaves at least this many triangles for each vertex that cells share, so that what is locked stays well
 /// below half of a cell. Where less was left, the costs that the goal asked for flattened the inside of the

@@ -20,6 +20,14 @@ pub struct CellMesh {
     pub dropped: Dropped,
 }
 
+impl CellMesh {
+    /// Memory in bytes, without that of the mesh.
+    pub fn bytes(&self) -> u64 {
+        let ids = self.ids.capacity() * size_of::<GlobalVertex>();
+        (ids + self.records.capacity() + self.shared.capacity()) as u64
+    }
+}
+
 /// Counts of what was left out.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Dropped {
