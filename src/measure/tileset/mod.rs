@@ -14,13 +14,21 @@ use crate::system::parallel::{guarded, in_order};
 use crate::system::progress::Progress;
 use borders::{Border, Borders, border};
 pub use found::TilesetCheck;
-use rules::{CheckedTile, Tree};
+use rules::{CheckedTile, Cuboid, Tree};
 use std::path::Path;
 
 /// A tile as it was read.
 #[derive(Default)]
 struct Looked {
-    outcome: Option<std::result::Result<(u64, Border), String>>,
+    outcome: Option<std::result::Result<Tile, String>>,
+}
+
+/// A tile that could be read.
+struct Tile {
+    triangles: u64,
+    border: Border,
+    /// A fault that leaves its border what it is.
+    fault: Option<String>,
 }
 
 /// Checks the tree in `folder`. Memory: a few hundred bytes a tile, and 48 for each edge on the border of a tile of one
@@ -52,11 +60,15 @@ pub fn check_tileset(folder: &Path, threads: usize, progress: &Progress) -> Resu
             |index, looked| {
                 let number = tiles[index as usize];
                 match looked.outcome.take() {
-                    Some(Ok((n, border))) => {
+                    Some(Ok(Tile { triangles, border, fault })) => {
                         found.tiles += 1;
-                        total += n;
-                        found.triangles += if level == 0 { n } else { 0 };
+                        total += triangles;
+                        found.triangles += if level == 0 { triangles } else { 0 };
                         borders.add(number, border);
+                        if let Some(what) = fault {
+                            let name = tree.tiles[number as usize].name();
+                            found.fault(|| format!("{name}: {what}"));
+                        }
                     }
                     Some(Err(what)) => {
                         let name = tree.tiles[number as usize].name();
@@ -93,12 +105,8 @@ pub fn is_tileset(path: &Path) -> bool {
     path.is_dir() && path.join(FILE_NAME).is_file()
 }
 
-/// Reads a tile and holds it against its description; returns its triangles and the edges on its border.
-fn look(
-    folder: &Path,
-    tile: &CheckedTile,
-    tree: &Tree,
-) -> std::result::Result<(u64, Border), String> {
+/// Reads a tile and holds it against its description.
+fn look(folder: &Path, tile: &CheckedTile, tree: &Tree) -> std::result::Result<Tile, String> {
     let path = folder.join(tile.name());
     let bytes = std::fs::read(&path).map_err(|e| format!("cannot be read: {e}"))?;
     // The decoder of compressed data checks by panicking in places.
@@ -115,15 +123,26 @@ fn look(
         return Err(format!("its step is {}, not {step}, or another axis points up", stored.step));
     }
     let Some(volume) = tile.content_volume.or(tile.volume) else {
-        return Ok((n, Border::default()));
+        return Ok(Tile { triangles: n, border: Border::default(), fault: None });
     };
-    for p in &mesh.positions {
+    let place = |p: &[i32; 3]| {
         let p = p.map(|x| f64::from(x) * step);
-        let p = if tree.is_z_up { p } else { [p[0], -p[2], p[1]] };
+        if tree.is_z_up { p } else { [p[0], -p[2], p[1]] }
+    };
+    for p in mesh.positions.iter().map(place) {
         if !volume.contains(p, step) {
             return Err(format!("its vertex at {p:?} lies outside of its volume"));
         }
     }
+    // Viewers may leave out a tile of which nothing finer lies in the picture.
+    let is_held = |t: &[u32; 3]| {
+        let corners = t.map(|v| place(&mesh.positions[v as usize]));
+        let holds = |volume: &Cuboid| corners.iter().all(|p| volume.contains(*p, step / 1024.0));
+        tile.finer.iter().any(holds)
+    };
+    let leaves = mesh.triangles.iter().position(|t| tile.level > 0 && !is_held(t));
+    let fault =
+        leaves.map(|t| format!("its triangle {t} lies in none of the volumes of its finer tiles"));
     if let Some(i) = mesh.normals.iter().position(|n| *n == [0; 3]) {
         return Err(format!("the normal of its vertex {i} has no direction"));
     }
@@ -133,7 +152,8 @@ fn look(
     if stored.page.is_some() && !mesh.colours.is_empty() {
         return Err("it has a page and colours, which multiply it".to_owned());
     }
-    Ok((n, border(mesh, &numbers_of(folder, tile.name())?)?))
+    let border = border(mesh, &numbers_of(folder, tile.name())?)?;
+    Ok(Tile { triangles: n, border, fault })
 }
 
 /// The numbers of the vertices that a tile has in common with others.

@@ -21,6 +21,8 @@ pub(super) struct CheckedTile {
     pub(super) content_volume: Option<Cuboid>,
     pub(super) content: Option<String>,
     pub(super) triangles: u64,
+    /// Volumes of its finer tiles.
+    pub(super) finer: Vec<Cuboid>,
     n_children: usize,
 }
 
@@ -182,8 +184,12 @@ impl Tree {
                 .and_then(Cuboid::of),
             content: uri,
             triangles: facts["triangles"].as_u64().unwrap_or(0),
+            finer: Vec::new(),
             n_children: tile.children.len(),
         });
+        if let (Some(parent), Some(volume)) = (parent, Cuboid::of(&tile.bounding_volume)) {
+            self.tiles[parent as usize].finer.push(volume);
+        }
         for child in &tile.children {
             self.tile(folder, file, child, (Some(number), depth + 1), found);
         }

@@ -3,6 +3,7 @@
 //! All tiles that a group shows finer have the volume and the error of the group, and a group's volume holds those of
 //! all groups below that share a tile with it, its error exceeds theirs. So whatever rule of error and distance
 //! a viewer has, it refines a group whole, and only after all groups above it: neighbours always fit together.
+//! Every triangle of a tile lies in the volume of one of its finer tiles, so viewers may judge by these what is in the picture.
 //!
 //! docs/design/tiles.md.
 
@@ -55,7 +56,7 @@ pub(super) fn tree(levels: &Levels) -> (Vec<TreeTile>, Vec<f64>) {
     top.content_bounds = bounds_of(levels.top);
     top.triangles = levels.top.triangles;
     top.group = (n_rounds > 0).then_some(0);
-    tree.texels[root as usize] = levels.top.texel;
+    tree.records[root as usize] = Some(levels.top);
     tree.owned = levels.rounds.iter().map(|round| vec![Vec::new(); round.len()]).collect();
     for tile in 0..root {
         if let Some((round, group)) = tree.owner(tile) {
@@ -74,11 +75,11 @@ pub(super) fn tree(levels: &Levels) -> (Vec<TreeTile>, Vec<f64>) {
 }
 
 #[derive(Default)]
-struct Tree {
+struct Tree<'a> {
     tiles: Vec<TreeTile>,
     keys: Vec<BoxKey>,
-    /// For each tile the side of a texel of its page.
-    texels: Vec<f64>,
+    /// For each tile what was recorded when it was written; none if it has no content.
+    records: Vec<Option<&'a TileRecord>>,
     /// For each round the number of the first tile that each of its groups has written, and their end.
     first: Vec<Vec<u32>>,
     /// For each round and group the tiles that it shows finer.
@@ -106,13 +107,13 @@ fn hidden(rounds: &[Vec<GroupRecord>]) -> Vec<(BoxKey, f64)> {
     below.into_iter().map(|(record, distance)| (record.group, distance)).collect()
 }
 
-impl Tree {
+impl<'a> Tree<'a> {
     fn push(
         &mut self,
         levels: &Levels,
         level: u32,
         key: BoxKey,
-        content: Option<(String, &TileRecord)>,
+        content: Option<(String, &'a TileRecord)>,
     ) -> u32 {
         let group = match level {
             0 => None,
@@ -122,7 +123,7 @@ impl Tree {
                 .map(|group| group as u32),
         };
         let mut tile = TreeTile { level, group, ..TreeTile::default() };
-        self.texels.push(content.as_ref().map_or(0.0, |(_, record)| record.texel));
+        self.records.push(content.as_ref().map(|(_, record)| *record));
         if let Some((path, record)) = content {
             tile.content = Some(path);
             tile.content_bounds = bounds_of(record);
@@ -133,10 +134,10 @@ impl Tree {
         self.tiles.len() as u32 - 1
     }
 
-    /// Round and group that show a tile finer.
+    /// Round and group that show a tile finer; none on the finest level.
     fn owner(&self, tile: u32) -> Option<(usize, usize)> {
         let tile = &self.tiles[tile as usize];
-        Some((tile.level as usize - 1, tile.group? as usize))
+        Some(((tile.level as usize).checked_sub(1)?, tile.group? as usize))
     }
 
     /// Gives the tiles that a round has written their parents. A group of which nothing is left gets a parent without
@@ -222,6 +223,34 @@ impl Tree {
         found.map_or(0.0, |at| self.leaves[at].1)
     }
 
+    /// Makes the volumes of the finer tiles of a tile hold its triangles: of those of a box, the volume that grows least by it.
+    fn hold(&mut self, levels: &Levels, number: u32) {
+        let tile = &self.tiles[number as usize];
+        let Some(record) = self.records[number as usize] else { return };
+        let step = levels.lattice.step_of(tile.level);
+        let mut parts: Vec<Bounds> = record.by_box.iter().map(|b| in_units(b, step)).collect();
+        if parts.is_empty() {
+            parts.push(tile.content_bounds);
+        }
+        let children = tile.children.clone();
+        for part in parts {
+            let grown = |child: u32| self.tiles[child as usize].bounds.joined(&part);
+            let growth =
+                |child: u32| area(&grown(child)) - area(&self.tiles[child as usize].bounds);
+            let nearest = children.iter().copied().min_by(|a, b| growth(*a).total_cmp(&growth(*b)));
+            let Some(child) = nearest else { return };
+            let grown = grown(child);
+            if grown == self.tiles[child as usize].bounds {
+                continue;
+            }
+            // All tiles of a group have one volume.
+            let group = self.owner(child);
+            let alike =
+                group.map_or(vec![child], |(round, group)| self.owned[round][group].clone());
+            alike.iter().for_each(|&tile| self.tiles[tile as usize].bounds = grown);
+        }
+    }
+
     /// Volumes and errors, from the finest level upwards; returns the largest deviation of each level.
     fn bound(&mut self, levels: &Levels) -> Vec<f64> {
         let mut most = 0.0f64;
@@ -244,11 +273,17 @@ impl Tree {
             let rounding = 3f64.sqrt() * levels.lattice.step_of(round as u32 + 1);
             let mut own = Vec::with_capacity(records.len());
             let mut most = 0.0f64;
+            // Volumes of finer tiles grow before any group above them takes them in.
+            for group in 0..records.len() {
+                for tile in self.owned[round][group].clone() {
+                    self.hold(levels, tile);
+                }
+            }
             for (group, record) in records.iter().enumerate() {
                 let (mut bounds, mut below, mut error) = (Bounds::EMPTY, 0.0f64, 0.0f64);
                 let mut texel = 0.0f64;
                 for &tile in &self.owned[round][group] {
-                    texel = texel.max(self.texels[tile as usize]);
+                    texel = texel.max(self.records[tile as usize].map_or(0.0, |r| r.texel));
                     let tile = &self.tiles[tile as usize];
                     bounds = bounds.joined(&tile.content_bounds);
                     for &number in &tile.children {
@@ -280,6 +315,16 @@ impl Tree {
         }
         deviations
     }
+}
+
+fn in_units([low, high]: &[[i32; 3]; 2], step: f64) -> Bounds {
+    Bounds { low: low.map(|x| f64::from(x) * step), high: high.map(|x| f64::from(x) * step) }
+}
+
+/// Half the area of a box.
+fn area(bounds: &Bounds) -> f64 {
+    let [x, y, z] = sub(bounds.high, bounds.low);
+    x * y + y * z + z * x
 }
 
 /// Bounds of a tile, a little wider, so that a flat one has a volume.
@@ -341,5 +386,21 @@ mod tests {
         // The nearest one is given away.
         let tiles = made((0..3).map(|i| tile([0; 3], f64::from(i))).collect(), coarse());
         assert_eq!(tiles.iter().find(|t| t.level == 1).unwrap().children, [0]);
+    }
+
+    #[test]
+    fn what_reaches_beyond_the_finer_tiles_is_held_by_the_nearest() {
+        let finest = vec![tile([-1, 0, 0], 0.0), tile([0; 3], 5.0)];
+        let mut wide = tile([0; 3], 0.0);
+        wide.high[0] = 6.5;
+        // In steps of level 1: from 0 to 1, and from 4.5 to 6.5 (units).
+        wide.by_box = vec![[[0; 3], [500; 3]], [[2250, 0, 0], [3250, 500, 500]]];
+        let tiles = made(finest, vec![wide]);
+        let widths: Vec<[f64; 2]> =
+            tiles[..2].iter().map(|t| [t.bounds.low[0], t.bounds.high[0]]).collect();
+        assert!(widths[0][0] < 0.0 && widths[0][1] < 1.1, "{widths:?}");
+        assert_eq!(widths[1], [4.5, 6.5]);
+        let coarse = tiles.iter().find(|t| t.level == 1).unwrap();
+        assert!(tiles[..2].iter().all(|t| coarse.bounds.joined(&t.bounds) == coarse.bounds));
     }
 }

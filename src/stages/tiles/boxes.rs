@@ -1,5 +1,6 @@
 //! Boxes of triangles: each in the box of its middle, small boxes in a larger neighbour.
 
+use crate::io::TileMesh;
 use crate::mesh::Mesh;
 use crate::store::cells::{BoxKey, Lattice, clamp_below, clamp_to, parent_of};
 use std::collections::BTreeMap;
@@ -36,6 +37,21 @@ pub(super) fn of_leaves(
 ) -> Boxes {
     let place = |t| clamp_below(group, lattice.box_of(0, middle(mesh, t)));
     boxes(mesh, place, parent_of, tile_triangles)
+}
+
+/// The bounds of the triangles of a tile in each box of the level below, in steps of the tile's own.
+pub(super) fn bounds_by_box(tile: &TileMesh) -> Vec<[[i32; 3]; 2]> {
+    let mut out: BTreeMap<BoxKey, [[i32; 3]; 2]> = BTreeMap::new();
+    for t in &tile.triangles {
+        let corners = t.map(|v| tile.positions[v as usize]);
+        let bounds =
+            out.entry(Lattice::box_below(corners)).or_insert([[i32::MAX; 3], [i32::MIN; 3]]);
+        for p in corners {
+            bounds[0] = [0, 1, 2].map(|k| bounds[0][k].min(p[k]));
+            bounds[1] = [0, 1, 2].map(|k| bounds[1][k].max(p[k]));
+        }
+    }
+    out.into_values().collect()
 }
 
 fn middle(mesh: &Mesh, triangle: usize) -> [f64; 3] {

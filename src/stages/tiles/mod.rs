@@ -208,6 +208,7 @@ impl TileRound<'_> {
             };
             let (low, high) = (fold(i32::MAX, i32::min), fold(i32::MIN, i32::max));
             let vertices = mesh.positions.len() as u64;
+            let by_box = if name > 0 { boxes::bounds_by_box(&mesh) } else { Vec::new() };
             let (bytes, order) = encode_tile(mesh, form);
             let old = order.iter().map(|&v| used[v as usize] as usize);
             let numbered = (0u32..).zip(old).filter(|&(_, v)| common[v]);
@@ -223,6 +224,7 @@ impl TileRound<'_> {
                 texel: 0.0,
                 low,
                 high,
+                by_box,
             });
         }
         let bytes = encode_borders(&borders);

@@ -43,4 +43,7 @@ pub struct TileRecord {
     pub low: [f64; 3],
     /// Upper end of them.
     pub high: [f64; 3],
+    /// Bounds of its triangles in each box of the level below, in steps of the level of the tile; none for tiles of the finest level.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub by_box: Vec<[[i32; 3]; 2]>,
 }

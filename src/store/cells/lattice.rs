@@ -82,6 +82,12 @@ impl Lattice {
         self.key(point).map(|x| x >> (STEPS + level))
     }
 
+    /// The box of the level below that the middle of a triangle lies in, given its corners in steps of a level.
+    pub fn box_below(corners: [[i32; 3]; 3]) -> BoxKey {
+        let [a, b, c] = corners.map(|p| p.map(i64::from));
+        [0, 1, 2].map(|k| ((a[k] + b[k] + c[k]).div_euclid(3) >> (STEPS - 1)) as i32)
+    }
+
     /// The nearest point of the lattice of a level, in its steps.
     pub fn nearest(&self, level: u32, point: [f64; 3]) -> [i32; 3] {
         let step = self.step_of(level);
