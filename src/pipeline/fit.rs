@@ -1,4 +1,4 @@
-//! Which results are fitted to the original, and how closely.
+//! Decides about the fit of results to the original: if there is one, and how closely it looks.
 //!
 //! `--fit on` fits every round and the finish, `auto` where that costs at most 15 % of the run: a finish that keeps little, and
 //! the later rounds of a result that is too large for a finish, there with one sample for each triangle

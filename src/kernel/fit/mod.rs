@@ -149,8 +149,11 @@ impl<'a> Work<'a> {
         // What lies in a plane exactly stays there.
         let in_plane =
             |v: usize| surface.flats.as_ref().is_some_and(|flats| flats.of(v as u32) != 0);
+        // One sample for each triangle is too few to hold the border of a region or a chart.
+        let wedges = state.wedges.as_ref().filter(|_| samples.goal.is_sparse);
+        let is_held = |v: usize| wedges.is_some_and(|wedges| wedges.is_seam(v as u32));
         let free = surface.rings.iter().enumerate();
-        let free = free.map(|(v, ring)| is_free(ring) && !in_plane(v)).collect();
+        let free = free.map(|(v, ring)| is_free(ring) && !in_plane(v) && !is_held(v)).collect();
         let around = vec![0.0; place.len()];
         Work {
             state,

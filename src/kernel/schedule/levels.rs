@@ -52,7 +52,7 @@ impl Driver {
         levels.iter().map(|&level| self.close_level(&mut queue, level)).collect()
     }
 
-    /// Seeds a queue with all edges that are no dearer than the highest of some close thresholds.
+    /// Seeds a queue with all edges up to the highest of some close thresholds.
     pub(crate) fn queue_for(&mut self, highest: f64) -> BucketQueue {
         let mut queue = BucketQueue::new(5);
         let highest = queue.bucket(self.scaled(highest));

@@ -220,7 +220,7 @@ const FIRST_LOOK: usize = FINE_LEVELS as usize - 3;
 /// many collapses as the round itself needs.
 const SECOND_LOOK: usize = FINE_LEVELS as usize + 7;
 
-/// Triangles of a cell after so many levels.
+/// Triangles of a cell after `depth` levels.
 fn after(counts: &[Vec<u64>], store: &CellStore, cell: usize, depth: usize) -> u64 {
     match depth {
         0 => store.info().cells[cell].triangles,
