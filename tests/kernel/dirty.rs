@@ -268,7 +268,8 @@ fn textured_sheets_that_touch_are_taken_apart() {
         assert!(result.statistics.reached);
         assert!(count(&result, "vertices_split") > 0);
         let plain = run(&touching(10), 200, Topology::Error);
-        assert_eq!(plain.mesh.triangles.len(), result.mesh.triangles.len());
+        // A collapse inside a sheet frees two triangles, one at its border one: either may be the last.
+        assert!(plain.mesh.triangles.len().abs_diff(result.mesh.triangles.len()) <= 1);
     }
 }
 

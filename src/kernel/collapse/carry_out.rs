@@ -25,7 +25,7 @@ impl Collapser {
         number: u32,
     ) {
         let (v0, v1) = (plan.v0, plan.v1);
-        let folds = fold_quadric::may_fold(&quadric);
+        let folds = self.n_kept <= fold_quadric::MOST_OF_STRIP || fold_quadric::may_fold(&quadric);
         let fixed = known.at(&surface.rings, v1).class.is_some_and(Class::is_fixed);
         // The open edges change before the corner moves: their old lengths are still known.
         for &(w, from) in &self.open {
@@ -77,7 +77,7 @@ impl Collapser {
         }
         if folds {
             let around = (&self.b[..self.n_kept], &self.c[..self.n_kept]);
-            let held = fold_quadric::quadric((known, surface), v1, around.0, around.1);
+            let held = fold_quadric::quadric(surface, v1, around.0, around.1);
             for (sum, x) in quadric.iter_mut().zip(held) {
                 *sum += x;
             }

@@ -1,14 +1,13 @@
-//! Folds: edges at which the surface turns back onto itself, as at the rim of a sheet that has no thickness to
-//! speak of.
+//! What planes do not hold: folds, tips of spikes, ends of open strips.
 //!
-//! Both sides of such a sheet have the same plane, so a quadric of planes lets its rim recede for nothing, and
-//! collapse by collapse the sheet is eaten away. An open boundary would be in the same plight and is held by a
-//! quadric of its edges; a fold is held by the same. It is computed again whenever the quadric of a vertex is, and
-//! not tracked in between.
+//! At a fold the surface turns back onto itself, as at the rim of a sheet that has no thickness to speak of. Both sides have
+//! the same plane, so a quadric of planes lets the rim recede for nothing, and collapse by collapse the sheet is eaten
+//! away. An open boundary would be in the same plight and is held by a quadric of its edges; a fold is held by the same.
+//! Where all edges of a vertex run one way, at a tip or an end, neither holds it along them: its area does. All of this is
+//! computed again whenever the quadric of a vertex is, and not tracked in between.
 //!
 //! docs/algorithm.md, section 1, has the terms.
 
-use crate::kernel::simd::unchecked::KnownIds;
 use crate::kernel::surface::{Surface, boundary_quadric};
 use crate::mesh::corners::others;
 use crate::mesh::vec3::{add, cross, dot, scale};
@@ -23,6 +22,8 @@ const TIP_SHARE: f32 = 0.8;
 /// Weight of the term that holds a tip, times the area around it: removing it would cost that area times two thirds
 /// of the squared height, at the rate of `topology::price`.
 const TIP_WEIGHT: f32 = 4.7;
+/// A vertex of at most this many triangles may be the end of a strip.
+pub(crate) const MOST_OF_STRIP: usize = 2;
 /// The normals of a vertex on a fold add up to less than this share of their lengths; those of a crease of a
 /// right angle to 0.71.
 const OPEN_SHARE: f32 = 0.7;
@@ -42,27 +43,22 @@ const MOST: usize = 64;
 /// The quadric of the folds at a vertex, over all of its triangles: their corners `b` and `c`, in their
 /// sense of rotation.
 #[inline(never)]
-pub(crate) fn quadric(
-    (known, surface): (KnownIds, &Surface),
-    v: u32,
-    b: &[u32],
-    c: &[u32],
-) -> [f32; 6] {
+pub(crate) fn quadric(surface: &Surface, v: u32, b: &[u32], c: &[u32]) -> [f32; 6] {
     let mut sum = [0.0; 6];
     let mut normals = [[0.0f32; 3]; MOST];
     if b.len() > MOST {
         return sum;
     }
     for (normal, (&b, &c)) in normals.iter_mut().zip(b.iter().zip(c)) {
-        *normal = cross(surface.known_edge(known, v, b), surface.known_edge(known, v, c));
+        *normal = cross(surface.edge(v, b), surface.edge(v, c));
     }
-    tip((known, surface), v, &normals[..b.len()], b, &mut sum);
+    tip(surface, v, &normals[..b.len()], (b, c), &mut sum);
     for (&n0, &w) in normals.iter().zip(c) {
         let Some(next) = b.iter().position(|&other| other == w) else { continue };
         let n1 = normals[next];
         let along = dot(n0, n1);
         if along < 0.0 && along * along > FOLD_COSINE * FOLD_COSINE * dot(n0, n0) * dot(n1, n1) {
-            for (sum, x) in sum.iter_mut().zip(boundary_quadric(surface.known_edge(known, v, w))) {
+            for (sum, x) in sum.iter_mut().zip(boundary_quadric(surface.edge(v, w))) {
                 *sum += FOLD_WEIGHT * x;
             }
         }
@@ -70,25 +66,30 @@ pub(crate) fn quadric(
     sum
 }
 
-/// Adds what holds the tip of a spike: all its edges run one way, and its area moves along that way.
+/// Adds what holds the tip of a spike or the end of a strip: all its edges run one way, and its area moves along that
+/// way.
 fn tip(
-    (known, surface): (KnownIds, &Surface),
+    surface: &Surface,
     v: u32,
     normals: &[[f32; 3]],
-    b: &[u32],
+    (b, c): (&[u32], &[u32]),
     sum: &mut [f32; 6],
 ) {
     let mut way = [0.0f32; 3];
-    for &w in b {
-        let edge = surface.known_edge(known, v, w);
+    let mut n = 0.0f32;
+    let is_strip = b.len() <= MOST_OF_STRIP;
+    // Around a closed fan the other corners come up again.
+    let last = c.iter().filter(|w| is_strip && !b.contains(w));
+    for &w in b.iter().chain(last) {
+        let edge = surface.edge(v, w);
         let length = dot(edge, edge).sqrt();
         if length > 0.0 {
             way = add(way, scale(edge, 1.0 / length));
         }
+        n += 1.0;
     }
     let way_sq = dot(way, way);
-    let n = b.len() as f32;
-    if b.len() < 3 || way_sq <= TIP_SHARE * TIP_SHARE * n * n {
+    if way_sq <= TIP_SHARE * TIP_SHARE * n * n {
         return;
     }
     let area = normals.iter().map(|&n| 0.5 * dot(n, n).sqrt()).sum::<f32>();
@@ -100,12 +101,25 @@ fn tip(
 }
 
 /// The same of a vertex by its ring.
-pub(crate) fn quadric_of(known: KnownIds, surface: &Surface, v: u32) -> [f32; 6] {
+#[inline(never)]
+fn quadric_of(surface: &Surface, v: u32) -> [f32; 6] {
     let (mut b, mut c) = ([0; MOST], [0; MOST]);
     let ring = surface.ring(v);
     for ((b, c), &t) in b.iter_mut().zip(&mut c).zip(ring) {
         (*b, *c) = others(surface.triangles[t as usize], v);
     }
     let n = ring.len().min(MOST);
-    quadric((known, surface), v, &b[..n], &c[..n])
+    quadric(surface, v, &b[..n], &c[..n])
+}
+
+/// Adds what holds folds, tips and ends of strips to the quadric of a vertex.
+#[inline(always)]
+pub(crate) fn hold(surface: &mut Surface, v: u32) {
+    let (vertex, ring) = (&surface.vertices[v as usize], &surface.rings[v as usize]);
+    if ring.len <= MOST_OF_STRIP as u32 || may_fold(&vertex.quadric) {
+        let held = quadric_of(surface, v);
+        for (sum, x) in surface.vertices[v as usize].quadric.iter_mut().zip(held) {
+            *sum += x;
+        }
+    }
 }

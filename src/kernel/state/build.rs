@@ -228,15 +228,6 @@ fn sum_quadrics(known: KnownIds, surface: &mut Surface, simd: Simd) -> Vec<u32> 
     flat
 }
 
-/// Adds the quadrics of the folds at a vertex.
-#[inline(never)]
-fn hold_folds(known: KnownIds, surface: &mut Surface, v: u32) {
-    let held = fold_quadric::quadric_of(known, surface, v);
-    for (sum, x) in surface.vertices[v as usize].quadric.iter_mut().zip(held) {
-        *sum += x;
-    }
-}
-
 /// Finds the classes of all vertices; known ones of interior vertices stay.
 struct Classify<'a> {
     known: KnownIds,
@@ -259,9 +250,7 @@ impl Job for Classify<'_> {
             {
                 self.surface.classify(v, &mut fan);
             }
-            if fold_quadric::may_fold(&known.at(&self.surface.vertices, v).quadric) {
-                hold_folds(known, self.surface, v);
-            }
+            fold_quadric::hold(self.surface, v);
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Quadrics, classes and sums of attributes of vertices whose triangles changed other than by a collapse.
 
+use crate::kernel::cost::fold_quadric;
 use crate::kernel::cost::quadric::{Rows, Triangles};
 use crate::kernel::simd::Simd;
 use crate::kernel::state::MeshState;
@@ -32,7 +33,7 @@ pub(crate) fn recompute_vertices(state: &mut MeshState, touched: &mut Vec<u32>, 
     touched.clear();
 }
 
-/// The quadric of a vertex from its triangles, without its open edges.
+/// The quadric of a vertex from its triangles, with its folds, without its open edges.
 pub(crate) fn recompute_quadric(surface: &mut Surface, v: u32, simd: Simd) {
     let mut quadric = [0.0; 9];
     let mut rows = Rows::ZERO;
@@ -53,4 +54,5 @@ pub(crate) fn recompute_quadric(surface: &mut Surface, v: u32, simd: Simd) {
         }
     }
     surface.vertices[v as usize].quadric = quadric;
+    fold_quadric::hold(surface, v);
 }

@@ -12,7 +12,6 @@ mod rings;
 pub(crate) mod wedges;
 
 use crate::kernel::options::Placement;
-use crate::kernel::simd::unchecked::KnownIds;
 use crate::kernel::surface::class::Class;
 use crate::kernel::surface::flats::Flats;
 use crate::kernel::vertex::Vertex;
@@ -91,13 +90,6 @@ impl Surface {
     #[inline(always)]
     pub(crate) fn edge(&self, from: u32, to: u32) -> [f32; 3] {
         self.scaled(self.vertices[from as usize].position, self.vertices[to as usize].position)
-    }
-
-    /// The same without a check.
-    #[inline(always)]
-    pub(crate) fn known_edge(&self, known: KnownIds, from: u32, to: u32) -> [f32; 3] {
-        let position = |v: u32| known.at(&self.vertices, v).position;
-        self.scaled(position(from), position(to))
     }
 
     /// Scaled vector from one place to another.

@@ -98,6 +98,7 @@ fn descend(
         if stands {
             standing.put(id, (cell, way));
         }
+        run.progress.add(store.info().cells[id].triangles);
         counts
     })?;
     let all_standing = standing.cells();
@@ -109,9 +110,11 @@ fn descend(
         let short: Vec<CellId> = CellId::first(store.n_cells()).filter(is_short).collect();
         let lack = short.iter().filter(|id| all_standing.binary_search(id).is_err());
         let lack: Vec<CellId> = lack.copied().collect();
+        // Their meshes are of no use, so nothing is fitted.
+        let counting = Options { expected_share: 0.0, ..options.clone() };
         note(&mut counts, (store, goal), &lack, run, |id| {
             let stop = Stop::CloseCosts(levels.clone());
-            Ok(kernel_run(store.load_tidy(id)?, stop, options).1.statistics.level_counts)
+            Ok(kernel_run(store.load_tidy(id)?, stop, &counting).1.statistics.level_counts)
         })?;
         // In order, and no farther than the goal asks for.
         for few in all_standing.chunks(run.threads.max(1)) {
@@ -127,6 +130,8 @@ fn descend(
             })?;
         }
     }
+    // From here on cells are counted again, as they are written.
+    run.progress.count_from_zero(store.info().triangles);
     Ok(ExactLevels::choose(thresholds, &counts, store, goal))
 }
 
