@@ -1,6 +1,6 @@
-//! The two shapes of parallel work in this crate; the only place that knows threads.
+//! The shapes of parallel work in this crate; the only place that knows threads.
 //!
-//! `in_order` maps numbered blocks and hands the results on in block order; `largest_first` runs
+//! `both` does two things side by side, `in_order` maps numbered blocks and hands the results on in block order; `largest_first` runs
 //! independent jobs under a memory budget. Neither lets the number of threads reach a result. A panic in
 //! the work becomes an error here (`guarded`), so that a fault of ours ends a run like any other failure.
 
@@ -19,6 +19,23 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
         let words = panic.downcast_ref::<&str>().map(|words| (*words).to_owned());
         let words = words.or_else(|| panic.downcast_ref::<String>().cloned());
         Err(Error::Internal(words.unwrap_or_else(|| "no message".to_owned())))
+    })
+}
+
+/// Runs two things, side by side if there is a thread to spare; the error of `first` counts before that of `second`.
+pub fn both<A: Send, B>(
+    is_parallel: bool,
+    first: impl FnOnce() -> Result<A> + Send,
+    second: impl FnOnce() -> Result<B>,
+) -> Result<(A, B)> {
+    if !is_parallel {
+        return Ok((first()?, second()?));
+    }
+    std::thread::scope(|scope| {
+        let first = scope.spawn(|| guarded(first));
+        let second = guarded(second);
+        let first = first.join().unwrap_or_else(|_| Err(worker_died()));
+        Ok((first?, second?))
     })
 }
 

@@ -6,13 +6,15 @@
 use super::around::{Around, Forward, NONE};
 use super::below::Below;
 use super::exact::Exact;
+use super::foot::Feet;
+use super::forward::is_beside;
 use super::largest::Largest;
 use super::patches::Patches;
 use super::within::{Found, Within};
 
 /// Bounds the distances of all triangles of the version from the mesh.
 ///
-/// `hints`: the vertices that the vertices of the mesh went into. Memory: 20 bytes for each triangle of the mesh.
+/// `hints`: the vertices that the vertices of the mesh went into. Memory: 30 bytes for each triangle of the mesh.
 pub(super) fn triangles(
     forward: &Forward,
     patches: &Patches,
@@ -26,16 +28,18 @@ pub(super) fn triangles(
     for (v, &hint) in (0u32..).zip(hints).filter(|(_, hint)| **hint != NONE) {
         back[hint as usize] = v;
     }
-    let fine_around = Around::vertices(fine);
-    let reverse = Forward { fine: coarse, coarse: fine, around: &fine_around };
+    let corners = |t: u32| {
+        let own = coarse.triangles[t as usize];
+        own.map(|v| (coarse.positions[v as usize], back[v as usize]))
+    };
     let mut within = Within::new(fine, patches, hints, limit);
     let mut below = Below::new(fine, limit);
     let is_open = |&t: &u32| {
-        if reverse.is_beside(&reverse.with_hints(t as usize, &back), limit_sq) {
+        if is_beside(&corners(t), fine, limit_sq) {
             return false;
         }
-        let (own, corners) = (coarse.triangles[t as usize], coarse.corners(t as usize));
-        match within.look(&corners, own) {
+        let (own, places) = (coarse.triangles[t as usize], coarse.corners(t as usize));
+        match within.look(&places, own) {
             Found::Covered => return false,
             Found::Open => return true,
             Found::Perhaps => {}
@@ -43,11 +47,18 @@ pub(super) fn triangles(
         // What went into the vertices next to its own may reach over it.
         let next = own.iter().flat_map(|&v| around.of(v));
         let wider = next.flat_map(|&t| coarse.triangles[t as usize]).map(|v| patches.triangles(v));
-        !below.covers(&corners, wider)
+        !below.covers(&places, wider)
     };
     let open: Vec<u32> = (0..coarse.triangles.len() as u32).filter(is_open).collect();
+    drop(within);
+    if open.is_empty() {
+        return;
+    }
+    let around = Around::vertices(fine);
+    let reverse = Forward { fine: coarse, coarse: fine, around: &around };
+    let mut feet = Feet::new(coarse.positions.len());
     let mut exact = Exact::new(fine);
     for t in open {
-        reverse.look(reverse.with_hints(t as usize, &back), largest, &mut exact);
+        reverse.look(coarse.triangles[t as usize], corners(t), &mut feet, largest, &mut exact);
     }
 }

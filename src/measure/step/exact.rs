@@ -5,43 +5,51 @@ use crate::measure::triangle::{Vector, closest};
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
 
-/// Points that look through runs of triangles before a tree is built, which costs about as much.
-const WITHOUT_TREE: u32 = 100;
+/// Bounds and triangles looked at without a tree, for each triangle of the mesh: about what building one costs.
+const WITHOUT_TREE: u64 = 64;
 
-/// Triangles in a run. They come in an order in which neighbours are mostly near each other.
-const RUN: usize = 32;
+/// Triangles in a run, and runs in a stretch. They come in an order in which neighbours are mostly near each other.
+const RUN: usize = 16;
 
 /// The nearest triangle of a mesh.
 pub(super) struct Exact<'a> {
     mesh: &'a Mesh,
-    n: u32,
-    /// Bounds of the runs; none before the first point.
+    /// Bounds and triangles that were looked at.
+    looks: u64,
+    /// Bounds of the runs, and of the stretches of runs; none before the first point.
     runs: Vec<Bounds>,
+    stretches: Vec<Bounds>,
     tree: Option<Tree>,
 }
 
 impl Exact<'_> {
     pub(super) fn new(mesh: &Mesh) -> Exact<'_> {
-        Exact { mesh, n: 0, runs: Vec::new(), tree: None }
+        Exact { mesh, looks: 0, runs: Vec::new(), stretches: Vec::new(), tree: None }
     }
 
-    /// Squared distance and number of the nearest triangle to `point`; those of `guess` if none is nearer.
-    pub(super) fn nearest(&mut self, point: Vector, guess: (f64, u32)) -> (f64, u32) {
-        self.n += 1;
-        if self.n <= WITHOUT_TREE {
-            return self.scan(point, guess);
+    /// Squared distance and number of the nearest triangle to `point`, or of any that is not farther than `enough_sq`; those of
+    /// `guess` if none is nearer.
+    pub(super) fn nearest(
+        &mut self,
+        point: Vector,
+        guess: (f64, u32),
+        enough_sq: f64,
+    ) -> (f64, u32) {
+        if self.looks <= WITHOUT_TREE * self.mesh.triangles.len() as u64 {
+            return self.scan(point, guess, enough_sq);
         }
         let mesh = self.mesh;
         let tree =
             self.tree.get_or_insert_with(|| Tree::build(mesh.triangles.len(), |t| mesh.corners(t)));
-        let found = tree.nearest(point, Nearest::NONE);
+        let from = Nearest { distance_sq: guess.0, ..Nearest::NONE };
+        let found = tree.nearest_unless_within(point, from, enough_sq);
         match found.is_found() && found.distance_sq < guess.0 {
             true => (found.distance_sq, tree.id(found.slot)),
             false => guess,
         }
     }
 
-    fn scan(&mut self, point: Vector, guess: (f64, u32)) -> (f64, u32) {
+    fn scan(&mut self, point: Vector, guess: (f64, u32), enough_sq: f64) -> (f64, u32) {
         let mesh = self.mesh;
         if self.runs.is_empty() {
             let runs = mesh.triangles.chunks(RUN).map(|run| {
@@ -49,22 +57,44 @@ impl Exact<'_> {
                 corners.fold(Bounds::EMPTY, |bounds, p| bounds.joined(&Bounds { low: p, high: p }))
             });
             self.runs = runs.collect();
+            let join =
+                |runs: &[Bounds]| runs.iter().fold(Bounds::EMPTY, |all, run| all.joined(run));
+            self.stretches = self.runs.chunks(RUN).map(join).collect();
         }
         let mut best = guess;
-        for (run, bounds) in self.runs.iter().enumerate() {
-            let off = |k: usize| (bounds.low[k] - point[k]).max(point[k] - bounds.high[k]).max(0.0);
-            let [x, y, z] = [off(0), off(1), off(2)];
-            if x * x + y * y + z * z >= best.0 {
+        self.looks += self.stretches.len() as u64;
+        for (stretch, bounds) in self.stretches.iter().enumerate() {
+            if off_sq(bounds, point) >= best.0 {
                 continue;
             }
-            let first = run * RUN;
-            for t in first..(first + RUN).min(mesh.triangles.len()) {
-                let (distance_sq, _) = closest(point, &mesh.corners(t));
-                if distance_sq < best.0 {
-                    best = (distance_sq, t as u32);
+            let first = stretch * RUN;
+            let runs = first..(first + RUN).min(self.runs.len());
+            self.looks += runs.len() as u64;
+            for run in runs {
+                if off_sq(&self.runs[run], point) >= best.0 {
+                    continue;
+                }
+                let first = run * RUN;
+                let triangles = first..(first + RUN).min(mesh.triangles.len());
+                self.looks += 4 * triangles.len() as u64;
+                for t in triangles {
+                    let (distance_sq, _) = closest(point, &mesh.corners(t));
+                    if distance_sq < best.0 {
+                        best = (distance_sq, t as u32);
+                    }
+                }
+                if best.0 <= enough_sq {
+                    return best;
                 }
             }
         }
         best
     }
+}
+
+/// The squared distance of a point from a box.
+fn off_sq(bounds: &Bounds, point: Vector) -> f64 {
+    let off = |k: usize| (bounds.low[k] - point[k]).max(point[k] - bounds.high[k]).max(0.0);
+    let [x, y, z] = [off(0), off(1), off(2)];
+    x * x + y * y + z * z
 }

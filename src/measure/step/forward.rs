@@ -2,16 +2,35 @@
 
 use super::across::across_sq;
 use super::around::{Forward, NONE};
-use super::covered::{Covered, QUARTERS, with_middles};
+use super::covered::{Covered, QUARTERS, Quartered, with_middles};
 use super::exact::Exact;
-use super::foot::{Doubtful, Foot};
+use super::foot::{Doubtful, Feet, Foot};
 use super::largest::Largest;
 use crate::measure::triangle::{Vector, closest};
+use crate::mesh::Mesh;
 use crate::mesh::vec3::{length_sq, sub};
 use std::collections::BinaryHeap;
 
 /// A triangle is quartered so often, at most.
 const DEEPEST: u32 = 6;
+
+/// Vertices of the version near those of the mesh, and feet of these.
+struct Near<'a> {
+    feet: Feet,
+    /// The vertices of the version that they went into.
+    known: &'a [u32],
+    /// The same, and for those that went into none a vertex near them, once it was found.
+    hints: Vec<u32>,
+    /// The last that was found.
+    last: u32,
+}
+
+impl Near<'_> {
+    /// True if a vertex went into none.
+    fn was_none(&self, v: u32) -> bool {
+        self.known[v as usize] == NONE
+    }
+}
 
 impl Forward<'_> {
     /// Bounds the distances of all triangles: looks closer at the farthest ones, and at those over no star.
@@ -27,8 +46,13 @@ impl Forward<'_> {
         let is_seen = |t: &usize| most[*t].is_finite();
         // The farthest one shows how far at least the two are apart.
         let farthest = (0..most.len()).filter(is_seen).max_by(|&a, &b| most[a].total_cmp(&most[b]));
+        let mut feet = Feet::new(hints.len());
+        let mut look = |t: usize, largest: &mut Largest, exact: &mut Exact| {
+            let own = self.fine.triangles[t];
+            self.look(own, self.with_hints(t, hints), &mut feet, largest, exact);
+        };
         if let Some(t) = farthest {
-            self.look(self.with_hints(t, hints), largest, exact);
+            look(t, largest, exact);
         }
         let (mut far, mut near_sq) = (BinaryHeap::new(), 0.0f64);
         for doubtful in (0..most.len()).filter(is_seen).map(doubtful) {
@@ -41,19 +65,81 @@ impl Forward<'_> {
             if largest.accepts(distance_sq) {
                 break;
             }
-            self.look(self.with_hints(item as usize, hints), largest, exact);
+            look(item as usize, largest, exact);
         }
         largest.bound_sq = largest.bound_sq.max(near_sq);
+        let mut near = Near { feet, known: hints, hints: hints.to_vec(), last: NONE };
+        // First all of these, which shows how far the two are apart.
         for quartered in &covered.rest {
-            let sq = quartered.most * quartered.most;
-            let is_near = quartered.done != 0 && largest.accepts(sq);
-            let [a, b, c] = self.with_hints(quartered.triangle as usize, hints);
-            let middles = with_middles([a.0, b.0, c.0]);
-            let hints = [a.1, b.1, c.1, a.1, b.1, c.1];
-            for (quarter, parts) in QUARTERS.iter().enumerate() {
-                if !(is_near && quartered.done & 1 << quarter != 0) {
-                    self.look(parts.map(|k| (middles[k], hints[k])), largest, exact);
+            self.find_hints(quartered.triangle, &mut near, largest, exact);
+        }
+        for quartered in &covered.rest {
+            self.quarters(quartered, &mut near, largest, exact);
+        }
+    }
+
+    /// Bounds the distances of the quarters of a triangle that lie over no star.
+    fn quarters(
+        &self,
+        quartered: &Quartered,
+        near: &mut Near,
+        largest: &mut Largest,
+        exact: &mut Exact,
+    ) {
+        let sq = quartered.most * quartered.most;
+        let is_near = quartered.done != 0 && largest.accepts(sq);
+        let corners = self.with_hints(quartered.triangle as usize, &near.hints);
+        if is_beside(&corners, self.coarse, largest.bound_sq) {
+            return;
+        }
+        let own = self.fine.triangles[quartered.triangle as usize];
+        let [a, b, c] = corners;
+        let middles = with_middles([a.0, b.0, c.0]);
+        let hints = [a.1, b.1, c.1, a.1, b.1, c.1];
+        let mut feet: [Option<Foot>; 6] = [None; 6];
+        for (quarter, parts) in QUARTERS.iter().enumerate() {
+            let is_done = is_near && quartered.done & 1 << quarter != 0;
+            let corners = parts.map(|k| (middles[k], hints[k]));
+            if is_done || is_beside(&corners, self.coarse, largest.bound_sq) {
+                continue;
+            }
+            let feet = parts.map(|k| {
+                let is_rough = near.was_none(own[k % 3]);
+                let mut find = || {
+                    let foot = Foot { is_rough, ..self.descend(middles[k], hints[k]) };
+                    self.certain(foot, largest, exact)
+                };
+                *feet[k].get_or_insert_with(|| match own.get(k) {
+                    Some(&v) => near.feet.of(v, find),
+                    None => find(),
+                })
+            });
+            self.bound(feet, largest, exact);
+        }
+    }
+
+    fn off_sq(&self, place: Vector, vertex: u32) -> f64 {
+        length_sq(sub(place, self.coarse.positions[vertex as usize]))
+    }
+
+    /// Finds vertices of the version near the corners of a triangle that went into none: those of another corner, or near the last
+    /// ones that were found. Whole components went into none.
+    fn find_hints(&self, t: u32, near: &mut Near, largest: &mut Largest, exact: &mut Exact) {
+        let own = self.fine.triangles[t as usize];
+        for v in own.map(|v| v as usize) {
+            if near.hints[v] == NONE {
+                let known = own.map(|w| near.hints[w as usize]).into_iter().find(|&w| w != NONE);
+                let place = self.fine.positions[v];
+                let mut hint = known.unwrap_or(near.last);
+                if hint == NONE || self.off_sq(place, hint) > largest.bound_sq {
+                    let foot = self.descend(place, hint);
+                    hint = match foot.triangle == NONE || foot.distance_sq > largest.bound_sq {
+                        true => self.found(foot, largest.bound_sq, largest, exact).hint,
+                        false => foot.hint,
+                    };
                 }
+                near.hints[v] = hint;
+                near.last = near.hints[v];
             }
         }
     }
@@ -66,35 +152,76 @@ impl Forward<'_> {
     /// Bounds the distance of a triangle by itself; each corner has a vertex of the version near it.
     pub(super) fn look(
         &self,
+        own: [u32; 3],
         corners: [(Vector, u32); 3],
+        feet: &mut Feet,
         largest: &mut Largest,
         exact: &mut Exact,
     ) {
-        if self.is_beside(&corners, largest.bound_sq) {
+        if is_beside(&corners, self.coarse, largest.bound_sq) {
             return;
         }
-        let feet =
-            corners.map(|(place, hint)| self.certain(self.descend(place, hint), largest, exact));
+        let feet = [0, 1, 2].map(|k| {
+            let (place, hint) = corners[k];
+            feet.of(own[k], || self.certain(self.descend(place, hint), largest, exact))
+        });
+        self.bound(feet, largest, exact);
+    }
+
+    /// Bounds the distance of a triangle by feet near its corners; by the nearest places of these if it would be the largest so
+    /// far.
+    fn bound(&self, feet: [Foot; 3], largest: &mut Largest, exact: &mut Exact) {
+        if !feet.iter().any(|foot| foot.is_rough) {
+            return self.cover(feet, 0, largest, exact);
+        }
+        let bound_sq = largest.bound_sq;
+        if self.by_corners_sq(&feet) <= bound_sq
+            || across_sq(&feet, self.coarse, self.around) <= bound_sq
+            || self.mixed_sq(&feet, bound_sq) <= bound_sq
+        {
+            return;
+        }
+        let feet = feet.map(|foot| match foot.is_rough {
+            true => self.found(foot, 0.0, largest, exact),
+            false => foot,
+        });
         self.cover(feet, 0, largest, exact);
     }
 
-    /// True if a triangle is not farther than a squared distance from one of the vertices near its corners: it is farthest from
-    /// that at a corner.
-    pub(super) fn is_beside(&self, corners: &[(Vector, u32); 3], distance_sq: f64) -> bool {
-        corners.iter().any(|&(_, hint)| {
-            hint != NONE && {
-                let at = self.coarse.positions[hint as usize];
-                corners.iter().all(|&(corner, _)| length_sq(sub(corner, at)) <= distance_sq)
-            }
-        })
+    /// The squared distance of a triangle, at most: no point of it is farther from all corners than the longest side over the root
+    /// of three.
+    fn by_corners_sq(&self, feet: &[Foot; 3]) -> f64 {
+        let side_sq = |i: usize, j: usize| length_sq(sub(feet[i].point, feet[j].point));
+        let longest = side_sq(0, 1).max(side_sq(1, 2)).max(side_sq(2, 0)).sqrt();
+        let own = feet.iter().map(|foot| foot.distance_sq).fold(0.0, f64::max).sqrt();
+        let most = own + longest / 3f64.sqrt();
+        most * most
     }
 
     /// Looks for the foot of a point everywhere if it is so far that it would count.
-    fn certain(&self, mut foot: Foot, largest: &mut Largest, exact: &mut Exact) -> Foot {
-        if foot.triangle == NONE || foot.distance_sq > largest.enough_sq() {
-            let guess = (foot.distance_sq, foot.triangle);
-            (foot.distance_sq, foot.triangle) = exact.nearest(foot.point, guess);
+    fn certain(&self, foot: Foot, largest: &mut Largest, exact: &mut Exact) -> Foot {
+        match foot.triangle == NONE || foot.distance_sq > largest.enough_sq() {
+            // What lies within the bound already need not be the nearest.
+            true => self.found(foot, largest.bound_sq, largest, exact),
+            false => foot,
+        }
+    }
+
+    /// Looks for the foot of a point everywhere: the nearest, or any within a squared distance.
+    fn found(
+        &self,
+        mut foot: Foot,
+        within_sq: f64,
+        largest: &mut Largest,
+        exact: &mut Exact,
+    ) -> Foot {
+        let guess = (foot.distance_sq, foot.triangle);
+        (foot.distance_sq, foot.triangle) = exact.nearest(foot.point, guess, within_sq);
+        if foot.triangle != guess.1 {
             foot.hint = self.coarse.triangles[foot.triangle as usize][0];
+        }
+        foot.is_rough = foot.distance_sq <= within_sq;
+        if !foot.is_rough {
             largest.add(foot.distance_sq);
         }
         foot
@@ -102,7 +229,8 @@ impl Forward<'_> {
 
     /// The nearest triangle around a vertex, then around the corner nearest to the foot, as long as that gains.
     fn descend(&self, point: Vector, hint: u32) -> Foot {
-        let mut best = Foot { point, distance_sq: f64::INFINITY, triangle: NONE, hint };
+        let mut best =
+            Foot { point, distance_sq: f64::INFINITY, triangle: NONE, hint, is_rough: false };
         let mut at = hint;
         while at != NONE {
             let mut weights = None;
@@ -166,12 +294,7 @@ impl Forward<'_> {
     fn cover(&self, feet: [Foot; 3], depth: u32, largest: &mut Largest, exact: &mut Exact) {
         let enough_sq = largest.enough_sq();
         if depth == 0 {
-            // No point of a triangle is farther from all corners than the longest side over the root of three.
-            let side_sq = |i: usize, j: usize| length_sq(sub(feet[i].point, feet[j].point));
-            let longest = side_sq(0, 1).max(side_sq(1, 2)).max(side_sq(2, 0)).sqrt();
-            let own = feet.iter().map(|foot| foot.distance_sq).fold(0.0, f64::max).sqrt();
-            let most = own + longest / 3f64.sqrt();
-            if largest.accepts(most * most) {
+            if largest.accepts(self.by_corners_sq(&feet)) {
                 return;
             }
         }
@@ -199,4 +322,15 @@ impl Forward<'_> {
             self.cover(part, depth + 1, largest, exact);
         }
     }
+}
+
+/// True if a triangle is not farther than a squared distance from one of the vertices of a mesh near its corners: it is farthest
+/// from that at a corner.
+pub(super) fn is_beside(corners: &[(Vector, u32); 3], mesh: &Mesh, distance_sq: f64) -> bool {
+    corners.iter().any(|&(_, hint)| {
+        hint != NONE && {
+            let at = mesh.positions[hint as usize];
+            corners.iter().all(|&(corner, _)| length_sq(sub(corner, at)) <= distance_sq)
+        }
+    })
 }

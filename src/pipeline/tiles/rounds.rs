@@ -83,6 +83,7 @@ impl Stages<'_> {
                 finest: hidden.rounds,
                 groups: &groups,
                 parts: parts.as_deref(),
+                has_spare_thread: groups.len() == 1 && run.threads > 1,
                 is_last,
                 tile_triangles: tile,
                 folder: self.tiles_folder,

@@ -21,6 +21,7 @@ use crate::store::cells::{
     parent_of,
 };
 use crate::system::disk::Disk;
+use crate::system::parallel::both;
 use boxes::Boxes;
 use mesh::{Part, Whole};
 pub use scalars::carried_scalars;
@@ -31,8 +32,8 @@ use xxhash_rust::xxh3::xxh3_64;
 /// Groups whose tiles lie in one folder: at most 64 tiles each, fewer than 1,000 files together.
 const GROUPS_PER_FOLDER: usize = 15;
 
-/// Memory for the tiles of a group and for measuring it, in bytes for each of its triangles.
-pub const BYTES_PER_TRIANGLE: u64 = 70;
+/// Memory for the tiles of a group and for measuring it at the same time, in bytes for each of its triangles.
+pub const BYTES_PER_TRIANGLE: u64 = 95;
 
 /// A round of groups whose tiles are written.
 pub struct TileRound<'a> {
@@ -47,6 +48,8 @@ pub struct TileRound<'a> {
     /// The boxes of the level below in each cell with their triangles, in the order in which a cell is loaded; none in
     /// the first round.
     pub parts: Option<&'a [Vec<(BoxKey, u64)>]>,
+    /// True if there is a thread to spare: a round of one group.
+    pub has_spare_thread: bool,
     /// True if all that is left becomes one tile.
     pub is_last: bool,
     /// Triangles of a full tile.
@@ -117,18 +120,19 @@ impl TileRound<'_> {
                 Boxes { counts: joined(&parts[cell]), order: sorted_order(&parts[cell]) }
             }
         };
-        let (tiles, borders) = match is_written {
+        let write = || match is_written {
             true => {
                 let own = (&before.ids[..], &before.shared[..]);
                 let whole = Whole::new(mesh, &before.records, own, self.layout);
-                self.write(cell, self.round - 1, &whole, &boxes)?
+                self.write(cell, self.round - 1, &whole, &boxes)
             }
-            false => Default::default(),
+            false => Ok(Default::default()),
         };
-        let deviation = match left.mesh.triangles.is_empty() || mesh.triangles.is_empty() {
+        let measure = || match left.mesh.triangles.is_empty() || mesh.triangles.is_empty() {
             true => diagonal(mesh),
             false => (self.deviation)(mesh, &left.mesh, &left.followed),
         };
+        let ((tiles, borders), deviation) = both(self.has_spare_thread, write, || Ok(measure()))?;
         let parts = match self.is_last {
             true => Boxes {
                 counts: vec![(group, left.mesh.triangles.len() as u64)],
