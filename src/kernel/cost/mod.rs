@@ -6,4 +6,5 @@ pub(crate) mod flats;
 pub(crate) mod fold_quadric;
 pub(crate) mod placement;
 pub(crate) mod quadric;
+pub(crate) mod recession;
 pub(crate) mod seam;

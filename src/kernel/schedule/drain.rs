@@ -9,6 +9,8 @@ use std::hint::select_unpredictable;
 use crate::kernel::collapse::collapser::Plan;
 use crate::kernel::collapse::legality::Reject;
 use crate::kernel::collapse::roles::{classes_allow, roles};
+use crate::kernel::cost::fold_quadric;
+use crate::kernel::cost::recession::{price, recession_sq};
 use crate::kernel::interrupt::BATCHES_BETWEEN_LOOKS;
 use crate::kernel::options::Topology;
 use crate::kernel::schedule::driver::{Driver, Limits};
@@ -17,6 +19,7 @@ use crate::kernel::schedule::queue::{BucketQueue, Entry};
 use crate::kernel::simd::unchecked::{KnownIds, prefetch};
 use crate::kernel::simd::{Job, Lanes};
 use crate::kernel::surface::class::Class;
+use crate::kernel::topology::components::whole_area;
 
 /// A collapse that turns a normal too far is dearer by a factor of two a failure, and goes through
 /// after this many.
@@ -227,6 +230,9 @@ impl Driver {
         limits: Limits,
         place: [f32; 3],
     ) {
+        if self.waits(queue, (bucket, entry), limits, place) {
+            return;
+        }
         let may_turn = entry.failures >= MAX_FAILURES;
         let plan = Plan { v0: entry.v0, v1: entry.v1, place, may_turn };
         let number = (self.collapses + 1) as u32;
@@ -255,6 +261,46 @@ impl Driver {
             }
             Err(reason) => self.refused(queue, (bucket, entry), reason, cost, limits),
         }
+    }
+
+    /// Puts a collapse off until others are as dear, by which a rim would recede too far; true if it waits.
+    #[inline(always)]
+    fn waits(
+        &mut self,
+        queue: &mut BucketQueue,
+        (bucket, entry): (u32, Entry),
+        limits: Limits,
+        place: [f32; 3],
+    ) -> bool {
+        let surface = &self.state.surface;
+        let may_recede = |v: u32| {
+            surface.rings[v as usize].class == Some(Class::Boundary)
+                || fold_quadric::may_fold(&surface.vertices[v as usize].quadric)
+        };
+        if self.bound.is_some() || !(may_recede(entry.v0) || may_recede(entry.v1)) {
+            return false;
+        }
+        self.waits_for_price(queue, (bucket, entry), limits, place)
+    }
+
+    #[inline(never)]
+    fn waits_for_price(
+        &mut self,
+        queue: &mut BucketQueue,
+        (bucket, entry): (u32, Entry),
+        limits: Limits,
+        place: [f32; 3],
+    ) -> bool {
+        let surface = &self.state.surface;
+        let area = *self.area.get_or_insert_with(|| whole_area(surface));
+        let distance_sq = recession_sq(surface, (entry.v0, entry.v1), place);
+        let cost = price(area, surface.n_alive, distance_sq);
+        let due = queue.bucket(cost);
+        let waits = cost.is_finite() && due > bucket;
+        if waits && cost <= limits.cost {
+            queue.put_back(due, entry);
+        }
+        waits
     }
 
     /// Puts a refused collapse off, or does something about the topology.

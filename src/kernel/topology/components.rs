@@ -31,7 +31,7 @@ const LONGEST_WAY: usize = 4096;
 
 /// Cost of the dearest collapse over mean squared error times mean area of a triangle: `COST_PER_ERROR` of
 /// `topology` times what the error of all gains by two triangles less, three times its mean for each.
-const COST_PER_SQUARE: f64 = 42.0;
+pub(crate) const COST_PER_SQUARE: f64 = 42.0;
 /// Length in cells above which triangles are looked at in parts.
 const LONG: f64 = 4.0;
 /// Components farther from others than this many root mean square errors are held, for the sake of the largest
