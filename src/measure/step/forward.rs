@@ -293,10 +293,8 @@ impl Forward<'_> {
     /// Bounds the distance of a triangle.
     fn cover(&self, feet: [Foot; 3], depth: u32, largest: &mut Largest, exact: &mut Exact) {
         let enough_sq = largest.enough_sq();
-        if depth == 0 {
-            if largest.accepts(self.by_corners_sq(&feet)) {
-                return;
-            }
+        if depth == 0 && largest.accepts(self.by_corners_sq(&feet)) {
+            return;
         }
         let mut least_sq = across_sq(&feet, self.coarse, self.around);
         if least_sq > enough_sq {
