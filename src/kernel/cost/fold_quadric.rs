@@ -1,4 +1,4 @@
-//! What planes do not hold: folds, tips of spikes, ends of open strips.
+//! Terms for places that planes do not hold: folds, tips of spikes, ends of open strips.
 //!
 //! At a fold the surface turns back onto itself, as at the rim of a sheet that has no thickness to speak of. Both sides have
 //! the same plane, so a quadric of planes lets the rim recede for nothing, and collapse by collapse the sheet is eaten

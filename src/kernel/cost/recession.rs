@@ -1,4 +1,4 @@
-//! How far a rim would recede: the distance of both ends of a collapse from what would be around the survivor.
+//! The distance by which a rim would recede: that of both ends of a collapse from what would be around the survivor.
 //!
 //! Quadrics of planes see where a surface goes, not where it ends. At rims, of open sheets and of thin ones, terms of edges
 //! and tips hold it in the mean; the farthest place is made at the corners of thin wedges, whose planes hardly differ. So a
@@ -8,12 +8,9 @@
 
 use crate::kernel::surface::Surface;
 use crate::kernel::surface::class::Class;
-use crate::kernel::topology::components::COST_PER_SQUARE;
 use crate::kernel::vertex::GONE;
 use crate::mesh::vec3::triangle_distance_sq;
 
-/// Root mean square errors by which a rim may recede at once.
-const FAR: f64 = 8.0;
 /// Vertices of more triangles than this are not looked at.
 const MOST: u32 = 64;
 
@@ -47,10 +44,4 @@ pub(crate) fn recession_sq(surface: &Surface, (v0, v1): (u32, u32), place: [f32;
     }
     let farthest_sq = nearest_sq[0].max(nearest_sq[1]);
     if farthest_sq.is_finite() { farthest_sq } else { 0.0 }
-}
-
-/// The cost of collapses that make 1 / `FAR` of a distance: on a surface of this area and number of triangles. In
-/// scaled units.
-pub(crate) fn price(area: f64, n_triangles: u64, distance_sq: f64) -> f32 {
-    (COST_PER_SQUARE * area / n_triangles.max(1) as f64 * distance_sq / (FAR * FAR)) as f32
 }

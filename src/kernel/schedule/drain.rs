@@ -10,7 +10,7 @@ use crate::kernel::collapse::collapser::Plan;
 use crate::kernel::collapse::legality::Reject;
 use crate::kernel::collapse::roles::{classes_allow, roles};
 use crate::kernel::cost::fold_quadric;
-use crate::kernel::cost::recession::{price, recession_sq};
+use crate::kernel::cost::recession::recession_sq;
 use crate::kernel::interrupt::BATCHES_BETWEEN_LOOKS;
 use crate::kernel::options::Topology;
 use crate::kernel::schedule::driver::{Driver, Limits};
@@ -19,7 +19,7 @@ use crate::kernel::schedule::queue::{BucketQueue, Entry};
 use crate::kernel::simd::unchecked::{KnownIds, prefetch};
 use crate::kernel::simd::{Job, Lanes};
 use crate::kernel::surface::class::Class;
-use crate::kernel::topology::components::whole_area;
+use crate::kernel::topology::components::{cost_of_recession, whole_area};
 
 /// A collapse that turns a normal too far is dearer by a factor of two a failure, and goes through
 /// after this many.
@@ -294,7 +294,7 @@ impl Driver {
         let surface = &self.state.surface;
         let area = *self.area.get_or_insert_with(|| whole_area(surface));
         let distance_sq = recession_sq(surface, (entry.v0, entry.v1), place);
-        let cost = price(area, surface.n_alive, distance_sq);
+        let cost = cost_of_recession(area, surface, distance_sq);
         let due = queue.bucket(cost);
         let waits = cost.is_finite() && due > bucket;
         if waits && cost <= limits.cost {

@@ -31,7 +31,7 @@ const LONGEST_WAY: usize = 4096;
 
 /// Cost of the dearest collapse over mean squared error times mean area of a triangle: `COST_PER_ERROR` of
 /// `topology` times what the error of all gains by two triangles less, three times its mean for each.
-pub(crate) const COST_PER_SQUARE: f64 = 42.0;
+const COST_PER_SQUARE: f64 = 42.0;
 /// Length in cells above which triangles are looked at in parts.
 const LONG: f64 = 4.0;
 /// Components farther from others than this many root mean square errors are held, for the sake of the largest
@@ -39,6 +39,8 @@ const LONG: f64 = 4.0;
 const FAR: f64 = 30.0;
 /// ... but no more than one triangle in this many.
 const HELD_SHARE: u64 = 128;
+/// Root mean square errors by which a rim may recede at once.
+const FAR_FOR_RIMS: f64 = 8.0;
 
 /// A vertex of the largest component in a cell.
 #[derive(Clone, Copy)]
@@ -94,8 +96,17 @@ pub(crate) struct SmallComponents {
 
 /// The cost of collapses that make 1 / `FAR` of a distance, in scaled units, where the whole area is this.
 pub(crate) fn cost_of_distance(area: f64, surface: &Surface, distance_sq: f64) -> f32 {
-    let mean_area = area / surface.n_alive.max(1) as f64;
-    (COST_PER_SQUARE * mean_area * distance_sq / (FAR * FAR)) as f32
+    cost_of_square(area, surface, distance_sq / (FAR * FAR))
+}
+
+/// The same for the distance by which a rim recedes.
+pub(crate) fn cost_of_recession(area: f64, surface: &Surface, distance_sq: f64) -> f32 {
+    cost_of_square(area, surface, distance_sq / (FAR_FOR_RIMS * FAR_FOR_RIMS))
+}
+
+/// The cost of collapses at this mean squared error.
+fn cost_of_square(area: f64, surface: &Surface, error_sq: f64) -> f32 {
+    (COST_PER_SQUARE * area / surface.n_alive.max(1) as f64 * error_sq) as f32
 }
 
 /// The area of what is left, in scaled units.
