@@ -10,7 +10,7 @@ use crate::kernel::collapse::collapser::Plan;
 use crate::kernel::collapse::legality::Reject;
 use crate::kernel::collapse::roles::{classes_allow, roles};
 use crate::kernel::cost::fold_quadric;
-use crate::kernel::cost::recession::recession_sq;
+use crate::kernel::cost::recession::Recession;
 use crate::kernel::interrupt::BATCHES_BETWEEN_LOOKS;
 use crate::kernel::options::Topology;
 use crate::kernel::schedule::driver::{Driver, Limits};
@@ -263,7 +263,8 @@ impl Driver {
         }
     }
 
-    /// Puts a collapse off until others are as dear, by which a rim would recede too far; true if it waits.
+    /// Puts a collapse off until others are as dear, by which the rim of a thin sheet would recede too far; true if it
+    /// waits.
     #[inline(always)]
     fn waits(
         &mut self,
@@ -273,11 +274,8 @@ impl Driver {
         place: [f32; 3],
     ) -> bool {
         let surface = &self.state.surface;
-        let may_recede = |v: u32| {
-            surface.rings[v as usize].class == Some(Class::Boundary)
-                || fold_quadric::may_fold(&surface.vertices[v as usize].quadric)
-        };
-        if self.bound.is_some() || !(may_recede(entry.v0) || may_recede(entry.v1)) {
+        let may_fold = |v: u32| fold_quadric::may_fold(&surface.vertices[v as usize].quadric);
+        if self.bound.is_some() || !(may_fold(entry.v0) || may_fold(entry.v1)) {
             return false;
         }
         self.waits_for_price(queue, (bucket, entry), limits, place)
@@ -293,8 +291,12 @@ impl Driver {
     ) -> bool {
         let surface = &self.state.surface;
         let area = *self.area.get_or_insert_with(|| whole_area(surface));
-        let distance_sq = recession_sq(surface, (entry.v0, entry.v1), place);
-        let cost = cost_of_recession(area, surface, distance_sq);
+        let recession = Recession::of(surface, (entry.v0, entry.v1), place);
+        let cost_of = |distance_sq: f64| cost_of_recession(area, surface, distance_sq);
+        if queue.bucket(cost_of(recession.most_sq())) <= bucket {
+            return false;
+        }
+        let cost = cost_of(recession.distance_sq(surface));
         let due = queue.bucket(cost);
         let waits = cost.is_finite() && due > bucket;
         if waits && cost <= limits.cost {
