@@ -31,7 +31,7 @@ impl Recession {
         Recession { edge, half, survivor }
     }
 
-    /// Where the ends of the edge are.
+    /// Positions of both ends of the edge.
     fn ends(&self) -> [Vec3; 2] {
         [self.half.map(|x| -x), self.half]
     }
