@@ -29,16 +29,17 @@ use std::sync::Arc;
 use std::time::Instant;
 
 /// Trials at most; the second or third one keeps the bound as a rule.
-const MOST_TRIALS: usize = 14;
+const MOST_TRIALS: usize = 20;
 /// After this many trials the bound is tightened everywhere.
-const LOCAL_TRIALS: usize = 11;
+const LOCAL_TRIALS: usize = 17;
 /// Share of the bound that the first trial keeps: between the points that the kernel looks at the surface is a little farther
 /// away.
 const FIRST: f64 = 0.94;
 /// Share of the bound that is kept in hand, beyond the excess, where it was exceeded.
 const KEPT: f64 = 0.1;
-/// Growth of the ball around a place beyond the bound with every trial; the first one's radius is the longest edge of the
-/// triangle there.
+/// Growth of the ball around a place beyond the bound with every trial that was beyond it there; the first one's radius
+/// is the longest edge of the triangle there. Balls that are larger than they need be press what is around them, and new
+/// places appear there.
 const GROWTH: f64 = 1.25;
 /// A tighter bound aims at this share of the one that was asked for.
 const AIM: f64 = 0.98;
@@ -302,13 +303,14 @@ impl Tightened {
         }
         let known = self.places.len();
         for one in &last.beyond {
-            let before = self.places[..known].iter().filter(|tight| {
+            let here = self.places[..known].iter().filter(|tight| {
                 let off_sq: f64 = (0..3).map(|k| (one.point[k] - tight.place[k]).powi(2)).sum();
                 off_sq <= tight.radius * tight.radius
             });
-            let before = before.fold(0.0, |most: f64, tight| most.max(tight.margin));
+            let (times, before) =
+                here.fold((0, 0.0f64), |(n, most), tight| (n + 1, most.max(tight.margin)));
             let margin = before + one.distance - bound + KEPT * bound;
-            let radius = GROWTH.powi(last.number as i32 - 1) * one.size;
+            let radius = GROWTH.powi(times) * one.size;
             self.places.push(Tight { place: one.point, radius, margin });
         }
     }
