@@ -37,9 +37,9 @@ const LOCAL_TRIALS: usize = 17;
 const FIRST: f64 = 0.94;
 /// Share of the bound that is kept in hand, beyond the excess, where it was exceeded.
 const KEPT: f64 = 0.1;
-/// Growth of the ball around a place beyond the bound with every trial that was beyond it there; the first one's radius
-/// is the longest edge of the triangle there. Balls that are larger than they need be press what is around them, and new
-/// places appear there.
+/// Growth of the ball around a place that is beyond the bound within an earlier ball, over that ball's; the radius of a
+/// first one is the longest edge of the triangle there. Balls that are larger than they need be press what is around
+/// them, and new places appear there.
 const GROWTH: f64 = 1.25;
 /// A tighter bound aims at this share of the one that was asked for.
 const AIM: f64 = 0.98;
@@ -73,6 +73,8 @@ struct Tightened {
     /// Share of the bound that the run is given, everywhere.
     share: f64,
     places: Vec<Tight>,
+    /// For each place how many balls, one in the other, had not helped there.
+    depths: Vec<i32>,
 }
 
 /// Simplifies as far as the two-sided Hausdorff distance is proven to stay within `bound` (input units).
@@ -104,7 +106,7 @@ pub fn simplify(
         },
     };
     let mut trials: Vec<Trial> = Vec::new();
-    let mut tightened = Tightened { share: FIRST, places: Vec::new() };
+    let mut tightened = Tightened::new();
     while trials.len() < MOST_TRIALS && !trials.last().is_some_and(|trial| trial.ends(bound)) {
         let number = trials.len() + 1;
         if let Some(last) = trials.last() {
@@ -296,6 +298,11 @@ fn run_trial(
 }
 
 impl Tightened {
+    /// Before the first trial: tighter nowhere.
+    fn new() -> Tightened {
+        Tightened { share: FIRST, places: Vec::new(), depths: Vec::new() }
+    }
+
     /// Tightens it as much as a trial was beyond the bound: there, or everywhere if the places are not known.
     fn tighten(&mut self, last: &Trial, bound: f64) {
         if last.beyond.is_empty() || last.number >= LOCAL_TRIALS {
@@ -303,14 +310,16 @@ impl Tightened {
         }
         let known = self.places.len();
         for one in &last.beyond {
-            let here = self.places[..known].iter().filter(|tight| {
+            let earlier = self.places[..known].iter().zip(&self.depths).filter(|(tight, _)| {
                 let off_sq: f64 = (0..3).map(|k| (one.point[k] - tight.place[k]).powi(2)).sum();
                 off_sq <= tight.radius * tight.radius
             });
-            let (times, before) =
-                here.fold((0, 0.0f64), |(n, most), tight| (n + 1, most.max(tight.margin)));
+            let (before, depth) = earlier.fold((0.0f64, 0), |most, (tight, &n)| {
+                (most.0.max(tight.margin), most.1.max(n + 1))
+            });
             let margin = before + one.distance - bound + KEPT * bound;
-            let radius = GROWTH.powi(times) * one.size;
+            let radius = GROWTH.powi(depth) * one.size;
+            self.depths.push(depth);
             self.places.push(Tight { place: one.point, radius, margin });
         }
     }
@@ -342,9 +351,11 @@ impl Trial {
 mod tests {
     use super::*;
 
-    #[test]
-    fn what_is_beyond_the_bound_is_tightened_by_as_much() {
-        let trial = |share: f64, upper: f64| Trial {
+    /// A trial that was up to `upper` away, beyond the bound at some points, on triangles of size 1.
+    fn trial(share: f64, upper: f64, points: &[[f64; 3]]) -> Trial {
+        let at = |&point: &[f64; 3]| Beyond { point, distance: upper, size: 1.0 };
+        let beyond: Vec<Beyond> = points.iter().map(at).collect();
+        Trial {
             number: 1,
             share,
             report: RunReport::default(),
@@ -357,13 +368,34 @@ mod tests {
                 certified: true,
                 witness: None,
                 witness_on: None,
-                beyond: Vec::new(),
+                beyond: beyond.clone(),
             }),
-            beyond: Vec::new(),
-        };
+            beyond,
+        }
+    }
+
+    #[test]
+    fn what_is_beyond_the_bound_is_tightened_by_as_much() {
+        let trial = |share: f64, upper: f64| trial(share, upper, &[]);
         assert!(trial(1.0, 2.0).keeps(2.0) && !trial(1.0, 2.1).keeps(2.0));
         assert!(!trial(1.0, f64::NAN).keeps(2.0));
         assert!((trial(1.0, 1.25).next_share(1.0) - 0.784).abs() < 1e-12);
         assert!((trial(0.8, 1e9).next_share(1.0) - 0.4).abs() < 1e-12);
+    }
+
+    #[test]
+    fn balls_grow_where_they_did_not_help_and_once_a_trial() {
+        let mut tightened = Tightened::new();
+        let near = [[0.0; 3], [0.1, 0.0, 0.0], [0.2, 0.0, 0.0]];
+        let far = [50.0, 0.0, 0.0];
+        tightened.tighten(&trial(FIRST, 1.5, &near), 1.0);
+        tightened.tighten(&trial(FIRST, 1.5, &[near[1], far]), 1.0);
+        tightened.tighten(&trial(FIRST, 1.5, &[near[2]]), 1.0);
+        let radii: Vec<f64> = tightened.places.iter().map(|tight| tight.radius).collect();
+        assert_eq!(radii, [1.0, 1.0, 1.0, GROWTH, 1.0, GROWTH * GROWTH]);
+        let margins: Vec<f64> = tightened.places.iter().map(|tight| tight.margin).collect();
+        let wanted = [0.6, 0.6, 0.6, 1.2, 0.6, 1.8];
+        assert!(margins.iter().zip(wanted).all(|(margin, x)| (margin - x).abs() < 1e-12));
+        assert_eq!(tightened.share, FIRST);
     }
 }

@@ -77,6 +77,7 @@ fn near_components_become_one() {
     for (gap, shape, n_left) in [(0.004, halves(0.004), 1), (6.0, spheres(2, 6.0), 2)] {
         let (vertices, triangles) = shape;
         std::fs::write(at.join("in.ply"), ply(&vertices, &triangles)).unwrap();
+        // The halves stay apart at 260 triangles and at 400, and are hardly borne at 300.
         let simplify = "simplify in.ply --triangles 350 --force --weight color=0";
         expect(at, &format!("{simplify} plain.ply"), 0);
         expect(at, &format!("{simplify} pairs.ply --pairs --report r.json --verify"), 0);
@@ -105,10 +106,12 @@ fn tunnels_close_and_counts_are_met() {
     for kind in ["gyroid", "statue", "terrain", "scans"] {
         expect(at, &format!("synth {kind} in.ply --triangles 60k --force"), 0);
         for target in [3_000, 301, 40] {
-            // Some hundred triangles are about as few as a gyroid can bear; 3 says that they are too few.
             let simplify = format!("simplify in.ply --triangles {target} --force out.ply --pairs");
             let code = run(at, &simplify).status.code();
-            assert!(code == Some(0) || code == Some(3), "{kind} at {target}: {code:?}");
+            // Some hundred triangles are about as few as a gyroid can bear; 3 says that they are too few.
+            let may_be_too_few = kind == "gyroid" && target < 3_000;
+            let is_expected = code == Some(0) || (may_be_too_few && code == Some(3));
+            assert!(is_expected, "{kind} at {target}: {code:?}");
             let info = check(at, "out.ply");
             let n = count(&info, "triangles");
             assert!(n == target || n == target - 1, "{kind}: {n} of {target}");
