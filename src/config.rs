@@ -305,6 +305,8 @@ pub struct Config {
     pub job_folder: PathBuf,
     /// Leave the job folder in place after success.
     pub keep_temp: bool,
+    /// Leave what the first round has made, or the cells if there is none: another attempt begins from it.
+    pub keep_first_round: bool,
     /// Stop early.
     pub until: Option<Until>,
     /// Overwrite the output.
@@ -472,6 +474,7 @@ mod tests {
             cell_triangles: DEFAULT_CELL_TRIANGLES,
             job_folder: "job".into(),
             keep_temp: false,
+            keep_first_round: false,
             until: None,
             force: false,
             restart: false,

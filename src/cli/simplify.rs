@@ -247,6 +247,7 @@ impl Args {
             cell_triangles: self.cell_triangles,
             job_folder: self.job_folder()?,
             keep_temp: self.keep_temp,
+            keep_first_round: false,
             until: self.until,
             force: self.force,
             restart: self.restart,

@@ -4,6 +4,7 @@ use crate::kernel::cost::attribute_lanes;
 use crate::kernel::cost::attributes::MAX_WEIGHTED;
 use crate::kernel::fit;
 use crate::kernel::options::Fit;
+use crate::mesh::extremes::Extremes;
 
 /// Peak memory of `simplify_mesh` in bytes, the mesh it is given included.
 ///
@@ -28,6 +29,12 @@ pub fn round_fit_bytes(n_triangles: u64, is_first: bool) -> u64 {
 /// Returns the memory that a bound adds to `peak_bytes`: its witnesses, the input's triangles, and which are around a vertex.
 pub fn bound_bytes(n_vertices: u64, n_triangles: u64) -> u64 {
     41 * n_vertices + 28 * n_triangles
+}
+
+/// Returns the memory that the points of the original add to `bound_bytes` in rounds after the first: as they are given, and
+/// as witnesses.
+pub fn extremes_bytes(n_triangles: u64) -> u64 {
+    (size_of::<Extremes>() + 40 * Extremes::MOST) as u64 * n_triangles
 }
 
 /// Returns the memory that watching for self-intersections adds to `peak_bytes`: the boxes of all triangles.

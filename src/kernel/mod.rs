@@ -46,8 +46,8 @@ pub use cost::attributes::MAX_WEIGHTED;
 pub use history::{Cursor, Gone, History, Step};
 pub use interrupt::Interrupt;
 pub use memory::{
-    attribute_bytes, bound_bytes, crossing_bytes, fit_bytes, history_bytes, peak_bytes,
-    round_fit_bytes, wedge_bytes,
+    attribute_bytes, bound_bytes, crossing_bytes, extremes_bytes, fit_bytes, history_bytes,
+    peak_bytes, round_fit_bytes, wedge_bytes,
 };
 pub use options::{
     AUTO_FIT_RATIO, Bound, Fit, MAX_TRIANGLES, MAX_VERTICES, Options, Placement, Stop, Tight,

@@ -122,7 +122,8 @@ impl Options {
         })
     }
 
-    /// Leaves a part of the bound to later rounds; a share below 1 ends early, by `patience`.
+    /// Leaves a part of the bound to later rounds; a share below 1 ends early, by `patience`, and is tighter nowhere, so that
+    /// all attempts have that round in common.
     pub fn use_share_of_bound(&mut self, share: f64, patience: f64) {
         let Some(bound) = &mut self.bound else { return };
         bound.distance *= share;

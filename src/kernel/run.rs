@@ -49,7 +49,7 @@ pub(crate) fn start(
     assert!(n as u64 <= MAX_VERTICES, "{n} vertices are too many at once");
     assert!(locked.len() == n && mesh.channels.len() == n * mesh.n_channels, "lengths agree");
     let scales = (&options.weights[..], &options.confined[..]);
-    let (mut state, may_be_flat, relief) = MeshState::new(mesh, locked, scales, simd);
+    let (mut state, may_be_flat, original) = MeshState::new(mesh, locked, scales, simd);
     state.surface.placement = options.placement;
     // Under a bound a triangle without area counts as the line that it is, and only a collapse may remove it.
     let flat = if options.bound.is_some() { &[][..] } else { &may_be_flat[..] };
@@ -83,16 +83,18 @@ pub(crate) fn start(
         driver.probes = Some(Probes::take(&driver.state.surface));
     }
     if let Some(goal) = goal(options, driver.state.surface.n_alive) {
-        driver.samples = Some(Samples::take(&driver.state.surface, goal, &relief));
+        driver.samples = Some(Samples::take(&driver.state.surface, goal, &original.relief));
     }
-    drop(relief);
+    let extremes = original.extremes;
+    drop(original.relief);
     driver.mend();
     driver.state.find_flats(options);
     if let Some(bound) = options.bound {
         driver.reach_channel = bound.channel;
         let surface = &driver.state.surface;
         let before = |v: u32| bound.channel.map_or(0.0, |channel| surface.channels_of(v)[channel]);
-        let tracker = Tracker::new(surface, bound.distance, simd, &options.tight, before);
+        let tracker =
+            Tracker::new(surface, bound.distance, simd, &options.tight, (before, &extremes));
         driver.bound = Some(Box::new(tracker));
     }
     if options.no_self_intersections {
@@ -143,7 +145,7 @@ pub(crate) fn finish(
     mut statistics: Statistics,
     keeps_relief: bool,
 ) -> Simplified {
-    let mut relief = Vec::new();
+    let (mut relief, mut extremes) = (Vec::new(), Vec::new());
     let may_move = driver.state.surface.placement != Placement::Subset;
     let has_caps = driver.changes.cuts > 0 && driver.history.is_none();
     if let Some(crossings) = driver.crossings.as_mut().filter(|_| may_move && has_caps) {
@@ -180,6 +182,7 @@ pub(crate) fn finish(
         statistics.reach = reach.iter().fold(0.0, |most, &reach| most.max(f64::from(reach)));
         if let Some(channel) = driver.reach_channel {
             driver.state.set_channel(channel, &reach);
+            extremes = tracker.extremes(&driver.state.surface);
         }
     }
     let surface = &driver.state.surface;
@@ -190,7 +193,7 @@ pub(crate) fn finish(
         history.end(surface);
     }
     let (mut mesh, source) = driver.state.into_mesh();
-    mesh.relief = relief;
+    (mesh.relief, mesh.extremes) = (relief, extremes);
     let followed = followed.map_or(Vec::new(), |followed| followed.into_result(&source));
     Simplified { mesh, source, followed, history, statistics }
 }

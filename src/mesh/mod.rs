@@ -8,6 +8,7 @@ pub(crate) mod bounds;
 pub(crate) mod codec;
 mod color_channels;
 pub(crate) mod corners;
+pub mod extremes;
 pub(crate) mod face_properties;
 pub mod global_vertex;
 pub(crate) mod meeting;
@@ -21,11 +22,12 @@ pub(crate) mod union_find;
 pub(crate) mod vec3;
 pub(crate) mod viridis;
 
+use extremes::Extremes;
 use relief::Relief;
 
 /// An indexed triangle mesh: positions, further per-vertex channels, triangles.
 ///
-/// Memory: 24 bytes a vertex + 4 per channel and vertex, 12 bytes a triangle, 6 more with relief.
+/// Memory: 24 bytes a vertex + 4 per channel and vertex, 12 bytes a triangle, 6 more with relief, 32 with extremes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
     /// One position a vertex, in input units, relative to whatever origin its owner chose.
@@ -38,6 +40,8 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
     /// The original over each triangle, where the mesh was fitted to one; else empty.
     pub relief: Vec<Relief>,
+    /// Points of the original over each triangle, where the mesh was simplified within a bound; else empty.
+    pub extremes: Vec<Extremes>,
 }
 
 impl Mesh {

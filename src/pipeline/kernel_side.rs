@@ -1,6 +1,7 @@
 //! The kernel's side of a job: rows of vertices and options, from the schema of the input and the settings alone.
 
 use super::fit;
+use super::layout::layout;
 use super::source_facts::{confined, region};
 use crate::config::Config;
 use crate::io::ply::MeshSource;
@@ -38,12 +39,7 @@ pub(super) fn kernel_side(facts: &Facts, config: &Config) -> (VertexLayout, kern
     let Facts { schema, n_vertices, n_triangles, target } = facts;
     let bound = config.kernel.bound;
     let attributes = &config.attributes;
-    let layout = VertexLayout {
-        has_reach: bound.is_some(),
-        has_relief: fit::carries_relief(config, *n_triangles),
-        is_watched: config.kernel.no_self_intersections,
-        ..VertexLayout::for_kernel(schema, *n_vertices, &attributes.labels, &attributes.weights)
-    };
+    let layout = layout(schema, (*n_vertices, *n_triangles), config);
     let channel = layout.reach_channel();
     let mut options = kernel::Options {
         confined: confined(schema, config),

@@ -10,6 +10,7 @@ pub mod extract;
 mod fit;
 pub mod in_memory;
 mod kernel_side;
+mod layout;
 pub(crate) mod max_error;
 mod method_reports;
 pub mod methods;

@@ -284,7 +284,9 @@ impl<'a> Stages<'a> {
                 stitch::recut(&survivors, size, round, run)
             },
         )?;
-        self.discard(&packs)?;
+        if !self.is_kept() {
+            self.discard(&packs)?;
+        }
         self.shared_by_round.push(store.shared_vertices);
         Ok(store)
     }
@@ -343,11 +345,17 @@ impl<'a> Stages<'a> {
     /// Removes what a finish took in.
     pub(super) fn remove(&self, left: &Left) -> Result<()> {
         match left {
+            _ if self.is_kept() => Ok(()),
             Left::Cells(store) => {
                 store.packs.iter().try_for_each(|file| self.run.job.discard(&file.pack))
             }
             Left::Survivors(survivors) => self.discard(&survivors.packs),
         }
+    }
+
+    /// Tells if what the last round has left stays for another attempt.
+    fn is_kept(&self) -> bool {
+        self.config.keep_first_round && self.rounds_done <= 1
     }
 
     fn discard(&self, packs: &[SurvivorFile]) -> Result<()> {

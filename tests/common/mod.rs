@@ -98,6 +98,7 @@ pub fn config(folder: &Path, target: Target) -> Config {
         cell_triangles: 1000,
         job_folder: folder.join("job"),
         keep_temp: false,
+        keep_first_round: false,
         until: None,
         force: false,
         restart: false,

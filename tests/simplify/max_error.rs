@@ -4,7 +4,12 @@
 
 use crate::common::{count, expect, run, write_ply};
 use std::path::Path;
+use stonecut::Mesh;
+use stonecut::kernel::{Bound, Options, Stop, simplify_mesh};
+use stonecut::measure;
 use stonecut::mesh::property::Scalar;
+use stonecut::synth::{self, Kind, Settings};
+use stonecut::system::progress::Progress;
 
 /// The larger one of the two distances that `measure` finds.
 fn measured(at: &Path, input: &str, output: &str) -> f64 {
@@ -137,7 +142,7 @@ fn thin_handles_are_cut_within_the_bound() {
         triangles.extend([[a, b, c], [a, c, d]]);
     }
     write_ply(&at.join("in.ply"), Scalar::F32, &positions, &triangles);
-    for (bound, may_cut) in [(1.0, true), (0.05, false)] {
+    for (bound, may_cut) in [(2.0, true), (0.05, false)] {
         let command = format!("simplify in.ply o.ply --max-error {bound} --force --report r.json");
         // 3: the ring is thinner than the bound, so what is left of it is hardly a ring.
         let code = run(at, &command).status.code().unwrap();
@@ -257,4 +262,40 @@ fn stages_one_by_one_give_the_same_bytes() {
     expect(at, bounded, 0);
     let read = |name: &str| std::fs::read(at.join(name)).unwrap();
     assert!(read("out.ply") == read("direct.ply"));
+}
+
+/// Three rounds of one cell each within a bound; every one knows points of the original, if they are handed on.
+fn through_rounds(mesh: &Mesh, distance: f64, hands_on: bool) -> Mesh {
+    let mut now = mesh.clone();
+    for share in [0.25, 0.5, 1.0] {
+        let bound = Some(Bound { distance: share * distance, channel: Some(0), patience: 1.0 });
+        let options = Options { stop: Stop::Triangles(0), bound, ..Options::default() };
+        let locked = vec![false; now.positions.len()];
+        now = simplify_mesh(now, &locked, &options).mesh;
+        assert_eq!(now.extremes.len(), now.triangles.len());
+        if !hands_on {
+            now.extremes.clear();
+        }
+    }
+    now
+}
+
+#[test]
+fn points_of_the_original_ride_from_round_to_round() {
+    let plain = synth::mesh(&Settings::new(Kind::Statue, 60_000)).unwrap();
+    let channels = vec![0.0; plain.positions.len()];
+    let mesh = Mesh { n_channels: 1, channels, ..plain };
+    let distance = 2.0;
+    let largest = |result: &Mesh| {
+        let options = measure::Options { samples: 200_000, threads: 2, ..Default::default() };
+        let found = measure::two_sided(&mesh, result, &options, &Progress::default()).unwrap();
+        found.forward.distance.max.max(found.backward.distance.max)
+    };
+    let with = through_rounds(&mesh, distance, true);
+    let without = through_rounds(&mesh, distance, false);
+    let (n, n_without) = (with.triangles.len(), without.triangles.len());
+    assert!(10 * n < 9 * n_without, "{n} {n_without}");
+    let (off, off_without) = (largest(&with), largest(&without));
+    assert!(off_without <= distance, "{off_without}");
+    assert!(off <= 1.3 * distance, "{off}");
 }

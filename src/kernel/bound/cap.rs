@@ -44,13 +44,14 @@ impl Tracker {
                 GONE => NONE,
                 _ => self.head[t as usize],
             };
-            for _ in 0..MOST_STARTS {
-                if witness == NONE {
-                    break;
-                }
+            let mut n = 0;
+            while witness != NONE && n < MOST_STARTS {
                 // Where the bound was exceeded before, nothing is cut.
                 is_tight |= self.margins.get(witness as usize).is_some_and(|&margin| margin > 0.0);
-                scratch.witnesses.push(witness);
+                if self.input.is_vertex(witness) {
+                    scratch.witnesses.push(witness);
+                    n += 1;
+                }
                 witness = self.input.witnesses[witness as usize].next;
             }
         }

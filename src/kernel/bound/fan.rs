@@ -144,7 +144,8 @@ impl EightFaces {
                 self.to_c[k][i] = to_c[k];
             }
             self.corners[i] = *corners;
-            self.before[i] = own.before.max(b.before).max(c.before);
+            let [of_b, of_c] = corners.map(|v| input.behind(v));
+            self.before[i] = input.behind(centre).max(of_b).max(of_c);
         }
         let (b, c) = (load3::<L>(&self.to_b), load3::<L>(&self.to_c));
         let normal = [

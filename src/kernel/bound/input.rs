@@ -28,7 +28,13 @@ pub(crate) struct Witness {
 /// Witnesses, and for each of them the triangles around it.
 #[derive(Clone)]
 pub(super) struct Input {
+    /// Those of the vertices first.
     pub(super) witnesses: Vec<Witness>,
+    /// True for vertices that lie on the original; empty if all do.
+    pub(super) is_original: Vec<bool>,
+    /// For each vertex, how much farther the input may be from the original where the surface is held against it than
+    /// where it is held against the surface; empty if it is the original.
+    pub(super) behind: Vec<f32>,
     /// First place of the triangles of a witness in `around`; one more than there are witnesses.
     first: Vec<u32>,
     /// The other two corners of each triangle.
@@ -67,7 +73,14 @@ impl Input {
                 *place += 1;
             }
         }
-        let mut input = Input { witnesses, first, around, is_open: Vec::new() };
+        let mut input = Input {
+            witnesses,
+            is_original: Vec::new(),
+            behind: Vec::new(),
+            first,
+            around,
+            is_open: Vec::new(),
+        };
         // Every neighbour is a second corner once and a third corner once, but at open ends.
         let is_open = |v: u32| input.around(v).iter().fold(0, |sum, [b, c]| sum ^ b ^ c) != 0;
         input.is_open = (0..input.witnesses.len() as u32).map(is_open).collect();
@@ -76,7 +89,7 @@ impl Input {
 
     /// True for a vertex with an open edge.
     pub(super) fn is_open(&self, witness: u32) -> bool {
-        self.is_open[witness as usize]
+        self.is_open.get(witness as usize).is_some_and(|&is_open| is_open)
     }
 
     /// Memory that it holds, in bytes.
@@ -98,8 +111,21 @@ impl Input {
         around.iter().map(|&[b, _]| b).chain(ends)
     }
 
-    /// The other two corners of each triangle around a witness.
+    /// True for a witness that is a vertex, and so has triangles around it.
+    pub(super) fn is_vertex(&self, witness: u32) -> bool {
+        (witness as usize) + 1 < self.first.len()
+    }
+
+    /// Distance of the input from the original at a vertex, as far as it counts for points of the surface; scaled.
+    pub(super) fn behind(&self, witness: u32) -> f32 {
+        self.witnesses[witness as usize].before + self.behind.get(witness as usize).unwrap_or(&0.0)
+    }
+
+    /// The other two corners of each triangle around a witness; none for one that is not a vertex.
     pub(super) fn around(&self, witness: u32) -> &[[u32; 2]] {
+        if !self.is_vertex(witness) {
+            return &[];
+        }
         let [first, end] = [0, 1].map(|i| self.first[witness as usize + i] as usize);
         &self.around[first..end]
     }

@@ -152,7 +152,7 @@ impl Tracker {
         eight.limit_sq[eight.n] = limit * limit;
         eight.n += 1;
         let off = dot(relative, relative);
-        if off < nearest.0 {
+        if off < nearest.0 && self.input.is_vertex(id) {
             *nearest = (off, id);
         }
         self.slot[id as usize] = scratch.witnesses.len() as u32;

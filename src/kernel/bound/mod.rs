@@ -4,15 +4,18 @@
 //! collapse is looked at before it is carried out: the witnesses of the triangles around both ends are held
 //! against the triangles that would be there (`look`), and it is refused if one of them, or a point between two
 //! of them, or the survivor seen from the input, would be farther than the bound. What was farther away from the
-//! start (`Witness::before`) counts too, so that bounds add up over rounds.
+//! start (`Witness::before`) counts too. In rounds after the first, points of the original ride with the triangles
+//! (`extremes`) and are witnesses too.
 //!
 //! It decides nothing but yes or no; `schedule` chooses edges. docs/algorithm.md, section 13.
 
 mod between;
 mod cap;
+pub(crate) mod extremes;
 mod fan;
 mod input;
 mod look;
+mod original;
 mod outside;
 mod result;
 pub(crate) mod scratch;

@@ -128,7 +128,8 @@ impl Tracker {
                 return false;
             }
             let centre = self.input.witnesses[scratch.fan.centre as usize];
-            let around = 2.0 * (self.limit - centre.before + centre.longest);
+            let around =
+                2.0 * (self.limit - self.input.behind(scratch.fan.centre) + centre.longest);
             let span = around.min(length - seen);
             let start = sub(point, centre.at);
             let step = edge.map(|x| span / (8.0 * length) * x);
@@ -168,9 +169,10 @@ impl Tracker {
     /// Of the witnesses of the collapse about the nearest to a point.
     #[inline(always)]
     fn nearest_witness(&self, point: [f32; 3], scratch: &Scratch) -> u32 {
-        let step = scratch.witnesses.len().div_ceil(MOST_STARTS).max(1);
+        let vertices = || scratch.witnesses.iter().filter(|&&id| self.input.is_vertex(id));
+        let step = vertices().count().div_ceil(MOST_STARTS).max(1);
         let mut from = (f32::INFINITY, NONE);
-        for &id in scratch.witnesses.iter().step_by(step) {
+        for &id in vertices().step_by(step) {
             let relative = sub(self.input.witnesses[id as usize].at, point);
             let off = dot(relative, relative);
             if off < from.0 {
@@ -192,7 +194,7 @@ impl Tracker {
     fn is_near<L: Lanes>(&self, point: [f32; 3], from: u32, fan: &mut Fan) -> bool {
         let witness = &self.input.witnesses[from as usize];
         let relative = sub(point, witness.at);
-        let room = self.limit - witness.before;
+        let room = self.limit - self.input.behind(from);
         if room >= 0.0 && dot(relative, relative) <= room * room {
             return true;
         }

@@ -1,6 +1,7 @@
 //! The witnesses, and the triangles of the surface that they belong to.
 
 use super::input::{Input, NONE, Witness};
+use super::original::original_points;
 use super::scratch::{MOST_REFUSED, Refused, Scratch};
 use super::tight::TightPlaces;
 use crate::kernel::options::Tight;
@@ -8,13 +9,14 @@ use crate::kernel::simd::Simd;
 use crate::kernel::surface::Surface;
 use crate::kernel::vertex::GONE;
 use crate::mesh::bounds::Bounds;
-use crate::mesh::vec3::Vec3;
+use crate::mesh::extremes::Extremes;
+use crate::mesh::vec3::{Vec3, triangle_distance_sq};
 use std::collections::HashSet;
 
 /// The witnesses, and which triangle each belongs to.
 ///
-/// Memory: 41 bytes a vertex and 24 a triangle of the input, 4 a triangle of the surface, and 640 KiB for what was
-/// refused.
+/// Memory: 41 bytes a vertex and 24 a triangle of the input, 36 a point of the original, 4 a triangle of the surface, and
+/// 640 KiB for what was refused.
 #[derive(Clone)]
 pub(crate) struct Tracker {
     /// Scaled.
@@ -38,40 +40,66 @@ pub(crate) struct Tracker {
 /// Share of the bound that is used: what lies between the points that are looked at may be a little farther.
 const KEPT: f64 = 0.98;
 
+/// Share that counts of what a round before has used at a vertex, where points of the surface are held against the input and
+/// points of the original are known: all of it would add up what points the other way (docs/design/bound.md).
+const CARRIED: f32 = 0.6;
+
 /// Coordinates are rounded to `f32` about the centre of a surface whose longest side is at most 2,048 scaled units.
 const ROUNDING: f32 = 2048.0 * f32::EPSILON;
 
 impl Tracker {
-    /// Begins to watch a surface, in input units; `before` is for each vertex how far it is from the original.
+    /// Begins to watch a surface, in input units; `before` is for each vertex how far it is from the original, `extremes` are
+    /// points of the original over each triangle. If there are any, they alone tell how far it is away.
     pub(crate) fn new(
         surface: &Surface,
         limit: f64,
         simd: Simd,
         tight: &[Tight],
-        before: impl Fn(u32) -> f32,
+        (before, extremes): (impl Fn(u32) -> f32, &[Extremes]),
     ) -> Tracker {
         let tight = TightPlaces::new(tight);
-        let margin =
-            |v: u32| (tight.margin(surface.vertices[v as usize].position) * surface.scale) as f32;
-        let margins: Vec<f32> = match tight.is_empty() {
-            true => Vec::new(),
-            false => (0..surface.vertices.len() as u32).map(margin).collect(),
-        };
+        let margin = |place: Vec3| (tight.margin(place) * surface.scale) as f32;
+        let n_vertices = surface.vertices.len();
+        let n_points: usize = extremes.iter().map(|extremes| extremes.offsets().count()).sum();
+        let mut margins: Vec<f32> = Vec::new();
+        if !tight.is_empty() {
+            margins.reserve_exact(n_vertices + n_points);
+            margins.extend(surface.vertices.iter().map(|vertex| margin(vertex.position)));
+            margins.extend(original_points(surface, extremes).map(|point| margin(point.at)));
+        }
         let centre = middle(surface);
-        let witness = |v: u32| {
-            let position = surface.vertices[v as usize].position;
-            let local = |k: usize| ((position[k] - centre[k]) * surface.scale) as f32;
+        let witness = |id: usize, place: Vec3, before: f32| {
+            let local = |k: usize| ((place[k] - centre[k]) * surface.scale) as f32;
             Witness {
                 at: [local(0), local(1), local(2)],
-                before: before(v) * surface.scale as f32 + margins.get(v as usize).unwrap_or(&0.0),
+                before: before * surface.scale as f32 + margins.get(id).unwrap_or(&0.0),
                 longest: 0.0,
                 distance: 0.0,
                 owner: GONE,
                 next: NONE,
             }
         };
-        let witnesses = (0..surface.vertices.len() as u32).map(witness).collect();
-        let input = Input::new(witnesses, &surface.triangles);
+        // Where points of the original are known, those that are not on it say nothing of it.
+        let has_points = n_points > 0;
+        let mut witnesses = Vec::with_capacity(n_vertices + n_points);
+        for (v, vertex) in surface.vertices.iter().enumerate() {
+            let before = if has_points { 0.0 } else { before(v as u32) };
+            witnesses.push(witness(v, vertex.position, before));
+        }
+        let mut input = Input::new(witnesses, &surface.triangles);
+        if has_points {
+            let behind = |v: u32| CARRIED * before(v) * surface.scale as f32;
+            input.is_original = (0..n_vertices as u32).map(|v| before(v) == 0.0).collect();
+            input.behind = (0..n_vertices as u32).map(behind).collect();
+        }
+        for point in original_points(surface, extremes) {
+            let corners = surface.triangles[point.triangle as usize]
+                .map(|v| surface.vertices[v as usize].position);
+            let distance = triangle_distance_sq(point.at, corners).sqrt();
+            let witness = witness(input.witnesses.len(), point.at, point.rounding);
+            let distance = (distance * surface.scale) as f32;
+            input.witnesses.push(Witness { distance, ..witness });
+        }
         let n = input.witnesses.len();
         let mut tracker = Tracker {
             limit: ((KEPT * limit * surface.scale) as f32 - 2.0 * ROUNDING).max(0.0),
@@ -93,7 +121,15 @@ impl Tracker {
                 }
             }
         }
+        for (id, point) in (n_vertices as u32..).zip(original_points(surface, extremes)) {
+            tracker.own(id, point.triangle);
+        }
         tracker
+    }
+
+    /// True for a witness that is a point of the original, exactly.
+    pub(super) fn is_original(&self, witness: u32) -> bool {
+        self.input.is_original.get(witness as usize).is_none_or(|&is_original| is_original)
     }
 
     /// Memory that it holds, in bytes.
@@ -151,7 +187,7 @@ impl Tracker {
     pub(crate) fn reach(&self, surface: &Surface) -> Vec<f32> {
         let mut reach = vec![0.0f32; surface.vertices.len()];
         let owned = self.input.witnesses.iter().enumerate().filter(|(_, one)| one.owner != GONE);
-        for (witness, one) in owned {
+        for (witness, one) in owned.filter(|&(witness, _)| self.is_original(witness as u32)) {
             let far = self.far(witness as u32) - self.margins.get(witness).unwrap_or(&0.0);
             for v in surface.triangles[one.owner as usize] {
                 let reach = &mut reach[v as usize];

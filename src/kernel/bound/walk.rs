@@ -37,7 +37,7 @@ impl Input {
         if best.distance_sq.is_infinite() {
             let witness = &self.witnesses[from as usize];
             let relative = sub(point, witness.at);
-            best = Nearest { distance_sq: dot(relative, relative), before: witness.before };
+            best = Nearest { distance_sq: dot(relative, relative), before: self.behind(from) };
         }
         best
     }

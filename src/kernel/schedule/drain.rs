@@ -10,6 +10,7 @@ use crate::kernel::collapse::collapser::Plan;
 use crate::kernel::collapse::legality::Reject;
 use crate::kernel::collapse::roles::{classes_allow, roles};
 use crate::kernel::cost::fold_quadric;
+use crate::kernel::cost::quadric::Evaluated;
 use crate::kernel::cost::recession::Recession;
 use crate::kernel::interrupt::BATCHES_BETWEEN_LOOKS;
 use crate::kernel::options::Topology;
@@ -103,42 +104,58 @@ impl Driver {
         last
     }
 
-    /// Takes entries out, follows them to their survivors and drops those that came to nothing.
+    /// Takes entries out, follows them to their survivors and drops those that came to nothing. Within a bound all are of
+    /// one bucket.
     #[inline(always)]
     fn fill(&mut self, known: KnownIds, queue: &mut BucketQueue, batch: &mut Batch) {
-        let mut n = 0;
-        while n < 8 {
-            let Some((bucket, entry)) = queue.pop() else { break };
-            let (a, b) = (self.survivor(known, entry.v0), self.survivor(known, entry.v1));
-            let (v0, v1) = roles(known, &self.state, a, b);
-            let (ring0, ring1) =
-                (known.at(&self.state.surface.rings, v0), known.at(&self.state.surface.rings, v1));
-            let lone = (ring0.len == 0) | (ring1.len == 0);
-            if (a == b) | lone | queue.is_double(bucket, v0, v1) {
-                continue;
-            }
-            // The class of `v1` is the higher one.
-            batch.fixed[n] = 0.0;
-            if ring1.class != Some(Class::Interior) {
-                if let Err(reason) = classes_allow(known, &self.state.surface, v0, v1) {
-                    self.rejects.add(reason);
-                    continue;
-                }
-                batch.fixed[n] = fixation(known, &self.state.surface, v1);
-            }
-            // The rings of those that collapse are wanted next.
-            prefetch(&self.state.surface.arena, ring0.start);
-            prefetch(&self.state.surface.arena, ring1.start);
-            (batch.v0[n], batch.v1[n]) = (v0, v1);
-            (batch.bucket[n], batch.failures[n]) = (bucket, entry.failures);
-            batch.weight[n] = f32::from(1u8 << entry.failures);
-            batch.ceiling[n] = queue.lowest_cost(bucket + 1);
-            n += 1;
+        let mut next = queue.pop();
+        batch.n = 0;
+        while let Some(taken) = next {
+            self.take_up(known, queue, taken, batch);
+            next = match batch.n {
+                8 => break,
+                1.. if self.bound.is_some() => queue.pop_current(),
+                _ => queue.pop(),
+            };
         }
-        batch.n = n;
-        for i in n..8 {
-            (batch.v0[i], batch.v1[i]) = (batch.v0[0], batch.v1[0]);
+        batch.fill_up();
+    }
+
+    /// Puts an entry into a batch, unless it came to nothing.
+    #[inline(always)]
+    fn take_up(
+        &mut self,
+        known: KnownIds,
+        queue: &BucketQueue,
+        (bucket, entry): (u32, Entry),
+        batch: &mut Batch,
+    ) {
+        let n = batch.n & 7;
+        let (a, b) = (self.survivor(known, entry.v0), self.survivor(known, entry.v1));
+        let (v0, v1) = roles(known, &self.state, a, b);
+        let (ring0, ring1) =
+            (known.at(&self.state.surface.rings, v0), known.at(&self.state.surface.rings, v1));
+        let lone = (ring0.len == 0) | (ring1.len == 0);
+        if (a == b) | lone | queue.is_double(bucket, v0, v1) {
+            return;
         }
+        // The class of `v1` is the higher one.
+        batch.fixed[n] = 0.0;
+        if ring1.class != Some(Class::Interior) {
+            if let Err(reason) = classes_allow(known, &self.state.surface, v0, v1) {
+                self.rejects.add(reason);
+                return;
+            }
+            batch.fixed[n] = fixation(known, &self.state.surface, v1);
+        }
+        // The rings of those that collapse are wanted next.
+        prefetch(&self.state.surface.arena, ring0.start);
+        prefetch(&self.state.surface.arena, ring1.start);
+        (batch.v0[n], batch.v1[n]) = (v0, v1);
+        (batch.bucket[n], batch.failures[n]) = (bucket, entry.failures);
+        batch.weight[n] = f32::from(1u8 << entry.failures);
+        batch.ceiling[n] = queue.lowest_cost(bucket + 1);
+        batch.n = n + 1;
     }
 
     #[inline(always)]
@@ -166,6 +183,10 @@ impl Driver {
             let found =
                 evaluate_eight::<L>((known, &self.state), &batch.v0, &batch.v1, &batch.fixed);
             let begun = self.collapses;
+            if self.bound.is_some() {
+                self.one_by_one::<L>(known, queue, &batch, &found, limits);
+                continue;
+            }
             // First what goes back, then what collapses: which is which cannot be predicted.
             let cost = L::load(&found.cost).times(L::load(&batch.weight));
             let allowed = cost.below(L::splat(limits.cost.next_up())) & (0xFF >> (8 - batch.n));
@@ -184,11 +205,7 @@ impl Driver {
                     return false;
                 }
                 let entry = batch.entry(i);
-                let changed = |v: u32| {
-                    let stamp = u64::from(known.at(&self.state.surface.vertices, v).stamp);
-                    (stamp > begun) | known.at(&self.state.surface.rings, v).class.is_none()
-                };
-                if changed(entry.v0) | changed(entry.v1) {
+                if self.has_changed(known, entry, begun) {
                     queue.push(batch.bucket[i], entry);
                     continue;
                 }
@@ -197,6 +214,74 @@ impl Driver {
             }
         }
         false
+    }
+
+    /// Returns whether an end of an edge is another than it was after this many collapses.
+    #[inline(always)]
+    fn has_changed(&self, known: KnownIds, entry: Entry, begun: u64) -> bool {
+        let changed = |v: u32| {
+            let stamp = u64::from(known.at(&self.state.surface.vertices, v).stamp);
+            (stamp > begun) | known.at(&self.state.surface.rings, v).class.is_none()
+        };
+        changed(entry.v0) | changed(entry.v1)
+    }
+
+    /// Goes through a batch as if it had been taken out edge by edge: what is done at one place does not depend on how many
+    /// edges of others came before, so that another run, tighter elsewhere, does the same here.
+    #[inline(always)]
+    fn one_by_one<L: Lanes>(
+        &mut self,
+        known: KnownIds,
+        queue: &mut BucketQueue,
+        batch: &Batch,
+        found: &Evaluated,
+        limits: Limits,
+    ) {
+        let begun = self.collapses;
+        let mut one = Batch::default();
+        for i in 0..batch.n {
+            if self.state.surface.n_alive <= limits.triangles {
+                return;
+            }
+            let (entry, again) = (batch.entry(i), &mut one);
+            let (mut batch, mut place, mut settled) = (batch, i, None);
+            if self.has_changed(known, entry, begun) {
+                again.n = 0;
+                self.take_up(known, queue, (batch.bucket[i], entry), again);
+                if again.n == 0 {
+                    continue;
+                }
+                again.fill_up();
+                let found =
+                    evaluate_eight::<L>((known, &self.state), &again.v0, &again.v1, &again.fixed);
+                (batch, place, settled) = (&*again, 0, Some(found));
+            }
+            let found = settled.as_ref().unwrap_or(found);
+            self.settle::<L>(known, queue, (batch, found, place), limits);
+        }
+    }
+
+    /// Collapses an edge of a batch, or puts it back where it belongs.
+    #[inline(always)]
+    fn settle<L: Lanes>(
+        &mut self,
+        known: KnownIds,
+        queue: &mut BucketQueue,
+        (batch, found, i): (&Batch, &Evaluated, usize),
+        limits: Limits,
+    ) {
+        let (entry, cost) = (batch.entry(i), found.cost[i] * batch.weight[i]);
+        // Written so that NaN is dropped.
+        let is_allowed = cost <= limits.cost;
+        if !is_allowed {
+            return;
+        }
+        if cost < batch.ceiling[i] {
+            let place = [found.place[0][i], found.place[1][i], found.place[2][i]];
+            self.attempt::<L>(known, queue, (batch.bucket[i], entry), cost, limits, place);
+        } else {
+            queue.put_back(queue.bucket(cost), entry);
+        }
     }
 
     /// Returns whether costs run away from the progress.
@@ -335,6 +420,14 @@ impl Driver {
 }
 
 impl Batch {
+    /// Gives lanes without an edge the first one.
+    #[inline(always)]
+    fn fill_up(&mut self) {
+        for i in self.n..8 {
+            (self.v0[i], self.v1[i]) = (self.v0[0], self.v1[0]);
+        }
+    }
+
     #[inline(always)]
     fn entry(&self, i: usize) -> Entry {
         Entry { v0: self.v0[i], v1: self.v1[i], failures: self.failures[i] }

@@ -17,7 +17,7 @@ use crate::kernel::state::validate::validate_small;
 use crate::kernel::vertex::GONE;
 
 /// Triangles whose edges seed one queue.
-const BLOCK: usize = 4 * 1024;
+pub(super) const BLOCK: usize = 4 * 1024;
 /// One in this many blocks is drained first to find a level's threshold.
 pub(super) const PILOT_STRIDE: usize = 16;
 /// Meshes of fewer triangles have no levels.
@@ -188,9 +188,19 @@ impl Driver {
         stalled
     }
 
-    pub(super) fn drain_block(&mut self, queue: &mut BucketQueue, block: usize, limits: Limits) {
+    fn drain_block(&mut self, queue: &mut BucketQueue, block: usize, limits: Limits) {
+        self.drain_range(queue, self.block(block), limits);
+    }
+
+    /// Empties a queue of the edges of some triangles.
+    pub(super) fn drain_range(
+        &mut self,
+        queue: &mut BucketQueue,
+        triangles: Range<usize>,
+        limits: Limits,
+    ) {
         queue.clear();
-        self.seed(queue, self.block(block), limits.cost.next_up());
+        self.seed(queue, triangles, limits.cost.next_up());
         self.drain(queue, limits);
     }
 

@@ -173,9 +173,18 @@ impl BucketQueue {
     /// The cheapest entry with its bucket.
     #[inline(always)]
     pub(crate) fn pop(&mut self) -> Option<(u32, Entry)> {
-        let mut first = self.heads[place_of(self.current)];
+        if self.heads[place_of(self.current)] == NONE {
+            self.advance()?;
+        }
+        self.pop_current()
+    }
+
+    /// The next entry of the bucket that is being emptied.
+    #[inline(always)]
+    pub(crate) fn pop_current(&mut self) -> Option<(u32, Entry)> {
+        let first = self.heads[place_of(self.current)];
         if first == NONE {
-            first = self.advance()?;
+            return None;
         }
         let place = &mut self.pool[first as usize];
         let slot = *place;
@@ -189,7 +198,7 @@ impl BucketQueue {
 
     /// Goes on to the next bucket that holds something.
     #[inline(never)]
-    fn advance(&mut self) -> Option<u32> {
+    fn advance(&mut self) -> Option<()> {
         let mut word = self.current as usize / 64;
         self.filled[word] &= !(1 << (self.current % 64));
         while self.filled[word] == 0 {
@@ -203,7 +212,7 @@ impl BucketQueue {
             return None;
         }
         self.current = next;
-        Some(self.heads[place_of(self.current)])
+        Some(())
     }
 }
 

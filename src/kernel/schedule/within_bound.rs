@@ -3,11 +3,13 @@
 
 use crate::kernel::options::Topology;
 use crate::kernel::schedule::driver::{Driver, Limits};
-use crate::kernel::schedule::levels::{MIN_LEVEL_TRIANGLES, PILOT_STRIDE};
+use crate::kernel::schedule::levels::{BLOCK, MIN_LEVEL_TRIANGLES, PILOT_STRIDE};
 use crate::kernel::schedule::queue::BucketQueue;
 use crate::kernel::state::validate::validate;
 use crate::kernel::topology;
 use crate::kernel::topology::components::components;
+use crate::kernel::vertex::GONE;
+use std::ops::Range;
 
 /// The first level has the cost that this share of the edges does not reach.
 const FIRST_SHARE: f64 = 0.25;
@@ -16,19 +18,68 @@ const STEP: f32 = 4.0;
 /// Levels end where more than this share of the triangles is left after one.
 const PROGRESS: f64 = 0.98;
 
+/// Blocks of triangles whose edges seed one queue. They begin with the same triangles after a compaction, however many
+/// triangles are gone in other blocks: what is done at one place does not depend on what is done elsewhere, and another
+/// run, tighter there, does the same here.
+struct Blocks {
+    /// The first triangle of each.
+    starts: Vec<usize>,
+    /// The same once what is gone is dropped, and how many triangles there are then.
+    compacted: (Vec<usize>, usize),
+}
+
+impl Blocks {
+    fn of(n_triangles: usize) -> Blocks {
+        let starts = (0..n_triangles.max(1)).step_by(BLOCK).collect();
+        Blocks { starts, compacted: (Vec::new(), 0) }
+    }
+
+    /// The triangles of each; what was added is in the last.
+    fn ranges(&self, n_triangles: usize) -> Vec<Range<usize>> {
+        let ends = self.starts.iter().skip(1).copied().chain(std::iter::once(n_triangles));
+        self.starts.iter().zip(ends).map(|(&start, end)| start..end).collect()
+    }
+
+    /// Counts what stays, should those that are gone be dropped.
+    fn before_compaction(&mut self, triangles: &[[u32; 3]]) {
+        let mut n = 0;
+        let mut starts = Vec::with_capacity(self.starts.len());
+        for range in self.ranges(triangles.len()) {
+            starts.push(n);
+            n += triangles[range].iter().filter(|t| t[0] != GONE).count();
+        }
+        self.compacted = (starts, n);
+    }
+
+    /// Takes over the new numbers, if there are as few triangles as were counted; joins blocks that have become small.
+    fn after_compaction(&mut self, n_triangles: usize) {
+        let (starts, n) = std::mem::take(&mut self.compacted);
+        if n != n_triangles {
+            return;
+        }
+        self.starts = starts;
+        while self.starts.len() > 1 && n / self.starts.len() < BLOCK / 2 {
+            self.starts = self.starts.iter().step_by(2).copied().collect();
+        }
+    }
+}
+
 impl Driver {
     /// Simplifies within the bound to at most `target` triangles; false if the bound ends it before.
     pub(crate) fn reach_within_bound(&mut self, target: u64) -> bool {
         let mut cost = self.low_cost((0..self.n_blocks()).step_by(PILOT_STRIDE), FIRST_SHARE);
         let mut queue = BucketQueue::new(3);
+        let mut blocks = Blocks::of(self.state.surface.triangles.len());
         while self.state.surface.n_alive > target.max(MIN_LEVEL_TRIANGLES) && cost < f32::MAX {
             let before = self.state.surface.n_alive;
             let limits = Limits { cost, triangles: target, may_stall: false };
-            for block in 0..self.n_blocks() {
-                self.drain_block(&mut queue, block, limits);
+            for block in blocks.ranges(self.state.surface.triangles.len()) {
+                self.drain_range(&mut queue, block, limits);
             }
             self.note_quality();
+            blocks.before_compaction(&self.state.surface.triangles);
             self.tidy();
+            blocks.after_compaction(self.state.surface.triangles.len());
             let is_over = self.state.surface.n_alive as f64 > before as f64 * PROGRESS;
             if is_over || self.interrupt.is_raised() {
                 break;
@@ -65,5 +116,37 @@ impl Driver {
             self.changes.removed_error += vanished.error;
             validate(&self.state);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_begin_with_the_same_triangles_whatever_is_gone_elsewhere() {
+        let n = 10 * BLOCK + 7;
+        // Numbers of the triangles tell them apart; in the first block, more or fewer are gone.
+        let left = |step: usize| -> Vec<[u32; 3]> {
+            let is_gone = |t: usize| if t < BLOCK { t % step != 0 } else { t % 2 == 1 };
+            let corner = |t: usize| if is_gone(t) { GONE } else { t as u32 };
+            (0..n).map(|t| [corner(t); 3]).collect()
+        };
+        let first_of_blocks = |mut triangles: Vec<[u32; 3]>| -> Vec<u32> {
+            let mut blocks = Blocks::of(n);
+            assert_eq!(blocks.ranges(n).len(), 11);
+            blocks.before_compaction(&triangles);
+            blocks.after_compaction(n);
+            assert_eq!(blocks.ranges(n).len(), 11, "nothing was dropped");
+            blocks.before_compaction(&triangles);
+            triangles.retain(|t| t[0] != GONE);
+            blocks.after_compaction(triangles.len());
+            let ranges = blocks.ranges(triangles.len());
+            assert_eq!(ranges.last().map(|range| range.end), Some(triangles.len()));
+            ranges.iter().map(|range| triangles[range.start][0]).collect()
+        };
+        let even = first_of_blocks(left(2));
+        assert_eq!(even, first_of_blocks(left(3)));
+        assert_eq!(even.len(), 6);
     }
 }

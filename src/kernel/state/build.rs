@@ -14,6 +14,7 @@ use crate::kernel::surface::wedges::Corners;
 use crate::kernel::surface::{AHEAD, Ring, Surface, morton};
 use crate::kernel::vertex::{GONE, Vertex};
 use crate::mesh::Mesh;
+use crate::mesh::extremes::Extremes;
 use crate::mesh::relief::Relief;
 
 fn is_proper(t: &[u32; 3]) -> bool {
@@ -31,6 +32,25 @@ fn power_of_two(exponent: i64) -> f64 {
     f64::from_bits(((exponent.clamp(-1000, 1000) + 1023) as u64) << 52)
 }
 
+/// The original over each triangle of a mesh, as far as it is known; empty where nothing is.
+pub(crate) struct Original {
+    pub(crate) relief: Vec<Relief>,
+    pub(crate) extremes: Vec<Extremes>,
+}
+
+/// Values of proper triangles, where they go; none if there is not one for each triangle.
+fn rearranged<T: Copy + Default>(given: Vec<T>, is_kept: &[bool], places: &[u32]) -> Vec<T> {
+    if given.len() != is_kept.len() {
+        return Vec::new();
+    }
+    let mut out = vec![T::default(); places.len()];
+    let kept = given.iter().zip(is_kept).filter(|(_, kept)| **kept).map(|(value, _)| *value);
+    for (value, &place) in kept.zip(places) {
+        out[place as usize] = value;
+    }
+    out
+}
+
 /// State of the classes of interior vertices: not known, or known from before a compaction.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Classes {
@@ -40,20 +60,18 @@ enum Classes {
 
 impl MeshState {
     /// Takes a mesh apart. Triangles that repeat a corner are dropped. Returns also the triangles that may be without
-    /// area, and the relief of all, if the mesh has one.
+    /// area, and what is known of the original.
     pub(crate) fn new(
         mut mesh: Mesh,
         locked: &[bool],
         (weights, confined): (&[f32], &[bool]),
         simd: Simd,
-    ) -> (Self, Vec<u32>, Vec<Relief>) {
-        let mut reliefs = std::mem::take(&mut mesh.relief);
-        if reliefs.len() == mesh.triangles.len() {
-            let mut of_triangles = mesh.triangles.iter();
-            reliefs.retain(|_| of_triangles.next().is_some_and(is_proper));
-        } else {
-            reliefs.clear();
-        }
+    ) -> (Self, Vec<u32>, Original) {
+        let (relief, extremes) =
+            (std::mem::take(&mut mesh.relief), std::mem::take(&mut mesh.extremes));
+        let has_original = !relief.is_empty() || !extremes.is_empty();
+        let is_kept: Vec<bool> =
+            mesh.triangles.iter().filter(|_| has_original).map(is_proper).collect();
         mesh.triangles.retain(is_proper);
         let extent = morton::bounds(&mesh.positions);
         let order = morton::morton(&mesh.positions, &mesh.triangles, extent);
@@ -78,12 +96,12 @@ impl MeshState {
         for (t, &new) in mesh.triangles.iter().zip(&order.triangle_place) {
             triangles[new as usize] = t.map(|v| order.vertex_place[v as usize]);
         }
-        let mut relief = vec![Relief::default(); reliefs.len()];
-        for (&given, &new) in reliefs.iter().zip(&order.triangle_place) {
-            relief[new as usize] = given;
-        }
+        let original = Original {
+            relief: rearranged(relief, &is_kept, &order.triangle_place),
+            extremes: rearranged(extremes, &is_kept, &order.triangle_place),
+        };
         let n_alive = triangles.len() as u64;
-        drop((reliefs, mesh, order.vertex_place, order.triangle_place));
+        drop((mesh, order.vertex_place, order.triangle_place));
         let surface = Surface {
             vertices,
             rings,
@@ -102,7 +120,7 @@ impl MeshState {
         let attributes = Attributes::new(weights, confined, scale, simd).map(Box::new);
         let mut state = MeshState { surface, attributes, wedges: None };
         let may_be_flat = state.build(simd, Classes::Unknown);
-        (state, may_be_flat, relief)
+        (state, may_be_flat, original)
     }
 
     /// Drops what is gone, keeps the order of the rest, and builds rings and quadrics again. Returns for each vertex

@@ -101,6 +101,7 @@ impl Cut {
                     .map(|&t| mesh.triangles[t as usize].map(|v| ranks.rank(v)))
                     .collect(),
                 relief: rows.iter().filter_map(|&t| mesh.relief.get(t as usize).copied()).collect(),
+                ..Mesh::default()
             },
             ..CellMesh::default()
         };

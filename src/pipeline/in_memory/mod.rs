@@ -353,6 +353,7 @@ fn sorted(whole: Whole) -> Whole {
             n_channels: mesh.n_channels,
             triangles: mesh.triangles.iter().map(|t| t.map(|v| place[v as usize])).collect(),
             relief: mesh.relief,
+            ..Mesh::default()
         },
     }
 }

@@ -34,7 +34,7 @@ impl Whole {
             channels: Vec::with_capacity(n_vertices * n_channels),
             n_channels,
             triangles: Vec::with_capacity(n_triangles),
-            relief: Vec::new(),
+            ..Mesh::default()
         };
         let mut local = Vec::new();
         for Left { ids: inputs, simplified } in cells {

@@ -13,13 +13,15 @@ use crate::mesh::face_properties::FacePropertyPlan;
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
 use crate::pipeline::fit;
+use crate::pipeline::layout::layout;
 use crate::stages::components;
 use crate::stages::partition::{self, Shares, Sizes};
 use crate::stages::simplify::{
-    FREED_AT_A_TIME, fit_bytes, frees_sources, result_bytes, round_fit_bytes, work_bytes,
+    FREED_AT_A_TIME, fit_bytes, frees_sources, later_bytes, result_bytes, round_fit_bytes,
+    work_bytes,
 };
 use crate::stages::write;
-use crate::store::cells::{CellTally, VertexLayout, plan_cells};
+use crate::store::cells::{CellTally, plan_cells};
 use crate::system::memory::BASE_BYTES;
 use crate::system::paths::existing_parent;
 use crate::system::units::{show_bytes, show_count, show_length};
@@ -94,17 +96,7 @@ impl Plan {
         check_chain(&targets)?;
         let target = targets[0];
         let attributes = &config.attributes;
-        let layout = VertexLayout {
-            has_reach: config.kernel.bound.is_some(),
-            has_relief: fit::carries_relief(config, triangles_in),
-            is_watched: config.kernel.no_self_intersections,
-            ..VertexLayout::for_kernel(
-                source.schema(),
-                source.n_vertices(),
-                &attributes.labels,
-                &attributes.weights,
-            )
-        };
+        let layout = layout(source.schema(), (source.n_vertices(), triangles_in), config);
         let cells = plan_cells(triangles_in, config.cell_triangles);
         let is_bound_only = matches!(config.target, Target::MaxError(_));
         let (rounds, finishes) = match is_bound_only {
@@ -160,14 +152,19 @@ impl Plan {
                 }
                 None => 0,
             };
-            stage_bytes(finish.before, left) + fit_bytes(fit, finish.before, finish.after) + record
+            let later = if rounds.is_empty() { 0 } else { later_bytes(&layout, finish.before) };
+            stage_bytes(finish.before, left)
+                + later
+                + fit_bytes(fit, finish.before, finish.after)
+                + record
         };
         let befores = std::iter::once(&triangles_in).chain(&rounds);
         let fitting = befores.zip(&rounds).enumerate().map(|(round, (&before, &after))| {
             round_fit_bytes(&layout, cell, after as f64 / before.max(1) as f64, round == 0)
         });
         // A detailed cell may keep nearly all it has.
-        let cell_bytes = stage_bytes(cell, 1.0) + fitting.max().unwrap_or(0);
+        let later = if rounds.len() > 1 { later_bytes(&layout, cell) } else { 0 };
+        let cell_bytes = stage_bytes(cell, 1.0) + later + fitting.max().unwrap_or(0);
         let works = (finishes.iter().flatten().map(finish_bytes))
             .fold(cell_bytes.max(writing_bytes), u64::max);
         // Tables take more of a larger budget; the least budget is the one that they fill.

@@ -20,8 +20,15 @@ pub fn cell_bytes(store: &CellStore, cell: CellId, share: f64) -> u64 {
     // Detailed cells keep more than others.
     let left = (2.0 * share).min(1.0);
     let tally = store.info().cells[cell];
+    let is_first = !store.info().has_channels;
     work_bytes(store.rows(cell), tally, left, store.layout())
-        + round_fit_bytes(store.layout(), tally.triangles, share, !store.info().has_channels)
+        + if is_first { 0 } else { later_bytes(store.layout(), tally.triangles) }
+        + round_fit_bytes(store.layout(), tally.triangles, share, is_first)
+}
+
+/// Memory in bytes that is added after the first round: what a bound knows of the original then.
+pub fn later_bytes(layout: &VertexLayout, n_triangles: u64) -> u64 {
+    if layout.has_reach { kernel::extremes_bytes(n_triangles) } else { 0 }
 }
 
 /// Memory in bytes for loading `rows`, simplifying what of them is not left out, and encoding a share `left` of it.

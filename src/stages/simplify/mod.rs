@@ -16,7 +16,7 @@ mod run_cells;
 pub use batch::{Levels, batches, simplify_batch};
 pub use exact::{ExactLevels, simplify_cells_exactly, trial};
 pub use ladder::{Thresholds, descend, ladder, pilot_cells};
-pub use memory::{fit_bytes, result_bytes, round_fit_bytes, work_bytes};
+pub use memory::{fit_bytes, later_bytes, result_bytes, round_fit_bytes, work_bytes};
 pub use pilot::{PilotPart, pilot_part, thresholds_of};
 pub use run_cells::{Beside, FREED_AT_A_TIME, Goal, frees_sources};
 

@@ -156,7 +156,7 @@ fn join(parts: &Parts, run: &StageContext) -> Result<Survivors> {
             channels: Vec::with_capacity(n_vertices as usize * n_channels),
             n_channels,
             triangles: Vec::with_capacity(n_triangles as usize),
-            relief: Vec::new(),
+            ..Mesh::default()
         },
         ..Survivors::default()
     };
@@ -183,6 +183,7 @@ fn join(parts: &Parts, run: &StageContext) -> Result<Survivors> {
         }
         out.mesh.triangles.extend(part.mesh.triangles.iter().map(|t| t.map(|v| local[v as usize])));
         out.mesh.relief.extend_from_slice(&part.mesh.relief);
+        out.mesh.extremes.extend_from_slice(&part.mesh.extremes);
     }
     Ok(out)
 }

@@ -12,7 +12,7 @@ mod repartition;
 
 use crate::kernel;
 pub use finish::{PROGRESSIVE, Parts, Recording, finish};
-pub use repartition::{NewCells, recut, regroup};
+pub use repartition::{NewCells, is_tree_record, recut, regroup};
 
 /// The finish takes at most this many cells' worth of triangles.
 pub const FINISH_CELLS: u64 = 4;
@@ -99,8 +99,7 @@ pub fn next_step_within_bound(
 /// Of the bound, what the first round may use; later ones and the finish: all.
 ///
 /// Errors grow about as the area of a triangle, so that it leaves about four times the triangles of the result, as towards
-/// a count. A second share between costs up to two thirds more triangles, since what a round has used adds up
-/// (docs/design/bound.md).
+/// a count. Neither twice and four times as much, nor a second share between, gains anything (docs/design/bound.md).
 const FIRST_SHARE: f64 = 0.12;
 
 /// A round before the last ones ends where the bound refuses more collapses, at one level, than this share of the

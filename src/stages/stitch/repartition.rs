@@ -27,6 +27,18 @@ const COPIES: u64 = 5;
 /// Share of the memory budget to sort the vertices of old seams in, and again to take them out.
 const SORT_SHARE: u64 = 16;
 
+/// Name under which a job within a bound records the tree that a round is cut by.
+fn tree_record(round: u32) -> String {
+    format!("{TREE}{round}")
+}
+
+/// Tells if an outcome is such a record.
+pub fn is_tree_record(name: &str) -> bool {
+    name.starts_with(TREE)
+}
+
+const TREE: &str = "tree ";
+
 /// Cuts `survivors` into cells of about `cell_triangles`, for round number `round`.
 pub fn recut(
     survivors: &SurvivorPack,
@@ -35,10 +47,16 @@ pub fn recut(
     run: &StageContext,
 ) -> Result<StoreInfo> {
     let info = survivors.info();
-    let n_cells = plan_cells(info.triangles, cell_triangles);
-    let (bounds, samples) = sample(survivors, n_cells, run)?;
-    let tree = CellTree::build(TurnedFrame::new(round, bounds), &samples, n_cells);
-    drop(samples);
+    let build = || {
+        let n_cells = plan_cells(info.triangles, cell_triangles);
+        let (bounds, samples) = sample(survivors, n_cells, run)?;
+        Ok(CellTree::build(TurnedFrame::new(round, bounds), &samples, n_cells))
+    };
+    let tree = match survivors.layout().has_reach {
+        // Another attempt at a bound has the same cells.
+        true => run.job.sealed(&tree_record(round), build)?,
+        false => build()?,
+    };
     let by_place = |_: CellId, part: &Survivors| {
         let mut finder = tree.finder();
         let cells: Vec<CellId> = part.mesh.positions.iter().map(|&p| finder.cell_of(p)).collect();
@@ -266,10 +284,7 @@ fn take_apart(part: &Survivors, cells: &[CellId], survivors: &SurvivorPack) -> A
                     users.push((v, cell));
                 }
             }
-            if layout.has_relief {
-                let relief = part.mesh.relief.get(triangle as usize).copied();
-                relief.unwrap_or_default().push(&mut rows);
-            }
+            layout.push_original(&part.mesh, triangle as usize, &mut rows);
         }
         out.triangles.push((cell, rows));
     }

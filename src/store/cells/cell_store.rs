@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::attribute_weights::Weights;
 use crate::mesh::codec::VertexCodec;
+use crate::mesh::extremes::Extremes;
 use crate::mesh::global_vertex::GlobalVertex;
 use crate::mesh::record::VertexSchema;
 use crate::mesh::relief::Relief;
@@ -131,15 +132,42 @@ impl VertexLayout {
         self.schema.record_bytes() + if has_channels { 4 * self.n_channels() } else { 0 }
     }
 
-    /// Bytes of one triangle row of a store: three ids, and the relief in all rounds but the first.
+    /// Bytes of one triangle row of a store: three ids, and what is known of the original in all rounds but the first.
     pub fn triangle_row_bytes(&self, is_later: bool) -> usize {
-        let relief = if is_later && self.has_relief { Relief::BYTES } else { 0 };
-        3 * self.ids.bytes + relief
+        3 * self.ids.bytes + if is_later { self.original_bytes() } else { 0 }
     }
 
     /// Bytes of one triangle among survivors.
     pub fn survivor_triangle_bytes(&self) -> usize {
-        12 + if self.has_relief { Relief::BYTES } else { 0 }
+        12 + self.original_bytes()
+    }
+
+    /// Bytes of what is known of the original over a triangle.
+    fn original_bytes(&self) -> usize {
+        let relief = if self.has_relief { Relief::BYTES } else { 0 };
+        relief + if self.has_reach { Extremes::BYTES } else { 0 }
+    }
+
+    /// Appends what is known of the original over a triangle of a mesh; nothing, if it lies on it.
+    pub fn push_original(&self, mesh: &Mesh, triangle: usize, out: &mut Vec<u8>) {
+        if self.has_relief {
+            mesh.relief.get(triangle).copied().unwrap_or_default().push(out);
+        }
+        if self.has_reach {
+            mesh.extremes.get(triangle).copied().unwrap_or_default().push(out);
+        }
+    }
+
+    /// Reads what `push_original` has written, for one more triangle of a mesh.
+    pub fn read_original(&self, bytes: &[u8], mesh: &mut Mesh) {
+        let mut rest = bytes;
+        if self.has_relief {
+            mesh.relief.push(Relief::read(rest));
+            rest = rest.get(Relief::BYTES..).unwrap_or_default();
+        }
+        if self.has_reach {
+            mesh.extremes.push(Extremes::read(rest));
+        }
     }
 }
 
@@ -322,10 +350,7 @@ impl CellStore {
         out.mesh.triangles.reserve_exact(tally.triangles as usize);
         let id_bytes = self.layout.ids.bytes;
         let row_bytes = self.layout.triangle_row_bytes(self.info.has_channels);
-        let has_relief = row_bytes > 3 * id_bytes;
-        if has_relief {
-            out.mesh.relief.reserve_exact(tally.triangles as usize);
-        }
+        let has_original = row_bytes > 3 * id_bytes;
         for chunk in chunks {
             let missing = |id| {
                 let what = format!("byte {}: no vertex {id} in cell {cell}", chunk.offset);
@@ -342,8 +367,8 @@ impl CellStore {
                         let corners =
                             [find(row)?, find(&row[id_bytes..])?, find(&row[2 * id_bytes..])?];
                         out.mesh.triangles.push(corners);
-                        if has_relief {
-                            out.mesh.relief.push(Relief::read(&row[3 * id_bytes..]));
+                        if has_original {
+                            self.layout.read_original(&row[3 * id_bytes..], &mut out.mesh);
                         }
                     }
                 }

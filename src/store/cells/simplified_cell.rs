@@ -10,7 +10,6 @@ use crate::error::{Error, Result};
 use crate::kernel::{FitStatistics, Quality, QualityAt, Simplified, Statistics};
 use crate::mesh::Mesh;
 use crate::mesh::global_vertex::GlobalVertex;
-use crate::mesh::relief::Relief;
 use crate::store::cell_id::CellId;
 use crate::store::cells::cell_mesh::CellMesh;
 use crate::store::cells::cell_mesh::Dropped;
@@ -235,10 +234,8 @@ impl Survivors {
         for triangle in &self.mesh.triangles {
             triangle.iter().for_each(|v| out.extend_from_slice(&v.to_le_bytes()));
         }
-        if layout.has_relief {
-            // A cell that no kernel has seen lies on the original.
-            let relief = |t: usize| self.mesh.relief.get(t).copied().unwrap_or_default();
-            (0..self.mesh.triangles.len()).for_each(|t| relief(t).push(&mut out));
+        for triangle in 0..self.mesh.triangles.len() {
+            layout.push_original(&self.mesh, triangle, &mut out);
         }
         out
     }
@@ -272,10 +269,12 @@ impl Survivors {
             .chunks_exact(12)
             .map(|b| [corner(&b[0..4]), corner(&b[4..8]), corner(&b[8..12])])
             .collect();
-        let relief_bytes = if layout.has_relief { Relief::BYTES } else { 0 };
-        let relief = take(n_triangles.checked_mul(relief_bytes)?)?;
-        let relief = relief.chunks_exact(Relief::BYTES).map(Relief::read).collect();
-        let mesh = Mesh { positions, channels, n_channels, triangles, relief };
+        let mut mesh = Mesh { positions, channels, n_channels, triangles, ..Mesh::default() };
+        let original_bytes = layout.survivor_triangle_bytes() - 12;
+        let original = take(n_triangles.checked_mul(original_bytes)?)?;
+        for row in original.chunks_exact(original_bytes.max(1)) {
+            layout.read_original(row, &mut mesh);
+        }
         Some(Survivors { ids, shared, records, mesh, statistics, followed: Vec::new() })
     }
 }

@@ -17,7 +17,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub const FILE_NAME: &str = "manifest.jsonl";
 
 /// Version of everything in a job folder; another version is refused.
-const FORMAT_VERSION: u32 = 8;
+const FORMAT_VERSION: u32 = 9;
 
 /// Identity that a job's files are valid for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -92,6 +92,19 @@ impl Manifest {
         manifest.record(IDENTITY, &(FORMAT_VERSION, identity))?;
         disk.sync_folder_of(&path)?;
         Ok(manifest)
+    }
+
+    /// Puts a manifest in the place of the one in a job folder that no run holds; whole, or not at all.
+    pub fn replace(folder: &Path, disk: &Disk, view: &ManifestView) -> Result<()> {
+        let path = folder.join(FILE_NAME);
+        let identity = serde_json::json!((FORMAT_VERSION, &view.identity));
+        let mut lines = encode_line(IDENTITY, &identity);
+        view.outcomes.iter().for_each(|(name, outcome)| lines += &encode_line(name, outcome));
+        let written = path.with_extension("part");
+        let mut file = disk.create(&written)?;
+        file.append(lines.as_bytes())?;
+        file.sync()?;
+        disk.rename(&written, &path)
     }
 
     /// A manifest without a file; `path` is for messages.
@@ -185,6 +198,18 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(BTreeMap<String, serde_json::Valu
         valid += length + 1;
     }
     Ok((outcomes, valid as u64))
+}
+
+/// Names of the packs in an outcome.
+pub fn pack_names(outcome: &serde_json::Value) -> Vec<&str> {
+    match outcome {
+        serde_json::Value::Object(fields) => {
+            let own = fields.get("pack").and_then(serde_json::Value::as_str);
+            own.into_iter().chain(fields.values().flat_map(pack_names)).collect()
+        }
+        serde_json::Value::Array(values) => values.iter().flat_map(pack_names).collect(),
+        _ => Vec::new(),
+    }
 }
 
 /// A pack's name that is not just a name: joined to the job folder it would lead out of it.

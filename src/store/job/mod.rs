@@ -179,6 +179,33 @@ impl Job {
     }
 }
 
+/// Takes a job back to where only the stages whose names are kept are done, for another attempt at the rest; `attempt` counts from 1.
+/// Nothing happens if this attempt has begun, or if there is no job.
+///
+/// Errors: `Locked` when a living run works there.
+pub fn rewind(
+    folder: &Path,
+    disk: &Disk,
+    is_kept: impl Fn(&str) -> bool,
+    attempt: usize,
+) -> Result<()> {
+    if !folder.join(manifest::FILE_NAME).exists() {
+        return Ok(());
+    }
+    let _lock = Lock::take(folder)?;
+    let mut view = view(folder)?;
+    let begun = view.outcomes.get(ATTEMPT).and_then(serde_json::Value::as_u64).unwrap_or(1);
+    if begun == attempt as u64 {
+        return Ok(());
+    }
+    view.outcomes.retain(|name, _| is_kept(name));
+    // Before the outcomes are forgotten: a later stage would go on with what is left of its files.
+    let packs: Vec<&str> = view.outcomes.values().flat_map(manifest::pack_names).collect();
+    clear_data_but(folder, disk, &packs)?;
+    view.outcomes.insert(ATTEMPT.to_owned(), attempt.into());
+    Manifest::replace(folder, disk, &view)
+}
+
 /// Removes every file of a job but its lock.
 fn clear(folder: &Path, disk: &Disk) -> Result<()> {
     let manifest = folder.join(manifest::FILE_NAME);
@@ -222,6 +249,11 @@ pub fn sweep_scratch(folder: &Path) {
 }
 
 fn clear_data(folder: &Path, disk: &Disk) -> Result<()> {
+    clear_data_but(folder, disk, &[])
+}
+
+/// Removes data and scratch, but for files of these names.
+fn clear_data_but(folder: &Path, disk: &Disk, kept: &[&str]) -> Result<()> {
     clear_scratch(folder)?;
     let trials = folder.join(TRIALS);
     match std::fs::remove_dir_all(&trials) {
@@ -237,7 +269,7 @@ fn clear_data(folder: &Path, disk: &Disk) -> Result<()> {
         let ours = Path::new(&name)
             .extension()
             .is_some_and(|ext| DATA_EXTENSIONS.iter().any(|ours| ext == *ours));
-        if ours {
+        if ours && !kept.iter().any(|kept| name == *kept) {
             disk.remove(&folder.join(&name))?;
         }
     }
@@ -250,5 +282,57 @@ pub const SCRATCH_EXTENSION: &str = "stonecut-scratch";
 /// The folder for the trials of `--max-error` in a job folder: their job, and their results.
 pub const TRIALS: &str = "trials";
 
+/// Record of the attempt that a job is at, if it is not the first.
+const ATTEMPT: &str = "attempt";
+
 /// Extensions of the files that stages write into a job folder; nothing else there is ever removed.
 const DATA_EXTENSIONS: [&str; 4] = ["cells", "survivors", "index", "part"];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn a_job_is_taken_back_once_for_an_attempt() {
+        let place = tempfile::tempdir().unwrap();
+        let folder = place.path().join("job");
+        let disk = Disk::default();
+        rewind(&folder, &disk, |name| name == "first", 2).unwrap();
+        assert!(!folder.exists(), "there is no job");
+        let identity = Identity {
+            input: "a".to_owned(),
+            input_marks: BTreeMap::new(),
+            settings: BTreeMap::new(),
+        };
+        let open = || Job::open(&folder, &disk, &identity, false).unwrap();
+        let job = open();
+        job.record("first", &json!([{ "packs": [{ "pack": "a.survivors" }] }])).unwrap();
+        job.record("second", &json!({ "pack": "b.survivors" })).unwrap();
+        assert!(rewind(&folder, &disk, |name| name == "first", 2).is_err(), "a run holds it");
+        drop(job);
+        for name in ["a.survivors", "b.survivors", "c.cells"] {
+            std::fs::write(folder.join(name), name).unwrap();
+        }
+        let names = || {
+            let mut names: Vec<String> = std::fs::read_dir(&folder)
+                .unwrap()
+                .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+                .filter(|name| !name.contains("lock"))
+                .collect();
+            names.sort();
+            names
+        };
+        rewind(&folder, &disk, |name| name == "first", 1).unwrap();
+        assert_eq!(names(), ["a.survivors", "b.survivors", "c.cells", "manifest.jsonl"]);
+        rewind(&folder, &disk, |name| name == "first", 2).unwrap();
+        assert_eq!(names(), ["a.survivors", "manifest.jsonl"]);
+        let job = open();
+        assert!(job.outcome::<serde_json::Value>("first").unwrap().is_some());
+        assert!(job.outcome::<serde_json::Value>("second").unwrap().is_none());
+        job.record("second", &json!({ "pack": "b.survivors" })).unwrap();
+        drop(job);
+        rewind(&folder, &disk, |name| name == "first", 2).unwrap();
+        assert!(open().outcome::<serde_json::Value>("second").unwrap().is_some(), "has begun");
+    }
+}
