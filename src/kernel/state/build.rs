@@ -40,7 +40,7 @@ pub(crate) struct Original {
 
 /// Values of proper triangles, where they go; none if there is not one for each triangle.
 fn rearranged<T: Copy + Default>(given: Vec<T>, is_kept: &[bool], places: &[u32]) -> Vec<T> {
-    if given.len() != is_kept.len() {
+    if given.is_empty() || given.len() != is_kept.len() {
         return Vec::new();
     }
     let mut out = vec![T::default(); places.len()];
