@@ -128,7 +128,7 @@ mod tests {
         let n = 10 * BLOCK + 7;
         // Numbers of the triangles tell them apart; in the first block, more or fewer are gone.
         let left = |step: usize| -> Vec<[u32; 3]> {
-            let is_gone = |t: usize| if t < BLOCK { t % step != 0 } else { t % 2 == 1 };
+            let is_gone = |t: usize| if t < BLOCK { !t.is_multiple_of(step) } else { t % 2 == 1 };
             let corner = |t: usize| if is_gone(t) { GONE } else { t as u32 };
             (0..n).map(|t| [corner(t); 3]).collect()
         };
