@@ -34,7 +34,8 @@ pub fn bound_bytes(n_vertices: u64, n_triangles: u64) -> u64 {
 /// Returns the memory that the points of the original add to `bound_bytes` in rounds after the first: as they are given, and
 /// as witnesses.
 pub fn extremes_bytes(n_triangles: u64) -> u64 {
-    (size_of::<Extremes>() + 40 * Extremes::MOST) as u64 * n_triangles
+    // Beside a point 3 of the 5 bytes a vertex, of which there is about one for two triangles.
+    (size_of::<Extremes>() + 40 * Extremes::MOST + 3) as u64 * n_triangles
 }
 
 /// Returns the memory that watching for self-intersections adds to `peak_bytes`: the boxes of all triangles.

@@ -278,7 +278,7 @@ fn run_trial(
         verify: false,
         ..config.clone()
     };
-    // The same cells in later rounds: what is not near a tighter ball comes out as it did before.
+    // The same cells in later rounds: most of what is not near a tighter ball comes out as it did before.
     let is_common = |name: &str| FIRST_STAGES.contains(&name) || is_tree_record(name);
     rewind(&inner.job_folder, &Disk::default(), is_common, number)?;
     let prepared = prepare(&inner)?;

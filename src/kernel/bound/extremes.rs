@@ -131,7 +131,7 @@ mod tests {
                 (sum, n, least) = (sum + share, n + 1, least.min(share));
             }
         }
-        assert!(sum / f64::from(n) > 0.85 && least > 0.4, "{} {least}", sum / f64::from(n));
+        assert!(sum / f64::from(n) > 0.92 && least > 0.3, "{} {least}", sum / f64::from(n));
     }
 
     #[test]

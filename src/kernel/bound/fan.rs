@@ -135,6 +135,7 @@ impl EightFaces {
     #[inline(always)]
     fn load<L: Lanes>(&mut self, input: &Input, centre: u32, around: &[[u32; 2]], limit: f32) {
         let own = input.witnesses[centre as usize];
+        let behind = input.behind(centre);
         self.absent = [f32::INFINITY; 8];
         for (i, corners) in around.iter().enumerate() {
             let [b, c] = corners.map(|v| &input.witnesses[v as usize]);
@@ -145,7 +146,7 @@ impl EightFaces {
             }
             self.corners[i] = *corners;
             let [of_b, of_c] = corners.map(|v| input.behind(v));
-            self.before[i] = input.behind(centre).max(of_b).max(of_c);
+            self.before[i] = behind.max(of_b).max(of_c);
         }
         let (b, c) = (load3::<L>(&self.to_b), load3::<L>(&self.to_c));
         let normal = [

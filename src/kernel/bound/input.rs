@@ -97,6 +97,8 @@ impl Input {
         let witnesses = self.witnesses.len() * size_of::<Witness>();
         (witnesses
             + self.is_open.len()
+            + self.is_original.len()
+            + 4 * self.behind.len()
             + 4 * self.first.len()
             + size_of::<[u32; 2]>() * self.around.len()) as u64
     }

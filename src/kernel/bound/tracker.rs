@@ -15,7 +15,7 @@ use std::collections::HashSet;
 
 /// The witnesses, and which triangle each belongs to.
 ///
-/// Memory: 41 bytes a vertex and 24 a triangle of the input, 36 a point of the original, 4 a triangle of the surface, and
+/// Memory: 41 bytes a vertex and 24 a triangle of the input, 36 a point of the original and then 5 a vertex more, 4 a triangle of the surface, and
 /// 640 KiB for what was refused.
 #[derive(Clone)]
 pub(crate) struct Tracker {

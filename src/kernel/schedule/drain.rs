@@ -226,7 +226,7 @@ impl Driver {
         changed(entry.v0) | changed(entry.v1)
     }
 
-    /// Goes through a batch as if it had been taken out edge by edge: what is done at one place does not depend on how many
+    /// Goes through a batch as if it had been taken out edge by edge: what is done at one place hardly depends on how many
     /// edges of others came before, so that another run, tighter elsewhere, does the same here.
     #[inline(always)]
     fn one_by_one<L: Lanes>(
@@ -243,21 +243,20 @@ impl Driver {
             if self.state.surface.n_alive <= limits.triangles {
                 return;
             }
-            let (entry, again) = (batch.entry(i), &mut one);
-            let (mut batch, mut place, mut settled) = (batch, i, None);
+            let entry = batch.entry(i);
+            let again;
+            let mut settled = (batch, found, i);
             if self.has_changed(known, entry, begun) {
-                again.n = 0;
-                self.take_up(known, queue, (batch.bucket[i], entry), again);
-                if again.n == 0 {
+                one.n = 0;
+                self.take_up(known, queue, (batch.bucket[i], entry), &mut one);
+                if one.n == 0 {
                     continue;
                 }
-                again.fill_up();
-                let found =
-                    evaluate_eight::<L>((known, &self.state), &again.v0, &again.v1, &again.fixed);
-                (batch, place, settled) = (&*again, 0, Some(found));
+                one.fill_up();
+                again = evaluate_eight::<L>((known, &self.state), &one.v0, &one.v1, &one.fixed);
+                settled = (&one, &again, 0);
             }
-            let found = settled.as_ref().unwrap_or(found);
-            self.settle::<L>(known, queue, (batch, found, place), limits);
+            self.settle::<L>(known, queue, settled, limits);
         }
     }
 

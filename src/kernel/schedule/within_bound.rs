@@ -24,14 +24,11 @@ const PROGRESS: f64 = 0.98;
 struct Blocks {
     /// The first triangle of each.
     starts: Vec<usize>,
-    /// The same once what is gone is dropped, and how many triangles there are then.
-    compacted: (Vec<usize>, usize),
 }
 
 impl Blocks {
     fn of(n_triangles: usize) -> Blocks {
-        let starts = (0..n_triangles.max(1)).step_by(BLOCK).collect();
-        Blocks { starts, compacted: (Vec::new(), 0) }
+        Blocks { starts: (0..n_triangles.max(1)).step_by(BLOCK).collect() }
     }
 
     /// The triangles of each; what was added is in the last.
@@ -40,27 +37,18 @@ impl Blocks {
         self.starts.iter().zip(ends).map(|(&start, end)| start..end).collect()
     }
 
-    /// Counts what stays, should those that are gone be dropped.
-    fn before_compaction(&mut self, triangles: &[[u32; 3]]) {
+    /// The same once the triangles that are gone are dropped; blocks that have become small are joined.
+    fn compacted(&self, triangles: &[[u32; 3]]) -> Blocks {
         let mut n = 0;
         let mut starts = Vec::with_capacity(self.starts.len());
         for range in self.ranges(triangles.len()) {
             starts.push(n);
             n += triangles[range].iter().filter(|t| t[0] != GONE).count();
         }
-        self.compacted = (starts, n);
-    }
-
-    /// Takes over the new numbers, if there are as few triangles as were counted; joins blocks that have become small.
-    fn after_compaction(&mut self, n_triangles: usize) {
-        let (starts, n) = std::mem::take(&mut self.compacted);
-        if n != n_triangles {
-            return;
+        while starts.len() > 1 && n / starts.len() < BLOCK / 2 {
+            starts = starts.into_iter().step_by(2).collect();
         }
-        self.starts = starts;
-        while self.starts.len() > 1 && n / self.starts.len() < BLOCK / 2 {
-            self.starts = self.starts.iter().step_by(2).copied().collect();
-        }
+        Blocks { starts }
     }
 }
 
@@ -77,9 +65,12 @@ impl Driver {
                 self.drain_range(&mut queue, block, limits);
             }
             self.note_quality();
-            blocks.before_compaction(&self.state.surface.triangles);
+            let n_triangles = self.state.surface.triangles.len();
+            let compacted = blocks.compacted(&self.state.surface.triangles);
             self.tidy();
-            blocks.after_compaction(self.state.surface.triangles.len());
+            if self.state.surface.triangles.len() < n_triangles {
+                blocks = compacted;
+            }
             let is_over = self.state.surface.n_alive as f64 > before as f64 * PROGRESS;
             if is_over || self.interrupt.is_raised() {
                 break;
@@ -133,14 +124,10 @@ mod tests {
             (0..n).map(|t| [corner(t); 3]).collect()
         };
         let first_of_blocks = |mut triangles: Vec<[u32; 3]>| -> Vec<u32> {
-            let mut blocks = Blocks::of(n);
+            let blocks = Blocks::of(n);
             assert_eq!(blocks.ranges(n).len(), 11);
-            blocks.before_compaction(&triangles);
-            blocks.after_compaction(n);
-            assert_eq!(blocks.ranges(n).len(), 11, "nothing was dropped");
-            blocks.before_compaction(&triangles);
+            let blocks = blocks.compacted(&triangles);
             triangles.retain(|t| t[0] != GONE);
-            blocks.after_compaction(triangles.len());
             let ranges = blocks.ranges(triangles.len());
             assert_eq!(ranges.last().map(|range| range.end), Some(triangles.len()));
             ranges.iter().map(|range| triangles[range.start][0]).collect()

@@ -233,8 +233,14 @@ impl Plan {
             earlier_bytes = output_bytes;
             output_bytes += bytes;
         }
+        // The next attempt at a bound begins from it.
+        let first_round = match (layout.has_reach, rounds.first()) {
+            (true, Some(&after)) => job.survivors(after) as u64,
+            (true, None) => job.store(triangles_in, false) as u64,
+            (false, _) => 0,
+        };
         let verifying = if config.verify { 3 * output_bytes } else { 0 };
-        let beside = kept + verifying + MANIFEST_BYTES;
+        let beside = kept + first_round + verifying + MANIFEST_BYTES;
         let writing = (result + joining) as u64;
         let most = most.max(job.store(triangles_in, false) + links);
         let temp_bytes = (most as u64).max(writing) + beside;

@@ -6,6 +6,7 @@
 
 use crate::error::{Error, Result};
 use crate::system::disk::{Disk, DiskFile};
+use crate::system::pending_file::{Place, write_whole};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -100,11 +101,7 @@ impl Manifest {
         let identity = serde_json::json!((FORMAT_VERSION, &view.identity));
         let mut lines = encode_line(IDENTITY, &identity);
         view.outcomes.iter().for_each(|(name, outcome)| lines += &encode_line(name, outcome));
-        let written = path.with_extension("part");
-        let mut file = disk.create(&written)?;
-        file.append(lines.as_bytes())?;
-        file.sync()?;
-        disk.rename(&written, &path)
+        write_whole(Place { path, disk: disk.clone(), replace: true }, lines.as_bytes())
     }
 
     /// A manifest without a file; `path` is for messages.
@@ -213,16 +210,9 @@ pub fn pack_names(outcome: &serde_json::Value) -> Vec<&str> {
 }
 
 /// A pack's name that is not just a name: joined to the job folder it would lead out of it.
-fn foreign_name(value: &serde_json::Value) -> Option<&str> {
-    match value {
-        serde_json::Value::Object(fields) => fields.iter().find_map(|(key, value)| {
-            let name = value.as_str().filter(|_| key == "pack");
-            name.filter(|name| Path::new(name).file_name() != Some(OsStr::new(name)))
-                .or_else(|| foreign_name(value))
-        }),
-        serde_json::Value::Array(values) => values.iter().find_map(foreign_name),
-        _ => None,
-    }
+fn foreign_name(outcome: &serde_json::Value) -> Option<&str> {
+    let is_name = |name: &str| Path::new(name).file_name() == Some(OsStr::new(name));
+    pack_names(outcome).into_iter().find(|name| !is_name(name))
 }
 
 fn parse_line(line: &[u8]) -> Option<Line> {

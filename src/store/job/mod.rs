@@ -179,8 +179,8 @@ impl Job {
     }
 }
 
-/// Takes a job back to where only the stages whose names are kept are done, for another attempt at the rest; `attempt` counts from 1.
-/// Nothing happens if this attempt has begun, or if there is no job.
+/// Takes a job back to where only the stages whose names are kept are done, for another attempt at the rest; `attempt`
+/// counts from 1. Nothing happens if this attempt has begun, or if there is no job.
 ///
 /// Errors: `Locked` when a living run works there.
 pub fn rewind(
