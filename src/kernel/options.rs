@@ -165,14 +165,15 @@ pub struct Bound {
     pub patience: f64,
 }
 
-/// A ball in which less of the bound may be used. Lengths are in input units.
+/// A ball in which less of the bound may be used, and in which all counts that earlier rounds have used of it, whatever points of
+/// the original say. Lengths are in input units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tight {
     /// Middle of the ball.
     pub place: Vec3,
     /// Its radius.
     pub radius: f64,
-    /// The part of the bound that is not used within it; the whole bound and more keep the surface as it is.
+    /// The part of the bound that is not used within it, 0 or more; the whole bound and more keep the surface as it is.
     pub margin: f64,
 }
 

@@ -26,7 +26,6 @@ use crate::system::progress::Progress;
 use crate::system::units::show_length;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::time::Instant;
 
 /// Trials at most; the second or third one keeps the bound as a rule.
@@ -42,6 +41,8 @@ const KEPT: f64 = 0.1;
 /// first one is the longest edge of the triangle there. Balls that are larger than they need be cost triangles: a second
 /// one around each, three times as large, a fifth of all on the chest (docs/design/bound.md).
 const GROWTH: f64 = 1.5;
+/// Radius of the ball in which points of the original are not relied on, over that of the tighter ball in it.
+const DOUBTED: f64 = 2.0;
 /// A tighter bound aims at this share of the one that was asked for.
 const AIM: f64 = 0.98;
 /// No trial tightens the bound by more than this: one place does not say much of another.
@@ -81,6 +82,8 @@ struct Tightened {
     places: Vec<Tight>,
     /// For each place how many balls, one in the other, had not helped there.
     depths: Vec<i32>,
+    /// Larger balls around them, with nothing kept in hand: there all counts that earlier rounds have used.
+    doubted: Vec<Tight>,
 }
 
 /// Simplifies as far as the two-sided Hausdorff distance is proven to stay within `bound` (input units).
@@ -264,7 +267,7 @@ fn run_trial(
     let inner = Config {
         kernel: kernel::Options {
             bound: Some(tighter),
-            tight: Arc::from(tightened.places.as_slice()),
+            tight: tightened.places.iter().chain(&tightened.doubted).copied().collect(),
             ..config.kernel.clone()
         },
         output: trial_path(config, number),
@@ -310,15 +313,19 @@ fn run_trial(
 impl Tightened {
     /// Before the first trial: tighter nowhere.
     fn new() -> Tightened {
-        Tightened { share: FIRST, places: Vec::new(), depths: Vec::new() }
+        Tightened { share: FIRST, places: Vec::new(), depths: Vec::new(), doubted: Vec::new() }
     }
 
     /// Tightens it as much as a trial was beyond the bound: there, or everywhere if the places are not known.
+    ///
+    /// After rounds, points of the original stand for it, and there are places that they do not tell of: a first ball only
+    /// takes all of what earlier rounds have used for lost.
     fn tighten(&mut self, last: &Trial, bound: f64) {
         if last.beyond.is_empty() || last.number >= LOCAL_TRIALS {
             self.share = last.next_share(bound);
         }
         let known = self.places.len();
+        let has_points = last.report.rounds > 0;
         for one in &last.beyond {
             let earlier = self.places[..known].iter().zip(&self.depths).filter(|(tight, _)| {
                 let off_sq: f64 = (0..3).map(|k| (one.point[k] - tight.place[k]).powi(2)).sum();
@@ -327,10 +334,14 @@ impl Tightened {
             let (before, depth) = earlier.fold((0.0f64, 0), |most, (tight, &n)| {
                 (most.0.max(tight.margin), most.1.max(n + 1))
             });
-            let margin = before + one.distance - bound + KEPT * bound;
-            let radius = GROWTH.powi(depth) * one.size;
+            let excess = one.distance - bound + KEPT * bound;
+            let margin = if has_points && depth == 0 { 0.0 } else { before + excess };
+            let (place, radius) = (one.point, GROWTH.powi(depth) * one.size);
             self.depths.push(depth);
-            self.places.push(Tight { place: one.point, radius, margin });
+            self.places.push(Tight { place, radius, margin });
+            if has_points {
+                self.doubted.push(Tight { place, radius: DOUBTED * radius, margin: 0.0 });
+            }
         }
     }
 }
@@ -407,5 +418,20 @@ mod tests {
         let wanted = [0.6, 0.6, 0.6, 1.2, 0.6, 1.8];
         assert!(margins.iter().zip(wanted).all(|(margin, x)| (margin - x).abs() < 1e-12));
         assert_eq!(tightened.share, FIRST);
+        assert!(tightened.doubted.is_empty());
+    }
+
+    #[test]
+    fn after_rounds_a_first_ball_only_doubts_the_points() {
+        let mut tightened = Tightened::new();
+        let mut found = trial(FIRST, 1.5, &[[0.0; 3]]);
+        found.report.rounds = 2;
+        tightened.tighten(&found, 1.0);
+        tightened.tighten(&found, 1.0);
+        let margins: Vec<f64> = tightened.places.iter().map(|tight| tight.margin).collect();
+        assert_eq!(margins, [0.0, 0.6]);
+        let doubted: Vec<f64> = tightened.doubted.iter().map(|tight| tight.radius).collect();
+        assert_eq!(doubted, [DOUBTED, DOUBTED * GROWTH]);
+        assert!(tightened.doubted.iter().all(|tight| tight.margin == 0.0));
     }
 }

@@ -53,10 +53,10 @@ impl<'a> TightPlaces<'a> {
         })
     }
 
-    /// The largest margin at a point, in input units; 0 outside of all balls.
-    pub(crate) fn margin(&self, point: Vec3) -> f64 {
+    /// The largest margin at a point, in input units; `None` outside of all balls.
+    pub(crate) fn margin(&self, point: Vec3) -> Option<f64> {
         if self.boxes.is_empty() {
-            return 0.0;
+            return None;
         }
         let [x, y, z] = self.place_of(point);
         let near = self.boxes[(x * GRID + y) * GRID + z].iter();
@@ -64,7 +64,7 @@ impl<'a> TightPlaces<'a> {
             let off_sq: f64 = (0..3).map(|k| (point[k] - one.place[k]).powi(2)).sum();
             off_sq <= one.radius * one.radius
         });
-        margins.fold(0.0, |most, one| most.max(one.margin))
+        margins.map(|one| one.margin).reduce(f64::max)
     }
 }
 
@@ -92,10 +92,9 @@ mod tests {
             let is_in = |one: &&Tight| {
                 (0..3).map(|k| (point[k] - one.place[k]).powi(2)).sum::<f64>().sqrt() <= one.radius
             };
-            let plain =
-                places.iter().filter(is_in).fold(0.0, |most: f64, one| most.max(one.margin));
+            let plain = places.iter().filter(is_in).map(|one| one.margin).reduce(f64::max);
             assert_eq!(found.margin(point), plain);
         }
-        assert_eq!(TightPlaces::new(&[]).margin([0.0; 3]), 0.0);
+        assert_eq!(TightPlaces::new(&[]).margin([0.0; 3]), None);
     }
 }

@@ -49,7 +49,7 @@ const ROUNDING: f32 = 2048.0 * f32::EPSILON;
 
 impl Tracker {
     /// Begins to watch a surface, in input units; `before` is for each vertex how far it is from the original, `extremes` are
-    /// points of the original over each triangle. If there are any, they alone tell how far it is away.
+    /// points of the original over each triangle. If there are any, they alone tell how far it is away, but within the balls of `tight`.
     pub(crate) fn new(
         surface: &Surface,
         limit: f64,
@@ -58,7 +58,7 @@ impl Tracker {
         (before, extremes): (impl Fn(u32) -> f32, &[Extremes]),
     ) -> Tracker {
         let tight = TightPlaces::new(tight);
-        let margin = |place: Vec3| (tight.margin(place) * surface.scale) as f32;
+        let margin = |place: Vec3| (tight.margin(place).unwrap_or(0.0) * surface.scale) as f32;
         let n_vertices = surface.vertices.len();
         let n_points: usize = extremes.iter().map(|extremes| extremes.offsets().count()).sum();
         let mut margins: Vec<f32> = Vec::new();
@@ -79,18 +79,26 @@ impl Tracker {
                 next: NONE,
             }
         };
-        // Where points of the original are known, those that are not on it say nothing of it.
+        // Where points of the original are relied on, vertices that are not on it say nothing of it.
         let has_points = n_points > 0;
+        let is_relied_on = |place: Vec3| has_points && tight.margin(place).is_none();
         let mut witnesses = Vec::with_capacity(n_vertices + n_points);
+        let mut behind = Vec::with_capacity(if has_points { n_vertices } else { 0 });
         for (v, vertex) in surface.vertices.iter().enumerate() {
-            let before = if has_points { 0.0 } else { before(v as u32) };
-            witnesses.push(witness(v, vertex.position, before));
+            let before = before(v as u32);
+            let (counts, is_behind) = match is_relied_on(vertex.position) {
+                true => (0.0, CARRIED * before),
+                false => (before, 0.0),
+            };
+            witnesses.push(witness(v, vertex.position, counts));
+            if has_points {
+                behind.push(is_behind * surface.scale as f32);
+            }
         }
         let mut input = Input::new(witnesses, &surface.triangles);
         if has_points {
-            let behind = |v: u32| CARRIED * before(v) * surface.scale as f32;
             input.is_original = (0..n_vertices as u32).map(|v| before(v) == 0.0).collect();
-            input.behind = (0..n_vertices as u32).map(behind).collect();
+            input.behind = behind;
         }
         for point in original_points(surface, extremes) {
             let corners = surface.triangles[point.triangle as usize]
@@ -130,6 +138,12 @@ impl Tracker {
     /// True for a witness that is a point of the original, exactly.
     pub(super) fn is_original(&self, witness: u32) -> bool {
         self.input.is_original.get(witness as usize).is_none_or(|&is_original| is_original)
+    }
+
+    /// True for a witness that tells how far the surface is from the original: a point of it, or a vertex whose whole distance
+    /// from it counts.
+    fn tells(&self, witness: u32) -> bool {
+        self.is_original(witness) || self.input.behind[witness as usize] == 0.0
     }
 
     /// Memory that it holds, in bytes.
@@ -187,7 +201,7 @@ impl Tracker {
     pub(crate) fn reach(&self, surface: &Surface) -> Vec<f32> {
         let mut reach = vec![0.0f32; surface.vertices.len()];
         let owned = self.input.witnesses.iter().enumerate().filter(|(_, one)| one.owner != GONE);
-        for (witness, one) in owned.filter(|&(witness, _)| self.is_original(witness as u32)) {
+        for (witness, one) in owned.filter(|&(witness, _)| self.tells(witness as u32)) {
             let far = self.far(witness as u32) - self.margins.get(witness).unwrap_or(&0.0);
             for v in surface.triangles[one.owner as usize] {
                 let reach = &mut reach[v as usize];
