@@ -9,6 +9,9 @@ use std::time::Instant;
 /// the run began. Without it, the first second's estimate would be any number.
 const ASSUMED_WEIGHT: f64 = 4e6;
 const ASSUMED_SECONDS: f64 = 1.5;
+/// A stage is taken to have gone for so many seconds at the pace of those before it: within a bound on the error it is twenty
+/// times as slow as they were, and soon shows it.
+const HANDED_ON_SECONDS: f64 = 1.5;
 
 /// Relative cost of a triangle in each stage, for the overall estimate only.
 fn weight(stage: &str) -> f64 {
@@ -89,7 +92,8 @@ impl Pace {
         let done = done.min(stage.total);
         let weighted = done as f64 * weight(stage.name);
         let stage_left = (stage.total - done) as f64 * weight(stage.name);
-        let left = stage_left + self.weight_ahead();
+        let ahead = self.weight_ahead();
+        let left = stage_left + ahead;
         let so_far = self.weight_done + weighted;
         let seconds = self.started.elapsed().as_secs_f64();
         self.fraction = self.fraction.max(so_far / (so_far + left).max(1.0));
@@ -101,10 +105,15 @@ impl Pace {
                 let left = per_unit * (stage.total - done) as f64;
                 (left, left)
             }
-            false => (
-                stage_left * (own_seconds + ASSUMED_SECONDS) / (weighted + ASSUMED_WEIGHT),
-                (seconds + ASSUMED_SECONDS) * left / (so_far + ASSUMED_WEIGHT),
-            ),
+            false => {
+                // Seconds for a weighted triangle.
+                let pace = |seconds: f64, weight: f64| {
+                    (seconds + ASSUMED_SECONDS) / (weight + ASSUMED_WEIGHT)
+                };
+                let handed_on = HANDED_ON_SECONDS / pace(seconds - own_seconds, self.weight_done);
+                let own = (own_seconds + HANDED_ON_SECONDS) / (weighted + handed_on);
+                (stage_left * own, stage_left * own + ahead * pace(seconds, so_far))
+            }
         };
         let figures = Figures {
             done,
@@ -147,6 +156,23 @@ mod tests {
         let (figures, _) = pace.update(stage(1000), 200);
         let expected = 100.0 / 250.0 * 800.0;
         assert!((figures.seconds_left - expected).abs() < 1.0, "{}", figures.seconds_left);
+    }
+
+    #[test]
+    fn a_stage_that_is_slower_than_those_before_soon_says_so() {
+        let stage = |name, number, total| Stage { name, number, n_stages: 3, total };
+        let back = std::time::Duration::from_secs;
+        let mut pace = Pace::default();
+        pace.update(stage("partition", 1, 64_000_000), 64_000_000);
+        pace.started -= back(8);
+        pace.update(stage("simplify", 2, 64_000_000), 0);
+        // A tenth of it in 40 seconds.
+        (pace.started, pace.stage_started) =
+            (pace.started - back(40), pace.stage_started - back(40));
+        let (figures, _) = pace.update(stage("simplify", 2, 64_000_000), 6_400_000);
+        let expected = 9.0 * 40.0;
+        let says = [figures.stage_seconds_left, figures.seconds_left];
+        assert!(says.iter().all(|s| (0.5 * expected..1.5 * expected).contains(s)), "{says:?}");
     }
 
     #[test]

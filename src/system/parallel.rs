@@ -22,14 +22,15 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T>) -> Result<T> {
     })
 }
 
-/// Runs two things, side by side if there is a thread to spare; the error of `first` counts before that of `second`.
+/// Runs two things, side by side if there is a thread to spare; the error of `first` counts before that of `second`, and a panic
+/// is an error as in `guarded`.
 pub fn both<A: Send, B>(
     is_parallel: bool,
     first: impl FnOnce() -> Result<A> + Send,
     second: impl FnOnce() -> Result<B>,
 ) -> Result<(A, B)> {
     if !is_parallel {
-        return Ok((first()?, second()?));
+        return Ok((guarded(first)?, guarded(second)?));
     }
     std::thread::scope(|scope| {
         let first = scope.spawn(|| guarded(first));
@@ -248,6 +249,21 @@ pub fn largest_first(
 mod tests {
     use super::*;
     use std::sync::atomic::{AtomicU64, Ordering};
+
+    #[test]
+    fn of_two_things_the_first_error_counts_and_a_panic_is_one() {
+        for is_parallel in [false, true] {
+            assert_eq!(both(is_parallel, || Ok(1), || Ok("two")).unwrap(), (1, "two"));
+            let fails = |words: &str| Err::<(), _>(Error::Internal(words.to_owned()));
+            let words = |outcome: Result<((), ())>| outcome.unwrap_err().to_string();
+            let first = words(both(is_parallel, || fails("one"), || fails("two")));
+            assert!(first.contains("one") && !first.contains("two"), "{first}");
+            assert!(words(both(is_parallel, || Ok(()), || fails("two"))).contains("two"));
+            let panics = || -> Result<()> { panic!("injected fault") };
+            assert!(words(both(is_parallel, panics, || Ok(()))).contains("injected fault"));
+            assert!(words(both(is_parallel, || Ok(()), panics)).contains("injected fault"));
+        }
+    }
 
     #[test]
     fn blocks_arrive_in_order_whatever_the_threads() {
