@@ -9,7 +9,7 @@ use std::time::Instant;
 /// the run began. Without it, the first second's estimate would be any number.
 const ASSUMED_WEIGHT: f64 = 4e6;
 const ASSUMED_SECONDS: f64 = 1.5;
-/// A stage is taken to have gone for so many seconds at the pace of those before it: within a bound on the error it is twenty
+/// A stage is taken to have gone for this many seconds at the pace of those before it: within a bound on the error it is twenty
 /// times as slow as they were, and soon shows it.
 const HANDED_ON_SECONDS: f64 = 1.5;
 

@@ -18,7 +18,8 @@ pub struct Beyond {
     pub point: [f64; 3],
     /// Its distance from the other surface.
     pub distance: f64,
-    /// Longest edge of the triangle that it is on, or of the nearest one on the other surface.
+    /// Size of the triangle that it is on, or of the nearest one on the other surface: the longest edge, but twice the edge of a regular
+    /// triangle of the same area at most, and the distance at least.
     pub size: f64,
 }
 

@@ -26,6 +26,7 @@ use crate::system::progress::Progress;
 use crate::system::units::show_length;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Trials at most; the second or third one keeps the bound as a rule.
@@ -38,11 +39,8 @@ const FIRST: f64 = 0.94;
 /// Share of the bound that is kept in hand, beyond the excess, where it was exceeded.
 const KEPT: f64 = 0.1;
 /// Growth of the ball around a place that is beyond the bound within an earlier ball, over that ball's; the radius of a
-/// first one is the longest edge of the triangle there. Balls that are larger than they need be cost triangles: a second
-/// one around each, three times as large, a fifth of all on the chest (docs/design/bound.md).
+/// first one is the size of the triangle there. Balls that are larger than they need be cost triangles (docs/design/bound.md).
 const GROWTH: f64 = 1.5;
-/// Radius of the ball in which points of the original are not relied on, over that of the tighter ball in it.
-const DOUBTED: f64 = 2.0;
 /// A tighter bound aims at this share of the one that was asked for.
 const AIM: f64 = 0.98;
 /// No trial tightens the bound by more than this: one place does not say much of another.
@@ -82,8 +80,6 @@ struct Tightened {
     places: Vec<Tight>,
     /// For each place how many balls, one in the other, had not helped there.
     depths: Vec<i32>,
-    /// Larger balls around them, with nothing kept in hand: there all counts that earlier rounds have used.
-    doubted: Vec<Tight>,
 }
 
 /// Simplifies as far as the two-sided Hausdorff distance is proven to stay within `bound` (input units).
@@ -267,7 +263,7 @@ fn run_trial(
     let inner = Config {
         kernel: kernel::Options {
             bound: Some(tighter),
-            tight: tightened.places.iter().chain(&tightened.doubted).copied().collect(),
+            tight: Arc::from(tightened.places.as_slice()),
             ..config.kernel.clone()
         },
         output: trial_path(config, number),
@@ -313,7 +309,7 @@ fn run_trial(
 impl Tightened {
     /// Before the first trial: tighter nowhere.
     fn new() -> Tightened {
-        Tightened { share: FIRST, places: Vec::new(), depths: Vec::new(), doubted: Vec::new() }
+        Tightened { share: FIRST, places: Vec::new(), depths: Vec::new() }
     }
 
     /// Tightens it as much as a trial was beyond the bound: there, or everywhere if the places are not known.
@@ -336,12 +332,9 @@ impl Tightened {
             });
             let excess = one.distance - bound + KEPT * bound;
             let margin = if has_points && depth == 0 { 0.0 } else { before + excess };
-            let (place, radius) = (one.point, GROWTH.powi(depth) * one.size);
+            let radius = GROWTH.powi(depth) * one.size;
             self.depths.push(depth);
-            self.places.push(Tight { place, radius, margin });
-            if has_points {
-                self.doubted.push(Tight { place, radius: DOUBTED * radius, margin: 0.0 });
-            }
+            self.places.push(Tight { place: one.point, radius, margin });
         }
     }
 }
@@ -418,7 +411,6 @@ mod tests {
         let wanted = [0.6, 0.6, 0.6, 1.2, 0.6, 1.8];
         assert!(margins.iter().zip(wanted).all(|(margin, x)| (margin - x).abs() < 1e-12));
         assert_eq!(tightened.share, FIRST);
-        assert!(tightened.doubted.is_empty());
     }
 
     #[test]
@@ -430,8 +422,7 @@ mod tests {
         tightened.tighten(&found, 1.0);
         let margins: Vec<f64> = tightened.places.iter().map(|tight| tight.margin).collect();
         assert_eq!(margins, [0.0, 0.6]);
-        let doubted: Vec<f64> = tightened.doubted.iter().map(|tight| tight.radius).collect();
-        assert_eq!(doubted, [DOUBTED, DOUBTED * GROWTH]);
-        assert!(tightened.doubted.iter().all(|tight| tight.margin == 0.0));
+        let radii: Vec<f64> = tightened.places.iter().map(|tight| tight.radius).collect();
+        assert_eq!(radii, [1.0, GROWTH]);
     }
 }

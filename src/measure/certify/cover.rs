@@ -251,7 +251,7 @@ impl<'a> Cover<'a> {
 
     /// Proves a source triangle, or halves of it, by sheets; searches where that fails.
     fn by_sheets(&mut self, whole: Piece, nearest: Option<u32>) -> Result<()> {
-        let size = whole.longest_sq().0.sqrt();
+        let size = whole.size();
         if self.sheets.is_none() {
             return self.search(whole, nearest, size);
         }
@@ -341,8 +341,9 @@ impl<'a> Cover<'a> {
                 }
                 let most = self.worst.map_or(self.goal.listed_above, |worst| worst.distance);
                 if distance > most {
-                    let other = Piece::whole(*self.tree.corners(near)).longest_sq().0.sqrt();
-                    self.worst = Some(Beyond { point: middle, distance, size: size.max(other) });
+                    let other = Piece::whole(*self.tree.corners(near)).size();
+                    let size = size.max(other).max(distance);
+                    self.worst = Some(Beyond { point: middle, distance, size });
                 }
             }
             if steps > MOST_STEPS {

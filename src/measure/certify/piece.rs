@@ -56,6 +56,9 @@ pub(super) enum Cut {
     TooLittle,
 }
 
+/// Edge of a regular triangle of area 1: 2 / 3^(1/4).
+const REGULAR: f64 = 1.519_671_371_303_185;
+
 impl Piece {
     pub fn whole(corners: [Vector; 3]) -> Piece {
         Piece { corners, depth: 0 }
@@ -83,6 +86,13 @@ impl Piece {
             }
         }
         longest
+    }
+
+    /// The length of its longest edge, but no more than twice the edge of a regular triangle of the same area: a sliver is short.
+    pub fn size(&self) -> f64 {
+        let [a, b, c] = self.corners;
+        let doubled = length_sq(cross(sub(b, a), sub(c, a))).sqrt();
+        self.longest_sq().0.sqrt().min(2.0 * REGULAR * (0.5 * doubled).sqrt())
     }
 
     /// The largest bound of a corner's distance to `t`: a bound for the whole piece.
@@ -305,4 +315,21 @@ fn reach(ends: [Vector; 2], distances: [f64; 2], t: &[Vector; 3], limit: f64) ->
         (high, way) = ((tangent, distance), Some(off));
     }
     low.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sliver_is_short_and_other_triangles_are_as_large_as_their_longest_edge() {
+        let size = |apex: [f64; 2]| {
+            Piece::whole([[0.0; 3], [1.0, 0.0, 0.0], [apex[0], apex[1], 0.0]]).size()
+        };
+        assert!((size([0.5, 0.75f64.sqrt()]) - 1.0).abs() < 1e-12);
+        assert!((size([0.0, 1.0]) - 2f64.sqrt()).abs() < 1e-12);
+        // Of area 0.0005.
+        assert!((size([0.5, 1e-3]) - 2.0 * 1.519_671_371 * 0.0005f64.sqrt()).abs() < 1e-9);
+        assert_eq!(size([0.5, 0.0]), 0.0);
+    }
 }
