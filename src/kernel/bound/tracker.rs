@@ -58,53 +58,51 @@ impl Tracker {
         (before, extremes): (impl Fn(u32) -> f32, &[Extremes]),
     ) -> Tracker {
         let tight = TightPlaces::new(tight);
-        let margin = |place: Vec3| (tight.margin(place).unwrap_or(0.0) * surface.scale) as f32;
         let n_vertices = surface.vertices.len();
         let n_points: usize = extremes.iter().map(|extremes| extremes.offsets().count()).sum();
-        let mut margins: Vec<f32> = Vec::new();
-        if !tight.is_empty() {
-            margins.reserve_exact(n_vertices + n_points);
-            margins.extend(surface.vertices.iter().map(|vertex| margin(vertex.position)));
-            margins.extend(original_points(surface, extremes).map(|point| margin(point.at)));
-        }
+        // Where points of the original are relied on, vertices that are not on it say nothing of it.
+        let has_points = n_points > 0;
+        let n_margins = if tight.is_empty() { 0 } else { n_vertices + n_points };
+        let mut margins: Vec<f32> = Vec::with_capacity(n_margins);
         let centre = middle(surface);
-        let witness = |id: usize, place: Vec3, before: f32| {
+        let mut witness = |place: Vec3, before: f32, margin: Option<f64>| {
             let local = |k: usize| ((place[k] - centre[k]) * surface.scale) as f32;
+            let margin = (margin.unwrap_or(0.0) * surface.scale) as f32;
+            if n_margins > 0 {
+                margins.push(margin);
+            }
             Witness {
                 at: [local(0), local(1), local(2)],
-                before: before * surface.scale as f32 + margins.get(id).unwrap_or(&0.0),
+                before: before * surface.scale as f32 + margin,
                 longest: 0.0,
                 distance: 0.0,
                 owner: GONE,
                 next: NONE,
             }
         };
-        // Where points of the original are relied on, vertices that are not on it say nothing of it.
-        let has_points = n_points > 0;
-        let is_relied_on = |place: Vec3| has_points && tight.margin(place).is_none();
         let mut witnesses = Vec::with_capacity(n_vertices + n_points);
-        let mut behind = Vec::with_capacity(if has_points { n_vertices } else { 0 });
+        let n_behind = if has_points { n_vertices } else { 0 };
+        let (mut behind, mut is_original) =
+            (Vec::with_capacity(n_behind), Vec::with_capacity(n_behind));
         for (v, vertex) in surface.vertices.iter().enumerate() {
-            let before = before(v as u32);
-            let (counts, is_behind) = match is_relied_on(vertex.position) {
+            let (before, margin) = (before(v as u32), tight.margin(vertex.position));
+            let (counts, is_behind) = match has_points && margin.is_none() {
                 true => (0.0, CARRIED * before),
                 false => (before, 0.0),
             };
-            witnesses.push(witness(v, vertex.position, counts));
+            witnesses.push(witness(vertex.position, counts, margin));
             if has_points {
                 behind.push(is_behind * surface.scale as f32);
+                is_original.push(before == 0.0);
             }
         }
         let mut input = Input::new(witnesses, &surface.triangles);
-        if has_points {
-            input.is_original = (0..n_vertices as u32).map(|v| before(v) == 0.0).collect();
-            input.behind = behind;
-        }
+        (input.behind, input.is_original) = (behind, is_original);
         for point in original_points(surface, extremes) {
             let corners = surface.triangles[point.triangle as usize]
                 .map(|v| surface.vertices[v as usize].position);
             let distance = triangle_distance_sq(point.at, corners).sqrt();
-            let witness = witness(input.witnesses.len(), point.at, point.rounding);
+            let witness = witness(point.at, point.rounding, tight.margin(point.at));
             let distance = (distance * surface.scale) as f32;
             input.witnesses.push(Witness { distance, ..witness });
         }
