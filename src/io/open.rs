@@ -1,5 +1,5 @@
 //! Inputs that cannot be read at random are turned into PLY first: compressed files, standard input, STL,
-//! OBJ and glTF.
+//! OBJ, glTF and range grids.
 //!
 //! What an input is, its first bytes say, not its name. Staged data goes to nameless files in the given
 //! folder, so that nothing is left behind however a run ends; a resumed run stages again.
@@ -9,6 +9,7 @@ use super::{gltf, obj, stl};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::ply::raw::{RawFile, Spool};
+use crate::io::ply::source::Staged;
 use crate::system::disk::open_input;
 use std::io::{BufReader, Read};
 use std::path::Path;
@@ -78,7 +79,15 @@ fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
         })
     };
     if first.starts_with(b"ply") && first.get(3).is_none_or(u8::is_ascii_whitespace) {
-        return MeshSource::new(file, read);
+        let source = MeshSource::new(file, read.clone())?;
+        return match source.range_grid() {
+            None => Ok(source),
+            Some(grid) => {
+                let (file, bad_faces) =
+                    source.mesh_of_grid(grid, options.spool(), options.spool())?;
+                MeshSource::from_staged(file, read, Staged { bad_faces, ..Staged::default() })
+            }
+        };
     }
     let (file, staged) = if gltf::looks_like(first) {
         gltf::read(file, options)?

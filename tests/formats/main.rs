@@ -1,6 +1,9 @@
 //! Mesh files in and out: dialects of PLY, other formats, and what is not a mesh at all.
 
+#[path = "../common/mod.rs"]
+mod common;
 mod dialects;
 mod fuzz;
 mod other;
+mod range_grids;
 mod round_trips;

@@ -8,6 +8,7 @@ use super::binary::BinaryScan;
 use super::checked::Checked;
 use super::fixed_faces::FixedFaces;
 use super::header::{Element, Encoding, Header};
+use super::range_grid::{self, RangeGrid};
 use super::raw::RawFile;
 use super::rows::{Blocks, RowIndex, index_rows};
 use super::scan::{Fault, Mark};
@@ -69,6 +70,8 @@ pub(crate) struct Layout {
     /// Index of the element that holds the vertices, and of that with the faces.
     pub vertex_element: usize,
     pub face_element: Option<usize>,
+    /// Posts in rows and columns, where there are no faces.
+    pub grid: Option<RangeGrid>,
 }
 
 /// Finds vertices and faces; with `skip_bad`, as many as a truncated file still holds.
@@ -78,6 +81,7 @@ pub(crate) fn locate(file: &RawFile, header: &Header, skip_bad: bool) -> Result<
             file.bad("the element 'vertex' is missing; stonecut needs vertices and faces")
         })?;
     let face_element = choose_faces(file, header)?;
+    let posts = if face_element.is_none() { range_grid::find(file, header)? } else { None };
     let (line, line_start) = match header.encoding {
         Encoding::Ascii => (header.n_lines + 1, header.body_offset),
         _ => (0, 0),
@@ -98,9 +102,10 @@ pub(crate) fn locate(file: &RawFile, header: &Header, skip_bad: bool) -> Result<
             n_triangles: 0,
             vertex_element,
             face_element,
+            grid: None,
         },
     };
-    let last = vertex_element.max(face_element.unwrap_or(0));
+    let last = vertex_element.max(face_element.or(posts.map(|(i, _)| i)).unwrap_or(0));
     for i in 0..=last {
         let element = &header.elements[i];
         walk.check_plausible(element)?;
@@ -110,6 +115,11 @@ pub(crate) fn locate(file: &RawFile, header: &Header, skip_bad: bool) -> Result<
             walk.strips(element)?;
         } else if Some(i) == face_element {
             walk.faces(element)?;
+        } else if let Some((grid, size)) = posts
+            && i == grid
+        {
+            walk.out.grid = Some(RangeGrid::new(grid, walk.at, size));
+            walk.pass(element)?;
         } else {
             walk.pass(element)?;
         }

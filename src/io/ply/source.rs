@@ -204,15 +204,24 @@ impl MeshSource {
         self.staged.faces = Some(carry);
     }
 
-    /// Refuses a file that has no faces, saying what it has.
+    /// Refuses a file that has no triangles, saying what it has.
     pub fn require_faces(&self) -> Result<()> {
-        if self.n_face_rows() > 0 {
+        if self.n_triangles() > 0 {
             return Ok(());
         }
+        if self.n_face_rows() > 0 {
+            let n = self.n_face_rows();
+            return Err(self.file.bad(format!(
+                "has no triangles (element face, row 0): none of its {n} faces has three corners"
+            )));
+        }
         let names: Vec<_> = self.header.elements.iter().map(|e| e.name.as_str()).collect();
+        let remedy = match names.contains(&"range_grid") {
+            true => "say how many columns and rows the grid has (obj_info num_cols and num_rows)",
+            false => "make a mesh of the points first, for instance with PoissonRecon",
+        };
         Err(self.file.bad(format!(
-            "it has {} vertices but no faces (its elements: {}); make a mesh of the points first, for \
-             instance with PoissonRecon",
+            "it has {} vertices but no faces, so no triangles (its elements: {}); {remedy}",
             self.n_vertices(),
             names.join(", ")
         )))

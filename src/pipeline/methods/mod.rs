@@ -73,10 +73,7 @@ fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMet
         Ok(source)
     });
     let source = unchanged(&config.input, &marks, source)?;
-    if source.n_triangles() == 0 {
-        let what = "has no triangles (element face, row 0): there is nothing to simplify";
-        return Err(Error::bad_input(source.path(), what));
-    }
+    source.require_faces()?;
     config.target.check(source.n_triangles())?;
     let (wanted, target) = match config.target {
         Target::CellSize(size) => (Wanted::CellSize(size), None),

@@ -88,10 +88,7 @@ impl Plan {
     /// Plans a run; fails with `NoMemory` where the budget cannot hold one cell, the finish or the tables.
     pub fn new(source: &MeshSource, config: &Config) -> Result<Plan> {
         let triangles_in = source.n_triangles();
-        if triangles_in == 0 {
-            let what = "has no triangles (element face, row 0): there is nothing to simplify";
-            return Err(Error::bad_input(source.path(), what));
-        }
+        source.require_faces()?;
         let targets: Vec<u64> = config.targets().map(|t| t.triangles(triangles_in)).collect();
         check_chain(&targets)?;
         let target = targets[0];

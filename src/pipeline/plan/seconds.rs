@@ -12,7 +12,7 @@ const WITH_PROPERTIES: f64 = 1.6;
 const WITH_SEAMS: f64 = 10.0;
 /// Times as long under `--no-self-intersections` (3.8 to 5.3, the legion 8).
 const APART: f64 = 5.0;
-/// Times as long within a bound on the error (4 to 41; docs/results/bound.md).
+/// Times as long within a bound on the error (3 to 58; docs/results/bound.md).
 const BOUNDED: f64 = 30.0;
 /// Bytes of disk that a bake gets through in a second on one core (legion 16 M, rooms 18 M).
 const BAKE_BYTES_PER_SECOND: f64 = 17e6;

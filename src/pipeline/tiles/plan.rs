@@ -203,10 +203,7 @@ impl TilesPlan {
         (textured, staging): (bool, &Disk),
     ) -> Result<TilesPlan> {
         let triangles_in = source.n_triangles();
-        if triangles_in == 0 {
-            let what = "has no triangles (element face, row 0): there is nothing to cut into tiles";
-            return Err(Error::bad_input(source.path(), what));
-        }
+        source.require_faces()?;
         let layout = layout(source, textured);
         let per_triangle = source.n_vertices() as f64 / triangles_in as f64;
         let hidden = Hidden::new(config, triangles_in);
