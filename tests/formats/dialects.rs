@@ -11,7 +11,7 @@ use table::*;
 
 type AnyResult = Result<(), Box<dyn std::error::Error>>;
 
-fn read_all(source: &MeshSource) -> stonecut::Result<(Vec<[f64; 3]>, Vec<[u64; 3]>)> {
+pub(crate) fn read_all(source: &MeshSource) -> stonecut::Result<(Vec<[f64; 3]>, Vec<[u64; 3]>)> {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     let (mut vertices, mut faces) = (VertexBlock::default(), FaceBlock::default());
     let schema = source.schema();

@@ -4,8 +4,9 @@
 #![allow(clippy::unwrap_used)]
 
 use crate::common::real_scan;
+use crate::dialects::read_all;
 use stonecut::io::StageOptions;
-use stonecut::io::ply::{FaceBlock, MeshSource, VertexBlock};
+use stonecut::io::ply::MeshSource;
 
 const COLUMNS: usize = 9;
 const ROWS: usize = 6;
@@ -67,22 +68,6 @@ fn open(bytes: Vec<u8>, skip_bad: bool) -> stonecut::Result<MeshSource> {
     MeshSource::staged_from_bytes("scan.ply", bytes, &options)
 }
 
-/// Places and triangles.
-fn read(source: &MeshSource) -> (Vec<[f64; 3]>, Vec<[u64; 3]>) {
-    let (mut vertices, mut faces) = (VertexBlock::default(), FaceBlock::default());
-    let (mut places, mut triangles) = (Vec::new(), Vec::new());
-    for number in 0..source.n_vertex_blocks() {
-        source.read_vertices(number, &mut vertices).unwrap();
-        let records = vertices.records.chunks_exact(source.schema().record_bytes());
-        places.extend(records.map(|record| source.schema().position(record)));
-    }
-    for number in 0..source.n_face_blocks() {
-        source.read_faces(number, &mut faces).unwrap();
-        triangles.extend_from_slice(&faces.triangles);
-    }
-    (places, triangles)
-}
-
 /// Twice the area of all triangles as they are seen from above; those that face down count below 0.
 fn area(places: &[[f64; 3]], triangles: &[[u64; 3]]) -> f64 {
     let of = |t: &[u64; 3]| {
@@ -100,7 +85,7 @@ fn neighbouring_posts_are_triangles() {
     for format in ["ascii", "binary_little_endian", "binary_big_endian"] {
         let source = open(grid(format, wave, SIZE, |_, _| {}), false).unwrap();
         assert_eq!(source.n_triangles(), 2 * 8 * 5, "{format}");
-        let (places, triangles) = read(&source);
+        let (places, triangles) = read_all(&source).unwrap();
         assert_eq!(area(&places, &triangles), 2.0 * 8.0 * 1.5 * 5.0, "{format}");
         assert_eq!(source.obj_infos(), ["num_cols 9", "num_rows 6"]);
 
@@ -108,7 +93,7 @@ fn neighbouring_posts_are_triangles() {
         let holed = |c, r| if (c, r) == (3, 2) { None } else { wave(c, r) };
         let source = open(grid(format, holed, SIZE, |_, _| {}), false).unwrap();
         assert_eq!(source.n_triangles(), 2 * 8 * 5 - 4, "{format}");
-        let (places, triangles) = read(&source);
+        let (places, triangles) = read_all(&source).unwrap();
         assert_eq!(area(&places, &triangles), 2.0 * (8.0 * 1.5 * 5.0 - 2.0 * 1.5), "{format}");
     }
 }
@@ -116,7 +101,8 @@ fn neighbouring_posts_are_triangles() {
 #[test]
 fn squares_are_split_along_the_shorter_diagonal() {
     let step = |c: usize, r: usize| Some([0.0, 1.0, 2.0][(c + r).saturating_sub(4).min(2)]);
-    let (places, triangles) = read(&open(grid("ascii", step, SIZE, |_, _| {}), false).unwrap());
+    let (places, triangles) =
+        read_all(&open(grid("ascii", step, SIZE, |_, _| {}), false).unwrap()).unwrap();
     let is_middle = |v: &&u64| places[**v as usize][2] == 1.0;
     // Five edges lead along the middle of the step, over two triangles each.
     let along = triangles.iter().filter(|t| t.iter().filter(is_middle).count() == 2).count();
@@ -169,6 +155,9 @@ fn what_is_wrong_with_a_grid_is_named() {
     }
     let mut cut = grid("binary_little_endian", flat, SIZE, |_, _| {});
     cut.truncate(cut.len() - 7);
+    // The last post is gone and half of the one before it: one square loses both triangles, one loses one.
+    let source = open(cut.clone(), true).unwrap();
+    assert_eq!((source.n_triangles(), source.faults().bad_faces), (2 * 8 * 5 - 3, 2));
     assert!(fails(cut).contains("the file ends here"));
 
     // Without columns and rows they are points.
@@ -183,7 +172,7 @@ fn what_is_wrong_with_a_grid_is_named() {
 fn a_real_scan_is_a_mesh() {
     let Some(path) = real_scan("bun000_range_grid_ascii.ply") else { return };
     let source = MeshSource::open_staged(&path, &StageOptions::new(std::env::temp_dir())).unwrap();
-    let (places, triangles) = read(&source);
+    let (places, triangles) = read_all(&source).unwrap();
     assert_eq!(places.len(), 40_256);
     // Two triangles a vertex but for its rims; it looks towards the scanner.
     assert!((74_000..79_000).contains(&triangles.len()), "{}", triangles.len());

@@ -297,7 +297,7 @@ fn an_empty_mesh_and_a_mesh_without_faces_say_so() {
                   element face 0\nproperty list uchar int vertex_indices\n";
     let (code, said) = refused(header, b"");
     assert_eq!(code, Some(4), "{said}");
-    assert!(said.contains("no triangles"), "{said}");
+    assert!(said.contains("no triangles") && said.contains("no faces"), "{said}");
 }
 
 #[test]

@@ -132,23 +132,36 @@ impl MeshSource {
         let element = &self.header.elements[grid.element];
         let mut lookup = self.lookup()?;
         let (mut above, mut below, mut n_bad) = (Row::default(), Row::default(), 0);
+        // The file ends within the grid, and what is there is wanted.
+        let mut is_cut_off = false;
         with_scan!(&self.file, self.header.encoding, grid.mark, |scan| {
             for row in 0..grid.n_rows {
                 below.vertices.clear();
                 for column in 0..grid.n_columns {
-                    let found = post(&mut scan, element).and_then(|vertex| match vertex {
-                        NONE => Ok(NONE),
-                        v if v < self.n_vertices() && !self.bad_vertices.contains(v) => Ok(v),
-                        _ if self.options.skip_bad => {
-                            n_bad += 1;
-                            Ok(NONE)
-                        }
-                        _ => Err(Fault::Text(out_of_range(self.n_vertices()))),
-                    });
                     let number = row * grid.n_columns + column;
-                    let explained =
-                        |fault| explain(&self.file, element, number, scan.last(), fault);
-                    below.vertices.push(found.map_err(explained)?);
+                    let found = match is_cut_off {
+                        true => Ok(NONE),
+                        false => post(&mut scan, element),
+                    };
+                    let vertex = match found {
+                        Ok(NONE) => NONE,
+                        Ok(v) if v < self.n_vertices() && !self.bad_vertices.contains(v) => v,
+                        Ok(_) if self.options.skip_bad => {
+                            n_bad += 1;
+                            NONE
+                        }
+                        Err(Fault::End) if self.options.skip_bad => {
+                            is_cut_off = true;
+                            n_bad += element.count - number;
+                            NONE
+                        }
+                        found => {
+                            let range = || Fault::Text(out_of_range(self.n_vertices()));
+                            let fault = found.err().unwrap_or_else(range);
+                            return Err(explain(&self.file, element, number, scan.last(), fault));
+                        }
+                    };
+                    below.vertices.push(vertex);
                 }
                 below.find_places(&mut lookup)?;
                 if row > 0 {

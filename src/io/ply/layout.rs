@@ -82,6 +82,9 @@ pub(crate) fn locate(file: &RawFile, header: &Header, skip_bad: bool) -> Result<
         })?;
     let face_element = choose_faces(file, header)?;
     let posts = if face_element.is_none() { range_grid::find(file, header)? } else { None };
+    if let Some(grid) = posts {
+        check_corners(file, &header.elements[grid.element])?;
+    }
     let (line, line_start) = match header.encoding {
         Encoding::Ascii => (header.n_lines + 1, header.body_offset),
         _ => (0, 0),
@@ -105,7 +108,7 @@ pub(crate) fn locate(file: &RawFile, header: &Header, skip_bad: bool) -> Result<
             grid: None,
         },
     };
-    let last = vertex_element.max(face_element.or(posts.map(|(i, _)| i)).unwrap_or(0));
+    let last = vertex_element.max(face_element.or(posts.map(|grid| grid.element)).unwrap_or(0));
     for i in 0..=last {
         let element = &header.elements[i];
         walk.check_plausible(element)?;
@@ -115,11 +118,13 @@ pub(crate) fn locate(file: &RawFile, header: &Header, skip_bad: bool) -> Result<
             walk.strips(element)?;
         } else if Some(i) == face_element {
             walk.faces(element)?;
-        } else if let Some((grid, size)) = posts
-            && i == grid
+        } else if let Some(grid) = posts
+            && i == grid.element
         {
-            walk.out.grid = Some(RangeGrid::new(grid, walk.at, size));
-            walk.pass(element)?;
+            walk.out.grid = Some(RangeGrid { mark: walk.at, ..grid });
+            if i < last {
+                walk.pass(element)?;
+            }
         } else {
             walk.pass(element)?;
         }
@@ -131,10 +136,15 @@ pub(crate) fn locate(file: &RawFile, header: &Header, skip_bad: bool) -> Result<
 fn choose_faces(file: &RawFile, header: &Header) -> Result<Option<usize>> {
     let find = |name: &str| header.elements.iter().position(|e| e.name == name && e.count > 0);
     let Some(i) = find("face").or_else(|| find("tristrips")) else { return Ok(None) };
-    let element = &header.elements[i];
+    check_corners(file, &header.elements[i])?;
+    Ok(Some(i))
+}
+
+/// Refuses an element without a list of corners.
+fn check_corners(file: &RawFile, element: &Element) -> Result<()> {
     let list = element.index_list().map(|list| element.properties[list].kind);
     match list {
-        Some(super::header::Kind::List { item, .. }) if item.is_integer() => Ok(Some(i)),
+        Some(super::header::Kind::List { item, .. }) if item.is_integer() => Ok(()),
         Some(_) => Err(file.bad(format!("element {}: its corner indices are floats", element.name))),
         None => Err(file.bad(format!(
             "element {}: it has no list 'vertex_indices' or 'vertex_index', so its corners are unknown",

@@ -2,7 +2,7 @@
 //!
 //! A scan as rows and columns of posts, each of which has a vertex or none.
 
-use super::header::{Header, Kind};
+use super::header::Header;
 use super::raw::RawFile;
 use super::scan::Mark;
 use crate::error::Result;
@@ -21,8 +21,8 @@ pub(crate) struct RangeGrid {
     pub n_rows: u64,
 }
 
-/// The element that holds a grid of posts, with its columns and rows; `None` if the header does not tell them.
-pub(crate) fn find(file: &RawFile, header: &Header) -> Result<Option<(usize, [u64; 2])>> {
+/// The grid of posts of a file, its place not yet known; `None` if the header does not tell its columns and rows.
+pub(crate) fn find(file: &RawFile, header: &Header) -> Result<Option<RangeGrid>> {
     let Some(place) = header.elements.iter().position(|e| e.name == "range_grid" && e.count > 0)
     else {
         return Ok(None);
@@ -48,14 +48,5 @@ pub(crate) fn find(file: &RawFile, header: &Header) -> Result<Option<(usize, [u6
              with columns and rows in turn, or make a mesh of it first"
         )));
     }
-    let is_list = element.index_list().is_some_and(|list| {
-        matches!(element.properties[list].kind, Kind::List { item, .. } if item.is_integer())
-    });
-    Ok(is_list.then_some((place, [n_columns, n_rows])))
-}
-
-impl RangeGrid {
-    pub(super) fn new(element: usize, mark: Mark, [n_columns, n_rows]: [u64; 2]) -> RangeGrid {
-        RangeGrid { element, mark, n_columns, n_rows }
-    }
+    Ok(Some(RangeGrid { element: place, mark: Mark::default(), n_columns, n_rows }))
 }
