@@ -186,4 +186,5 @@ def main():
     print("stated below the lower end of what is certified:", sum(row[1][3] < 1.0 for row in rows))
 
 
-main()
+if __name__ == "__main__":
+    main()

@@ -254,13 +254,13 @@ const PAGE_BYTES: u64 = 12;
 /// Bytes on disk of normal maps for a triangle of the original: two texels, as where there are no images.
 const MAP_BYTES: u64 = 16;
 
-/// Tells if the original has texture coordinates and an image that can be used.
+/// True if the original has texture coordinates and an image that can be used.
 pub fn has_images(original: &MeshSource) -> bool {
     let palette = Palette::new(original.materials().map(|all| &**all), u64::MAX, Purpose::Bake);
     original.has_corner_texture() && palette.is_ok_and(|palette| palette.has_images())
 }
 
-/// Tells if the original has anything that can be baked.
+/// True if the original has anything that can be baked.
 pub fn has_looks(original: &MeshSource) -> bool {
     original.has_corner_texture() || crate::measure::ColourChannels::of(original.schema()).is_some()
 }

@@ -146,7 +146,7 @@ impl Hit {
         normal: [0.0; 3],
     };
 
-    /// Tells if this one stands for the point: it is nearer, or as near and first by its looks, which no cell changes.
+    /// True if this one stands for the point: it is nearer, or as near and first by its looks, which no cell changes.
     pub fn is_better(&self, other: &Hit) -> bool {
         let key = |hit: &Hit| {
             let (uv, normal) = (hit.uv.map(f32::to_bits), hit.normal.map(f32::to_bits));

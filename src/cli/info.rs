@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 /// Exit code for a tree of tiles that breaks its rules: bad input.
 const EXIT_FAULTS: u8 = 4;
 
-/// Tells what a mesh file or a folder of tiles holds, and whether it is sound
+/// Shows what a mesh file or a folder of tiles holds, and whether it is sound
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     /// The mesh file, or a folder of tiles: then its rules, its files and the gaps between tiles are checked

@@ -55,7 +55,7 @@ fn parse_ratios(text: &str) -> std::result::Result<Listed<f64>, String> {
 }
 
 impl TypedTarget {
-    /// Tells if several levels were asked for.
+    /// True if several levels were asked for.
     pub(super) fn is_chain(&self) -> bool {
         let n_counts = self.triangles.as_ref().map_or(0, |list| list.0.len());
         n_counts.max(self.ratio.as_ref().map_or(0, |list| list.0.len())) > 1

@@ -39,7 +39,7 @@ use log::{Log, Said, Talk, complain};
 pub use out_of_memory::Allocator;
 use std::sync::Arc;
 
-/// Simplifies triangle meshes of any size, out of core, into one connected mesh.
+/// Simplifies triangle meshes of any size, out of core, into one mesh without seams.
 ///
 /// Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but short of the target; 4 bad input; 5 no disk
 /// space; 6 not enough memory; 7 another run holds the job; 8 the job belongs to other settings;

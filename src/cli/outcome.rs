@@ -112,7 +112,7 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     }
 }
 
-/// Tells the time and the counts of a stage.
+/// Shows the time and the counts of a stage.
 pub(super) fn stage_line(stage: &StageReport) -> String {
     format!(
         "{:11} {:7.2} s  {} -> {} triangles, {} read, {} written",

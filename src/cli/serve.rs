@@ -134,7 +134,7 @@ fn refused(code: StatusCode) -> Response<Body> {
     response
 }
 
-/// Tells if a request names this server. A page elsewhere could make its own name lead to this machine, and read
+/// True if a request names this server. A page elsewhere could make its own name lead to this machine, and read
 /// what is offered only here.
 fn is_meant(own: IpAddr, host: Option<&str>) -> bool {
     if !own.is_loopback() {

@@ -14,7 +14,7 @@ use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Tells what a job folder belongs to and which stages, or units of `plan`, are done.
+/// Shows what a job folder belongs to and which stages, or units of `plan`, are done.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// The job folder: OUTPUT.stonecut-job by default, JOBDIR of `plan`.

@@ -1,4 +1,4 @@
-//! Looks at what faces carry, once, and decides what becomes of each property (`faces::FacePolicy`).
+//! Looks at what faces carry, once, and decides what becomes of each property (`mesh::face_properties::FacePolicy`).
 //!
 //! One pass over the faces, none where they carry nothing. What is constant is known exactly; how many
 //! vertices a label would make of one is counted on a sample of 20,000 vertices. Changes nothing.

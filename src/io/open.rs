@@ -35,7 +35,7 @@ impl Packing {
 impl MeshSource {
     /// Opens any input: PLY, STL, OBJ, GLB or glTF, gzip or zstd compressed or not, `-` for standard input.
     ///
-    /// A plain PLY file is opened where it is, like `open_with`; everything else is staged first.
+    /// A plain PLY file is opened where it is, like `open_with`, unless it is a range grid; everything else is staged first.
     pub fn open_staged(path: &Path, options: &StageOptions) -> Result<Self> {
         let file = if path == Path::new("-") {
             let name = Path::new("standard input");

@@ -22,7 +22,7 @@ impl Interrupt {
         Interrupt(Some(flag))
     }
 
-    /// Tells if the flag was raised.
+    /// True if the flag was raised.
     #[inline]
     pub fn is_raised(&self) -> bool {
         self.0.as_ref().is_some_and(|flag| flag.load(Ordering::Relaxed))

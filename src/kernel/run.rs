@@ -22,7 +22,8 @@ use crate::mesh::Mesh;
 /// Simplifies a mesh by edge collapse; vertices with `locked[v]` stay exactly where they are.
 ///
 /// `locked` has one entry a vertex; all of them `false` if nothing is shared with other cells. Panics above
-/// `MAX_TRIANGLES` and `MAX_VERTICES`, and if a corner or a length does not fit the vertices.
+/// `MAX_TRIANGLES` and `MAX_VERTICES`, and if a corner or a length does not fit the vertices. Memory: `peak_bytes`, and what the
+/// options add (`fit_bytes`, `bound_bytes`).
 pub fn simplify_mesh(mesh: Mesh, locked: &[bool], options: &Options) -> Simplified {
     run(mesh, locked, options, Simd::detect())
 }

@@ -86,7 +86,7 @@ pub struct Report {
     /// Distances both ways; its keys stand beside those of the report.
     #[serde(flatten)]
     pub deviation: Deviation,
-    /// The Hausdorff distance enclosed; only with `--certify`.
+    /// The Hausdorff distance enclosed; only with `--certify` and `simplify --verify`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hausdorff: Option<Certificate>,
     /// Likeness of pictures; only with `--appearance`.

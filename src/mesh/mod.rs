@@ -56,7 +56,7 @@ impl Mesh {
         &self.channels[start..start + self.n_channels]
     }
 
-    /// Tells if any triangle has an area, beyond the rounding of coordinates to a share `rounding` of themselves.
+    /// True if any triangle has an area, beyond the rounding of coordinates to a share `rounding` of themselves.
     pub fn has_area(&self, rounding: f64) -> bool {
         (0..self.triangles.len()).any(|t| has_area(self.corners(t), rounding))
     }
@@ -74,7 +74,7 @@ const ROUNDINGS: f64 = 4.0;
 /// A triangle that is higher than this share of its longest edge has an area, however coarse its coordinates are.
 const NEEDLE: f64 = 0.01;
 
-/// Tells if a triangle has an area, beyond the rounding of its coordinates. Corners on a line in space are hardly ever
+/// True if a triangle has an area, beyond the rounding of its coordinates. Corners on a line in space are hardly ever
 /// exactly on a line once they are rounded.
 fn has_area(corners: [[f64; 3]; 3], rounding: f64) -> bool {
     let size = corners.iter().flatten().fold(0f64, |size, x| size.max(x.abs()));

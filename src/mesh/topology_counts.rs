@@ -274,14 +274,6 @@ impl TopologyCounter {
         }
     }
 
-    /// Bytes held for what is not settled yet; grows with the length of the seams.
-    pub fn pending_bytes(&self) -> u64 {
-        let total = &self.total;
-        (total.edges.capacity() * 24
-            + total.triangles.capacity() * 24
-            + total.links.capacity() * 16) as u64
-    }
-
     /// The numbers of the whole mesh, whose file holds `n_vertices` vertices.
     pub fn finish(self, n_vertices: u64) -> Topology {
         let CellCounts {

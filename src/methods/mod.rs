@@ -1,7 +1,7 @@
 //! Methods besides the edge collapse of the kernel, each in a room below: a mesh in, a mesh and statistics out.
 //!
 //! A method gets a `MeshSource` and gives a `Made`; opening, planning, writing, reporting and measuring are those of all
-//! methods (`pipeline/methods.rs`). A method reads its source through `Positions`, so that none decides how vertices are
+//! methods (`pipeline/methods/`). A method reads its source through `Positions`, so that none decides how vertices are
 //! kept. The collapse goes through cells on disk instead and is not one of them.
 
 pub mod cluster;

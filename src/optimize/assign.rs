@@ -68,7 +68,7 @@ fn lay(surface: &mut Surface, is_first: bool, threads: usize, progress: &Progres
     Ok(n_apart)
 }
 
-/// Tells if a sample belongs to the triangle that is nearest to it.
+/// True if a sample belongs to the triangle that is nearest to it.
 fn belongs(surface: &Surface, tree: &Tree, sample: usize, nearest: &Nearest) -> bool {
     let corners = tree.corners(nearest.slot);
     let [a, b, c] = *corners;

@@ -101,7 +101,7 @@ fn both_stars(surface: &Surface, a: u32, b: u32) -> Vec<u32> {
     out
 }
 
-/// Tells if `a`, which is free, can go into `b`: the link condition, and no vertex is left with two triangles.
+/// True if `a`, which is free, can go into `b`: the link condition, and no vertex is left with two triangles.
 fn is_legal(surface: &Surface, a: u32, b: u32) -> bool {
     let Some([left, right]) = surface.sides(a, b) else { return false };
     let c = turned(surface.triangles[left as usize], a)[2];

@@ -166,7 +166,7 @@ impl Merging {
         out
     }
 
-    /// Tells if two parts become one point: together they are no larger than wanted, near each other, and alike.
+    /// True if two parts become one point: together they are no larger than wanted, near each other, and alike.
     fn goes_with(self, a: &Part, b: &Part) -> bool {
         let area = a.area + b.area;
         let apart = sub(scale(a.at, 1.0 / a.area), scale(b.at, 1.0 / b.area));

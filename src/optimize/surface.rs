@@ -116,7 +116,7 @@ impl Surface {
         found
     }
 
-    /// Tells if an edge between two vertices is there.
+    /// True if an edge between two vertices is there.
     pub fn has_edge(&self, a: u32, b: u32) -> bool {
         self.around[a as usize].iter().any(|&t| self.triangles[t as usize].contains(&b))
     }
@@ -128,7 +128,7 @@ impl Surface {
         (self.around[a as usize].iter().filter(at_edge).count() == 2).then_some(sides)
     }
 
-    /// Tells if the triangles around a vertex are one closed fan.
+    /// True if the triangles around a vertex are one closed fan.
     fn is_fan(&self, v: u32) -> bool {
         let around = &self.around[v as usize];
         let Some(&start) = around.first() else { return false };
@@ -202,7 +202,7 @@ impl Surface {
         samples.iter().map(point).collect()
     }
 
-    /// Tells if triangles are no farther from some samples than those that they replace, or than samples and errors are
+    /// True if triangles are no farther from some samples than those that they replace, or than samples and errors are
     /// apart: what is good for the samples can be far from all of them.
     pub fn stays_near(&self, samples: &[u32], new: &[Facing], replaced: &[u32]) -> bool {
         let farthest = |all: &mut dyn Iterator<Item = [Vec3; 3]>| {
@@ -326,7 +326,7 @@ impl Surface {
         }
     }
 
-    /// Tells if triangles that replace others fold nothing and are not slivers, or are not worse than what they replace.
+    /// True if triangles that replace others fold nothing and are not slivers, or are not worse than what they replace.
     pub fn is_sound(&self, new: &[Facing], replaced: &[u32]) -> bool {
         let limit = SLIVER.min(least(replaced.iter().map(|&t| shape(self.corners(t)))));
         if !new.iter().all(|facing| shape(facing.corners) >= limit) {

@@ -78,7 +78,7 @@ fn decide_with_normals(source: &MeshSource, config: &Config) -> Result<Texture> 
     }
 }
 
-/// Tells if an earlier run of the same command has begun with a new texture, after the old one left too much.
+/// True if an earlier run of the same command has begun with a new texture, after the old one left too much.
 fn has_begun(config: &Config) -> bool {
     let is_baked = |view: job::ManifestView| {
         view.identity.settings.get("texture").is_some_and(|texture| texture == "bake")
@@ -86,7 +86,7 @@ fn has_begun(config: &Config) -> bool {
     !config.restart && job::view(&config.job_folder).is_ok_and(is_baked)
 }
 
-/// Tells if a run whose charts left too many triangles could be made with a new texture.
+/// True if a run whose charts left too many triangles could be made with a new texture.
 pub(super) fn would_help(source: &MeshSource, config: &Config) -> bool {
     let is_possible = || matches!(obstacle(source, config), Ok(None));
     config.texture == Texture::Auto

@@ -27,7 +27,7 @@ pub(super) fn decide(options: &mut Options, config: &Config, n_triangles: u64, t
     options.sparse_rounds = is_large(config, n_triangles, target);
 }
 
-/// Tells if the triangles of a job carry the relief of the original from round to round: where a level ends with a fit.
+/// True if the triangles of a job carry the relief of the original from round to round: where a level ends with a fit.
 pub(super) fn carries_relief(config: &Config, n_triangles: u64) -> bool {
     let kernel = &config.kernel;
     let is_free = kernel.placement == Placement::Optimal && kernel.bound.is_none();
@@ -35,7 +35,7 @@ pub(super) fn carries_relief(config: &Config, n_triangles: u64) -> bool {
     is_free && levels.any(|target| decided(config, n_triangles, target) == Fit::On)
 }
 
-/// Tells if a result is fitted in rounds only because it is large.
+/// True if a result is fitted in rounds only because it is large.
 fn is_large(config: &Config, n_triangles: u64, target: u64) -> bool {
     let finish = config.cell_triangles.saturating_mul(FINISH_CELLS);
     let is_cheap = target as f64 <= n_triangles as f64 * LARGE_RATIO;

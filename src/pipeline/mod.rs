@@ -5,8 +5,8 @@
 //! wherever an earlier run stopped.
 
 pub(crate) mod bake;
-mod before;
 pub mod extract;
+mod first_run;
 mod fit;
 pub mod in_memory;
 mod kernel_side;
@@ -229,6 +229,10 @@ fn reduce(
         stages.weigh(store)?;
     }
     if until == Some(Until::Cells) {
+        return Ok(None);
+    }
+    // One finish takes in all cells: nothing is simplified before it.
+    if until == Some(Until::Simplify) && step == Step::Finish && stages.rounds_done == 0 {
         return Ok(None);
     }
     while let Step::Round(_) | Step::ExactRound = step {

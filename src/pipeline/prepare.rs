@@ -56,7 +56,9 @@ fn settled(config: &Config, texture: Texture) -> Config {
     settled
 }
 
-/// Opens the input and plans the run. Other files than plain PLY are first unpacked beside the output.
+/// Opens the input and plans the run. Files other than plain PLY, and range grids, are first unpacked beside the output.
+///
+/// Errors: `BadInput`, `Usage`, `Io`; `NoMemory` and `NoSpace` where the budget or the disk cannot hold the run.
 pub fn prepare(config: &Config) -> Result<Prepared> {
     if config.method != Method::Collapse {
         let what =
@@ -196,7 +198,7 @@ pub(super) fn check_labels(source: &MeshSource, labels: &[String]) -> Result<()>
     )))
 }
 
-/// Tells if an existing output may be that of the job in this folder.
+/// True if an existing output may be that of the job in this folder.
 pub fn has_begun_to_write(job_folder: &Path) -> bool {
     job::units::has_begun(job_folder)
         || job::view(job_folder).is_ok_and(|view| view.outcomes.contains_key(WRITING))

@@ -353,7 +353,7 @@ impl<'a> Stages<'a> {
         }
     }
 
-    /// Tells if what the last round has left stays for another attempt.
+    /// True if what the last round has left stays for another attempt.
     fn is_kept(&self) -> bool {
         self.config.keep_first_round && self.rounds_done <= 1
     }

@@ -37,7 +37,7 @@ struct Slides {
     n_triangles: u32,
 }
 
-/// Tells all of a progressive mesh that was opened, for a browser.
+/// Writes all of a progressive mesh that was opened, for a browser.
 ///
 /// Memory: that of the finest mesh, and about 60 bytes a step. Errors: those of `Refiner::refine`.
 pub fn slides(mut mesh: Refiner, check: &dyn Fn() -> Result<()>) -> Result<Vec<u8>> {

@@ -274,7 +274,7 @@ impl Teller<'_> {
         Ok(())
     }
 
-    /// Tells the steps of a block.
+    /// Writes the steps of a block.
     fn tell(&mut self, mut block: Vec<Cursor>, out: &mut StepWriter) {
         let history = self.history;
         if !self.layout.has_keys {

@@ -2,7 +2,7 @@
 //!
 //! The lowest room but for `error`: nothing here knows meshes.
 
-pub(crate) mod behind;
+pub(crate) mod background;
 pub mod disk;
 pub(crate) mod json_keys;
 pub mod mapped_file;

@@ -162,7 +162,7 @@ impl MapUse {
         Some(([[texel(0, 0), texel(0, 1)], [texel(1, 0), texel(1, 1)]], share))
     }
 
-    /// Tells if coordinates are numbers that a texel can be found for.
+    /// True if coordinates are numbers that a texel can be found for.
     pub fn leads_to_texels(&self, uv: [f32; 2]) -> bool {
         self.texels(uv, self.size).is_some()
     }

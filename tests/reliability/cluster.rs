@@ -311,6 +311,8 @@ fn another_input_program_or_plan_is_refused() {
         ("other in.ply out.ply --max-error 0.1 --units 2", 2),
         ("other in.ply out.ply --ratio 5% --until partition --units 2", 2),
         ("other in.ply out.ply --ratio 5% --dry-run --units 2", 2),
+        ("other in.ply out.ply --ratio 5% --optimize 1 --units 2", 2),
+        ("other in.ply out.ply --ratio 5% --pairs --units 2", 2),
         ("other - out.ply --ratio 5% --units 2", 2),
         ("other in.ply whole.ply --ratio 5% --units 2", 2),
         ("other in.ply out.ply --ratio 5% --units 0", 2),

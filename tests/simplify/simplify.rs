@@ -175,6 +175,18 @@ fn a_result_without_a_finish_is_fitted_too() {
     assert_eq!(once, bytes_of("d.ply", ""));
 }
 
+/// A run that is one finish has nothing to simplify before it, and stops in front of it.
+#[test]
+fn stopped_after_simplify_there_is_no_result_even_if_one_finish_does_all() {
+    let folder = folder_with("statue", "30k");
+    let out = folder.path();
+    expect(out, "simplify in.ply a.ply --ratio 10%", 0);
+    expect(out, "simplify in.ply b.ply --ratio 10% --until simplify", 0);
+    assert!(!out.join("b.ply").exists());
+    expect(out, "simplify in.ply b.ply --ratio 10%", 0);
+    assert_eq!(bytes(out, "a.ply"), bytes(out, "b.ply"));
+}
+
 /// Four times the target would be less than the cells share: a round that went there had four times the error.
 #[test]
 fn cells_that_are_nearly_all_seam_are_as_good_as_one() {

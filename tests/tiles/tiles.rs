@@ -2,12 +2,13 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, run};
+use crate::common::{check, count, expect, run, write_ply};
 use crate::errors::{level, sampled};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use stonecut::io::decode_tile;
+use stonecut::mesh::property::Scalar;
 use stonecut::pipeline::tiles::{Finest, TileTexture, TilesConfig, make_tiles_on, prepare_tiles};
 use stonecut::system::disk::Disk;
 use stonecut::system::progress::Progress;
@@ -90,6 +91,39 @@ fn a_mesh_of_one_tile_is_a_tree_of_one_tile() {
     expect(folder.path(), "tiles in.ply out", 0);
     let found = check(folder.path(), "out");
     assert_eq!(count(&found, "n_faults"), 0, "{found}");
+}
+
+/// Repeated faces are dropped when cells are loaded: the leaves sum to what is left, and the report has the number.
+#[test]
+fn repeated_faces_are_dropped_and_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let side = 60;
+    let place = |i: u32| [f64::from(i % side), f64::from(i / side), f64::from(i * i % 7) / 20.0];
+    let positions: Vec<[f64; 3]> = (0..side * side).map(place).collect();
+    let squares = (0..side * side).filter(|v| v % side + 1 < side && v / side + 1 < side);
+    let two = |v: u32| [[v, v + 1, v + side + 1], [v, v + side + 1, v + side]];
+    let mut triangles: Vec<[u32; 3]> = squares.flat_map(two).collect();
+    let n = triangles.len() as i64;
+    // One a little later, one far away, one that begins at another corner.
+    triangles.insert(10, triangles[3]);
+    triangles.push(triangles[500]);
+    let [a, b, c] = triangles[2000];
+    triangles.push([b, c, a]);
+    write_ply(&at.join("in.ply"), Scalar::F32, &positions, &triangles);
+    for finest in ["", "--finest 50%"] {
+        expect(
+            at,
+            &format!("tiles in.ply out --tile-triangles 500 --force --report r.json {finest}"),
+            0,
+        );
+        let found = check(at, "out");
+        assert_eq!(count(&found, "n_faults"), 0, "{found}");
+        assert!(!finest.is_empty() || count(&found, "triangles") == n, "{found}");
+        let report: Value =
+            serde_json::from_slice(&std::fs::read(at.join("r.json")).unwrap()).unwrap();
+        assert_eq!(report["input"]["faults"]["duplicate_faces"], 3, "{report}");
+    }
 }
 
 #[test]

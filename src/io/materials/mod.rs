@@ -3,13 +3,13 @@
 //! A reader fills `Materials`. `TexturePlan` decides once, before work begins, what becomes of the images for an
 //! output, and a writer takes the plan. No format knows another (docs/design/textures.md).
 
+mod companions;
 mod description;
 mod images;
 mod losses;
 mod mtl;
 mod mtl_text;
 mod plan;
-mod sides;
 
 pub(crate) use description::NUMBER;
 pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};

@@ -14,7 +14,7 @@ use crate::kernel::simd::unchecked::{KnownIds, prefetch};
 use crate::kernel::surface::Surface;
 use crate::kernel::surface::class::Class;
 
-/// Tells if a number is in a range of a list.
+/// True if a number is in a range of a list.
 #[inline(always)]
 fn has<L: Lanes>(list: &[u32; ROOM], range: Range<usize>, number: u32) -> bool {
     let mut found = 0;

@@ -234,7 +234,7 @@ impl Flats {
         bits.zip(&self.planes).filter(move |(bit, _)| mask & bit != 0)
     }
 
-    /// Tells if a point lies in all of some planes.
+    /// True if a point lies in all of some planes.
     pub(crate) fn contain(&self, mask: u32, p: Vec3) -> bool {
         self.planes_of(mask).all(|(_, plane)| plane.height(p).abs() <= self.tolerance)
     }

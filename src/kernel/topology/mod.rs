@@ -162,7 +162,7 @@ pub(crate) fn plan_cut(surface: &Surface, cycle: [u32; 3]) -> Option<CutPlan> {
     }
 }
 
-/// Tells if a cut along three edges leaves the surface in one piece. A long search: only once the cut is due.
+/// True if a cut along three edges leaves the surface in one piece. A long search: only once the cut is due.
 pub(crate) fn opens_handle(surface: &Surface, cycle: [u32; 3], sides: &[Side; 2]) -> bool {
     matches!(separation_far(surface, cycle, sides), Separation::None)
 }

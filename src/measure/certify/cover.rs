@@ -71,7 +71,7 @@ pub(super) struct Far {
 }
 
 impl Far {
-    /// Tells if this is farther than another one, or as far and first by its coordinates.
+    /// True if this is farther than another one, or as far and first by its coordinates.
     pub fn beats(&self, other: &Option<Far>) -> bool {
         other.is_none_or(|other| {
             self.distance > other.distance
@@ -142,7 +142,7 @@ impl Found {
         distance + goal.floor.max(2.0 * off)
     }
 
-    /// Tells if the search has come to its end before everything was looked at.
+    /// True if the search has come to its end before everything was looked at.
     pub fn is_over(&self, goal: &Goal) -> bool {
         goal.stops_beyond && self.far.is_some()
     }
@@ -159,7 +159,7 @@ pub(super) enum Final {
 }
 
 impl Final {
-    /// Tells if nothing outside of the tree is nearer to a point than `distance`.
+    /// True if nothing outside of the tree is nearer to a point than `distance`.
     fn holds(&self, point: Vector, distance: f64) -> bool {
         match self {
             Final::Always => true,

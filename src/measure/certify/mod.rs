@@ -132,7 +132,7 @@ impl<'a> Pair<'a> {
         })
     }
 
-    /// Tells if both are in memory and the same to the last bit.
+    /// True if both are in memory and the same to the last bit.
     fn is_one_mesh(&self) -> bool {
         match self.parts.map(|parts| parts.place) {
             [Place::Memory(a), Place::Memory(b)] => {

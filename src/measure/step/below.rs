@@ -1,4 +1,4 @@
-//! Tells if the mesh covers a triangle of its version: seen along the triangle's normal, without gaps, within a distance.
+//! Decides if the mesh covers a triangle of its version: seen along the triangle's normal, without gaps, within a distance.
 //!
 //! A rim of the triangle may stay uncovered: made smaller around its middle by the factor 1 - f, it lies nowhere farther from what it was
 //! than f times the distance of its corners from its middle, and all shares of the smaller one are f / 3 at least.

@@ -22,7 +22,7 @@ impl Largest {
         (self.certain_sq * self.slack_sq).max(self.rounding_sq)
     }
 
-    /// Tells if a squared distance, or a bound of one, needs no second look; takes it into the bound if so.
+    /// True if a squared distance, or a bound of one, needs no second look; takes it into the bound if so.
     pub(super) fn accepts(&mut self, distance_sq: f64) -> bool {
         let is_near = distance_sq <= self.enough_sq();
         if is_near {

@@ -106,7 +106,7 @@ fn is_small(n_vertices: usize, n_triangles: usize) -> bool {
     n_vertices <= MOST && n_triangles <= MOST * MOST
 }
 
-/// Tells that a vertex of a patch did not go into the patch's own vertex.
+/// Marks that a vertex of a patch did not go into the patch's own vertex.
 const OTHER: u16 = u16::MAX;
 
 /// The edges at what went into a vertex.

@@ -69,7 +69,7 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// Tells if it lies over none of the triangles.
+    /// True if it lies over none of the triangles.
     pub(super) fn is_outside(&self) -> bool {
         self.sector == OUTSIDE
     }
@@ -155,7 +155,7 @@ impl Star {
         self.turns_once()
     }
 
-    /// Tells if no place is covered twice. No triangle goes half around.
+    /// True if no place is covered twice. No triangle goes half around.
     fn turns_once(&self) -> bool {
         let pairs = self.rays[..=self.n].windows(2).map(|pair| (&pair[0], &pair[1]));
         if self.is_closed {

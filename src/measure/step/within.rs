@@ -62,7 +62,7 @@ impl<'a> Within<'a> {
         Within { mesh, patches, limit, from, shares, height: zero, bits: [0; MOST] }
     }
 
-    /// Tells if the patches of the corners `own` of the triangle `t` cover it as a whole, but for its rim.
+    /// True if the patches of the corners `own` of the triangle `t` cover it as a whole, but for its rim.
     pub(super) fn look(&mut self, t: &[Vector; 3], own: [u32; 3]) -> Found {
         let borders = own.map(|v| self.patches.border(v));
         let [Some(a), Some(b), Some(c)] = borders else { return Found::Perhaps };
@@ -113,7 +113,7 @@ impl<'a> Within<'a> {
         Some(times)
     }
 
-    /// Tells if one of some triangles is too far where it lies over the triangle.
+    /// True if one of some triangles is too far where it lies over the triangle.
     fn is_too_far(&self, corners: &[[u16; 3]], frame: &Frame) -> bool {
         corners.iter().any(|corners| {
             let [a, b, c] = corners.map(|k| self.bits(k));

@@ -100,7 +100,7 @@ pub fn check_tileset(folder: &Path, threads: usize, progress: &Progress) -> Resu
     Ok(found)
 }
 
-/// Tells if a folder is a tree of tiles.
+/// True if a folder is a tree of tiles.
 pub fn is_tileset(path: &Path) -> bool {
     path.is_dir() && path.join(FILE_NAME).is_file()
 }

@@ -239,7 +239,7 @@ impl Tree {
         best
     }
 
-    /// Tells if a triangle is nearer than the best so far, or as near and first by its corners.
+    /// True if a triangle is nearer than the best so far, or as near and first by its corners.
     #[inline(always)]
     fn is_better(&self, distance_sq: f64, slot: u32, best: Nearest) -> bool {
         distance_sq < best.distance_sq

@@ -184,7 +184,7 @@ fn check_memory(
     )))
 }
 
-/// Meets a number of triangles; what lies in the box stays. Tells if it was met.
+/// Meets a number of triangles; what lies in the box stays. True if it was met.
 fn finish(
     joined: Joined,
     rows: &Rows,

@@ -329,7 +329,7 @@ impl<'a> Run<'a> {
 /// triangles to 10 %: docs/results/python.md), at 102 bytes a triangle.
 const FINISH_CELLS: u64 = 16;
 
-/// Tells if one call of the kernel ends the run.
+/// True if one call of the kernel ends the run.
 fn finishes(now: u64, cell_triangles: u64, rounds_done: u32) -> bool {
     rounds_done > 0 && now <= cell_triangles.saturating_mul(FINISH_CELLS)
 }

@@ -1,6 +1,6 @@
 //! The plan of a method other than the collapse: grid, memory, output, from a survey of the vertices.
 
-use crate::config::{Config, Method};
+use crate::config::{Config, Method, Target};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::methods::MANIFOLD_TRIANGLE_BYTES;
@@ -151,11 +151,17 @@ impl MethodPlan {
         };
         vec![
             format!("input    {} triangles", show_count(self.triangles_in)),
-            format!(
-                "target   {} triangles, at most; about {} expected",
-                show_count(self.target),
-                show_count(self.expected_triangles)
-            ),
+            match config.target {
+                Target::CellSize(_) => format!(
+                    "target   as many triangles as the grid leaves, about {}",
+                    show_count(self.expected_triangles)
+                ),
+                _ => format!(
+                    "target   {} triangles, at most; about {} expected",
+                    show_count(self.target),
+                    show_count(self.expected_triangles)
+                ),
+            },
             format!("method   {}: {method}", self.method),
             format!(
                 "memory   budget {}, at least {} needed; {positions}; {} threads",

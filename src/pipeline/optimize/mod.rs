@@ -5,7 +5,7 @@
 
 pub(super) mod check;
 
-use super::before::{open, settings, stage};
+use super::first_run::{open, settings, stage};
 use super::methods::{self, PreparedMethod};
 use super::prepare::{Prepared, WRITING, prepare};
 use super::run_report::{OutputReport, RunReport};

@@ -6,7 +6,7 @@
 
 pub(super) mod counts;
 
-use super::before::{open, settings, stage};
+use super::first_run::{open, settings, stage};
 use super::prepare::{Prepared, WRITING, prepare};
 use super::run_report::{PairsReport, RunReport, StageReport};
 use super::{methods, verify};

@@ -325,7 +325,7 @@ impl Plan {
             (_, None) if config.progressive.is_some() => {
                 format!("target   {triangles} triangles, at most {MAX_SPECK} below")
             }
-            (_, None) if self.finish => format!("target   {triangles} triangles, met exactly"),
+            (_, None) if self.finish => format!("target   {triangles} triangles, or one less"),
             (_, None) => format!("target   {triangles} triangles, at most 0.5 % below"),
         }
     }

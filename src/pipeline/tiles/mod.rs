@@ -21,6 +21,7 @@ pub use plan::{PreparedTiles, TilesPlan, prepare_tiles};
 use super::abandon;
 use super::run_report::InputReport;
 use super::sealed_stages::SealedStages;
+use super::source_facts::faults;
 use crate::bake::{Coloured, Means, colour_vertices};
 use crate::error::{Error, Result};
 use crate::io::NUMBER;
@@ -31,7 +32,7 @@ use crate::mesh::codec::ChannelKind;
 use crate::mesh::record::VertexSchema;
 use crate::stages::partition::{Partition, partition_into_groups};
 use crate::stages::tiles;
-use crate::store::cells::{GroupGrid, GroupRecord, Lattice};
+use crate::store::cells::{Dropped, GroupGrid, GroupRecord, Lattice};
 use crate::store::job::fingerprint::unchanged;
 use crate::store::job::{Identity, Job, hold};
 use crate::store::stage_context::StageContext;
@@ -44,7 +45,6 @@ use plan::{Hidden, gets_colours, layout};
 use report::{FolderReport, PagesReport, TilesReport, level_reports};
 use rounds::Stages;
 use serde_json::json;
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 use tree::Levels;
@@ -131,6 +131,7 @@ fn run(
         layout: layout(&source, textured),
         hidden: Hidden::new(config, n),
         kernel: kernel_options(&plan::schema(&source, textured)),
+        dropped: Dropped::default(),
     };
     let count = |cut: &(Partition, GroupGrid)| cut.0.store.triangles;
     let cut = stages.stages.stage(("partition", "partition"), n, count, |run| {
@@ -176,7 +177,8 @@ fn run(
         transform: placed(&config.transform, grid.lattice.origin, config.is_z_up),
         is_z_up: config.is_z_up,
         extras: json!({ "stonecut": {
-            "input_triangles": partition.store.triangles, "levels": rounds.len() + 1,
+            "input_triangles": partition.store.triangles - stages.dropped.duplicate_faces,
+            "levels": rounds.len() + 1,
             "step": lattice.step, "pixels": config.pixels, "up": if config.is_z_up { "z" } else { "y" },
             "origin": grid.lattice.origin,
         } }),
@@ -212,7 +214,7 @@ fn run(
     let reports = stages.stages.reports;
     let level_reports = level_reports(&rounds, &top, &deviations, config.tile_triangles);
     let seconds = started.elapsed().as_secs_f64();
-    let dropped = partition.degenerate_faces;
+    let dropped = stages.dropped;
     let mut report = TilesReport {
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -286,17 +288,6 @@ fn kernel_options(schema: &VertexSchema) -> kernel::Options {
         confined: kinds.iter().map(is_confined).collect(),
         ..kernel::Options::default()
     }
-}
-
-fn faults(source: &MeshSource, partition: &Partition, degenerate: u64) -> BTreeMap<String, u64> {
-    let found = source.faults();
-    BTreeMap::from([
-        ("degenerate_faces".to_owned(), degenerate),
-        ("bad_faces".to_owned(), partition.bad_faces + found.bad_faces),
-        ("bad_vertices".to_owned(), found.bad_vertices),
-        ("missing_faces".to_owned(), found.missing_faces),
-        ("missing_vertices".to_owned(), found.missing_vertices),
-    ])
 }
 
 /// Properties of vertices that tiles do not carry, and values that they do not hold as they were.

@@ -12,8 +12,8 @@ use crate::stages::stitch::{self, NewCells, within_reach};
 use crate::stages::tiles::{self, TileRound};
 use crate::store::cell_id::CellId;
 use crate::store::cells::{
-    BoxKey, CellStore, GroupGrid, GroupRecord, StoreInfo, SurvivorInfo, SurvivorPack, TileRecord,
-    VertexLayout,
+    BoxKey, CellStore, Dropped, GroupGrid, GroupRecord, StoreInfo, SurvivorInfo, SurvivorPack,
+    TileRecord, VertexLayout,
 };
 use crate::store::stage_context::StageContext;
 use crate::system::memory::BASE_BYTES;
@@ -37,6 +37,8 @@ pub(super) struct Stages<'a> {
     pub(super) layout: VertexLayout,
     pub(super) hidden: Hidden,
     pub(super) kernel: kernel::Options,
+    /// Faces and vertices of the input that the first round left out; known after it.
+    pub(super) dropped: Dropped,
 }
 
 impl Stages<'_> {
@@ -114,6 +116,9 @@ impl Stages<'_> {
             )?;
             store.packs.iter().try_for_each(|file| run.disk().remove(&run.job.path(&file.pack)))?;
             let records = std::mem::take(&mut left.statistics.groups);
+            if round == 1 {
+                self.dropped = left.statistics.dropped;
+            }
             if left.triangles == 0 {
                 let what = format!("no triangle is left after round {round}; nothing was written");
                 return Err(Error::Empty { path: self.config.output.clone(), what });

@@ -196,6 +196,8 @@ fn refuse(config: &Config) -> Result<()> {
         (config.bake.normals, "--bake-normals"),
         (config.progressive.is_some(), "--progressive"),
         (config.seams.is_some(), "--seams"),
+        (config.optimize.is_some(), "--optimize"),
+        (config.pairs, "--pairs"),
         (config.input == Path::new("-"), "standard input"),
         (config.output == Path::new("-"), "standard output"),
     ];

@@ -61,7 +61,7 @@ pub(super) fn run(
     }
 }
 
-/// Tells if a phase has to know of one before it.
+/// True if a phase has to know of one before it.
 fn needs(phase: &str, before: &str) -> bool {
     match (Kind::find(phase), Kind::find(before)) {
         (Some((Kind::Recut, round)), Some(before)) => before == (Kind::Batch, round - 1),

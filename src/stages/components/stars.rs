@@ -60,7 +60,7 @@ pub(super) fn stars(
 }
 
 /// From edges in both directions: every larger neighbour of a node gets an edge to the least one, or to the
-/// node. Tells whether that changed any.
+/// node. True if that changed any.
 fn large_star(both: Edges, mut out: Edges) -> Result<(Edges, bool)> {
     let (mut node, mut least, mut is_changed) = (None, 0, false);
     each_edge(both, |from, to| {

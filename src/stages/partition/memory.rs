@@ -98,7 +98,7 @@ impl Shares {
     }
 }
 
-/// Tells if another thread writes a pack that rows are scattered to: with one thread alone, or in little memory, the one that
+/// True if another thread writes a pack that rows are scattered to: with one thread alone, or in little memory, the one that
 /// scatters them does.
 fn writes_behind(threads: usize, budget_bytes: u64) -> bool {
     threads > 1 && BEHIND_BYTES <= budget_bytes / BEHIND_SHARE

@@ -233,7 +233,7 @@ fn after(counts: &[Vec<u64>], store: &CellStore, cell: usize, depth: usize) -> u
     }
 }
 
-/// Tells if the first cells, or all, with `depth` levels behind them and the others with one less come to at most `target`
+/// True if the first cells, or all, with `depth` levels behind them and the others with one less come to at most `target`
 /// triangles, as far as counts are known.
 fn meets(counts: &[Vec<u64>], store: &CellStore, (depth, target): (usize, u64)) -> bool {
     let mut sum: u64 = (0..counts.len()).map(|cell| after(counts, store, cell, depth - 1)).sum();

@@ -121,7 +121,7 @@ pub fn descend(
     Ok(counts)
 }
 
-/// Tells if a cell that has lost half of its triangles has stopped falling.
+/// True if a cell that has lost half of its triangles has stopped falling.
 fn is_dead(counts: &[u64], start: u64) -> bool {
     let last = counts.last_chunk::<{ DEAD_LEVELS + 1 }>();
     last.is_some_and(|last| {

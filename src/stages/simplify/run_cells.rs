@@ -30,7 +30,7 @@ pub struct Goal {
     pub triangles: u64,
 }
 
-/// Tells if a round gives the source of a cell back to the file system as soon as the cell is done: where the
+/// True if a round gives the source of a cell back to the file system as soon as the cell is done: where the
 /// simplified cells take more space, so that store and survivors would not fit side by side into what the job promises.
 /// Thousands of holes in a file cost time otherwise well spent.
 pub fn frees_sources(triangles_in: u64, goal_triangles: u64) -> bool {
@@ -122,7 +122,7 @@ struct Output {
 pub struct Beside<'a> {
     /// Memory that it takes, in bytes for each triangle of the cell.
     pub bytes_per_triangle: u64,
-    /// Tells if all that an earlier run did for a cell is still there; it is done again if not.
+    /// True if all that an earlier run did for a cell is still there; it is done again if not.
     pub is_whole: &'a (dyn Fn(CellId, &Survivors) -> Result<bool> + Sync),
     /// Looks at a cell as it was loaded and at what is left of it, and may put the latter into another order.
     pub look: &'a (dyn Fn(CellId, CellMesh, &mut Survivors) -> Result<()> + Sync),

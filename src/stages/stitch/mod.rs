@@ -114,7 +114,7 @@ pub fn bound_share(round: u32) -> f64 {
     if round == 0 { FIRST_SHARE } else { 1.0 }
 }
 
-/// Tells if the next level of a chain begins from a result of this many triangles, or else from what the finish took in:
+/// True if the next level of a chain begins from a result of this many triangles, or else from what the finish took in:
 /// errors of both steps add up, and nearer than `COARSE` that shows.
 pub fn begins_from_result(result: u64, next_target: u64) -> bool {
     result as f64 >= COARSE.0 * next_target as f64

@@ -32,7 +32,7 @@ fn tree_record(round: u32) -> String {
     format!("{TREE}{round}")
 }
 
-/// Tells if an outcome is such a record.
+/// True if an outcome is such a record.
 pub fn is_tree_record(name: &str) -> bool {
     name.starts_with(TREE)
 }

@@ -165,7 +165,7 @@ impl TileRound<'_> {
         tiles.into_iter().next().ok_or_else(|| Error::Internal("no tile was written".to_owned()))
     }
 
-    /// Tells if all tiles that were written with a cell are still there as they were.
+    /// True if all tiles that were written with a cell are still there as they were.
     pub fn is_whole(&self, cell: CellId, left: &Survivors) -> bool {
         let [record] = &left.statistics.groups[..] else { return false };
         if self.round <= self.finest {

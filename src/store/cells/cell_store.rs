@@ -290,7 +290,7 @@ impl CellStore {
         Ok(mesh)
     }
 
-    /// Tells if any triangle has an area. Looks at the first few before it loads whole cells, one after the other.
+    /// True if any triangle has an area. Looks at the first few before it loads whole cells, one after the other.
     pub fn has_area(&self, progress: &Progress) -> Result<bool> {
         let rounding = self.layout.schema.rounding();
         let is_filled = |&cell: &CellId| self.info.cells[cell].triangles > 0;

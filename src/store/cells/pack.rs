@@ -8,7 +8,7 @@ use crate::store::cell_id::CellId;
 use crate::store::pack_format::{
     self, CHUNK_HEADER_BYTES, Chunk, ChunkKind, PACK_END_BYTES, PACK_HEADER_BYTES,
 };
-use crate::system::behind::Behind;
+use crate::system::background::Worker;
 use crate::system::disk::{Disk, DiskFile};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -41,7 +41,7 @@ pub struct PackWriter {
     handed_over: u64,
     pending: Vec<u8>,
     /// The thread that writes, and buffers that it is done with.
-    behind: Option<Behind<Vec<u8>>>,
+    behind: Option<Worker<Vec<u8>>>,
     spare: Arc<Mutex<Vec<Vec<u8>>>>,
     chunks: Vec<Chunk>,
     /// A write or sync has failed: what the file holds is unknown, so that nothing may be sealed on it.
@@ -116,7 +116,7 @@ impl PackWriter {
     #[must_use]
     pub fn behind(mut self) -> PackWriter {
         let (file, spare) = (self.file.clone(), self.spare.clone());
-        self.behind = Behind::start(move |mut bytes: Vec<u8>| {
+        self.behind = Worker::start(move |mut bytes: Vec<u8>| {
             locked(&file).append(&bytes)?;
             bytes.clear();
             spare.lock().unwrap_or_else(PoisonError::into_inner).push(bytes);
@@ -146,7 +146,7 @@ impl PackWriter {
     /// may.
     pub fn flush(&mut self) -> Result<()> {
         self.hand_over()?;
-        let outcome = self.behind.as_ref().map_or(Ok(()), Behind::wait);
+        let outcome = self.behind.as_ref().map_or(Ok(()), Worker::wait);
         self.is_broken |= outcome.is_err();
         outcome
     }

@@ -202,7 +202,7 @@ def simplify_arrays(
         label: names of attributes that are never averaged although they are floats.
         topology: ``"error"``: specks, holes of three edges and thin tubes smaller than the error may go;
             ``"keep"``: nothing of that kind, even if the target is missed.
-        fit: whether vertices are moved to fit the original; ``"auto"`` where at most 1 % is left.
+        fit: whether vertices are moved to fit the original; ``"auto"`` where at most 1.1 % is left.
         placement: ``"subset"`` keeps to vertices of the input, bit for bit.
         merge_distance: free boundaries at most this far apart, in input units, may join.
         no_self_intersections: refuse what would make the surface pass through itself where it did not; takes four to eight times as long.
@@ -349,7 +349,7 @@ def simplify_file(
             repeated with a tighter bound. ``error_field`` writes the distance with every vertex (PLY).
         method: ``"collapse"`` for results; ``"cluster"`` in one pass for previews, ``"decimate"`` and ``"retile"`` in memory,
             with ``grid`` (instead of a count), ``feature_angle``, ``gradation`` and ``manifold`` of theirs.
-        no_self_intersections: refuse what would make the surface pass through itself where it did not; takes four times as long.
+        no_self_intersections: refuse what would make the surface pass through itself where it did not; takes four to eight times as long.
         optimize: sweeps over the result that make it fit better at the same count; slow, in memory.
         pairs: vertices that face each other across a gap may become one, so that parts join; in memory.
         memory: budget, everything included: bytes, ``"4GiB"`` or ``"50%"`` [75 % of what the process may use].

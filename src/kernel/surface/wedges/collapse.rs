@@ -51,7 +51,7 @@ impl Wedges {
         SeamPlan { pairs, values }
     }
 
-    /// Tells if one of these triangles of `v0` will use the wedge that came with `v1`.
+    /// True if one of these triangles of `v0` will use the wedge that came with `v1`.
     pub(crate) fn becomes_own(
         &self,
         surface: &Surface,

@@ -16,14 +16,14 @@ enum Message<J> {
 
 /// One thread at work behind its owner.
 #[derive(Debug)]
-pub struct Behind<J> {
+pub struct Worker<J> {
     queue: Option<SyncSender<Message<J>>>,
     /// The first failure, until the owner takes it.
     failed: Arc<Mutex<Option<Error>>>,
     worker: Option<JoinHandle<()>>,
 }
 
-impl<J: Send + 'static> Behind<J> {
+impl<J: Send + 'static> Worker<J> {
     /// Starts a thread that does `work` with one piece after the other; one more may wait. `None` without a thread.
     pub fn start(work: impl FnMut(J) -> Result<()> + Send + 'static) -> Option<Self> {
         let (queue, pieces) = sync_channel(1);
@@ -31,7 +31,7 @@ impl<J: Send + 'static> Behind<J> {
         let notes = failed.clone();
         let worker =
             std::thread::Builder::new().spawn(move || work_through(&pieces, &notes, work)).ok()?;
-        Some(Behind { queue: Some(queue), failed, worker: Some(worker) })
+        Some(Worker { queue: Some(queue), failed, worker: Some(worker) })
     }
 
     /// Hands a piece over; waits while another one waits already.
@@ -60,7 +60,7 @@ impl<J: Send + 'static> Behind<J> {
     }
 }
 
-impl<J> Drop for Behind<J> {
+impl<J> Drop for Worker<J> {
     /// Lets the thread end what it was given.
     fn drop(&mut self) {
         drop(self.queue.take());
@@ -106,7 +106,7 @@ mod tests {
     fn pieces_are_done_in_order_and_all_of_them_before_the_end() {
         let done = Arc::new(Mutex::new(Vec::new()));
         let list = done.clone();
-        let behind = Behind::start(move |piece: u32| {
+        let behind = Worker::start(move |piece: u32| {
             list.lock().unwrap().push(piece);
             Ok(())
         })
@@ -123,7 +123,7 @@ mod tests {
     fn the_first_failure_comes_back_and_nothing_follows_it() {
         let done = Arc::new(Mutex::new(0));
         let count = done.clone();
-        let behind = Behind::start(move |piece: u32| {
+        let behind = Worker::start(move |piece: u32| {
             assert!(piece != 9, "nine falls");
             *count.lock().unwrap() += 1;
             if piece == 3 { Err(Error::Usage("three".to_owned())) } else { Ok(()) }
