@@ -130,6 +130,7 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
     let read = ReadOptions { skip_bad: args.skip_bad, temp_dir: None };
     let stage = StageOptions { read, ..StageOptions::new(folder) };
     let source = MeshSource::open_staged(&args.input, &stage)?;
+    source.refuse_output(&args.output)?;
     let texture = !args.drop_texture && source.has_corner_texture();
     if !args.drop_texture && !texture {
         source.require_no_texture()?;
@@ -371,7 +372,7 @@ impl Used {
             progress.check()?;
             blocks.write(&mut sink)?;
         }
-        done.notes.extend(sink.loss());
+        done.notes.extend(sink.losses());
         done.n_bytes = sink.finish()?;
         Ok(())
     }

@@ -122,7 +122,7 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     }
     if done.is_coarser {
         log.say(format!(
-            "the finest tiles are up to {:.3e} from the input, which is more than was asked for: the tree was made with --finest",
+            "the finest tiles are up to {:.3e} from the input, more than was asked for: positions in tiles are rounded, or the tree was made with --finest",
             done.deviation
         ));
         return Ok(EXIT_SHORT);

@@ -184,7 +184,7 @@ pub(super) fn look(
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION"),
         path: args.file.clone(),
-        bytes: source.file_bytes(),
+        bytes: source.given_bytes(),
         format: source.encoding().name(),
         faces: source.n_face_rows(),
         coordinate_bits: 8 * schema.coordinate.bytes(),

@@ -15,10 +15,11 @@ const PLACE: &str = "{}";
 struct Listed<T>(Vec<(String, T)>);
 
 #[derive(Clone, Debug, clap::Args)]
+#[command(group = clap::ArgGroup::new("target").required(true).multiple(true).args(["triangles", "ratio", "max_error", "grid"]))]
 pub(super) struct TypedTarget {
     /// Triangles wanted, at most: 20000, 500k, 4M. Several, as 40M,4M,400k, make a chain of levels in one run: OUTPUT gets -40M,
     /// -4M and -400k before its ending, or holds {} for them.
-    #[arg(long, required_unless_present_any = ["ratio", "max_error", "grid"], value_name = "N", value_parser = parse_counts)]
+    #[arg(long, value_name = "N", value_parser = parse_counts)]
     triangles: Option<Listed<u64>>,
     /// Share of the input's triangles: 1% or 0.01; or several, as 10%,1%,0.1%.
     #[arg(long, value_name = "R", value_parser = parse_ratios, conflicts_with = "triangles")]

@@ -12,6 +12,8 @@ const ASSUMED_SECONDS: f64 = 1.5;
 /// A stage is taken to have gone for this many seconds at the pace of those before it: within a bound on the error it is twenty
 /// times as slow as they were, and soon shows it.
 const HANDED_ON_SECONDS: f64 = 1.5;
+/// Neither counts for more than this share of the triangles: many samples of a small mesh take long, too.
+const MOST_ASSUMED: f64 = 0.03;
 
 /// Relative cost of a triangle in each stage, for the overall estimate only.
 fn weight(stage: &str) -> f64 {
@@ -107,12 +109,16 @@ impl Pace {
             }
             false => {
                 // Seconds for a weighted triangle.
-                let pace = |seconds: f64, weight: f64| {
-                    (seconds + ASSUMED_SECONDS) / (weight + ASSUMED_WEIGHT)
+                let assumed = ASSUMED_SECONDS / ASSUMED_WEIGHT;
+                let pace = |seconds: f64, weight: f64, all: f64| {
+                    let extra = ASSUMED_WEIGHT.min(MOST_ASSUMED * all);
+                    (seconds + assumed * extra) / (weight + extra).max(1.0)
                 };
-                let handed_on = HANDED_ON_SECONDS / pace(seconds - own_seconds, self.weight_done);
-                let own = (own_seconds + HANDED_ON_SECONDS) / (weighted + handed_on);
-                (stage_left * own, stage_left * own + ahead * pace(seconds, so_far))
+                let before = pace(seconds - own_seconds, self.weight_done, f64::INFINITY);
+                let most = MOST_ASSUMED * (weighted + stage_left);
+                let handed_on = (HANDED_ON_SECONDS / before).min(most).max(1.0);
+                let own = (own_seconds + before * handed_on) / (weighted + handed_on);
+                (stage_left * own, stage_left * own + ahead * pace(seconds, so_far, so_far + left))
             }
         };
         let figures = Figures {
@@ -173,6 +179,17 @@ mod tests {
         let expected = 9.0 * 40.0;
         let says = [figures.stage_seconds_left, figures.seconds_left];
         assert!(says.iter().all(|s| (0.5 * expected..1.5 * expected).contains(s)), "{says:?}");
+    }
+
+    #[test]
+    fn many_samples_of_a_small_mesh_take_long() {
+        let stage = Stage { name: "measure", number: 1, n_stages: 1, total: 100_000 };
+        let mut pace = Pace::default();
+        pace.update(stage.clone(), 0);
+        let back = std::time::Duration::from_secs(100);
+        (pace.started, pace.stage_started) = (pace.started - back, pace.stage_started - back);
+        let (figures, _) = pace.update(stage, 35_000);
+        assert!((150.0..200.0).contains(&figures.seconds_left), "{}", figures.seconds_left);
     }
 
     #[test]

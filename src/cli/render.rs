@@ -160,6 +160,7 @@ pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)
     let mut n_triangles = 0;
     for path in &args.mesh {
         let source = super::arguments::open_mesh(path, temp_dir)?;
+        source.refuse_output(&args.output)?;
         n_triangles += source.n_triangles();
         if args.mesh.len() > 1 && !args.own_camera && view.aim.is_none() {
             view.aim = Some(aim_source(&source, &view, resources, progress)?);

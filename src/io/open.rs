@@ -37,11 +37,13 @@ impl MeshSource {
     ///
     /// A plain PLY file is opened where it is, like `open_with`, unless it is a range grid; everything else is staged first.
     pub fn open_staged(path: &Path, options: &StageOptions) -> Result<Self> {
+        let mut given_bytes = None;
         let file = if path == Path::new("-") {
             let name = Path::new("standard input");
             unpack(name, std::io::stdin().lock(), options)?
         } else {
             let file = RawFile::open(path)?;
+            given_bytes = Some(file.len());
             let mut first = [0u8; 4];
             let n = file.read_at_most(&mut first, 0)?;
             if Packing::of(&first[..n]) == Packing::Plain {
@@ -50,7 +52,11 @@ impl MeshSource {
                 unpack(path, open_input(path)?, options)?
             }
         };
-        open_raw(file, options)
+        let mut source = open_raw(file, options)?;
+        if let Some(bytes) = given_bytes {
+            source.set_given_bytes(bytes);
+        }
+        Ok(source)
     }
 
     /// Reads bytes in memory as if they were a file of any format.

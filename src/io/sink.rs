@@ -7,6 +7,8 @@ use super::output_format::{OutputFormat, OutputKind};
 use super::stl::StlWriter;
 use crate::error::Result;
 use crate::io::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
+use crate::mesh::codec::TEXTURE_NAMES;
+use crate::mesh::record::VertexSchema;
 use crate::system::disk::Disk;
 
 /// Writes a mesh in any format: all vertices, then all faces; the file appears when it is finished.
@@ -16,6 +18,26 @@ pub struct MeshSink {
     textures: Option<(TexturePlan, Disk)>,
     /// Faces whose texture coordinates no OBJ or GLB can hold.
     n_not_finite: u64,
+    /// Properties of vertices that the format does not have.
+    lost: Vec<String>,
+}
+
+/// Properties of vertices that a kind of file does not have. Normals of STL are those of its facets.
+fn lost_properties(schema: &VertexSchema, kind: OutputKind) -> Vec<String> {
+    const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
+    const COLOURS: [&str; 9] =
+        ["red", "green", "blue", "diffuse_red", "diffuse_green", "diffuse_blue", "r", "g", "b"];
+    let is_kept = |name: &str| match kind {
+        OutputKind::Ply => true,
+        OutputKind::Stl => NORMALS.contains(&name),
+        OutputKind::Obj | OutputKind::Glb => {
+            NORMALS.contains(&name)
+                || COLOURS.contains(&name)
+                || TEXTURE_NAMES.as_flattened().contains(&name)
+        }
+    };
+    let names = schema.properties.iter().map(|property| property.name.clone());
+    names.filter(|name| !is_kept(name)).collect()
 }
 
 /// One writer for each kind of file.
@@ -38,7 +60,9 @@ impl MeshSink {
         let place = place.into();
         let encoding = format.encoding.unwrap_or(Encoding::BinaryLittleEndian);
         let textures = header.textures.clone().map(|plan| (plan, place.disk.clone()));
-        let writer = match format.check(&place.path)? {
+        let kind = format.check(&place.path)?;
+        let lost = lost_properties(&header.schema, kind);
+        let writer = match kind {
             OutputKind::Ply => {
                 let ply =
                     PlyFormat { encoding, coordinate: format.coordinate, index: format.index };
@@ -54,7 +78,7 @@ impl MeshSink {
                 Writer::Glb(Box::new(GlbWriter::create_as(place, header, positions)?))
             }
         };
-        Ok(MeshSink { writer, textures, n_not_finite: 0 })
+        Ok(MeshSink { writer, textures, n_not_finite: 0, lost })
     }
 
     /// Appends packed records of the header's schema.
@@ -111,13 +135,21 @@ impl MeshSink {
     }
 
     /// Words on what the format could not hold, so far.
-    pub fn loss(&self) -> Option<String> {
-        let n = self.n_not_finite;
-        (n > 0).then(|| {
-            format!(
-                "{n} faces have texture coordinates that are not finite: 0 was written for them"
-            )
-        })
+    pub fn losses(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        if !self.lost.is_empty() {
+            lines.push(format!(
+                "the format has no place for properties of vertices: {} (PLY has)",
+                self.lost.join(", ")
+            ));
+        }
+        if self.n_not_finite > 0 {
+            lines.push(format!(
+                "{} faces have texture coordinates that are not finite: 0 was written for them",
+                self.n_not_finite
+            ));
+        }
+        lines
     }
 
     /// Writes what stands beside the mesh, then syncs and renames it; returns the file's length in bytes.

@@ -170,7 +170,9 @@ fn split<const N: usize>(
     out.write(&row)?;
     let bad_faces = source.faults().bad_faces + n_bad;
     let materials = source.materials().cloned();
-    let staged = Staged { bad_faces, faces: Some(carry), materials, ..Staged::default() };
+    let given_bytes = Some(source.given_bytes());
+    let staged =
+        Staged { given_bytes, bad_faces, faces: Some(carry), materials, ..Staged::default() };
     let mut read = options.read.clone();
     read.temp_dir = Some(options.temp_dir.clone());
     MeshSource::from_staged(out.finish(&path)?, read, staged)

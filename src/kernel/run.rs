@@ -39,7 +39,7 @@ pub fn simplify_mesh_portably(mesh: Mesh, locked: &[bool], options: &Options) ->
 ///
 /// `goal` tells the result that it will be fitted for.
 pub(crate) fn start(
-    mesh: Mesh,
+    mut mesh: Mesh,
     locked: &[bool],
     options: &Options,
     goal: impl Fn(&Options, u64) -> Option<FitGoal>,
@@ -49,6 +49,7 @@ pub(crate) fn start(
     assert!(n_triangles as u64 <= MAX_TRIANGLES, "{n_triangles} triangles are too many at once");
     assert!(n as u64 <= MAX_VERTICES, "{n} vertices are too many at once");
     assert!(locked.len() == n && mesh.channels.len() == n * mesh.n_channels, "lengths agree");
+    let n_turned = repair::orient::orient(&mut mesh);
     let scales = (&options.weights[..], &options.confined[..]);
     let (mut state, may_be_flat, original) = MeshState::new(mesh, locked, scales, simd);
     state.surface.placement = options.placement;
@@ -74,6 +75,7 @@ pub(crate) fn start(
     let mut driver = Driver::new(state, simd, options.topology);
     driver.interrupt = options.interrupt.clone();
     driver.changes.add_cleaned(cleaned, approached);
+    driver.changes.turned = n_turned;
     if options.follow {
         driver.followed = Some(Followed::new(&driver.state.surface.source, n));
     }

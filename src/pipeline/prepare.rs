@@ -68,6 +68,10 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let (marks, stage) = before_opening(config)?;
     let (mut texture, mut bake_bytes, mut can_bake) = (Texture::Keep, 0, false);
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
+        let coarser = config.coarser.iter().map(|level| &level.output);
+        for output in std::iter::once(&config.textures_beside).chain(coarser) {
+            source.refuse_output(output)?;
+        }
         texture = bake::decide(&source, config)?;
         can_bake = texture == Texture::Keep && bake::would_help(&source, config);
         let config = &settled(config, texture);

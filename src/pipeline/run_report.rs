@@ -78,7 +78,7 @@ impl InputReport {
     pub(super) fn new(path: &Path, source: &MeshSource, bounds: Bounds) -> Self {
         InputReport {
             path: path.display().to_string(),
-            bytes: source.file_bytes(),
+            bytes: source.given_bytes(),
             vertices: source.n_vertices(),
             triangles: source.n_triangles(),
             bounds: bounds.into(),

@@ -105,6 +105,10 @@ impl Decoded {
         let mut reader = image::ImageReader::new(Cursor::new(bytes))
             .with_guessed_format()
             .map_err(|error| error.to_string())?;
+        // A TGA file has nothing at its beginning that tells it.
+        if reader.format().is_none() {
+            reader.set_format(image::ImageFormat::Tga);
+        }
         let mut limits = image::Limits::default();
         // The header was looked at before; a decoder that finds another size is stopped.
         limits.max_image_width = Some(size[0]);

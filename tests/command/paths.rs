@@ -239,6 +239,30 @@ fn no_two_paths_of_a_command_may_be_the_same_file() {
     expect(at, "measure in.ply in.ply --samples 1k", 0);
 }
 
+/// `--force` replaces files that stand for nothing; an image or the library of the input is a part of it.
+#[test]
+fn files_that_the_input_names_are_never_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    std::fs::write(at.join("a.mtl"), "newmtl m\nmap_Kd a.png\n").unwrap();
+    let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 1\nvt 0 0\nvt 1 0\nvt 0 1\nvt 1 1\nusemtl m\n\
+                f 1/1 2/2 3/3\nf 2/2 4/4 3/3\n";
+    std::fs::write(at.join("a.obj"), text).unwrap();
+    expect(at, "render a.obj -o a.png --size 8x8", 0);
+    let before = snapshot(at);
+    for command in [
+        "render a.obj -o a.png --size 8x8 --force",
+        "simplify a.obj a.png --format obj --ratio 50% --force",
+        "simplify a.obj a.mtl --format obj --ratio 50% --force",
+        "simplify a.obj a.png --format obj --ratio 50% --method cluster --drop-texture --force",
+        "convert a.obj a.mtl --format ply --force",
+    ] {
+        let said = expect(at, command, 2);
+        assert!(said.contains("of the input"), "{command}: {said}");
+        assert_eq!(snapshot(at), before, "{command}");
+    }
+}
+
 #[test]
 fn only_files_of_their_own_kind_are_replaced() {
     let folder = bench();

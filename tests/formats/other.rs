@@ -476,3 +476,57 @@ fn gltf_reads_what_we_write() -> AnyResult {
     }
     Ok(())
 }
+
+/// Programs that write while they scan leave 0 for the count of facets.
+#[test]
+fn binary_stl_without_a_count_has_the_facets_that_it_holds() -> AnyResult {
+    let folder = tempfile::tempdir()?;
+    bumpy(&folder.path().join("in.ply"), 8)?;
+    let path = folder.path().join("a.stl");
+    to(&folder.path().join("in.ply"), &path, "")?;
+    let whole = soup(&open(&path)?)?;
+    let mut bytes = std::fs::read(&path)?;
+    bytes[80..84].fill(0);
+    std::fs::write(&path, bytes)?;
+    assert_eq!(soup(&open(&path)?)?, whole);
+    Ok(())
+}
+
+#[test]
+fn obj_may_have_comments_at_the_end_of_lines() -> AnyResult {
+    let text = "v 0 0 0 # first\nv 1 0 0\nv 0 1 0 #third\nvt 0 0 # corner\nf 1 2 3 # face\n";
+    let plain = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    assert_eq!(soup(&staged("a.obj", text, false)?)?, soup(&staged("b.obj", plain, false)?)?);
+    Ok(())
+}
+
+/// Missing data of terrains: -3.4e38.
+#[test]
+fn coordinates_beyond_all_places_are_named_or_left_out() -> AnyResult {
+    let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+                element face 2\nproperty list uchar int vertex_indices\nend_header\n\
+                0 0 0\n1 0 0\n0 1 0\n1 1 -3.4028235e38\n3 0 1 2\n3 1 3 2\n";
+    let refused = staged("a.ply", text, false).and_then(|source| soup(&source));
+    let said = refused.err().ok_or("taken")?.to_string();
+    assert!(said.contains("row 3") && said.contains("beyond 1e30"), "{said}");
+    assert_eq!(soup(&staged("a.ply", text, true)?)?.len(), 1);
+    Ok(())
+}
+
+#[test]
+fn properties_without_a_place_are_named() -> AnyResult {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("in.ply");
+    std::fs::write(
+        &path,
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+         property float nx\nproperty float ny\nproperty float nz\nproperty float confidence\nproperty int id\n\
+         element face 1\nproperty list uchar int vertex_indices\nend_header\n\
+         0 0 0 0 0 1 0.5 7\n1 0 0 0 0 1 0.5 8\n0 1 0 0 0 1 0.5 9\n3 0 1 2\n",
+    )?;
+    for (name, lost) in [("a.glb", true), ("a.obj", true), ("a.stl", true), ("a.ply", false)] {
+        let notes = to(&path, &folder.path().join(name), "")?.notes.join("\n");
+        assert_eq!(notes.contains("confidence, id"), lost, "{name}: {notes}");
+    }
+    Ok(())
+}

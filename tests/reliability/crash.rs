@@ -145,7 +145,7 @@ fn bench_with((triangles, targets): Job, checkpoint_every: Duration) -> Bench {
 }
 
 impl Bench {
-    /// Tells if all outputs are there.
+    /// True if all outputs are there.
     fn output_is_absent_or_whole(&self, what: &str) -> bool {
         let is_there = |(output, reference): (&PathBuf, &Vec<u8>)| {
             let found = std::fs::read(output).ok();
@@ -212,6 +212,37 @@ fn a_death_between_any_two_changes_costs_nothing() {
                 bench.rerun(&what);
             }
         }
+    }
+}
+
+/// Within a bound all cells of the first round take the same ladder of costs, which comes from one of them: it must be known when that
+/// cell is done and its bytes are given back.
+#[test]
+fn a_death_in_a_bounded_round_costs_nothing() {
+    let folder = folder();
+    input(folder.path(), 6000);
+    let bound = stonecut::kernel::Bound { distance: 0.05, channel: None, patience: 1.0 };
+    let mut config = config(folder.path(), &[100]);
+    config.checkpoint_every = Duration::ZERO;
+    config.kernel.bound = Some(bound);
+    config.target = Target::MaxError(0.05);
+    let disk = Disk::for_crash_tests();
+    simplify(&disk, &config).unwrap();
+    let reference = std::fs::read(&config.output).unwrap();
+    let changes = disk.changes();
+    for k in 1..=changes {
+        std::fs::remove_file(&config.output).unwrap();
+        let disk = Disk::for_crash_tests();
+        disk.freeze_at(k);
+        let _ = simplify(&disk, &config);
+        disk.lose(PowerLoss::Nothing).unwrap();
+        // What a frozen run has left of its output is there already.
+        if !config.output.exists() {
+            let outcome = simplify(&Disk::for_crash_tests(), &config);
+            assert!(outcome.is_ok(), "death at change {k} of {changes}: {outcome:?}");
+        }
+        assert!(std::fs::read(&config.output).unwrap() == reference, "death at change {k}");
+        let _ = std::fs::remove_dir_all(&config.job_folder);
     }
 }
 

@@ -302,6 +302,29 @@ impl TexturePlan {
     }
 }
 
+impl Materials {
+    /// Refuses an output that would replace an image or a material library of the input, `--force` or not.
+    pub(crate) fn refuse_output(&self, output: &Path) -> Result<()> {
+        if is_stream(output) || !output.exists() {
+            return Ok(());
+        }
+        let output_file = real(output);
+        let image = self.images.iter().find(|image| match &image.data {
+            ImageData::File(path) => real(path) == output_file,
+            _ => false,
+        });
+        let what = match image {
+            Some(_) => "an image",
+            None if self.libraries.iter().any(|path| real(path) == output_file) => {
+                "the material library"
+            }
+            None => return Ok(()),
+        };
+        let shown = output.display();
+        Err(Error::Usage(format!("{shown} is {what} of the input; give OUTPUT another name")))
+    }
+}
+
 /// The mode for an output; refuses one that its kind cannot have.
 fn decided(request: &TextureRequest) -> Result<TextureMode> {
     let TextureRequest { output, kind, mode, .. } = *request;

@@ -57,7 +57,9 @@ impl Summary {
         let (mut lines, mut line) = (Lines::new(file), Vec::new());
         while lines.next(&mut line)? {
             let mut words = words(&line);
-            match words.next() {
+            let first = words.next();
+            let mut words = until_comment(words);
+            match first {
                 Some(b"v") => {
                     let vertex = vertex(words).map_err(|what| lines.bad(what))?;
                     summary.n_vertices += 1;
@@ -180,7 +182,9 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
     let mut row = Vec::new();
     while lines.next(&mut line)? {
         let mut words = words(&line);
-        match words.next() {
+        let first = words.next();
+        let words = until_comment(words);
+        match first {
             Some(b"v") => {
                 let vertex = vertex(words).map_err(|what| lines.bad(what))?;
                 if !options.read.skip_bad && vertex.position.iter().any(|v| !v.is_finite()) {
@@ -254,6 +258,13 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
     drop(vertices);
     out.append_file(&faces)?;
     Ok((out.finish(file.path())?, staged))
+}
+
+/// The words in front of a comment at the end of a line.
+fn until_comment<'a>(
+    words: impl Iterator<Item = &'a [u8]> + Clone,
+) -> impl Iterator<Item = &'a [u8]> + Clone {
+    words.take_while(|word| !word.starts_with(b"#"))
 }
 
 /// Puts the corners of an `f` line into `row`, after their count.

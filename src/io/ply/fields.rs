@@ -183,7 +183,15 @@ fn half_to_double(bits: u16) -> f64 {
     sign * magnitude
 }
 
-/// The first record in `records` whose position is not finite.
+/// Coordinates from here on are not places: programs for terrain write -3.4e38 where nothing was measured.
+const BEYOND: f32 = 1e30;
+
+/// True for a coordinate that is finite and not absurd.
+pub(crate) fn is_place(x: f64) -> bool {
+    x.abs() < f64::from(BEYOND)
+}
+
+/// The first record in `records` whose position is not finite, or absurdly far.
 pub(crate) fn first_not_finite(schema: &VertexSchema, records: &[u8]) -> Option<usize> {
     let record_bytes = schema.record_bytes();
     match schema.coordinate {
@@ -194,8 +202,10 @@ pub(crate) fn first_not_finite(schema: &VertexSchema, records: &[u8]) -> Option<
 }
 
 fn first_bad_float(bytes: &[u8]) -> Option<usize> {
-    const EXPONENT: u32 = 0x7f80_0000;
-    let bad = |b: &[u8]| u32::from_le_bytes(b.try_into().expect("4 bytes")) & EXPONENT == EXPONENT;
+    const SIGN: u32 = 1 << 31;
+    // Bits of floats without their sign are in the order of their values; infinity and NaN are last.
+    let bad =
+        |b: &[u8]| u32::from_le_bytes(b.try_into().expect("4 bytes")) & !SIGN >= BEYOND.to_bits();
     // Whole strides first, without an early exit, so that the compiler can use vectors.
     for (i, stride) in bytes.chunks(4096).enumerate() {
         if stride.chunks_exact(4).fold(false, |any, b| any | bad(b)) {
@@ -209,7 +219,7 @@ fn first_bad_float(bytes: &[u8]) -> Option<usize> {
 fn is_finite_f64(record: &[u8]) -> bool {
     record[..24]
         .chunks_exact(8)
-        .all(|b| f64::from_le_bytes(b.try_into().expect("8 bytes")).is_finite())
+        .all(|b| is_place(f64::from_le_bytes(b.try_into().expect("8 bytes"))))
 }
 
 /// The message for a coordinate that is not a number.
@@ -219,11 +229,15 @@ pub(crate) fn not_finite(
     place: impl std::fmt::Display,
     position: [f64; 3],
 ) -> Error {
-    let [x, y, z] = position;
+    let [x, y, z] = position.map(|x| if is_place(x) { x.to_string() } else { format!("{x:e}") });
+    let what = match position.iter().all(|x| x.is_finite()) {
+        true => "lies beyond 1e30, where nothing can be (a mark for missing data?)",
+        false => "is not finite",
+    };
     Error::bad_input(
         path,
         format!(
-            "element vertex, row {row}, {place}: the position ({x}, {y}, {z}) is not finite; \
+            "element vertex, row {row}, {place}: the position ({x}, {y}, {z}) {what}; \
              repair the file, or drop such vertices and their faces with --skip-bad"
         ),
     )

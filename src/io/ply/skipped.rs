@@ -4,6 +4,7 @@
 //! one; no face uses it, and it vanishes as unreferenced. Costs 8 KiB for every block of 65,536 vertices
 //! that has a bad one: at most a bit a vertex.
 
+use super::fields::is_place;
 use super::{BLOCK_ROWS, VertexBlock};
 use crate::mesh::record::VertexSchema;
 use std::collections::BTreeMap;
@@ -36,7 +37,7 @@ impl BadVertices {
     /// Notes the bad vertices of a block.
     pub fn collect(&mut self, block: &VertexBlock, schema: &VertexSchema) {
         for (i, record) in block.records.chunks_exact(schema.record_bytes()).enumerate() {
-            if schema.position(record).iter().all(|v| v.is_finite()) {
+            if schema.position(record).into_iter().all(is_place) {
                 if self.stand_in.is_none() {
                     self.stand_in = Some(record[..schema.position_bytes()].to_vec());
                 }

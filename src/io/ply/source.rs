@@ -65,6 +65,8 @@ pub struct MeshSource {
 /// Facts about an input that was turned into PLY before it was opened.
 #[derive(Debug, Default)]
 pub(crate) struct Staged {
+    /// Length of the file that was given, in bytes, packed if it was; `None` for a stream.
+    pub given_bytes: Option<u64>,
     /// Broken faces that were dropped on the way.
     pub bad_faces: u64,
     /// A texture that the PLY no longer mentions.
@@ -138,9 +140,19 @@ impl MeshSource {
         self.file.path()
     }
 
-    /// The file's length in bytes.
+    /// Length of what is read, in bytes: of the file, or of its unpacked copy.
     pub fn file_bytes(&self) -> u64 {
         self.file.len()
+    }
+
+    /// Length of the file that was given, in bytes; of a stream that of its unpacked copy.
+    pub fn given_bytes(&self) -> u64 {
+        self.staged.given_bytes.unwrap_or_else(|| self.file_bytes())
+    }
+
+    /// Notes the length of the file that was given.
+    pub(crate) fn set_given_bytes(&mut self, bytes: u64) {
+        self.staged.given_bytes = Some(bytes);
     }
 
     /// Encoding of the numbers in the body.
@@ -162,6 +174,11 @@ impl MeshSource {
     /// Materials of the faces, by the number that a face has.
     pub fn materials(&self) -> Option<&Arc<Materials>> {
         self.staged.materials.as_ref()
+    }
+
+    /// Refuses an output that would replace a file that the input names: an image or a material library.
+    pub fn refuse_output(&self, output: &Path) -> Result<()> {
+        self.materials().map_or(Ok(()), |materials| materials.refuse_output(output))
     }
 
     /// The text of the header's `obj_info` lines, in order.

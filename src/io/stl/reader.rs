@@ -31,8 +31,12 @@ pub(crate) fn read_binary(file: &RawFile, options: &StageOptions) -> Result<(Raw
     if file.read_at_most(&mut header, 0)? < header.len() {
         return Err(file.bad("the file is shorter than the header of an STL file (84 bytes)"));
     }
-    let promised = u64::from(u32::from_le_bytes([header[80], header[81], header[82], header[83]]));
     let held = (file.len() - HEADER_BYTES) / FACET_BYTES;
+    // Programs that write while they scan leave 0 for the count: then it is what there is.
+    let promised = match u32::from_le_bytes([header[80], header[81], header[82], header[83]]) {
+        0 => held,
+        n => u64::from(n),
+    };
     let mut staged = Staged::default();
     if held < promised {
         if !options.read.skip_bad {

@@ -8,7 +8,6 @@ use crate::kernel::options::Tight;
 use crate::kernel::simd::Simd;
 use crate::kernel::surface::Surface;
 use crate::kernel::vertex::GONE;
-use crate::mesh::bounds::Bounds;
 use crate::mesh::extremes::Extremes;
 use crate::mesh::vec3::{Vec3, triangle_distance_sq};
 use std::collections::HashSet;
@@ -44,8 +43,12 @@ const KEPT: f64 = 0.98;
 /// points of the original are known: all of it would add up what points the other way (docs/design/bound.md).
 const CARRIED: f32 = 0.6;
 
-/// Coordinates are rounded to `f32` about the centre of a surface whose longest side is at most 2,048 scaled units.
-const ROUNDING: f32 = 2048.0 * f32::EPSILON;
+/// Coordinates are rounded to `f32` about the centre, which moves distances there by at most this share of the largest of them; and
+/// of this many scaled units near the centre.
+const ROUNDING: f32 = 4.0 * f32::EPSILON;
+const LEAST_FAR: f32 = 64.0;
+/// Vertices whose middle coordinates are the centre, at most.
+const MOST_SAMPLES: usize = 4096;
 
 impl Tracker {
     /// Begins to watch a surface, in input units; `before` is for each vertex how far it is from the original, `extremes` are
@@ -66,14 +69,15 @@ impl Tracker {
         let mut margins: Vec<f32> = Vec::with_capacity(n_margins);
         let centre = middle(surface);
         let mut witness = |place: Vec3, before: f32, margin: Option<f64>| {
-            let local = |k: usize| ((place[k] - centre[k]) * surface.scale) as f32;
+            let at = [0, 1, 2].map(|k| ((place[k] - centre[k]) * surface.scale) as f32);
+            let far = at.iter().fold(LEAST_FAR, |far, x| far.max(x.abs()));
             let margin = (margin.unwrap_or(0.0) * surface.scale) as f32;
             if n_margins > 0 {
                 margins.push(margin);
             }
             Witness {
-                at: [local(0), local(1), local(2)],
-                before: before * surface.scale as f32 + margin,
+                at,
+                before: before * surface.scale as f32 + margin + ROUNDING * far,
                 longest: 0.0,
                 distance: 0.0,
                 owner: GONE,
@@ -108,7 +112,7 @@ impl Tracker {
         }
         let n = input.witnesses.len();
         let mut tracker = Tracker {
-            limit: ((KEPT * limit * surface.scale) as f32 - 2.0 * ROUNDING).max(0.0),
+            limit: (KEPT * limit * surface.scale) as f32,
             centre,
             scale: surface.scale,
             simd,
@@ -212,9 +216,16 @@ impl Tracker {
     }
 }
 
-/// The middle of the surface's box.
+/// The middle coordinates of a sample of the vertices: a few that lie far from all others do not move it.
 fn middle(surface: &Surface) -> Vec3 {
-    let mut bounds = Bounds::EMPTY;
-    surface.vertices.iter().for_each(|vertex| bounds.add(vertex.position));
-    bounds.or_origin().middle()
+    let step = surface.vertices.len().div_ceil(MOST_SAMPLES).max(1);
+    [0, 1, 2].map(|k| {
+        let sample = surface.vertices.iter().step_by(step);
+        let mut along: Vec<f64> = sample.map(|vertex| vertex.position[k]).collect();
+        let half = along.len() / 2;
+        match along.is_empty() {
+            true => 0.0,
+            false => *along.select_nth_unstable_by(half, f64::total_cmp).1,
+        }
+    })
 }

@@ -92,6 +92,8 @@ pub(crate) struct TopologyChanges {
     flat: u64,
     /// Pairs of boundary vertices that met.
     approached: u64,
+    /// Triangles that were turned over to agree with their neighbours.
+    pub(crate) turned: u64,
     /// Vertices that wait for a source to be taken apart.
     pub(super) missing: u64,
     may_mend: bool,
@@ -109,6 +111,7 @@ impl TopologyChanges {
             ("duplicate_triangles_removed", self.duplicates),
             ("degenerate_triangles_removed", self.flat),
             ("boundary_pairs_merged", self.approached),
+            ("triangles_turned", self.turned),
         ]
     }
 

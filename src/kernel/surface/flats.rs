@@ -26,6 +26,8 @@ const OFFSET_STEPS: f64 = 1024.0;
 const GUESSES: usize = 3;
 /// Times that a plane is fitted to what it holds.
 const REFINEMENTS: usize = 3;
+/// A triangle tells of a plane only if its longest edge is this many times what rounding explains.
+const LEAST_LENGTH: f64 = 32.0;
 /// A normal this near to an axis is the axis.
 const NEAR_AXIS: f64 = 1e-4;
 /// Planes at a smaller sine to each other meet nowhere for certain.
@@ -49,7 +51,7 @@ impl Plane {
     }
 }
 
-/// A triangle that is looked at.
+/// A triangle that is looked at; long enough to tell of a plane.
 struct Sample {
     corners: [Vec3; 3],
     /// Unit normal.
@@ -60,15 +62,16 @@ struct Sample {
 }
 
 impl Sample {
-    /// `None` for a triangle without area.
-    fn of(vertices: &[Vertex], t: &[u32; 3]) -> Option<Sample> {
+    /// `None` for a triangle without area, or one that rounding may have put into any plane.
+    fn of(vertices: &[Vertex], t: &[u32; 3], tolerance: f64) -> Option<Sample> {
         let corners = t.map(|v| vertices[v as usize].position);
         let (b, c) = (sub(corners[1], corners[0]), sub(corners[2], corners[0]));
         let n = cross(b, c);
         let length = length_sq(n).sqrt();
         let longest = length_sq(b).max(length_sq(c)).sqrt();
         let unit = scale(n, 1.0 / length);
-        (length > 0.0).then_some(Sample { corners, unit, area: 0.5 * length, longest })
+        let is_long = longest >= LEAST_LENGTH * tolerance;
+        (length > 0.0 && is_long).then_some(Sample { corners, unit, area: 0.5 * length, longest })
     }
 }
 
@@ -115,13 +118,14 @@ impl Flats {
         triangles: &[[u32; 3]],
         spacing: f64,
     ) -> Option<Box<Flats>> {
+        let tolerance = 2.0 * spacing;
         let step = triangles.len().div_ceil(MOST_SAMPLES).max(1);
         let alive = triangles.iter().filter(|t| t[0] != GONE).step_by(step);
-        let samples: Vec<Sample> = alive.filter_map(|t| Sample::of(vertices, t)).collect();
+        let samples: Vec<Sample> =
+            alive.filter_map(|t| Sample::of(vertices, t, tolerance)).collect();
         let first = samples.first()?.corners[0];
         let corners = samples.iter().flat_map(|sample| &sample.corners);
         let extent = corners.fold(0.0f64, |most, p| most.max(length_sq(sub(*p, first)))).sqrt();
-        let tolerance = 2.0 * spacing;
         if extent <= 0.0 || !extent.is_finite() || tolerance > extent / 1e4 {
             return None;
         }
@@ -163,6 +167,11 @@ impl Flats {
         }
         flats.assign(vertices, triangles);
         Some(Box::new(flats))
+    }
+
+    fn is_long(&self, [a, b, c]: [Vec3; 3]) -> bool {
+        let longest_sq = length_sq(sub(b, a)).max(length_sq(sub(c, a)));
+        longest_sq >= (LEAST_LENGTH * self.tolerance).powi(2)
     }
 
     fn holds(&self, plane: &Plane, sample: &Sample) -> bool {
@@ -219,6 +228,9 @@ impl Flats {
         self.masks.resize(vertices.len(), 0);
         for t in triangles.iter().filter(|t| t[0] != GONE) {
             let held = t.iter().fold(u32::MAX, |bits, &v| bits & near[v as usize]);
+            if held == 0 || !self.is_long(t.map(|v| vertices[v as usize].position)) {
+                continue;
+            }
             t.iter().for_each(|&v| self.masks[v as usize] |= held);
         }
     }
@@ -271,9 +283,12 @@ impl Flats {
         let near = 16.0 * self.tolerance + 1e-6 * reach;
         let kept = self.planes_of(mask).filter(|(_, plane)| plane.height(place).abs() <= near);
         let kept = kept.fold(0, |bits, (bit, _)| bits | bit);
+        // Planes that hardly differ may meet far away.
         let (kept, mut held) = match self.meeting(kept, place) {
-            Some(meeting) => (kept, add(place, meeting.nearest)),
-            None => (0, place),
+            Some(meeting) if length_sq(meeting.nearest) <= (near + reach) * (near + reach) => {
+                (kept, add(place, meeting.nearest))
+            }
+            _ => (0, place),
         };
         for (_, plane) in self.planes_of(kept) {
             if let Some(k) = plane.axis {

@@ -143,18 +143,24 @@ impl Tree {
             if is_below && !is_refined(node) && node.content.is_some() {
                 cut.tiles.push(number);
                 cut.triangles += node.triangles;
-                let deviation = match node.group {
-                    Some(group) => self.groups[group].deviation,
-                    None => node.leaf_deviation,
-                };
+                let finest = node.leaf_deviation + self.rounding();
+                let deviation = node.group.map_or(finest, |group| self.groups[group].deviation);
                 cut.deviation = cut.deviation.max(deviation);
                 let inside = allowed.inside.filter(|(bounds, _)| meets(&node.bounds, bounds));
                 let most = inside.map_or(allowed.outside, |(_, most)| most.min(allowed.outside));
-                cut.is_coarser |= node.group.is_none() && node.leaf_deviation > most;
+                // Who asks for 0 wants the finest that there is.
+                let finest = if most > 0.0 { finest } else { node.leaf_deviation };
+                cut.is_coarser |= node.group.is_none() && finest > most;
             }
         }
         cut.tiles.sort_by_key(|&tile| (std::cmp::Reverse(self.nodes[tile].level), tile));
         cut
+    }
+
+    /// Distance by which rounding to the lattice moves a vertex of the finest level, at most: half a step of the level above along
+    /// each axis, where groups meet.
+    fn rounding(&self) -> f64 {
+        3f64.sqrt() * self.step
     }
 
     /// The distances that groups have from the input, largest first.

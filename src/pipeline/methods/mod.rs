@@ -66,6 +66,7 @@ fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMet
     let started = Instant::now();
     let (marks, stage) = before_opening(config)?;
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
+        source.refuse_output(&config.textures_beside)?;
         check_labels(&source, &config.attributes.labels)?;
         if !config.drop_texture {
             source.require_no_texture()?;
@@ -252,7 +253,7 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
         method: config.method.name().to_owned(),
         input: InputReport {
             path: config.input.display().to_string(),
-            bytes: source.file_bytes(),
+            bytes: source.given_bytes(),
             vertices: source.n_vertices(),
             triangles: source.n_triangles(),
             bounds: made.bounds.into(),

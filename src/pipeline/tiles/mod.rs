@@ -143,7 +143,7 @@ fn run(
             &config.input,
             "no triangle has three different corners: there is nothing to cut into tiles",
         )),
-        _ => Ok(cut),
+        _ => stages.check_step(&cut.0.store, &cut.1.lattice).map(|()| cut),
     });
     let (partition, grid) = match cut {
         Ok(cut) => cut,

@@ -5,6 +5,7 @@ use super::plan::{Hidden, too_little};
 use crate::error::{Error, Result};
 use crate::kernel;
 use crate::measure::step;
+use crate::mesh::vec3::{length_sq, sub};
 use crate::pipeline::sealed_stages::SealedStages;
 use crate::stages::partition::Partition;
 use crate::stages::simplify::{Beside, Goal, channel_lengths, simplify_cells_beside, work_bytes};
@@ -12,8 +13,8 @@ use crate::stages::stitch::{self, NewCells, within_reach};
 use crate::stages::tiles::{self, TileRound};
 use crate::store::cell_id::CellId;
 use crate::store::cells::{
-    BoxKey, CellStore, Dropped, GroupGrid, GroupRecord, StoreInfo, SurvivorInfo, SurvivorPack,
-    TileRecord, VertexLayout,
+    BoxKey, CellStore, Dropped, GroupGrid, GroupRecord, Lattice, StoreInfo, SurvivorInfo,
+    SurvivorPack, TileRecord, VertexLayout,
 };
 use crate::store::stage_context::StageContext;
 use crate::system::memory::BASE_BYTES;
@@ -24,6 +25,19 @@ const LAST: u64 = 8;
 
 /// The bound of a round's step exceeds the largest distance that was found by at most this factor.
 const SLACK: f64 = 1.25;
+
+/// Places may be rounded to this share of the mean edge, at most; as a rule a step is a hundredth of it.
+const COARSEST_STEP: f64 = 0.5;
+
+/// Mean length of the edges in the largest cell.
+fn mean_edge(store: &CellStore) -> Result<f64> {
+    let triangles = |cell: &CellId| (store.info().cells[*cell].triangles, *cell);
+    let Some(cell) = CellId::first(store.n_cells()).max_by_key(triangles) else { return Ok(0.0) };
+    let mesh = store.load(cell)?.mesh;
+    let ends = mesh.triangles.iter().map(|t| [t[0], t[1]].map(|v| mesh.positions[v as usize]));
+    let sum: f64 = ends.map(|[a, b]| length_sq(sub(a, b)).sqrt()).sum();
+    Ok(sum / mesh.triangles.len().max(1) as f64)
+}
 
 /// The steps of one run: each is sealed in the job, timed and reported.
 pub(super) struct Stages<'a> {
@@ -157,6 +171,20 @@ impl Stages<'_> {
             groups = next;
             parts = Some(next_parts);
         }
+    }
+
+    /// Fails where places in tiles would be coarser than the mesh: a few pieces far from all others make the boxes wide.
+    pub(super) fn check_step(&self, info: &StoreInfo, lattice: &Lattice) -> Result<()> {
+        let edge = self.run.job.sealed("mean edge", || mean_edge(&self.store(info.clone())?))?;
+        if lattice.step <= COARSEST_STEP * edge {
+            return Ok(());
+        }
+        let what = format!(
+            "positions in tiles would be rounded to {:.3e}, its edges are {edge:.3e} long: some of its parts lie too far from the others. \
+             Remove those first (stonecut simplify --min-component 100 --ratio 100%), or give a smaller --tile-triangles; nothing was written",
+            lattice.step
+        );
+        Err(Error::bad_input(&self.config.input, what))
     }
 
     fn survivors(&self, info: SurvivorInfo) -> Result<SurvivorPack> {

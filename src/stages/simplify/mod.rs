@@ -98,7 +98,11 @@ pub fn simplify_cells_within_bound(
     let is_last = options.bound.is_none_or(|bound| bound.patience >= 1.0);
     let stop = match is_last {
         true => Stop::Triangles(0),
-        false => Stop::Costs(pilot::whole_ladder(store)?),
+        // Sealed: a run that continues this round may find the cell that it comes from done and its bytes given back.
+        false => Stop::Costs(
+            run.job
+                .sealed(&format!("round {} ladder", goal.round), || pilot::whole_ladder(store))?,
+        ),
     };
     run_cells(store, goal, run, |_, cell| drain(cell, stop.clone(), options, store))
 }

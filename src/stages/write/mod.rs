@@ -173,9 +173,7 @@ pub fn write(
         }
         run.progress.add(info.cells[cell].triangles.div_ceil(2));
     }
-    if let Some(loss) = writer.loss() {
-        run.progress.note(loss);
-    }
+    writer.losses().into_iter().for_each(|loss| run.progress.note(loss));
     Ok(Written { vertices: n_vertices, triangles: info.triangles, bytes: writer.finish()? })
 }
 
