@@ -324,6 +324,7 @@ impl Used {
             sink.write_faces(&block.triangles)?;
         }
         progress.check()?;
+        done.notes.extend(sink.losses());
         done.n_bytes = sink.finish()?;
         Ok(())
     }

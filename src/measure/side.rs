@@ -116,7 +116,12 @@ impl SideSums {
     }
 
     /// Adds the distance of a sample; `near` says whether it lies in the region, if there is one.
+    /// Distances that rounding of the coordinates explains are 0.
     pub fn add_sample(&mut self, point: [f64; 3], distance_sq: f64, near: Option<bool>) {
+        let largest = point.iter().fold(0.0f64, |most, x| most.max(x.abs()));
+        let rounding = 4.0 * f64::EPSILON * largest;
+        let is_rounding = distance_sq <= rounding * rounding;
+        let distance_sq = if is_rounding { 0.0 } else { distance_sq };
         self.distances.add_sq(distance_sq);
         self.offer_worst(point, distance_sq);
         if let (Some([inside, outside]), Some(near)) = (&mut self.near, near) {

@@ -286,7 +286,8 @@ fn broken_inputs_are_errors_or_dropped_and_never_a_panic() {
             3,
             "bad faces",
         ),
-        (head(3, 1) + "-3e38 0 0\n3e38 0 0\n0 3e38 0\n3 0 1 2\n", "", 0, "1 triangles"),
+        (head(3, 1) + "-3e29 0 0\n3e29 0 0\n0 3e29 0\n3 0 1 2\n", "", 0, "1 triangles"),
+        (head(3, 1) + "-3e38 0 0\n3e38 0 0\n0 3e38 0\n3 0 1 2\n", "", 4, "beyond 1e30"),
         (head(3, 1) + "0 0 0\n1e-30 0 0\n0 1e-30 0\n3 0 1 2\n", "", 0, "1 triangles"),
     ];
     for (mesh, options, code, said) in cases {
