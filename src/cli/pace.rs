@@ -37,7 +37,9 @@ const HEAD_START: f64 = 0.05;
 pub struct Pace {
     started: Instant,
     stage: Stage,
+    /// The last look at the stage before: it began after that.
     stage_started: Instant,
+    looked_at: Instant,
     /// Since when the stage counts in its present units.
     part_started: Instant,
     /// Weighted triangles of stages that are over.
@@ -70,6 +72,7 @@ impl Default for Pace {
             started: now,
             stage: Stage::default(),
             stage_started: now,
+            looked_at: now,
             part_started: now,
             weight_done: 0.0,
             fraction: 0.0,
@@ -83,8 +86,9 @@ impl Pace {
         let is_new = stage.number != self.stage.number;
         if is_new {
             self.weight_done += self.stage.total as f64 * weight(self.stage.name);
-            self.stage_started = Instant::now();
+            self.stage_started = self.looked_at;
         }
+        self.looked_at = Instant::now();
         if is_new || stage.total != self.stage.total {
             self.part_started = Instant::now();
         }
