@@ -3,7 +3,7 @@
 use super::arguments::{memory_budget, parse_length, parse_memory};
 use super::display::watch;
 use super::log::{EXIT_SHORT, Log, Talk};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::io::OutputFormat;
 use crate::pipeline::extract::{ExtractConfig, Wanted, extract};
 use crate::system::paths::{Paths, Role};
@@ -28,10 +28,10 @@ pub struct Args {
     /// Number of triangles.
     #[arg(long, value_name = "N", value_parser = parse_wanted)]
     triangles: Option<u64>,
-    /// A box, in units of the mesh, that is finer or coarser; --triangles leaves its content alone.
+    /// A box, in units of the mesh, that is finer than the rest; --triangles leaves its content alone.
     #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = parse_box, allow_hyphen_values = true, requires = "max_error_inside")]
     inside: Option<Corners>,
-    /// Largest distance from the mesh in that box.
+    /// Largest distance from the mesh in that box, at most --max-error.
     #[arg(long, value_name = "E", value_parser = parse_length, requires = "inside")]
     max_error_inside: Option<f64>,
     /// Words joined by commas: ascii, binary_little_endian or binary_big_endian; float or double coordinates; int or
@@ -104,6 +104,13 @@ impl Args {
 /// Runs the command and gives its exit code.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
     let config = args.config();
+    if let (Wanted::MaxError(outside), Some((_, inside))) = (config.wanted, config.inside)
+        && inside > outside
+    {
+        return Err(Error::Usage(format!(
+            "--max-error-inside {inside} is above --max-error {outside}: the box can only be finer than the rest"
+        )));
+    }
     super::arguments::warn_of_limit(args.memory, log);
     let done = watch(talk, progress, log, || extract(&config, progress))?;
     log.say(format!(

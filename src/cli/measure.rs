@@ -31,7 +31,7 @@ pub struct Args {
     /// The simplified mesh
     simplified: PathBuf,
     /// Samples on each surface
-    #[arg(long, value_name = "N", default_value = "1M", value_parser = units::parse_count)]
+    #[arg(long, value_name = "N", default_value = "1M", value_parser = parse_samples)]
     samples: u64,
     /// Chooses among equally good sets of samples
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -88,6 +88,13 @@ pub struct Args {
     /// Writes the pictures into a folder, both of a view side by side
     #[arg(long, value_name = "DIR", requires = "appearance")]
     pictures: Option<PathBuf>,
+}
+
+fn parse_samples(text: &str) -> std::result::Result<u64, String> {
+    match units::parse_count(text)? {
+        0 => Err("at least one sample is needed".to_owned()),
+        n => Ok(n),
+    }
 }
 
 /// A tolerance from a percentage or a share.

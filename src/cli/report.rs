@@ -81,6 +81,14 @@ fn read(path: &Path) -> Result<Value> {
     open_input(path)?
         .read_to_string(&mut text)
         .map_err(|e| Error::bad_input(path, format!("not a JSON report: {e}")))?;
-    serde_json::from_str(&text)
-        .map_err(|e| Error::bad_input(path, format!("not a JSON report: {e}")))
+    let report: Value = serde_json::from_str(&text)
+        .map_err(|e| Error::bad_input(path, format!("not a JSON report: {e}")))?;
+    let is_report = ["input", "original"].iter().any(|key| report.get(key).is_some());
+    match is_report {
+        true => Ok(report),
+        false => Err(Error::bad_input(
+            path,
+            "not a report: it names neither an input nor an original; give what simplify or measure wrote with --report",
+        )),
+    }
 }

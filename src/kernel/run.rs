@@ -18,6 +18,7 @@ use crate::kernel::state::MeshState;
 use crate::kernel::state::validate::validate;
 use crate::kernel::statistics::{Simplified, Statistics};
 use crate::mesh::Mesh;
+use crate::mesh::orient::orient;
 
 /// Simplifies a mesh by edge collapse; vertices with `locked[v]` stay exactly where they are.
 ///
@@ -49,7 +50,9 @@ pub(crate) fn start(
     assert!(n_triangles as u64 <= MAX_TRIANGLES, "{n_triangles} triangles are too many at once");
     assert!(n as u64 <= MAX_VERTICES, "{n} vertices are too many at once");
     assert!(locked.len() == n && mesh.channels.len() == n * mesh.n_channels, "lengths agree");
-    let n_turned = repair::orient::orient(&mut mesh);
+    // What rides with the triangles of later rounds has a side.
+    let is_first = mesh.relief.is_empty() && mesh.extremes.is_empty();
+    let n_turned = if is_first { orient(&mut mesh.triangles, n) } else { 0 };
     let scales = (&options.weights[..], &options.confined[..]);
     let (mut state, may_be_flat, original) = MeshState::new(mesh, locked, scales, simd);
     state.surface.placement = options.placement;

@@ -310,9 +310,9 @@ fn run(
         .unwrap_or(0);
     if largest > memory_bytes {
         return Err(Error::NoMemory(format!(
-            "the budget of {} does not hold the largest cell, which needs {}; give more --memory",
+            "the budget of {} does not hold the largest cell, which needs {} in all; give more --memory or a smaller --cell-triangles",
             show_bytes(request.memory_bytes),
-            show_bytes(largest)
+            show_bytes(largest + BASE_BYTES)
         )));
     }
     let measured = measure::two_sided_parts(original, simplified, options, memory_bytes, progress)?;

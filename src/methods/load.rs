@@ -2,6 +2,8 @@
 
 use crate::error::Result;
 use crate::io::ply::{FaceBlock, MeshSource, VertexBlock};
+use crate::mesh::duplicate_triangles::drop_repeats;
+use crate::mesh::orient::orient;
 use crate::mesh::vec3::Vec3;
 use crate::system::progress::Progress;
 use std::collections::BTreeMap;
@@ -13,7 +15,8 @@ pub(super) struct Loaded {
     pub(super) faults: BTreeMap<String, u64>,
 }
 
-/// Reads all vertices and triangles; these must be few enough for 32-bit numbers.
+/// Reads all vertices and triangles; these must be few enough for 32-bit numbers. Repeated triangles are dropped, and those that
+/// disagree with most of their component turned over.
 pub(super) fn load(source: &MeshSource, progress: &Progress) -> Result<Loaded> {
     let mut positions = Vec::with_capacity(source.n_vertices() as usize);
     for_records(source, progress, |_, record| positions.push(source.schema().position(record)))?;
@@ -27,8 +30,11 @@ pub(super) fn load(source: &MeshSource, progress: &Progress) -> Result<Loaded> {
         n_degenerate += block.n_degenerate;
         n_bad += block.n_bad;
     }
+    let n_repeats = drop_repeats(&mut triangles);
+    orient(&mut triangles, positions.len());
     let faults = BTreeMap::from([
         ("degenerate_faces".to_owned(), n_degenerate),
+        ("duplicate_faces".to_owned(), n_repeats),
         ("bad_faces".to_owned(), n_bad),
     ]);
     Ok(Loaded { positions, triangles, faults })

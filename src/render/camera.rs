@@ -112,6 +112,15 @@ impl Extent {
     }
 }
 
+/// The axis that a direction is nearest to.
+pub(super) fn nearest_axis(direction: Vec3) -> Vec3 {
+    let size = direction.map(f64::abs);
+    let largest = (0..3).fold(0, |best, k| if size[k] > size[best] { k } else { best });
+    let mut axis = [0.0; 3];
+    axis[largest] = if direction[largest] < 0.0 { -1.0 } else { 1.0 };
+    axis
+}
+
 /// A perspective view. Lengths in the picture are samples (pixels times the supersampling).
 #[derive(Clone, Debug)]
 pub(super) struct Camera {

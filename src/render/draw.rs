@@ -1,6 +1,6 @@
 //! From a scene and a view to samples: aims the camera, fetches vertices, draws faces as they stream by.
 
-use super::camera::{Camera, Extent, Silhouette};
+use super::camera::{Camera, Extent, Silhouette, nearest_axis};
 use super::frames::{FRAME_BYTES, Frames, MOST_TRIANGLES};
 use super::picture::Picture;
 use super::quadrics::Facet;
@@ -294,7 +294,11 @@ pub(super) fn aim(
     let size = [view.width as usize * per_pixel, view.height as usize * per_pixel];
     let threads = resources.threads;
     let extent = extent(scene, threads, progress)?;
-    let (up, natural) = extent.natural_view();
+    let (mut up, natural) = extent.natural_view();
+    if let Direction::From(_) = view.direction {
+        // Who names a direction thinks in axes; a flat thing that leans a little would roll the picture.
+        up = nearest_axis(up);
+    }
     let direction = match (view.direction, &view.zoom) {
         (Direction::From(direction), _) => direction,
         (Direction::Auto, Some(sphere)) => {

@@ -2,8 +2,9 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, rms, run};
+use crate::common::{check, count, expect, rms, run, write_ply};
 use std::path::Path;
+use stonecut::mesh::property::Scalar;
 
 fn report(folder: &Path) -> serde_json::Value {
     serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap()
@@ -445,4 +446,48 @@ fn methods_are_compared_on_one_page() {
         expect(at, "compare decimate,cluster in.ply --ratio 5% -o other.html --memory 1MiB", 6);
     assert!(said.contains("--method decimate") && !at.join("other.html").exists(), "{said}");
     assert_eq!(std::fs::read_dir(at).unwrap().count(), 2);
+}
+
+/// A wavy sheet with a part of it twice, the same way round or turned over, or all of it twice.
+#[test]
+fn faces_that_are_there_twice_are_dropped_by_every_method() {
+    let n = 40u32;
+    let place = |i: u32| {
+        let (x, y) = (f64::from(i % n) / 39.0, f64::from(i / n) / 39.0);
+        [x, y, 0.1 * (6.0 * x).sin() * (5.0 * y).cos()]
+    };
+    let positions: Vec<[f64; 3]> = (0..n * n).map(place).collect();
+    let squares = (0..n * n).filter(|v| v % n + 1 < n && v / n + 1 < n);
+    let clean: Vec<[u32; 3]> =
+        squares.flat_map(|v| [[v, v + 1, v + n + 1], [v, v + n + 1, v + n]]).collect();
+    let part: Vec<[u32; 3]> = clean.iter().copied().skip(1000).take(300).collect();
+    let back = |t: &[u32; 3]| [t[0], t[2], t[1]];
+    let doubled = [
+        ("same", part.clone()),
+        ("turned", part.iter().map(back).collect()),
+        ("two-sided", clean.iter().map(back).collect::<Vec<_>>()),
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    write_ply(&at.join("clean.ply"), Scalar::F64, &positions, &clean);
+    for (name, more) in doubled {
+        let all: Vec<[u32; 3]> = clean.iter().chain(&more).copied().collect();
+        write_ply(&at.join("in.ply"), Scalar::F64, &positions, &all);
+        for method in ["collapse", "decimate", "retile"] {
+            let simplify = "out.ply --triangles 600 --force --report r.json";
+            expect(at, &format!("simplify in.ply {simplify} --method {method}"), 0);
+            let report = report(at);
+            let n_dropped = report["input"]["faults"]["duplicate_faces"].as_u64();
+            assert_eq!(n_dropped, Some(more.len() as u64), "{method}, {name}: {report}");
+            let n_left = report["output"]["triangles"].as_u64().unwrap();
+            assert!((540..=600).contains(&n_left), "{method}, {name}: {n_left}");
+            let to = format!("{method}-{name}.json");
+            expect(at, &format!("measure clean.ply out.ply --samples 20k --report {to}"), 0);
+            let measured: serde_json::Value =
+                serde_json::from_slice(&std::fs::read(at.join(to)).unwrap()).unwrap();
+            let side = |side: &str| measured[side]["max"].as_f64().unwrap();
+            let most = side("forward").max(side("backward"));
+            assert!(most < 0.03, "{method}, {name}: {most} away");
+        }
+    }
 }

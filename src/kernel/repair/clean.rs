@@ -11,7 +11,6 @@
 //! Costs next to nothing where there is nothing to clean: repeats are looked for around non-manifold vertices
 //! only, and building the surface notes the triangles that may be without area.
 
-use crate::kernel::repair::duplicate_triangles::{Repeats, flaps, from_least};
 use crate::kernel::simd::Simd;
 use crate::kernel::state::MeshState;
 use crate::kernel::state::recompute::recompute_vertices;
@@ -20,6 +19,7 @@ use crate::kernel::surface::fan::Fan;
 use crate::kernel::surface::{MAX_VALENCE, Surface};
 use crate::kernel::vertex::GONE;
 use crate::mesh::corners::others;
+use crate::mesh::duplicate_triangles::{Repeats, flaps, from_least};
 use crate::mesh::vec3::{dot, length_sq, normal, sub};
 
 /// Counts of a cleaning.

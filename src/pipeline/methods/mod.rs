@@ -229,7 +229,7 @@ fn nothing_left(config: &Config, made: &Made) -> Error {
             "no triangle has its corners in three cells of {size}; ask for more triangles, or give a smaller --grid; \
              nothing was written"
         ),
-        None => "no face has three different corners; nothing was written".to_owned(),
+        None => "no triangle is left; nothing was written".to_owned(),
     };
     Error::Empty { path: config.output.clone(), what }
 }

@@ -32,7 +32,7 @@ impl CellMesh {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Dropped {
     /// Triangles with the same three corners as an earlier one; if turned over, only those that belong to no
-    /// separate sheet (`kernel::repair::duplicate_triangles`).
+    /// separate sheet (`mesh::duplicate_triangles`).
     pub duplicate_faces: u64,
     /// Vertices that no triangle of any cell uses.
     pub unreferenced_vertices: u64,

@@ -4,7 +4,7 @@
 //! corners always meet in one cell, and each cell can be tidied by itself. Later rounds have nothing to tidy.
 
 use super::cell_mesh::{CellMesh, Dropped};
-use crate::kernel::repair::duplicate_triangles::{Repeats, flaps, from_least};
+use crate::mesh::duplicate_triangles::{Repeats, flaps, from_least, is_two_sided};
 
 impl CellMesh {
     /// Brings the triangles into the order of their lowest vertex id; those that share it keep their order.
@@ -80,7 +80,10 @@ impl CellMesh {
         }
         let Repeats { same: mut repeats, reversed } = found;
         repeats.sort_unstable();
-        if !reversed.is_empty() {
+        if is_two_sided(reversed.len(), triangles.len() - repeats.len()) {
+            repeats.extend(reversed);
+            repeats.sort_unstable();
+        } else if !reversed.is_empty() {
             self.add_flaps(&reversed, &mut repeats);
         }
         let (mut next, mut at) = (repeats.iter().peekable(), 0);

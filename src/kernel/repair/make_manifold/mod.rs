@@ -17,12 +17,12 @@ mod vertices;
 pub(crate) use vertices::Mended;
 
 use crate::kernel::options::MAX_VERTICES;
-use crate::kernel::repair::duplicate_triangles::{Repeats, from_least};
 use crate::kernel::simd::Simd;
 use crate::kernel::state::MeshState;
 use crate::kernel::surface::Surface;
 use crate::kernel::surface::class::Class;
 use crate::kernel::vertex::GONE;
+use crate::mesh::duplicate_triangles::{Repeats, from_least};
 use crate::mesh::union_find::Union;
 use half_edges::{PairingState, Patch};
 use places::{NONE, Places};

@@ -2,8 +2,8 @@
 //!
 //! A triangle over the three vertices of another, turned over, may be a flap in a sheet, or belong to a
 //! second sheet that touches the first one there. The edges tell: a sheet brings neighbours that run
-//! against it, a flap has none left. It looks at indices only, and is used by the kernel and for cells that
-//! were just partitioned.
+//! against it, a flap has none left. It looks at indices only, and is used by the kernel, for cells that
+//! were just partitioned, and for meshes that other methods read.
 
 use std::collections::BTreeMap;
 
@@ -77,6 +77,54 @@ pub(crate) fn flaps(
             return is_flap;
         }
     }
+}
+
+/// True if so much of a mesh is there twice, turned over, that it is a sheet whose faces were written for both sides: those that
+/// are turned over tell nothing, and with them every edge has four triangles and no collapse is legal.
+pub(crate) fn is_two_sided(n_reversed: usize, n_triangles: usize) -> bool {
+    2 * n_reversed as u64 * 10 >= 8 * n_triangles as u64 && n_reversed >= LEAST_TWO_SIDED
+}
+
+/// A closed body of fewer pairs may be flat.
+const LEAST_TWO_SIDED: usize = 16;
+
+/// Drops the triangles that repeat another one, turned over or not; the first stays. Returns their number.
+///
+/// One that is turned over and belongs to a second sheet stays, unless the whole mesh is two-sided. Memory while it runs: 20 bytes a
+/// triangle.
+pub(crate) fn drop_repeats(triangles: &mut Vec<[u32; 3]>) -> u64 {
+    let mut keys: Vec<([u32; 3], u32)> = (0u32..)
+        .zip(&*triangles)
+        .map(|(i, t)| {
+            let mut corners = *t;
+            corners.sort_unstable();
+            (corners, i)
+        })
+        .collect();
+    keys.sort_unstable();
+    let mut found = Repeats::default();
+    found.add(&keys, |i| from_least(triangles[i as usize]));
+    drop(keys);
+    let Repeats { same: mut repeats, reversed } = found;
+    repeats.sort_unstable();
+    if is_two_sided(reversed.len(), triangles.len() - repeats.len()) {
+        repeats.extend(reversed);
+    } else if !reversed.is_empty() {
+        let turned: Vec<[u32; 3]> = reversed.iter().map(|&i| triangles[i as usize]).collect();
+        let all = (0u32..).zip(&*triangles).filter(|(i, _)| repeats.binary_search(i).is_err());
+        let is_flap = flaps(&turned, all.map(|(_, t)| *t), |_| true);
+        let flaps = reversed.iter().zip(is_flap).filter(|(_, flap)| *flap);
+        let flaps: Vec<u32> = flaps.map(|(&i, _)| i).collect();
+        repeats.extend(flaps);
+    }
+    repeats.sort_unstable();
+    let (mut next, mut at) = (repeats.iter().peekable(), 0);
+    triangles.retain(|_| {
+        let is_repeat = next.next_if(|&&repeat| repeat == at).is_some();
+        at += 1;
+        !is_repeat
+    });
+    repeats.len() as u64
 }
 
 /// A triangle with its least corner first, in its sense of rotation.

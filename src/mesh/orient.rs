@@ -1,10 +1,7 @@
 //! Turns triangles over that disagree with their neighbours, where most of a component agrees.
 //!
 //! Some programs write faces of either sense of rotation. Where two neighbours run the same way along their edge, no collapse
-//! around it is legal and no edge can be mended. Changes no place and no edge, only senses of rotation; in the first round only, since
-//! what rides with the triangles of later ones has a side.
-
-use crate::mesh::Mesh;
+//! around it is legal and no edge can be mended. Changes no place and no edge, only senses of rotation.
 
 /// One vertex in this many is looked at to see if anything has to be done.
 const LOOKED_AT: u32 = 8;
@@ -13,19 +10,19 @@ const LOOKED_AT: u32 = 8;
 ///
 /// Edges of more than two triangles do not connect. A component that cannot be turned right as a whole is left unless fewer edges
 /// disagree afterwards. Memory: 68 bytes a triangle where something is found, else one a vertex.
-pub(crate) fn orient(mesh: &mut Mesh) -> u64 {
-    if !mesh.relief.is_empty() || !mesh.extremes.is_empty() || !disagrees(mesh) {
+pub(crate) fn orient(triangles: &mut [[u32; 3]], n_vertices: usize) -> u64 {
+    if !disagrees(triangles, n_vertices) {
         return 0;
     }
-    let pairs = pairs(&mesh.triangles);
-    let mut first = vec![0u32; mesh.triangles.len() + 1];
+    let pairs = pairs(triangles);
+    let mut first = vec![0u32; triangles.len() + 1];
     pairs.iter().for_each(|pair| first[pair.0 as usize + 1] += 1);
     (1..first.len()).for_each(|t| first[t] += first[t - 1]);
     let of = |t: u32| &pairs[first[t as usize] as usize..first[t as usize + 1] as usize];
-    let mut is_turned: Vec<Option<bool>> = vec![None; mesh.triangles.len()];
+    let mut is_turned: Vec<Option<bool>> = vec![None; triangles.len()];
     let mut component = Vec::new();
     let mut n_turned = 0;
-    for seed in 0..mesh.triangles.len() as u32 {
+    for seed in 0..triangles.len() as u32 {
         if is_turned[seed as usize].is_some() {
             continue;
         }
@@ -56,7 +53,7 @@ pub(crate) fn orient(mesh: &mut Mesh) -> u64 {
         }
         for &t in &component {
             if (is_turned[t as usize] == Some(true)) == is_minority {
-                mesh.triangles[t as usize].swap(1, 2);
+                triangles[t as usize].swap(1, 2);
                 n_turned += 1;
             }
         }
@@ -67,11 +64,11 @@ pub(crate) fn orient(mesh: &mut Mesh) -> u64 {
 /// True if neighbours run the same way along an edge at one of the vertices that are looked at.
 ///
 /// Around an inner vertex every neighbour follows once and precedes once.
-fn disagrees(mesh: &Mesh) -> bool {
-    let n = mesh.positions.len().div_ceil(LOOKED_AT as usize);
+fn disagrees(triangles: &[[u32; 3]], n_vertices: usize) -> bool {
+    let n = n_vertices.div_ceil(LOOKED_AT as usize);
     // All neighbours, each twice around an inner vertex; those that follow minus those that precede.
     let mut around = vec![(0u32, 0u32); n];
-    for &[a, b, c] in &mesh.triangles {
+    for &[a, b, c] in triangles {
         for (v, after, before) in [(a, b, c), (b, c, a), (c, a, b)] {
             if v % LOOKED_AT == 0 {
                 let (all, sum) = &mut around[(v / LOOKED_AT) as usize];
@@ -106,6 +103,7 @@ fn pairs(triangles: &[[u32; 3]]) -> Vec<(u32, u32, bool)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::mesh::Mesh;
 
     /// A closed ball of 2 n (n - 1) triangles.
     fn ball(n: u32) -> Mesh {
@@ -134,12 +132,12 @@ mod tests {
     #[test]
     fn the_fewer_are_turned() {
         let right = ball(24);
-        assert_eq!(orient(&mut right.clone()), 0);
+        assert_eq!(orient(&mut right.triangles.clone(), right.positions.len()), 0);
         for (every, n_turned) in [(7, None), (1, Some(0))] {
             let mut mesh = right.clone();
             mesh.triangles.iter_mut().step_by(every).for_each(|t| t.swap(1, 2));
             let all_over = mesh.triangles.clone();
-            let n = orient(&mut mesh);
+            let n = orient(&mut mesh.triangles, mesh.positions.len());
             assert_eq!(n, n_turned.unwrap_or(right.triangles.len().div_ceil(7) as u64));
             let expected = if every == 1 { &all_over } else { &right.triangles };
             assert_eq!(&mesh.triangles, expected);
@@ -158,7 +156,7 @@ mod tests {
         });
         let band = Mesh::new((0..2 * n).map(place).collect(), squares.collect());
         let mut mesh = band.clone();
-        assert_eq!(orient(&mut mesh), 0);
+        assert_eq!(orient(&mut mesh.triangles, mesh.positions.len()), 0);
         assert_eq!(mesh.triangles, band.triangles);
     }
 }
