@@ -79,7 +79,7 @@ pub(crate) fn flaps(
     }
 }
 
-/// True if so much of a mesh is there twice, turned over, that it is a sheet whose faces were written for both sides: those that
+/// True if four fifths of a mesh are there twice, turned over: a sheet whose faces were written for both sides. Those that
 /// are turned over tell nothing, and with them every edge has four triangles and no collapse is legal.
 pub(crate) fn is_two_sided(n_reversed: usize, n_triangles: usize) -> bool {
     2 * n_reversed as u64 * 10 >= 8 * n_triangles as u64 && n_reversed >= LEAST_TWO_SIDED
