@@ -183,12 +183,18 @@ fn half_to_double(bits: u16) -> f64 {
     sign * magnitude
 }
 
-/// Coordinates from here on are not places: programs for terrain write -3.4e38 where nothing was measured.
+/// Floats from here on are not places: programs for terrain write -3.4e38 where nothing was measured.
 const BEYOND: f32 = 1e30;
 
-/// True for a coordinate that is finite and not absurd.
-pub(crate) fn is_place(x: f64) -> bool {
-    x.abs() < f64::from(BEYOND)
+/// Doubles of any size are places, but for these marks.
+const MARKS: [f64; 2] = [f32::MAX as f64, f64::MAX];
+
+/// True for a coordinate of that type that is finite, and not a mark for missing data.
+pub(crate) fn is_place(coordinate: Scalar, x: f64) -> bool {
+    match coordinate {
+        Scalar::F64 => x.is_finite() && !MARKS.contains(&x.abs()),
+        _ => x.abs() < f64::from(BEYOND),
+    }
 }
 
 /// The first record in `records` whose position is not finite, or absurdly far.
@@ -219,7 +225,7 @@ fn first_bad_float(bytes: &[u8]) -> Option<usize> {
 fn is_finite_f64(record: &[u8]) -> bool {
     record[..24]
         .chunks_exact(8)
-        .all(|b| is_place(f64::from_le_bytes(b.try_into().expect("8 bytes"))))
+        .all(|b| is_place(Scalar::F64, f64::from_le_bytes(b.try_into().expect("8 bytes"))))
 }
 
 /// The message for a coordinate that is not a number.
@@ -229,9 +235,9 @@ pub(crate) fn not_finite(
     place: impl std::fmt::Display,
     position: [f64; 3],
 ) -> Error {
-    let [x, y, z] = position.map(|x| if is_place(x) { x.to_string() } else { format!("{x:e}") });
+    let [x, y, z] = position.map(|x| if x.abs() < 1e30 { x.to_string() } else { format!("{x:e}") });
     let what = match position.iter().all(|x| x.is_finite()) {
-        true => "lies beyond 1e30, where nothing can be (a mark for missing data?)",
+        true => "is not a place (beyond 1e30, a mark for missing data?)",
         false => "is not finite",
     };
     Error::bad_input(

@@ -37,7 +37,7 @@ impl BadVertices {
     /// Notes the bad vertices of a block.
     pub fn collect(&mut self, block: &VertexBlock, schema: &VertexSchema) {
         for (i, record) in block.records.chunks_exact(schema.record_bytes()).enumerate() {
-            if schema.position(record).into_iter().all(is_place) {
+            if schema.position(record).into_iter().all(|x| is_place(schema.coordinate, x)) {
                 if self.stand_in.is_none() {
                     self.stand_in = Some(record[..schema.position_bytes()].to_vec());
                 }
