@@ -145,3 +145,22 @@ fn libraries_that_name_themselves_end() {
     let said = expect(folder, "simplify self.obj self.glb --ratio 20%", 0);
     says_all(&said, &["1 materials are in no library"]);
 }
+
+/// A TGA file has nothing at its beginning that tells it.
+#[test]
+fn images_in_tga_are_decoded() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    // Uncompressed, 2 x 2, 24 bits: blue, green, red.
+    let mut image = vec![0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 2, 0, 2, 0, 24, 0];
+    image.extend([10u8, 20, 230].repeat(4));
+    std::fs::write(at.join("a.tga"), image).unwrap();
+    std::fs::write(at.join("a.mtl"), "newmtl m\nmap_Kd a.tga\n").unwrap();
+    let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
+    std::fs::write(at.join("a.obj"), text).unwrap();
+    let said = expect(at, "render a.obj -o p.png --size 32x32 --unlit", 0);
+    assert!(!said.contains("warning"), "{said}");
+    let picture = image::open(at.join("p.png")).unwrap().into_rgb8();
+    let is_red = |p: &image::Rgb<u8>| p.0[0] > 200 && p.0[1] < 60 && p.0[2] < 60;
+    assert!(picture.pixels().any(is_red), "no red pixel");
+}

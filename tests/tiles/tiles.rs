@@ -126,6 +126,29 @@ fn repeated_faces_are_dropped_and_counted() {
     }
 }
 
+/// One triangle a million times farther away than the mesh is wide: places in tiles would be coarser than its triangles.
+#[test]
+fn a_mesh_that_tiles_cannot_hold_is_refused_before_the_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let side = 30;
+    let place = |i: u32| [f64::from(i % side), f64::from(i / side), f64::from(i * i % 7) / 20.0];
+    let mut positions: Vec<[f64; 3]> = (0..side * side).map(place).collect();
+    let squares = (0..side * side).filter(|v| v % side + 1 < side && v / side + 1 < side);
+    let two = |v: u32| [[v, v + 1, v + side + 1], [v, v + side + 1, v + side]];
+    let mut triangles: Vec<[u32; 3]> = squares.flat_map(two).collect();
+    let n = positions.len() as u32;
+    triangles.push([n, n + 1, n + 2]);
+    positions.extend([[3e7, 0.0, 0.0], [3e7 + 8.0, 0.0, 0.0], [3e7, 8.0, 0.0]]);
+    write_ply(&at.join("in.ply"), Scalar::F64, &positions, &triangles);
+    let said = expect(at, "tiles in.ply out", 4);
+    assert!(said.contains("--min-component") && said.contains("rounded"), "{said}");
+    assert_eq!(std::fs::read_dir(at).unwrap().count(), 1, "nothing is left");
+    expect(at, "simplify in.ply near.ply --min-component 100 --ratio 100%", 0);
+    expect(at, "tiles near.ply out", 0);
+    assert_eq!(count(&check(at, "out"), "n_faults"), 0);
+}
+
 #[test]
 fn the_same_bytes_for_any_threads_and_memory() {
     let folder = statue("--threads 1 --memory 200MiB");
