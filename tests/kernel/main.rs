@@ -4,3 +4,4 @@ mod dirty;
 mod facing;
 mod property;
 mod quality;
+mod strays;
