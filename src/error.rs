@@ -108,6 +108,8 @@ pub enum Error {
 pub enum Remedy {
     /// Room on the file system.
     MakeSpace,
+    /// Room on the file system of the output, which temporary data do not share.
+    MakeSpaceForOutput,
     /// Fewer files on the file system.
     RemoveFiles,
     /// A higher limit on the size of a file (`ulimit -f`).
@@ -195,6 +197,9 @@ impl Error {
         match self {
             Error::NoSpace { remedy, .. } | Error::Device { remedy, .. } => Some(match remedy {
                 Remedy::MakeSpace => format!("make space and {again}{elsewhere}"),
+                Remedy::MakeSpaceForOutput => {
+                    format!("make space and {again}, or write the output to another disk")
+                }
                 Remedy::RemoveFiles => format!("remove some files and {again}{elsewhere}"),
                 Remedy::RaiseFileLimit => {
                     format!("raise the limit on the size of a file (ulimit -f) and {again}")

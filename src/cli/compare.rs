@@ -8,7 +8,7 @@ use crate::config::Method;
 use crate::error::{Error, Result};
 use crate::io::ply::Place;
 use crate::render::Resources;
-use crate::report::{Contender, comparison_html};
+use crate::report::{Absent, Contender, comparison_html};
 use crate::system::disk::{Disk, folder_of, open_input};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
@@ -90,34 +90,40 @@ pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
 
 fn page(args: &Args, folder: &Path, progress: &Progress, log: &mut Log) -> Result<String> {
     let mut contenders: Vec<Contender> = Vec::new();
-    for method in &args.methods {
-        let name = method.name().to_owned();
-        if contenders.iter().any(|known| known.name == name) {
+    let mut absent: Vec<Absent> = Vec::new();
+    let mut first_refusal = None;
+    for (at, method) in args.methods.iter().enumerate() {
+        if args.methods[..at].contains(method) {
             continue;
         }
-        let mesh = folder.join(format!("{name}.ply"));
-        let report = folder.join(format!("{name}.json"));
-        simplify(args, *method, [&mesh, &report], progress)?;
-        let run = read(&report)?;
-        let measurement = folder.join(format!("{name}-measured.json"));
-        let words = ["measure".into(), args.input.clone().into(), mesh.clone().into()];
-        let samples = [format!("--samples={}", args.samples).into(), "--report".into()];
-        let words = words.into_iter().chain(samples).chain([measurement.clone().into()]).collect();
-        run_apart(args, &name, words, progress)?;
-        let measured = read(&measurement)?;
-        log.say(format!(
-            "{name}: {} triangles in {:.1} s, RMS {:.4e}",
-            run["output"]["triangles"],
-            run["seconds"].as_f64().unwrap_or(0.0),
-            measured["rms"].as_f64().unwrap_or(0.0)
-        ));
-        contenders.push(Contender { name, mesh, run, measured });
+        let name = method.name().to_owned();
+        match contender(args, *method, folder, progress) {
+            Ok(Contender { name, mesh, run, measured }) => {
+                log.say(format!(
+                    "{name}: {} triangles in {:.1} s, RMS {:.4e}",
+                    run["output"]["triangles"],
+                    run["seconds"].as_f64().unwrap_or(0.0),
+                    measured["rms"].as_f64().unwrap_or(0.0)
+                ));
+                contenders.push(Contender { name, mesh, run, measured });
+            }
+            // What a method cannot do is a finding about it, not the end of the page.
+            Err(refusal @ (Error::Usage(_) | Error::BadInput { .. } | Error::NoMemory(_))) => {
+                log.say(format!("no result. {refusal}"));
+                absent.push(Absent { name, reason: refusal.to_string() });
+                first_refusal.get_or_insert(refusal);
+            }
+            Err(other) => return Err(other),
+        }
+    }
+    if let (true, Some(refusal)) = (contenders.is_empty(), first_refusal) {
+        return Err(refusal);
     }
     let resources = Resources {
         memory_bytes: memory_budget(args.memory),
         threads: threads(args.threads).get(),
     };
-    comparison_html(&args.input, &contenders, folder, resources, progress)
+    comparison_html(&args.input, (&contenders, &absent), folder, resources, progress)
 }
 
 /// The words for memory and threads.
@@ -127,34 +133,35 @@ fn resources(args: &Args) -> Vec<OsString> {
     memory.into_iter().chain(threads).map(OsString::from).collect()
 }
 
-/// Runs `simplify`; a target that is not met is shown on the page.
-fn simplify(
-    args: &Args,
-    method: Method,
-    [mesh, report]: [&Path; 2],
-    progress: &Progress,
-) -> Result<()> {
+/// Runs `simplify` and `measure`; a target that is not met is shown on the page.
+fn contender(args: &Args, method: Method, folder: &Path, progress: &Progress) -> Result<Contender> {
+    let name = method.name().to_owned();
+    let mesh = folder.join(format!("{name}.ply"));
+    let report = folder.join(format!("{name}.json"));
     let target = match (args.triangles, args.ratio) {
         (_, Some(ratio)) => format!("--ratio={ratio}"),
         (count, None) => format!("--triangles={}", count.unwrap_or(1)),
     };
     let mut words: Vec<OsString> = vec!["simplify".into(), args.input.clone().into()];
-    words.extend([mesh.into(), target.into(), "--report".into(), report.into()]);
+    words.extend([mesh.clone().into(), target.into(), "--report".into(), report.clone().into()]);
     // Other methods give texture and faces up anyway, and the page is about shapes.
-    let others = ["--method", method.name(), "--force", "--drop-texture", "--drop-faces"];
+    let others = ["--method", &name, "--force", "--drop-texture", "--drop-faces"];
     words.extend(others.map(OsString::from));
-    run_apart(args, method.name(), words, progress)?;
-    match report.exists() {
-        true => Ok(()),
-        false => Err(Error::bad_input(
-            &args.input,
-            format!("--method {}: nothing is left", method.name()),
-        )),
+    let what = format!("--method {name}");
+    let said = run_apart(args, &what, words, progress)?;
+    if !report.exists() {
+        return Err(Error::bad_input(&args.input, said));
     }
+    let measurement = folder.join(format!("{name}-measured.json"));
+    let words = ["measure".into(), args.input.clone().into(), mesh.clone().into()];
+    let samples = [format!("--samples={}", args.samples).into(), "--report".into()];
+    let words = words.into_iter().chain(samples).chain([measurement.clone().into()]).collect();
+    run_apart(args, &format!("{what}, its result measured"), words, progress)?;
+    Ok(Contender { name, mesh, run: read(&report)?, measured: read(&measurement)? })
 }
 
-/// Runs this program in a process by itself, without a word unless it fails.
-fn run_apart(args: &Args, name: &str, words: Vec<OsString>, progress: &Progress) -> Result<()> {
+/// Runs this program in a process by itself, for `what`. Returns what it said.
+fn run_apart(args: &Args, what: &str, words: Vec<OsString>, progress: &Progress) -> Result<String> {
     let program = std::env::current_exe()
         .map_err(|e| Error::Internal(format!("this program cannot find itself: {e}")))?;
     let failed = |e| Error::io(&program, "cannot run", e);
@@ -182,9 +189,9 @@ fn run_apart(args: &Args, name: &str, words: Vec<OsString>, progress: &Progress)
     if let Some(mut pipe) = child.stderr.take() {
         let _ = pipe.read_to_string(&mut said);
     }
-    let said = format!("--method {name}: {}", said.trim().trim_start_matches("stonecut: "));
+    let said = format!("{what}: {}", said.trim().trim_start_matches("stonecut: "));
     match status.code() {
-        Some(0 | 3) => Ok(()),
+        Some(0 | 3) => Ok(said),
         Some(2) => Err(Error::Usage(said)),
         Some(4) => Err(Error::bad_input(&args.input, said)),
         Some(6) => Err(Error::NoMemory(said)),

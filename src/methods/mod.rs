@@ -17,6 +17,7 @@ mod surface;
 
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
+use crate::mesh::orient::orient;
 pub use manifold::TRIANGLE_BYTES as MANIFOLD_TRIANGLE_BYTES;
 pub use positions::{FileOrder, Positions, page_bytes};
 use std::collections::BTreeMap;
@@ -49,6 +50,7 @@ impl Made {
         let mesh = &mut self.mesh;
         let n_before = mesh.positions.len().max(1);
         manifold::orient(&mut mesh.triangles, &self.two_sided);
+        orient(&mut mesh.triangles, mesh.positions.len());
         let copies = manifold::take_apart(&mesh.positions, &mut mesh.triangles);
         let record_bytes = self.records.len() / n_before;
         for &copied in &copies {

@@ -48,6 +48,15 @@ pub struct Contender {
     pub measured: Value,
 }
 
+/// A method that has no result.
+#[derive(Clone, Debug)]
+pub struct Absent {
+    /// Its name, for people.
+    pub name: String,
+    /// Why there is none, for people.
+    pub reason: String,
+}
+
 /// Shapes of the triangles of a mesh.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Shapes {
@@ -135,7 +144,7 @@ fn smallest(corners: [[f64; 3]; 3]) -> f64 {
 /// Memory: what pictures take, and one result at a time.
 pub fn html(
     original: &Path,
-    contenders: &[Contender],
+    (contenders, absent): (&[Contender], &[Absent]),
     temp_dir: &Path,
     resources: Resources,
     progress: &Progress,
@@ -161,6 +170,10 @@ pub fn html(
         show(&json!(sources[0].n_triangles())),
         show(&json!(sources[0].n_vertices())),
     );
+    for Absent { name, reason } in absent {
+        let (name, reason) = (escape(name), escape(reason));
+        let _ = write!(out, "<p>No result of <b>{name}</b>: {reason}</p>");
+    }
     table(contenders, &shapes, &mut out);
     pictures(&sources, contenders, resources, &mut out, progress)?;
     plots(contenders, &shapes, &mut out);

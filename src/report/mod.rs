@@ -8,7 +8,7 @@ mod page;
 mod pictures;
 mod slider;
 
-pub use comparison::{Contender, html as comparison_html};
+pub use comparison::{Absent, Contender, html as comparison_html};
 pub use slider::{Slider, slider_html};
 
 use crate::error::Result;

@@ -446,6 +446,12 @@ fn methods_are_compared_on_one_page() {
         expect(at, "compare decimate,cluster in.ply --ratio 5% -o other.html --memory 1MiB", 6);
     assert!(said.contains("--method decimate") && !at.join("other.html").exists(), "{said}");
     assert_eq!(std::fs::read_dir(at).unwrap().count(), 2);
+    // A method without a result does not end the others.
+    let words = "compare cluster,decimate in.ply --triangles 4 -o some.html --samples 20k";
+    let said = expect(at, words, 0);
+    assert!(said.contains("no result") && said.contains("decimate: 4 triangles"), "{said}");
+    let page = std::fs::read_to_string(at.join("some.html")).unwrap();
+    assert!(page.contains("No result of <b>cluster</b>") && page.contains("<th>decimate</th>"));
 }
 
 /// A wavy sheet with a part of it twice, the same way round or turned over, or all of it twice.

@@ -148,13 +148,16 @@ pub(in crate::pipeline) fn check_space(
     }
     let same = device(output_folder)? == device(temp_folder)?;
     let needs = if same {
-        vec![(temp_folder, together_bytes)]
+        vec![(temp_folder, together_bytes, Remedy::MakeSpace)]
     } else {
-        vec![(temp_folder, temp_bytes), (output_folder, output_bytes)]
+        vec![
+            (temp_folder, temp_bytes, Remedy::MakeSpace),
+            (output_folder, output_bytes, Remedy::MakeSpaceForOutput),
+        ]
     };
     // What an earlier run of this job holds already is not needed again.
     let held = held_bytes(job_folder);
-    for (folder, bytes) in needs {
+    for (folder, bytes, remedy) in needs {
         let stat = rustix::fs::statvfs(folder)
             .map_err(|e| Error::reading(folder, "cannot ask for free space", e.into()))?;
         let free = stat.f_bavail * stat.f_frsize + if folder == temp_folder { held } else { 0 };
@@ -166,7 +169,7 @@ pub(in crate::pipeline) fn check_space(
                     show_bytes(bytes),
                     show_bytes(free)
                 ),
-                remedy: Remedy::MakeSpace,
+                remedy,
             });
         }
         // Some file systems have no inode count at all and say 0 of 0.

@@ -18,7 +18,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub const FILE_NAME: &str = "manifest.jsonl";
 
 /// Version of everything in a job folder; another version is refused.
-const FORMAT_VERSION: u32 = 9;
+const FORMAT_VERSION: u32 = 10;
 
 /// Identity that a job's files are valid for.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
