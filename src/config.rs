@@ -305,8 +305,9 @@ pub struct Config {
     pub job_folder: PathBuf,
     /// Leave the job folder in place after success.
     pub keep_temp: bool,
-    /// Leave what the first round has made, or the cells if there is none: another attempt begins from it.
-    pub keep_first_round: bool,
+    /// The bound that was asked for, in input units, if this is a trial within a tighter one. A trial leaves what the first round
+    /// has made, or the cells if there is none: another one begins from it.
+    pub trial_of: Option<f64>,
     /// Stop early.
     pub until: Option<Until>,
     /// Overwrite the output.
@@ -373,7 +374,8 @@ impl Config {
         if let (Some(bound), Target::Triangles(_) | Target::Ratio(_)) =
             (self.kernel.bound, self.target)
         {
-            settings.insert("max_error".to_owned(), bound.distance.to_string());
+            let asked = self.trial_of.unwrap_or(bound.distance);
+            settings.insert("max_error".to_owned(), asked.to_string());
         }
         if is_baked {
             settings.insert("bake_size".to_owned(), self.bake.page_size.to_string());
@@ -474,7 +476,7 @@ mod tests {
             cell_triangles: DEFAULT_CELL_TRIANGLES,
             job_folder: "job".into(),
             keep_temp: false,
-            keep_first_round: false,
+            trial_of: None,
             until: None,
             force: false,
             restart: false,

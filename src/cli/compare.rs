@@ -4,6 +4,7 @@
 
 use super::arguments::{memory_budget, parse_memory, require_ending, threads};
 use super::log::Log;
+use super::measure::parse_samples;
 use crate::config::Method;
 use crate::error::{Error, Result};
 use crate::io::ply::Place;
@@ -43,7 +44,7 @@ pub struct Args {
     #[arg(short, long, value_name = "FILE.html")]
     output: PathBuf,
     /// Samples on each surface for the distances.
-    #[arg(long, value_name = "N", value_parser = parse_count, default_value = "1M")]
+    #[arg(long, value_name = "N", value_parser = parse_samples, default_value = "1M")]
     samples: u64,
     /// Replace the page if it exists.
     #[arg(long)]

@@ -8,7 +8,7 @@ use crate::io::OutputFormat;
 use crate::pipeline::extract::{ExtractConfig, Wanted, extract};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
-use crate::system::units::{parse_count, show_bytes, show_count};
+use crate::system::units::{parse_count, show_bytes, show_count, show_outward};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
@@ -114,14 +114,14 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     super::arguments::warn_of_limit(args.memory, log);
     let done = watch(talk, progress, log, || extract(&config, progress))?;
     log.say(format!(
-        "{}: {} triangles, {} vertices, {}, from {} tiles of {} triangles at most {:.3e} from the input",
+        "{}: {} triangles, {} vertices, {}, from {} tiles of {} triangles at most {} from the input",
         config.output.display(),
         done.triangles,
         done.vertices,
         show_bytes(done.bytes),
         done.tiles,
         show_count(done.cut_triangles),
-        done.deviation
+        show_outward(done.deviation, 1, 3)
     ));
     if !done.reached {
         log.say("the number of triangles was not met: what lies in the box stays, or nothing legal is left to collapse".to_owned());

@@ -11,7 +11,6 @@ use crate::measure::appearance::{
 use crate::measure::compare::{self, CELL_TRIANGLES, Comparison, Report, Request};
 use crate::measure::{
     self, Certificate, Certify, LEAST_TOLERANCE, On, Options, Region, Side, TriangleSizes, heatmap,
-    load,
 };
 use crate::mesh::topology_counts::Topology;
 use crate::render::{Picture, Resources};
@@ -90,7 +89,8 @@ pub struct Args {
     pictures: Option<PathBuf>,
 }
 
-fn parse_samples(text: &str) -> std::result::Result<u64, String> {
+/// A count of samples, at least one.
+pub(super) fn parse_samples(text: &str) -> std::result::Result<u64, String> {
     match units::parse_count(text)? {
         0 => Err("at least one sample is needed".to_owned()),
         n => Ok(n),
@@ -122,6 +122,7 @@ impl Args {
         if let Some(heatmap) = &self.heatmap {
             super::arguments::require_ending("--heatmap", heatmap, &["ply"])?;
         }
+        self.check_pictures()?;
         Ok(Paths::new(self.force)
             .with(Role::Input, "ORIGINAL", &self.original)
             .with(Role::Input, "SIMPLIFIED", &self.simplified)
@@ -130,6 +131,28 @@ impl Args {
             .with_option(Role::Side(Kind::Heatmap), "--heatmap", self.heatmap.as_ref())
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref()))
     }
+
+    /// Refuses pictures that could not be written after the measurement.
+    fn check_pictures(&self) -> Result<()> {
+        let Some(folder) = &self.pictures else { return Ok(()) };
+        if folder.exists() && !folder.is_dir() {
+            let what = format!("{}: --pictures is not a folder; name a folder", folder.display());
+            return Err(Error::Usage(what));
+        }
+        let existing = (0..self.views).map(|number| picture(folder, number)).find(|p| p.exists());
+        match existing.filter(|_| !self.force) {
+            Some(path) => Err(Error::Usage(format!(
+                "{} exists; give --force to replace it, or another folder to --pictures",
+                path.display()
+            ))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The file of a view, both pictures side by side.
+fn picture(folder: &Path, number: u32) -> PathBuf {
+    folder.join(format!("view-{number:02}.png"))
 }
 
 /// Runs the command; the table or the JSON goes to standard output.
@@ -176,17 +199,17 @@ pub(super) fn report(
         super::arguments::open_mesh(&args.original, &temp_dir)?,
         super::arguments::open_mesh(&args.simplified, &temp_dir)?,
     ];
+    let memory_bytes = memory_budget(args.memory);
+    let means = (memory_bytes, threads);
     let region = match (&args.near, args.within) {
-        (Some(path), Some(within)) => Some(region((path, &temp_dir), within, threads, progress)?),
+        (Some(path), Some(within)) => Some(region((path, &temp_dir), within, means, progress)?),
         _ => None,
     };
     let triangle_sizes = match &region {
-        Some(region) => {
-            Some(TriangleSizes::of(&load::load(&simplified, threads, progress)?.mesh, region))
-        }
+        Some(region) => Some(TriangleSizes::of(&simplified, region, means, progress)?),
         None => None,
     };
-    let request = Request {
+    let mut request = Request {
         original: &original,
         simplified: &simplified,
         options: Options {
@@ -197,12 +220,14 @@ pub(super) fn report(
             region,
             certify: args.certify.then_some(Certify { tolerance: args.tolerance, bound: None }),
         },
-        memory_bytes: memory_budget(args.memory),
+        memory_bytes,
         cell_triangles: args.cell_triangles,
         temp_dir: temp_dir.clone(),
         heat: args.heatmap.is_some() && args.heatmap_of == Which::Simplified,
     };
     let comparison = compare(&request)?;
+    // Its memory is for the heatmap and the pictures now.
+    request.options.region = None;
     if let Some(path) = &args.heatmap {
         match args.heatmap_of {
             Which::Original => compare::heatmap_of_original(&request, path, progress)?,
@@ -238,7 +263,7 @@ fn appearance(
     appearance::compare(meshes, settings, resources, progress, |number, [first, second]| {
         let Some(folder) = &args.pictures else { return Ok(()) };
         let both = Picture::side_by_side(&[(first, "original"), (second, "simplified")]);
-        let path = folder.join(format!("view-{number:02}.png"));
+        let path = picture(folder, number);
         let place = Place { replace: args.force, ..Place::from(&path) };
         crate::system::pending_file::write_whole(place, &both.to_png()?)
     })
@@ -252,14 +277,14 @@ fn temp_dir(args: &Args) -> PathBuf {
 fn region(
     (path, temp_dir): (&Path, &Path),
     within: f64,
-    threads: usize,
+    means: (u64, usize),
     progress: &Progress,
 ) -> Result<Region> {
     if !(within >= 0.0 && within.is_finite()) {
         return Err(Error::Usage(format!("invalid distance --within {within}")));
     }
-    let places = load::load(&super::arguments::open_mesh(path, temp_dir)?, threads, progress)?;
-    Ok(Region::around_points(&places.mesh.positions, within))
+    let places = super::arguments::open_mesh(path, temp_dir)?;
+    Region::around_vertices(&places, within, means, progress)
 }
 
 /// The table for people.
@@ -369,27 +394,10 @@ fn certificate_line(certificate: &Certificate) -> String {
     let short = if *certified { "" } else { "; wider than the tolerance" };
     format!(
         "Hausdorff distance from {} to {}, proven (tolerance {} %){on}{short}",
-        show_outward(*lower, -1),
-        show_outward(*upper, 1),
+        units::show_outward(*lower, -1, 6),
+        units::show_outward(*upper, 1, 6),
         100.0 * tolerance,
     )
-}
-
-/// Six digits of a length, not above it (`direction` -1) or not below it (1).
-fn show_outward(length: f64, direction: i64) -> String {
-    let text = format!("{length:.6e}");
-    let shown: f64 = text.parse().unwrap_or(length);
-    if (shown - length) * direction as f64 >= 0.0 || length == 0.0 {
-        return text;
-    }
-    let (digits, exponent) = text.split_once('e').unwrap_or((&text, "0"));
-    let last = digits.replace('.', "").parse::<i64>().unwrap_or(0) + direction;
-    let (last, exponent) = match (last, exponent.parse::<i64>().unwrap_or(0)) {
-        (999_999, exponent) => (9_999_999, exponent - 1),
-        (10_000_000, exponent) => (1_000_000, exponent + 1),
-        both => both,
-    };
-    format!("{}.{:06}e{exponent}", last / 1_000_000, last % 1_000_000)
 }
 
 fn near(side: &Side) -> Option<&measure::Spread> {

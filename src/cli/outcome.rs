@@ -7,7 +7,7 @@ use crate::pipeline::run_report::{
     BoundReport, FaceReport, GridReport, QualityReport, RunReport, StageReport,
 };
 use crate::stages::components::ComponentSizes;
-use crate::system::units::{show_bytes, show_count, show_length};
+use crate::system::units::{show_bytes, show_count, show_length, show_outward};
 use std::path::Path;
 
 /// Returns whether the result is not all that was asked for.
@@ -97,8 +97,8 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
         let (bound, n) = (show_length(*bound), trials.len());
         let runs = if n == 1 { "1 run".to_owned() } else { format!("{n} runs") };
         log.say(format!(
-            "at most {:.4e} from the input, proven; the bound is {bound}; {runs}",
-            enclosed.upper
+            "at most {} from the input, proven; the bound is {bound}; {runs}",
+            show_outward(enclosed.upper, 1, 4)
         ));
     }
     if !report.target_met {

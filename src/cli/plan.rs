@@ -84,6 +84,11 @@ pub fn run(args: &Args, _: &Talk, log: &mut Log) -> Result<()> {
         let what = "--dry-run and --temp-dir are not for a job in units; JOBDIR says where it lies";
         return Err(Error::Usage(what.to_owned()));
     }
+    if let Some(option) = args.simplify.page_option() {
+        return Err(Error::Usage(format!(
+            "{option} is for a new texture, which a job in units does not make; run 'stonecut simplify' on one machine"
+        )));
+    }
     let here = std::env::current_dir().map_err(|e| Error::reading(".", "cannot find", e))?;
     let folder = std::path::absolute(&args.folder).unwrap_or_else(|_| args.folder.clone());
     let config = args.config(&folder, &here)?;

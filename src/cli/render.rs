@@ -1,5 +1,6 @@
 //! `stonecut render`: a picture of a mesh.
 
+use super::arguments::{memory_budget, parse_memory};
 use crate::error::{Error, Result};
 use crate::io::ply::{FaceBlock, MeshSource, Place, VertexBlock};
 use crate::mesh::Mesh;
@@ -8,10 +9,9 @@ use crate::render::{
     render_mesh, render_source, top_of,
 };
 use crate::system::disk::folder_of;
-use crate::system::memory::{DEFAULT_SHARE, limit_bytes};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
-use crate::system::units::{parse_bytes, show_count};
+use crate::system::units::show_count;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -65,8 +65,8 @@ pub struct Args {
     /// memory).
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub quadrics: usize,
-    /// Memory to use: 4GiB [default: 75 % of what this process may use].
-    #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
+    /// Memory to use: 4GiB or 50% [default: 75 % of what this process may use].
+    #[arg(long, value_name = "SIZE", value_parser = parse_memory)]
     pub memory: Option<u64>,
     /// Threads to use [default: the cores this process may use].
     #[arg(long, value_name = "N")]
@@ -140,7 +140,7 @@ impl Args {
 /// The picture of all meshes side by side, and the number of their triangles.
 pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)> {
     let mut view = args.view();
-    let memory_bytes = args.memory.unwrap_or_else(|| (DEFAULT_SHARE * limit_bytes() as f64) as u64);
+    let memory_bytes = memory_budget(args.memory);
     let threads = super::arguments::threads(args.threads).get();
     let resources = Resources { memory_bytes, threads };
     let temp_dir = match args.output == Path::new("-") {
@@ -254,6 +254,23 @@ fn parse_numbers(text: &str) -> Option<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn memory_is_a_size_or_a_share() {
+        use clap::{Args as _, FromArgMatches};
+        let memory = |word: &str| {
+            let command = Args::augment_args(clap::Command::new("render"));
+            let words = ["render", "m.ply", "-o", "p.png", "--memory", word];
+            let found = command.try_get_matches_from(words).map_err(|error| error.to_string())?;
+            Args::from_arg_matches(&found)
+                .map(|args| args.memory)
+                .map_err(|error| error.to_string())
+        };
+        let limit = crate::system::memory::limit_bytes();
+        assert_eq!(memory("50%"), Ok(Some((0.5 * limit as f64) as u64)));
+        assert_eq!(memory("2GiB"), Ok(Some(2 << 30)));
+        assert!(memory("half").is_err());
+    }
 
     #[test]
     fn sizes_directions_and_spheres_are_read_or_refused_with_an_example() {

@@ -6,11 +6,12 @@ use super::display::watch;
 use super::levels::TypedTarget;
 use super::log::{EXIT_SHORT, Log, Talk};
 use super::method::{self, TypedMethod, Wishes};
+use super::new_texture::TypedPages;
 use super::outcome::{is_short, tell, write_report};
 use super::progressive::TypedProgressive;
 use crate::config::{
-    Attributes, BakeSettings, Config, DEFAULT_CELL_TRIANGLES, FEATURE_ANGLE, Level, Method,
-    MinComponent, Normals, PAGE_SIZES, Texture, Until,
+    Attributes, Config, DEFAULT_CELL_TRIANGLES, FEATURE_ANGLE, Level, Method, MinComponent,
+    Normals, Texture, Until,
 };
 use crate::error::{Error, Result};
 use crate::io::{OutputFormat, TextureMode};
@@ -77,13 +78,8 @@ pub struct Args {
     /// from the input's), auto (bake below 30 % of the triangles, and where charts leave too many) or none.
     #[arg(long, value_enum, value_name = "WHAT", default_value = "auto")]
     texture: TypedTexture,
-    /// With a new texture: side of its pages in texels, 64 to 16384.
-    #[arg(long, value_name = "N", value_parser = parse_page_size, default_value_t = BakeSettings::default().page_size)]
-    bake_size: u32,
-    /// With a new texture: pages at most; texels become larger where they do not fit [default: as many as texels of
-    /// the input's size take].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    bake_pages: Option<u32>,
+    #[command(flatten)]
+    pages: TypedPages,
     /// With a new texture: bake the input's normals into normal maps, too (OBJ, GLB). An input without images gets charts
     /// for them.
     #[arg(long)]
@@ -162,13 +158,6 @@ enum TypedTexture {
     None,
 }
 
-fn parse_page_size(text: &str) -> std::result::Result<u32, String> {
-    let side = text.parse().ok().filter(|side| PAGE_SIZES.contains(side));
-    side.ok_or_else(|| {
-        format!("a side in texels from {} to {}", PAGE_SIZES.start(), PAGE_SIZES.end())
-    })
-}
-
 /// The choices of `--topology`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum TypedTopology {
@@ -204,6 +193,12 @@ impl Args {
     /// Turns the options that were typed into decided settings.
     pub fn config(&self) -> Result<Config> {
         self.check_method()?;
+        self.pages.check(&[
+            ("--texture keep", self.texture == TypedTexture::Keep),
+            ("--texture none", self.texture == TypedTexture::None),
+            ("--drop-texture", self.drop_texture),
+            ("--progressive", self.progressive.progressive.is_some()),
+        ])?;
         let max_error = self.target.max_error;
         let mut levels = self.levels()?;
         let Level { target, output } = levels.remove(0);
@@ -247,7 +242,7 @@ impl Args {
             cell_triangles: self.cell_triangles,
             job_folder: self.job_folder()?,
             keep_temp: self.keep_temp,
-            keep_first_round: false,
+            trial_of: None,
             until: self.until,
             force: self.force,
             restart: self.restart,
@@ -262,11 +257,7 @@ impl Args {
                 TypedTexture::Auto if progressive.is_some() => Texture::Keep,
                 TypedTexture::Auto => Texture::Auto,
             },
-            bake: BakeSettings {
-                page_size: self.bake_size,
-                most_pages: self.bake_pages,
-                normals: self.bake_normals,
-            },
+            bake: self.pages.settings(self.bake_normals),
             drop_faces: self.drop_faces,
             textures: self.textures,
             error_field: self.error_field,
@@ -337,6 +328,7 @@ impl Args {
             ("--until", self.until.is_some()),
             ("--seams", self.seams.is_some()),
             ("--progressive", self.progressive.progressive.is_some()),
+            ("--no-self-intersections", self.no_self_intersections),
             ("--texture bake", self.texture == TypedTexture::Bake),
         ])?;
         self.method.check(&[
@@ -355,7 +347,10 @@ impl Args {
             ("--seams", self.seams.is_some()),
             ("--progressive", self.progressive.progressive.is_some()),
             ("--textures", self.textures.is_some()),
+            ("--texture keep", self.texture == TypedTexture::Keep),
             ("--texture bake", self.texture == TypedTexture::Bake),
+            ("--bake-size", self.pages.bake_size.is_some()),
+            ("--bake-pages", self.pages.bake_pages.is_some()),
             ("--bake-normals", self.bake_normals),
         ])
     }
@@ -374,6 +369,11 @@ impl Args {
     /// Returns whether nothing is to be run.
     pub(super) fn is_plan_only(&self) -> bool {
         self.dry_run
+    }
+
+    /// The first option about the pages of a new texture that was given.
+    pub(super) fn page_option(&self) -> Option<&'static str> {
+        self.pages.given()
     }
 
     /// Returns whether a folder for the temporary data was given.
@@ -458,6 +458,9 @@ pub fn simplify(
     let prepared = pipeline::prepare(&config)?;
     for line in prepared.plan.lines(&config) {
         log.say(line);
+    }
+    if prepared.texture == Texture::Keep {
+        args.pages.notes(prepared.can_bake).into_iter().for_each(|line| log.say(line));
     }
     if args.dry_run {
         return Ok(None);

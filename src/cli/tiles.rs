@@ -11,7 +11,7 @@ use crate::pipeline::tiles::{
 };
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::progress::Progress;
-use crate::system::units::{parse_count, parse_ratio, show_bytes, show_count};
+use crate::system::units::{parse_count, parse_ratio, show_bytes, show_count, show_outward};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
@@ -271,7 +271,7 @@ fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {
             show_bytes(level.bytes),
             match level.groups {
                 0 if level.error_max == 0.0 => "the input".to_owned(),
-                _ => format!("at most {:.3e} from it", level.error_max),
+                _ => format!("at most {} from it", show_outward(level.error_max, 1, 3)),
             }
         ));
     }

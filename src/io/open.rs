@@ -7,9 +7,9 @@
 use super::open_options::StageOptions;
 use super::{gltf, obj, stl};
 use crate::error::{Error, Result};
-use crate::io::ply::MeshSource;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::ply::source::Staged;
+use crate::io::ply::{Faults, MeshSource};
 use crate::system::disk::open_input;
 use std::io::{BufReader, Read};
 use std::path::Path;
@@ -37,10 +37,12 @@ impl MeshSource {
     ///
     /// A plain PLY file is opened where it is, like `open_with`, unless it is a range grid; everything else is staged first.
     pub fn open_staged(path: &Path, options: &StageOptions) -> Result<Self> {
-        let mut given_bytes = None;
+        let (mut given_bytes, mut stream_checksum) = (None, None);
         let file = if path == Path::new("-") {
             let name = Path::new("standard input");
-            unpack(name, std::io::stdin().lock(), options)?
+            let (file, checksum) = unpack(name, std::io::stdin().lock(), options)?;
+            stream_checksum = Some(checksum);
+            file
         } else {
             let file = RawFile::open(path)?;
             given_bytes = Some(file.len());
@@ -49,12 +51,15 @@ impl MeshSource {
             if Packing::of(&first[..n]) == Packing::Plain {
                 file
             } else {
-                unpack(path, open_input(path)?, options)?
+                unpack(path, open_input(path)?, options)?.0
             }
         };
         let mut source = open_raw(file, options)?;
         if let Some(bytes) = given_bytes {
             source.set_given_bytes(bytes);
+        }
+        if let Some(checksum) = stream_checksum {
+            source.set_stream_checksum(checksum);
         }
         Ok(source)
     }
@@ -63,7 +68,7 @@ impl MeshSource {
     pub fn staged_from_bytes(name: &str, bytes: Vec<u8>, options: &StageOptions) -> Result<Self> {
         let file = match Packing::of(&bytes) {
             Packing::Plain => RawFile::from_bytes(name, bytes),
-            _ => unpack(Path::new(name), &bytes[..], options)?,
+            _ => unpack(Path::new(name), &bytes[..], options)?.0,
         };
         open_raw(file, options)
     }
@@ -91,7 +96,8 @@ fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
             Some(grid) => {
                 let (file, bad_faces) =
                     source.mesh_of_grid(grid, options.spool(), options.spool())?;
-                MeshSource::from_staged(file, read, Staged { bad_faces, ..Staged::default() })
+                let faults = Faults { bad_faces, ..source.faults() };
+                MeshSource::from_staged(file, read, Staged { faults, ..Staged::default() })
             }
         };
     }
@@ -117,32 +123,36 @@ fn stl_length_fits(first: &[u8], len: u64) -> bool {
     n > 0 && len == 84 + 50 * u64::from(n)
 }
 
-/// Copies a stream, decompressed, to a nameless file.
-fn unpack(path: &Path, reader: impl Read, options: &StageOptions) -> Result<RawFile> {
+/// Copies a stream, decompressed, to a nameless file. Returns its checksum (xxh3) too.
+fn unpack(path: &Path, reader: impl Read, options: &StageOptions) -> Result<(RawFile, u64)> {
     use std::io::BufRead;
     let mut reader = BufReader::with_capacity(1 << 20, reader);
     let first = reader.fill_buf().map_err(|e| Error::reading(path, "cannot read", e))?;
     let packing = Packing::of(first);
     let mut spool = options.spool();
-    match packing {
+    let checksum = match packing {
         Packing::Plain => copy(path, reader, &mut spool)?,
         // Several members or frames one after another are one stream (`cat a.gz b.gz`, pigz).
         Packing::Gzip => copy(path, flate2::bufread::MultiGzDecoder::new(reader), &mut spool)?,
         Packing::Zstd => {
             let decoder = zstd::stream::read::Decoder::with_buffer(reader)
                 .map_err(|e| Error::reading(path, "cannot start decompressing", e))?;
-            copy(path, decoder, &mut spool)?;
+            copy(path, decoder, &mut spool)?
         }
-    }
-    spool.finish(path)
+    };
+    Ok((spool.finish(path)?, checksum))
 }
 
-fn copy(path: &Path, mut reader: impl Read, spool: &mut Spool) -> Result<()> {
+fn copy(path: &Path, mut reader: impl Read, spool: &mut Spool) -> Result<u64> {
     let mut buffer = vec![0; 1 << 20];
+    let mut hasher = xxhash_rust::xxh3::Xxh3::new();
     loop {
         match reader.read(&mut buffer) {
-            Ok(0) => return Ok(()),
-            Ok(n) => spool.write(&buffer[..n])?,
+            Ok(0) => return Ok(hasher.digest()),
+            Ok(n) => {
+                hasher.update(&buffer[..n]);
+                spool.write(&buffer[..n])?;
+            }
             Err(e) if e.kind() == std::io::ErrorKind::Interrupted => {}
             Err(e) if e.raw_os_error().is_some() => {
                 return Err(Error::reading(path, "cannot read", e));

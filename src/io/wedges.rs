@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::io::ply::header::Encoding;
 use crate::io::ply::raw::Spool;
 use crate::io::ply::source::Staged;
-use crate::io::ply::{BLOCK_ROWS, MeshSource, OutputHeader, VertexBlock};
+use crate::io::ply::{BLOCK_ROWS, Faults, MeshSource, OutputHeader, VertexBlock};
 use crate::mesh::face_properties::{FaceMixer, FacePropertyPlan, Regions};
 use crate::mesh::property::Property;
 use crate::mesh::record::VertexSchema;
@@ -106,7 +106,7 @@ fn split<const N: usize>(
         row: Vec::new(),
     };
     let mut by_corner = options.sort::<4>(memory_bytes);
-    let (mut n_vertices, mut last) = (0u64, None);
+    let (mut n_vertices, mut n_used, mut last) = (0u64, 0u64, None);
     corners.drain(|record| {
         let own: [u32; 5] = std::array::from_fn(|i| record[i]);
         let values = bytemuck::cast_slice(&record[OWN_WORDS..]);
@@ -117,6 +117,7 @@ fn split<const N: usize>(
                 writer.put(last)?;
             }
             writer.mixer.begin(values);
+            n_used += u64::from(last.is_none_or(|last| last[..2] != own[..2]));
             last = Some(own);
             n_vertices += 1;
         }
@@ -168,11 +169,17 @@ fn split<const N: usize>(
         Ok(())
     })?;
     out.write(&row)?;
-    let bad_faces = source.faults().bad_faces + n_bad;
-    let materials = source.materials().cloned();
-    let given_bytes = Some(source.given_bytes());
-    let staged =
-        Staged { given_bytes, bad_faces, faces: Some(carry), materials, ..Staged::default() };
+    let found = source.faults();
+    let staged = Staged {
+        given_bytes: Some(source.given_bytes()),
+        faults: Faults { bad_faces: found.bad_faces + n_bad, ..found },
+        unreferenced_vertices: source.n_vertices().saturating_sub(found.bad_vertices + n_used),
+        faces: Some(carry),
+        materials: source.materials().cloned(),
+        beside: source.beside().to_vec(),
+        stream_checksum: source.stream_checksum(),
+        ..Staged::default()
+    };
     let mut read = options.read.clone();
     read.temp_dir = Some(options.temp_dir.clone());
     MeshSource::from_staged(out.finish(&path)?, read, staged)

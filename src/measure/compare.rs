@@ -13,7 +13,7 @@ use crate::measure::load;
 use crate::measure::temp_store::{Cutting, Scratch};
 use crate::measure::tree::Tree;
 use crate::measure::{
-    self, Carried, Certificate, Measured, Options, Parts, TriangleSizes, Unit, Verdict,
+    self, Carried, Certificate, Measured, Options, Parts, Region, TriangleSizes, Unit, Verdict,
 };
 use crate::mesh::bounds::Bounds;
 use crate::mesh::topology_counts::Topology;
@@ -139,15 +139,27 @@ impl Report {
 /// The default cell size.
 pub const CELL_TRIANGLES: u64 = DEFAULT_CELL_TRIANGLES;
 
-/// Compares two meshes within the memory budget.
+/// Bytes of the budget that are taken before a mesh is read: those of the program and of the region.
+fn taken_bytes(request: &Request) -> u64 {
+    BASE_BYTES + request.options.region.as_ref().map_or(0, Region::bytes)
+}
+
+/// Bytes of the budget that are left for meshes.
+fn usable_bytes(request: &Request) -> u64 {
+    request.memory_bytes.saturating_sub(taken_bytes(request))
+}
+
+/// Compares two meshes within the memory budget, from which the region of the options is taken, too.
 ///
 /// Errors: those of reading; `NoMemory` where not even one cell fits the budget.
 pub fn compare(request: &Request, progress: &Progress) -> Result<Comparison> {
-    let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
+    let usable = usable_bytes(request);
     let meshes = [request.original, request.simplified].map(load::bytes_in_memory);
     let largest = request.original.n_triangles().max(request.simplified.n_triangles());
     let tree = Tree::bytes(largest);
-    let values = 24 * request.options.samples;
+    // With a region, distances are kept by their side of it as well.
+    let value_bytes = if request.options.region.is_some() { 32 } else { 24 };
+    let values = value_bytes * request.options.samples;
     if meshes[0] + meshes[1] + tree.max(60 * largest) + values <= usable {
         let comparison = in_memory(request, progress)?;
         refuse_flat(request, &comparison)?;
@@ -161,7 +173,7 @@ pub fn compare(request: &Request, progress: &Progress) -> Result<Comparison> {
 ///
 /// Memory and errors: those of `compare`.
 pub fn within(request: &Request, bound: f64, progress: &Progress) -> Result<Verdict> {
-    let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
+    let usable = usable_bytes(request);
     let threads = request.options.threads;
     let meshes = [request.original, request.simplified].map(load::bytes_in_memory);
     let largest = request.original.n_triangles().max(request.simplified.n_triangles());
@@ -209,7 +221,7 @@ fn options(request: &Request) -> Options {
 
 /// Compares two meshes by way of cells, even if they would fit into memory; the numbers are the same.
 pub fn compare_in_cells(request: &Request, progress: &Progress) -> Result<Comparison> {
-    let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
+    let usable = usable_bytes(request);
     let original = cut(request.original, request, usable, progress)?;
     let comparison = with_original(request, &original, options(request), usable, progress)?;
     refuse_flat(request, &comparison)?;
@@ -243,7 +255,7 @@ fn in_memory(request: &Request, progress: &Progress) -> Result<Comparison> {
     } else {
         Vec::new()
     };
-    let is_flat = [&original, &simplified].map(|loaded| measure::is_flat(&loaded.mesh));
+    let is_flat = measure::are_flat(meshes);
     let measured = Measured {
         deviation: unit.deviation(deviation),
         is_flat,
@@ -312,7 +324,7 @@ fn run(
         return Err(Error::NoMemory(format!(
             "the budget of {} does not hold the largest cell, which needs {} in all; give more --memory or a smaller --cell-triangles",
             show_bytes(request.memory_bytes),
-            show_bytes(largest + BASE_BYTES)
+            show_bytes(largest + taken_bytes(request))
         )));
     }
     let measured = measure::two_sided_parts(original, simplified, options, memory_bytes, progress)?;
@@ -321,13 +333,13 @@ fn run(
 
 /// Writes the original, of any size, coloured by its distance to the simplified mesh, which must fit.
 pub fn heatmap_of_original(request: &Request, path: &Path, progress: &Progress) -> Result<()> {
-    let usable = request.memory_bytes.saturating_sub(BASE_BYTES);
+    let usable = usable_bytes(request);
     let needed =
         load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_triangles());
     if needed > usable {
         return Err(Error::NoMemory(format!(
             "the simplified mesh needs {} to colour the original by; give more --memory",
-            show_bytes(needed + BASE_BYTES)
+            show_bytes(needed + taken_bytes(request))
         )));
     }
     let threads = request.options.threads;
@@ -368,7 +380,7 @@ fn cut(
         return Err(Error::NoMemory(format!(
             "cutting {} into cells needs {}; give more --memory",
             source.path().display(),
-            show_bytes(needed + BASE_BYTES)
+            show_bytes(needed + taken_bytes(request))
         )));
     }
     progress.begin("partition", 1, 2, source.n_triangles());

@@ -193,10 +193,23 @@ impl Surface<'_> {
     }
 }
 
-/// Returns whether a mesh has triangles, and none of them an area.
-pub(crate) fn is_flat(mesh: &Mesh) -> bool {
-    let area = Surface { mesh, colour: None }.area(Bounds::of(mesh).diagonal());
-    !mesh.triangles.is_empty() && area.value() == 0.0
+/// Returns for each of two meshes that are compared whether it has triangles, and none of them an area: there is nothing to
+/// take a mean over.
+///
+/// Memory: a copy of both where coordinates are beyond 1e18 or below 1e-18.
+pub fn are_flat(meshes: [&Mesh; 2]) -> [bool; 2] {
+    let boxes = meshes.map(Bounds::of);
+    let unit = Unit::around(&boxes[0].joined(&boxes[1]));
+    meshes.map(|mesh| {
+        let turned = (!unit.is_own()).then(|| {
+            let mut mesh = mesh.clone();
+            unit.turn(&mut mesh);
+            mesh
+        });
+        let mesh = turned.as_ref().unwrap_or(mesh);
+        let area = Surface { mesh, colour: None }.area(Bounds::of(mesh).diagonal());
+        !mesh.triangles.is_empty() && area.value() == 0.0
+    })
 }
 
 /// One direction under way: everything a block of samples or vertices needs.

@@ -149,10 +149,14 @@ impl SideSums {
         }
         if let (Some(here), Some(there)) = (here.1.texture, there.1.texture) {
             let [u, v] = [0, 1].map(|k| f64::from(here[k]) - f64::from(there[k]));
-            let distance = (u * u + v * v).sqrt().min(LARGEST_TEXTURE);
-            self.texture.add(distance);
-            self.texture_sq.add(distance * distance);
-            self.n_texture += 1;
+            let distance = (u * u + v * v).sqrt();
+            // Files may hold NaN and infinities as texture coordinates: there is no distance to them.
+            if distance.is_finite() {
+                let distance = distance.min(LARGEST_TEXTURE);
+                self.texture.add(distance);
+                self.texture_sq.add(distance * distance);
+                self.n_texture += 1;
+            }
         }
     }
 
@@ -245,5 +249,25 @@ fn spread(distances: &mut Distances) -> Spread {
         p999: distances.quantile(0.999),
         max: distances.max(),
         samples: distances.len(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texture_coordinates_that_are_not_numbers_do_not_count() {
+        let mut sums = SideSums::new(1.0, false);
+        let look = |texture: [f32; 2]| {
+            ([0.0, 0.0, 1.0], Values { texture: Some(texture), ..Values::default() })
+        };
+        let none = [[f32::NAN, 0.0], [0.0, f32::INFINITY], [f32::NEG_INFINITY, f32::NAN]];
+        for texture in none.into_iter().chain([[0.3, 0.4], [0.0, 0.0]]) {
+            sums.add_looks(look([0.0, 0.0]), look(texture));
+        }
+        let side = sums.finish(false);
+        assert!((side.texture_mean.unwrap() - 0.25).abs() < 1e-6, "{side:?}");
+        assert!((side.texture_rms.unwrap() - (0.5f64 * 0.25).sqrt()).abs() < 1e-6, "{side:?}");
     }
 }

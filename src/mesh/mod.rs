@@ -4,6 +4,7 @@
 //! and `render` work on. It holds no connectivity; its users build what they need.
 
 pub(crate) mod attribute_weights;
+pub(crate) mod blend;
 pub(crate) mod bounds;
 pub(crate) mod codec;
 mod color_channels;

@@ -6,10 +6,13 @@
 /// One vertex in this many is looked at to see if anything has to be done.
 const LOOKED_AT: u32 = 8;
 
+/// Bytes that `orient` takes for each triangle where something is found: sides, and pairs of neighbours.
+pub(crate) const TRIANGLE_BYTES: u64 = 84;
+
 /// Turns triangles so that neighbours agree; of each component those that are fewer. Returns how many.
 ///
 /// Edges of more than two triangles do not connect. A component that cannot be turned right as a whole is left unless fewer edges
-/// disagree afterwards. Memory: 84 bytes a triangle where something is found, else one a vertex.
+/// disagree afterwards. Memory: `TRIANGLE_BYTES` a triangle where something is found, else one a vertex.
 pub(crate) fn orient(triangles: &mut [[u32; 3]], n_vertices: usize) -> u64 {
     if !disagrees(triangles, n_vertices) {
         return 0;

@@ -3,7 +3,7 @@
 use crate::error::Result;
 use crate::io::ply::{FaceBlock, MeshSource, VertexBlock};
 use crate::mesh::duplicate_triangles::drop_repeats;
-use crate::mesh::orient::orient;
+use crate::mesh::orient::{TRIANGLE_BYTES, orient};
 use crate::mesh::vec3::Vec3;
 use crate::system::progress::Progress;
 use std::collections::BTreeMap;
@@ -13,6 +13,12 @@ pub(super) struct Loaded {
     pub(super) positions: Vec<Vec3>,
     pub(super) triangles: Vec<[u32; 3]>,
     pub(super) faults: BTreeMap<String, u64>,
+}
+
+/// Bytes that `load` takes for a source: the mesh, and what turning triangles over needs beside it. That is more than finding
+/// repeated ones needs, which comes before.
+pub(super) fn load_bytes(source: &MeshSource) -> u64 {
+    24 * source.n_vertices() + (12 + TRIANGLE_BYTES) * source.n_triangles()
 }
 
 /// Reads all vertices and triangles; these must be few enough for 32-bit numbers. Repeated triangles are dropped, and those that

@@ -46,9 +46,17 @@ pub(super) fn carry(
                     }
                 };
                 let mixed = |k: usize| {
-                    let terms = corners.iter().zip(weights);
                     let value = |v: u32| f64::from(before.channels_of(v)[k]);
-                    terms.map(|(&v, w)| w * value(v)).sum::<f64>() as f32
+                    let terms = corners.iter().zip(weights).map(|(&v, w)| (w, value(v)));
+                    let mixed = terms.clone().map(|(w, x)| w * x).sum::<f64>();
+                    if mixed.is_finite() || is_same {
+                        return if is_same { value(v as u32) } else { mixed } as f32;
+                    }
+                    // Values that are missing do not count.
+                    let known = terms.filter(|(_, x)| x.is_finite());
+                    let (weight, sum) =
+                        known.fold((0.0, 0.0), |(all, sum), (w, x)| (all + w, sum + w * x));
+                    (sum / weight) as f32
                 };
                 out.0.extend((0..n_channels).map(mixed));
                 let nearest =

@@ -5,6 +5,7 @@
 use crate::bake;
 use crate::config::{BAKE_BELOW, Config, Normals, Target, Texture};
 use crate::error::{Error, Result};
+use crate::io::materials::stem;
 use crate::io::ply::MeshSource;
 use crate::io::{OutputKind, TextureMode};
 use crate::mesh::codec::TEXTURE_NAMES;
@@ -153,10 +154,10 @@ pub(super) fn check(source: &MeshSource, config: &Config, may_be_ours: bool) -> 
     let outputs = std::iter::once(&config.textures_beside)
         .chain(config.coarser.iter().map(|level| &level.output));
     for output in outputs {
-        let stem = output.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let stem = stem(output);
         let folder = folder_of(output).join(format!("{stem}_textures"));
         let has_files = std::fs::read_dir(&folder).is_ok_and(|mut files| files.next().is_some());
-        let library = output.with_extension("mtl");
+        let library = output.with_file_name(format!("{stem}.mtl"));
         let found = match (has_files, kind == OutputKind::Obj && library.exists()) {
             (true, _) => &folder,
             (false, true) => &library,

@@ -1,16 +1,19 @@
-//! The run before a pass over a result: into a file in the job folder, which the pass then opens.
+//! Runs within a run: into a file in the job folder, which a pass then opens, or which becomes the output.
 //!
-//! `optimize` and `pairs` do this, each with its job; an interrupted run continues in the job of the run before.
+//! `optimize`, `pairs` and `max_error` do this, each with its job; an interrupted run continues in the job of the run within.
 
+use super::prepare::WRITING;
 use super::run_report::StageReport;
 use crate::config::Config;
 use crate::error::Result;
 use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::{OutputFormat, OutputKind, StageOptions};
-use crate::store::job::TRIALS;
-use crate::system::disk::folder_of;
+use crate::store::job::{Job, TRIALS};
+use crate::system::disk::{Disk, folder_of};
 use crate::system::memory::peak_bytes;
-use std::path::Path;
+use crate::system::pending_file::{self, Place};
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Settings of a run into `path`, all else as it was asked for.
@@ -29,6 +32,34 @@ pub(super) fn settings(path: &Path, config: &Config) -> Config {
         },
         ..config.clone()
     }
+}
+
+/// Path that a trial writes to: in the job folder, with the output's extension, which decides the format.
+pub(super) fn trial_path(config: &Config, name: &str) -> PathBuf {
+    let mut name = OsString::from(name);
+    if let Some(extension) = config.output.extension() {
+        name.push(".");
+        name.push(extension);
+    }
+    config.job_folder.join(TRIALS).join(name)
+}
+
+/// True if the result has moved from `path` to the output.
+pub(super) fn is_delivered(job: &Job, config: &Config, path: &Path) -> Result<bool> {
+    let was_writing = job.outcome::<()>(WRITING)?.is_some();
+    Ok(was_writing && !path.exists() && config.output.exists())
+}
+
+/// The result at `path` becomes the output; a run that was stopped in between finds that it has it already.
+pub(super) fn deliver(job: &Job, disk: &Disk, config: &Config, path: &Path) -> Result<()> {
+    if is_delivered(job, config, path)? {
+        return Ok(());
+    }
+    if job.outcome::<()>(WRITING)?.is_none() {
+        job.record(WRITING, &())?;
+    }
+    let place = Place { path: config.output.clone(), disk: disk.clone(), replace: config.force };
+    pending_file::adopt(path, place)
 }
 
 /// Opens a mesh for a pass.

@@ -9,7 +9,8 @@
 //! do not count: the certificate is against a copy of the input without them. Memory and disk: those of one run, one
 //! more output, and that copy.
 
-use super::prepare::{Prepared, WRITING, prepare};
+use super::first_run::{deliver, trial_path};
+use super::prepare::{Prepared, prepare};
 use crate::config::{Attributes, Config, Normals, Target, Texture};
 use crate::error::Result;
 use crate::io::{OutputFormat, OutputKind};
@@ -21,7 +22,6 @@ use crate::stages::stitch::is_tree_record;
 use crate::store::job::fingerprint::job_identity;
 use crate::store::job::{Job, TRIALS, rewind};
 use crate::system::disk::Disk;
-use crate::system::pending_file::{self, Place};
 use crate::system::progress::Progress;
 use crate::system::units::show_length;
 use serde::{Deserialize, Serialize};
@@ -134,7 +134,7 @@ pub fn simplify(
             }
         };
         if !found.keeps(bound) {
-            disk.remove(&trial_path(config, number))?;
+            disk.remove(&trial_path(config, &number.to_string()))?;
             let places = match found.beyond.len() {
                 0 => String::new(),
                 n => format!(" in {n} places"),
@@ -149,7 +149,8 @@ pub fn simplify(
     let best = trials.last().filter(|trial| trial.keeps(bound));
     let mut report = match best {
         Some(best) => {
-            keep(&job, &disk, config, best)?;
+            let path = trial_path(config, &best.number.to_string());
+            deliver(&job, &disk, config, &path)?;
             best.report.clone()
         }
         None => {
@@ -194,30 +195,6 @@ pub fn simplify(
         job.remove()?;
     }
     Ok(Some(report))
-}
-
-/// The winner becomes the output; a run that was stopped in between finds that it has it already.
-fn keep(job: &Job, disk: &Disk, config: &Config, best: &Trial) -> Result<()> {
-    let path = trial_path(config, best.number);
-    let was_writing = job.outcome::<()>(WRITING)?.is_some();
-    if !was_writing {
-        job.record(WRITING, &())?;
-    }
-    if was_writing && !path.exists() && config.output.exists() {
-        return Ok(());
-    }
-    let place = Place { path: config.output.clone(), disk: disk.clone(), replace: config.force };
-    pending_file::adopt(&path, place)
-}
-
-/// Path that a trial writes to: in the job folder, with the output's extension, which decides the format.
-fn trial_path(config: &Config, number: usize) -> PathBuf {
-    let mut name = std::ffi::OsString::from(number.to_string());
-    if let Some(extension) = config.output.extension() {
-        name.push(".");
-        name.push(extension);
-    }
-    config.job_folder.join(TRIALS).join(name)
 }
 
 /// Writes the geometry of the input without small components among the trials; gives back its path.
@@ -266,11 +243,11 @@ fn run_trial(
             tight: Arc::from(tightened.places.as_slice()),
             ..config.kernel.clone()
         },
-        output: trial_path(config, number),
+        output: trial_path(config, &number.to_string()),
         job_folder: config.job_folder.join(TRIALS).join("job"),
         // Goes with the trials.
         keep_temp: true,
-        keep_first_round: true,
+        trial_of: Some(bound),
         force: true,
         restart: false,
         // Measured below, once.

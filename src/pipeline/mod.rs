@@ -157,7 +157,12 @@ fn run_stages_in(
         return Err(abandon(job, Error::bad_input(&config.input, what)));
     }
     if let Some(path) = &config.seams {
-        crate::pipeline::seam_points::write(&stages.store(store.clone())?, path, &stages.run)?;
+        // The cells go with the first round.
+        let name = format!("seams {}", path.display());
+        if job.outcome::<()>(&name)?.is_none() || !path.exists() {
+            crate::pipeline::seam_points::write(&stages.store(store.clone())?, path, &stages.run)?;
+            job.record(&name, &())?;
+        }
     }
     let mut left = Left::Cells(store);
     let mut levels = Vec::new();
@@ -273,11 +278,16 @@ fn empty_result(result: &SurvivorInfo, target: u64, output: PathBuf) -> Error {
 /// Removes a job that no command can continue: with a bad input or an empty result, whatever helps (another input,
 /// `--skip-bad`, another target) makes another job. All other errors leave it as it is.
 pub(crate) fn abandon(job: &Job, error: Error) -> Error {
-    if matches!(error, Error::BadInput { .. } | Error::Empty { .. }) {
+    if is_final(&error) {
         // What cannot be removed costs space; the error that led here matters more.
         let _ = job.remove();
     }
     error
+}
+
+/// True if the same command would fail again.
+pub(crate) fn is_final(error: &Error) -> bool {
+    matches!(error, Error::BadInput { .. } | Error::Empty { .. })
 }
 
 /// An empty result is never a success.

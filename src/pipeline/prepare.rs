@@ -13,7 +13,7 @@ use crate::io::{
 };
 use crate::stages::write::REACH;
 use crate::store::job;
-use crate::store::job::fingerprint::{input_marks, unchanged};
+use crate::store::job::fingerprint::{input_marks, marks_beside, unchanged};
 use crate::system::disk::folder_of;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -65,7 +65,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
             format!("--method {} has another way in: pipeline::methods", config.method.name());
         return Err(Error::Usage(what));
     }
-    let (marks, stage) = before_opening(config)?;
+    let (mut marks, stage) = before_opening(config)?;
     let (mut texture, mut bake_bytes, mut can_bake) = (Texture::Keep, 0, false);
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
         let coarser = config.coarser.iter().map(|level| &level.output);
@@ -96,6 +96,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         faces_to_vertices(source, carry, &stage)
     });
     let source = unchanged(&config.input, &marks, source)?;
+    marks.extend(marks_beside(&source));
     let config = &settled(config, texture);
     config.targets().try_for_each(|target| target.check(source.n_triangles()))?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);

@@ -18,7 +18,10 @@ pub(super) fn faults(
     BTreeMap::from([
         ("degenerate_faces".to_owned(), partition.degenerate_faces),
         ("duplicate_faces".to_owned(), dropped.duplicate_faces),
-        ("unreferenced_vertices".to_owned(), dropped.unreferenced_vertices),
+        (
+            "unreferenced_vertices".to_owned(),
+            source.unreferenced_vertices() + dropped.unreferenced_vertices,
+        ),
         ("bad_faces".to_owned(), partition.bad_faces + found.bad_faces),
         ("bad_vertices".to_owned(), found.bad_vertices),
         ("missing_faces".to_owned(), found.missing_faces),

@@ -355,7 +355,7 @@ impl<'a> Stages<'a> {
 
     /// True if what the last round has left stays for another attempt.
     fn is_kept(&self) -> bool {
-        self.config.keep_first_round && self.rounds_done <= 1
+        self.config.trial_of.is_some() && self.rounds_done <= 1
     }
 
     fn discard(&self, packs: &[SurvivorFile]) -> Result<()> {

@@ -143,7 +143,7 @@ impl BlockReader {
         }
         let head: Head = serde_json::from_slice(&text)
             .map_err(|e| damaged(&file, &format!("makes no sense: {e}")))?;
-        if let Some(fault) = head.rows.fault() {
+        if let Some(fault) = head.rows.fault(head.bits.is_some()) {
             return Err(damaged(&file, fault));
         }
         Ok((BlockReader { file, offset: 24 + length as u64, number: 0 }, head))

@@ -92,8 +92,8 @@ impl Rows {
         self.fields.iter().map(|field| field.stored.bytes()).sum()
     }
 
-    /// Says what is wrong with a layout that was read.
-    pub(super) fn fault(&self) -> Option<&'static str> {
+    /// Says what is wrong with a layout that was read; `is_stepped` if its places are counted in steps.
+    pub(super) fn fault(&self, is_stepped: bool) -> Option<&'static str> {
         let is_position = matches!(self.schema.coordinate, Scalar::F32 | Scalar::F64);
         let fits = |(scalar, field): (Scalar, &Field)| match field.step {
             0.0 => field.stored == scalar,
@@ -108,7 +108,12 @@ impl Rows {
         let n = scalars(&self.schema).count();
         let is_fit = n == self.fields.len() && scalars(&self.schema).zip(&self.fields).all(fits);
         let is_small = n <= 1024;
-        (!is_position || !is_fit || !is_small).then_some("describes values that cannot be")
+        // `place` takes the three components of a place as numbers of one width.
+        let is_place = self.fields.iter().take(3).all(|field| {
+            field.stored == self.fields[0].stored && (!is_stepped || field.step > 0.0)
+        });
+        let is_sound = is_position && is_fit && is_small && is_place;
+        (!is_sound).then_some("describes values that cannot be")
     }
 
     fn fields(&self) -> impl Iterator<Item = (Scalar, usize)> {
@@ -310,7 +315,7 @@ mod tests {
         let all = [record(-3.0, 5.0), record(7.0, 9.0), record(0.123, 6.789)];
         all.iter().for_each(|record| extremes.add(&schema, record));
         let rows = Rows::of_steps(&schema, &extremes, 16);
-        assert_eq!(rows.fault(), None);
+        assert_eq!(rows.fault(true), None);
         for record in &all {
             let (mut row, mut found) = (Vec::new(), Vec::new());
             rows.put_row(record, &mut row);
@@ -321,5 +326,26 @@ mod tests {
             }
             assert_eq!(found[12], 77);
         }
+    }
+
+    /// A damaged head may give the components of a place different widths, or none of them a step.
+    #[test]
+    fn places_of_mixed_widths_and_without_steps_are_faults() {
+        let schema = schema();
+        let mut extremes = Extremes::new(&schema);
+        let mut record = vec![0; schema.record_bytes()];
+        extremes.add(&schema, &record);
+        write_scalar(Scalar::F32, &mut record, 0, 3.0);
+        extremes.add(&schema, &record);
+        let rows = Rows::of_steps(&schema, &extremes, 20);
+        assert_eq!(rows.fault(true), None);
+        for narrow in 0..3 {
+            let mut mixed = rows.clone();
+            mixed.fields[narrow].stored = Scalar::U16;
+            assert!(mixed.fault(true).is_some() && mixed.fault(false).is_some(), "{narrow}");
+        }
+        let exact = Rows::exact(&schema);
+        assert!(exact.fault(true).is_some());
+        assert_eq!(exact.fault(false), None);
     }
 }

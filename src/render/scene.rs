@@ -3,6 +3,7 @@
 use super::view::{Coloring, View};
 use crate::error::Result;
 use crate::io::ply::{BLOCK_ROWS, FaceBlock, FaceLooks, MeshSource, VertexBlock};
+use crate::io::{find_colour, unit_colour};
 use crate::mesh::Mesh;
 use crate::mesh::property::{Origin, Scalar, read_scalar};
 use crate::mesh::viridis::viridis;
@@ -111,8 +112,8 @@ pub(super) struct OnDisk<'a> {
 /// Place of the colour in a vertex record.
 enum Paint {
     None,
-    /// Byte offsets of red, green and blue in a vertex record, and their type.
-    Rgb([usize; 3], Scalar),
+    /// Types and byte offsets of red, green and blue in a vertex record.
+    Rgb([(Scalar, usize); 3]),
     /// Byte offset and type of a number, and the end of its scale.
     Number(usize, Scalar, f64),
 }
@@ -138,8 +139,6 @@ impl<'a> OnDisk<'a> {
 
     /// The scene of a source with the colours that `view` wants, as far as it has them.
     pub(super) fn new(source: &'a MeshSource, view: &View) -> Self {
-        let rgb =
-            |name: &str| find(source, name).or_else(|| find(source, &format!("diffuse_{name}")));
         let paint = match (&view.scale, view.coloring) {
             (Some(scale), _) => match find(source, &scale.property) {
                 Some((at, scalar)) => Paint::Number(at, scalar, scale.top),
@@ -147,12 +146,11 @@ impl<'a> OnDisk<'a> {
             },
             (None, Coloring::Plain) => Paint::None,
             (None, Coloring::Vertex { .. } | Coloring::Texture) => {
-                match (rgb("red"), rgb("green"), rgb("blue")) {
-                    (Some((r, scalar)), Some((g, _)), Some((b, _)))
-                        if matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::F32) =>
-                    {
-                        Paint::Rgb([r, g, b], scalar)
-                    }
+                let has_white = |(scalar, _): &(Scalar, usize)| {
+                    matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::F32 | Scalar::F64)
+                };
+                match find_colour(source.schema()) {
+                    Some(fields) if fields.iter().all(has_white) => Paint::Rgb(fields),
                     _ => Paint::None,
                 }
             }
@@ -201,16 +199,12 @@ impl Scene for OnDisk<'_> {
                 out.colors
                     .extend(records.map(|record| viridis(read_scalar(scalar, record, at), top)));
             }
-            Paint::Rgb(offsets, scalar) => out.colors.extend(records.map(|record| {
-                offsets.map(|at| match scalar {
-                    Scalar::U8 => record[at],
-                    Scalar::U16 => record[at + 1],
-                    _ => {
-                        let bytes = [record[at], record[at + 1], record[at + 2], record[at + 3]];
-                        (255.0 * f32::from_le_bytes(bytes)).clamp(0.0, 255.0) as u8
-                    }
-                })
-            })),
+            Paint::Rgb(fields) => {
+                let value =
+                    |record, (scalar, at)| (255.0 * unit_colour(scalar, record, at)).round() as u8;
+                out.colors
+                    .extend(records.map(|record: &[u8]| fields.map(|field| value(record, field))));
+            }
         }
         Ok(())
     }

@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::mesh::oklab::srgb_of_linear;
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
-use crate::texture::{Decoded, ImageCache, Light, MapUse, Paint, Palette, opacity_of};
+use crate::texture::{Decoded, ImageCache, Light, MapUse, Paint, Palette};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -181,15 +181,17 @@ impl Group<'_> {
         let paint = &self.skins.palette.paints[sample.material as usize];
         let [u, v, width] = sample.color;
         let scale = first_map(paint).map_or(1.0, MapUse::texels_per_coordinate);
-        let look = |map: Option<&MapUse>| -> Option<Light> {
+        let look_in = |map: Option<&MapUse>| -> Option<(&Decoded, Light)> {
             let map = map?;
-            let image = self.decoded[self.numbers.binary_search(&map.image).ok()?].as_ref()?;
+            let place = self.numbers.binary_search(&map.image).ok()?;
+            let image: &Decoded = self.decoded[place].as_ref()?;
             let width = f64::from(width) * map.texels_per_coordinate() / scale;
             let is_bumps = paint.normal.as_ref() == Some(map);
             let images = &self.skins.images;
             let table = if is_bumps { &images.plain } else { &images.table };
-            image.between(map, [u, v], width as f32, table)
+            Some((image, image.between(map, [u, v], width as f32, table)?))
         };
+        let look = |map: Option<&MapUse>| look_in(map).map(|(_, light)| light);
         let normal = match look(paint.normal.as_ref()) {
             Some([x, y, z, opacity]) if opacity > 0.0 => {
                 bent(sample, [x, y, z].map(|x| 2.0 * x / opacity - 1.0))
@@ -207,8 +209,8 @@ impl Group<'_> {
             color = [0, 1, 2].map(|i| color[i] * image[i]);
             opacity = a;
         }
-        if let Some(light) = look(paint.opacity.as_ref()) {
-            opacity *= opacity_of(light);
+        if let Some((image, light)) = look_in(paint.opacity.as_ref()) {
+            opacity *= image.opacity_of(light);
         }
         let is_there = match paint.mask {
             Some(from) => opacity * own_opacity >= from,

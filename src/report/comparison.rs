@@ -53,7 +53,7 @@ pub struct Contender {
 pub struct Absent {
     /// Its name, for people.
     pub name: String,
-    /// Why there is none, for people.
+    /// The reason, for people.
     pub reason: String,
 }
 

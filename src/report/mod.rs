@@ -21,6 +21,7 @@ use crate::mesh::record::VertexSchema;
 use crate::render::{Coloring, Resources, Scale, Sphere, View, has_images, top_of};
 use crate::system::json_keys::is_old_name;
 use crate::system::progress::Progress;
+use crate::system::units::show_outward;
 use base64::Engine;
 use page::{VIEWER, bars, escape, histogram, show, table};
 use pictures::pictures_of;
@@ -158,11 +159,15 @@ fn error(deviation: &Value, out: &mut String) {
         show(&deviation["diagonal"])
     );
     if let enclosed @ Value::Object(_) = &deviation["hausdorff"] {
+        let outward = |end: &str, direction: i64| match enclosed[end].as_f64() {
+            Some(length) => show_outward(length, direction, 4),
+            None => show(&enclosed[end]),
+        };
         let _ = write!(
             out,
             "<p>Largest distance (Hausdorff), proven: at least <b>{}</b>, at most <b>{}</b>.</p>",
-            show(&enclosed["lower"]),
-            show(&enclosed["upper"])
+            outward("lower", -1),
+            outward("upper", 1)
         );
     }
     out.push_str("<div class=\"columns\">");

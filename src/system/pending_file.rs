@@ -47,18 +47,21 @@ pub fn write_whole(place: impl Into<Place>, bytes: &[u8]) -> Result<()> {
     file.finish().map(drop)
 }
 
-/// Gives a finished file of our own the name of an output; on another file system it is copied.
+/// Gives a finished file of our own the name of an output; to another file system, or a stream, it is copied.
 pub fn adopt(file: &Path, place: Place) -> Result<()> {
     use std::os::unix::fs::MetadataExt;
     let target = place.path.as_path();
-    refuse_irregular(target)?;
-    if !place.replace && target.exists() && !same_bytes(file, target)? {
-        return Err(appeared(target));
+    let is_stream = target == Path::new("-");
+    if !is_stream {
+        refuse_irregular(target)?;
+        if !place.replace && target.exists() && !same_bytes(file, target)? {
+            return Err(appeared(target));
+        }
     }
     let device = |path: &Path| {
         std::fs::metadata(path).map(|m| m.dev()).map_err(|e| Error::reading(path, "cannot stat", e))
     };
-    if device(file)? == device(folder_of(target))? {
+    if !is_stream && device(file)? == device(folder_of(target))? {
         return place.disk.rename(file, target);
     }
     let disk = place.disk.clone();

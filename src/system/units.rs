@@ -59,6 +59,24 @@ pub fn show_count(count: u64) -> String {
     }
 }
 
+/// A length with `digits` digits after the first, not above it (`direction` -1) or not below it (1).
+pub fn show_outward(length: f64, direction: i64, digits: usize) -> String {
+    let text = format!("{length:.digits$e}");
+    let shown: f64 = text.parse().unwrap_or(length);
+    if (shown - length) * direction as f64 >= 0.0 || length == 0.0 || !length.is_finite() {
+        return text;
+    }
+    let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
+    let one = 10i64.pow(digits as u32);
+    let last = mantissa.replace('.', "").parse::<i64>().unwrap_or(0) + direction;
+    let (last, exponent) = match (last, exponent.parse::<i64>().unwrap_or(0)) {
+        (last, exponent) if last < one => (10 * one - 1, exponent - 1),
+        (last, exponent) if last >= 10 * one => (one, exponent + 1),
+        both => both,
+    };
+    format!("{}.{:0digits$}e{exponent}", last / one, last % one)
+}
+
 /// A length for people, in at most some twenty characters: `0.2`, `1e300`.
 pub fn show_length(length: f64) -> String {
     if length == 0.0 || (1e-4..1e7).contains(&length.abs()) {
@@ -100,6 +118,22 @@ fn number_times(number: &str, factor: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn bounds_are_shown_outward() {
+        assert_eq!(show_outward(0.00123412, 1, 4), "1.2342e-3");
+        assert_eq!(show_outward(0.00123412, -1, 4), "1.2341e-3");
+        assert_eq!(show_outward(9.99999, 1, 3), "1.000e1");
+        assert_eq!(show_outward(9.99999, -1, 3), "9.999e0");
+        assert_eq!(show_outward(1.0000001, -1, 3), "1.000e0");
+        assert_eq!(show_outward(0.0, 1, 3), "0.000e0");
+        for k in 0..2000 {
+            let length = 1.7f64.powi(k % 90 - 40) * (1.0 + f64::from(k) * 1e-7);
+            let [low, high]: [f64; 2] =
+                [-1, 1].map(|d| show_outward(length, d, 5).parse().unwrap());
+            assert!(low <= length && length <= high && high - low <= 2e-5 * length, "{length}");
+        }
+    }
 
     #[test]
     fn counts_sizes_and_ratios_are_read_as_people_write_them() {

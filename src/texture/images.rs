@@ -9,7 +9,7 @@ use crate::io::materials::copy_bytes;
 use crate::mesh::oklab::{linear_of_srgb, srgb_of_linear};
 use crate::system::parallel::{guarded, in_order};
 use crate::system::progress::Progress;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
 use std::sync::Arc;
 use std::sync::{Mutex, PoisonError};
@@ -20,6 +20,8 @@ pub(crate) type Light = [f32; 4];
 /// A decoded image: sRGB and opacity, in its size and all halves of it.
 pub(crate) struct Decoded {
     levels: Vec<Level>,
+    /// True if any of its pixels is not opaque.
+    has_opacity: bool,
 }
 
 struct Level {
@@ -78,12 +80,6 @@ pub(crate) fn pixel_of([r, g, b, opacity]: Light) -> [u8; 4] {
     [value(r), value(g), value(b), (255.0 * opacity.min(1.0)).round() as u8]
 }
 
-/// The number that an image of opacity gives: the brightness of its values, not of their light, or its own opacity.
-pub(crate) fn opacity_of(light: Light) -> f32 {
-    let [r, g, b, a] = pixel_of(light).map(|x| f32::from(x) / 255.0);
-    if a < 1.0 { a } else { (r + g + b) / 3.0 }
-}
-
 impl Decoded {
     /// Decodes a picture; the error says in words why that is not possible.
     fn new(picture: &Picture, table: &LightTable) -> Result<Decoded, String> {
@@ -93,7 +89,11 @@ impl Decoded {
             Ok(())
         });
         read.map_err(|error| error.to_string())?;
-        Decoded::of_bytes(&bytes, picture.size, table)
+        let mut pixels = pixels_of(&bytes, picture.size)?;
+        if picture.is_opaque {
+            pixels.pixels_mut().for_each(|pixel| pixel.0[3] = 255);
+        }
+        Ok(Decoded::of_pixels(pixels, table))
     }
 
     /// Decodes the file of an image whose head names `size`; the error says in words why that is not possible.
@@ -102,27 +102,25 @@ impl Decoded {
         size: [u32; 2],
         table: &LightTable,
     ) -> Result<Decoded, String> {
-        let mut reader = image::ImageReader::new(Cursor::new(bytes))
-            .with_guessed_format()
-            .map_err(|error| error.to_string())?;
-        // A TGA file has nothing at its beginning that tells it.
-        if reader.format().is_none() {
-            reader.set_format(image::ImageFormat::Tga);
-        }
-        let mut limits = image::Limits::default();
-        // The header was looked at before; a decoder that finds another size is stopped.
-        limits.max_image_width = Some(size[0]);
-        limits.max_image_height = Some(size[1]);
-        limits.max_alloc = Some(16 * image_bytes(size) + (16 << 20));
-        reader.limits(limits);
-        let pixels = reader.decode().map_err(|error| error.to_string())?.into_rgba8();
+        Ok(Decoded::of_pixels(pixels_of(bytes, size)?, table))
+    }
+
+    fn of_pixels(pixels: image::RgbaImage, table: &LightTable) -> Decoded {
+        let has_opacity = pixels.pixels().any(|pixel| pixel.0[3] < 255);
         let size = [pixels.width(), pixels.height()];
         let first = Level { size, pixels: pixels.into_raw().as_chunks::<4>().0.to_vec() };
         let mut levels = vec![first];
         while let Some(half) = levels.last().and_then(|level| level.half(table)) {
             levels.push(half);
         }
-        Ok(Decoded { levels })
+        Decoded { levels, has_opacity }
+    }
+
+    /// Opacity that it stands for as an image of opacity, of a colour looked up in it: its own if any of its pixels is not
+    /// opaque, otherwise the brightness of its values, not of their light.
+    pub fn opacity_of(&self, light: Light) -> f32 {
+        let [r, g, b, a] = pixel_of(light).map(|x| f32::from(x) / 255.0);
+        if self.has_opacity { a } else { (r + g + b) / 3.0 }
     }
 
     /// The colour at coordinates, mixed of four texels, in the size in which a point is about `width` texels of the
@@ -175,8 +173,39 @@ impl Decoded {
     }
 }
 
+/// Decodes the file of an image whose head names `size`; the error says in words why that is not possible.
+fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<image::RgbaImage, String> {
+    let mut reader = image::ImageReader::new(Cursor::new(bytes))
+        .with_guessed_format()
+        .map_err(|error| error.to_string())?;
+    // A TGA file has nothing at its beginning that tells it.
+    if reader.format().is_none() {
+        reader.set_format(image::ImageFormat::Tga);
+    }
+    let mut limits = image::Limits::default();
+    // The header was looked at before; a decoder that finds another size is stopped.
+    limits.max_image_width = Some(size[0]);
+    limits.max_image_height = Some(size[1]);
+    limits.max_alloc = Some(16 * image_bytes(size) + (16 << 20));
+    reader.limits(limits);
+    Ok(reader.decode().map_err(|error| error.to_string())?.into_rgba8())
+}
+
+/// Texels along a side of `n` that become texel `to` of half the side, and their shares: two, and three of an odd side.
+fn merged(n: u32, to: u32) -> impl Iterator<Item = (usize, f32)> {
+    let half = n / 2;
+    let has_three = n % 2 == 1 && half > 0;
+    // Of an odd side each takes 2 + 1 / half: the outer ones of three are shared with the neighbours.
+    let shares = match has_three {
+        true => [half - to, half, to + 1].map(|share| share as f32 / n as f32),
+        false => [0.5, 0.5, 0.0],
+    };
+    let texel = move |(k, share): (u32, f32)| ((2 * to + k).min(n - 1) as usize, share);
+    (0..).zip(shares).take(if has_three { 3 } else { 2 }).map(texel)
+}
+
 impl Level {
-    /// The same in half the size; `None` of a single pixel.
+    /// The same in half the size, rounded down; `None` of a single pixel.
     fn half(&self, table: &LightTable) -> Option<Level> {
         if self.size == [1, 1] {
             return None;
@@ -186,14 +215,12 @@ impl Level {
         for y in 0..size[1] {
             for x in 0..size[0] {
                 let mut sum = [0.0; 4];
-                for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                    let from = [
-                        (2 * x + dx).min(self.size[0] - 1) as usize,
-                        (2 * y + dy).min(self.size[1] - 1) as usize,
-                    ];
-                    let light = table.of(self.pixels[from[1] * self.size[0] as usize + from[0]]);
-                    for (sum, light) in sum.iter_mut().zip(light) {
-                        *sum += 0.25 * light;
+                for (row, row_share) in merged(self.size[1], y) {
+                    for (column, column_share) in merged(self.size[0], x) {
+                        let light = table.of(self.pixels[row * self.size[0] as usize + column]);
+                        for (sum, light) in sum.iter_mut().zip(light) {
+                            *sum += row_share * column_share * light;
+                        }
                     }
                 }
                 pixels.push(table.pixel(sum));
@@ -234,7 +261,9 @@ impl<'a> ImageCache<'a> {
             let name = self.picture(number).map_or("", |picture| &picture.name);
             format!("image {name} cannot be decoded ({fault}): its material's colour stands for it")
         };
-        held.faults.iter().map(line).collect()
+        // An image may be there twice, with its opacity and without.
+        let mut said = BTreeSet::new();
+        held.faults.iter().map(line).filter(|line| said.insert(line.clone())).collect()
     }
 
     /// As many of the images from the first on as the budget holds together, at least one.
@@ -330,6 +359,7 @@ impl<'a> ImageCache<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::materials::{ImageData, Part};
 
     #[test]
     fn light_is_mixed_not_its_values() {
@@ -343,6 +373,102 @@ mod tests {
         for value in 0..=255 {
             let pixel = [value, 255 - value, 7, 255];
             assert_eq!(pixel_of(table.of(pixel)), pixel);
+        }
+    }
+
+    /// Pixels that have nothing to do with each other.
+    fn noise(size: [u32; 2]) -> Level {
+        let value = |i: u32| (i.wrapping_mul(2_654_435_761) >> 13).to_le_bytes();
+        Level { size, pixels: (1..=size[0] * size[1]).map(value).collect() }
+    }
+
+    #[test]
+    fn every_row_and_column_of_odd_sides_counts() {
+        let table = LightTable::plain();
+        let row = |values: &[u8]| {
+            let pixels = values.iter().map(|&value| [value, value, value, 255]).collect();
+            Level { size: [values.len() as u32, 1], pixels }
+        };
+        let half = |level: Level| level.half(&table).unwrap();
+        // A strip of three colours.
+        assert_eq!(half(row(&[0, 0, 240])).pixels, [[80, 80, 80, 255]]);
+        // Five columns become two of 2.5 each.
+        let two = half(row(&[100, 50, 200, 50, 250])).pixels;
+        assert_eq!(two, [[100, 100, 100, 255], [160, 160, 160, 255]]);
+        // The same along the other side.
+        let column = Level { size: [1, 3], ..row(&[0, 0, 240]) };
+        assert_eq!(half(column).pixels, [[80, 80, 80, 255]]);
+        // One colour stays what it is, whatever the size.
+        for size in [[3, 5], [7, 2], [9, 1], [255, 3]] {
+            let pixels = vec![[9, 130, 255, 255]; (size[0] * size[1]) as usize];
+            let half = half(Level { size, pixels });
+            assert_eq!(half.size, size.map(|side| (side / 2).max(1)));
+            assert!(half.pixels.iter().all(|pixel| *pixel == [9, 130, 255, 255]), "{size:?}");
+        }
+    }
+
+    #[test]
+    fn a_pixel_of_even_sides_is_the_mean_of_four() {
+        let table = LightTable::new();
+        for size in [[6, 4], [2, 2], [8, 1], [1, 6]] {
+            let level = noise(size);
+            let half = level.half(&table).unwrap();
+            for (i, pixel) in (0..).zip(&half.pixels) {
+                let (x, y) = (i % half.size[0], i / half.size[0]);
+                let mut sum = [0.0; 4];
+                for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                    let column = (2 * x + dx).min(size[0] - 1);
+                    let row = (2 * y + dy).min(size[1] - 1);
+                    let light = table.of(level.pixels[(row * size[0] + column) as usize]);
+                    sum = std::array::from_fn(|k| sum[k] + 0.25 * light[k]);
+                }
+                assert_eq!(*pixel, table.pixel(sum), "{size:?}");
+            }
+        }
+    }
+
+    fn decoded(pixels: &[[u8; 4]]) -> Decoded {
+        let bytes = pixels.as_flattened().to_vec();
+        let image = image::RgbaImage::from_raw(pixels.len() as u32, 1, bytes).unwrap();
+        Decoded::of_pixels(image, &LightTable::new())
+    }
+
+    #[test]
+    fn an_image_has_opacity_or_brightness_for_all_its_pixels() {
+        let table = LightTable::new();
+        let (dark, clear) = ([20, 40, 30, 255], [250, 250, 250, 0]);
+        // A leaf: what is dark is no less opaque for that.
+        let leaf = decoded(&[dark, clear]);
+        assert_eq!(leaf.opacity_of(table.of(dark)), 1.0);
+        assert_eq!(leaf.opacity_of(table.of(clear)), 0.0);
+        let grey = decoded(&[dark, [255; 4]]);
+        let share = grey.opacity_of(table.of(dark));
+        assert!((share - 30.0 / 255.0).abs() < 1e-6, "{share}");
+        assert_eq!(grey.opacity_of(table.of([255; 4])), 1.0);
+    }
+
+    /// Colours stay where opacity does not count, in all sizes.
+    #[test]
+    fn an_opaque_picture_shows_the_colours_below_its_opacity() {
+        let mut bytes = Cursor::new(Vec::new());
+        let image = image::RgbaImage::from_pixel(4, 4, image::Rgba([200, 40, 0, 0]));
+        image.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+        let n_bytes = bytes.get_ref().len() as u64;
+        let file = Arc::new(crate::io::ply::raw::RawFile::from_bytes("image", bytes.into_inner()));
+        let data = ImageData::Inside(Part { file, offset: 0, n_bytes });
+        let picture = |is_opaque: bool| Picture {
+            data: data.clone(),
+            name: String::new(),
+            size: [4, 4],
+            is_jpeg: false,
+            is_directions: false,
+            is_opaque,
+        };
+        for (is_opaque, seen) in [(true, [200, 40, 0, 255]), (false, [0; 4])] {
+            let decoded = Decoded::new(&picture(is_opaque), &LightTable::new()).unwrap();
+            assert_eq!(decoded.levels.len(), 3);
+            assert_eq!(decoded.levels[2].pixels, [seen]);
+            assert_eq!(decoded.has_opacity, !is_opaque);
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Colours of many places: images one after the other, as many at a time as the cache holds.
 
-use super::images::{Decoded, ImageCache, Light, opacity_of};
+use super::images::{Decoded, ImageCache, Light};
 use super::palette::{MapUse, Paint, Palette};
 use crate::error::Result;
 use crate::system::parallel::in_order;
@@ -54,7 +54,7 @@ impl Look<'_> {
         let light = decoded.at(map, spot.uv, width as f32, &cache.table)?;
         Some(match self.role {
             Role::Base => light,
-            Role::Opacity => [opacity_of(light); 4],
+            Role::Opacity => [decoded.opacity_of(light); 4],
         })
     }
 }

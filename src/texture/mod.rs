@@ -11,7 +11,7 @@ mod page;
 mod palette;
 
 pub(crate) use frames::{Axes, FrameCorner, Tangent, tangents, unpacked};
-pub(crate) use images::{Decoded, ImageCache, Light, opacity_of, pixel_of};
+pub(crate) use images::{Decoded, ImageCache, Light, pixel_of};
 pub(crate) use lights::{Spot, multiply, times_opacity};
 pub(crate) use page::{add_corners, apart, corner_bytes};
 pub use palette::Finish;

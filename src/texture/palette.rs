@@ -9,7 +9,7 @@ use crate::io::materials::{
 use crate::mesh::oklab::linear_of_srgb;
 use crate::system::units::show_bytes;
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Bytes of a decoded pixel, with all smaller sizes of the image.
 const PIXEL_BYTES: u64 = 4;
@@ -18,8 +18,11 @@ const PIXEL_BYTES: u64 = 4;
 pub(crate) struct Palette {
     /// Paints in the order of the numbers that faces have.
     pub paints: Vec<Paint>,
-    /// Images as the materials number them; `None` for those that cannot be used or are not needed.
+    /// Images as the materials number them; `None` for those that cannot be used or are not needed. Behind them those
+    /// that are needed both with their opacity and without, a second time.
     pub images: Vec<Option<Picture>>,
+    /// Number of the images without the second ones.
+    n_images: usize,
     materials: Vec<Material>,
     notes: Vec<String>,
 }
@@ -35,7 +38,19 @@ pub(crate) enum Purpose {
     Relief,
 }
 
+impl Purpose {
+    /// True if images of this kind are looked up.
+    fn uses(self, kind: MapKind) -> bool {
+        match kind {
+            MapKind::Base | MapKind::Opacity => self != Purpose::Relief,
+            MapKind::Normal => self != Purpose::Bake,
+            _ => false,
+        }
+    }
+}
+
 /// An image that can be decoded.
+#[derive(Clone)]
 pub(crate) struct Picture {
     pub data: ImageData,
     pub name: String,
@@ -43,6 +58,8 @@ pub(crate) struct Picture {
     pub is_jpeg: bool,
     /// True of a normal map, whose values are not colours.
     pub is_directions: bool,
+    /// True if the opacity of its pixels does not count.
+    pub is_opaque: bool,
 }
 
 impl Picture {
@@ -211,6 +228,7 @@ impl Palette {
         let mut palette = Palette {
             paints: Vec::new(),
             images: Vec::new(),
+            n_images: materials.images.len(),
             materials: materials.list.clone(),
             notes: match purpose {
                 Purpose::Bake => materials.notes.clone(),
@@ -218,10 +236,16 @@ impl Palette {
             },
         };
         palette.look(materials, image_bytes, purpose)?;
+        let opaque = palette.part_opaque(purpose);
         let images = &palette.images;
         let use_of = |material: &Material, kind: MapKind| {
             let map = material.maps.iter().find(|map| map.kind == kind)?;
-            Some(MapUse::new(map, images[map.image].as_ref()?.size))
+            let used = MapUse::new(map, images[map.image].as_ref()?.size);
+            let image = match is_opaque(material, kind) {
+                true => opaque.get(&map.image).copied().unwrap_or(map.image),
+                false => map.image,
+            };
+            Some(MapUse { image, ..used })
         };
         let paint = |material: &Material| Paint {
             factor: linear(material.base),
@@ -231,10 +255,7 @@ impl Palette {
                 Purpose::Bake => None,
                 Purpose::View | Purpose::Relief => use_of(material, MapKind::Normal),
             },
-            mask: match material.alpha {
-                Alpha::Mask(from) => Some(from),
-                Alpha::Plain | Alpha::Blend => None,
-            },
+            mask: material.alpha.cutoff(),
             unlit: material.unlit,
         };
         let mut paints: Vec<Paint> = materials.list.iter().map(paint).collect();
@@ -250,16 +271,11 @@ impl Palette {
     }
 
     fn look(&mut self, materials: &Materials, image_bytes: u64, purpose: Purpose) -> Result<()> {
-        let is_of_use = |kind: MapKind| match kind {
-            MapKind::Base | MapKind::Opacity => purpose != Purpose::Relief,
-            MapKind::Normal => purpose != Purpose::Bake,
-            _ => false,
-        };
         let is_used = |number: usize, counts: &dyn Fn(MapKind) -> bool| {
             let uses = |map: &Map| map.image == number && counts(map.kind);
             materials.list.iter().any(|material| material.maps.iter().any(uses))
         };
-        let is_needed = |number: usize| is_used(number, &is_of_use);
+        let is_needed = |number: usize| is_used(number, &|kind| purpose.uses(kind));
         let mut faults: BTreeMap<String, (usize, String)> = BTreeMap::new();
         let mut doubtful: Vec<(String, String)> = Vec::new();
         for (number, image) in materials.images.iter().enumerate() {
@@ -288,6 +304,7 @@ impl Palette {
                     size,
                     is_jpeg: facts.ending == "jpg",
                     is_directions: !is_used(number, &|kind| kind != MapKind::Normal),
+                    is_opaque: false,
                 }),
                 Err(fault) => Err(fault),
             };
@@ -336,6 +353,35 @@ impl Palette {
         Ok(())
     }
 
+    /// Makes the colour images of opaque materials opaque; returns the number that each has for these.
+    ///
+    /// An image that is also used otherwise gets a second place.
+    fn part_opaque(&mut self, purpose: Purpose) -> BTreeMap<usize, usize> {
+        let (mut opaque, mut others) = (BTreeMap::new(), BTreeSet::new());
+        for material in &self.materials {
+            for map in material.maps.iter().filter(|map| purpose.uses(map.kind)) {
+                if is_opaque(material, map.kind) {
+                    opaque.insert(map.image, map.image);
+                } else {
+                    others.insert(map.image);
+                }
+            }
+        }
+        for (image, place) in &mut opaque {
+            // A JPEG has no opacity.
+            let picture = self.images[*image].as_mut().filter(|picture| !picture.is_jpeg);
+            let Some(picture) = picture else { continue };
+            if others.contains(image) {
+                let second = Picture { is_opaque: true, ..picture.clone() };
+                *place = self.images.len();
+                self.images.push(Some(second));
+            } else {
+                picture.is_opaque = true;
+            }
+        }
+        opaque
+    }
+
     /// Says what of the materials has no place on the pages.
     fn note_losses(&mut self) {
         let is_mixed = |of: fn(&Material) -> Option<f32>| {
@@ -343,13 +389,7 @@ impl Palette {
         };
         let differ = [
             ("metal and roughness", is_mixed(|m| m.metallic) || is_mixed(|m| m.roughness)),
-            (
-                "cut-off of opacity",
-                is_mixed(|material| match material.alpha {
-                    Alpha::Mask(from) => Some(from),
-                    Alpha::Plain | Alpha::Blend => None,
-                }),
-            ),
+            ("cut-off of opacity", is_mixed(|m| m.alpha.cutoff())),
             ("independence of light", is_mixed(|m| m.unlit.then_some(1.0))),
         ];
         let mut lost: BTreeMap<String, usize> = BTreeMap::new();
@@ -377,10 +417,10 @@ impl Palette {
         &self.notes
     }
 
-    /// Pixels of all images.
+    /// Pixels of all images, each counted once.
     pub fn n_pixels(&self) -> u64 {
         let pixels = |picture: &Picture| u64::from(picture.size[0]) * u64::from(picture.size[1]);
-        self.images.iter().flatten().map(pixels).sum()
+        self.images[..self.n_images].iter().flatten().map(pixels).sum()
     }
 
     /// True if any material has a normal map that is of use.
@@ -416,10 +456,7 @@ impl Palette {
             all.all(|x| x == Some(first)).then_some(first)
         }
         let list = &self.materials;
-        let mask = same(list.iter().map(|material| match material.alpha {
-            Alpha::Mask(from) => Some(from),
-            Alpha::Plain | Alpha::Blend => None,
-        }));
+        let mask = same(list.iter().map(|material| material.alpha.cutoff()));
         let base = self.common_base().unwrap_or([1.0; 4]);
         let is_clear = has_alpha || base[3] < 1.0;
         Finish {
@@ -434,6 +471,11 @@ impl Palette {
     }
 }
 
+/// True if the opacity of a material's image of this kind does not count.
+fn is_opaque(material: &Material, kind: MapKind) -> bool {
+    material.alpha == Alpha::Opaque && kind == MapKind::Base
+}
+
 /// A material's colour in linear light.
 fn linear(base: [f32; 4]) -> [f32; 4] {
     let [r, g, b, opacity] = base.map(|x| if x.is_finite() { x.clamp(0.0, 1.0) } else { 1.0 });
@@ -444,6 +486,9 @@ fn linear(base: [f32; 4]) -> [f32; 4] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::io::materials::{Image, Part};
+    use crate::io::ply::raw::RawFile;
+    use std::sync::Arc;
 
     fn map(options: &str, wrap: Option<[u32; 2]>) -> MapUse {
         let map = Map { kind: MapKind::Base, image: 0, options: options.to_owned(), wrap };
@@ -453,6 +498,37 @@ mod tests {
     /// Texels of the upper left corner for coordinates at the middle of a texel.
     fn at(map: &MapUse, uv: [f32; 2]) -> Option<[usize; 2]> {
         map.texels(uv, [4, 2]).map(|(texels, _)| [texels[0][0], texels[1][0]])
+    }
+
+    /// A glTF material without `alphaMode` and one with a mask share an image with opacity.
+    #[test]
+    fn an_image_of_opaque_and_of_clear_materials_is_there_twice() {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        let image = image::RgbaImage::from_pixel(4, 2, image::Rgba([200, 40, 0, 0]));
+        image.write_to(&mut bytes, image::ImageFormat::Png).unwrap();
+        let n_bytes = bytes.get_ref().len() as u64;
+        let file = Arc::new(RawFile::from_bytes("image", bytes.into_inner()));
+        let data = ImageData::Inside(Part { file, offset: 0, n_bytes });
+        let mut materials = Materials::default();
+        materials.add_image(Image { name: "image".to_owned(), data });
+        let material = |alpha: Alpha| {
+            let options = String::new();
+            let map = Map { kind: MapKind::Base, image: 0, options, wrap: None };
+            Material { alpha, maps: vec![map], ..Material::default() }
+        };
+        let images = |list: &[Alpha]| {
+            let mut materials = materials.clone();
+            materials.list = list.iter().map(|alpha| material(*alpha)).collect();
+            let palette = Palette::new(Some(&materials), 1 << 20, Purpose::Bake).unwrap();
+            assert_eq!(palette.n_pixels(), 8);
+            let numbers = palette.paints.iter().map(|paint| paint.base.as_ref().unwrap().image);
+            let opaque = palette.images.iter().flatten().map(|picture| picture.is_opaque);
+            (numbers.collect::<Vec<_>>(), opaque.collect::<Vec<_>>())
+        };
+        assert_eq!(images(&[Alpha::Opaque, Alpha::Opaque]), (vec![0, 0], vec![true]));
+        assert_eq!(images(&[Alpha::Plain, Alpha::Blend]), (vec![0, 0], vec![false]));
+        let mixed = [Alpha::Opaque, Alpha::Mask(0.5), Alpha::Opaque];
+        assert_eq!(images(&mixed), (vec![1, 0, 1], vec![false, true]));
     }
 
     #[test]

@@ -562,3 +562,38 @@ fn what_a_format_has_no_place_for_is_said() {
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(json["face_properties"], serde_json::json!(["texnumber", "label"]));
 }
+
+#[test]
+fn rows_that_are_missing_are_counted_where_faces_have_values_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    write(&folder.join("whole.ply"), &sphere(30), &["uchar red"], |_, c, _| {
+        if c[0] > 0.0 { 255.0 } else { 3.0 }
+    });
+    expect(folder, "convert whole.ply in.ply --format binary_little_endian", 0);
+    let bytes = std::fs::read(folder.join("in.ply")).unwrap();
+    std::fs::write(folder.join("cut.ply"), &bytes[..bytes.len() * 9 / 10]).unwrap();
+    for drop in ["", "--drop-faces"] {
+        let command = format!("simplify cut.ply s.ply --ratio 50% --skip-bad --force {drop}");
+        expect(folder, &format!("{command} --report r.json"), 3);
+        let report: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap();
+        assert!(report["input"]["faults"]["missing_faces"].as_i64().unwrap() > 50, "{report}");
+    }
+}
+
+#[test]
+fn faces_that_cannot_be_read_are_left_out_with_their_values() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let text = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\n\
+                property float z\nelement face 5\nproperty list uchar int vertex_indices\n\
+                property uchar red\nend_header\n\
+                0 0 0\n1 0 0\n0 1 0\n1 1 0\n2 1 0\n\
+                3 0 1 2 9\n3 0 1 x 255\n3 1 3 2 9\n3 1 y 4 7\n3 1 4 3 200\n";
+    std::fs::write(folder.join("in.ply"), text).unwrap();
+    let said = expect(folder, "simplify in.ply s.ply --ratio 100%", 4);
+    assert!(said.contains("--skip-bad"), "{said}");
+    expect(folder, "simplify in.ply s.ply --ratio 100% --skip-bad", 3);
+    assert_eq!(read(&folder.join("s.ply")).values, [[9.0], [9.0], [200.0]].map(Vec::from));
+}

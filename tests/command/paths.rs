@@ -393,3 +393,26 @@ fn a_pipe_that_is_closed_ends_the_command_without_a_word() {
     let output = run(at, "status .");
     assert_eq!(output.status.code(), Some(1), "no job folder");
 }
+
+/// What only the end of the work would notice is refused before it begins.
+#[test]
+fn pictures_in_the_way_and_no_samples_are_refused_before_any_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth statue in.ply --triangles 1000", 0);
+    std::fs::create_dir(at.join("shots")).unwrap();
+    std::fs::write(at.join("shots/view-01.png"), "mine").unwrap();
+    let measure = "measure in.ply in.ply --samples 1k --heatmap heat.ply --appearance --views 2";
+    let said = expect(at, &format!("{measure} --pictures shots"), 2);
+    assert!(said.contains("view-01.png") && said.contains("--force"), "{said}");
+    // The heatmap comes before the pictures.
+    assert!(!at.join("heat.ply").exists() && !at.join("shots/view-00.png").exists());
+    let said = expect(at, &format!("{measure} --pictures in.ply"), 2);
+    assert!(said.contains("--pictures") && !at.join("heat.ply").exists(), "{said}");
+    expect(at, &format!("{measure} --pictures shots --force"), 0);
+    assert_eq!(&std::fs::read(at.join("shots/view-01.png")).unwrap()[1..4], b"PNG");
+    // The words are read before the input is opened.
+    let compare = "compare cluster missing.ply --triangles 100 -o page.html";
+    let said = expect(at, &format!("{compare} --samples 0"), 2);
+    assert!(said.contains("at least one sample"), "{said}");
+}

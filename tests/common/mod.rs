@@ -98,7 +98,7 @@ pub fn config(folder: &Path, target: Target) -> Config {
         cell_triangles: 1000,
         job_folder: folder.join("job"),
         keep_temp: false,
-        keep_first_round: false,
+        trial_of: None,
         until: None,
         force: false,
         restart: false,

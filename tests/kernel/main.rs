@@ -2,6 +2,7 @@
 
 mod dirty;
 mod facing;
+mod gaps;
 mod property;
 mod quality;
 mod strays;

@@ -4,9 +4,10 @@
 
 use crate::common::write_ply;
 use std::path::Path;
+use stonecut::Error;
 use stonecut::io::ply::{MeshSource, OutputHeader, PlyWriter};
 use stonecut::measure::compare::{Request, compare, compare_in_cells};
-use stonecut::measure::{Options, Side};
+use stonecut::measure::{Options, Region, Side};
 use stonecut::mesh::property::{Property, Scalar};
 use stonecut::mesh::record::VertexSchema;
 use stonecut::system::progress::Progress;
@@ -198,4 +199,31 @@ fn a_surface_without_area_is_refused_not_called_perfect() {
             assert!(said.contains(flat) && said.contains("no area"), "{said}");
         }
     }
+}
+
+/// The points of a region lie in the same budget as the meshes.
+#[test]
+fn a_region_leaves_less_memory_for_the_meshes() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(&folder.path().join("original.ply"), 150, 0.01);
+    write_scene(&folder.path().join("simplified.ply"), 130, 0.02);
+    let sources = sources(folder.path());
+    let progress = Progress::default();
+    let mut request = request(&sources, folder.path());
+    request.memory_bytes = 72 << 20;
+    assert_eq!(compare(&request, &progress).unwrap().cells, 0);
+    let points: Vec<[f64; 3]> = (0..200_000).map(|i| [f64::from(i) * 4e-5, 3.0, 0.0]).collect();
+    let region = Region::around_points(&points, 0.1);
+    assert!(region.bytes() > 15 << 20);
+    request.options.region = Some(region);
+    match compare(&request, &progress) {
+        Ok(cut) => assert!(cut.cells > 0),
+        Err(error) => assert!(matches!(error, Error::NoMemory(_)), "{error}"),
+    }
+    // Where the budget holds all, the region is what it was.
+    request.memory_bytes = 4 << 30;
+    let side = compare(&request, &progress).unwrap().measured.deviation.forward;
+    let (near, far) = (side.near.unwrap(), side.far.unwrap());
+    assert!(near.samples > 0 && far.samples > 0);
+    assert_eq!(near.samples + far.samples, side.distance.samples);
 }

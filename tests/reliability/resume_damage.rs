@@ -206,3 +206,90 @@ fn degenerate_shapes_complete_in_the_budget() {
         assert!(looks < 40_000_000, "{shape:?}: {counts:?}");
     }
 }
+
+/// A glTF file of a wavy sheet, with its numbers in a file beside it.
+fn write_sheet(at: &Path, height: f32) {
+    const SIDE: u32 = 40;
+    let mut bytes = Vec::new();
+    for v in 0..SIDE * SIDE {
+        let (x, y) = ((v % SIDE) as f32, (v / SIDE) as f32);
+        bytes.extend([x, y, height * (0.3 * x).sin()].map(f32::to_le_bytes).concat());
+    }
+    let n_positions = bytes.len();
+    for v in (0..SIDE * (SIDE - 1)).filter(|v| v % SIDE < SIDE - 1) {
+        let corners = [v, v + 1, v + SIDE, v + 1, v + SIDE + 1, v + SIDE];
+        bytes.extend(corners.map(u32::to_le_bytes).concat());
+    }
+    let (n_indices, end) = ((bytes.len() - n_positions) / 4, SIDE - 1);
+    let text = format!(
+        r#"{{"asset":{{"version":"2.0"}},"scene":0,"scenes":[{{"nodes":[0]}}],"nodes":[{{"mesh":0}}],
+        "meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":1}}]}}],
+        "accessors":[{{"bufferView":0,"componentType":5126,"count":{n},"type":"VEC3","min":[0,0,-9],"max":[{end},{end},9]}},
+        {{"bufferView":1,"componentType":5125,"count":{n_indices},"type":"SCALAR"}}],
+        "bufferViews":[{{"buffer":0,"byteLength":{n_positions}}},
+        {{"buffer":0,"byteOffset":{n_positions},"byteLength":{}}}],
+        "buffers":[{{"uri":"in.bin","byteLength":{}}}]}}"#,
+        4 * n_indices,
+        bytes.len(),
+        n = SIDE * SIDE,
+    );
+    std::fs::write(at.join("in.bin"), bytes).unwrap();
+    if !at.join("in.gltf").exists() {
+        std::fs::write(at.join("in.gltf"), text).unwrap();
+    }
+}
+
+#[test]
+fn a_changed_buffer_beside_the_input_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    write_sheet(at, 1.0);
+    let command = "simplify in.gltf out.ply --ratio 20%";
+    expect(at, &format!("{command} --until partition"), 0);
+    write_sheet(at, 3.0);
+    let said = expect(at, command, 8);
+    assert!(said.contains("in.bin"), "{said}");
+    expect(at, &format!("{command} --restart"), 0);
+}
+
+#[test]
+fn another_stream_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let piped = |options: &str, input: &str| {
+        let file = std::fs::File::open(at.join(input)).unwrap();
+        let words = format!("simplify - out.ply --ratio 20% {options}");
+        let words = words.split_whitespace();
+        let mut command = stonecut();
+        command.current_dir(at).args(words).stdin(file).output().unwrap().status.code()
+    };
+    expect(at, "synth terrain a.ply --triangles 8500", 0);
+    expect(at, "synth terrain b.ply --triangles 8500 --seed 9", 0);
+    assert_eq!(piped("--until partition", "a.ply"), Some(0));
+    assert_eq!(piped("", "b.ply"), Some(8));
+    assert_eq!(piped("", "a.ply"), Some(0));
+}
+
+#[test]
+fn seams_are_written_once_and_a_run_goes_on_behind_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth terrain in.ply --triangles 20k", 0);
+    let command = "simplify in.ply out.ply --ratio 2% --cell-triangles 3000 --seams s.ply";
+    expect(at, &format!("{command} --until simplify"), 0);
+    let seams = std::fs::read(at.join("s.ply")).unwrap();
+    expect(at, &format!("{command} --until stitch"), 0);
+    expect(at, command, 0);
+    assert!(std::fs::read(at.join("s.ply")).unwrap() == seams);
+}
+
+#[test]
+fn nothing_of_a_progressive_mesh_stays_behind_a_restart() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth terrain in.ply --triangles 8500", 0);
+    let command = "simplify in.ply out.ply --ratio 10%";
+    expect(at, &format!("{command} --progressive p.pm --until stitch"), 0);
+    expect(at, &format!("{command} --restart"), 0);
+    assert!(!at.join("out.ply.stonecut-job").exists());
+}

@@ -299,3 +299,17 @@ fn points_of_the_original_ride_from_round_to_round() {
     assert!(off_without <= distance, "{off_without}");
     assert!(off <= 1.3 * distance, "{off}");
 }
+
+#[test]
+fn a_bound_below_the_rounding_of_the_output_ends_with_a_word() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let mesh = synth::mesh(&Settings::new(Kind::Statue, 3_000)).unwrap();
+    let far: Vec<[f64; 3]> = mesh.positions.iter().map(|p| p.map(|x| 0.1 * x + 4e6)).collect();
+    write_ply(&at.join("in.ply"), Scalar::F64, &far, &mesh.triangles);
+    for target in ["--ratio 10%", ""] {
+        let command = format!("simplify in.ply out.ply {target} --max-error 0.001 --format float");
+        let said = expect(at, &command, 3);
+        assert!(said.contains("no result keeps the bound"), "{said}");
+    }
+}

@@ -8,4 +8,5 @@ mod bake;
 mod keep;
 mod losses;
 mod normals;
+mod opacity;
 mod render;

@@ -7,8 +7,8 @@ use stonecut::Mesh;
 use stonecut::io::OutputFormat;
 use stonecut::io::ply::MeshSource;
 use stonecut::render::{
-    Coloring, Direction, Letters, Picture, Resources, Scale, Sphere, View, aim_mesh, render_mesh,
-    render_source, top_of,
+    Coloring, Direction, Letters, Lighting, Picture, Resources, Scale, Sphere, View, aim_mesh,
+    render_mesh, render_source, top_of,
 };
 use stonecut::synth::{Kind, Settings, Writing, mesh, write_ply};
 use stonecut::system::progress::Progress;
@@ -212,6 +212,58 @@ fn pictures_become_png_files_and_stand_side_by_side() {
     let info = reader.info();
     assert_eq!((info.width, info.height), (72, 60));
     assert!(Picture::new(0, 0, [0; 3]).to_png().is_err());
+}
+
+/// A square in binary PLY whose vertices have one colour, each component of its type.
+fn painted_square(path: &std::path::Path, components: [(&str, &[u8]); 3]) {
+    let [r, g, b] = components.map(|(scalar, _)| scalar);
+    let header = format!(
+        "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n\
+         property float z\nproperty {r} red\nproperty {g} green\nproperty {b} blue\nelement face 2\n\
+         property list uchar int vertex_indices\nend_header\n"
+    );
+    let mut bytes = header.into_bytes();
+    for [x, y] in [[0f32, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]] {
+        bytes.extend([x, y, 0.0].map(f32::to_le_bytes).as_flattened());
+        components.iter().for_each(|(_, value)| bytes.extend(*value));
+    }
+    for corners in [[0i32, 1, 2], [0, 2, 3]] {
+        bytes.push(3);
+        bytes.extend(corners.map(i32::to_le_bytes).as_flattened());
+    }
+    std::fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn colours_of_vertices_are_read_by_the_type_of_each_component() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("square.ply");
+    let direction = Direction::From([0.0, 0.0, 1.0]);
+    let coloring = Coloring::Vertex { channel: 0 };
+    let view = small(View { direction, coloring, lighting: Lighting::Unlit, ..View::default() });
+    let shown = |components: [(&str, &[u8]); 3]| {
+        painted_square(&path, components);
+        let source = MeshSource::open(&path).unwrap();
+        let seen = render_source(&source, &view, BOTH, &Progress::default()).unwrap();
+        pixel(&seen, 60, 45)
+    };
+    let bytes = shown([("uchar", &[200]), ("uchar", &[128]), ("uchar", &[30])]);
+    // A share of 1 is between two bytes, so that it is rounded.
+    let [red, blue] = [199.6f32, 29.7].map(|value| (value / 255.0).to_le_bytes());
+    let double = (128.0f64 / 255.0).to_le_bytes();
+    let short = (128 * 257u16).to_le_bytes();
+    for components in [
+        [("float", &red[..]), ("uchar", &[128]), ("uchar", &[30])],
+        [("float", &red), ("ushort", &short), ("float", &blue)],
+        [("uchar", &[200]), ("double", &double), ("float", &blue)],
+        [("ushort", &(200 * 257u16).to_le_bytes()), ("double", &double), ("uchar", &[30])],
+    ] {
+        let types = components.map(|(scalar, _)| scalar);
+        assert_eq!(shown(components), bytes, "{types:?}");
+    }
+    let double = |value: f64| (value / 255.0).to_le_bytes();
+    let [r, g, b] = [200.0, 128.0, 30.0].map(double);
+    assert_eq!(shown([("double", &r), ("double", &g), ("double", &b)]), bytes);
 }
 
 /// A square whose left side carries 0 and whose right side carries `right`.

@@ -413,7 +413,8 @@ fn tiles_that_were_lost_while_a_run_was_stopped_are_written_again() {
         assert!(make(&stopped, &config).is_err());
         // Of the round that was under way; a power loss may leave such files.
         let pending = folder.path().join(".out.stonecut-tiles");
-        for (i, name) in files(&pending).into_keys().enumerate() {
+        let is_tile = |name: &PathBuf| !name.starts_with(".stonecut-job");
+        for (i, name) in files(&pending).into_keys().filter(is_tile).enumerate() {
             match i % 3 {
                 0 => std::fs::write(pending.join(name), b"").unwrap(),
                 _ => continue,
@@ -424,6 +425,36 @@ fn tiles_that_were_lost_while_a_run_was_stopped_are_written_again() {
         assert!(is_whole, "stopped after {part} twentieths: {found:?}");
         std::fs::remove_dir_all(&config.output).unwrap();
     }
+}
+
+#[test]
+fn a_run_whose_finished_tiles_are_gone_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth statue in.ply --triangles 20k", 0);
+    let disk = Disk::default();
+    make(&disk, &config(folder.path(), "whole")).unwrap();
+    let stop = |config: &TilesConfig| {
+        let stopped = Disk::default();
+        stopped.freeze_at(17 * disk.changes() / 20);
+        assert!(make(&stopped, config).is_err());
+    };
+    let first = config(folder.path(), "out");
+    let second = TilesConfig { job_folder: folder.path().join("other"), ..first.clone() };
+    let refused = |config: &TilesConfig| {
+        let error = make(&Disk::default(), config).unwrap_err();
+        assert_eq!(error.exit_code(), 8, "{error}");
+        assert!(error.to_string().contains("--restart"), "{error}");
+    };
+    stop(&first);
+    std::fs::remove_dir_all(first.pending_output()).unwrap();
+    refused(&first);
+    let restart = |config: &TilesConfig| TilesConfig { restart: true, ..config.clone() };
+    stop(&restart(&first));
+    // Takes the folder of the first one, which is not at work.
+    stop(&second);
+    refused(&first);
+    make(&Disk::default(), &second).unwrap();
+    assert!(files(&second.output) == files(&folder.path().join("whole")));
 }
 
 /// Changes the JSON of a tree.

@@ -144,6 +144,7 @@ pub fn measure_arrays(
     let report = watched(py, callback, |stop| {
         let n = meshes[0].triangles.len() as u64;
         stop.progress.begin("measure", 1, 1, n);
+        refuse_flat([&meshes[0], &meshes[1]])?;
         let deviation = measure::two_sided(&meshes[0], &meshes[1], &options, stop.progress)?;
         let topology =
             |mesh: &Mesh| topology_counts::of_triangles(mesh.positions.len(), &mesh.triangles);
@@ -161,6 +162,19 @@ pub fn measure_arrays(
         Ok(report)
     })?;
     Ok(report.to_string())
+}
+
+/// Refuses surfaces without area, as the command does: there is nothing to take a mean over.
+fn refuse_flat(meshes: [&Mesh; 2]) -> Result<(), Error> {
+    let named = ["original", "simplified"].into_iter().zip(meshes);
+    let flat = named.zip(measure::are_flat(meshes)).find(|(_, is_flat)| *is_flat);
+    let Some(((name, mesh), _)) = flat else { return Ok(()) };
+    let what = format!(
+        "its {} triangles have no area, so no mean deviation exists: every one of them is a point or a line; \
+         check points and faces",
+        mesh.triangles.len()
+    );
+    Err(Error::bad_input(name, what))
 }
 
 /// A scalar type by its numpy code.

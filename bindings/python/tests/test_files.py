@@ -102,6 +102,26 @@ def test_measure_files_and_arrays_alike(scan: Path) -> None:
         sc.measure((points, faces), (points, faces + 6))
 
 
+def test_measure_in_memory_refuses_what_the_command_refuses() -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    line = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0.0]]), np.array([[0, 1, 2]])
+    with pytest.raises(sc.BadInput, match="simplified: its 1 triangles have no area"):
+        sc.measure((points, faces), line, samples=1000)
+    with pytest.raises(sc.BadInput, match="original: its 1 triangles have no area"):
+        sc.measure(line, (points, faces), samples=1000)
+    too_few: list[int | str] = [0, -3, "0"]
+    for samples in too_few:
+        with pytest.raises(sc.UsageError, match="at least one sample"):
+            sc.measure((points, faces), (points, faces), samples=samples)
+    # Without faces there is no surface: every distance to it is infinite.
+    none = np.zeros((0, 3), np.int64)
+    for first, second in ((faces, none), (none, faces)):
+        found = sc.measure((points, first), (points, second), samples=1000)
+        assert found["rms"] is None
+        assert found.rms == found.relative_rms == found.mean == found.max == float("inf")
+
+
 def test_render_gives_pixels_and_writes_a_picture(scan: Path) -> None:
     out = scan.parent / "picture.png"
     pixels = sc.render(scan, out, size=(160, 120), color="vertex", view=(1, -1, 0.5), edges=True)

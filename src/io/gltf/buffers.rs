@@ -58,6 +58,16 @@ impl<'a> Buffers<'a> {
         Ok(Buffers { file: file.clone(), document, options, list, unpacked: HashMap::new() })
     }
 
+    /// Paths of the buffers that lie in other files.
+    pub(super) fn beside(&self) -> Vec<PathBuf> {
+        let files = self.list.iter().flatten().map(|part| &part.file);
+        let own = self.file.path();
+        files
+            .filter(|file| file.is_original() && file.path() != own)
+            .map(|file| file.path().to_path_buf())
+            .collect()
+    }
+
     /// The bytes of a view.
     pub(super) fn view(&mut self, number: usize) -> Result<Part> {
         let Some(view) = self.document.buffer_views.get(number) else {

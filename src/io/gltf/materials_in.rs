@@ -112,7 +112,7 @@ fn add(
         alpha: match material.alpha_mode.as_deref() {
             Some("BLEND") => Alpha::Blend,
             Some("MASK") => Alpha::Mask(material.alpha_cutoff.unwrap_or(0.5)),
-            _ => Alpha::Plain,
+            _ => Alpha::Opaque,
         },
         ..Material::default()
     };
@@ -132,6 +132,10 @@ fn add(
             }
             other => out.note(format!("material extension {other}: not carried")),
         }
+    }
+    // Its value means nothing then (Khronos, section 3.9.4).
+    if new.alpha == Alpha::Opaque {
+        new.base[3] = 1.0;
     }
     let coordinates = Coordinates::of(base.as_ref());
     for (kind, info) in [

@@ -170,6 +170,7 @@ impl Lists {
                 out.insert("alphaMode".to_owned(), "MASK".into());
                 out.insert("alphaCutoff".to_owned(), cutoff.into());
             }
+            Alpha::Opaque => {}
             Alpha::Plain if base[3] == 1.0 => {}
             Alpha::Blend | Alpha::Plain => {
                 out.insert("alphaMode".to_owned(), "BLEND".into());

@@ -12,6 +12,7 @@ use super::scene::{Placement, placed};
 use crate::error::Result;
 use crate::io::materials::{Materials, Part};
 use crate::io::open_options::StageOptions;
+use crate::io::ply::Faults;
 use crate::io::ply::raw::RawFile;
 use crate::io::ply::source::{Staged, TextureInfo};
 use crate::system::units::show_bytes;
@@ -157,7 +158,8 @@ pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawF
         materials
             .note(format!("{n_not_finite} texture coordinates are not finite: 0 stands for them"));
     }
-    let mut staged = Staged { bad_faces: n_bad, ..Staged::default() };
+    let faults = Faults { bad_faces: n_bad, ..Faults::default() };
+    let mut staged = Staged { faults, beside: buffers.beside(), ..Staged::default() };
     if has_texture {
         let mut files: Vec<String> =
             materials.images.iter().map(|image| image.name.clone()).collect();

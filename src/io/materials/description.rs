@@ -62,10 +62,22 @@ pub enum Alpha {
     /// As the input's format has it: opaque unless colour or image are not.
     #[default]
     Plain,
+    /// Opaque whatever colour and image say, as glTF has it where nothing else is said.
+    Opaque,
     /// A share of the light passes.
     Blend,
     /// Opaque from this value on, otherwise not there.
     Mask(f32),
+}
+
+impl Alpha {
+    /// The value from which on a mask is opaque.
+    pub(crate) fn cutoff(self) -> Option<f32> {
+        match self {
+            Alpha::Mask(from) => Some(from),
+            Alpha::Plain | Alpha::Opaque | Alpha::Blend => None,
+        }
+    }
 }
 
 /// An image in its role.

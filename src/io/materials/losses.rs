@@ -79,14 +79,16 @@ fn traits(material: &Material) -> Vec<(&'static str, &'static [OutputKind])> {
     let is = |colour: Option<[f32; 3]>, usual: &[[f32; 3]]| {
         colour.is_some_and(|colour| !usual.contains(&colour))
     };
-    let has_base = material.map(MapKind::Base).is_some();
+    // Whether the image of an opaque material has opacity, which does not count, is not known before it is decoded.
+    let has_clear_base = matches!(material.alpha, Alpha::Blend | Alpha::Mask(_))
+        && material.map(MapKind::Base).is_some();
     let is_matt = material.metallic.is_none_or(|x| x == 0.0 || x == 1.0)
         && material.roughness.is_none_or(|x| x == 1.0);
     let highlights = is(material.specular, &[[0.0; 3]]);
     let found: [(&str, &[OutputKind], bool); 9] = [
         ("colour", &[Obj, Glb], [r, g, b] != [1.0; 3]),
         ("opacity", &[Obj, Glb], opacity != 1.0),
-        ("opacity of the colour image", &[Glb], material.alpha != Alpha::Plain && has_base),
+        ("opacity of the colour image", &[Glb], has_clear_base),
         ("ambient colour", &[Obj], is(material.ambient, &[[0.0; 3], [1.0; 3], [r, g, b]])),
         ("highlights", &[Obj], highlights),
         ("emitted light", &[Obj, Glb], is(material.emissive, &[[0.0; 3]])),

@@ -16,5 +16,5 @@ pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials
 pub(crate) use images::{copy_bytes, image_size, look as look_at_image};
 pub(crate) use losses::besides_pages;
 pub(crate) use mtl::{after_word, read_library};
-pub(crate) use plan::Reference;
+pub(crate) use plan::{Reference, stem};
 pub use plan::{TextureMode, TexturePlan, TextureRequest};

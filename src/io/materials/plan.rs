@@ -303,6 +303,15 @@ impl TexturePlan {
 }
 
 impl Materials {
+    /// Paths of the images and libraries that lie in other files.
+    pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
+        let images = self.images.iter().filter_map(|image| match &image.data {
+            ImageData::File(path) => Some(path.as_path()),
+            _ => None,
+        });
+        images.chain(self.libraries.iter().map(PathBuf::as_path))
+    }
+
     /// Refuses an output that would replace an image or a material library of the input, `--force` or not.
     pub(crate) fn refuse_output(&self, output: &Path) -> Result<()> {
         if is_stream(output) || !output.exists() {
@@ -359,7 +368,7 @@ fn is_own_library(path: &Path) -> bool {
 }
 
 /// The output's name without ending, without blanks, which many readers of materials take for an end.
-fn stem(path: &Path) -> String {
+pub(crate) fn stem(path: &Path) -> String {
     let stem =
         path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
     plain(&stem)

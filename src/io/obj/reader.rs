@@ -229,7 +229,7 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
                     }
                     n_faces += 1;
                 }
-                Err(_) if options.read.skip_bad => staged.bad_faces += 1,
+                Err(_) if options.read.skip_bad => staged.faults.bad_faces += 1,
                 Err(what) => {
                     return Err(lines.bad(format!(
                         "{what}; export the mesh again, or drop such faces with --skip-bad"

@@ -82,7 +82,8 @@ impl MeshSource {
         let (mut face, mut n_bad) = (FullFace::default(), 0);
         with_scan!(&self.file, self.header.encoding, start, |scan| {
             for row in 0..n_rows {
-                let whole = match read(&mut scan, &kinds, n_vertices, &mut face) {
+                let limits = (n_vertices, self.options.skip_bad);
+                let whole = match read(&mut scan, &kinds, limits, &mut face) {
                     Ok(whole) => whole,
                     Err(fault) => {
                         return Err(explain(&self.file, element, row, scan.last(), fault));
@@ -162,7 +163,8 @@ impl MeshSource {
                 if triangles.peek().is_none() {
                     break;
                 }
-                if let Err(fault) = read(&mut scan, &kinds, self.n_vertices(), &mut out.face) {
+                let limits = (self.n_vertices(), self.options.skip_bad);
+                if let Err(fault) = read(&mut scan, &kinds, limits, &mut out.face) {
                     return Err(explain(&self.file, self.face(), row, scan.last(), fault));
                 }
                 let material =
@@ -223,13 +225,14 @@ enum Role {
     Other,
 }
 
-/// Reads a row; false if a corner names no vertex.
+/// Reads a row; false if a corner names no vertex or, with `skip_bad`, if a part of it cannot be read.
 fn read<S: Scan>(
     scan: &mut S,
     kinds: &[(Role, Kind)],
-    n_vertices: u64,
+    (n_vertices, skip_bad): (u64, bool),
     face: &mut FullFace,
 ) -> Scanned<bool> {
+    let mut is_whole = true;
     face.corners.clear();
     face.texture.clear();
     face.values.clear();
@@ -237,28 +240,59 @@ fn read<S: Scan>(
         match (role, kind) {
             (Role::Corners, Kind::List { count, item }) => {
                 let n = scan.count(count)?;
-                if n > MAX_CORNERS {
+                if n > MAX_CORNERS && !skip_bad {
                     let what = format!("a face has {n} corners ({MAX_CORNERS} at most)");
                     return Err(Fault::Text(what));
                 }
-                for _ in 0..n {
-                    face.corners.push(scan.index(item)?);
+                let mut n_read = 0;
+                is_whole &= n <= MAX_CORNERS;
+                while is_whole && n_read < n {
+                    match scan.index(item) {
+                        Ok(corner) => face.corners.push(corner),
+                        Err(Fault::Text(_)) if skip_bad => {
+                            is_whole = false;
+                            break;
+                        }
+                        Err(fault) => return Err(fault),
+                    }
+                    n_read += 1;
                 }
+                scan.skip(item, n - n_read)?;
             }
             (Role::Texture, Kind::List { count, item }) => {
                 let n = scan.count(count)?;
-                if n > 2 * MAX_CORNERS {
+                if n > 2 * MAX_CORNERS && !skip_bad {
                     return Err(Fault::Text(format!("a face has {n} texture coordinates")));
                 }
-                for _ in 0..n / 2 {
-                    face.texture.push([float(scan, item)?, float(scan, item)?]);
+                let mut n_read = 0;
+                is_whole &= n <= 2 * MAX_CORNERS;
+                let mut pair = [0.0; 2];
+                while is_whole && n_read < n / 2 * 2 {
+                    match float(scan, item) {
+                        Ok(x) => pair[(n_read % 2) as usize] = x,
+                        Err(Fault::Text(_)) if skip_bad => {
+                            is_whole = false;
+                            break;
+                        }
+                        Err(fault) => return Err(fault),
+                    }
+                    n_read += 1;
+                    if n_read % 2 == 0 {
+                        face.texture.push(pair);
+                    }
                 }
-                scan.skip(item, n % 2)?;
+                scan.skip(item, n - n_read)?;
             }
             (_, Kind::Scalar(wire)) => {
                 let mut bytes = [0; 8];
                 let scalar = wire.scalar();
-                scan.store(wire, scalar, &mut bytes[..scalar.bytes()])?;
+                match scan.store(wire, scalar, &mut bytes[..scalar.bytes()]) {
+                    Err(Fault::Text(_)) if skip_bad => {
+                        is_whole = false;
+                        scan.skip(wire, 1)?;
+                    }
+                    other => other?,
+                }
                 face.values.extend_from_slice(&bytes[..scalar.bytes()]);
             }
             (_, Kind::List { count, item }) => {
@@ -268,7 +302,7 @@ fn read<S: Scan>(
         }
     }
     face.texture.resize(face.corners.len(), [0.0; 2]);
-    Ok(face.corners.iter().all(|&v| v < n_vertices))
+    Ok(is_whole && face.corners.iter().all(|&v| v < n_vertices))
 }
 
 fn float<S: Scan>(scan: &mut S, item: Wire) -> Scanned<f32> {

@@ -88,7 +88,8 @@ pub(crate) struct Window<'a> {
 }
 
 impl<'a> Window<'a> {
-    const BYTES: usize = 256 << 10;
+    /// Bytes that are read at a time.
+    pub const BYTES: usize = 256 << 10;
 
     pub fn new(file: &'a RawFile, offset: u64) -> Self {
         Window { file, base: offset, bytes: Vec::new(), at: 0 }

@@ -67,8 +67,14 @@ pub struct MeshSource {
 pub(crate) struct Staged {
     /// Length of the file that was given, in bytes, packed if it was; `None` for a stream.
     pub given_bytes: Option<u64>,
-    /// Broken faces that were dropped on the way.
-    pub bad_faces: u64,
+    /// Rows that were left out on the way.
+    pub faults: Faults,
+    /// Vertices that were left out on the way, since no face has them.
+    pub unreferenced_vertices: u64,
+    /// Files beside the input that parts of the mesh were read from.
+    pub beside: Vec<PathBuf>,
+    /// Checksum of a stream, from its first to its last byte.
+    pub stream_checksum: Option<u64>,
     /// A texture that the PLY no longer mentions.
     pub texture: Option<TextureInfo>,
     /// Face properties, once surveyed (`io::survey_faces`).
@@ -153,6 +159,11 @@ impl MeshSource {
     /// Notes the length of the file that was given.
     pub(crate) fn set_given_bytes(&mut self, bytes: u64) {
         self.staged.given_bytes = Some(bytes);
+    }
+
+    /// Notes the checksum of a stream.
+    pub(crate) fn set_stream_checksum(&mut self, checksum: u64) {
+        self.staged.stream_checksum = Some(checksum);
     }
 
     /// Encoding of the numbers in the body.
@@ -263,12 +274,28 @@ impl MeshSource {
         let promised = &self.header.elements[self.layout.vertex_element];
         let faces = self.layout.face_element.map(|i| &self.header.elements[i]);
         let faces = faces.filter(|e| e.name != "tristrips").map_or(0, |e| e.count);
+        let staged = &self.staged.faults;
         Faults {
-            bad_vertices: self.bad_vertices.len(),
-            missing_vertices: promised.count - self.n_vertices(),
-            missing_faces: faces.saturating_sub(self.n_face_rows()),
-            bad_faces: self.staged.bad_faces,
+            bad_vertices: staged.bad_vertices + self.bad_vertices.len(),
+            missing_vertices: staged.missing_vertices + promised.count - self.n_vertices(),
+            missing_faces: staged.missing_faces + faces.saturating_sub(self.n_face_rows()),
+            bad_faces: staged.bad_faces,
         }
+    }
+
+    /// Vertices that were left out when the file was opened, since no face has them.
+    pub fn unreferenced_vertices(&self) -> u64 {
+        self.staged.unreferenced_vertices
+    }
+
+    /// Files beside the input that parts of the mesh were read from: buffers of glTF.
+    pub fn beside(&self) -> &[PathBuf] {
+        &self.staged.beside
+    }
+
+    /// Checksum of standard input, from its first to its last byte; none for files.
+    pub fn stream_checksum(&self) -> Option<u64> {
+        self.staged.stream_checksum
     }
 
     /// Number of vertices.

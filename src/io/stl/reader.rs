@@ -46,7 +46,7 @@ pub(crate) fn read_binary(file: &RawFile, options: &StageOptions) -> Result<(Raw
                 file.len()
             )));
         }
-        staged.bad_faces += promised - held;
+        staged.faults.bad_faces += promised - held;
     }
     let n = promised.min(held);
     let mut welder = Welder::new(options);
@@ -65,7 +65,7 @@ pub(crate) fn read_binary(file: &RawFile, options: &StageOptions) -> Result<(Raw
             if triangle.as_flattened().iter().all(|v| v.is_finite()) {
                 welder.push(triangle)?;
             } else if options.read.skip_bad {
-                staged.bad_faces += 1;
+                staged.faults.bad_faces += 1;
             } else {
                 let facet = done + i as u64;
                 let offset = at + i as u64 * FACET_BYTES;
@@ -135,7 +135,7 @@ pub(crate) fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawF
                         welder.push([corners[0], corners[i - 1], corners[i]])?;
                     }
                 } else {
-                    staged.bad_faces += 1;
+                    staged.faults.bad_faces += 1;
                 }
                 corners.clear();
                 finite = true;

@@ -11,6 +11,7 @@ use crate::kernel::simd::unchecked::KnownIds;
 use crate::kernel::surface::class::Class;
 use crate::kernel::surface::{HUB, Ring, Surface, boundary_quadric};
 use crate::kernel::vertex::GONE;
+use crate::mesh::blend::between;
 use crate::mesh::vec3::{Vec3, along, length_sq};
 
 impl Collapser {
@@ -135,7 +136,7 @@ impl Collapser {
         for channel in 0..n {
             let c0 = surface.channels[i0 * n + channel];
             let c1 = &mut surface.channels[i1 * n + channel];
-            *c1 = c0 + t * (*c1 - c0);
+            *c1 = between(c0, *c1, t);
         }
     }
 

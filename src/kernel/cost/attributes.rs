@@ -14,6 +14,7 @@ use crate::kernel::cost::quadric::Evaluated;
 use crate::kernel::simd::Simd;
 use crate::kernel::surface::Surface;
 use crate::kernel::surface::wedges::Corners;
+use crate::mesh::blend::of_ends;
 use crate::mesh::vec3::Vec3;
 
 /// Channels that can be weighted at once.
@@ -39,6 +40,8 @@ pub(crate) struct Attributes {
     active: Vec<(usize, f32)>,
     /// True if an active channel is interpolated along the edge, and never leaves what the ends have.
     confined: Vec<bool>,
+    /// True if some values of active channels are missing: NaN or infinite. They count as those beside them.
+    has_gaps: bool,
     eights: usize,
     simd: Simd,
     /// `eights` a vertex: M, then an L for each active channel.
@@ -88,8 +91,8 @@ impl Attributes {
         let eights = numbers(active.len()).div_ceil(8).max(2);
         let none = active.is_empty();
         let confined = active.iter().map(|&(c, _)| confined.get(c) == Some(&true)).collect();
-        let (sums, patch) = (Vec::new(), PendingChange::default());
-        (!none).then_some(Attributes { active, confined, eights, simd, sums, patch })
+        let (sums, patch, has_gaps) = (Vec::new(), PendingChange::default(), false);
+        (!none).then_some(Attributes { active, confined, has_gaps, eights, simd, sums, patch })
     }
 
     /// The channels that count, with their factors.
@@ -97,8 +100,15 @@ impl Attributes {
         &self.active
     }
 
+    /// The value, or 0 where it is missing.
+    #[inline(always)]
+    fn known(&self, value: f32) -> f32 {
+        if self.has_gaps && !value.is_finite() { 0.0 } else { value }
+    }
+
     /// Sums up all triangles again; none of them may be gone.
     pub(crate) fn build(&mut self, corners: Corners) {
+        self.has_gaps = corners.has_gaps(&self.active);
         self.sums.clear();
         self.sums.resize(corners.surface.vertices.len() * self.eights, [0.0; 8]);
         with_eights!(self.eights, self.add_all(corners));
@@ -161,6 +171,9 @@ impl Attributes {
                 }
             }
         }
+        if self.has_gaps {
+            fill(&mut values[..self.active.len()]);
+        }
         let vertex = |i: usize, k: usize| &surface.vertices[eight[i][k] as usize];
         self.simd.run(AttributeTriangles {
             a: std::array::from_fn(|i| vertex(i, 0)),
@@ -196,7 +209,7 @@ impl Attributes {
             let (at0, at1) = (v0 as usize * surface.n_channels, v1 as usize * surface.n_channels);
             for (half, &(channel, factor)) in half_step.iter_mut().zip(&self.active) {
                 let step = surface.channels[at1 + channel] - surface.channels[at0 + channel];
-                half[i] = 0.5 * factor * step;
+                half[i] = self.known(0.5 * factor * step);
             }
         }
         self.simd.run(AttributeEdges::<K> {
@@ -248,7 +261,7 @@ impl Attributes {
                         false => surface.channels_of(v),
                     };
                     for (j, &(channel, factor)) in self.active.iter().enumerate() {
-                        values[j][k][i] = (at_corner[channel] - middle[j]) * factor;
+                        values[j][k][i] = self.known((at_corner[channel] - middle[j]) * factor);
                     }
                 }
             }
@@ -305,7 +318,10 @@ impl Attributes {
         for (j, &(channel, factor)) in self.active.iter().enumerate() {
             let at = |v: usize| surface.channels[v * surface.n_channels + channel];
             middle[j] = 0.5 * at(v0) + 0.5 * at(v1);
-            let step = 0.5 * factor * (at(v1) - at(v0));
+            if !middle[j].is_finite() {
+                middle[j] = of_ends(at(v0), at(v1), 0.5);
+            }
+            let step = self.known(0.5 * factor * (at(v1) - at(v0)));
             let sum = dot(v0, j, from0) + dot(v1, j, from1) + (area1 - area0) * step;
             let best = match self.confined[j] {
                 true => step * (2.0 * on_edge - 1.0),
@@ -346,6 +362,22 @@ impl Attributes {
         // The rows of vanishing triangles have touched v1 too.
         if let Ok(total) = self.patch.total.as_slice().try_into() {
             sums[ring.v1 as usize] = total;
+        }
+    }
+}
+
+/// Puts the mean of a triangle's other corners where a value is missing; 0 where all are.
+fn fill(values: &mut [[[f32; 8]; 3]]) {
+    for corners in values {
+        for i in 0..8 {
+            let known = corners.iter().map(|corner| corner[i]).filter(|x| x.is_finite());
+            let n = known.clone().count();
+            if n < 3 {
+                let mean = known.sum::<f32>() / n.max(1) as f32;
+                for corner in corners.iter_mut().filter(|corner| !corner[i].is_finite()) {
+                    corner[i] = mean;
+                }
+            }
         }
     }
 }

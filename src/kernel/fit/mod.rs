@@ -280,7 +280,8 @@ impl<'a> Work<'a> {
             for (w, weight) in triangle.into_iter().zip(weights).filter(|&(w, _)| w != v as u32) {
                 let values = corners.values_at(t, w);
                 for (k, channel) in channels[v * n..][..n].iter_mut().enumerate() {
-                    *channel += weight * (values[k] - own[k]);
+                    let step = weight * (values[k] - own[k]);
+                    *channel += if step.is_finite() { step } else { 0.0 };
                 }
             }
         }

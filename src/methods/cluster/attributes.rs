@@ -7,6 +7,7 @@ use crate::mesh::codec::VertexCodec;
 use crate::methods::key_table::KeyTable;
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
+use std::collections::HashMap;
 
 /// Attributes of cells.
 #[derive(Default)]
@@ -35,9 +36,11 @@ struct Batch {
     counts: Vec<u32>,
     first: Vec<u32>,
     channels: Vec<f32>,
+    /// Places in `sums` of values that are missing: NaN or infinite.
+    missing: Vec<u32>,
 }
 
-/// Averages over all vertices of each cell that `cells` has; vertices without a face count too.
+/// Averages over all vertices of each cell that `cells` has; vertices without a face count too, values that are missing do not.
 pub(super) fn attributes(
     source: &MeshSource,
     codec: &VertexCodec,
@@ -51,6 +54,7 @@ pub(super) fn attributes(
     let mut sums = vec![0.0f64; n * n_cells];
     let mut counts = vec![0u32; n_cells];
     let mut records = vec![0u8; record_bytes * n_cells];
+    let mut missing = HashMap::new();
     in_order(
         source.n_vertex_blocks(),
         threads,
@@ -61,6 +65,7 @@ pub(super) fn attributes(
             batch.sums.clear();
             batch.counts.clear();
             batch.first.clear();
+            batch.missing.clear();
             batch.channels.resize(n, 0.0);
             for (row, record) in batch.block.records.chunks_exact(record_bytes).enumerate() {
                 let key = Grid::key(grid.place(source.schema().position(record)));
@@ -74,8 +79,12 @@ pub(super) fn attributes(
                 codec.decode_channels(record, &mut batch.channels);
                 batch.counts[number] += 1;
                 let place = &mut batch.sums[number * n..(number + 1) * n];
-                for (sum, &x) in place.iter_mut().zip(&batch.channels) {
-                    *sum += f64::from(x);
+                for (k, (sum, &x)) in place.iter_mut().zip(&batch.channels).enumerate() {
+                    if x.is_finite() {
+                        *sum += f64::from(x);
+                    } else {
+                        batch.missing.push((number * n + k) as u32);
+                    }
                 }
             }
             Ok(())
@@ -93,10 +102,18 @@ pub(super) fn attributes(
                     sums[cell * n + k] += batch.sums[number * n + k];
                 }
             }
+            for &at in &batch.missing {
+                let (number, k) = (at as usize / n, at as usize % n);
+                *missing.entry(batch.cells.keys()[number] as usize * n + k).or_insert(0u32) += 1;
+            }
             Ok(())
         },
     )?;
-    let mean = |(i, sum): (usize, &f64)| (sum / f64::from(counts[i / n].max(1))) as f32;
+    let mean = |(i, sum): (usize, &f64)| match missing.get(&i) {
+        // None at all: NaN.
+        Some(missing) => (sum / f64::from(counts[i / n] - missing.min(&counts[i / n]))) as f32,
+        None => (sum / f64::from(counts[i / n].max(1))) as f32,
+    };
     let channels = sums.iter().enumerate().map(mean).collect();
     Ok(CellAttributes { channels, records })
 }

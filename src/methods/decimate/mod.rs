@@ -9,7 +9,7 @@ mod classify;
 mod fill;
 
 use super::Made;
-use super::load::{Loaded, for_records, load};
+use super::load::{Loaded, for_records, load, load_bytes};
 use super::surface::Surface;
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
@@ -33,7 +33,8 @@ pub fn need(source: &MeshSource) -> u64 {
     let (n_vertices, n_triangles) = (source.n_vertices(), source.n_triangles());
     let mesh = n_vertices * (24 + QUEUE_BYTES) + Surface::bytes(n_vertices, n_triangles);
     // The result is copied out of the mesh: at most all of it.
-    mesh + n_vertices * (4 + 24) + 12 * n_triangles
+    let run = mesh + n_vertices * (4 + 24) + 12 * n_triangles;
+    run.max(load_bytes(source))
 }
 
 /// Settings of a run.
@@ -229,4 +230,30 @@ fn made(source: &MeshSource, codec: &VertexCodec, run: &Run, progress: &Progress
         }
     })?;
     Ok(made)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Reading takes more than removing vertices where triangles have to be turned over: 84 bytes for each beside the mesh.
+    #[test]
+    fn the_need_covers_the_reading() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("strip.ply");
+        let n = 1000u64;
+        let mut text = format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+             element face {n}\nproperty list uchar int vertex_indices\nend_header\n",
+            n / 2 + 2
+        );
+        (0..n / 2 + 2).for_each(|v| text += &format!("{v} 0 {}\n", v % 7));
+        (0..n).for_each(|t| text += &format!("3 {} {} {}\n", t / 2, t / 2 + 1, t / 2 + 2));
+        std::fs::write(&path, text).unwrap();
+        let source = MeshSource::open(&path).unwrap();
+        let reading = 24 * (n / 2 + 2) + (12 + 84) * n;
+        assert!(need(&source) >= reading);
+        let codec = source.schema().kernel_codec(&[]);
+        assert!(crate::methods::retile::need(&source, &codec, 4, 0.0) >= reading);
+    }
 }

@@ -17,6 +17,7 @@ use super::surface::Surface;
 use super::{MANIFOLD_TRIANGLE_BYTES, Made};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
+use crate::mesh::blend::of_ends;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::codec::VertexCodec;
 use crate::mesh::vec3::{Vec3, add, length_sq, scale, sub};
@@ -122,7 +123,11 @@ impl Carried {
         let [a, b] = [a, b].map(|v| v as usize * self.n_channels);
         for k in 0..self.n_channels {
             let (from, to) = (f64::from(self.channels[a + k]), f64::from(self.channels[b + k]));
-            self.channels[a + k] = (from + share * (to - from)) as f32;
+            let value = (from + share * (to - from)) as f32;
+            self.channels[a + k] = match value.is_finite() {
+                true => value,
+                false => of_ends(from as f32, to as f32, share as f32),
+            };
         }
     }
 }

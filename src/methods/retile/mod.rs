@@ -13,7 +13,7 @@ mod refine;
 mod seeds;
 mod shape;
 
-use super::load::{Loaded, for_records, load};
+use super::load::{Loaded, for_records, load, load_bytes};
 use super::{MANIFOLD_TRIANGLE_BYTES, Made};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
@@ -62,7 +62,7 @@ pub fn need(source: &MeshSource, codec: &VertexCodec, target: u64, gradation: f6
     let mesh = 60 + MANIFOLD_TRIANGLE_BYTES;
     let result =
         target / 2 * (CLUSTER_BYTES + source.schema().record_bytes() as u64) + mesh * target;
-    source.n_vertices().max(fine) * per_vertex + result
+    (source.n_vertices().max(fine) * per_vertex + result).max(load_bytes(source))
 }
 
 /// Re-tiles a mesh.

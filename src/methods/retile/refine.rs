@@ -43,15 +43,8 @@ impl Surface {
             first: Vec::new(),
             neighbours: Vec::new(),
         };
-        while surface.halve(longest) {
+        while surface.halve(longest, most)? {
             progress.check()?;
-            let n = surface.positions.len() as u64;
-            if n > most.min(u64::from(u32::MAX) / 6) {
-                return Err(Error::NoMemory(format!(
-                    "--method retile cuts long triangles to a quarter of an edge of the result: {n} vertices are too many for \
-                     the budget, which holds {most}; ask for fewer triangles, or give more --memory"
-                )));
-            }
         }
         debug_assert_eq!(surface.positions.len(), n_given + surface.ends.len());
         surface.weigh();
@@ -60,7 +53,10 @@ impl Surface {
     }
 
     /// Halves the edges that are too long, once; false if none is.
-    fn halve(&mut self, longest: f64) -> bool {
+    ///
+    /// Errors: `NoMemory` at the first vertex beyond `most`: one pass can make four times as many.
+    fn halve(&mut self, longest: f64, most: u64) -> Result<bool> {
+        let most = most.min(u64::from(u32::MAX) / 6);
         let limit = longest * longest;
         let n_before = self.positions.len();
         let mut middles = KeyTable::<u64>::default();
@@ -75,6 +71,9 @@ impl Surface {
                 }
                 let number = middles.number(u64::from(a) << 32 | u64::from(b)) as usize;
                 if n_before + number == self.positions.len() {
+                    if self.positions.len() as u64 >= most {
+                        return Err(too_many(most));
+                    }
                     self.positions.push(scale(add(p, q), 0.5));
                     self.ends.push([a, b]);
                 }
@@ -83,7 +82,7 @@ impl Surface {
             self.cut(t, middle, &mut fine);
         }
         self.triangles = fine;
-        self.positions.len() > n_before
+        Ok(self.positions.len() > n_before)
     }
 
     /// Cuts a triangle at the middles of its edges; edge `k` begins at corner `k`.
@@ -183,6 +182,13 @@ impl Surface {
     }
 }
 
+fn too_many(most: u64) -> Error {
+    Error::NoMemory(format!(
+        "--method retile cuts long triangles to a quarter of an edge of the result: that takes more vertices than the budget \
+         holds, {most}; ask for fewer triangles, or give more --memory"
+    ))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -223,5 +229,25 @@ mod tests {
             &Progress::default(),
         );
         assert!(matches!(too_many, Err(Error::NoMemory(_))));
+    }
+
+    /// A pass over a strip would make four times its vertices; it ends at the limit.
+    #[test]
+    fn a_pass_ends_at_the_first_vertex_too_many() {
+        let n = 400u32;
+        let positions: Vec<Vec3> =
+            (0..2 * n).map(|v| [f64::from(v / 2), f64::from(v % 2), 0.0]).collect();
+        let triangles = (0..2 * n - 2).map(|v| [v, v + 1, v + 2]).collect();
+        let most = positions.len() + 10;
+        let mut surface = Surface {
+            positions,
+            triangles,
+            ends: Vec::new(),
+            weights: Vec::new(),
+            first: Vec::new(),
+            neighbours: Vec::new(),
+        };
+        assert!(matches!(surface.halve(0.1, most as u64), Err(Error::NoMemory(_))));
+        assert_eq!(surface.positions.len(), most);
     }
 }

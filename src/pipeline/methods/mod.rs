@@ -23,7 +23,7 @@ use crate::methods::Made;
 use crate::methods::cluster::{self, Survey, Wanted};
 use crate::methods::{decimate, retile};
 use crate::store::job::Job;
-use crate::store::job::fingerprint::{job_identity, unchanged};
+use crate::store::job::fingerprint::{job_identity, marks_beside, unchanged};
 use crate::system::disk::Disk;
 use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::memory::{BASE_BYTES, peak_bytes};
@@ -64,7 +64,7 @@ pub fn prepare(config: &Config, progress: &Progress) -> Result<PreparedMethod> {
 
 fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMethod> {
     let started = Instant::now();
-    let (marks, stage) = before_opening(config)?;
+    let (mut marks, stage) = before_opening(config)?;
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
         source.refuse_output(&config.textures_beside)?;
         check_labels(&source, &config.attributes.labels)?;
@@ -74,6 +74,7 @@ fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMet
         Ok(source)
     });
     let source = unchanged(&config.input, &marks, source)?;
+    marks.extend(marks_beside(&source));
     source.require_faces()?;
     config.target.check(source.n_triangles())?;
     let (wanted, target) = match config.target {

@@ -6,8 +6,9 @@ use crate::io::ply::MeshSource;
 use crate::methods::MANIFOLD_TRIANGLE_BYTES;
 use crate::methods::cluster::{self, Need, Survey};
 use crate::methods::{decimate, retile};
+use crate::pipeline::plan::MANIFEST_BYTES;
 use crate::pipeline::plan::disk::check_space;
-use crate::pipeline::plan::{MANIFEST_BYTES, output};
+use crate::pipeline::plan::output::output;
 use crate::system::memory::BASE_BYTES;
 use crate::system::units::{show_bytes, show_count, show_length};
 

@@ -1,17 +1,15 @@
 //! The plan before the work: cells, rounds, memory, disk. Refuses what cannot succeed, by name.
 
 pub(super) mod disk;
+pub(super) mod output;
 mod seconds;
 mod steps;
 
 use crate::config::{Config, Normals, Target};
 use crate::error::{Error, Remedy, Result};
-use crate::io::ply::{FaceSchema, MeshSource, VertexBlock};
-use crate::io::{Expected, OutputKind, expected_bytes};
+use crate::io::ply::MeshSource;
 use crate::kernel::{MAX_SPECK, history_bytes};
 use crate::mesh::face_properties::FacePropertyPlan;
-use crate::mesh::property::{Property, Scalar};
-use crate::mesh::record::VertexSchema;
 use crate::pipeline::fit;
 use crate::pipeline::layout::layout;
 use crate::stages::components;
@@ -25,6 +23,7 @@ use crate::store::cells::{CellTally, plan_cells};
 use crate::system::memory::BASE_BYTES;
 use crate::system::paths::existing_parent;
 use crate::system::units::{show_bytes, show_count, show_length};
+use output::output;
 use std::num::NonZeroUsize;
 use std::path::Path;
 use steps::{Finish, check_chain, rounds_of_chain, rounds_within_bound};
@@ -40,9 +39,6 @@ const MOST_STEPS: usize = 16;
 
 /// Manifest, lock and what file systems add.
 pub(super) const MANIFEST_BYTES: u64 = 64 << 10;
-
-/// Vertices of the input by which the length of a text is expected.
-const SAMPLED_VERTICES: usize = 512;
 
 /// Temporary bytes for each corner, and for each byte of the input, where what faces carry
 /// goes to vertices: two sorts, and the staged mesh beside its parts.
@@ -405,68 +401,6 @@ pub fn check_split(source: &MeshSource, carry: &FacePropertyPlan, config: &Confi
         ),
         remedy: Remedy::MakeSpace,
     })
-}
-
-/// Expected bytes of the output, and of what its folder holds besides while it is written.
-pub(super) fn output(
-    source: &MeshSource,
-    config: &Config,
-    n_vertices: u64,
-    n_faces: u64,
-) -> Result<(u64, u64)> {
-    let kind = match config.format.kind {
-        Some(kind) => kind,
-        None => OutputKind::of(&config.output)?,
-    };
-    let mut block = VertexBlock::default();
-    source.read_vertices(source.n_vertex_blocks() / 2, &mut block)?;
-    let record_bytes = source.schema().record_bytes();
-    let n_rows = block.records.len() / record_bytes;
-    let step = (n_rows / SAMPLED_VERTICES).max(1);
-    let carry = source.carried().filter(|carry| carry.is_moved());
-    let moved = carry.map_or(0, |carry| carry.vertex_properties().len());
-    // What went from faces to vertices comes last, and goes back.
-    let mut schema = source.schema().clone();
-    schema.properties.truncate(schema.properties.len() - moved);
-    let own_bytes = schema.record_bytes();
-    let rows = block.records.chunks_exact(record_bytes).step_by(step);
-    let mut sample: Vec<u8> = rows.flat_map(|row| &row[..own_bytes]).copied().collect();
-    if config.attributes.normals == Normals::Recompute && !schema.properties.iter().any(is_normal) {
-        (schema, sample) = with_normals(schema, &sample);
-    }
-    if config.error_field {
-        let rows = sample.chunks_exact(schema.record_bytes());
-        sample = rows.flat_map(|row| [row, &1f32.to_le_bytes()].concat()).collect();
-        schema.properties.push(Property::new(write::REACH, Scalar::F32));
-    }
-    let faces = match carry {
-        Some(carry) => FaceSchema {
-            texture: carry.texture,
-            properties: carry.written().map(|p| p.property.clone()).collect(),
-        },
-        None => FaceSchema::default(),
-    };
-    let expected =
-        Expected { schema: &schema, faces: &faces, n_vertices, n_faces, sample: &sample };
-    let (bytes, spool) = expected_bytes(&expected, kind, config.format);
-    let comments = source.comments().iter().chain(source.obj_infos());
-    Ok((bytes + comments.map(|line| line.len() as u64 + 9).sum::<u64>(), spool))
-}
-
-fn is_normal(property: &Property) -> bool {
-    property.name == "nx"
-}
-
-/// The same records with room for a normal behind each.
-fn with_normals(mut schema: VertexSchema, sample: &[u8]) -> (VertexSchema, Vec<u8>) {
-    let component = 1.0 / 3f32.sqrt();
-    let normal: Vec<u8> = [component; 3].iter().flat_map(|x| x.to_le_bytes()).collect();
-    let rows = sample.chunks_exact(schema.record_bytes());
-    let wider = rows.flat_map(|row| [row, &normal].concat()).collect();
-    let new = ["nx", "ny", "nz"];
-    let new = new.map(|name| Property::new(name, Scalar::F32));
-    schema.properties.extend(new);
-    (schema, wider)
 }
 
 fn too_little(

@@ -7,6 +7,7 @@
 //! docs/design/tiles.md.
 
 mod config;
+mod pending;
 mod plan;
 pub mod report;
 mod rounds;
@@ -18,10 +19,10 @@ use config::NAMED;
 pub use config::{Finest, TILE_TRIANGLES, TileTexture, TilesConfig};
 pub use plan::{PreparedTiles, TilesPlan, prepare_tiles};
 
-use super::abandon;
 use super::run_report::InputReport;
 use super::sealed_stages::SealedStages;
 use super::source_facts::faults;
+use super::{abandon, is_final};
 use crate::bake::{Coloured, Means, colour_vertices};
 use crate::error::{Error, Result};
 use crate::io::NUMBER;
@@ -34,7 +35,7 @@ use crate::stages::partition::{Partition, partition_into_groups};
 use crate::stages::tiles;
 use crate::store::cells::{Dropped, GroupGrid, GroupRecord, Lattice};
 use crate::store::job::fingerprint::unchanged;
-use crate::store::job::{Identity, Job, hold};
+use crate::store::job::{Identity, Job};
 use crate::store::stage_context::StageContext;
 use crate::system::disk::Disk;
 use crate::system::json_keys::SCHEMA_VERSION;
@@ -100,18 +101,8 @@ fn run(
     let identity = Identity { input: input.display().to_string(), input_marks, settings };
     let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
     let pending = config.pending_output();
-    if job.outcome::<bool>(BEGUN)?.is_none() {
-        // Of another job, or of one that was thrown away.
-        if pending.exists() {
-            hold(&pending)?;
-            std::fs::remove_dir_all(&pending)
-                .map_err(|e| Error::io(&pending, "cannot remove", e))?;
-        }
-        job.record(BEGUN, &true)?;
-    }
-    disk.create_dir(&pending)?;
     // Runs with other job folders may have the same output.
-    let _held = hold(&pending)?;
+    let _held = pending::open(&job, &pending, disk, job.outcome::<u64>(NAMED)?.is_some())?;
     let run = StageContext {
         job: &job,
         progress,
@@ -148,7 +139,9 @@ fn run(
     let (partition, grid) = match cut {
         Ok(cut) => cut,
         Err(error) => {
-            let _ = std::fs::remove_dir_all(&pending);
+            if is_final(&error) {
+                let _ = std::fs::remove_dir_all(&pending);
+            }
             return Err(abandon(&job, error));
         }
     };
@@ -210,6 +203,7 @@ fn run(
     let set = pending.join(FILE_NAME);
     let text = std::fs::read(&set).map_err(|e| Error::reading(&set, "cannot read", e))?;
     job.record(NAMED, &xxh3_64(&text))?;
+    pending::finish(&pending)?;
     disk.replace_folder(&pending, &config.output)?;
     let reports = stages.stages.reports;
     let level_reports = level_reports(&rounds, &top, &deviations, config.tile_triangles);
@@ -268,11 +262,8 @@ fn cut_into_groups(
 }
 
 /// The copy of the input with colours instead of images, and what it is recorded as.
-const COLOURED_FILE: &str = "coloured.ply";
+const COLOURED_FILE: &str = "input.coloured";
 const COLOURED: &str = "coloured";
-
-/// Recorded before anything is written into the folder of the tree.
-const BEGUN: &str = "tiles begun";
 
 fn is_empty(folder: &Path) -> bool {
     std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none())

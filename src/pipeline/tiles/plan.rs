@@ -14,7 +14,7 @@ use crate::stages::simplify::work_bytes;
 use crate::stages::tiles::{BYTES_PER_TRIANGLE, carried_scalars};
 use crate::store::cells::{CellTally, VertexLayout, plan_cells};
 use crate::store::job::Job;
-use crate::store::job::fingerprint::{input_marks, unchanged};
+use crate::store::job::fingerprint::{input_marks, marks_beside, unchanged};
 use crate::system::disk::{Disk, folder_of};
 use crate::system::memory::BASE_BYTES;
 use crate::system::units::{show_bytes, show_count};
@@ -135,7 +135,7 @@ pub struct PreparedTiles {
 pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
     let is_over = clear_finished(config)?;
     refuse_to_replace(&config.output, config.force, is_over)?;
-    let marks = input_marks(&config.input)?;
+    let mut marks = input_marks(&config.input)?;
     let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
     let staging = Disk::default();
     let disk = staging.clone();
@@ -143,6 +143,7 @@ pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
     stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
     let source = MeshSource::open_staged(&config.input, &stage);
     let source = unchanged(&config.input, &marks, source)?;
+    marks.extend(marks_beside(&source));
     let textured = is_textured(&source, config)?;
     let staged = staging.held_bytes();
     let plan = TilesPlan::new(&source, config, (textured, &staging))?;

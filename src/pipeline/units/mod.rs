@@ -26,7 +26,7 @@ use crate::io::ply::MeshSource;
 use crate::stages::partition::is_local;
 use crate::stages::simplify::pilot_cells;
 use crate::stages::stitch::{Step, next_step};
-use crate::store::job::fingerprint::{input_marks, job_identity};
+use crate::store::job::fingerprint::{job_identity, marks_now};
 use crate::store::job::units::{Phase, Record, UnitJob};
 use crate::system::disk::Disk;
 use crate::system::parallel::guarded;
@@ -290,7 +290,7 @@ fn check_input(folder: &Path, frozen: &Frozen, config: &Config) -> Result<()> {
         let before = planned.get(name).filter(|before| *before != value)?;
         Some(format!("{name} {value} instead of {before}"))
     };
-    let marks = input_marks(&config.input)?;
+    let marks = marks_now(&config.input, planned)?;
     let differences: Vec<String> = marks.iter().filter_map(differs).collect();
     if differences.is_empty() {
         return Ok(());

@@ -12,7 +12,7 @@ use crate::system::disk::open_input;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
 /// Pages that are sampled besides the beginning of the file.
@@ -54,6 +54,49 @@ fn sample_checksum(file: &File, bytes: u64) -> std::io::Result<u64> {
     Ok(hasher.digest())
 }
 
+/// Name of the mark of a file that the input names, before its path.
+const BESIDE: &str = "beside ";
+
+/// Name and value of a mark for every file that the input names and that is read with it: buffers, libraries, images; for
+/// standard input a checksum of all its bytes.
+pub fn marks_beside(source: &MeshSource) -> BTreeMap<String, String> {
+    let mut paths: Vec<&Path> = source.beside().iter().map(PathBuf::as_path).collect();
+    if let Some(materials) = source.materials() {
+        paths.extend(materials.files());
+    }
+    let named = paths
+        .into_iter()
+        .filter_map(|path| Some(std::path::absolute(path).ok()?.to_str()?.to_owned()));
+    let mut marks: BTreeMap<String, String> =
+        named.map(|path| (format!("{BESIDE}{path}"), mark_of(Path::new(&path)))).collect();
+    if let Some(checksum) = source.stream_checksum() {
+        marks.insert("checksum".to_owned(), format!("{checksum:016x}"));
+    }
+    marks
+}
+
+/// The marks of an input as they are now, and of the files beside it that it had before.
+pub fn marks_now(
+    path: &Path,
+    before: &BTreeMap<String, String>,
+) -> Result<BTreeMap<String, String>> {
+    let mut now = input_marks(path)?;
+    for name in before.keys() {
+        if let Some(beside) = name.strip_prefix(BESIDE) {
+            now.insert(name.clone(), mark_of(Path::new(beside)));
+        }
+    }
+    Ok(now)
+}
+
+/// All marks of a file in one value.
+fn mark_of(path: &Path) -> String {
+    match input_marks(path) {
+        Ok(marks) => marks.into_values().collect::<Vec<_>>().join(" "),
+        Err(_) => "missing".to_owned(),
+    }
+}
+
 /// Returns the result of reading `path` if the file's fingerprint is still the one taken `before`, else an error that
 /// says so, whatever came out. A file that changes can give rise to any error, and to a mesh that never was.
 pub fn unchanged<T>(
@@ -65,7 +108,7 @@ pub fn unchanged<T>(
     if matches!(outcome, Err(Error::Interrupted { .. } | Error::NoSpace { .. })) {
         return outcome;
     }
-    let now = match input_marks(path) {
+    let now = match marks_now(path, before) {
         Ok(now) => now,
         Err(_) => return Err(changed(path, "it can no longer be opened")),
     };
@@ -94,6 +137,7 @@ pub fn job_identity(
     config: &Config,
 ) -> Identity {
     let mut marks = marks.clone();
+    marks.extend(marks_beside(source));
     marks.insert("vertices".to_owned(), source.n_vertices().to_string());
     marks.insert("faces".to_owned(), source.n_face_rows().to_string());
     let input = std::path::absolute(&config.input).unwrap_or_else(|_| config.input.clone());

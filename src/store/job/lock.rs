@@ -95,16 +95,24 @@ fn exclusive(file: &File) -> rustix::io::Result<()> {
 /// Holds a folder itself against other runs, without a file in it; dropping the outcome gives it free.
 pub fn hold(folder: &Path) -> Result<File> {
     let file = File::open(folder).map_err(|e| Error::io(folder, "cannot open", e))?;
+    let locked = || Error::Locked {
+        path: folder.into(),
+        what: "another run writes the same output there; wait for it, or give a different output"
+            .to_owned(),
+    };
     match exclusive(&file) {
-        Ok(()) => Ok(file),
-        Err(rustix::io::Errno::WOULDBLOCK) => Err(Error::Locked {
-            path: folder.into(),
-            what:
-                "another run writes the same output there; wait for it, or give a different output"
-                    .to_owned(),
-        }),
+        Ok(()) if is_named(&file, folder) => Ok(file),
+        Ok(()) | Err(rustix::io::Errno::WOULDBLOCK) => Err(locked()),
         Err(e) => Err(Error::io(folder, "cannot lock", e.into())),
     }
+}
+
+/// True if the path still leads to the open folder: another run may have replaced it before the lock was there.
+fn is_named(file: &File, folder: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let same =
+        |a: &std::fs::Metadata, b: &std::fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
+    matches!((file.metadata(), std::fs::metadata(folder)), (Ok(a), Ok(b)) if same(&a, &b))
 }
 
 /// Returns whether the lock of a job folder is free; `None` without a lock.

@@ -286,7 +286,7 @@ pub const TRIALS: &str = "trials";
 const ATTEMPT: &str = "attempt";
 
 /// Extensions of the files that stages write into a job folder; nothing else there is ever removed.
-const DATA_EXTENSIONS: [&str; 4] = ["cells", "survivors", "index", "part"];
+const DATA_EXTENSIONS: [&str; 6] = ["cells", "survivors", "index", "part", "pm", "coloured"];
 
 #[cfg(test)]
 mod tests {

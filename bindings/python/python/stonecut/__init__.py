@@ -19,6 +19,7 @@ Failures are :class:`Error` and its classes.
 from __future__ import annotations
 
 import json
+import math
 import os
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -125,27 +126,33 @@ class SimplifiedArrays:
 
 
 class Measured(dict[str, Any]):
-    """The report of :func:`measure`, with the numbers most asked for as attributes. Lengths are in input units."""
+    """The report of :func:`measure`, with the numbers most asked for as attributes. Lengths are in input units, and
+    infinite (``None`` in the dictionary) where one of the meshes has no surface."""
 
     @property
     def rms(self) -> float:
         """Root mean square distance, both ways."""
-        return float(self["rms"])
+        return _length(self["rms"])
 
     @property
     def relative_rms(self) -> float:
         """The same as a share of the diagonal of the original's bounding box."""
-        return float(self["relative_rms"])
+        return _length(self["relative_rms"])
 
     @property
     def mean(self) -> float:
         """Mean distance, both ways."""
-        return 0.5 * (float(self["forward"]["mean"]) + float(self["backward"]["mean"]))
+        return 0.5 * (_length(self["forward"]["mean"]) + _length(self["backward"]["mean"]))
 
     @property
     def max(self) -> float:
         """Largest distance, either way, over samples and vertices."""
-        return max(float(self["forward"]["max"]), float(self["backward"]["max"]))
+        return max(_length(self["forward"]["max"]), _length(self["backward"]["max"]))
+
+
+def _length(value: float | None) -> float:
+    """A length of a report; JSON has null for infinity."""
+    return math.inf if value is None else float(value)
 
 
 def _report(words: list[str], progress: OnProgress | None) -> tuple[Report, bool]:
@@ -487,12 +494,16 @@ def measure(
 
 def _count(given: int | str) -> int:
     scale = {"k": 1_000, "m": 1_000_000, "g": 1_000_000_000}
-    if isinstance(given, str):
-        try:
-            return int(float(given.rstrip("kKmMgG")) * scale.get(given[-1:].lower(), 1))
-        except ValueError:
-            raise UsageError(f"samples={given!r}: a count is wanted, like 200k") from None
-    return int(given)
+    try:
+        if isinstance(given, str):
+            count = int(float(given.rstrip("kKmMgG")) * scale.get(given[-1:].lower(), 1))
+        else:
+            count = int(given)
+    except (TypeError, ValueError, OverflowError):
+        raise UsageError(f"samples={given!r}: a count is wanted, like 200k") from None
+    if count < 1:
+        raise UsageError(f"samples={given!r}: at least one sample is needed")
+    return count
 
 
 def render(

@@ -60,8 +60,12 @@ def _target(name: str, value: Any) -> list[str]:
     if isinstance(value, bool):
         raise UsageError(f"{name}={value}: a number is wanted")
     if name == "triangles" and not isinstance(value, str):
-        number = float(value)
-        if number != int(number):
+        try:
+            number = float(value)
+            whole = int(number)
+        except (TypeError, ValueError, OverflowError):  # not a number, NaN, infinity
+            number, whole = 0.5, 0
+        if number != whole:
             raise UsageError(f"triangles={value}: a whole number is wanted; for a share use ratio")
-        value = int(number)
+        value = whole
     return options(**{name: value})

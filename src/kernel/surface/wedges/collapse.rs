@@ -6,6 +6,7 @@ use super::Wedges;
 use super::pairs::Pairs;
 use crate::kernel::surface::Surface;
 use crate::kernel::surface::class::Class;
+use crate::mesh::blend::between;
 use crate::mesh::corners::others;
 
 /// A collapse at a seam under way.
@@ -22,7 +23,7 @@ impl Wedges {
         let mix = |a: f32, b: f32| match s {
             1.0 => b,
             0.0 => a,
-            _ => a + s * (b - a),
+            _ => between(a, b, s),
         };
         let common: Vec<Option<f32>> = (0..self.n_channels)
             .map(|channel| {

@@ -36,6 +36,14 @@ impl<'a> Corners<'a> {
             Some(wedges) => wedges.values_at(self.surface, t, v),
         }
     }
+
+    /// True if a value of one of these channels is NaN or infinite.
+    pub(crate) fn has_gaps(self, channels: &[(usize, f32)]) -> bool {
+        let n = self.surface.n_channels.max(1);
+        let values = self.wedges.map_or(&[][..], |wedges| &wedges.values);
+        let mut rows = self.surface.channels.chunks_exact(n).chain(values.chunks_exact(n));
+        rows.any(|row| channels.iter().any(|&(channel, _)| !row[channel].is_finite()))
+    }
 }
 
 /// The wedges of a surface: 12 bytes a triangle, 4 a channel and input vertex, 9 an input vertex.

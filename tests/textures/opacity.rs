@@ -1,0 +1,154 @@
+//! Opacity of images: it counts where the material says so, and of glTF without `alphaMode` it does not.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use super::bake::sheet;
+use crate::common::expect;
+use base64::Engine;
+use image::{Rgb, RgbImage, Rgba, RgbaImage};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Pixels of an unlit picture without a surface.
+const BACKGROUND: Rgb<u8> = Rgb([128; 3]);
+
+/// A leaf whose right half is not there, though it has a colour.
+fn leaf(folder: &Path) {
+    let leaf = RgbaImage::from_fn(64, 64, |x, _| match x / 32 {
+        0 => Rgba([20, 60, 10, 255]),
+        _ => Rgba([0, 90, 200, 0]),
+    });
+    leaf.save(folder.join("leaf.png")).unwrap();
+}
+
+/// Two quads that show the leaf, without a word about opacity and with a mask:
+///
+/// ```text
+///   -1  opaque  1      2  mask  4
+/// ```
+fn two_quads(folder: &Path) {
+    leaf(folder);
+    let mut bytes: Vec<u8> = Vec::new();
+    for x in [-1f32, 2.0] {
+        for [x, y] in [[x, -1.0], [x + 2.0, -1.0], [x + 2.0, 1.0], [x, 1.0]] {
+            bytes.extend([x, y, 0.0].map(f32::to_le_bytes).as_flattened());
+        }
+    }
+    for uv in [[0f32, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]] {
+        bytes.extend(uv.map(f32::to_le_bytes).as_flattened());
+    }
+    bytes.extend([0u8, 1, 2, 0, 2, 3]);
+    let data = base64::engine::general_purpose::STANDARD.encode(&bytes);
+    let accessor = |at: usize, component: u32, count: u32, kind: &str| json!({ "bufferView": 0, "byteOffset": at, "componentType": component, "count": count, "type": kind });
+    let quad = |positions: u32, material: u32| json!({ "attributes": { "POSITION": positions, "TEXCOORD_0": 2 }, "indices": 3, "material": material });
+    let surface = json!({ "baseColorFactor": [1, 1, 1, 0.25], "baseColorTexture": { "index": 0 } });
+    let cut = json!({ "baseColorTexture": { "index": 0 } });
+    let document = json!({
+        "asset": { "version": "2.0" },
+        "scenes": [{ "nodes": [0] }],
+        "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [quad(0, 0), quad(1, 1)] }],
+        "materials": [
+            { "name": "opaque", "pbrMetallicRoughness": surface },
+            { "name": "cut", "pbrMetallicRoughness": cut, "alphaMode": "MASK" },
+        ],
+        "textures": [{ "source": 0 }],
+        "images": [{ "uri": "leaf.png" }],
+        "accessors": [
+            accessor(0, 5126, 4, "VEC3"), accessor(48, 5126, 4, "VEC3"), accessor(96, 5126, 4, "VEC2"),
+            accessor(128, 5121, 6, "SCALAR"),
+        ],
+        "bufferViews": [{ "buffer": 0, "byteLength": bytes.len() }],
+        "buffers": [{
+            "byteLength": bytes.len(), "uri": format!("data:application/octet-stream;base64,{data}"),
+        }],
+    });
+    std::fs::write(folder.join("quads.gltf"), document.to_string()).unwrap();
+}
+
+fn picture(folder: &Path, arguments: &str) -> RgbImage {
+    let said =
+        expect(folder, &format!("render {arguments} -o p.png --view top --unlit --force"), 0);
+    assert!(!said.contains("warning"), "{said}");
+    image::open(folder.join("p.png")).unwrap().into_rgb8()
+}
+
+/// The JSON of a GLB file.
+fn document(path: &Path) -> Value {
+    let bytes = std::fs::read(path).unwrap();
+    let length = u32::from_le_bytes(*bytes[12..].first_chunk::<4>().unwrap()) as usize;
+    serde_json::from_slice(&bytes[20..20 + length]).unwrap()
+}
+
+#[test]
+fn opacity_means_nothing_in_gltf_that_does_not_name_it() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    two_quads(folder);
+    // Large, and so small that an image of few texels is looked up.
+    for size in [200, 16] {
+        for (middle, right) in [(0.0, Rgb([0, 90, 200])), (3.0, BACKGROUND)] {
+            let seen =
+                picture(folder, &format!("quads.gltf --zoom {middle},0,0,1 --size {size}x{size}"));
+            let at = |share: f64| *seen.get_pixel((f64::from(size) * share) as u32, size / 2);
+            assert_eq!(at(0.25), Rgb([20, 60, 10]), "{middle} {size}");
+            assert_eq!(at(0.75), right, "{middle} {size}");
+        }
+    }
+}
+
+#[test]
+fn opaque_materials_are_written_as_such() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    two_quads(folder);
+    expect(folder, "convert quads.gltf out.glb", 0);
+    let materials = document(&folder.join("out.glb"))["materials"].clone();
+    let of = |name: &str| {
+        let list = materials.as_array().unwrap();
+        list.iter().find(|material| material["name"] == name).unwrap().clone()
+    };
+    assert_eq!(of("opaque")["alphaMode"], Value::Null);
+    assert_eq!(of("opaque")["pbrMetallicRoughness"]["baseColorFactor"], Value::Null);
+    assert_eq!(of("cut")["alphaMode"], "MASK");
+    let said = expect(folder, "convert quads.gltf out.obj", 0);
+    assert!(said.contains("opacity of the colour image of material 'cut'"), "{said}");
+    let library = std::fs::read_to_string(folder.join("out.mtl")).unwrap();
+    assert!(library.contains("newmtl opaque") && !library.contains("\nd "), "{library}");
+}
+
+#[test]
+fn a_new_texture_of_opaque_materials_is_opaque() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    let clear = RgbaImage::from_fn(64, 64, |x, _| Rgba([0, 90, 200, 4 * x as u8]));
+    clear.save(folder.join("clear.png")).unwrap();
+    sheet(folder, |x, y| format!("{x} {y}"), "newmtl only\nKd 1 1 1\nmap_Kd clear.png\n");
+    // Nothing is said of opacity there.
+    expect(folder, "convert sheet.obj sheet.glb", 0);
+    assert_eq!(document(&folder.join("sheet.glb"))["materials"][0]["alphaMode"], Value::Null);
+    expect(folder, "simplify sheet.glb out.glb --ratio 20% --texture bake -q", 0);
+    assert_eq!(document(&folder.join("out.glb"))["materials"][0]["alphaMode"], Value::Null);
+    expect(folder, "simplify sheet.glb out.obj --ratio 20% --texture bake -q", 0);
+    let page = image::open(folder.join("out_textures/out_0.png")).unwrap();
+    assert!(!page.color().has_alpha(), "{:?}", page.color());
+    let seen = picture(folder, "out.obj --zoom 0.5,0.5,0,0.5 --size 100x100");
+    for x in [30, 50, 70] {
+        assert_eq!(*seen.get_pixel(x, 50), Rgb([0, 90, 200]), "at {x}");
+    }
+}
+
+/// An image of opacity that is the colour image itself: its opacity counts, not its brightness.
+#[test]
+fn dark_texels_of_a_leaf_are_there() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path();
+    leaf(folder);
+    let library = "newmtl only\nKd 1 1 1\nmap_Kd leaf.png\nmap_d leaf.png\n";
+    sheet(folder, |x, y| format!("{x} {y}"), library);
+    expect(folder, "render sheet.obj -o p.png --view top --unlit --zoom 0.5,0.5,0,0.5", 0);
+    let seen = image::open(folder.join("p.png")).unwrap().into_rgb8();
+    let [x, y] = [seen.width(), seen.height()];
+    assert_eq!(*seen.get_pixel(x / 2 - y / 5, y / 2), Rgb([20, 60, 10]));
+    assert_eq!(*seen.get_pixel(x / 2 + y / 5, y / 2), BACKGROUND);
+}
