@@ -12,7 +12,8 @@ fn bump(gap: usize) -> Mesh {
         let (u, w) = (p[0] - 0.5, p[1] - 0.5);
         p[2] = 0.3 * (1.0 - 2.0 * (u * u + w * w));
         let missing = [f32::NAN, f32::INFINITY][v / 7 % 2];
-        let value = |x: f64, k: usize| if (v + 3 * k) % gap == 0 { missing } else { x as f32 };
+        let value =
+            |x: f64, k: usize| if (v + 3 * k).is_multiple_of(gap) { missing } else { x as f32 };
         mesh.channels.extend([value(p[0], 0), value(p[2], 1)]);
     }
     mesh
