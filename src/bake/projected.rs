@@ -50,8 +50,13 @@ pub(super) struct Projected {
 pub(super) fn project(mesh: &Mesh, texels_per_unit: f64, most_side: u32) -> Projected {
     let surface = Surface::new(mesh);
     let most_chart = most_side - 2 * PADDING;
+    // Charts do not overlap, and show each triangle at this share of its area at least; half of that, since slivers between texels may.
+    let least_area = surface.faced_area() * LEAST_OWN_FACING / 2.0;
     for halvings in 0..MOST_HALVINGS {
         let density = texels_per_unit / f64::from(halvings).exp2();
+        if least_area * density * density > f64::from(most_side).powi(2) {
+            continue;
+        }
         let charts = surface.charts(density, most_chart);
         if let Some(page) = charts.and_then(|charts| charts.packed(most_side)) {
             return Projected { texels_per_unit: density, ..page };
@@ -156,6 +161,12 @@ impl<'a> Surface<'a> {
         seeds.sort_unstable();
         let seeds = seeds.into_iter().map(|(_, t, best)| (t, best)).collect();
         Surface { mesh, areas, own, smooth, beside: beside(&triangles), directions, seeds }
+    }
+
+    /// The area of all triangles that face somewhere.
+    fn faced_area(&self) -> f64 {
+        let faced = self.areas.iter().zip(&self.own).filter(|(_, own)| **own != [0.0; 3]);
+        faced.map(|(area, _)| area).sum()
     }
 
     /// Grows charts; `None` if one would be wider than `most` texels.

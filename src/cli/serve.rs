@@ -10,8 +10,10 @@ use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
 use http_body_util::{Either, Full};
 use hyper::body::{Bytes, Incoming};
-use hyper::header::{CACHE_CONTROL, CONNECTION, HOST, HeaderValue, X_CONTENT_TYPE_OPTIONS};
-use hyper::{Method, Request, Response, StatusCode};
+use hyper::header::{
+    ALLOW, CACHE_CONTROL, CONNECTION, HOST, HeaderValue, LOCATION, X_CONTENT_TYPE_OPTIONS,
+};
+use hyper::{Method, Request, Response, StatusCode, Uri};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
@@ -109,7 +111,9 @@ impl Offered {
     async fn answer(&self, request: Request<Incoming>) -> std::io::Result<Response<Body>> {
         let host = request.headers().get(HOST).and_then(|host| host.to_str().ok());
         if !matches!(*request.method(), Method::GET | Method::HEAD) {
-            return Ok(refused(StatusCode::METHOD_NOT_ALLOWED));
+            let mut response = refused(StatusCode::METHOD_NOT_ALLOWED);
+            response.headers_mut().insert(ALLOW, HeaderValue::from_static("GET, HEAD"));
+            return Ok(response);
         }
         if !is_meant(self.address, host) {
             return Ok(refused(StatusCode::FORBIDDEN));
@@ -118,6 +122,9 @@ impl Offered {
         let path =
             (target.authority().is_none()).then(|| find(&self.root, target.path())).flatten();
         let Some(path) = path else { return Ok(refused(StatusCode::NOT_FOUND)) };
+        if let Some(place) = folder_of_page(&path, target) {
+            return Ok(moved(&place));
+        }
         let mut response = ServeFile::new(path).try_call(request).await?.map(Either::Left);
         let headers = response.headers_mut();
         headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-cache"));
@@ -133,6 +140,28 @@ fn refused(code: StatusCode) -> Response<Body> {
     response.headers_mut().insert(CONNECTION, HeaderValue::from_static("close"));
     response
 }
+
+/// Address of the page of a folder, for one that does not end as that of a folder: what the page names would be looked for beside
+/// the folder. Relative, so that it leads nowhere else.
+fn folder_of_page(path: &Path, target: &Uri) -> Option<HeaderValue> {
+    let (_, last) = target.path().rsplit_once('/')?;
+    let is_page = path.file_name().is_some_and(|name| name == PAGE);
+    let named = percent_encoding::percent_decode_str(last).decode_utf8().ok()?;
+    if !is_page || last.is_empty() || named == PAGE {
+        return None;
+    }
+    let query = target.query().map_or_else(String::new, |query| format!("?{query}"));
+    HeaderValue::from_str(&format!("./{last}/{query}")).ok()
+}
+
+fn moved(place: &HeaderValue) -> Response<Body> {
+    let mut response = refused(StatusCode::MOVED_PERMANENTLY);
+    response.headers_mut().insert(LOCATION, place.clone());
+    response
+}
+
+/// The page of a folder.
+const PAGE: &str = "index.html";
 
 /// True if a request names this server. A page elsewhere could make its own name lead to this machine, and read
 /// what is offered only here.
@@ -152,7 +181,7 @@ fn is_meant(own: IpAddr, host: Option<&str>) -> bool {
 fn find(root: &Path, address: &str) -> Option<PathBuf> {
     let mut path = path_of(root, address)?;
     if path.is_dir() {
-        path.push("index.html");
+        path.push(PAGE);
     }
     // Links are followed before the place is looked at, so none leads out.
     let path = path.canonicalize().ok()?;

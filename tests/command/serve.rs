@@ -85,6 +85,22 @@ fn files_come_whole_and_in_parts_with_their_types() {
     }
 }
 
+#[test]
+fn the_page_of_a_folder_is_found_with_what_it_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let tree = folder.path().join("a tree");
+    std::fs::create_dir(&tree).unwrap();
+    std::fs::write(tree.join("index.html"), "<p>page").unwrap();
+    let served = serve(folder.path());
+    let (code, head, _) = served.ask("GET", "/a%20tree?x=1", "");
+    assert!(code == 301 && head.contains("location: ./a%20tree/?x=1"), "{head}");
+    for url in ["/a%20tree/", "/a%20tree/index.html"] {
+        assert_eq!(served.ask("GET", url, "").0, 200, "{url}");
+    }
+    let (_, head, _) = served.ask("POST", "/", "");
+    assert!(head.contains("allow: get, head"), "{head}");
+}
+
 /// Browsers open six connections a page and keep them: the last ones waited until the first ones were closed.
 #[test]
 fn connections_that_stay_open_do_not_hold_others_up() {

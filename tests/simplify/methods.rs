@@ -497,3 +497,58 @@ fn faces_that_are_there_twice_are_dropped_by_every_method() {
         }
     }
 }
+
+#[test]
+fn missing_values_do_not_spread_by_any_method() {
+    const SIDE: u32 = 90;
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let mut text = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+         property float quality\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        SIDE * SIDE,
+        2 * (SIDE - 1) * (SIDE - 1)
+    );
+    for v in 0..SIDE * SIDE {
+        let (x, y) = (v % SIDE, v / SIDE);
+        let z = (0.1 * f64::from(x)).sin() * (0.07 * f64::from(y)).cos();
+        let quality = if v % 41 == 7 { "nan".to_owned() } else { (x + y).to_string() };
+        text.push_str(&format!("{x} {y} {z} {quality}\n"));
+    }
+    for v in (0..SIDE * (SIDE - 1)).filter(|v| v % SIDE < SIDE - 1) {
+        let (right, above) = (v + 1, v + SIDE);
+        text.push_str(&format!("3 {v} {right} {above}\n3 {right} {} {above}\n", above + 1));
+    }
+    std::fs::write(at.join("in.ply"), text).unwrap();
+    for options in [
+        "",
+        "--weight quality=0.1",
+        "--pairs",
+        "--optimize 1",
+        "--method cluster",
+        "--method retile",
+        "--cell-triangles 3000",
+    ] {
+        expect(
+            at,
+            &format!("simplify in.ply o.ply --triangles 300 {options} --format ascii --force"),
+            0,
+        );
+        let result = std::fs::read_to_string(at.join("o.ply")).unwrap();
+        let (head, body) = result.split_once("end_header\n").unwrap();
+        let n = head.lines().find_map(|line| line.strip_prefix("element vertex ")).unwrap();
+        let numbers = |line: &str| -> Vec<f64> {
+            line.split_whitespace().map(|word| word.parse().unwrap()).collect()
+        };
+        let rows: Vec<_> = body.lines().take(n.parse().unwrap()).map(numbers).collect();
+        let n_missing = rows.iter().filter(|row| row[3].is_nan()).count();
+        assert!(
+            rows.len() > 100 && 12 * n_missing <= rows.len(),
+            "{options}: {n_missing} of {}",
+            rows.len()
+        );
+        for row in rows.iter().filter(|row| !row[3].is_nan()) {
+            assert!((row[3] - row[0] - row[1]).abs() < 12.0, "{options}: {row:?}");
+        }
+    }
+}

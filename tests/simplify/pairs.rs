@@ -141,6 +141,12 @@ fn threads_memory_and_an_earlier_run_do_not_show() {
     expect(at, &format!("simplify in.ply out.ply {options}"), 0);
     assert!(std::fs::read(at.join("out.ply")).unwrap() == wanted);
     assert!(!at.join("out.ply.stonecut-job").exists());
+    let streamed = run(at, &format!("simplify in.ply - {options}")).stdout;
+    let body = |mesh: &[u8]| {
+        let end = mesh.windows(10).position(|bytes| bytes == b"end_header").unwrap();
+        mesh[end..].to_vec()
+    };
+    assert!(body(&streamed) == body(&wanted));
     expect(at, &format!("simplify in.ply better.ply {options} --optimize 1"), 0);
     let [was, is] = ["out.ply", "better.ply"].map(|file| rms(at, "in.ply", file));
     assert!(is < was, "{was} to {is}");

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use stonecut::io::decode_tile;
 use stonecut::mesh::property::Scalar;
 use stonecut::pipeline::tiles::{Finest, TileTexture, TilesConfig, make_tiles_on, prepare_tiles};
+use stonecut::synth::{self, Kind, Settings};
 use stonecut::system::disk::Disk;
 use stonecut::system::progress::Progress;
 
@@ -455,6 +456,30 @@ fn a_run_whose_finished_tiles_are_gone_says_so() {
     refused(&first);
     make(&Disk::default(), &second).unwrap();
     assert!(files(&second.output) == files(&folder.path().join("whole")));
+}
+
+#[test]
+fn a_piece_too_far_away_for_one_tile_is_refused_or_does_no_harm() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let mesh = synth::mesh(&Settings::new(Kind::Statue, 30_000)).unwrap();
+    let mut positions: Vec<[f64; 3]> =
+        mesh.positions.iter().map(|p| [p[0] + 5e5, p[1] + 5e6, p[2]]).collect();
+    let mut triangles = mesh.triangles.clone();
+    let n = positions.len() as u32;
+    positions.extend([[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    triangles.push([n, n + 1, n + 2]);
+    write_ply(&at.join("in.ply"), Scalar::F64, &positions, &triangles);
+    let output = run(at, "tiles in.ply out --tile-triangles 1000");
+    let said = String::from_utf8_lossy(&output.stderr);
+    match output.status.code() {
+        Some(0) => assert_eq!(count(&check(at, "out"), "n_faults"), 0),
+        code => {
+            assert!(code == Some(4) && said.contains("--min-component"), "{code:?}: {said}");
+            assert!(!at.join("out").exists() && !at.join(".out.stonecut-tiles").exists());
+            assert!(!at.join("out.stonecut-job").exists());
+        }
+    }
 }
 
 /// Changes the JSON of a tree.

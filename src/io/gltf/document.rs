@@ -1,6 +1,6 @@
 //! The JSON of a GLB file that is written: primitives in one buffer, each with its vertices and its indices.
 
-use super::materials_out::{OutImages, materials};
+use super::materials_out::{OutImages, WEBP, materials};
 use crate::io::materials::TexturePlan;
 use serde_json::{Value, json};
 
@@ -148,12 +148,14 @@ pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &F
     });
     if is_quantised {
         used.push("KHR_mesh_quantization");
-        document["extensionsRequired"] = json!(used);
     }
+    let mut required = used.clone();
     if let Some((plan, images)) = frame.textures {
         let first_image = indices_at;
         views.extend(images.views(first_image));
         let list = materials(plan, images);
+        // Nothing stands in for these images where they cannot be read.
+        required.extend(list.extensions.iter().filter(|name| **name == WEBP));
         used.extend(list.extensions);
         for (key, values) in [
             ("materials", list.materials),
@@ -167,6 +169,9 @@ pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &F
         }
     }
     document["bufferViews"] = views.into();
+    if !required.is_empty() {
+        document["extensionsRequired"] = required.into();
+    }
     if !used.is_empty() {
         document["extensionsUsed"] = used.into();
     }

@@ -109,7 +109,7 @@ pub(super) struct Lists {
 }
 
 const UNLIT: &str = "KHR_materials_unlit";
-const WEBP: &str = "EXT_texture_webp";
+pub(super) const WEBP: &str = "EXT_texture_webp";
 
 /// Material, texture and sampler objects (Khronos, sections 3.9 and 5).
 pub(super) fn materials(plan: &TexturePlan, images: &OutImages) -> Lists {

@@ -18,6 +18,7 @@ use super::{MANIFOLD_TRIANGLE_BYTES, Made};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::mesh::Mesh;
+use crate::mesh::blend::of_ends;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::codec::VertexCodec;
 use crate::mesh::vec3::{Vec3, length_sq, sub};
@@ -26,7 +27,7 @@ use clusters::{CLUSTER_BYTES, Clusters, FURTHER_PASSES, NONE, PASSES, SETTLING_P
 use dual::Dual;
 use refine::{Surface, VERTEX_BYTES};
 use shape::Shapes;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 
 /// Longest edge of the surface, in distances of evenly spread vertices of the result.
 const LONGEST: f64 = 0.25;
@@ -244,12 +245,16 @@ fn made(
         origin.push(origin[a as usize]);
         for k in 0..n_channels {
             let of = |v: u32| channels[v as usize * n_channels + k];
-            channels[vertex * n_channels + k] = 0.5 * (of(a) + of(b));
+            let middle = 0.5 * (of(a) + of(b));
+            channels[vertex * n_channels + k] =
+                if middle.is_finite() { middle } else { of_ends(of(a), of(b), 0.5) };
         }
     }
     let n_out = out.mesh.positions.len();
     let mut sums = vec![0.0f64; n_channels * n_out];
     let mut weights = vec![0.0f64; n_out];
+    // Weights of values that are missing: NaN or infinite.
+    let mut missing: HashMap<usize, f64> = HashMap::new();
     let mut nearest = vec![(f64::INFINITY, 0u32); n_out];
     for (v, &cluster) in clusters.owner.iter().enumerate().filter(|(_, c)| **c != NONE) {
         let number = numbers[cluster as usize] as usize;
@@ -257,14 +262,24 @@ fn made(
         let weight = surface.weights[v].max(f64::MIN_POSITIVE);
         weights[number] += weight;
         for k in 0..n_channels {
-            sums[number * n_channels + k] += weight * f64::from(channels[v * n_channels + k]);
+            let value = f64::from(channels[v * n_channels + k]);
+            if value.is_finite() {
+                sums[number * n_channels + k] += weight * value;
+            } else {
+                *missing.entry(number * n_channels + k).or_insert(0.0) += weight;
+            }
         }
         let away = length_sq(sub(surface.positions[v], *place));
         if away < nearest[number].0 {
             nearest[number] = (away, origin[v]);
         }
     }
-    let mean = |(i, sum): (usize, &f64)| (sum / weights[i / n_channels.max(1)]) as f32;
+    let mean = |(i, sum): (usize, &f64)| {
+        let weight = weights[i / n_channels.max(1)];
+        // None at all: NaN.
+        let known = missing.get(&i).map_or(weight, |missing| (weight - missing).max(0.0));
+        (sum / known) as f32
+    };
     out.mesh.n_channels = n_channels;
     out.mesh.channels = sums.iter().enumerate().map(mean).collect();
     let record_bytes = source.schema().record_bytes();

@@ -81,6 +81,10 @@ impl Surface {
             }
             self.cut(t, middle, &mut fine);
         }
+        // Numbers of neighbours, six a triangle, are 32 bits wide.
+        if fine.len() as u64 > u64::from(u32::MAX) / 6 {
+            return Err(too_many(most));
+        }
         self.triangles = fine;
         Ok(self.positions.len() > n_before)
     }

@@ -13,6 +13,7 @@ use super::{methods, verify};
 use crate::config::{Attributes, Config, Normals, Target};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
+use crate::io::{OutputFormat, OutputKind};
 use crate::kernel;
 use crate::methods::pairs;
 use crate::store::job::fingerprint::{input_marks, job_identity};
@@ -59,11 +60,12 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
         Err(error) => return Err(super::abandon(&job, error)),
     };
     let made = trial_path(config, "last");
+    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
     let last = Config {
         input: joined,
         output: made.clone(),
         target: Target::Triangles(target),
-        format: config.format,
+        format: OutputFormat { kind: Some(kind), ..config.format },
         skip_bad: false,
         min_component: None,
         kernel: kernel::Options { fit: fit(config), ..config.kernel.clone() },

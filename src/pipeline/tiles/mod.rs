@@ -138,18 +138,16 @@ fn run(
     });
     let (partition, grid) = match cut {
         Ok(cut) => cut,
-        Err(error) => {
-            if is_final(&error) {
-                let _ = std::fs::remove_dir_all(&pending);
-            }
-            return Err(abandon(&job, error));
-        }
+        Err(error) => return Err(give_up(&job, &pending, error)),
     };
     let coloured = job.outcome::<Coloured>(COLOURED)?;
     if coloured.is_some() {
         disk.remove(&job.path(COLOURED_FILE))?;
     }
-    let (mut hidden, mut top) = stages.rounds(&partition, &grid)?;
+    let (mut hidden, mut top) = match stages.rounds(&partition, &grid) {
+        Ok(made) => made,
+        Err(error) => return Err(give_up(&job, &pending, error)),
+    };
     let mut rounds = hidden.split_off(stages.hidden.rounds as usize);
     let frame = textures::Frame { origin: grid.lattice.origin, scalars: &scalars };
     let pages = match textured {
@@ -240,6 +238,14 @@ fn run(
     }
     report.notes.extend(scalar_notes(&lost, rounds.first()));
     Ok(report)
+}
+
+/// The error of a run; what it has made goes if the same command would fail again.
+fn give_up(job: &Job, pending: &Path, error: Error) -> Error {
+    if is_final(&error) {
+        let _ = std::fs::remove_dir_all(pending);
+    }
+    abandon(job, error)
 }
 
 /// Cuts the input into the groups of the first round; where it has images and no colours, a copy with colours out of them.

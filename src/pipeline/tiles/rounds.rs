@@ -106,6 +106,7 @@ impl Stages<'_> {
                 is_output: self.tiles_folder == self.pending,
                 packs: self.config.packs,
                 is_z_up: self.config.is_z_up,
+                input: &self.config.input,
                 layout: &layout,
                 disk: &disk,
                 deviation: &|fine, coarse, followed| step::deviation(fine, coarse, followed, SLACK),

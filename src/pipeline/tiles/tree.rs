@@ -53,7 +53,7 @@ pub(super) fn tree(levels: &Levels) -> (Vec<TreeTile>, Vec<f64>) {
     let root = tree.push(levels, n_rounds, levels.top.key, None);
     let top = &mut tree.tiles[root as usize];
     top.content = Some(tile_path(n_rounds, CellId(0), 0));
-    top.content_bounds = bounds_of(levels.top);
+    top.content_bounds = bounds_of(levels.top, levels.lattice.step_of(n_rounds));
     top.triangles = levels.top.triangles;
     top.group = (n_rounds > 0).then_some(0);
     tree.records[root as usize] = Some(levels.top);
@@ -126,7 +126,7 @@ impl<'a> Tree<'a> {
         self.records.push(content.as_ref().map(|(_, record)| *record));
         if let Some((path, record)) = content {
             tile.content = Some(path);
-            tile.content_bounds = bounds_of(record);
+            tile.content_bounds = bounds_of(record, levels.lattice.step_of(level));
             tile.triangles = record.triangles;
         }
         self.tiles.push(tile);
@@ -327,10 +327,10 @@ fn area(bounds: &Bounds) -> f64 {
     x * y + y * z + z * x
 }
 
-/// Bounds of a tile, a little wider, so that a flat one has a volume.
-fn bounds_of(tile: &TileRecord) -> Bounds {
+/// Bounds of a tile, a little wider, so that a flat one has a volume; `step` is that of its lattice.
+fn bounds_of(tile: &TileRecord, step: f64) -> Bounds {
     let extent = (0..3).map(|k| tile.high[k] - tile.low[k]).fold(0.0, f64::max);
-    let rim = extent.max(f64::MIN_POSITIVE) / 8192.0;
+    let rim = extent.max(step) / 8192.0;
     Bounds { low: tile.low.map(|x| x - rim), high: tile.high.map(|x| x + rim) }
 }
 

@@ -62,6 +62,8 @@ pub struct TileRound<'a> {
     pub packs: bool,
     /// True if z points upwards in the mesh.
     pub is_z_up: bool,
+    /// The mesh, for messages.
+    pub input: &'a Path,
     /// Rows of vertices.
     pub layout: &'a VertexLayout,
     /// The disk that is written through.
@@ -69,6 +71,9 @@ pub struct TileRound<'a> {
     /// Measures how far a mesh and its simplified version are apart, at most; given where each vertex of the mesh went.
     pub deviation: &'a (dyn Fn(&Mesh, &Mesh, &[u32]) -> f64 + Sync),
 }
+
+/// Steps along the longest side of a tile, at most: floats hold whole numbers up to here.
+const MOST_STEPS: f64 = (1 << 24) as f64;
 
 /// Path of a tile in its tree: number `n` of those that `cell` holds; `level` counts from the finest that is written.
 pub fn tile_path(level: u32, cell: CellId, n: usize) -> String {
@@ -211,6 +216,17 @@ impl TileRound<'_> {
                 bounds.map(|x| f64::from(x) * step)
             };
             let (low, high) = (fold(i32::MAX, i32::min), fold(i32::MIN, i32::max));
+            let span = (0..3).map(|k| (high[k] - low[k]) / step).fold(0.0, f64::max);
+            if span > MOST_STEPS {
+                return Err(Error::bad_input(
+                    self.input,
+                    format!(
+                        "one tile would be {:.3e} wide, with places to {step:.3e}, which its numbers cannot hold: some parts of the mesh lie \
+                         too far from the others. Remove those first (stonecut simplify --min-component 100 --ratio 100%); nothing was written",
+                        span * step
+                    ),
+                ));
+            }
             let vertices = mesh.positions.len() as u64;
             let by_box = if name > 0 { boxes::bounds_by_box(&mesh) } else { Vec::new() };
             let (bytes, order) = encode_tile(mesh, form);
