@@ -11,13 +11,15 @@ pub(super) struct Surface {
     first: Vec<u32>,
     /// The next corner at the same vertex.
     next: Vec<[u32; 3]>,
+    /// The corner before, so that a vertex of a million triangles lets go of one as fast as any other.
+    previous: Vec<[u32; 3]>,
     n_alive: usize,
 }
 
 impl Surface {
     /// Memory for a mesh, in bytes, without positions.
     pub(super) fn bytes(n_vertices: u64, n_triangles: u64) -> u64 {
-        4 * n_vertices + 24 * n_triangles
+        4 * n_vertices + 36 * n_triangles
     }
 
     /// Most triangles that corners can be numbered for.
@@ -28,6 +30,7 @@ impl Surface {
         let mut surface = Surface {
             first: vec![NONE; positions.len()],
             next: vec![[NONE; 3]; triangles.len()],
+            previous: vec![[NONE; 3]; triangles.len()],
             positions,
             triangles,
             n_alive,
@@ -72,9 +75,15 @@ impl Surface {
         })
     }
 
-    /// True if any triangle has both vertices.
+    /// True if any triangle has both vertices. Takes as long as the shorter of both lists.
     pub(super) fn has_edge(&self, a: u32, b: u32) -> bool {
-        self.around(a).any(|t| self.corners(t).contains(&b))
+        let (mut of_a, mut of_b) = (self.around(a), self.around(b));
+        while let (Some(s), Some(t)) = (of_a.next(), of_b.next()) {
+            if self.corners(s).contains(&b) || self.corners(t).contains(&a) {
+                return true;
+            }
+        }
+        false
     }
 
     /// Puts `filling` in the places of the triangles `hole`, which are at least as many.
@@ -94,29 +103,33 @@ impl Surface {
     fn link(&mut self, triangle: u32) {
         for place in 0..3 {
             let vertex = self.triangles[triangle as usize][place] as usize;
-            self.next[triangle as usize][place] = self.first[vertex];
-            self.first[vertex] = 3 * triangle + place as u32;
+            let (corner, after) = (3 * triangle + place as u32, self.first[vertex]);
+            self.next[triangle as usize][place] = after;
+            self.previous[triangle as usize][place] = NONE;
+            if after != NONE {
+                *at(&mut self.previous, after) = corner;
+            }
+            self.first[vertex] = corner;
         }
     }
 
     fn unlink(&mut self, triangle: u32) {
         for place in 0..3 {
             let vertex = self.triangles[triangle as usize][place] as usize;
-            let (corner, after) =
-                (3 * triangle + place as u32, self.next[triangle as usize][place]);
-            let mut at = self.first[vertex];
-            if at == corner {
-                self.first[vertex] = after;
-                continue;
+            let after = self.next[triangle as usize][place];
+            let before = self.previous[triangle as usize][place];
+            match before {
+                NONE => self.first[vertex] = after,
+                _ => *at(&mut self.next, before) = after,
             }
-            while at != NONE {
-                let link = &mut self.next[(at / 3) as usize][(at % 3) as usize];
-                if *link == corner {
-                    *link = after;
-                    break;
-                }
-                at = *link;
+            if after != NONE {
+                *at(&mut self.previous, after) = before;
             }
         }
     }
+}
+
+/// The link of a corner.
+fn at(links: &mut [[u32; 3]], corner: u32) -> &mut u32 {
+    &mut links[(corner / 3) as usize][(corner % 3) as usize]
 }
