@@ -175,10 +175,8 @@ fn split<const N: usize>(
         faults: Faults { bad_faces: found.bad_faces + n_bad, ..found },
         unreferenced_vertices: source.n_vertices().saturating_sub(found.bad_vertices + n_used),
         faces: Some(carry),
-        materials: source.materials().cloned(),
-        beside: source.beside().to_vec(),
-        stream_checksum: source.stream_checksum(),
-        ..Staged::default()
+        texture: None,
+        ..source.into_staged()
     };
     let mut read = options.read.clone();
     read.temp_dir = Some(options.temp_dir.clone());

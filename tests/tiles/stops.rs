@@ -4,10 +4,11 @@
 
 use crate::common::volume::Volume;
 use crate::common::{expect, signal, stonecut};
-use crate::tiles::{config, files, make};
+use crate::tiles::{config, files, make, painted};
 use rustix::process::Signal;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
+use stonecut::pipeline::tiles::{Finest, TileTexture, TilesConfig};
 use stonecut::system::disk::{Disk, PowerLoss};
 
 const OPTIONS: &str = "--tile-triangles 1000 --threads 1 --quiet";
@@ -148,4 +149,129 @@ fn a_power_loss_anywhere_costs_nothing() {
             let _ = std::fs::remove_dir_all(&config.job_folder);
         }
     }
+}
+
+#[test]
+fn a_run_that_stopped_anywhere_is_continued_to_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth statue in.ply --triangles 20k", 0);
+    stopped_anywhere(&folder, config);
+}
+
+#[test]
+fn a_run_over_images_that_stopped_anywhere_is_continued_to_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    painted(folder.path(), 100);
+    expect(folder.path(), "convert in.obj in.ply", 0);
+    for texture in [TileTexture::Bake, TileTexture::Colors] {
+        stopped_anywhere(&folder, |folder, name| TilesConfig { texture, ..config(folder, name) });
+        std::fs::remove_dir_all(folder.path().join("whole")).unwrap();
+    }
+}
+
+#[test]
+fn a_run_to_a_coarser_finest_level_that_stopped_anywhere_is_continued_to_the_same_bytes() {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth statue in.ply --triangles 40k", 0);
+    let finest = Finest::Ratio(0.1);
+    stopped_anywhere(&folder, |folder, name| TilesConfig { finest, ..config(folder, name) });
+}
+
+fn stopped_anywhere(folder: &tempfile::TempDir, config: impl Fn(&Path, &str) -> TilesConfig) {
+    let disk = Disk::default();
+    make(&disk, &config(folder.path(), "whole")).unwrap();
+    let whole = files(&folder.path().join("whole"));
+    let n = disk.changes();
+    assert!(n > 60, "{n} changes");
+    for i in 0..24 {
+        let disk = Disk::default();
+        disk.freeze_at(1 + i * n / 24);
+        let config = config(folder.path(), "out");
+        assert!(make(&disk, &config).is_err(), "{i}");
+        if config.output.exists() {
+            // Its last step came through.
+            assert!(files(&config.output) == whole, "{i}");
+            std::fs::remove_dir_all(&config.output).unwrap();
+        }
+        make(&Disk::default(), &config).unwrap();
+        assert!(files(&config.output) == whole, "stopped at change {}", 1 + i * n / 24);
+        std::fs::remove_dir_all(&config.output).unwrap();
+    }
+}
+
+#[test]
+fn a_second_run_with_the_same_output_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth statue in.ply --triangles 20k", 0);
+    let first = config(folder.path(), "out");
+    let pending = folder.path().join(".out.stonecut-tiles");
+    std::fs::create_dir(&pending).unwrap();
+    let held = std::fs::File::open(&pending).unwrap();
+    held.try_lock().unwrap();
+    // Whatever the job folder is.
+    for job in ["out.stonecut-job", "other.stonecut-job"] {
+        let second = TilesConfig { job_folder: folder.path().join(job), ..first.clone() };
+        let error = make(&Disk::default(), &second).unwrap_err();
+        assert_eq!(error.exit_code(), 7, "{job}: {error}");
+    }
+    drop(held);
+    make(&Disk::default(), &first).unwrap();
+}
+
+#[test]
+fn tiles_that_were_lost_while_a_run_was_stopped_are_written_again() {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth statue in.ply --triangles 20k", 0);
+    let disk = Disk::default();
+    make(&disk, &config(folder.path(), "whole")).unwrap();
+    let whole = files(&folder.path().join("whole"));
+    let config = config(folder.path(), "out");
+    for part in [6, 8, 11] {
+        let stopped = Disk::default();
+        stopped.freeze_at(part * disk.changes() / 20);
+        assert!(make(&stopped, &config).is_err());
+        // Of the round that was under way; a power loss may leave such files.
+        let pending = folder.path().join(".out.stonecut-tiles");
+        let is_tile = |name: &PathBuf| !name.starts_with(".stonecut-job");
+        for (i, name) in files(&pending).into_keys().filter(is_tile).enumerate() {
+            match i % 3 {
+                0 => std::fs::write(pending.join(name), b"").unwrap(),
+                _ => continue,
+            }
+        }
+        let found = make(&Disk::default(), &config);
+        let is_whole = found.is_ok() && files(&config.output) == whole;
+        assert!(is_whole, "stopped after {part} twentieths: {found:?}");
+        std::fs::remove_dir_all(&config.output).unwrap();
+    }
+}
+
+#[test]
+fn a_run_whose_finished_tiles_are_gone_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    expect(folder.path(), "synth statue in.ply --triangles 20k", 0);
+    let disk = Disk::default();
+    make(&disk, &config(folder.path(), "whole")).unwrap();
+    let stop = |config: &TilesConfig| {
+        let stopped = Disk::default();
+        stopped.freeze_at(17 * disk.changes() / 20);
+        assert!(make(&stopped, config).is_err());
+    };
+    let first = config(folder.path(), "out");
+    let second = TilesConfig { job_folder: folder.path().join("other"), ..first.clone() };
+    let refused = |config: &TilesConfig| {
+        let error = make(&Disk::default(), config).unwrap_err();
+        assert_eq!(error.exit_code(), 8, "{error}");
+        assert!(error.to_string().contains("--restart"), "{error}");
+    };
+    stop(&first);
+    std::fs::remove_dir_all(first.pending_output()).unwrap();
+    refused(&first);
+    let restart = |config: &TilesConfig| TilesConfig { restart: true, ..config.clone() };
+    stop(&restart(&first));
+    // Takes the folder of the first one, which is not at work.
+    stop(&second);
+    refused(&first);
+    make(&Disk::default(), &second).unwrap();
+    assert!(files(&second.output) == files(&folder.path().join("whole")));
 }

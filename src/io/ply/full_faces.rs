@@ -240,60 +240,33 @@ fn read<S: Scan>(
         match (role, kind) {
             (Role::Corners, Kind::List { count, item }) => {
                 let n = scan.count(count)?;
-                if n > MAX_CORNERS && !skip_bad {
-                    let what = format!("a face has {n} corners ({MAX_CORNERS} at most)");
-                    return Err(Fault::Text(what));
-                }
-                let mut n_read = 0;
-                is_whole &= n <= MAX_CORNERS;
-                while is_whole && n_read < n {
-                    match scan.index(item) {
-                        Ok(corner) => face.corners.push(corner),
-                        Err(Fault::Text(_)) if skip_bad => {
-                            is_whole = false;
-                            break;
-                        }
-                        Err(fault) => return Err(fault),
-                    }
-                    n_read += 1;
-                }
-                scan.skip(item, n - n_read)?;
+                let most = (MAX_CORNERS, "corners");
+                is_whole &= items(scan, (item, n), most, skip_bad, |scan| {
+                    face.corners.push(scan.index(item)?);
+                    Ok(())
+                })?;
             }
             (Role::Texture, Kind::List { count, item }) => {
                 let n = scan.count(count)?;
-                if n > 2 * MAX_CORNERS && !skip_bad {
-                    return Err(Fault::Text(format!("a face has {n} texture coordinates")));
-                }
-                let mut n_read = 0;
-                is_whole &= n <= 2 * MAX_CORNERS;
-                let mut pair = [0.0; 2];
-                while is_whole && n_read < n / 2 * 2 {
-                    match float(scan, item) {
-                        Ok(x) => pair[(n_read % 2) as usize] = x,
-                        Err(Fault::Text(_)) if skip_bad => {
-                            is_whole = false;
-                            break;
-                        }
-                        Err(fault) => return Err(fault),
+                let most = (2 * MAX_CORNERS, "texture coordinates");
+                let mut first = None;
+                is_whole &= items(scan, (item, n), most, skip_bad, |scan| {
+                    let x = float(scan, item)?;
+                    match first.take() {
+                        None => first = Some(x),
+                        Some(u) => face.texture.push([u, x]),
                     }
-                    n_read += 1;
-                    if n_read % 2 == 0 {
-                        face.texture.push(pair);
-                    }
-                }
-                scan.skip(item, n - n_read)?;
+                    Ok(())
+                })?;
             }
             (_, Kind::Scalar(wire)) => {
                 let mut bytes = [0; 8];
                 let scalar = wire.scalar();
-                match scan.store(wire, scalar, &mut bytes[..scalar.bytes()]) {
-                    Err(Fault::Text(_)) if skip_bad => {
-                        is_whole = false;
-                        scan.skip(wire, 1)?;
-                    }
-                    other => other?,
-                }
-                face.values.extend_from_slice(&bytes[..scalar.bytes()]);
+                let value = &mut bytes[..scalar.bytes()];
+                is_whole &= items(scan, (wire, 1), (1, "values"), skip_bad, |scan| {
+                    scan.store(wire, scalar, value)
+                })?;
+                face.values.extend_from_slice(value);
             }
             (_, Kind::List { count, item }) => {
                 let n = scan.count(count)?;
@@ -303,6 +276,29 @@ fn read<S: Scan>(
     }
     face.texture.resize(face.corners.len(), [0.0; 2]);
     Ok(is_whole && face.corners.iter().all(|&v| v < n_vertices))
+}
+
+/// Reads `n` items; false if one cannot be read, or if they are too many, and `skip_bad` passes over what is left of them.
+fn items<S: Scan>(
+    scan: &mut S,
+    (item, n): (Wire, u64),
+    (most, what): (u64, &str),
+    skip_bad: bool,
+    mut take: impl FnMut(&mut S) -> Scanned<()>,
+) -> Scanned<bool> {
+    if n > most {
+        if skip_bad {
+            return scan.skip(item, n).map(|()| false);
+        }
+        return Err(Fault::Text(format!("a face has {n} {what} ({most} at most)")));
+    }
+    for n_read in 0..n {
+        match take(scan) {
+            Err(Fault::Text(_)) if skip_bad => return scan.skip(item, n - n_read).map(|()| false),
+            taken => taken?,
+        }
+    }
+    Ok(true)
 }
 
 fn float<S: Scan>(scan: &mut S, item: Wire) -> Scanned<f32> {

@@ -166,6 +166,11 @@ impl MeshSource {
         self.staged.stream_checksum = Some(checksum);
     }
 
+    /// Facts found before the PLY was opened, for another PLY that stands for this one.
+    pub(crate) fn into_staged(self) -> Staged {
+        self.staged
+    }
+
     /// Encoding of the numbers in the body.
     pub fn encoding(&self) -> Encoding {
         self.header.encoding

@@ -35,14 +35,7 @@ impl Surface {
         progress: &Progress,
     ) -> Result<Surface> {
         let n_given = positions.len();
-        let mut surface = Surface {
-            positions,
-            triangles,
-            ends: Vec::new(),
-            weights: Vec::new(),
-            first: Vec::new(),
-            neighbours: Vec::new(),
-        };
+        let mut surface = Surface::new(positions, triangles);
         while surface.halve(longest, most)? {
             progress.check()?;
         }
@@ -50,6 +43,18 @@ impl Surface {
         surface.weigh();
         surface.join();
         Ok(surface)
+    }
+
+    /// A surface as it is given, without weights and neighbours.
+    fn new(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Surface {
+        Surface {
+            positions,
+            triangles,
+            ends: Vec::new(),
+            weights: Vec::new(),
+            first: Vec::new(),
+            neighbours: Vec::new(),
+        }
     }
 
     /// Halves the edges that are too long, once; false if none is.
@@ -243,14 +248,7 @@ mod tests {
             (0..2 * n).map(|v| [f64::from(v / 2), f64::from(v % 2), 0.0]).collect();
         let triangles = (0..2 * n - 2).map(|v| [v, v + 1, v + 2]).collect();
         let most = positions.len() + 10;
-        let mut surface = Surface {
-            positions,
-            triangles,
-            ends: Vec::new(),
-            weights: Vec::new(),
-            first: Vec::new(),
-            neighbours: Vec::new(),
-        };
+        let mut surface = Surface::new(positions, triangles);
         assert!(matches!(surface.halve(0.1, most as u64), Err(Error::NoMemory(_))));
         assert_eq!(surface.positions.len(), most);
     }

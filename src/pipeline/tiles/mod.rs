@@ -201,7 +201,7 @@ fn run(
     let set = pending.join(FILE_NAME);
     let text = std::fs::read(&set).map_err(|e| Error::reading(&set, "cannot read", e))?;
     job.record(NAMED, &xxh3_64(&text))?;
-    pending::finish(&pending)?;
+    pending::finish(&pending, disk)?;
     disk.replace_folder(&pending, &config.output)?;
     let reports = stages.stages.reports;
     let level_reports = level_reports(&rounds, &top, &deviations, config.tile_triangles);

@@ -3,8 +3,8 @@
 use crate::error::{Error, Result};
 use crate::store::job::{Job, hold};
 use crate::system::disk::Disk;
+use crate::system::pending_file::{Place, write_whole};
 use std::fs::File;
-use std::io::Write;
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 use xxhash_rust::xxh3::xxh3_64;
@@ -51,22 +51,13 @@ fn begin(job: &Job, folder: &Path, disk: &Disk) -> Result<File> {
     let seed = format!("{} {} {}", job.folder().display(), std::process::id(), since.as_nanos());
     let mark = format!("{:016x}", xxh3_64(seed.as_bytes()));
     let path = folder.join(MARK);
-    File::create(&path)
-        .and_then(|mut file| file.write_all(mark.as_bytes()).and_then(|()| file.sync_all()))
-        .map_err(|e| Error::io(&path, "cannot write", e))?;
-    disk.sync_folder_of(&path)?;
+    write_whole(Place { path, disk: disk.clone(), replace: true }, mark.as_bytes())?;
     disk.sync_folder_of(folder)?;
     job.record(BEGUN, &mark)?;
     Ok(held)
 }
 
 /// Takes the mark out of a tree that is whole.
-pub(super) fn finish(folder: &Path) -> Result<()> {
-    let path = folder.join(MARK);
-    match std::fs::remove_file(&path) {
-        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
-            Err(Error::io(&path, "cannot remove", e))
-        }
-        _ => Ok(()),
-    }
+pub(super) fn finish(folder: &Path, disk: &Disk) -> Result<()> {
+    disk.remove(&folder.join(MARK))
 }

@@ -61,11 +61,11 @@ def _target(name: str, value: Any) -> list[str]:
         raise UsageError(f"{name}={value}: a number is wanted")
     if name == "triangles" and not isinstance(value, str):
         try:
-            number = float(value)
-            whole = int(number)
+            whole = int(value)
+            is_whole = whole == value
         except (TypeError, ValueError, OverflowError):  # not a number, NaN, infinity
-            number, whole = 0.5, 0
-        if number != whole:
+            is_whole = False
+        if not is_whole:
             raise UsageError(f"triangles={value}: a whole number is wanted; for a share use ratio")
         value = whole
     return options(**{name: value})
