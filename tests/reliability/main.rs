@@ -10,3 +10,4 @@ mod full_disk;
 mod memory_promise;
 mod recipes;
 mod resume_damage;
+mod spoiled;
