@@ -34,6 +34,7 @@ pub(crate) struct Expected<'a> {
     pub(crate) faces: &'a FaceSchema,
     /// Counts.
     pub(crate) n_vertices: u64,
+    /// Of faces.
     pub(crate) n_faces: u64,
     /// Records after `schema`, some of those that the input has.
     pub(crate) sample: &'a [u8],

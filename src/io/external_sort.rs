@@ -21,6 +21,7 @@ pub(crate) struct ExternalSort<const N: usize> {
 }
 
 impl<const N: usize> ExternalSort<N> {
+    /// Sorts within `memory_bytes`; runs that do not fit go into `folder`.
     pub fn new(folder: &Path, memory_bytes: usize) -> Self {
         ExternalSort {
             records: Vec::new(),
@@ -36,6 +37,7 @@ impl<const N: usize> ExternalSort<N> {
         ExternalSort { spool: self.spool.counted(disk), ..self }
     }
 
+    /// Adds a record. Fails as writing a run does.
     pub fn push(&mut self, record: [u32; N]) -> Result<()> {
         if self.records.len() == self.max_records {
             self.spill()?;

@@ -24,6 +24,7 @@ pub struct Carried {
 pub(crate) struct Values {
     /// CIELAB.
     pub lab: Option<[f32; 3]>,
+    /// Texture coordinates.
     pub texture: Option<[f32; 2]>,
     /// Of any length.
     pub normal: Option<[f32; 3]>,

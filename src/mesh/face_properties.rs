@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 /// A colour, and a label, that would make more than this many vertices of one are not a region:
 /// docs/design/attributes.md.
 pub(crate) const MAX_COLOUR_VERTICES: f64 = 1.5;
+/// The same for a label.
 pub(crate) const MAX_LABEL_VERTICES: f64 = 2.5;
 
 /// Below this many faces everything that may be a region is one: a cube has a colour a side.

@@ -17,31 +17,37 @@ pub(crate) trait Real:
 impl Real for f32 {}
 impl Real for f64 {}
 
+/// The sum of two vectors.
 #[inline(always)]
 pub(crate) fn add<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
+/// The first vector less the second.
 #[inline(always)]
 pub(crate) fn sub<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
+/// A vector times a number.
 #[inline(always)]
 pub(crate) fn scale<T: Real>(a: [T; 3], s: T) -> [T; 3] {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 
+/// The scalar product.
 #[inline(always)]
 pub(crate) fn dot<T: Real>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
+/// The vector product.
 #[inline(always)]
 pub(crate) fn cross<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
+/// The square of the length.
 #[inline(always)]
 pub(crate) fn length_sq<T: Real>(a: [T; 3]) -> T {
     dot(a, a)

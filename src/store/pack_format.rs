@@ -169,16 +169,15 @@ pub struct IdWidth {
     pub bytes: usize,
 }
 
-#[cfg(test)]
 thread_local! {
-    /// Gives every input of this thread ids as wide as one of more vertices than a test can hold.
-    pub(crate) static ALWAYS_WIDE: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
+    /// Gives every input of this thread ids as wide as one of more vertices than a test can hold. For tests alone.
+    #[doc(hidden)]
+    pub static ALWAYS_WIDE: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
 }
 
 impl IdWidth {
     /// The width that holds ids below `n_vertices`.
     pub fn for_vertices(n_vertices: u64) -> IdWidth {
-        #[cfg(test)]
         if ALWAYS_WIDE.get() {
             return IdWidth { bytes: 8 };
         }

@@ -15,6 +15,7 @@ const FULL: f32 = 32767.0;
 /// A corner of a triangle.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct FrameCorner {
+    /// Place of the corner.
     pub position: [f32; 3],
     /// Normal of the vertex, of length 1.
     pub normal: [f32; 3],

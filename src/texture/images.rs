@@ -234,6 +234,7 @@ impl Level {
 pub(crate) struct ImageCache<'a> {
     palette: &'a Palette,
     budget_bytes: u64,
+    /// Of colours.
     pub table: LightTable,
     /// Of normal maps.
     pub plain: LightTable,
@@ -249,6 +250,7 @@ struct Held {
 }
 
 impl<'a> ImageCache<'a> {
+    /// An empty cache; at most `budget_bytes` of decoded pixels stay in it.
     pub fn new(palette: &'a Palette, budget_bytes: u64) -> Self {
         let (table, plain) = (LightTable::new(), LightTable::plain());
         ImageCache { palette, budget_bytes, table, plain, held: Mutex::default() }

@@ -80,7 +80,9 @@ pub(crate) fn image_bytes(size: [u32; 2]) -> u64 {
 pub(crate) struct Paint {
     /// Linear light, and opacity.
     pub factor: [f32; 4],
+    /// Image of colours.
     pub base: Option<MapUse>,
+    /// Image of opacity.
     pub opacity: Option<MapUse>,
     /// Directions in tangent space; only for pictures.
     pub normal: Option<MapUse>,
@@ -93,7 +95,9 @@ pub(crate) struct Paint {
 /// An image with the way that coordinates lead to it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct MapUse {
+    /// Index of the image in the palette.
     pub image: usize,
+    /// Width and height in pixels.
     pub size: [u32; 2],
     wrap: [Wrap; 2],
     scale: [f64; 2],

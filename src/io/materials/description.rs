@@ -154,8 +154,11 @@ pub enum ImageData {
 /// A part of a file that is open.
 #[derive(Clone)]
 pub struct Part {
+    /// The file.
     pub(crate) file: Arc<RawFile>,
+    /// Its first byte.
     pub(crate) offset: u64,
+    /// Its length.
     pub(crate) n_bytes: u64,
 }
 

@@ -116,15 +116,20 @@ pub(crate) enum Kind {
 /// A property line.
 #[derive(Clone, Debug)]
 pub(crate) struct HeaderProperty {
+    /// Name.
     pub name: String,
+    /// Scalar or list, with its types.
     pub kind: Kind,
 }
 
 /// An element line with its properties.
 #[derive(Clone, Debug)]
 pub(crate) struct Element {
+    /// Name: `vertex`, `face`, ...
     pub name: String,
+    /// Rows.
     pub count: u64,
+    /// In the order of the file.
     pub properties: Vec<HeaderProperty>,
 }
 
@@ -149,11 +154,13 @@ impl Element {
 /// A header as it stands in the file.
 #[derive(Clone, Debug)]
 pub(crate) struct Header {
+    /// Of the body.
     pub encoding: Encoding,
     /// The text of `comment` lines, in order.
     pub comments: Vec<String>,
     /// The text of `obj_info` lines, in order.
     pub obj_infos: Vec<String>,
+    /// In the order of the file.
     pub elements: Vec<Element>,
     /// First byte of the body.
     pub body_offset: u64,

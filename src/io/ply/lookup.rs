@@ -24,6 +24,7 @@ pub(crate) struct Lookup<'a> {
 }
 
 impl<'a> Lookup<'a> {
+    /// Prepares to look vertices up.
     pub fn new(
         file: &'a RawFile,
         offset: u64,

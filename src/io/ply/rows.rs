@@ -113,9 +113,13 @@ pub(crate) fn vertex_row<S: Scan>(
 
 /// Input of `face_row` besides the numbers.
 pub(crate) struct FaceContext<'a, 'b> {
+    /// The faces.
     pub element: &'a Element,
+    /// Vertices of the file; corners are below.
     pub n_vertices: u64,
+    /// Opens the vertices, where a polygon needs their places.
     pub lookup: &'a mut dyn FnMut() -> crate::error::Result<Lookup<'b>>,
+    /// The vertices, once they have been opened.
     pub opened: Option<Lookup<'b>>,
 }
 

@@ -43,6 +43,7 @@ pub(crate) enum Fault {
     Other(Error),
 }
 
+/// The result of reading a number.
 pub(crate) type Scanned<T> = Result<T, Fault>;
 
 /// A body as a stream of numbers of given types.
@@ -80,10 +81,12 @@ pub(crate) trait Scan {
 
 /// A stretch of the file in memory that moves forward.
 pub(crate) struct Window<'a> {
+    /// The file that it lies over.
     pub file: &'a RawFile,
     /// Offset in the file of the first byte of `bytes`.
     base: u64,
     bytes: Vec<u8>,
+    /// The next byte, counted from `base`.
     pub at: usize,
 }
 
@@ -91,6 +94,7 @@ impl<'a> Window<'a> {
     /// Bytes that are read at a time.
     pub const BYTES: usize = 256 << 10;
 
+    /// A window that begins at `offset`, still empty.
     pub fn new(file: &'a RawFile, offset: u64) -> Self {
         Window { file, base: offset, bytes: Vec::new(), at: 0 }
     }

@@ -112,6 +112,7 @@ impl MeshSource {
         Ok(source)
     }
 
+    /// Reads the header. Fails as `BadInput` where the file breaks its format.
     pub(crate) fn new(file: RawFile, options: ReadOptions) -> Result<Self> {
         let header = Header::read(&file)?;
         let layout = locate(&file, &header, options.skip_bad)?;
