@@ -4,10 +4,11 @@
 //! digits in all places, as positions have them after simplification.
 
 use super::gltf as glb;
-use super::obj::{find_colour, find3};
+use super::obj::find3;
 use super::output_format::{OutputFormat, OutputKind};
 use crate::io::ply::Encoding;
 use crate::io::ply::writer::{FaceSchema, Shortest, put_text};
+use crate::mesh::colours::ColourPlace;
 use crate::mesh::property::{Scalar, read_scalar};
 use crate::mesh::record::VertexSchema;
 
@@ -75,7 +76,7 @@ pub(crate) fn expected_bytes(
             let n_corner = 1.0 + f64::from(u8::from(has(["nx", "ny", "nz"])));
             let has_texture = mesh.faces.texture || super::obj::find_texture(schema).is_some();
             let normal = if n_corner > 1.0 { 3.0 + 3.0 * (UNIT_TEXT + 1.0) } else { 0.0 };
-            let colour = match find_colour(schema) {
+            let colour = match ColourPlace::find(schema) {
                 Some(_) => 3.0 * (SHARE_TEXT + 1.0),
                 None => 0.0,
             };
@@ -88,16 +89,16 @@ pub(crate) fn expected_bytes(
             (v * (2.0 + coordinates + colour + normal + texture) + f * face, f * sorted)
         }
         OutputKind::Glb => {
+            let (colour, normal) = (ColourPlace::find(schema), find3(schema, ["nx", "ny", "nz"]));
             let extras =
-                [find_colour(schema).is_some(), find3(schema, ["nx", "ny", "nz"]).is_some()];
-            let n = extras.into_iter().filter(|has| *has).count() as u64;
+                colour.map_or(0, |_| glb::COLOUR_BYTES) + normal.map_or(0, |_| glb::NORMAL_BYTES);
             let texture = if mesh.faces.texture { glb::TEXTURE_BYTES } else { 0 };
             let position = match format.coordinate {
                 Some(_) => glb::FLOAT_BYTES,
                 None => glb::POSITION_BYTES,
             };
-            let row = position + glb::EXTRA_BYTES * n + texture;
-            let spooled = glb::SPOOLED_BYTES as u64 + glb::EXTRA_BYTES * n;
+            let row = position + extras + texture;
+            let spooled = glb::SPOOLED_BYTES as u64 + extras;
             // Parted by material, and at the seams of the texture, where one vertex becomes several.
             let is_split = mesh.faces.texture || mesh.faces.number_at().is_some();
             let (rows, sorted) = match is_split {

@@ -32,7 +32,7 @@ pub use gltf::{
 pub(crate) use materials::NUMBER;
 pub use materials::{TextureMode, TexturePlan, TextureRequest};
 pub use obj::ObjWriter;
-pub(crate) use obj::{find_colour, find_texture, find3, unit_colour};
+pub(crate) use obj::{find_texture, find3};
 pub use open_options::StageOptions;
 pub use output_format::{OutputFormat, OutputKind};
 pub use sink::MeshSink;

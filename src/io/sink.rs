@@ -8,6 +8,7 @@ use super::stl::StlWriter;
 use crate::error::Result;
 use crate::io::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
 use crate::mesh::codec::TEXTURE_NAMES;
+use crate::mesh::colours::ColourPlace;
 use crate::mesh::record::VertexSchema;
 use crate::system::disk::Disk;
 
@@ -20,6 +21,10 @@ pub struct MeshSink {
     n_not_finite: u64,
     /// Properties of vertices that the format does not have.
     lost: Vec<String>,
+    /// The colour of vertices, where the format has only shares of white.
+    colour: Option<(ColourPlace, usize)>,
+    /// Vertices whose colour was clamped.
+    n_clamped: u64,
 }
 
 /// Properties of vertices that a kind of file does not have. Normals of STL are those of its facets.
@@ -27,9 +32,11 @@ fn lost_properties(schema: &VertexSchema, kind: OutputKind) -> Vec<String> {
     const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
     const COLOURS: [&str; 9] =
         ["red", "green", "blue", "diffuse_red", "diffuse_green", "diffuse_blue", "r", "g", "b"];
+    let alpha = ColourPlace::find(schema).and_then(|place| place.alpha_name());
     let is_kept = |name: &str| match kind {
         OutputKind::Ply => true,
         OutputKind::Stl => NORMALS.contains(&name),
+        OutputKind::Glb if alpha == Some(name) => true,
         OutputKind::Obj | OutputKind::Glb => {
             NORMALS.contains(&name)
                 || COLOURS.contains(&name)
@@ -62,6 +69,9 @@ impl MeshSink {
         let textures = header.textures.clone().map(|plan| (plan, place.disk.clone()));
         let kind = format.check(&place.path)?;
         let lost = lost_properties(&header.schema, kind);
+        let colour = ColourPlace::find(&header.schema)
+            .filter(|_| matches!(kind, OutputKind::Obj | OutputKind::Glb))
+            .map(|place| (place, header.schema.record_bytes()));
         let writer = match kind {
             OutputKind::Ply => {
                 let ply =
@@ -78,11 +88,15 @@ impl MeshSink {
                 Writer::Glb(Box::new(GlbWriter::create_as(place, header, positions)?))
             }
         };
-        Ok(MeshSink { writer, textures, n_not_finite: 0, lost })
+        Ok(MeshSink { writer, textures, n_not_finite: 0, lost, colour, n_clamped: 0 })
     }
 
     /// Appends packed records of the header's schema.
     pub fn write_vertices(&mut self, records: &[u8]) -> Result<()> {
+        if let Some((colour, n_bytes)) = &self.colour {
+            let rows = records.chunks_exact(*n_bytes);
+            self.n_clamped += rows.filter(|row| colour.is_clamped(row)).count() as u64;
+        }
         match &mut self.writer {
             Writer::Ply(sink) => sink.write_vertices(records),
             Writer::Stl(sink) => sink.write_vertices(records),
@@ -141,6 +155,12 @@ impl MeshSink {
             lines.push(format!(
                 "the format has no place for properties of vertices: {} (PLY has)",
                 self.lost.join(", ")
+            ));
+        }
+        if self.n_clamped > 0 {
+            lines.push(format!(
+                "{} vertices have colours outside of black to white: clamped",
+                self.n_clamped
             ));
         }
         if self.n_not_finite > 0 {

@@ -4,7 +4,6 @@
 //! the vertex schema; meshes without colours never come here.
 
 use crate::mesh::Mesh;
-use crate::mesh::property::Scalar;
 use crate::mesh::record::VertexSchema;
 
 /// Channels of a mesh that hold its colours.
@@ -28,19 +27,13 @@ impl ColourChannels {
             if let Some(k) = ["red", "green", "blue"].iter().position(|n| *n == property.name)
                 && n_channels > 0
             {
-                found[k] = Some((channel, property.scalar));
+                found[k] = Some((channel, property.scalar, property.full() as f32));
             }
             channel += n_channels;
         }
         let [Some(red), Some(green), Some(blue)] = found else { return None };
-        let white = match red.1 {
-            Scalar::U8 => 255.0,
-            Scalar::U16 => 65535.0,
-            Scalar::F32 | Scalar::F64 => 1.0,
-            _ => return None,
-        };
         let same = red.1 == green.1 && green.1 == blue.1;
-        same.then_some(ColourChannels { channels: [red.0, green.0, blue.0], white })
+        same.then_some(ColourChannels { channels: [red.0, green.0, blue.0], white: red.2 })
     }
 
     /// CIELAB at a point of a triangle: vertex colours are mixed as sRGB values, as viewers do.
@@ -84,7 +77,7 @@ pub fn delta_e(a: [f64; 3], b: [f64; 3]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::property::Property;
+    use crate::mesh::property::{Property, Scalar};
 
     #[test]
     fn known_colours() {

@@ -26,7 +26,7 @@ pub(crate) struct Colour {
     pub(crate) fields: [usize; 3],
     /// Index of alpha.
     pub(crate) alpha: Option<usize>,
-    scalar: Scalar,
+    white: f64,
     /// Linear light of every value of a byte.
     bytes: Option<Box<[f64; 256]>>,
 }
@@ -46,18 +46,18 @@ impl Colour {
         let fields = [find(names[0])?, find(names[1])?, find(names[2])?];
         let scalar = properties[fields[0]].scalar;
         let one_type = fields.iter().all(|&i| properties[i].scalar == scalar);
-        if !one_type || white_of(scalar).is_none() {
+        if !one_type || !is_averaged(scalar) {
             return None;
         }
         let alpha = find(names[3]).filter(|&i| properties[i].scalar == scalar);
         let light = |i: usize| linear_of_srgb(i as f64 / 255.0);
         let bytes = (scalar == Scalar::U8).then(|| Box::new(std::array::from_fn(light)));
-        Some(Colour { fields, alpha, scalar, bytes })
+        Some(Colour { fields, alpha, white: properties[fields[0]].full(), bytes })
     }
 
     /// The value of full intensity.
     pub(crate) fn white(&self) -> f64 {
-        white_of(self.scalar).unwrap_or(1.0)
+        self.white
     }
 
     /// Channels of raw property values: OKLab times alpha.
@@ -81,11 +81,7 @@ impl Colour {
     }
 }
 
-fn white_of(scalar: Scalar) -> Option<f64> {
-    match scalar {
-        Scalar::U8 => Some(255.0),
-        Scalar::U16 => Some(65535.0),
-        Scalar::F32 | Scalar::F64 => Some(1.0),
-        _ => None,
-    }
+/// Returns whether colours of a type are averaged at a collapse; other integers are labels.
+fn is_averaged(scalar: Scalar) -> bool {
+    matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::F32 | Scalar::F64)
 }

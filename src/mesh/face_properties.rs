@@ -106,7 +106,7 @@ impl FacePropertyPlan {
         list.extend(texture.map(|name| Property::new(name, Scalar::F32)));
         if self.has_regions() {
             let (name, origin) = ("region".to_owned(), Origin::Region);
-            list.push(Property { name, scalar: Scalar::I32, origin });
+            list.push(Property { name, scalar: Scalar::I32, origin, white: None });
         }
         list
     }

@@ -8,6 +8,7 @@ pub(crate) mod blend;
 pub(crate) mod bounds;
 pub(crate) mod codec;
 mod color_channels;
+pub(crate) mod colours;
 pub(crate) mod corners;
 pub(crate) mod duplicate_triangles;
 pub mod extremes;

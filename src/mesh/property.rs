@@ -59,12 +59,15 @@ pub struct Property {
     pub scalar: Scalar,
     /// Its origin; decides together with name and type what a collapse may do with it.
     pub origin: Origin,
+    /// Of a component of a colour: its value of full intensity, where the file's values say another than the type (`colours`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub white: Option<u32>,
 }
 
 impl Property {
     /// A property that the file itself has.
     pub fn new(name: &str, scalar: Scalar) -> Property {
-        Property { name: name.to_owned(), scalar, origin: Origin::Vertex }
+        Property { name: name.to_owned(), scalar, origin: Origin::Vertex, white: None }
     }
 }
 

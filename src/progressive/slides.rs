@@ -10,9 +10,8 @@ use super::rows::Rows;
 use super::step_reader::{OwnSplit, Taken};
 use super::steps::Other;
 use crate::error::Result;
-use crate::io::{find_colour, unit_colour};
 use crate::mesh::bounds::Bounds;
-use crate::mesh::property::Scalar;
+use crate::mesh::colours::ColourPlace;
 use crate::mesh::vec3::Vec3;
 
 /// The first bytes; the last one is the version.
@@ -27,7 +26,7 @@ struct Slides {
     /// Positions in the order in which steps name them.
     positions: Vec<[f32; 3]>,
     /// Types and places of the channels of a colour in a record.
-    channels: Option<[(Scalar, usize); 3]>,
+    channels: Option<ColourPlace>,
     /// Colours beside the positions, if there are any.
     colours: Vec<[u8; 3]>,
     record: Vec<u8>,
@@ -44,7 +43,7 @@ pub fn slides(mut mesh: Refiner, check: &dyn Fn() -> Result<()>) -> Result<Vec<u
     mesh.base(check)?;
     let rows = mesh.rows().clone();
     let base = (mesh.replay.keys.len() as u32, mesh.replay.triangles.len() as u32);
-    let channels = find_colour(&rows.schema);
+    let channels = ColourPlace::find(&rows.schema);
     let mut slides =
         Slides { channels, n_vertices: base.0, n_triangles: base.1, ..Slides::default() };
     for v in 0..base.0 {
@@ -65,8 +64,7 @@ impl Slides {
         let Some(channels) = self.channels else { return };
         self.record.clear();
         rows.put_record(row, &mut self.record);
-        let byte = |(scalar, at)| (255.0 * unit_colour(scalar, &self.record, at)).round() as u8;
-        self.colours.push(channels.map(byte));
+        self.colours.push(channels.bytes(&self.record));
     }
 
     fn add(&mut self, replay: &Replay, step: &Taken, rows: &Rows) {

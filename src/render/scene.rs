@@ -3,8 +3,8 @@
 use super::view::{Coloring, View};
 use crate::error::Result;
 use crate::io::ply::{BLOCK_ROWS, FaceBlock, FaceLooks, MeshSource, VertexBlock};
-use crate::io::{find_colour, unit_colour};
 use crate::mesh::Mesh;
+use crate::mesh::colours::ColourPlace;
 use crate::mesh::property::{Origin, Scalar, read_scalar};
 use crate::mesh::viridis::viridis;
 
@@ -112,8 +112,7 @@ pub(super) struct OnDisk<'a> {
 /// Place of the colour in a vertex record.
 enum Paint {
     None,
-    /// Types and byte offsets of red, green and blue in a vertex record.
-    Rgb([(Scalar, usize); 3]),
+    Rgb(ColourPlace),
     /// Byte offset and type of a number, and the end of its scale.
     Number(usize, Scalar, f64),
 }
@@ -146,13 +145,7 @@ impl<'a> OnDisk<'a> {
             },
             (None, Coloring::Plain) => Paint::None,
             (None, Coloring::Vertex { .. } | Coloring::Texture) => {
-                let has_white = |(scalar, _): &(Scalar, usize)| {
-                    matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::F32 | Scalar::F64)
-                };
-                match find_colour(source.schema()) {
-                    Some(fields) if fields.iter().all(has_white) => Paint::Rgb(fields),
-                    _ => Paint::None,
-                }
+                ColourPlace::find(source.schema()).map_or(Paint::None, Paint::Rgb)
             }
         };
         let has_looks = view.scale.is_none() && view.coloring == Coloring::Texture;
@@ -199,12 +192,7 @@ impl Scene for OnDisk<'_> {
                 out.colors
                     .extend(records.map(|record| viridis(read_scalar(scalar, record, at), top)));
             }
-            Paint::Rgb(fields) => {
-                let value =
-                    |record, (scalar, at)| (255.0 * unit_colour(scalar, record, at)).round() as u8;
-                out.colors
-                    .extend(records.map(|record: &[u8]| fields.map(|field| value(record, field))));
-            }
+            Paint::Rgb(colour) => out.colors.extend(records.map(|record| colour.bytes(record))),
         }
         Ok(())
     }

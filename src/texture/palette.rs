@@ -140,25 +140,10 @@ const FARTHEST: f64 = 1e7;
 
 impl MapUse {
     fn new(map: &Map, size: [u32; 2]) -> MapUse {
-        let mut out = MapUse {
-            image: map.image,
-            size,
-            wrap: map.wrap.map_or([Wrap::Repeat; 2], |wrap| wrap.map(Wrap::of)),
-            scale: [1.0; 2],
-            offset: [0.0; 2],
-        };
-        let words: Vec<&str> = map.options.split_whitespace().collect();
-        for (i, word) in words.iter().enumerate() {
-            let number = |k: usize| words.get(i + k).and_then(|word| word.parse::<f64>().ok());
-            let pair = |rest: f64| number(1).map(|first| [first, number(2).unwrap_or(rest)]);
-            match *word {
-                "-s" => out.scale = pair(1.0).unwrap_or(out.scale),
-                "-o" => out.offset = pair(0.0).unwrap_or(out.offset),
-                "-clamp" if words.get(i + 1) == Some(&"on") => out.wrap = [Wrap::Clamp; 2],
-                _ => {}
-            }
-        }
-        out
+        let place = map.place();
+        let wrap = map.wrap.map_or([Wrap::Repeat; 2], |wrap| wrap.map(Wrap::of));
+        let wrap = if place.is_clamped { [Wrap::Clamp; 2] } else { wrap };
+        MapUse { image: map.image, size, wrap, scale: place.scale, offset: place.offset }
     }
 
     /// An image that does not repeat, with coordinates from 0 to 1 that lead to all of it.

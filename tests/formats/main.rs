@@ -4,6 +4,7 @@
 mod common;
 mod dialects;
 mod fuzz;
+mod gltf_extensions;
 mod other;
 mod range_grids;
 mod round_trips;

@@ -6,7 +6,6 @@ use serde_json::{Value, json};
 
 // Numbers that glTF 2.0 gives to types of components, uses of buffers and kinds of primitives.
 const I8: u32 = 5120;
-const U8: u32 = 5121;
 const I16: u32 = 5122;
 const U16: u32 = 5123;
 const U32: u32 = 5125;
@@ -100,7 +99,7 @@ pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &F
             "componentType": component, "type": "VEC3", "min": low, "max": high,
         }));
         for (name, at, component, kind) in [
-            ("COLOR_0", layout.colour_at, U8, "VEC4"),
+            ("COLOR_0", layout.colour_at, U16, "VEC4"),
             ("NORMAL", layout.normal_at, normal_component, "VEC3"),
             ("TEXCOORD_0", layout.texture_at, F32, "VEC2"),
             ("TANGENT", layout.tangent_at, I16, "VEC4"),

@@ -15,6 +15,7 @@ pub(super) struct Document {
     pub(super) animations: Vec<IgnoredAny>,
     pub(super) buffers: Vec<Buffer>,
     pub(super) buffer_views: Vec<View>,
+    pub(super) extensions: DocumentExtensions,
     pub(super) extensions_required: Vec<String>,
     pub(super) images: Vec<Image>,
     pub(super) materials: Vec<Material>,
@@ -24,6 +25,20 @@ pub(super) struct Document {
     pub(super) scene: Option<usize>,
     pub(super) scenes: Vec<Scene>,
     pub(super) textures: Vec<Texture>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct DocumentExtensions {
+    #[serde(rename = "CESIUM_RTC")]
+    pub(super) rtc: Option<Rtc>,
+}
+
+/// The place that all positions count from.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Rtc {
+    pub(super) center: [f64; 3],
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -116,7 +131,21 @@ pub(super) struct Node {
     pub(super) translation: Option<[f64; 3]>,
     pub(super) rotation: Option<[f64; 4]>,
     pub(super) scale: Option<[f64; 3]>,
-    pub(super) extensions: BTreeMap<String, IgnoredAny>,
+    pub(super) extensions: NodeExtensions,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct NodeExtensions {
+    #[serde(rename = "EXT_mesh_gpu_instancing")]
+    pub(super) instances: Option<Instances>,
+}
+
+/// Accessors of translations, rotations and scales, a row of each for every instance.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Instances {
+    pub(super) attributes: BTreeMap<String, usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]

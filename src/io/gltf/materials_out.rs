@@ -110,6 +110,10 @@ pub(super) struct Lists {
 
 const UNLIT: &str = "KHR_materials_unlit";
 pub(super) const WEBP: &str = "EXT_texture_webp";
+const TRANSFORM: &str = "KHR_texture_transform";
+
+/// glTF's number for an image that ends at its border.
+const CLAMP_TO_EDGE: u32 = 33071;
 
 /// Material, texture and sampler objects (Khronos, sections 3.9 and 5).
 pub(super) fn materials(plan: &TexturePlan, images: &OutImages) -> Lists {
@@ -202,11 +206,21 @@ impl Lists {
         } else {
             json!({ "source": place })
         };
-        if let Some([s, t]) = map.wrap {
+        let place = map.place();
+        let clamped = place.is_clamped.then_some([CLAMP_TO_EDGE; 2]);
+        if let Some([s, t]) = clamped.or(map.wrap) {
             let sampler = json!({ "wrapS": s, "wrapT": t });
             texture["sampler"] = found_or_pushed(&mut self.samplers, sampler).into();
         }
-        Some(json!({ "index": found_or_pushed(&mut self.textures, texture) }))
+        let mut value = json!({ "index": found_or_pushed(&mut self.textures, texture) });
+        let ([u, v], [over, up]) = (place.scale, place.offset);
+        if (place.scale, place.offset) != ([1.0; 2], [0.0; 2]) {
+            // Coordinates of glTF go downwards from the top.
+            let transform = json!({ "offset": [over, 1.0 - v - up], "scale": [u, v] });
+            value["extensions"] = json!({ TRANSFORM: transform });
+            self.extend(TRANSFORM);
+        }
+        Some(value)
     }
 }
 

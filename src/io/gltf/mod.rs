@@ -2,6 +2,7 @@
 
 mod buffers;
 mod document;
+mod instances;
 mod join;
 mod json;
 mod materials_in;
@@ -23,4 +24,6 @@ pub use tile_in::{StoredPage, StoredTile, decode_tile};
 pub use tile_out::{TileForm, TileMesh, TilePage, encode_tile};
 pub use tile_scalars::TileScalar;
 pub use writer::GlbWriter;
-pub(super) use writer::{EXTRA_BYTES, FLOAT_BYTES, POSITION_BYTES, SPOOLED_BYTES, TEXTURE_BYTES};
+pub(super) use writer::{
+    COLOUR_BYTES, FLOAT_BYTES, NORMAL_BYTES, POSITION_BYTES, SPOOLED_BYTES, TEXTURE_BYTES,
+};

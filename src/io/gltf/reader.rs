@@ -5,16 +5,18 @@
 //! view, have to fit into memory.
 
 use super::buffers::{BLOCK, Buffers, Elements, Inline};
+use super::instances::all_placed;
 use super::join::{Joiner, VertexRow};
 use super::json::{Document, Primitive};
 use super::materials_in::{self, Coordinates};
-use super::scene::{Placement, placed};
+use super::scene::Placement;
 use crate::error::Result;
 use crate::io::materials::{Materials, Part};
 use crate::io::open_options::StageOptions;
 use crate::io::ply::Faults;
 use crate::io::ply::raw::RawFile;
 use crate::io::ply::source::{Staged, TextureInfo};
+use crate::mesh::colours::{held, is_outside, srgb_byte};
 use crate::system::units::show_bytes;
 use std::sync::Arc;
 
@@ -22,7 +24,9 @@ use std::sync::Arc;
 const MIN_DOCUMENT_BYTES: u64 = 16 << 20;
 
 /// Extensions that a file may require: what is read, and what only changes the look.
-const KNOWN: [&str; 5] = [
+const KNOWN: [&str; 7] = [
+    "CESIUM_RTC",
+    "EXT_mesh_gpu_instancing",
     "KHR_mesh_quantization",
     "EXT_meshopt_compression",
     "KHR_meshopt_compression",
@@ -146,17 +150,25 @@ pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawF
     }
     let has_texture = pieces.iter().any(|piece| piece.texture.is_some());
     let has_numbers = !materials.list.is_empty();
-    let mut joiner =
-        Joiner::new(options, pieces.iter().any(|piece| piece.colours.is_some()), has_normals);
-    let (mut n_bad, mut n_not_finite) = (0, 0);
+    let has_colours = pieces.iter().any(|piece| piece.colours.is_some());
+    let mut joiner = Joiner::new(options, has_colours, has_normals);
+    let (mut n_bad, mut n_not_finite, mut n_clamped, mut n_white) = (0, 0, 0, 0);
     for piece in &pieces {
         let first = joiner.n_vertices();
-        n_not_finite += put_vertices(&file, piece, options, &mut joiner)?;
+        let [not_finite, clamped] = put_vertices(&file, piece, options, &mut joiner)?;
+        (n_not_finite, n_clamped) = (n_not_finite + not_finite, n_clamped + clamped);
+        n_white += if piece.colours.is_none() { piece.positions.count } else { 0 };
         n_bad += put_faces(&file, piece, (first, options.read.skip_bad), &mut joiner)?;
     }
     if n_not_finite > 0 {
         materials
             .note(format!("{n_not_finite} texture coordinates are not finite: 0 stands for them"));
+    }
+    if n_clamped > 0 {
+        materials.note(format!("{n_clamped} vertices have colours outside of 0 to 1: clamped"));
+    }
+    if has_colours && n_white > 0 {
+        materials.note(format!("{n_white} vertices have no colour where others do: white"));
     }
     let faults = Faults { bad_faces: n_bad, ..Faults::default() };
     let mut staged = Staged { faults, beside: buffers.beside(), ..Staged::default() };
@@ -184,7 +196,7 @@ fn pieces<'a>(
     materials: &mut Materials,
 ) -> Result<Vec<Piece<'a>>> {
     let mut out = Vec::new();
-    for placed in placed(file, document)? {
+    for placed in all_placed(file, document, buffers)? {
         let Some(mesh) = document.meshes.get(placed.mesh) else {
             return Err(
                 file.bad(format!("mesh {}, which a node names, does not exist", placed.mesh))
@@ -247,9 +259,6 @@ fn pieces<'a>(
     if document.nodes.iter().any(|node| node.skin.is_some()) || !document.animations.is_empty() {
         materials.note("skins and animations: the mesh is read as it rests");
     }
-    if document.nodes.iter().any(|node| node.extensions.contains_key("EXT_mesh_gpu_instancing")) {
-        materials.note("EXT_mesh_gpu_instancing: only one instance is read");
-    }
     Ok(out)
 }
 
@@ -257,14 +266,15 @@ const TRIANGLES: u32 = 4;
 const STRIP: u32 = 5;
 const FAN: u32 = 6;
 
-/// Hands on the vertices of a piece in their places; returns how many have texture coordinates that are not finite.
+/// Hands on the vertices of a piece in their places; returns how many have texture coordinates that are not finite, and how
+/// many a colour beyond white.
 fn put_vertices(
     file: &RawFile,
     piece: &Piece,
     options: &StageOptions,
     joiner: &mut Joiner,
-) -> Result<u64> {
-    let mut n_not_finite = 0;
+) -> Result<[u64; 2]> {
+    let (mut n_not_finite, mut n_clamped) = (0, 0);
     let cofactors = piece.at.cofactors();
     let mut bytes = Vec::new();
     let (mut xyz, mut normals, mut colours, mut uvs) =
@@ -296,8 +306,10 @@ fn put_vertices(
             };
             let colour = match colours.get(i * n_colours..(i + 1) * n_colours) {
                 Some(c) => {
-                    let alpha = c.get(3).copied().unwrap_or(1.0);
-                    [c[0], c[1], c[2], alpha].map(|x| (x.clamp(0.0, 1.0) * 255.0).round() as u8)
+                    let alpha = held(c.get(3).copied().unwrap_or(1.0));
+                    n_clamped += u64::from(c[..3].iter().any(|&light| is_outside(light)));
+                    let [r, g, b] = [c[0], c[1], c[2]].map(srgb_byte);
+                    [r, g, b, (alpha * 255.0).round() as u8]
                 }
                 None => [255; 4],
             };
@@ -311,7 +323,7 @@ fn put_vertices(
         }
         first += BLOCK;
     }
-    Ok(n_not_finite)
+    Ok([n_not_finite, n_clamped])
 }
 
 fn unit(v: [f64; 3]) -> [f32; 3] {

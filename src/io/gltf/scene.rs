@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::io::ply::raw::RawFile;
 
 /// Meshes in a scene, at most.
-const MAX_PLACED: usize = 1 << 20;
+pub(super) const MAX_PLACED: usize = 1 << 20;
 
 /// Linear part by rows, and translation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,6 +17,8 @@ pub(super) struct Placement {
 /// A mesh in its place.
 pub(super) struct Placed {
     pub(super) mesh: usize,
+    /// The node that has it.
+    pub(super) node: usize,
     pub(super) at: Placement,
 }
 
@@ -31,15 +33,22 @@ impl Placement {
             let rows = [0, 1, 2].map(|r| [0, 1, 2].map(|c| m[4 * c + r]));
             return Placement { rows, shift: [m[12], m[13], m[14]] };
         }
-        let [x, y, z, w] = node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]);
-        let scale = node.scale.unwrap_or([1.0; 3]);
+        Placement::new(
+            node.translation.unwrap_or_default(),
+            node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]),
+            node.scale.unwrap_or([1.0; 3]),
+        )
+    }
+
+    /// Scaled, then turned by a quaternion, then shifted.
+    pub(super) fn new(shift: [f64; 3], [x, y, z, w]: [f64; 4], scale: [f64; 3]) -> Placement {
         let turn = [
             [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
             [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
             [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
         ];
         let rows = turn.map(|row| [0, 1, 2].map(|c| row[c] * scale[c]));
-        Placement { rows, shift: node.translation.unwrap_or_default() }
+        Placement { rows, shift }
     }
 
     /// The image of a point.
@@ -48,12 +57,17 @@ impl Placement {
         [0, 1, 2].map(|r| turned[r] + self.shift[r])
     }
 
+    /// This one, shifted.
+    pub(super) fn moved(&self, by: [f64; 3]) -> Placement {
+        Placement { rows: self.rows, shift: [0, 1, 2].map(|r| self.shift[r] + by[r]) }
+    }
+
     fn direction(&self, p: [f64; 3]) -> [f64; 3] {
         self.rows.map(|row| row[0] * p[0] + row[1] * p[1] + row[2] * p[2])
     }
 
     /// This one inside another.
-    fn inside(&self, outer: &Placement) -> Placement {
+    pub(super) fn inside(&self, outer: &Placement) -> Placement {
         let column =
             |c: usize| outer.direction([self.rows[0][c], self.rows[1][c], self.rows[2][c]]);
         let columns = [column(0), column(1), column(2)];
@@ -109,7 +123,7 @@ pub(super) fn placed(file: &RawFile, document: &Document) -> Result<Vec<Placed>>
         }
         let at = Placement::of(node).inside(&outer);
         if let Some(mesh) = node.mesh {
-            out.push(Placed { mesh, at });
+            out.push(Placed { mesh, node: number, at });
         }
         if out.len() > MAX_PLACED {
             return Err(file.bad(format!("more than {MAX_PLACED} nodes have a mesh")));

@@ -2,7 +2,7 @@
 //!
 //! `KHR_mesh_quantization` allows integer positions; the node's scale and translation bring them back to
 //! input units. One scale for all axes, so that nothing is distorted: the error is at most half of
-//! 1/65535 of the longest side. Colours are bytes, normals signed bytes, all padded to 4 bytes as the
+//! 1/65535 of the longest side. Colours are linear light of 16 bits, normals signed bytes, padded to 4 bytes as the
 //! format wants; beside tangents, normals have 16 bits. Faces with materials or texture coordinates are parted by material first (`split`), and coordinates
 //! are floats; images follow the indices.
 
@@ -12,9 +12,10 @@ use super::split::Split;
 use crate::error::{Error, Result};
 use crate::io::by_material::MaterialOf;
 use crate::io::materials::copy_bytes;
-use crate::io::obj::{find_colour, find_texture, find3, unit_colour};
+use crate::io::obj::{find_texture, find3};
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::ply::{OutputHeader, TexturedTriangle};
+use crate::mesh::colours::ColourPlace;
 use crate::mesh::property::{Scalar, read_scalar};
 use crate::system::disk::folder_of;
 use crate::system::pending_file::{PendingFile, Place};
@@ -24,8 +25,10 @@ use std::path::PathBuf;
 pub(in crate::io) const POSITION_BYTES: u64 = 8;
 /// Bytes of x, y, z as floats.
 pub(in crate::io) const FLOAT_BYTES: u64 = 12;
-/// Bytes of a colour or a normal.
-pub(in crate::io) const EXTRA_BYTES: u64 = 4;
+/// Bytes of a colour: red, green, blue and alpha as `u16`.
+pub(in crate::io) const COLOUR_BYTES: u64 = 8;
+/// Bytes of a normal.
+pub(in crate::io) const NORMAL_BYTES: u64 = 4;
 /// Bytes of a tangent, and of a normal beside it.
 const FINE_BYTES: u64 = 8;
 /// Bytes of texture coordinates.
@@ -40,7 +43,7 @@ const FRAME_BYTES: u64 = 28;
 pub struct GlbWriter {
     out: PendingFile,
     header: OutputHeader,
-    colour: Option<[(Scalar, usize); 3]>,
+    colour: Option<ColourPlace>,
     normal: Option<[(Scalar, usize); 3]>,
     /// Texture coordinates at vertices, where corners have none.
     texture: Option<[(Scalar, usize); 2]>,
@@ -69,7 +72,7 @@ impl GlbWriter {
     ) -> Result<Self> {
         let place = place.into();
         let folder = folder_of(&place.path).to_path_buf();
-        let colour = find_colour(&header.schema);
+        let colour = ColourPlace::find(&header.schema);
         let normal = find3(&header.schema, ["nx", "ny", "nz"]);
         let plan = header.textures.as_ref();
         let images = plan.map_or(0, |plan| plan.bytes);
@@ -117,19 +120,15 @@ impl GlbWriter {
         for record in records.chunks_exact(self.header.schema.record_bytes()) {
             self.vertices_left =
                 self.vertices_left.checked_sub(1).expect("no more vertices than promised");
-            let mut row = Vec::with_capacity(SPOOLED_BYTES + 16);
+            let mut row = Vec::with_capacity(SPOOLED_BYTES + 24);
             for (axis, value) in self.header.schema.position(record).into_iter().enumerate() {
                 self.least[axis] = self.least[axis].min(value);
                 self.most[axis] = self.most[axis].max(value);
                 row.extend_from_slice(&value.to_le_bytes());
             }
             if let Some(colour) = self.colour {
-                row.extend(
-                    colour.map(|(scalar, at)| {
-                        (unit_colour(scalar, record, at) * 255.0).round() as u8
-                    }),
-                );
-                row.push(255);
+                let words = colour.linear_words(record).map(u16::to_le_bytes);
+                row.extend_from_slice(words.as_flattened());
             }
             if let Some(normal) = self.normal {
                 let normal =
@@ -224,10 +223,10 @@ impl GlbWriter {
 
     /// Bytes of a vertex while it is spooled: what it will have but for the position, and coordinates if they are its.
     fn spooled_bytes(&self) -> usize {
-        let colour = if self.colour.is_some() { EXTRA_BYTES } else { 0 };
+        let colour = if self.colour.is_some() { COLOUR_BYTES } else { 0 };
         let normal = match (self.normal, self.layout.tangent_at) {
             (None, _) => 0,
-            (Some(_), None) => EXTRA_BYTES,
+            (Some(_), None) => NORMAL_BYTES,
             (Some(_), Some(_)) => FINE_BYTES,
         };
         let texture = if self.texture.is_some() { TEXTURE_BYTES } else { 0 };
@@ -379,8 +378,8 @@ fn vertex_layout(
         n_bytes += if has { bytes } else { 0 };
         at
     };
-    let colour_at = place(colour, EXTRA_BYTES);
-    let normal_at = place(normal, if tangent { FINE_BYTES } else { EXTRA_BYTES });
+    let colour_at = place(colour, COLOUR_BYTES);
+    let normal_at = place(normal, if tangent { FINE_BYTES } else { NORMAL_BYTES });
     let texture_at = place(texture, TEXTURE_BYTES);
     let tangent_at = place(tangent, FINE_BYTES);
     VertexLayout { n_bytes, positions, colour_at, normal_at, texture_at, tangent_at }

@@ -93,6 +93,44 @@ pub struct Map {
     pub wrap: Option<[u32; 2]>,
 }
 
+/// Place of an image among texture coordinates.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct MapPlace {
+    /// Coordinates, v upwards, are multiplied by it.
+    pub(crate) scale: [f64; 2],
+    /// Added after that.
+    pub(crate) offset: [f64; 2],
+    /// The image ends at its border.
+    pub(crate) is_clamped: bool,
+    /// True if there are options besides.
+    pub(crate) has_others: bool,
+}
+
+impl Map {
+    /// The place that options of a material library give it: `-s`, `-o` and `-clamp on`.
+    pub(crate) fn place(&self) -> MapPlace {
+        let mut out =
+            MapPlace { scale: [1.0; 2], offset: [0.0; 2], is_clamped: false, has_others: false };
+        let words: Vec<&str> = self.options.split_whitespace().collect();
+        for (i, word) in words.iter().enumerate() {
+            let number = |k: usize| {
+                let word = words.get(i + k)?;
+                word.parse::<f64>().ok().filter(|x| x.is_finite())
+            };
+            let pair = |rest: f64| number(1).map(|first| [first, number(2).unwrap_or(rest)]);
+            match *word {
+                "-s" => out.scale = pair(1.0).unwrap_or(out.scale),
+                "-o" => out.offset = pair(0.0).unwrap_or(out.offset),
+                "-clamp" => out.is_clamped = words.get(i + 1) == Some(&"on"),
+                word => {
+                    out.has_others |= word.starts_with('-') && word.parse::<f64>().is_err();
+                }
+            }
+        }
+        out
+    }
+}
+
 /// Roles of images.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum MapKind {

@@ -26,7 +26,9 @@ pub(super) fn lines(kind: OutputKind, materials: &Materials) -> Vec<String> {
         for map in &material.maps {
             if !holds(kind, map.kind) {
                 losses.add(map.kind.name(), name);
-            } else if !map.options.is_empty() && kind != OutputKind::Obj {
+            } else if kind == OutputKind::Glb && map.place().has_others
+                || kind == OutputKind::Ply && !map.options.is_empty()
+            {
                 losses.add(format!("options of the {}", map.kind.name()), name);
             }
         }

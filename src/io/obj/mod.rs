@@ -6,4 +6,4 @@ mod writer;
 
 pub(super) use reader::{looks_like, read};
 pub use writer::ObjWriter;
-pub(crate) use writer::{find_colour, find_texture, find3, unit_colour};
+pub(crate) use writer::{find_texture, find3};

@@ -11,6 +11,7 @@ use crate::io::ply::raw::RawFile;
 use crate::io::ply::rows::MAX_CORNERS;
 use crate::io::ply::source::{Staged, TextureInfo};
 use crate::io::text_lines::{Lines, parse_number, words};
+use crate::mesh::colours::{ColourSurvey, held, is_outside};
 use crate::mesh::property::Scalar;
 use std::sync::Arc;
 
@@ -30,9 +31,10 @@ pub(crate) fn looks_like(first: &[u8]) -> bool {
 struct Summary {
     n_vertices: u64,
     n_faces: u64,
-    /// Every vertex has a colour.
+    /// Vertices with a colour, and with an opacity behind it.
     n_coloured: u64,
-    max_colour: f64,
+    n_opacities: u64,
+    colours: ColourSurvey,
     least: [f64; 3],
     most: [f64; 3],
     textured: bool,
@@ -69,8 +71,8 @@ impl Summary {
                     }
                     if let Some(colour) = vertex.colour {
                         summary.n_coloured += 1;
-                        summary.max_colour =
-                            colour.iter().fold(summary.max_colour, |a, &b| a.max(b));
+                        colour.iter().for_each(|&value| summary.colours.add(value));
+                        summary.n_opacities += u64::from(vertex.has_opacity);
                     }
                 }
                 Some(b"f") => {
@@ -119,6 +121,7 @@ impl Summary {
 struct Vertex {
     position: [f64; 3],
     colour: Option<[f64; 3]>,
+    has_opacity: bool,
 }
 
 fn vertex<'a>(words: impl Iterator<Item = &'a [u8]>) -> Result<Vertex, &'static str> {
@@ -132,7 +135,7 @@ fn vertex<'a>(words: impl Iterator<Item = &'a [u8]>) -> Result<Vertex, &'static 
         return Err("a vertex has fewer than three coordinates");
     }
     let colour = (n >= 6).then(|| [values[3], values[4], values[5]]);
-    Ok(Vertex { position: [values[0], values[1], values[2]], colour })
+    Ok(Vertex { position: [values[0], values[1], values[2]], colour, has_opacity: n == 7 })
 }
 
 /// `7/3` and `7/3/1` have texture coordinates, `7` and `7//1` have none.
@@ -172,9 +175,10 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
     let mut material = NO_MATERIAL;
     let mut texture = summary.textured.then(|| TexturedFaces::new(options));
     let coordinate = summary.coordinate();
-    let coloured = summary.n_vertices > 0 && summary.n_coloured == summary.n_vertices;
+    let coloured = summary.n_coloured > 0;
     // Colours go from 0 to 1, but some programs write 0 to 255.
-    let scale = if summary.max_colour > 1.0 { 1.0 } else { 255.0 };
+    let white = f64::from(summary.colours.white_of_floats());
+    let mut n_clamped = 0u64;
 
     let (mut vertices, mut faces) = (options.spool(), options.spool());
     let (mut n_vertices, mut n_faces) = (0, 0);
@@ -201,8 +205,11 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
                     }
                 }
                 if coloured {
-                    let colour = vertex.colour.unwrap_or_default();
-                    row.extend(colour.map(|c| (c * scale).round() as u8));
+                    let shares = vertex.colour.map(|colour| colour.map(|value| value / white));
+                    n_clamped +=
+                        u64::from(shares.is_some_and(|all| all.into_iter().any(is_outside)));
+                    let shares = shares.unwrap_or([1.0; 3]);
+                    row.extend(shares.map(|share| (255.0 * held(share)).round() as u8));
                 }
                 vertices.write(&row)?;
                 n_vertices += 1;
@@ -237,6 +244,16 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
                 }
             },
             _ => {}
+        }
+    }
+    let n_white = summary.n_vertices - summary.n_coloured;
+    for (n, what) in [
+        (n_clamped, format!("have colours outside of 0 to {white}: clamped")),
+        (if coloured { n_white } else { 0 }, "have no colour where others do: white".to_owned()),
+        (summary.n_opacities, "have an opacity behind their colour: not carried".to_owned()),
+    ] {
+        if n > 0 {
+            materials.note(format!("{n} vertices {what}"));
         }
     }
     if let Some(n) = texture.as_ref().map(|texture| texture.n_not_finite).filter(|&n| n > 0) {

@@ -9,6 +9,7 @@ use crate::io::materials::TexturePlan;
 use crate::io::ply::writer::Shortest;
 use crate::io::ply::{OutputHeader, TexturedTriangle};
 use crate::mesh::codec::TEXTURE_NAMES;
+use crate::mesh::colours::ColourPlace;
 use crate::mesh::property::{Scalar, read_scalar};
 use crate::mesh::record::VertexSchema;
 use crate::system::disk::folder_of;
@@ -23,7 +24,7 @@ const CHUNK: usize = 65_536;
 pub struct ObjWriter {
     out: PendingFile,
     schema: VertexSchema,
-    colour: Option<[(Scalar, usize); 3]>,
+    colour: Option<ColourPlace>,
     normal: Option<[(Scalar, usize); 3]>,
     /// Texture coordinates at vertices.
     texture: Option<[(Scalar, usize); 2]>,
@@ -68,23 +69,6 @@ pub(crate) fn find_texture(schema: &VertexSchema) -> Option<[(Scalar, usize); 2]
     TEXTURE_NAMES.iter().find_map(|[s, t]| Some([place(schema, s)?, place(schema, t)?]))
 }
 
-/// Properties that hold a colour, and what makes it go from 0 to 1.
-pub(crate) fn find_colour(schema: &VertexSchema) -> Option<[(Scalar, usize); 3]> {
-    find3(schema, ["red", "green", "blue"])
-        .or_else(|| find3(schema, ["diffuse_red", "diffuse_green", "diffuse_blue"]))
-        .or_else(|| find3(schema, ["r", "g", "b"]))
-}
-
-/// A colour component from 0 to 1.
-pub(crate) fn unit_colour(scalar: Scalar, record: &[u8], at: usize) -> f64 {
-    let full = match scalar {
-        Scalar::U8 => 255.0,
-        Scalar::U16 => 65_535.0,
-        _ => 1.0,
-    };
-    (read_scalar(scalar, record, at) / full).clamp(0.0, 1.0)
-}
-
 impl ObjWriter {
     /// Creates the output and writes the comments.
     pub fn create(place: impl Into<Place>, header: OutputHeader) -> Result<Self> {
@@ -109,7 +93,7 @@ impl ObjWriter {
         let sort = has_many.then(|| ByMaterial::new(&folder, &header)).transpose()?;
         let corner_texture = header.faces.texture;
         let schema = header.schema;
-        let (colour, normal) = (find_colour(&schema), find3(&schema, ["nx", "ny", "nz"]));
+        let (colour, normal) = (ColourPlace::find(&schema), find3(&schema, ["nx", "ny", "nz"]));
         let texture = find_texture(&schema).filter(|_| !corner_texture);
         Ok(ObjWriter {
             out,
@@ -142,8 +126,7 @@ impl ObjWriter {
                     _ => write!(rows, " {}", Shortest(value as f32)),
                 };
             }
-            for (scalar, at) in self.colour.iter().flatten() {
-                let value = unit_colour(*scalar, record, *at);
+            for value in self.colour.iter().flat_map(|colour| colour.shares(record)) {
                 let _ = write!(rows, " {}", Shortest(value as f32));
             }
             rows.push(b'\n');

@@ -7,6 +7,7 @@
 mod ascii;
 mod binary;
 mod checked;
+mod colour_survey;
 mod face_blocks;
 mod fields;
 mod fixed_faces;

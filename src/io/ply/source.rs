@@ -130,6 +130,7 @@ impl MeshSource {
             positions_lock: Mutex::new(()),
             staged: Staged::default(),
         };
+        source.survey_colours();
         source.staged.materials = textures::materials_of(&source.header, source.file.path());
         if source.options.skip_bad {
             source.bad_vertices = source.find_bad_vertices()?;

@@ -36,7 +36,7 @@ impl MeshSource {
     }
 
     /// Reads one block of vertices as they stand in the file.
-    fn read_unchecked(&self, index: u64, block: &mut VertexBlock) -> Result<()> {
+    pub(super) fn read_unchecked(&self, index: u64, block: &mut VertexBlock) -> Result<()> {
         assert!(index < self.n_vertex_blocks(), "the block exists");
         block.first = index * BLOCK_ROWS;
         let n = BLOCK_ROWS.min(self.n_vertices() - block.first) as usize;

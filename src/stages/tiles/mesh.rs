@@ -1,8 +1,9 @@
 //! Turns a part of a cell into a tile: positions on the lattice, normals, linear colours, further properties.
 
 use super::scalars::Columns;
-use crate::io::{TileMesh, find_colour, find3, unit_colour};
+use crate::io::{TileMesh, find3};
 use crate::mesh::Mesh;
+use crate::mesh::colours::{ColourPlace, linear_word as linear};
 use crate::mesh::global_vertex::GlobalVertex;
 use crate::mesh::property::{Scalar, read_scalar};
 use crate::mesh::vec3::{length_sq, normal};
@@ -21,7 +22,7 @@ pub(super) struct Whole<'a> {
     /// Normals by the cell's triangles, of any length.
     normals: Vec<[f64; 3]>,
     layout: &'a VertexLayout,
-    colour: Option<[(Scalar, usize); 3]>,
+    colour: Option<ColourPlace>,
     normal: Option<[(Scalar, usize); 3]>,
     /// Further properties.
     pub(super) columns: Columns,
@@ -44,7 +45,7 @@ impl<'a> Whole<'a> {
         (ids, shared): (&'a [GlobalVertex], &'a [bool]),
         layout: &'a VertexLayout,
     ) -> Whole<'a> {
-        let colour = find_colour(&layout.schema);
+        let colour = ColourPlace::find(&layout.schema);
         let given = find3(&layout.schema, ["nx", "ny", "nz"]);
         let mut normals = Vec::new();
         if given.is_none() {
@@ -101,11 +102,13 @@ impl<'a> Whole<'a> {
                 Some(fields) => fields.map(|(scalar, at)| read_scalar(scalar, &record, at)),
                 None => self.normals[vertex],
             }));
-            if let Some(fields) = self.colour {
-                out.colours.push(fields.map(|(scalar, at)| match scalar {
-                    Scalar::U8 => light_of(record[at]),
-                    _ => linear(unit_colour(scalar, &record, at)),
-                }));
+            if let Some(colour) = self.colour {
+                out.colours.push(match colour.fields() {
+                    [(Scalar::U8, r), (Scalar::U8, g), (Scalar::U8, b)] => {
+                        [r, g, b].map(|at| light_of(record[at]))
+                    }
+                    _ => colour.shares(&record).map(linear),
+                });
             }
             inexact += self.columns.push(&record, &mut out.scalars);
         }
@@ -146,12 +149,6 @@ fn light_of(byte: u8) -> u16 {
 /// The number from `low` to `high` that ends in most binary zeros.
 fn roundest(low: u16, high: u16) -> u16 {
     (0..16).rev().map(|zeros| high >> zeros << zeros).find(|&number| number >= low).unwrap_or(high)
-}
-
-/// A colour component of sRGB in linear light (IEC 61966-2-1).
-fn linear(x: f64) -> u16 {
-    let y = if x <= 0.040_45 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) };
-    (y * 65_535.0).round() as u16
 }
 
 #[cfg(test)]

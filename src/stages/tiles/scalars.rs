@@ -1,6 +1,7 @@
 //! Choice of the properties of vertices that tiles carry as attributes.
 
-use crate::io::{NUMBER, TileScalar, find_colour, find_texture, find3};
+use crate::io::{NUMBER, TileScalar, find_texture, find3};
+use crate::mesh::colours::ColourPlace;
 use crate::mesh::property::{Origin, Property, Scalar, read_scalar};
 use crate::mesh::record::VertexSchema;
 
@@ -18,7 +19,7 @@ pub fn carried_scalars(schema: &VertexSchema) -> (Vec<TileScalar>, Vec<String>) 
 
 /// Properties with their places in the record that become attributes, and those that do not appear in tiles.
 fn split(schema: &VertexSchema) -> (Vec<(&Property, usize)>, Vec<&Property>) {
-    let colour = find_colour(schema);
+    let colour = ColourPlace::find(schema).map(|colour| colour.fields());
     let texture = find_texture(schema);
     let known = [colour, find3(schema, ["nx", "ny", "nz"])];
     let is_at = |at: usize| move |&(_, place): &(Scalar, usize)| place == at;

@@ -1,0 +1,42 @@
+//! Surveys the colours of a file whose type does not say what full intensity is: floats, and integers of more than a byte.
+
+use super::source::MeshSource;
+use super::{BLOCK_ROWS, VertexBlock};
+use crate::mesh::colours::{ColourSurvey, surveyed};
+use crate::mesh::property::read_scalar;
+
+/// Blocks that are looked at; of a larger file as many, evenly spaced.
+const MOST_BLOCKS: u64 = 256;
+
+impl MeshSource {
+    /// Notes the value of full intensity at the components of a colour, where it is not that of their type.
+    ///
+    /// Reads at most 16.8 million vertices. Rows that cannot be read are left to those who read all of them.
+    pub(super) fn survey_colours(&mut self) {
+        let schema = self.plan.schema.clone();
+        let Some((components, alpha)) = surveyed(&schema) else { return };
+        let place = |i: usize| {
+            let before: usize = schema.properties[..i].iter().map(|p| p.scalar.bytes()).sum();
+            (schema.properties[i].scalar, schema.position_bytes() + before)
+        };
+        let places = components.map(place);
+        let n_blocks = self.n_vertex_blocks();
+        let step = n_blocks.div_ceil(MOST_BLOCKS).max(1);
+        let (mut survey, mut block) = (ColourSurvey::default(), VertexBlock::default());
+        for index in (0..n_blocks).step_by(step as usize) {
+            if self.read_unchecked(index, &mut block).is_err() {
+                break;
+            }
+            debug_assert!(block.records.len() <= BLOCK_ROWS as usize * schema.record_bytes());
+            for record in block.records.chunks_exact(schema.record_bytes()) {
+                places.iter().for_each(|&(scalar, at)| survey.add(read_scalar(scalar, record, at)));
+            }
+        }
+        let scalar = schema.properties[components[0]].scalar;
+        let white = survey.white(scalar);
+        let alpha = alpha.filter(|&i| schema.properties[i].scalar == scalar);
+        for i in components.into_iter().chain(alpha) {
+            self.plan.schema.properties[i].white = white;
+        }
+    }
+}
