@@ -1,6 +1,8 @@
 //! Decided settings of a run of `simplify`: every value final.
 
+use crate::io::ply::ReadOptions;
 use crate::kernel::{Fit, Placement, Topology};
+use crate::mesh::placing::Placing;
 use crate::system::units::{parse_count, parse_ratio};
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
@@ -261,7 +263,7 @@ pub struct Attributes {
 }
 
 /// Settings that mean something for methods other than the collapse.
-const OF_ALL_METHODS: [&str; 4] = ["target", "skip_bad", "label", "normals"];
+const OF_ALL_METHODS: [&str; 5] = ["target", "skip_bad", "label", "normals", "placing"];
 
 /// A progressive mesh beside the result.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -330,6 +332,8 @@ pub struct Config {
     pub bake: BakeSettings,
     /// Give up scalar properties of faces.
     pub drop_faces: bool,
+    /// Where the input is put before all else.
+    pub placing: Placing,
     /// Treatment of images; by the kind of output if `None`.
     pub textures: Option<crate::io::TextureMode>,
     /// Path that files beside the output are named after and paths of images lead from: the output's final one.
@@ -349,6 +353,11 @@ pub struct Config {
 }
 
 impl Config {
+    /// Settings for reading the input.
+    pub fn read_options(&self) -> ReadOptions {
+        ReadOptions { skip_bad: self.skip_bad, placing: self.placing.clone(), temp_dir: None }
+    }
+
     /// Every setting that changes the result, by name.
     ///
     /// Names and values are stored: in job folders, which refuse to be continued with others, in headers of outputs and in reports
@@ -394,6 +403,9 @@ impl Config {
         }
         if self.kernel.no_self_intersections {
             settings.insert("self_intersections".to_owned(), "refuse".to_owned());
+        }
+        if !self.placing.is_none() {
+            settings.insert("placing".to_owned(), self.placing.setting());
         }
         if self.error_field {
             settings.insert("error_field".to_owned(), "true".to_owned());
@@ -488,6 +500,7 @@ mod tests {
             texture: Texture::Keep,
             bake: BakeSettings::default(),
             drop_faces: false,
+            placing: Placing::default(),
             textures: None,
             textures_beside: "out.ply".into(),
             error_field: false,

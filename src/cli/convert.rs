@@ -39,6 +39,10 @@ pub struct Args {
     /// Give up texture coordinates and materials of textured faces.
     #[arg(long)]
     pub drop_texture: bool,
+    // Options of several commands; their own lines are their documentation.
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub placing: super::placing::TypedPlacing,
     /// Texture images: copy (beside OUTPUT, unless they lie in its folder), link (named where they are), embed (GLB)
     /// or none [default: copy; embed for GLB].
     #[arg(long, value_name = "WHAT")]
@@ -127,7 +131,9 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
         true => std::env::temp_dir(),
         false => folder_of(&args.output).to_path_buf(),
     });
-    let read = ReadOptions { skip_bad: args.skip_bad, temp_dir: None };
+    let placing = args.placing.placing(args.format.check(&args.output)?)?;
+    let recentres = placing.recentres;
+    let read = ReadOptions { skip_bad: args.skip_bad, placing, temp_dir: None };
     let stage = StageOptions { read, ..StageOptions::new(folder) };
     let source = MeshSource::open_staged(&args.input, &stage)?;
     source.refuse_output(&args.output)?;
@@ -163,6 +169,9 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
         return Err(Error::bad_input(&args.input, what));
     }
     done.notes = textures.as_ref().map_or_else(Vec::new, |plan| plan.notes.clone());
+    if let Some([x, y, z]) = source.offset().filter(|_| recentres) {
+        done.notes.push(format!("{x} {y} {z} was subtracted from all coordinates"));
+    }
     let input = Input { source: &source, duplicates: &duplicates, texture, textures };
     used.write(&input, args, &mut done, progress)?;
     let faults = source.faults();

@@ -18,6 +18,7 @@ mod out_of_memory;
 mod outcome;
 pub mod pace;
 mod pages;
+mod placing;
 mod plan;
 mod progressive;
 mod refine;

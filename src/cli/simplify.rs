@@ -8,6 +8,7 @@ use super::log::{EXIT_SHORT, Log, Talk};
 use super::method::{self, TypedMethod, Wishes};
 use super::new_texture::TypedPages;
 use super::outcome::{is_short, tell, write_report};
+use super::placing::TypedPlacing;
 use super::progressive::TypedProgressive;
 use crate::config::{
     Attributes, Config, DEFAULT_CELL_TRIANGLES, FEATURE_ANGLE, Level, Method, MinComponent,
@@ -38,6 +39,8 @@ pub struct Args {
     target: TypedTarget,
     #[command(flatten)]
     method: TypedMethod,
+    #[command(flatten)]
+    placing: TypedPlacing,
     /// Memory budget, everything included: 512MiB, 4GiB, 50% [default: 75 % of the tightest limit in force].
     #[arg(long, value_name = "SIZE", value_parser = parse_memory)]
     memory: Option<u64>,
@@ -225,6 +228,7 @@ impl Args {
             ("--texture bake", self.texture == TypedTexture::Bake),
             ("--bake-normals", self.bake_normals),
         ])?;
+        let placing = self.placing.placing(self.format.kind_of(&output))?;
         Ok(Config {
             input: self.input.clone(),
             textures_beside: output.clone(),
@@ -259,6 +263,7 @@ impl Args {
             },
             bake: self.pages.settings(self.bake_normals),
             drop_faces: self.drop_faces,
+            placing,
             textures: self.textures,
             error_field: self.error_field,
             progressive: progressive.clone(),

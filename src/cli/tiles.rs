@@ -4,7 +4,10 @@ use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
 use super::log::{EXIT_SHORT, Log, Talk};
 use super::outcome::stage_line;
+use super::placing::{Transform, TypedMoves, Up, numbers, parse_transform};
 use crate::error::{Error, Result};
+use crate::io::is_gltf;
+use crate::mesh::placing::Placing;
 use crate::pipeline::tiles::report::TilesReport;
 use crate::pipeline::tiles::{
     Finest, TILE_TRIANGLES, TileTexture, TilesConfig, make_tiles, prepare_tiles,
@@ -42,9 +45,11 @@ pub struct Args {
     /// Look of tiles of a scan with images [default: bake where there are images, otherwise colors].
     #[arg(long, value_enum, value_name = "HOW")]
     texture: Option<Texture>,
-    /// Axis of the mesh that points upwards.
-    #[arg(long, value_enum, value_name = "AXIS", default_value = "z")]
-    up: Up,
+    /// Axis of the mesh that points upwards [default: y for glTF and GLB files, z for all others].
+    #[arg(long, value_enum, value_name = "AXIS")]
+    up: Option<Up>,
+    #[command(flatten)]
+    moves: TypedMoves,
     /// Place on the earth of the mesh's origin: latitude and longitude in degrees, height above the ellipsoid in
     /// metres (WGS 84); x is east, y north.
     #[arg(long, value_name = "LAT,LON,HEIGHT", value_parser = parse_geo, conflicts_with = "transform", allow_hyphen_values = true)]
@@ -102,22 +107,9 @@ enum Texture {
     Colors,
 }
 
-/// The choices of `--up`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Up {
-    /// As scans and maps have it.
-    Z,
-    /// As glTF has it.
-    Y,
-}
-
 /// A place on the earth: latitude, longitude, height.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Geo([f64; 3]);
-
-/// A matrix, by columns.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Transform([f64; 16]);
 
 const IDENTITY: [f64; 16] = [1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.];
 
@@ -145,22 +137,10 @@ fn parse_finest(text: &str) -> std::result::Result<Finest, String> {
     }
 }
 
-fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
-    let parse = |word: &str| word.trim().parse().ok().filter(|x: &f64| x.is_finite());
-    let list: Option<Vec<f64>> = text.split(',').map(parse).collect();
-    list?.try_into().ok()
-}
-
 fn parse_geo(text: &str) -> std::result::Result<Geo, String> {
     let fits = |[lat, lon, _]: &[f64; 3]| lat.abs() <= 90.0 && lon.abs() <= 360.0;
     let place = numbers::<3>(text).filter(fits).map(Geo);
     place.ok_or_else(|| "latitude, longitude and height: 47.3769,8.5417,408".to_owned())
-}
-
-fn parse_transform(text: &str) -> std::result::Result<Transform, String> {
-    let fits = |m: &[f64; 16]| [m[3], m[7], m[11], m[15]] == [0.0, 0.0, 0.0, 1.0];
-    let matrix = numbers::<16>(text).filter(fits).map(Transform);
-    matrix.ok_or_else(|| "16 numbers by columns, the last row 0,0,0,1".to_owned())
 }
 
 /// From east, north and up at a place of the earth to its centre (WGS 84); by columns.
@@ -199,6 +179,8 @@ impl Args {
             (None, Some(Transform(matrix))) => matrix,
             (None, None) => IDENTITY,
         };
+        let mut placing = Placing::default();
+        self.moves.append(&mut placing, None)?;
         Ok(TilesConfig {
             input: self.input.clone(),
             output: self.output.clone(),
@@ -211,7 +193,8 @@ impl Args {
             },
             pixels: self.pixels,
             packs: self.compress == Compress::Meshopt,
-            is_z_up: self.up == Up::Z,
+            is_z_up: self.is_z_up(),
+            placing,
             transform,
             viewer: self.viewer,
             memory_bytes: memory_budget(self.memory),
@@ -223,6 +206,11 @@ impl Args {
             skip_bad: self.skip_bad,
             checkpoint_every: crate::config::CHECKPOINT_EVERY,
         })
+    }
+
+    /// glTF has y upwards by its standard; standard input is not looked at beforehand.
+    fn is_z_up(&self) -> bool {
+        self.up.map_or_else(|| !is_gltf(&self.input), |up| up == Up::Z)
     }
 
     pub(super) fn paths(&self) -> Result<Paths> {
@@ -243,6 +231,9 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     let prepared = prepare_tiles(&config)?;
     for line in prepared.plan.lines(&config) {
         log.say(line);
+    }
+    if args.up.is_none() && !config.is_z_up {
+        log.say("up        y, as glTF has it (--up z otherwise)");
     }
     if args.dry_run {
         return Ok(0);

@@ -33,6 +33,7 @@ pub(crate) use materials::NUMBER;
 pub use materials::{TextureMode, TexturePlan, TextureRequest};
 pub use obj::ObjWriter;
 pub(crate) use obj::{find_texture, find3};
+pub use open::is_gltf;
 pub use open_options::StageOptions;
 pub use output_format::{OutputFormat, OutputKind};
 pub use sink::MeshSink;

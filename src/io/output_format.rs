@@ -88,6 +88,11 @@ impl std::str::FromStr for OutputFormat {
 }
 
 impl OutputFormat {
+    /// The kind of file that `path` will be; PLY where neither its name nor the format says one.
+    pub(crate) fn kind_of(&self, path: &Path) -> OutputKind {
+        self.kind.or_else(|| OutputKind::of(path).ok()).unwrap_or(OutputKind::Ply)
+    }
+
     /// The kind of file that `path` will be; refuses a name that says none, and words that do not fit the kind.
     pub fn check(&self, path: &Path) -> Result<OutputKind> {
         let kind = self.kind.map_or_else(|| OutputKind::of(path), Ok)?;

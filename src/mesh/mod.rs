@@ -18,6 +18,7 @@ pub(crate) mod meeting;
 pub(crate) mod morton;
 pub(crate) mod oklab;
 pub(crate) mod orient;
+pub mod placing;
 pub mod property;
 pub mod record;
 pub mod relief;

@@ -64,7 +64,8 @@ pub(super) fn deliver(job: &Job, disk: &Disk, config: &Config, path: &Path) -> R
 
 /// Opens a mesh for a pass.
 pub(super) fn open(path: &Path, config: &Config, skip_bad: bool) -> Result<MeshSource> {
-    let read = ReadOptions { skip_bad, ..ReadOptions::default() };
+    let placing = if path == config.input { config.placing.clone() } else { Default::default() };
+    let read = ReadOptions { skip_bad, placing, temp_dir: None };
     let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     MeshSource::open_staged(path, &stage)
 }

@@ -6,7 +6,7 @@ use super::plan::{Plan, check_split};
 use super::{bake, verify};
 use crate::config::{Config, Method, Normals, Texture};
 use crate::error::{Error, Result};
-use crate::io::ply::{MeshSource, ReadOptions};
+use crate::io::ply::MeshSource;
 use crate::io::{
     NUMBER, OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest,
     faces_to_vertices, survey_faces,
@@ -128,7 +128,7 @@ pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String
         verify::refuse_unreadable(config)?;
     }
     let marks = input_marks(&config.input)?;
-    let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
+    let read = config.read_options();
     let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
     Ok((marks, stage))

@@ -69,6 +69,9 @@ pub struct InputReport {
     /// Lower and upper corner of the bounding box of all vertices.
     #[serde(default)]
     pub bounds: [[f64; 3]; 2],
+    /// Subtracted from its coordinates (`--recentre`, or an earlier one).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offset: Option<[f64; 3]>,
     /// Faults found, by name; the faulty rows were dropped.
     pub faults: BTreeMap<String, u64>,
 }
@@ -82,6 +85,7 @@ impl InputReport {
             vertices: source.n_vertices(),
             triangles: source.n_triangles(),
             bounds: bounds.into(),
+            offset: source.offset(),
             faults: BTreeMap::new(),
         }
     }

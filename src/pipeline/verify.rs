@@ -48,12 +48,12 @@ pub struct Pair {
 impl Pair {
     /// Opens the input as the run did, and what it wrote.
     pub fn open(config: &Config, output: &Path) -> Result<Pair> {
-        let open = |path: &Path, skip_bad: bool| {
-            let read = ReadOptions { skip_bad, ..ReadOptions::default() };
+        let open = |path: &Path, read: ReadOptions| {
             let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
             MeshSource::open_staged(path, &stage)
         };
-        let (original, simplified) = (open(&config.input, config.skip_bad)?, open(output, false)?);
+        let (original, simplified) =
+            (open(&config.input, config.read_options())?, open(output, ReadOptions::default())?);
         Ok(Pair { original, simplified })
     }
 

@@ -80,6 +80,9 @@ pub(crate) fn pixel_of([r, g, b, opacity]: Light) -> [u8; 4] {
     [value(r), value(g), value(b), (255.0 * opacity.min(1.0)).round() as u8]
 }
 
+/// First bytes of a KTX2 file.
+const KTX2_MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
+
 impl Decoded {
     /// Decodes a picture; the error says in words why that is not possible.
     fn new(picture: &Picture, table: &LightTable) -> Result<Decoded, String> {
@@ -175,6 +178,16 @@ impl Decoded {
 
 /// Decodes the file of an image whose head names `size`; the error says in words why that is not possible.
 fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<image::RgbaImage, String> {
+    if bytes.starts_with(KTX2_MAGIC) {
+        #[cfg(feature = "ktx2")]
+        return super::ktx2_image::pixels_of(bytes, size);
+        #[cfg(not(feature = "ktx2"))]
+        return Err(
+            "KTX2, which this build does not read; turn it into JPEG or PNG first (gltf-transform), or build with the \
+             feature 'ktx2'"
+                .to_owned(),
+        );
+    }
     let mut reader = image::ImageReader::new(Cursor::new(bytes))
         .with_guessed_format()
         .map_err(|error| error.to_string())?;

@@ -6,6 +6,8 @@
 
 mod frames;
 mod images;
+#[cfg(feature = "ktx2")]
+mod ktx2_image;
 mod lights;
 mod page;
 mod palette;

@@ -112,6 +112,7 @@ pub fn config(folder: &Path, target: Target) -> Config {
         texture: Texture::Keep,
         bake: BakeSettings::default(),
         drop_faces: false,
+        placing: Default::default(),
         error_field: false,
         progressive: None,
         min_component: None,

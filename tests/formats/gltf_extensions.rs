@@ -130,3 +130,65 @@ fn scale_and_offset_of_an_image_go_into_glb() {
     let [a, b] = ["a.ppm.png", "b.png"].map(|name| image::open(folder.join(name)).unwrap());
     assert_eq!(a, b);
 }
+
+#[cfg(feature = "draco")]
+#[test]
+fn meshes_that_draco_has_compressed_are_read() {
+    use draco_core::{
+        DataType, EncoderBuffer, EncoderOptions, GeometryAttributeType, Mesh, MeshEncoder,
+        PointAttribute, PointIndex,
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let points = [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.5]];
+    let mut mesh = Mesh::new();
+    mesh.set_num_points(4);
+    let mut positions = PointAttribute::new();
+    positions.init(GeometryAttributeType::Position, 3, DataType::Float32, false, 4);
+    let bytes: Vec<u8> = points.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
+    positions.buffer_mut().write(0, &bytes);
+    let id = mesh.add_attribute(positions);
+    let id = mesh.attribute(id).unique_id();
+    for face in [[0, 1, 2], [1, 3, 2]] {
+        mesh.add_face(face.map(PointIndex));
+    }
+    let mut encoder = MeshEncoder::new();
+    encoder.set_mesh(mesh);
+    let mut packed = EncoderBuffer::new();
+    encoder.encode(&EncoderOptions::default(), &mut packed).unwrap();
+    let write = |data: &[u8]| {
+        std::fs::write(folder.join("in.bin"), data).unwrap();
+        let accessor = |kind: u32, count: usize, shape: &str| json!({ "componentType": kind, "count": count, "type": shape });
+        let document = json!({
+            "asset": { "version": "2.0" },
+            "extensionsRequired": ["KHR_draco_mesh_compression"],
+            "buffers": [{ "uri": "in.bin", "byteLength": data.len() }],
+            "bufferViews": [{ "buffer": 0, "byteLength": data.len() }],
+            "accessors": [accessor(5126, 4, "VEC3"), accessor(5123, 6, "SCALAR")],
+            "meshes": [{ "primitives": [{
+                "attributes": { "POSITION": 0 }, "indices": 1,
+                "extensions": { "KHR_draco_mesh_compression": {
+                    "bufferView": 0, "attributes": { "POSITION": id },
+                } },
+            }] }],
+            "nodes": [{ "mesh": 0 }, { "mesh": 0, "translation": [5.0, 0.0, 0.0] }],
+            "scenes": [{ "nodes": [0, 1] }],
+        });
+        std::fs::write(folder.join("in.gltf"), document.to_string()).unwrap();
+    };
+    write(packed.data());
+    let (_, found, faces) = shown(folder, "in.gltf");
+    assert_eq!((found.len(), faces.len()), (8, 4));
+    for (i, point) in points.iter().enumerate() {
+        for shift in [0.0, 5.0] {
+            let wanted = [f64::from(point[0]) + shift, f64::from(point[1]), f64::from(point[2])];
+            let near = |p: &&[f64; 3]| p.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-4);
+            assert!(found.iter().any(|p| near(&p)), "{i} {found:?}");
+        }
+    }
+    let mut broken = packed.data().to_vec();
+    broken.truncate(packed.data().len() / 2);
+    write(&broken);
+    let said = expect(folder, "convert in.gltf no.ply", 4);
+    assert!(said.contains("Draco"), "{said}");
+}

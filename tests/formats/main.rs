@@ -6,5 +6,6 @@ mod dialects;
 mod fuzz;
 mod gltf_extensions;
 mod other;
+mod placing;
 mod range_grids;
 mod round_trips;

@@ -6,6 +6,8 @@ mod common;
 mod appearance;
 mod bake;
 mod keep;
+#[cfg(feature = "ktx2")]
+mod ktx2;
 mod losses;
 mod normals;
 mod opacity;

@@ -196,6 +196,7 @@ pub fn config(folder: &Path, output: &str) -> TilesConfig {
         force: false,
         restart: false,
         skip_bad: false,
+        placing: Default::default(),
         checkpoint_every: std::time::Duration::ZERO,
     }
 }

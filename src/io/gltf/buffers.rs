@@ -195,6 +195,7 @@ impl Number {
 }
 
 /// Elements of an accessor.
+#[derive(Clone)]
 pub(super) struct Elements {
     file: Arc<RawFile>,
     offset: u64,
@@ -205,6 +206,32 @@ pub(super) struct Elements {
 }
 
 impl Elements {
+    /// Floats that lie in a file of our own.
+    #[cfg(feature = "draco")]
+    pub(super) fn of_floats(
+        file: &Arc<RawFile>,
+        offset: u64,
+        n_numbers: usize,
+        count: u64,
+    ) -> Self {
+        let number = Number { kind: 5126, normalized: false };
+        Elements {
+            file: file.clone(),
+            offset,
+            stride: 4 * n_numbers as u64,
+            number,
+            n_numbers,
+            count,
+        }
+    }
+
+    /// Indices of 32 bits that lie in a file of our own.
+    #[cfg(feature = "draco")]
+    pub(super) fn of_indices(file: &Arc<RawFile>, offset: u64, count: u64) -> Self {
+        let number = Number { kind: 5125, normalized: false };
+        Elements { file: file.clone(), offset, stride: 4, number, n_numbers: 1, count }
+    }
+
     /// Returns whether these are numbers that can count.
     pub(super) fn is_unsigned(&self) -> bool {
         matches!(self.number.kind, 5121 | 5123 | 5125) && !self.number.normalized

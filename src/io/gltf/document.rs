@@ -1,6 +1,6 @@
 //! The JSON of a GLB file that is written: primitives in one buffer, each with its vertices and its indices.
 
-use super::materials_out::{OutImages, WEBP, materials};
+use super::materials_out::{BASIS, OutImages, WEBP, materials};
 use crate::io::materials::TexturePlan;
 use serde_json::{Value, json};
 
@@ -53,6 +53,8 @@ pub(super) struct Frame<'a> {
     /// Smallest coordinates, and length of a step.
     pub(super) least: [f64; 3],
     pub(super) scale: f64,
+    /// Subtracted from the coordinates of the input.
+    pub(super) offset: Option<[f64; 3]>,
     pub(super) textures: Option<(&'a TexturePlan, &'a OutImages)>,
 }
 
@@ -136,6 +138,9 @@ pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &F
         let side = frame.scale as f32;
         node["scale"] = json!([side, side, side]);
     }
+    if let Some(offset) = frame.offset {
+        node["extras"] = json!({ "offset": offset });
+    }
     let mut document = json!({
         "asset": { "version": "2.0", "generator": frame.generator },
         "buffers": [{ "byteLength": total }],
@@ -154,7 +159,7 @@ pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &F
         views.extend(images.views(first_image));
         let list = materials(plan, images);
         // Nothing stands in for these images where they cannot be read.
-        required.extend(list.extensions.iter().filter(|name| **name == WEBP));
+        required.extend(list.extensions.iter().filter(|name| [WEBP, BASIS].contains(name)));
         used.extend(list.extensions);
         for (key, values) in [
             ("materials", list.materials),

@@ -118,7 +118,22 @@ pub(super) struct Primitive {
     pub(super) material: Option<usize>,
     pub(super) mode: Option<u32>,
     pub(super) targets: Vec<IgnoredAny>,
-    pub(super) extensions: BTreeMap<String, IgnoredAny>,
+    pub(super) extensions: PrimitiveExtensions,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct PrimitiveExtensions {
+    #[serde(rename = "KHR_draco_mesh_compression")]
+    pub(super) draco: Option<Draco>,
+}
+
+/// A compressed primitive: its view, and the number that each attribute has there.
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+pub(super) struct Draco {
+    pub(super) buffer_view: usize,
+    pub(super) attributes: BTreeMap<String, u32>,
 }
 
 #[derive(Debug, Default, Deserialize)]

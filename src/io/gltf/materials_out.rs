@@ -110,6 +110,7 @@ pub(super) struct Lists {
 
 const UNLIT: &str = "KHR_materials_unlit";
 pub(super) const WEBP: &str = "EXT_texture_webp";
+pub(super) const BASIS: &str = "KHR_texture_basisu";
 const TRANSFORM: &str = "KHR_texture_transform";
 
 /// glTF's number for an image that ends at its border.
@@ -199,12 +200,17 @@ impl Lists {
     /// The use of an image, if the file has it.
     fn texture(&mut self, map: &Map, plan: &TexturePlan, images: &OutImages) -> Option<Value> {
         let place = images.places[map.image]?;
-        let is_webp = matches!(plan.references[map.image], Reference::Embedded("image/webp", _));
-        let mut texture = if is_webp {
-            self.extend(WEBP);
-            json!({ "extensions": { WEBP: { "source": place } } })
-        } else {
-            json!({ "source": place })
+        let extension = match plan.references[map.image] {
+            Reference::Embedded("image/webp", _) => Some(WEBP),
+            Reference::Embedded("image/ktx2", _) => Some(BASIS),
+            _ => None,
+        };
+        let mut texture = match extension {
+            Some(name) => {
+                self.extend(name);
+                json!({ "extensions": { name: { "source": place } } })
+            }
+            None => json!({ "source": place }),
         };
         let place = map.place();
         let clamped = place.is_clamped.then_some([CLAMP_TO_EDGE; 2]);

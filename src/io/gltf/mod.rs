@@ -2,6 +2,7 @@
 
 mod buffers;
 mod document;
+mod draco;
 mod instances;
 mod join;
 mod json;

@@ -5,6 +5,7 @@
 //! view, have to fit into memory.
 
 use super::buffers::{BLOCK, Buffers, Elements, Inline};
+use super::draco::DracoMeshes;
 use super::instances::all_placed;
 use super::join::{Joiner, VertexRow};
 use super::json::{Document, Primitive};
@@ -24,7 +25,9 @@ use std::sync::Arc;
 const MIN_DOCUMENT_BYTES: u64 = 16 << 20;
 
 /// Extensions that a file may require: what is read, and what only changes the look.
-const KNOWN: [&str; 7] = [
+const KNOWN: [&str; 9] = [
+    "KHR_texture_basisu",
+    "KHR_draco_mesh_compression",
     "CESIUM_RTC",
     "EXT_mesh_gpu_instancing",
     "KHR_mesh_quantization",
@@ -115,6 +118,8 @@ fn binary_chunk(file: &Arc<RawFile>, at: u64) -> Result<Option<Part>> {
 /// Faces of one mesh in one place.
 struct Piece<'a> {
     primitive: &'a Primitive,
+    /// The kind of its primitives, as they are read.
+    mode: u32,
     at: Placement,
     positions: Elements,
     normals: Option<Elements>,
@@ -129,18 +134,15 @@ pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawF
     let (document, binary) = document(&file, options)?;
     for name in &document.extensions_required {
         if !KNOWN.contains(&name.as_str()) && !name.starts_with("KHR_materials_") {
-            let remedy = match name.as_str() {
-                "KHR_draco_mesh_compression" => "decompress it first (gltf-transform copy IN OUT)",
-                "KHR_texture_basisu" => "turn its images into JPEG or PNG first (gltf-transform)",
-                _ => "export it without",
-            };
-            return Err(file.bad(format!("it requires {name}, which is not read; {remedy}")));
+            return Err(file.bad(format!(
+                "it requires {name}, which is not read; export it without, or let gltf-transform rewrite it"
+            )));
         }
     }
     let inline = Inline::new(&file, &document, options)?;
     let mut buffers = Buffers::open(&file, &document, (binary, &inline), options)?;
     let (mut materials, coordinates) = materials_in::read(&file, &document, &mut buffers, &inline)?;
-    let pieces = pieces(&file, &document, &mut buffers, &coordinates, &mut materials)?;
+    let pieces = pieces((&file, &document), (&mut buffers, options), &coordinates, &mut materials)?;
     if pieces.is_empty() {
         return Err(file.bad("its scene has no triangles"));
     }
@@ -189,13 +191,12 @@ pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawF
 
 /// All primitives of the scene with their accessors, checked.
 fn pieces<'a>(
-    file: &RawFile,
-    document: &'a Document,
-    buffers: &mut Buffers,
+    (file, document): (&RawFile, &'a Document),
+    (buffers, options): (&mut Buffers, &StageOptions),
     coordinates: &[Coordinates],
     materials: &mut Materials,
 ) -> Result<Vec<Piece<'a>>> {
-    let mut out = Vec::new();
+    let (mut out, mut draco) = (Vec::new(), DracoMeshes::default());
     for placed in all_placed(file, document, buffers)? {
         let Some(mesh) = document.meshes.get(placed.mesh) else {
             return Err(
@@ -207,20 +208,25 @@ fn pieces<'a>(
                 materials.note("points and lines: not carried");
                 continue;
             }
-            if primitive.extensions.contains_key("KHR_draco_mesh_compression") {
-                return Err(file.bad(
-                    "its meshes are compressed with Draco, which is not read; decompress it first (gltf-transform copy IN OUT)",
-                ));
-            }
+            let unpacked = draco.of((file, document), primitive, (buffers, options))?;
+            let mode =
+                if unpacked.is_some() { TRIANGLES } else { primitive.mode.unwrap_or(TRIANGLES) };
             let Some(&positions) = primitive.attributes.get("POSITION") else { continue };
             if let Some(material) = primitive.material.filter(|&m| m >= document.materials.len()) {
                 return Err(file
                     .bad(format!("material {material}, which a primitive names, does not exist")));
             }
-            let positions = buffers.accessor(positions, &[3])?;
+            let mut elements = |name: &str, number: usize, n: &[usize]| match unpacked
+                .as_ref()
+                .and_then(|unpacked| unpacked.attributes.get(name))
+            {
+                Some(known) if n.contains(&known.n_numbers) => Ok(known.clone()),
+                _ => buffers.accessor(number, n),
+            };
+            let positions = elements("POSITION", positions, &[3])?;
             let mut attribute = |name: &str, n: &[usize]| -> Result<Option<Elements>> {
                 let Some(&number) = primitive.attributes.get(name) else { return Ok(None) };
-                let elements = buffers.accessor(number, n)?;
+                let elements = elements(name, number, n)?;
                 if elements.count != positions.count {
                     return Err(file.bad(format!(
                         "accessor {number} ({name}) has {} elements, the positions of its primitive {}",
@@ -243,8 +249,12 @@ fn pieces<'a>(
             if !primitive.targets.is_empty() {
                 materials.note("morph targets: not carried");
             }
-            let indices =
-                primitive.indices.map(|number| buffers.accessor(number, &[1])).transpose()?;
+            let indices = match (unpacked, primitive.indices) {
+                (Some(unpacked), _) => Some(unpacked.indices),
+                (None, number) => {
+                    number.map(|number| buffers.accessor(number, &[1])).transpose()?
+                }
+            };
             if let Some(indices) = indices.as_ref().filter(|indices| !indices.is_unsigned()) {
                 return Err(file.bad(format!(
                     "the {} indices of a primitive are not unsigned integers; export the mesh again",
@@ -253,7 +263,7 @@ fn pieces<'a>(
             }
             let texture = texture.map(|elements| (elements, place));
             let at = placed.at;
-            out.push(Piece { primitive, at, positions, normals, colours, texture, indices });
+            out.push(Piece { primitive, mode, at, positions, normals, colours, texture, indices });
         }
     }
     if document.nodes.iter().any(|node| node.skin.is_some()) || !document.animations.is_empty() {
@@ -340,7 +350,7 @@ fn put_faces(
 ) -> Result<u64> {
     let n_vertices = piece.positions.count;
     let material = piece.primitive.material.map_or(-1, |material| material as i32);
-    let mode = piece.primitive.mode.unwrap_or(TRIANGLES);
+    let mode = piece.mode;
     let n_indices = piece.indices.as_ref().map_or(n_vertices, |indices| indices.count);
     let (mut bytes, mut block) = (Vec::new(), Vec::new());
     let (mut corners, mut n_bad, mut n) = ([0u64; 3], 0, 0u64);

@@ -16,6 +16,7 @@ use crate::io::obj::{find_texture, find3};
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::ply::{OutputHeader, TexturedTriangle};
 use crate::mesh::colours::ColourPlace;
+use crate::mesh::placing::offset_in;
 use crate::mesh::property::{Scalar, read_scalar};
 use crate::system::disk::folder_of;
 use crate::system::pending_file::{PendingFile, Place};
@@ -282,6 +283,7 @@ impl GlbWriter {
             generator: generator.trim_end().to_owned(),
             least: self.least,
             scale: self.scale(),
+            offset: offset_in(&self.header.comments),
             textures: self.header.textures.as_ref().zip(images.as_ref()),
         };
         let mut text = describe(self.layout, primitives, &frame).to_string().into_bytes();

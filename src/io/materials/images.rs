@@ -23,7 +23,7 @@ const COPY_BYTES: u64 = 1 << 20;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ImageFacts {
     pub(crate) n_bytes: u64,
-    /// The type as glTF names it, for the two that every reader of glTF knows, and WebP.
+    /// The type as glTF names it, for the two that every reader of glTF knows, WebP and KTX2.
     pub(crate) mime: Option<&'static str>,
     /// The ending of a file of this type.
     pub(crate) ending: &'static str,
@@ -65,7 +65,7 @@ pub(crate) fn look(data: &ImageData) -> Result<ImageFacts, String> {
         Ok(imagesize::ImageType::Tga) => (None, "tga", b""),
         Ok(imagesize::ImageType::Tiff) => (None, "tif", b""),
         Ok(imagesize::ImageType::Dds(_)) => (None, "dds", b""),
-        Ok(imagesize::ImageType::Ktx2) => (None, "ktx2", b""),
+        Ok(imagesize::ImageType::Ktx2) => (Some("image/ktx2"), "ktx2", b""),
         _ if n_bytes == 0 => return Err("is empty".to_owned()),
         _ => return Err("is not an image of a known type".to_owned()),
     };

@@ -2,6 +2,7 @@
 
 use super::fixed_faces::{BlockEnd, Decoded};
 use super::layout::{FaceLayout, explain, index_faces, with_scan};
+use super::placed::Placed;
 use super::rows::{FaceContext, RowIndex, face_row, out_of_range};
 use super::scan::{Fault, Mark, Scan};
 use super::source::MeshSource;
@@ -59,6 +60,9 @@ impl MeshSource {
             }
             out.triangles.retain(|t| !is_bad(t));
             out.n_bad += (before - out.triangles.len()) as u64;
+        }
+        if self.placed.as_ref().is_some_and(Placed::is_mirror) {
+            out.triangles.iter_mut().for_each(|corners| corners.swap(1, 2));
         }
         block.triangles = out.triangles;
         block.rows = out.rows;

@@ -5,6 +5,7 @@
 
 use super::header::{HeaderProperty, Kind, Wire};
 use super::layout::{FaceLayout, explain, with_scan};
+use super::placed::Placed;
 use super::rows::{MAX_CORNERS, out_of_range};
 use super::scan::{Fault, Mark, Scan, Scanned};
 use super::source::MeshSource;
@@ -77,6 +78,7 @@ impl MeshSource {
         if element.index_list().is_none() {
             return Ok(0);
         }
+        let is_mirror = self.placed.as_ref().is_some_and(Placed::is_mirror);
         let kinds = self.kinds();
         let (n_vertices, n_rows) = (self.n_vertices(), self.n_face_rows());
         let (mut face, mut n_bad) = (FullFace::default(), 0);
@@ -91,6 +93,11 @@ impl MeshSource {
                 };
                 face.is_bad = !whole || face.corners.iter().any(|&v| self.bad_vertices.contains(v));
                 n_bad += u64::from(face.is_bad);
+                // Begins with the same corner.
+                if is_mirror && face.corners.len() > 1 {
+                    face.corners[1..].reverse();
+                    face.texture[1..].reverse();
+                }
                 if !face.is_bad || self.options.skip_bad {
                     each(row, &face)?;
                 } else {

@@ -16,6 +16,8 @@ mod grid_mesh;
 pub(crate) mod header;
 mod layout;
 pub(crate) mod lookup;
+mod place;
+mod placed;
 mod range_grid;
 pub(crate) mod raw;
 pub(crate) mod rows;

@@ -6,18 +6,20 @@ use super::BLOCK_ROWS;
 use super::fields::FieldPlan;
 use super::header::{Element, Encoding, Header, Kind};
 use super::layout::{FaceLayout, Layout, VertexLayout, locate};
+use super::placed::Placed;
 use super::raw::RawFile;
 use super::skipped::BadVertices;
 use super::textures;
 use crate::error::Result;
 use crate::io::materials::Materials;
 use crate::mesh::face_properties::FacePropertyPlan;
+use crate::mesh::placing::Placing;
 use crate::mesh::record::VertexSchema;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock};
 
 /// Settings for reading a file.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReadOptions {
     /// Drop and count what is broken (indices out of range, positions that are not finite, missing rows
     /// at the end) instead of failing. Costs one more pass over the vertices.
@@ -25,6 +27,8 @@ pub struct ReadOptions {
     /// Folder for the positions of a body without fixed rows, needed for quads; the system's folder
     /// for temporary files otherwise.
     pub temp_dir: Option<PathBuf>,
+    /// Where the mesh is put before all else; only `open_staged` does.
+    pub placing: Placing,
 }
 
 /// Counts of rows that `ReadOptions::skip_bad` left out when the file was opened.
@@ -59,6 +63,7 @@ pub struct MeshSource {
     pub(super) bad_vertices: BadVertices,
     pub(super) positions: OnceLock<RawFile>,
     pub(super) positions_lock: Mutex<()>,
+    pub(super) placed: Option<Placed>,
     staged: Staged,
 }
 
@@ -128,6 +133,7 @@ impl MeshSource {
             bad_vertices: BadVertices::default(),
             positions: OnceLock::new(),
             positions_lock: Mutex::new(()),
+            placed: None,
             staged: Staged::default(),
         };
         source.survey_colours();
@@ -140,7 +146,7 @@ impl MeshSource {
 
     /// Layout of a vertex record.
     pub fn schema(&self) -> &VertexSchema {
-        &self.plan.schema
+        self.placed.as_ref().map_or(&self.plan.schema, |placed| &placed.schema)
     }
 
     /// The file's name, for messages.
@@ -180,7 +186,7 @@ impl MeshSource {
 
     /// The text of the header's `comment` lines, in order.
     pub fn comments(&self) -> &[String] {
-        &self.header.comments
+        self.placed.as_ref().map_or(&self.header.comments, Placed::comments)
     }
 
     /// The same without those that name materials, which `materials` has.

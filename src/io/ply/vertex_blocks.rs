@@ -16,6 +16,15 @@ use std::sync::PoisonError;
 impl MeshSource {
     /// Reads and checks one block of vertices; callable from any thread. Reuses `block`'s memory.
     pub fn read_vertices(&self, index: u64, block: &mut VertexBlock) -> Result<()> {
+        self.read_checked(index, block)?;
+        if let Some(placed) = &self.placed {
+            placed.put_vertices(&self.plan.schema, block);
+        }
+        Ok(())
+    }
+
+    /// Reads and checks one block of vertices as they stand in the file.
+    fn read_checked(&self, index: u64, block: &mut VertexBlock) -> Result<()> {
         self.read_unchecked(index, block)?;
         if self.options.skip_bad {
             self.bad_vertices.replace(block, &self.plan.schema);

@@ -258,6 +258,7 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
             vertices: source.n_vertices(),
             triangles: source.n_triangles(),
             bounds: made.bounds.into(),
+            offset: source.offset(),
             faults,
         },
         settings: config.settings(),

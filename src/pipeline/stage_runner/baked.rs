@@ -8,9 +8,7 @@ use crate::bake::{self, BakeReport, Baked, Corner, NormalSource, TANGENT_BYTES};
 use crate::error::{Error, Result};
 use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 use crate::io::ply::raw::RawFile;
-use crate::io::ply::{
-    Encoding, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle, VertexBlock,
-};
+use crate::io::ply::{Encoding, MeshSource, OutputHeader, Place, TexturedTriangle, VertexBlock};
 use crate::io::{
     MeshSink, NUMBER, OutputFormat, OutputKind, StageOptions, TexturePlan, TextureRequest,
 };
@@ -114,7 +112,7 @@ impl Stages<'_> {
                     Place { path: shape.to_path_buf(), disk: run.disk().clone(), replace: true };
                 write::write(&pack, place, header, form, run)?;
                 let shape = MeshSource::open(shape)?;
-                let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
+                let read = config.read_options();
                 let stage = StageOptions {
                     read,
                     memory_bytes: run.memory_bytes / 2,

@@ -1,5 +1,7 @@
 //! Decided settings of a run of `tiles`: every value final.
 
+use crate::io::ply::ReadOptions;
+use crate::mesh::placing::Placing;
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -71,11 +73,18 @@ pub struct TilesConfig {
     pub restart: bool,
     /// Drop and count broken faces and vertices instead of failing.
     pub skip_bad: bool,
+    /// Where the input is put before all else.
+    pub placing: Placing,
     /// Progress within a stage is made durable so often; does not change the result.
     pub checkpoint_every: std::time::Duration,
 }
 
 impl TilesConfig {
+    /// Settings for reading the input.
+    pub fn read_options(&self) -> ReadOptions {
+        ReadOptions { skip_bad: self.skip_bad, placing: self.placing.clone(), temp_dir: None }
+    }
+
     /// Every setting that changes the result, by name.
     pub fn settings(&self) -> BTreeMap<String, String> {
         let transform: Vec<String> = self.transform.iter().map(f64::to_string).collect();
@@ -90,6 +99,9 @@ impl TilesConfig {
             ("viewer".to_owned(), self.viewer.to_string()),
         ]);
         // Left out where nothing was asked for, so that jobs of earlier builds are continued.
+        if !self.placing.is_none() {
+            settings.insert("placing".to_owned(), self.placing.setting());
+        }
         match self.finest {
             Finest::Input => None,
             Finest::Ratio(ratio) => settings.insert("finest".to_owned(), ratio.to_string()),

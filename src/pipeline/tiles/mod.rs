@@ -175,6 +175,9 @@ fn run(
         } }),
         tiles,
     };
+    if let Some(offset) = source.offset() {
+        tree.extras["stonecut"]["offset"] = json!(offset);
+    }
     if !hidden.is_empty() {
         tree.extras["stonecut"]["finest_triangles"] = leaf_triangles.into();
         tree.extras["stonecut"]["finest_deviation"] = deviations[0].into();

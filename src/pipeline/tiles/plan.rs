@@ -4,7 +4,7 @@ use super::config::{Finest, NAMED, TileTexture, TilesConfig};
 use crate::bake::{TilesNeed, check_tiles, colour_properties, has_images, has_only_images};
 use crate::error::{Error, Result};
 use crate::io::StageOptions;
-use crate::io::ply::{MeshSource, ReadOptions};
+use crate::io::ply::MeshSource;
 use crate::io::tileset::{FILE_NAME, read_tileset};
 use crate::mesh::record::VertexSchema;
 use crate::pipeline::plan::disk::check_space;
@@ -136,7 +136,7 @@ pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
     let is_over = clear_finished(config)?;
     refuse_to_replace(&config.output, config.force, is_over)?;
     let mut marks = input_marks(&config.input)?;
-    let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
+    let read = config.read_options();
     let staging = Disk::default();
     let disk = staging.clone();
     let mut stage = StageOptions { read, disk, ..StageOptions::new(folder_of(&config.job_folder)) };

@@ -10,7 +10,7 @@ use super::report::PagesReport;
 use super::rounds::Stages;
 use crate::bake::{Photographs, TilePainter, TilePicture};
 use crate::error::{Error, Result};
-use crate::io::ply::{MeshSource, ReadOptions};
+use crate::io::ply::MeshSource;
 use crate::io::tileset::encode_borders;
 use crate::io::{StageOptions, TileScalar};
 use crate::mesh::Mesh;
@@ -96,7 +96,7 @@ pub(super) fn paint(
         |run| {
             // What an attempt that was killed has left.
             run.job.clear_scratch()?;
-            let read = ReadOptions { skip_bad: config.skip_bad, ..ReadOptions::default() };
+            let read = config.read_options();
             let stage = StageOptions {
                 read,
                 memory_bytes: run.memory_bytes / 2,

@@ -1,0 +1,38 @@
+//! Places an open mesh: looks at all positions once, and notes what becomes of them as they leave the reader.
+
+use super::VertexBlock;
+use super::placed::Placed;
+use super::source::MeshSource;
+use crate::error::Result;
+use crate::mesh::bounds::Bounds;
+use crate::mesh::placing::{Placing, offset_in};
+
+impl MeshSource {
+    /// Places the mesh. Where the placing changes something, all vertices are read once for their bounds.
+    ///
+    /// Errors: those of reading; places that are not finite.
+    pub(crate) fn place(&mut self, placing: &Placing) -> Result<()> {
+        if placing.is_none() {
+            return Ok(());
+        }
+        let schema = self.schema().clone();
+        let (mut bounds, mut block) = (Bounds::EMPTY, VertexBlock::default());
+        for index in 0..self.n_vertex_blocks() {
+            self.read_vertices(index, &mut block)?;
+            let records = block.records.chunks_exact(schema.record_bytes());
+            records.for_each(|row| bounds.add(placing.point(schema.position(row))));
+        }
+        let Some(placed) = Placed::new(placing, schema, &bounds, self.comments()) else {
+            return Err(self.file.bad(
+                "its coordinates are not finite once it is placed; give a smaller --scale, --translate or --transform",
+            ));
+        };
+        self.placed = Some(placed);
+        Ok(())
+    }
+
+    /// What was subtracted from the coordinates of the input, now or before.
+    pub fn offset(&self) -> Option<[f64; 3]> {
+        offset_in(self.comments())
+    }
+}

@@ -1,0 +1,142 @@
+//! Where an input is put before all else: `--up`, `--scale`, `--translate`, `--transform`, `--recentre`.
+
+use crate::common::{expect, run};
+use serde_json::Value;
+use std::path::Path;
+
+/// A tower of a quadrilateral and a triangle, 10 high along y, with normals along x, at `shift`.
+fn tower(folder: &Path, kind: &str, shift: [f64; 3]) {
+    let mut text = format!(
+        "ply\nformat ascii 1.0\ncomment made by hand\nelement vertex 5\nproperty {kind} x\nproperty {kind} y\n\
+         property {kind} z\nproperty float nx\nproperty float ny\nproperty float nz\nelement face 2\n\
+         property list uchar int vertex_indices\nend_header\n"
+    );
+    for p in [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 8.0, 0.0], [0.0, 8.0, 0.0], [0.5, 10.0, 2.0]]
+    {
+        let [x, y, z] = [0, 1, 2].map(|k| p[k] + shift[k]);
+        text += &format!("{x} {y} {z} 1 0 0\n");
+    }
+    std::fs::write(folder.join("in.ply"), text + "4 0 1 2 3\n3 3 2 4\n").unwrap();
+}
+
+/// Lines before and behind the end of the header of a mesh, as it is converted to ASCII PLY.
+fn shown(folder: &Path, file: &str) -> (String, Vec<Vec<f64>>) {
+    let arguments = format!(
+        "convert {file} shown.ply --format ascii --force --keep-duplicates --keep-unreferenced"
+    );
+    expect(folder, &arguments, 0);
+    let text = std::fs::read_to_string(folder.join("shown.ply")).unwrap();
+    let (head, body) = text.split_once("end_header\n").unwrap();
+    let row = |line: &str| line.split(' ').map(|word| word.parse().unwrap()).collect();
+    (head.to_owned(), body.lines().map(row).collect())
+}
+
+fn near(a: &[f64], b: &[f64]) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3)
+}
+
+/// Sides of the bounding box of the first five rows.
+fn sides(rows: &[Vec<f64>]) -> [f64; 3] {
+    [0, 1, 2].map(|k| {
+        let column = rows[..5].iter().map(|row| row[k]);
+        column.clone().fold(f64::MIN, f64::max) - column.fold(f64::MAX, f64::min)
+    })
+}
+
+#[test]
+fn the_axis_that_points_upwards_is_that_of_the_output() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    tower(folder, "float", [0.0; 3]);
+    for (options, output, wanted) in [
+        ("", "out.ply", [1.0, 10.0, 2.0]),
+        ("--up y", "out.ply", [1.0, 2.0, 10.0]),
+        ("--up y", "out.obj", [1.0, 2.0, 10.0]),
+        ("--up z", "out.ply", [1.0, 10.0, 2.0]),
+        ("--up y", "out.glb", [1.0, 10.0, 2.0]),
+        ("--up z", "out.glb", [1.0, 2.0, 10.0]),
+    ] {
+        expect(folder, &format!("convert in.ply {output} --force {options}"), 0);
+        let (_, rows) = shown(folder, output);
+        assert!(near(&sides(&rows), &wanted), "{options} {output} {:?}", sides(&rows));
+    }
+    expect(folder, "convert in.ply out.ply --force --up y", 0);
+    let (_, rows) = shown(folder, "out.ply");
+    assert_eq!(rows[4], [0.5, -2.0, 10.0, 1.0, 0.0, 0.0]);
+}
+
+#[test]
+fn a_mirror_turns_faces_and_normals_around() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    tower(folder, "float", [0.0; 3]);
+    let mirror = "--scale 2 --transform -1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1 --translate 0,0,-3";
+    expect(folder, &format!("convert in.ply out.ply {mirror}"), 0);
+    let (head, rows) = shown(folder, "out.ply");
+    assert!(head.contains("property float x"), "{head}");
+    assert_eq!(rows[2], [-2.0, 16.0, -3.0, -1.0, 0.0, 0.0]);
+    // Seen from above all three triangles still go around in one sense: their corners were turned around.
+    let area = |face: &[f64]| {
+        let [a, b, c] = [1, 2, 3].map(|k| &rows[face[k] as usize]);
+        (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    };
+    let areas: Vec<f64> = rows[5..].iter().map(|face| area(face)).collect();
+    assert_eq!(areas.len(), 3);
+    assert!(areas.iter().all(|&area| area > 0.0), "{areas:?}");
+}
+
+#[test]
+fn an_offset_is_subtracted_and_written_down() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    tower(folder, "double", [500_000.25, 4_600_000.5, 100.0]);
+    let wanted = "offset: 500000 4600010 100 ";
+    let said = expect(folder, "convert in.ply out.stl --recentre", 0);
+    assert!(said.contains("500000 4600010 100 was subtracted"), "{said}");
+    let stl = std::fs::read(folder.join("out.stl")).unwrap();
+    let corners = stl[84..].chunks_exact(50).flat_map(|facet| facet[12..48].as_chunks::<4>().0);
+    assert!(corners.map(|x| f32::from_le_bytes(*x).abs()).all(|x| x < 12.0));
+    expect(folder, "convert in.ply out.ply --recentre", 0);
+    let (head, rows) = shown(folder, "out.ply");
+    assert!(head.contains(&format!("comment {wanted}")), "{head}");
+    assert!(near(&rows[4][..3], &[0.75, 0.5, 2.0]), "{:?}", rows[4]);
+    expect(folder, "convert in.ply out.obj --recentre", 0);
+    let text = std::fs::read_to_string(folder.join("out.obj")).unwrap();
+    assert!(text.contains(&format!("# {wanted}")), "{text}");
+    expect(folder, "convert in.ply out.glb --recentre", 0);
+    let bytes = std::fs::read(folder.join("out.glb")).unwrap();
+    let n = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let document: Value = serde_json::from_slice(&bytes[20..20 + n]).unwrap();
+    assert_eq!(
+        document["nodes"][0]["extras"]["offset"],
+        serde_json::json!([500_000.0, 4_600_010.0, 100.0])
+    );
+    expect(folder, "simplify in.ply small.ply --triangles 2 --recentre --report r.json -q", 0);
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap();
+    assert_eq!(report["input"]["offset"], serde_json::json!([500_000.0, 4_600_010.0, 100.0]));
+    assert_eq!(report["input"]["bounds"][0], serde_json::json!([0.25, -9.5, 0.0]));
+    let (head, _) = shown(folder, "small.ply");
+    assert!(head.contains(&format!("comment {wanted}")), "{head}");
+}
+
+#[test]
+fn what_was_placed_belongs_to_a_job() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    tower(folder, "float", [0.0; 3]);
+    expect(folder, "simplify in.ply out.ply --triangles 2 --scale 3 --until partition -q", 0);
+    let output = run(folder, "simplify in.ply out.ply --triangles 2 --scale 4 -q");
+    assert!(!output.status.success(), "another scale is another job");
+    expect(folder, "simplify in.ply out.ply --triangles 3 --scale 3 --restart -q --verify", 0);
+    let (_, rows) = shown(folder, "out.ply");
+    assert!(near(&sides(&rows), &[3.0, 30.0, 6.0]), "{rows:?}");
+    for wrong in [
+        "--scale 0",
+        "--scale inf",
+        "--translate 1,2",
+        "--transform 1,0,0,0,0,1,0,0,0,0,0,0,0,0,0,1",
+    ] {
+        expect(folder, &format!("convert in.ply no.ply {wrong}"), 2);
+    }
+}

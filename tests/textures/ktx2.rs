@@ -1,0 +1,158 @@
+//! Images in KTX2 files (`KHR_texture_basisu`): looked up as all others, and carried from GLB to GLB.
+
+use crate::common::expect;
+use basis_universal::{BasisTextureFormat, Compressor, CompressorParams};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Side of the image: red on the left, blue on the right, each a whole block of 4 x 4.
+const SIDE: u32 = 8;
+
+/// The image as a file of Basis Universal.
+fn basis(format: BasisTextureFormat) -> Vec<u8> {
+    let pixel = |i: u32| if i % SIDE < SIDE / 2 { [250, 10, 10] } else { [10, 10, 250] };
+    let pixels: Vec<u8> = (0..SIDE * SIDE).flat_map(pixel).collect();
+    let mut parameters = CompressorParams::new();
+    parameters.set_basis_format(format);
+    parameters.set_generate_mipmaps(false);
+    parameters.set_print_status_to_stdout(false);
+    parameters.source_image_mut(0).init(&pixels, SIDE, SIDE, 3);
+    let mut compressor = Compressor::new(1);
+    // SAFETY: the parameters are whole, and live until the compressor has copied them.
+    assert!(unsafe { compressor.init(&parameters) });
+    // SAFETY: the compressor was given its parameters.
+    unsafe { compressor.process() }.unwrap();
+    compressor.basis_file().to_vec()
+}
+
+/// A KTX2 file of one level.
+fn ktx2(model: u8, (scheme, n_bytes): (u32, usize), global: &[u8], level: &[u8]) -> Vec<u8> {
+    let (format_at, format_bytes) = (80 + 24, 44u32);
+    let global_at = format_at + format_bytes as usize;
+    let level_at = global_at + global.len();
+    let mut out = b"\xabKTX 20\xbb\r\n\x1a\n".to_vec();
+    for word in [0, 1, SIDE, SIDE, 0, 0, 1, 1, scheme, format_at as u32, format_bytes, 0, 0] {
+        out.extend_from_slice(&word.to_le_bytes());
+    }
+    let global_place = if global.is_empty() { 0 } else { global_at };
+    for word in [global_place, global.len(), level_at, level.len(), n_bytes] {
+        out.extend_from_slice(&(word as u64).to_le_bytes());
+    }
+    for word in [format_bytes, 0, 2 | 40 << 16, u32::from(model) | 1 << 8 | 2 << 16, 3 | 3 << 8] {
+        out.extend_from_slice(&word.to_le_bytes());
+    }
+    for word in [0u32, 0, 127 << 16, 0, 0, u32::MAX] {
+        out.extend_from_slice(&word.to_le_bytes());
+    }
+    out.extend_from_slice(global);
+    out.extend_from_slice(level);
+    out
+}
+
+fn number(bytes: &[u8], at: usize, n: usize) -> usize {
+    bytes[at..at + n].iter().rev().fold(0, |sum, &byte| sum << 8 | usize::from(byte))
+}
+
+/// A file of Basis Universal as KTX2.
+fn converted(basis: &[u8], is_etc1s: bool, packs: bool) -> Vec<u8> {
+    let part = |at: usize, n: usize| &basis[at..at + n];
+    let slice = number(basis, 65, 4);
+    let level = part(number(basis, slice + 13, 4), number(basis, slice + 17, 4));
+    if !is_etc1s {
+        let packed = zstd::bulk::compress(level, 3).unwrap();
+        return match packs {
+            true => ktx2(166, (2, level.len()), &[], &packed),
+            false => ktx2(166, (0, level.len()), &[], level),
+        };
+    }
+    let endpoints = part(number(basis, 41, 4), number(basis, 45, 3));
+    let selectors = part(number(basis, 50, 4), number(basis, 54, 3));
+    let tables = part(number(basis, 57, 4), number(basis, 61, 4));
+    let mut global = [part(39, 2), part(48, 2)].concat();
+    for n in [endpoints.len(), selectors.len(), tables.len(), 0, 0, 0, level.len(), 0, 0] {
+        global.extend_from_slice(&(n as u32).to_le_bytes());
+    }
+    for bytes in [endpoints, selectors, tables] {
+        global.extend_from_slice(bytes);
+    }
+    ktx2(163, (1, 0), &global, level)
+}
+
+/// A square with an image beside it.
+fn square(folder: &Path, image: &[u8]) {
+    std::fs::write(folder.join("a.ktx2"), image).unwrap();
+    let floats = [
+        0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, // positions
+        0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0, 0.0, // coordinates
+    ];
+    let mut bytes: Vec<u8> = floats.iter().flat_map(|x| x.to_le_bytes()).collect();
+    bytes.extend([0u8, 1, 2, 1, 3, 2, 0, 0]);
+    std::fs::write(folder.join("in.bin"), &bytes).unwrap();
+    let document = json!({
+        "asset": { "version": "2.0" },
+        "extensionsRequired": ["KHR_texture_basisu"],
+        "buffers": [{ "uri": "in.bin", "byteLength": bytes.len() }],
+        "bufferViews": [{ "buffer": 0, "byteLength": bytes.len() }],
+        "accessors": [
+            { "bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3" },
+            { "bufferView": 0, "byteOffset": 48, "componentType": 5126, "count": 4, "type": "VEC2" },
+            { "bufferView": 0, "byteOffset": 80, "componentType": 5121, "count": 6, "type": "SCALAR" },
+        ],
+        "images": [{ "uri": "a.ktx2", "mimeType": "image/ktx2" }],
+        "textures": [{ "extensions": { "KHR_texture_basisu": { "source": 0 } } }],
+        "materials": [{ "pbrMetallicRoughness": { "baseColorTexture": { "index": 0 } } }],
+        "meshes": [{ "primitives": [{
+            "attributes": { "POSITION": 0, "TEXCOORD_0": 1 }, "indices": 2, "material": 0,
+        }] }],
+        "nodes": [{ "mesh": 0 }],
+        "scenes": [{ "nodes": [0] }],
+    });
+    std::fs::write(folder.join("in.gltf"), document.to_string()).unwrap();
+}
+
+/// Colours of the left and the right half of a picture of a mesh from above.
+fn halves(folder: &Path, mesh: &str) -> [[u8; 3]; 2] {
+    let arguments = format!("render {mesh} -o p.png --view top --unlit --size 64x64 --force");
+    expect(folder, &arguments, 0);
+    let picture = image::open(folder.join("p.png")).unwrap().to_rgb8();
+    [24, 40].map(|x| picture.get_pixel(x, 32).0)
+}
+
+#[test]
+fn basis_universal_is_looked_up_and_carried() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for (is_etc1s, packs) in [(false, false), (false, true), (true, false)] {
+        let format =
+            if is_etc1s { BasisTextureFormat::ETC1S } else { BasisTextureFormat::UASTC4x4 };
+        square(folder, &converted(&basis(format), is_etc1s, packs));
+        for mesh in ["in.gltf", "out.glb"] {
+            if mesh == "out.glb" {
+                expect(folder, "convert in.gltf out.glb --force", 0);
+            }
+            let [left, right] = halves(folder, mesh);
+            assert!(left[0] > 200 && left[2] < 60, "{is_etc1s} {packs} {mesh} {left:?}");
+            assert!(right[2] > 200 && right[0] < 60, "{is_etc1s} {packs} {mesh} {right:?}");
+        }
+    }
+    let bytes = std::fs::read(folder.join("out.glb")).unwrap();
+    let n = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let document: Value = serde_json::from_slice(&bytes[20..20 + n]).unwrap();
+    assert_eq!(document["images"][0]["mimeType"], "image/ktx2");
+    assert!(
+        document["extensionsRequired"].as_array().unwrap().contains(&"KHR_texture_basisu".into())
+    );
+}
+
+#[test]
+fn damaged_images_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let whole = converted(&basis(BasisTextureFormat::ETC1S), true, false);
+    for n in [60, 110, whole.len() - 20] {
+        square(folder, &whole[..n]);
+        let arguments = "render in.gltf -o p.png --view top --unlit --size 32x32 --force";
+        let said = expect(folder, arguments, 0);
+        assert!(said.contains("a.ktx2"), "{n}: {said}");
+    }
+}
