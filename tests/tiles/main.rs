@@ -9,3 +9,4 @@ mod scalars;
 mod stops;
 mod textures;
 mod tiles;
+mod up;
