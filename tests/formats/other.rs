@@ -157,7 +157,7 @@ fn a_glb_holds_the_mesh_within_half_a_step() -> AnyResult {
     assert_eq!(word(bin - 8) as usize, bytes.len() - bin);
     let scale = json["nodes"][0]["scale"][0].as_f64().ok_or("scale")?;
     let stride = json["bufferViews"][0]["byteStride"].as_u64().ok_or("stride")? as usize;
-    assert_eq!(stride, 16);
+    assert_eq!(stride, 20);
     let source = open(&input)?;
     let mut block = VertexBlock::default();
     source.read_vertices(0, &mut block)?;
@@ -170,7 +170,13 @@ fn a_glb_holds_the_mesh_within_half_a_step() -> AnyResult {
             let origin = json["nodes"][0]["translation"][axis].as_f64().ok_or("translation")?;
             assert!((origin + steps * scale - position[axis]).abs() <= 0.501 * scale);
         }
-        assert_eq!(bytes[bin + i * stride + 8], record[24], "red");
+        let at = bin + i * stride + 8;
+        let light = f64::from(u16::from_le_bytes([bytes[at], bytes[at + 1]])) / 65_535.0;
+        let red = match light {
+            light if light <= 0.003_130_8 => 12.92 * light,
+            light => 1.055 * light.powf(1.0 / 2.4) - 0.055,
+        };
+        assert_eq!((255.0 * red).round() as u8, record[24], "red");
     }
     Ok(())
 }
