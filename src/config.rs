@@ -332,7 +332,7 @@ pub struct Config {
     pub bake: BakeSettings,
     /// Give up scalar properties of faces.
     pub drop_faces: bool,
-    /// Where the input is put before all else.
+    /// Map that is applied to the input before all else.
     pub placing: Placing,
     /// Treatment of images; by the kind of output if `None`.
     pub textures: Option<crate::io::TextureMode>,

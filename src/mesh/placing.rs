@@ -1,4 +1,4 @@
-//! How an input is placed before all else: turned, scaled, moved, counted from near its middle.
+//! The placing of an input before all else: turned, scaled, moved, counted from near its middle.
 
 use super::bounds::Bounds;
 
@@ -14,7 +14,7 @@ pub const Z_TO_Y: [f64; 16] = [1., 0., 0., 0., 0., 0., -1., 0., 0., 1., 0., 0., 
 /// An affine map of the input, and whether its coordinates are then counted from near its middle.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placing {
-    /// By columns, as glTF has matrices; the last row is 0, 0, 0, 1.
+    /// The matrix by columns, as glTF has matrices; the last row is 0, 0, 0, 1.
     columns: [f64; 16],
     /// Subtract a round offset near the middle of the bounding box.
     pub recentres: bool,

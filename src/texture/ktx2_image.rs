@@ -1,6 +1,6 @@
 //! Images in KTX2 files, as `KHR_texture_basisu` has them: Basis Universal (ETC1S or UASTC), and plain bytes.
 //!
-//! The transcoder knows files of its own kind only (`.basis`), so the parts of a KTX2 file are put together as one.
+//! The transcoder reads `.basis` files only, so the parts of a KTX2 file are put together as one.
 //! Only the largest level is read; smaller ones are made of it as of every other image.
 
 use super::palette::image_bytes;

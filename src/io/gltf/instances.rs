@@ -48,7 +48,7 @@ fn placements(
         parts.push(number.map(|&number| buffers.accessor(number, &[default.len()])).transpose()?);
     }
     let mut counts = parts.iter().flatten().map(|part| part.count);
-    // Only attributes of the maker's own: one instance without a place of its own.
+    // With no attribute that is known it is one instance, where its node is.
     let count = counts.next().unwrap_or(1);
     if counts.any(|other| other != count) {
         return Err(

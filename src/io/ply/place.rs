@@ -31,7 +31,7 @@ impl MeshSource {
         Ok(())
     }
 
-    /// What was subtracted from the coordinates of the input, now or before.
+    /// The offset that was subtracted from the coordinates of the input, now or before.
     pub fn offset(&self) -> Option<[f64; 3]> {
         offset_in(self.comments())
     }

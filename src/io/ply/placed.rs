@@ -6,7 +6,7 @@ use crate::mesh::placing::{Placing, offset_comment};
 use crate::mesh::property::{Scalar, read_scalar, write_scalar};
 use crate::mesh::record::VertexSchema;
 
-/// A mesh is so many of its sides from the origin where floats no longer do for it, as for OBJ and glTF.
+/// Distance from the origin, in sides of the mesh, from which on coordinates are doubles, as for OBJ and glTF.
 const FAR: f64 = 8.0;
 
 /// A placing, made for one file.

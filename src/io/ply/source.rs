@@ -27,7 +27,7 @@ pub struct ReadOptions {
     /// Folder for the positions of a body without fixed rows, needed for quads; the system's folder
     /// for temporary files otherwise.
     pub temp_dir: Option<PathBuf>,
-    /// Where the mesh is put before all else; only `open_staged` does.
+    /// Map that is applied to the mesh before all else; only `open_staged` applies it.
     pub placing: Placing,
 }
 

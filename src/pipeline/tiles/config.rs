@@ -73,7 +73,7 @@ pub struct TilesConfig {
     pub restart: bool,
     /// Drop and count broken faces and vertices instead of failing.
     pub skip_bad: bool,
-    /// Where the input is put before all else.
+    /// Map that is applied to the input before all else.
     pub placing: Placing,
     /// Progress within a stage is made durable so often; does not change the result.
     pub checkpoint_every: std::time::Duration,
