@@ -3,6 +3,7 @@
 use crate::io::ply::ReadOptions;
 use crate::kernel::{Fit, Placement, Topology};
 use crate::mesh::placing::Placing;
+use crate::system::memory;
 use crate::system::units::{parse_count, parse_ratio};
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
@@ -356,6 +357,58 @@ impl Config {
     /// Settings for reading the input.
     pub fn read_options(&self) -> ReadOptions {
         ReadOptions { skip_bad: self.skip_bad, placing: self.placing.clone(), temp_dir: None }
+    }
+
+    /// Settings of a run with the defaults of the command: all cores, the default budget, the job folder beside `output`.
+    ///
+    /// ```no_run
+    /// use stonecut::config::{Config, Target};
+    ///
+    /// let mut config = Config::new("scan.ply", "small.ply", Target::Ratio(0.01));
+    /// config.memory_bytes = 4 << 30;
+    /// ```
+    pub fn new(input: impl Into<PathBuf>, output: impl Into<PathBuf>, target: Target) -> Config {
+        let output = output.into();
+        let mut job_folder = output.clone().into_os_string();
+        job_folder.push(".stonecut-job");
+        Config {
+            input: input.into(),
+            target,
+            coarser: Vec::new(),
+            method: Method::default(),
+            feature_angle: FEATURE_ANGLE,
+            gradation: 0.0,
+            pairs: false,
+            optimize: None,
+            manifold: false,
+            memory_bytes: memory::budget_bytes(None, memory::limit_bytes()),
+            threads: NonZeroUsize::new(memory::cores()).unwrap_or(NonZeroUsize::MIN),
+            cell_triangles: DEFAULT_CELL_TRIANGLES,
+            job_folder: job_folder.into(),
+            keep_temp: false,
+            trial_of: None,
+            until: None,
+            force: false,
+            restart: false,
+            seams: None,
+            verify: false,
+            format: Default::default(),
+            skip_bad: false,
+            drop_texture: false,
+            texture: Texture::default(),
+            bake: BakeSettings::default(),
+            drop_faces: false,
+            placing: Placing::default(),
+            textures: None,
+            textures_beside: output.clone(),
+            error_field: false,
+            progressive: None,
+            min_component: None,
+            checkpoint_every: CHECKPOINT_EVERY,
+            attributes: Attributes::default(),
+            kernel: Default::default(),
+            output,
+        }
     }
 
     /// Every setting that changes the result, by name.

@@ -8,9 +8,7 @@ pub mod volume;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use stonecut::config::{
-    Attributes, BakeSettings, CHECKPOINT_EVERY, Config, FEATURE_ANGLE, Method, Target, Texture,
-};
+use stonecut::config::{Config, Target, Texture};
 use stonecut::io::ply::{OutputHeader, PlyWriter};
 use stonecut::mesh::property::Scalar;
 use stonecut::mesh::record::VertexSchema;
@@ -83,42 +81,12 @@ pub fn signal(child: &std::process::Child, signal: rustix::process::Signal) {
 /// Settings of a run from `in.ply` to `out.ply` of `folder`, on one thread.
 pub fn config(folder: &Path, target: Target) -> Config {
     Config {
-        input: folder.join("in.ply"),
-        output: folder.join("out.ply"),
-        target,
-        coarser: Vec::new(),
-        method: Method::Collapse,
-        feature_angle: FEATURE_ANGLE,
-        gradation: 0.0,
-        manifold: false,
-        optimize: None,
-        pairs: false,
         memory_bytes: 256 << 20,
         threads: std::num::NonZeroUsize::MIN,
         cell_triangles: 1000,
         job_folder: folder.join("job"),
-        keep_temp: false,
-        trial_of: None,
-        until: None,
-        force: false,
-        restart: false,
-        seams: None,
-        verify: false,
-        format: Default::default(),
-        skip_bad: false,
-        drop_texture: false,
-        textures: None,
-        textures_beside: folder.join("out.ply"),
         texture: Texture::Keep,
-        bake: BakeSettings::default(),
-        drop_faces: false,
-        placing: Default::default(),
-        error_field: false,
-        progressive: None,
-        min_component: None,
-        checkpoint_every: CHECKPOINT_EVERY,
-        attributes: Attributes::default(),
-        kernel: Default::default(),
+        ..Config::new(folder.join("in.ply"), folder.join("out.ply"), target)
     }
 }
 
