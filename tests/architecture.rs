@@ -71,7 +71,7 @@ const ROOMS: [(&str, &[&str]); 19] = [
 ];
 
 /// Homes of outside crates; those that are not listed may be used anywhere.
-const HOMES: [(&str, &[&str]); 26] = [
+const HOMES: [(&str, &[&str]); 29] = [
     ("base64", &["io/gltf/buffers.rs", "report/"]),
     ("basis_universal", &["texture/ktx2_image.rs"]),
     ("bevy_mikktspace", &["texture/frames.rs"]),
@@ -81,6 +81,8 @@ const HOMES: [(&str, &[&str]); 26] = [
     ("colorous", &["mesh/viridis.rs"]),
     ("crossbeam", &["system/parallel.rs"]),
     ("draco_core", &["io/gltf/draco.rs"]),
+    ("earcut", &["io/polygon.rs"]),
+    ("encoding_rs", &["io/encodings.rs"]),
     ("flate2", &["io/open.rs"]),
     ("image", &["texture/images.rs", "texture/ktx2_image.rs"]),
     ("imagesize", &["io/materials/images.rs"]),
@@ -97,6 +99,7 @@ const HOMES: [(&str, &[&str]); 26] = [
     ("signal_hook", &["cli/"]),
     ("thiserror", &["error.rs"]),
     ("uvunwrap", &["bake/charts.rs"]),
+    ("zip", &["io/containers.rs"]),
     ("zstd", &["io/open.rs", "progressive/columns.rs", "texture/ktx2_image.rs"]),
 ];
 

@@ -114,7 +114,7 @@ fn answer(command: &Command, progress: &Progress) -> Result<Answer> {
                     "bad_faces": done.n_bad, "unreferenced_vertices": done.n_unreferenced,
                 },
             });
-            Ok(Answer { report, is_short: done.n_bad > 0 })
+            Ok(Answer { report, is_short: done.is_short() })
         }
         Command::Render(args) => {
             render::run(args, progress, &mut std::io::sink())?;

@@ -12,7 +12,7 @@ use crate::io::ply::{
 };
 use crate::io::{
     DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions, TextureMode, TexturePlan,
-    TextureRequest,
+    TextureRequest, check_range,
 };
 use crate::system::disk::folder_of;
 use crate::system::paths::{Paths, Role};
@@ -85,8 +85,17 @@ pub struct Converted {
     pub n_unreferenced: u64,
     /// Missing, damaged and lost parts of materials and images, a line each.
     pub notes: Vec<String>,
+    /// True if the mesh names images and none of them is there.
+    pub lacks_images: bool,
     /// Length of the output.
     pub n_bytes: u64,
+}
+
+impl Converted {
+    /// Returns whether the output is not all that the input is.
+    pub fn is_short(&self) -> bool {
+        self.n_bad > 0 || self.lacks_images
+    }
 }
 
 /// Converts and says on `log` what was done; the exit code tells whether broken faces were dropped.
@@ -114,7 +123,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
     for note in &done.notes {
         let _ = writeln!(log, "  {note}");
     }
-    Ok(if done.n_bad > 0 { super::log::EXIT_SHORT } else { 0 })
+    Ok(if done.is_short() { super::log::EXIT_SHORT } else { 0 })
 }
 
 /// Converts; the library's own entry.
@@ -141,6 +150,7 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
     if !args.drop_texture && !texture {
         source.require_no_texture()?;
     }
+    check_range(&source, &args.output, args.format)?;
     let textures = plan_textures(&source, args)?;
     // Above 2^32 vertices no output can be written, so there is nothing to look for.
     let look = !args.keep_duplicates && source.n_vertices() <= 1 << 32;
@@ -168,7 +178,9 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
         );
         return Err(Error::bad_input(&args.input, what));
     }
-    done.notes = textures.as_ref().map_or_else(Vec::new, |plan| plan.notes.clone());
+    done.notes = source.remarks()?;
+    done.notes.extend(textures.iter().flat_map(|plan| plan.notes.clone()));
+    done.lacks_images = textures.as_ref().is_some_and(TexturePlan::lacks_images);
     if let Some([x, y, z]) = source.offset().filter(|_| recentres) {
         done.notes.push(format!("{x} {y} {z} was subtracted from all coordinates"));
     }

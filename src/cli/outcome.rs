@@ -13,7 +13,12 @@ use std::path::Path;
 /// Returns whether the result is not all that was asked for.
 pub(super) fn is_short(report: &RunReport) -> bool {
     let unbearable = report.levels.iter().any(|level| !level.quality.bearable);
-    !report.target_met || !report.quality.bearable || unbearable || report.input.lost_rows() > 0
+    let lacks_images = report.textures.as_ref().is_some_and(|textures| textures.lacks_images);
+    !report.target_met
+        || !report.quality.bearable
+        || unbearable
+        || lacks_images
+        || report.input.lost_rows() > 0
 }
 
 /// Says what a run has done.

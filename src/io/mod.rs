@@ -4,8 +4,11 @@
 //! The rest of the program sees a `MeshSource` and a `MeshSink`.
 
 mod by_material;
+mod containers;
 mod duplicates;
+mod encodings;
 mod expected_size;
+mod extent;
 mod external_sort;
 mod face_survey;
 mod gltf;
@@ -15,6 +18,8 @@ mod open;
 mod open_options;
 mod output_format;
 pub mod ply;
+mod polygon;
+mod rounding;
 mod sink;
 mod stl;
 mod text_lines;
@@ -36,6 +41,7 @@ pub(crate) use obj::{find_texture, find3};
 pub use open::is_gltf;
 pub use open_options::StageOptions;
 pub use output_format::{OutputFormat, OutputKind};
+pub use rounding::check_range;
 pub use sink::MeshSink;
 pub use stl::StlWriter;
 pub use wedges::faces_to_vertices;

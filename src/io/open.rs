@@ -1,12 +1,13 @@
-//! Inputs that cannot be read at random are turned into PLY first: compressed files, standard input, STL,
-//! OBJ, glTF and range grids.
+//! Inputs that cannot be read at random are turned into PLY first: compressed files, archives with one mesh, text in
+//! UTF-16, standard input, STL, OBJ, glTF and range grids.
 //!
 //! What an input is, its first bytes say, not its name. Staged data goes to nameless files in the given
 //! folder, so that nothing is left behind however a run ends; a resumed run stages again.
 
 use super::open_options::StageOptions;
-use super::{gltf, obj, stl};
+use super::{containers, encodings, gltf, obj, stl};
 use crate::error::{Error, Result};
+use crate::io::ply::header::BYTE_ORDER_MARK;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::ply::source::Staged;
 use crate::io::ply::{Faults, MeshSource};
@@ -99,6 +100,19 @@ fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
     let mut first = [0u8; 4096];
     let n = file.read_at_most(&mut first, 0)?;
     let first = &first[..n];
+    let is_stl = stl::has_fitting_length(&file)?;
+    if !is_stl && containers::is_zip(first) {
+        let (inside, note) = containers::unzip(&file, options)?;
+        if containers::is_zip(&start_of(&inside)?) {
+            return Err(file.bad("this is an archive in an archive: unpack it first"));
+        }
+        let mut source = open_raw(inside, options)?;
+        note.into_iter().for_each(|note| source.note(note));
+        return Ok(source);
+    }
+    if let (false, Some(encoding)) = (is_stl, encodings::utf16(first)) {
+        return open_raw(encodings::to_utf8(&file, encoding, options.spool())?, options);
+    }
     let extension = file.path().file_name().map(|n| n.to_string_lossy().to_ascii_lowercase());
     let named = |format: &str| {
         extension.as_deref().is_some_and(|name| {
@@ -107,7 +121,8 @@ fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
                 .any(|end| name.ends_with(end))
         })
     };
-    if first.starts_with(b"ply") && first.get(3).is_none_or(u8::is_ascii_whitespace) {
+    let text = first.strip_prefix(BYTE_ORDER_MARK).unwrap_or(first);
+    if text.starts_with(b"ply") && text.get(3).is_none_or(u8::is_ascii_whitespace) {
         let source = MeshSource::new(file, read.clone())?;
         return match source.range_grid() {
             None => Ok(source),
@@ -121,11 +136,13 @@ fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
     }
     let (file, staged) = if gltf::looks_like(first) {
         gltf::read(file, options)?
+    } else if let (false, Some(refusal)) = (is_stl, containers::refusal(&file, first)) {
+        return Err(refusal);
     } else if named("obj") || (!named("stl") && obj::looks_like(first)) {
         obj::read(&file, options)?
     } else if stl::is_ascii(first) && !stl::is_binary(first, file.len()) {
         stl::read_ascii(&file, options)?
-    } else if named("stl") || (n >= 84 && stl_length_fits(first, file.len())) {
+    } else if named("stl") || is_stl {
         stl::read_binary(&file, options)?
     } else {
         return Err(file.bad(
@@ -136,9 +153,11 @@ fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
     MeshSource::from_staged(file, read, staged)
 }
 
-fn stl_length_fits(first: &[u8], len: u64) -> bool {
-    let n = u32::from_le_bytes([first[80], first[81], first[82], first[83]]);
-    n > 0 && len == 84 + 50 * u64::from(n)
+/// The first bytes of a file.
+fn start_of(file: &RawFile) -> Result<[u8; 4]> {
+    let mut first = [0; 4];
+    file.read_at_most(&mut first, 0)?;
+    Ok(first)
 }
 
 /// Copies a stream, decompressed, to a nameless file. Returns its checksum (xxh3) too.

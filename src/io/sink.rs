@@ -4,6 +4,7 @@ use super::gltf::{GlbWriter, Positions};
 use super::materials::TexturePlan;
 use super::obj::ObjWriter;
 use super::output_format::{OutputFormat, OutputKind};
+use super::rounding::Rounding;
 use super::stl::StlWriter;
 use crate::error::Result;
 use crate::io::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
@@ -25,6 +26,8 @@ pub struct MeshSink {
     colour: Option<(ColourPlace, usize)>,
     /// Vertices whose colour was clamped.
     n_clamped: u64,
+    schema: VertexSchema,
+    rounding: Option<Rounding>,
 }
 
 /// Properties of vertices that a kind of file does not have. Normals of STL are those of its facets.
@@ -72,6 +75,8 @@ impl MeshSink {
         let colour = ColourPlace::find(&header.schema)
             .filter(|_| matches!(kind, OutputKind::Obj | OutputKind::Glb))
             .map(|place| (place, header.schema.record_bytes()));
+        let schema = header.schema.clone();
+        let rounding = Rounding::of(&schema, kind, format);
         let writer = match kind {
             OutputKind::Ply => {
                 let ply =
@@ -88,7 +93,16 @@ impl MeshSink {
                 Writer::Glb(Box::new(GlbWriter::create_as(place, header, positions)?))
             }
         };
-        Ok(MeshSink { writer, textures, n_not_finite: 0, lost, colour, n_clamped: 0 })
+        Ok(MeshSink {
+            writer,
+            textures,
+            n_not_finite: 0,
+            lost,
+            colour,
+            n_clamped: 0,
+            schema,
+            rounding,
+        })
     }
 
     /// Appends packed records of the header's schema.
@@ -96,6 +110,9 @@ impl MeshSink {
         if let Some((colour, n_bytes)) = &self.colour {
             let rows = records.chunks_exact(*n_bytes);
             self.n_clamped += rows.filter(|row| colour.is_clamped(row)).count() as u64;
+        }
+        if let Some(rounding) = &mut self.rounding {
+            rounding.add_vertices(&self.schema, records);
         }
         match &mut self.writer {
             Writer::Ply(sink) => sink.write_vertices(records),
@@ -107,6 +124,9 @@ impl MeshSink {
 
     /// Appends triangles; all vertices must have been written.
     pub fn write_faces(&mut self, triangles: &[[u64; 3]]) -> Result<()> {
+        if let Some(rounding) = &mut self.rounding {
+            rounding.add_faces(triangles.iter().copied());
+        }
         match &mut self.writer {
             Writer::Ply(sink) => sink.write_faces(triangles),
             Writer::Stl(sink) => sink.write_faces(triangles),
@@ -127,12 +147,16 @@ impl MeshSink {
                 |t: &&TexturedTriangle| !t.texture.as_flattened().iter().all(|x| x.is_finite());
             self.n_not_finite += triangles.iter().filter(is_bad).count() as u64;
         }
+        if let (Some(rounding), false) = (&mut self.rounding, matches!(self.writer, Writer::Stl(_)))
+        {
+            rounding.add_faces(triangles.iter().map(|t| t.corners));
+        }
         match &mut self.writer {
             Writer::Ply(sink) => sink.write_full_faces(triangles, values),
             Writer::Obj(sink) => sink.write_full_faces(triangles, values),
             Writer::Glb(sink) => sink.write_full_faces(triangles, values),
-            Writer::Stl(sink) => {
-                sink.write_faces(&triangles.iter().map(|t| t.corners).collect::<Vec<_>>())
+            Writer::Stl(_) => {
+                self.write_faces(&triangles.iter().map(|t| t.corners).collect::<Vec<_>>())
             }
         }
     }
@@ -140,7 +164,7 @@ impl MeshSink {
     /// The same for indices of 32 bits, which PLY takes as they are.
     pub fn write_faces_u32(&mut self, triangles: &[[u32; 3]]) -> Result<()> {
         match &mut self.writer {
-            Writer::Ply(sink) => sink.write_faces_u32(triangles),
+            Writer::Ply(sink) if self.rounding.is_none() => sink.write_faces_u32(triangles),
             _ => {
                 let wide: Vec<[u64; 3]> = triangles.iter().map(|t| t.map(u64::from)).collect();
                 self.write_faces(&wide)
@@ -169,6 +193,7 @@ impl MeshSink {
                 self.n_not_finite
             ));
         }
+        lines.extend(self.rounding.as_ref().and_then(Rounding::note));
         lines
     }
 

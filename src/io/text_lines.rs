@@ -1,8 +1,9 @@
 //! Lines of a text file, with their numbers and byte offsets, at any size of file.
 
 use crate::error::Result;
+use crate::io::ply::header::BYTE_ORDER_MARK;
 use crate::io::ply::raw::RawFile;
-use crate::io::ply::scan::{Fault, Window};
+use crate::io::ply::scan::{Fault, Window, is_no_number};
 
 /// A line longer than this is rejected (16 MiB: a polygon of a million corners).
 const MAX_LINE_BYTES: usize = 16 << 20;
@@ -14,15 +15,25 @@ pub(crate) struct Lines<'a> {
     pub number: u64,
     /// Byte offset of that line.
     pub offset: u64,
+    /// True if a line that ends in a backslash goes on in the next.
+    goes_on: bool,
 }
 
 impl<'a> Lines<'a> {
     pub fn new(file: &'a RawFile) -> Self {
-        Lines { window: Window::new(file, 0), number: 0, offset: 0 }
+        let mut first = [0; BYTE_ORDER_MARK.len()];
+        // A file that cannot be read says so with the first line.
+        let is_marked = file.read_at_most(&mut first, 0).is_ok() && first == *BYTE_ORDER_MARK;
+        let start = if is_marked { first.len() as u64 } else { 0 };
+        Lines { window: Window::new(file, start), number: 0, offset: 0, goes_on: false }
     }
 
-    /// Replaces `line` by the next line without its end; `false` at the end of the file. A line that ends
-    /// in a backslash goes on in the next.
+    /// The lines of an OBJ file: one that ends in a backslash goes on in the next, unless it ends in a comment.
+    pub fn of_obj(file: &'a RawFile) -> Self {
+        Lines { goes_on: true, ..Lines::new(file) }
+    }
+
+    /// Replaces `line` by the next line without its end; `false` at the end of the file.
     pub fn next(&mut self, line: &mut Vec<u8>) -> Result<bool> {
         line.clear();
         self.offset = self.window.offset();
@@ -39,7 +50,8 @@ impl<'a> Lines<'a> {
                 line.extend_from_slice(&rest[..end]);
                 let crlf = rest[end] == b'\r' && rest.get(end + 1) == Some(&b'\n');
                 self.window.at += end + if crlf { 2 } else { 1 };
-                if line.last() == Some(&b'\\') {
+                let is_open = self.goes_on && line.last() == Some(&b'\\');
+                if is_open && without_comment(line).len() == line.len() {
                     line.pop();
                     line.push(b' ');
                     self.number += 1;
@@ -75,9 +87,24 @@ impl<'a> Lines<'a> {
     }
 }
 
-/// A number as programs write it.
+/// A number as programs write it; NaN for the names that they give to what is not a number.
 pub(crate) fn parse_number(token: &[u8]) -> Option<f64> {
-    std::str::from_utf8(token).ok()?.parse().ok()
+    let text = std::str::from_utf8(token).ok()?;
+    text.parse().ok().or_else(|| is_no_number(text).then_some(f64::NAN))
+}
+
+/// A line up to its comment. The sign in `1.#QNAN` is not the beginning of one.
+pub(crate) fn without_comment(line: &[u8]) -> &[u8] {
+    let mut from = 0;
+    while let Some(at) = line[from..].iter().position(|&b| b == b'#').map(|at| from + at) {
+        let is_number = line[..at].ends_with(b"1.")
+            && line.get(at + 1).is_some_and(|b| b"IQSJRN".contains(&b.to_ascii_uppercase()));
+        if !is_number {
+            return &line[..at];
+        }
+        from = at + 1;
+    }
+    line
 }
 
 /// The words of a line.
@@ -89,14 +116,27 @@ pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
 mod tests {
     use super::*;
 
+    #[test]
+    fn comments_end_lines_and_numbers_do_not() {
+        for (line, wanted) in [
+            ("v 0 0 0#x", "v 0 0 0"),
+            ("# all of it", ""),
+            ("v 1.#QNAN -1.#IND00 1.#inf # x", "v 1.#QNAN -1.#IND00 1.#inf "),
+            ("v 0 0 1.# x", "v 0 0 1."),
+            ("f 1 2 3", "f 1 2 3"),
+        ] {
+            assert_eq!(without_comment(line.as_bytes()), wanted.as_bytes(), "{line}");
+        }
+    }
+
     /// Every byte of a line that goes on behind CR LF is once the last one of a window.
     #[test]
     fn a_line_goes_on_wherever_a_window_ends() {
         let tail = b"\nf 1 2\\\r\n3\r\nend\r";
         for padding in Window::BYTES - tail.len()..=Window::BYTES {
-            let bytes = [vec![b'#'; padding], tail.to_vec()].concat();
+            let bytes = [vec![b'x'; padding], tail.to_vec()].concat();
             let file = RawFile::from_bytes("lines.obj", bytes);
-            let (mut lines, mut line) = (Lines::new(&file), Vec::new());
+            let (mut lines, mut line) = (Lines::of_obj(&file), Vec::new());
             let mut found = Vec::new();
             while lines.next(&mut line).unwrap() {
                 found.push((String::from_utf8(line.clone()).unwrap(), lines.number));

@@ -58,7 +58,7 @@ fn split<const N: usize>(
     let memory_bytes = (options.memory_bytes / 3) as usize;
     let mut corners = options.sort::<N>(memory_bytes);
     let mut counts = options.spool();
-    let (mut n_corners, mut n_faces) = (0u64, 0u64);
+    let (mut n_corners, mut n_faces, mut most_corners) = (0u64, 0u64, 0);
     let path = source.path().to_path_buf();
     let mut regions = Regions::default();
     let (mut moved, mut region) = (Vec::new(), Vec::new());
@@ -66,14 +66,10 @@ fn split<const N: usize>(
         if face.is_bad {
             return Ok(());
         }
-        let Ok(count) = u8::try_from(face.corners.len()) else {
-            let what = format!(
-                "a face that carries values has {} corners, 255 at most",
-                face.corners.len()
-            );
-            return Err(Error::bad_input(&path, what));
-        };
-        counts.write(&[count])?;
+        // At most MAX_CORNERS, as the reader of rows has checked.
+        let count = face.corners.len() as u32;
+        counts.write(&count.to_le_bytes())?;
+        most_corners = most_corners.max(count);
         n_faces += 1;
         region.clear();
         carry.pack_region(&face.values, &mut region);
@@ -136,23 +132,31 @@ fn split<const N: usize>(
     };
     let index = header.index_type()?;
     let mut out = options.spool();
-    out.write(header.text_signed(Encoding::BinaryLittleEndian, index, None).as_bytes())?;
+    let has_large = most_corners > u32::from(u8::MAX);
+    let mut text = header.text_signed(Encoding::BinaryLittleEndian, index, None);
+    if has_large {
+        text = text.replace("property list uchar ", "property list uint ");
+    }
+    out.write(text.as_bytes())?;
     let vertices = vertices.finish(&path)?;
     out.append_file(&vertices)?;
     drop(vertices);
     let counts = counts.finish(&path)?;
-    let (mut sizes, mut next_face, mut left) = (Vec::new(), 0u64, 0u8);
+    let (mut sizes, mut next_face, mut left) = (Vec::<u32>::new(), 0u64, 0u32);
     let mut row = Vec::new();
-    let mut begin = |row: &mut Vec<u8>, left: &mut u8| -> Result<()> {
+    let mut begin = |row: &mut Vec<u8>, left: &mut u32| -> Result<()> {
         // Faces without corners are separate rows.
         while *left == 0 && next_face < n_faces {
             let at = (next_face % COUNTS) as usize;
             if at == 0 {
                 sizes.resize((n_faces - next_face).min(COUNTS) as usize, 0);
-                counts.read_exact_at(&mut sizes, next_face)?;
+                counts.read_exact_at(bytemuck::cast_slice_mut(&mut sizes), 4 * next_face)?;
             }
             *left = sizes[at];
-            row.push(*left);
+            match has_large {
+                true => row.extend_from_slice(&left.to_le_bytes()),
+                false => row.push(*left as u8),
+            }
             next_face += 1;
         }
         Ok(())

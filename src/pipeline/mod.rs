@@ -138,6 +138,7 @@ fn run_stages_in(
         Ok(partition) => partition,
         Err(error) => return Err(abandon(job, error)),
     };
+    source.remarks()?.into_iter().for_each(|line| progress.note(line));
     if config.until == Some(Until::Partition) {
         return Ok(Ended::Early);
     }

@@ -8,7 +8,7 @@ use crate::config::{Config, Method, Normals, Texture};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::{
-    NUMBER, OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest,
+    NUMBER, OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest, check_range,
     faces_to_vertices, survey_faces,
 };
 use crate::stages::write::REACH;
@@ -102,6 +102,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     config.attributes.weights.check(&codec.channel_kinds(source.schema()))?;
     check_error_field(&source, config)?;
+    check_range(&source, &config.output, config.format)?;
     let mut plan = Plan::new(&source, config)?;
     check_optimize(&source, plan.target.min(plan.triangles_in), config)?;
     check_pairs(&source, plan.target.min(plan.triangles_in), config)?;

@@ -207,6 +207,9 @@ pub struct TextureReport {
     pub images: u64,
     /// Images that are not there or cannot be read.
     pub missing: u64,
+    /// True if the input names images and none of them is there.
+    #[serde(default)]
+    pub lacks_images: bool,
     /// Bytes of images that were copied beside the output or embedded.
     pub bytes: u64,
     /// Missing, damaged and lost parts, a line each.
@@ -220,6 +223,7 @@ impl TextureReport {
             materials: plan.materials.list.len() as u64,
             images: plan.materials.images.len() as u64,
             missing: plan.n_missing as u64,
+            lacks_images: plan.lacks_images(),
             bytes: plan.bytes,
             notes: plan.notes.clone(),
         }

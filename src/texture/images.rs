@@ -201,7 +201,19 @@ fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<image::RgbaImage, String> {
     limits.max_image_height = Some(size[1]);
     limits.max_alloc = Some(16 * image_bytes(size) + (16 << 20));
     reader.limits(limits);
-    Ok(reader.decode().map_err(|error| error.to_string())?.into_rgba8())
+    let is_linear = reader.format() == Some(image::ImageFormat::OpenExr);
+    let decoded = reader.decode().map_err(|error| error.to_string())?;
+    if !is_linear {
+        return Ok(decoded.into_rgba8());
+    }
+    // OpenEXR holds light; brighter than white is white.
+    let mut pixels = image::RgbaImage::new(decoded.width(), decoded.height());
+    for (to, from) in pixels.pixels_mut().zip(decoded.into_rgba32f().pixels()) {
+        let value = |x: f32| (255.0 * srgb_of_linear(f64::from(x).clamp(0.0, 1.0))).round() as u8;
+        let [r, g, b, opacity] = from.0;
+        to.0 = [value(r), value(g), value(b), (255.0 * opacity.clamp(0.0, 1.0)).round() as u8];
+    }
+    Ok(pixels)
 }
 
 /// Texels along a side of `n` that become texel `to` of half the side, and their shares: two, and three of an odd side.

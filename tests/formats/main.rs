@@ -7,5 +7,8 @@ mod fuzz;
 mod gltf_extensions;
 mod other;
 mod placing;
+mod polygons;
 mod range_grids;
 mod round_trips;
+mod rounding;
+mod texts;

@@ -5,6 +5,7 @@ mod common;
 
 mod appearance;
 mod bake;
+mod found;
 mod keep;
 #[cfg(feature = "ktx2")]
 mod ktx2;

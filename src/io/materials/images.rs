@@ -3,6 +3,7 @@
 //! Reads the first MiB and the last KiB of an image, whatever its size says: memory is bounded for any file.
 
 use super::description::ImageData;
+use super::search::is_set_of_tiles;
 use crate::error::{Error, Result};
 use crate::io::ply::raw::RawFile;
 use std::path::Path;
@@ -41,6 +42,12 @@ pub(crate) fn look(data: &ImageData) -> Result<ImageFacts, String> {
     let (file, offset, n_bytes) = match data {
         ImageData::Inside(part) => (&*part.file, part.offset, part.n_bytes),
         ImageData::File(path) => {
+            if !path.exists() && is_set_of_tiles(path) {
+                return Err(
+                    "is a set of tiles (UDIM), which is not read: make one image of them first"
+                        .to_owned(),
+                );
+            }
             if !path.exists() {
                 return Err("is not there".to_owned());
             }
@@ -64,6 +71,7 @@ pub(crate) fn look(data: &ImageData) -> Result<ImageFacts, String> {
         Ok(imagesize::ImageType::Gif) => (None, "gif", b""),
         Ok(imagesize::ImageType::Tga) => (None, "tga", b""),
         Ok(imagesize::ImageType::Tiff) => (None, "tif", b""),
+        Ok(imagesize::ImageType::Exr) => (None, "exr", b""),
         Ok(imagesize::ImageType::Dds(_)) => (None, "dds", b""),
         Ok(imagesize::ImageType::Ktx2) => (Some("image/ktx2"), "ktx2", b""),
         _ if n_bytes == 0 => return Err("is empty".to_owned()),

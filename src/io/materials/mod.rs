@@ -10,11 +10,13 @@ mod losses;
 mod mtl;
 mod mtl_text;
 mod plan;
+mod search;
 
 pub(crate) use description::NUMBER;
 pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 pub(crate) use images::{copy_bytes, image_size, look as look_at_image};
 pub(crate) use losses::besides_pages;
-pub(crate) use mtl::{after_word, read_library};
-pub(crate) use plan::{Reference, stem};
+pub(crate) use mtl::{after_word, read_library, take_ambient_images};
+pub(crate) use plan::{NO_IMAGE, Reference, stem};
 pub use plan::{TextureMode, TexturePlan, TextureRequest};
+pub(crate) use search::{Search, library_beside, plain};

@@ -2,10 +2,10 @@
 //!
 //! Lines that the description has a place for become that; all others are kept as text for another library.
 
-use super::description::{Image, ImageData, Map, MapKind, Material, Materials};
+use super::description::{Image, ImageData, Losses, Map, MapKind, Material, Materials};
+use super::search::{Search, plain};
+use crate::io::encodings;
 use crate::io::text_lines::{parse_number, words};
-use std::collections::HashMap;
-use std::path::{Path, PathBuf};
 
 /// Words of lines that name an image, and its kind.
 pub(super) const MAPS: [(&str, MapKind); 7] = [
@@ -19,12 +19,8 @@ pub(super) const MAPS: [(&str, MapKind); 7] = [
 ];
 
 /// Other words for the same.
-const OTHER_MAPS: [(&str, MapKind); 4] = [
-    ("bump", MapKind::Bump),
-    ("map_bump", MapKind::Bump),
-    ("map_Norm", MapKind::Normal),
-    ("map_opacity", MapKind::Opacity),
-];
+const OTHER_MAPS: [(&str, MapKind); 3] =
+    [("bump", MapKind::Bump), ("map_Norm", MapKind::Normal), ("map_opacity", MapKind::Opacity)];
 
 /// Words of lines that name a file without a place in the description.
 const LOST_FILES: [&str; 8] =
@@ -50,19 +46,17 @@ const OPTIONS: [(&str, usize); 13] = [
     ("-cc", 1),
 ];
 
-/// Returns the text after a line's first word of `n` bytes.
-pub(crate) fn after_word(n: usize, line: &[u8]) -> String {
-    let name = line.trim_ascii().get(n..).unwrap_or_default().trim_ascii();
-    String::from_utf8_lossy(name).into_owned()
+/// Returns the bytes after a line's first word of `n` bytes.
+pub(crate) fn after_word(n: usize, line: &[u8]) -> &[u8] {
+    line.trim_ascii().get(n..).unwrap_or_default().trim_ascii()
 }
 
-/// Reads the materials of a library that `wanted` names, each with its number; files are named from the folder of
-/// the library, or from `beside` if they are only there. Returns the numbers found; a material that is there twice is
-/// the first.
+/// Reads the materials of a library that `wanted` gives a number, as far as they are not known yet; `images` looks
+/// for files. A material that is there twice is the first. Words are read in any case.
 pub(crate) fn read_library(
     text: &[u8],
-    (folder, beside): (&Path, &Path),
-    wanted: &HashMap<String, usize>,
+    images: &mut Search,
+    wanted: &dyn Fn(&[u8]) -> Option<usize>,
     known: &mut [bool],
     out: &mut Materials,
 ) {
@@ -72,32 +66,48 @@ pub(crate) fn read_library(
         let Some(word) = words.next().and_then(|word| std::str::from_utf8(word).ok()) else {
             continue;
         };
-        if word == "newmtl" {
-            current = wanted.get(&after_word(6, line)).copied().filter(|&number| !known[number]);
+        if word.eq_ignore_ascii_case("newmtl") {
+            current = wanted(after_word(word.len(), line)).filter(|&number| !known[number]);
             if let Some(number) = current {
                 known[number] = true;
             }
             continue;
         }
         let Some(number) = current else { continue };
-        let is =
-            |list: &[(&str, MapKind)]| list.iter().find(|(w, _)| *w == word).map(|(_, kind)| *kind);
+        let is = |list: &[(&str, MapKind)]| {
+            list.iter().find(|(w, _)| w.eq_ignore_ascii_case(word)).map(|(_, kind)| *kind)
+        };
         if let Some(kind) = is(&MAPS).or_else(|| is(&OTHER_MAPS)) {
-            let (options, name) = options_and_name(&after_word(word.len(), line));
+            let (options, name) = options_and_name(after_word(word.len(), line));
             if !name.is_empty() && out.list[number].map(kind).is_none() {
-                let data = ImageData::File(find(&name, folder, beside));
+                let data = ImageData::File(images.find(name));
+                let name = plain(&encodings::name(name));
                 let image = out.add_image(Image { name, data });
                 out.list[number].maps.push(Map { kind, image, options, wrap: None });
             }
-        } else if LOST_FILES.contains(&word) {
-            out.note(format!("images of '{word}' lines in the material library: not carried"));
+        } else if let Some(lost) = LOST_FILES.iter().find(|lost| lost.eq_ignore_ascii_case(word)) {
+            out.note(format!("images of '{lost}' lines in the material library: not carried"));
         } else if !set(&mut out.list[number], word, words) && !word.starts_with('#') {
             let lines = &mut out.list[number].mtl_lines;
             if lines.len() < MAX_LINES {
-                lines.push(String::from_utf8_lossy(line.trim_ascii()).into_owned());
+                lines.push(encodings::name(line.trim_ascii()));
             }
         }
     }
+}
+
+/// Takes the image of ambient colour for the colour image where a material has no other: some programs write only that.
+pub(crate) fn take_ambient_images(out: &mut Materials) {
+    let mut taken = Losses::default();
+    for material in &mut out.list {
+        if let (None, Some(ambient)) = (material.map(MapKind::Base), material.map(MapKind::Ambient))
+        {
+            let base = Map { kind: MapKind::Base, ..ambient.clone() };
+            taken.add("map_Ka", &material.name);
+            material.maps.push(base);
+        }
+    }
+    taken.lines("taken for map_Kd, which is missing").into_iter().for_each(|line| out.note(line));
 }
 
 /// Takes a line of numbers; false if it is another one.
@@ -107,47 +117,45 @@ fn set<'a>(material: &mut Material, word: &str, words: impl Iterator<Item = &'a 
     let Some(&first) = numbers.first() else { return false };
     // One number stands for all three.
     let colour = [first, *numbers.get(1).unwrap_or(&first), *numbers.get(2).unwrap_or(&first)];
-    match word {
-        "Kd" => material.base[..3].copy_from_slice(&colour),
-        "Ka" => material.ambient = Some(colour),
-        "Ks" => material.specular = Some(colour),
-        "Ke" => material.emissive = Some(colour),
-        "Ns" => material.shininess = Some(first),
+    match word.to_ascii_lowercase().as_str() {
+        "kd" => material.base[..3].copy_from_slice(&colour),
+        "ka" => material.ambient = Some(colour),
+        "ks" => material.specular = Some(colour),
+        "ke" => material.emissive = Some(colour),
+        "ns" => material.shininess = Some(first),
         "d" => material.base[3] = first,
-        "Tr" => material.base[3] = 1.0 - first,
-        "Pm" => material.metallic = Some(first),
-        "Pr" => material.roughness = Some(first),
+        "tr" => material.base[3] = 1.0 - first,
+        "pm" => material.metallic = Some(first),
+        "pr" => material.roughness = Some(first),
         _ => return false,
     }
     true
 }
 
 /// Parts the options of an image's line from the name, which may have blanks.
-fn options_and_name(text: &str) -> (String, String) {
-    let mut rest = text;
+fn options_and_name(text: &[u8]) -> (String, &[u8]) {
+    /// The first word and what is behind it.
+    fn split(text: &[u8]) -> (&[u8], &[u8]) {
+        let end = text.iter().position(u8::is_ascii_whitespace).unwrap_or(text.len());
+        (&text[..end], text[end..].trim_ascii_start())
+    }
+    let mut rest = text.trim_ascii();
     let mut options = Vec::new();
-    while let Some((_, n_values)) =
-        OPTIONS.iter().find(|(option, _)| rest.split_whitespace().next() == Some(option))
-    {
+    let option_of = |word: &[u8]| {
+        OPTIONS.iter().find(|(option, _)| option.as_bytes().eq_ignore_ascii_case(word))
+    };
+    while let Some((_, n_values)) = option_of(split(rest).0) {
         for i in 0..=*n_values {
-            let Some(word) = rest.split_whitespace().next() else { break };
-            let is_number = word.parse::<f64>().is_ok();
-            if i > 1 && *n_values == 3 && !is_number {
+            let (word, behind) = split(rest);
+            let is_number = std::str::from_utf8(word).is_ok_and(|word| word.parse::<f64>().is_ok());
+            if word.is_empty() || (i > 1 && *n_values == 3 && !is_number) {
                 break;
             }
-            options.push(word);
-            rest = rest[rest.find(word).unwrap_or(0) + word.len()..].trim_start();
+            options.push(encodings::name(word));
+            rest = behind;
         }
     }
-    (options.join(" "), rest.trim().to_owned())
-}
-
-/// The file of a name in a library; the name as it stands if there is none.
-fn find(name: &str, folder: &Path, beside: &Path) -> PathBuf {
-    let forward = name.replace('\\', "/");
-    let names = [name, forward.as_str()];
-    let mut places = [folder, beside].into_iter().flat_map(|f| names.map(|name| f.join(name)));
-    places.find(|path| path.is_file()).unwrap_or_else(|| folder.join(forward.as_str()))
+    (options.join(" "), rest)
 }
 
 #[cfg(test)]
@@ -163,7 +171,8 @@ mod tests {
             ("-bm 0.2", "-bm 0.2", ""),
             ("-odd.png", "", "-odd.png"),
         ] {
-            assert_eq!(options_and_name(text), (options.to_owned(), name.to_owned()), "{text}");
+            let expected = (options.to_owned(), name.as_bytes());
+            assert_eq!(options_and_name(text.as_bytes()), expected, "{text}");
         }
     }
 
@@ -171,11 +180,12 @@ mod tests {
     fn what_has_no_place_stays_as_text() {
         let text = b"newmtl b\nKd 0.5\nnewmtl a\nKd 1 0 0.25\nTr 0.25\nillum 2\nNi 1.5\nmap_Kd x.png\nmap_Kd y.png\n\
             Kd spectral f.rfl\nnewmtl a\nKd 0 0 0\n";
-        let wanted = HashMap::from([("a".to_owned(), 0)]);
+        let wanted = |name: &[u8]| (name == b"a").then_some(0);
         let mut out = Materials::default();
         out.list.push(Material::default());
         let mut known = [false];
-        read_library(text, (Path::new("/f"), Path::new("/f")), &wanted, &mut known, &mut out);
+        let mut images = Search::new("image", &[std::path::Path::new("/f")]);
+        read_library(text, &mut images, &wanted, &mut known, &mut out);
         let material = &out.list[0];
         assert_eq!(material.base, [1.0, 0.0, 0.25, 0.75]);
         assert_eq!(material.mtl_lines, ["illum 2", "Ni 1.5", "Kd spectral f.rfl"]);

@@ -73,6 +73,10 @@ pub(crate) enum Reference {
     None,
 }
 
+/// The line of a mesh none of whose images is there.
+pub(crate) const NO_IMAGE: &str =
+    "none of the images that the mesh names is there: put them beside it and run again";
+
 /// A file that an image is copied to.
 #[derive(Clone, Debug)]
 pub(super) struct Copied {
@@ -195,6 +199,11 @@ impl TexturePlan {
             1 => format!("image {first} {fault}"),
             n => format!("image {first} {fault}, and {} more like it", n - 1),
         }));
+        if self.lacks_images() {
+            let what =
+                "none of the images that the mesh names is there: put them beside it and run again";
+            self.notes.push(what.to_owned());
+        }
         if is_stream(request.output) && !pending.is_empty() {
             let n = pending.len();
             self.notes.push(format!(
@@ -283,6 +292,11 @@ impl TexturePlan {
         Ok(Some(path))
     }
 
+    /// Returns whether images are named and none of them is there.
+    pub fn lacks_images(&self) -> bool {
+        self.n_missing > 0 && self.n_missing == self.materials.images.len()
+    }
+
     /// The path that the output has for an image.
     pub(crate) fn path_of(&self, image: usize) -> Option<&str> {
         match &self.references[image] {
@@ -310,6 +324,11 @@ impl Materials {
             _ => None,
         });
         images.chain(self.libraries.iter().map(PathBuf::as_path))
+    }
+
+    /// Returns whether images are named and none of them can be read.
+    pub(crate) fn lacks_images(&self) -> bool {
+        !self.images.is_empty() && self.images.iter().all(|image| look(&image.data).is_err())
     }
 
     /// Refuses an output that would replace an image or a material library of the input, `--force` or not.

@@ -5,25 +5,38 @@
 
 use super::texture::{NO_MATERIAL, Named, TexturedFaces};
 use crate::error::Result;
+use crate::io::extent::Extent;
 use crate::io::materials::{Image, Materials};
 use crate::io::open_options::StageOptions;
+use crate::io::ply::header::BYTE_ORDER_MARK;
 use crate::io::ply::raw::RawFile;
 use crate::io::ply::rows::MAX_CORNERS;
 use crate::io::ply::source::{Staged, TextureInfo};
-use crate::io::text_lines::{Lines, parse_number, words};
+use crate::io::text_lines::{Lines, parse_number, without_comment, words};
 use crate::mesh::colours::{ColourSurvey, held, is_outside};
 use crate::mesh::property::Scalar;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// Returns whether text begins like an OBJ file: its first word outside of comments is one of OBJ's.
 pub(crate) fn looks_like(first: &[u8]) -> bool {
     const WORDS: [&[u8]; 12] =
         [b"v", b"vn", b"vt", b"vp", b"f", b"o", b"g", b"s", b"mtllib", b"usemtl", b"l", b"p"];
+    let first = first.strip_prefix(BYTE_ORDER_MARK).unwrap_or(first);
     let line = first
         .split(|b| matches!(b, b'\n' | b'\r'))
         .map(<[u8]>::trim_ascii)
         .find(|line| !line.is_empty() && !line.starts_with(b"#"));
-    line.and_then(|line| words(line).next()).is_some_and(|word| WORDS.contains(&word))
+    let word = line.and_then(|line| words(line).next());
+    word.is_some_and(|word| WORDS.contains(&&*lower(word)))
+}
+
+/// The first word of a line as OBJ has it: in lower case.
+fn lower(word: &[u8]) -> Cow<'_, [u8]> {
+    match word.iter().any(u8::is_ascii_uppercase) {
+        true => Cow::Owned(word.to_ascii_lowercase()),
+        false => Cow::Borrowed(word),
+    }
 }
 
 /// Findings of the first pass.
@@ -35,8 +48,7 @@ struct Summary {
     n_coloured: u64,
     n_opacities: u64,
     colours: ColourSurvey,
-    least: [f64; 3],
-    most: [f64; 3],
+    extent: Extent,
     textured: bool,
     materials: Named,
     comments: Vec<String>,
@@ -53,22 +65,17 @@ const LEFT_OUT: [&str; 4] = [
 ];
 
 impl Summary {
-    fn read(file: &RawFile) -> Result<Self> {
-        let mut summary =
-            Summary { least: [f64::MAX; 3], most: [f64::MIN; 3], ..Summary::default() };
-        let (mut lines, mut line) = (Lines::new(file), Vec::new());
+    fn read(file: &RawFile, skip_bad: bool) -> Result<Self> {
+        let mut summary = Summary::default();
+        let (mut lines, mut line) = (Lines::of_obj(file), Vec::new());
         while lines.next(&mut line)? {
-            let mut words = words(&line);
-            let first = words.next();
-            let mut words = until_comment(words);
-            match first {
+            let mut words = words(without_comment(&line));
+            let first = words.next().map(lower);
+            match first.as_deref() {
                 Some(b"v") => {
-                    let vertex = vertex(words).map_err(|what| lines.bad(what))?;
+                    let vertex = vertex(words, skip_bad).map_err(|what| lines.bad(what))?;
                     summary.n_vertices += 1;
-                    for (axis, &value) in vertex.position.iter().enumerate() {
-                        summary.least[axis] = summary.least[axis].min(value);
-                        summary.most[axis] = summary.most[axis].max(value);
-                    }
+                    summary.extent.add(vertex.position);
                     if let Some(colour) = vertex.colour {
                         summary.n_coloured += 1;
                         colour.iter().for_each(|&value| summary.colours.add(value));
@@ -84,12 +91,21 @@ impl Summary {
                 Some(b"l" | b"p") => summary.n_left_out[1] += 1,
                 Some(b"o" | b"g") => summary.n_left_out[2] += 1,
                 Some(b"vp" | b"curv" | b"curv2" | b"surf") => summary.n_left_out[3] += 1,
-                Some(b"#") if summary.n_vertices == 0 && summary.comments.len() < 1000 => {
-                    let text = line.trim_ascii().get(1..).unwrap_or_default().trim_ascii();
-                    summary.comments.push(String::from_utf8_lossy(text).into_owned());
+                // Only a comment whose sign stands alone is kept.
+                None if summary.n_vertices == 0 && summary.comments.len() < 1000 => {
+                    let text = line.trim_ascii().strip_prefix(b"#").unwrap_or_default();
+                    if text.first().is_none_or(u8::is_ascii_whitespace) && line.contains(&b'#') {
+                        let text = text.trim_ascii();
+                        summary.comments.push(String::from_utf8_lossy(text).into_owned());
+                    }
                 }
                 _ => {}
             }
+        }
+        if summary.n_vertices == 0 {
+            return Err(file.bad(
+                "this is not an OBJ file with a mesh: no line of it begins with 'v'; export it again",
+            ));
         }
         Ok(summary)
     }
@@ -107,14 +123,6 @@ impl Summary {
     fn has_numbers(&self) -> bool {
         self.textured || self.materials.has_any()
     }
-
-    /// Floats keep 24 bits of the distance from the origin. They do unless the mesh lies so far from it
-    /// that less than 21 bits are left for its own extent.
-    fn coordinate(&self) -> Scalar {
-        let extent = (0..3).map(|i| self.most[i] - self.least[i]).fold(0.0, f64::max);
-        let far = (0..3).map(|i| self.most[i].abs().max(self.least[i].abs())).fold(0.0, f64::max);
-        if far > 8.0 * extent || far > f64::from(f32::MAX) { Scalar::F64 } else { Scalar::F32 }
-    }
 }
 
 /// A `v` line.
@@ -124,15 +132,32 @@ struct Vertex {
     has_opacity: bool,
 }
 
-fn vertex<'a>(words: impl Iterator<Item = &'a [u8]>) -> Result<Vertex, &'static str> {
+/// With `skip_bad`, what is missing or not a number is NaN.
+fn vertex<'a>(
+    words: impl Iterator<Item = &'a [u8]>,
+    skip_bad: bool,
+) -> Result<Vertex, &'static str> {
     let mut values = [0.0; 7];
     let mut n = 0;
     for (place, word) in values.iter_mut().zip(words) {
-        *place = parse_number(word).ok_or("a coordinate of a vertex is not a number")?;
+        *place = match parse_number(word) {
+            Some(value) => value,
+            None if skip_bad => f64::NAN,
+            None => {
+                return Err(
+                    "a coordinate of a vertex is not a number; repair the file, or drop such vertices and their faces with --skip-bad",
+                );
+            }
+        };
         n += 1;
     }
     if n < 3 {
-        return Err("a vertex has fewer than three coordinates");
+        if !skip_bad {
+            return Err(
+                "a vertex has fewer than three coordinates; repair the file, or drop such vertices and their faces with --skip-bad",
+            );
+        }
+        values[n..3].fill(f64::NAN);
     }
     let colour = (n >= 6).then(|| [values[3], values[4], values[5]]);
     Ok(Vertex { position: [values[0], values[1], values[2]], colour, has_opacity: n == 7 })
@@ -158,7 +183,8 @@ fn corner(word: &[u8], n_so_far: u64, n_vertices: u64) -> Option<u64> {
 
 /// Reads an OBJ file into a PLY.
 pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
-    let summary = Summary::read(file)?;
+    let skip_bad = options.read.skip_bad;
+    let summary = Summary::read(file, skip_bad)?;
     let mut staged = Staged::default();
     let mut materials = summary.materials.describe(file.path());
     summary.note_left_out(&mut materials);
@@ -168,13 +194,13 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
         if files.is_empty() {
             // Coordinates are worth as much as an image that is not known.
             files.extend(materials.list.iter().map(|material| material.name.clone()));
-            files.extend(summary.materials.library().map(str::to_owned));
+            files.extend(summary.materials.library());
         }
         staged.texture = Some(TextureInfo { files, property: "texcoord".to_owned() });
     }
     let mut material = NO_MATERIAL;
     let mut texture = summary.textured.then(|| TexturedFaces::new(options));
-    let coordinate = summary.coordinate();
+    let coordinate = summary.extent.coordinate();
     let coloured = summary.n_coloured > 0;
     // Colours go from 0 to 1, but some programs write 0 to 255.
     let white = f64::from(summary.colours.white_of_floats());
@@ -182,16 +208,15 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
 
     let (mut vertices, mut faces) = (options.spool(), options.spool());
     let (mut n_vertices, mut n_faces) = (0, 0);
-    let (mut lines, mut line) = (Lines::new(file), Vec::new());
+    let (mut lines, mut line) = (Lines::of_obj(file), Vec::new());
     let mut row = Vec::new();
     while lines.next(&mut line)? {
-        let mut words = words(&line);
-        let first = words.next();
-        let words = until_comment(words);
-        match first {
+        let mut words = words(without_comment(&line));
+        let first = words.next().map(lower);
+        match first.as_deref() {
             Some(b"v") => {
-                let vertex = vertex(words).map_err(|what| lines.bad(what))?;
-                if !options.read.skip_bad && vertex.position.iter().any(|v| !v.is_finite()) {
+                let vertex = vertex(words, skip_bad).map_err(|what| lines.bad(what))?;
+                if !skip_bad && vertex.position.iter().any(|v| !v.is_finite()) {
                     return Err(lines.bad(
                         "a vertex is not finite; repair the file, or drop such vertices and their \
                          faces with --skip-bad",
@@ -216,7 +241,7 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
             }
             Some(b"vt") => {
                 if let Some(texture) = &mut texture {
-                    texture.add_coordinates(words).map_err(|what| lines.bad(what))??;
+                    texture.add_coordinates(words, skip_bad).map_err(|what| lines.bad(what))??;
                 }
             }
             Some(b"usemtl") => {
@@ -275,13 +300,6 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
     drop(vertices);
     out.append_file(&faces)?;
     Ok((out.finish(file.path())?, staged))
-}
-
-/// The words in front of a comment at the end of a line.
-fn until_comment<'a>(
-    words: impl Iterator<Item = &'a [u8]> + Clone,
-) -> impl Iterator<Item = &'a [u8]> + Clone {
-    words.take_while(|word| !word.starts_with(b"#"))
 }
 
 /// Puts the corners of an `f` line into `row`, after their count.

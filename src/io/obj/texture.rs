@@ -4,13 +4,17 @@
 //! they name, and back by corner. Materials are described by the libraries beside the file (`io::materials`).
 
 use crate::error::{Error, Result};
+use crate::io::encodings;
 use crate::io::external_sort::{ExternalSort, halves, whole};
-use crate::io::materials::{Material, Materials, after_word, read_library};
+use crate::io::materials::{
+    Material, Materials, Search, after_word, library_beside, plain, read_library,
+    take_ambient_images,
+};
 use crate::io::open_options::StageOptions;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::text_lines::parse_number;
 use crate::system::disk::folder_of;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
 /// Materials beyond this many are none.
@@ -28,26 +32,28 @@ const MAX_LIBRARY_BYTES: u64 = 64 << 20;
 /// Names of materials and of the libraries that describe them, in the order of the file.
 #[derive(Default)]
 pub(super) struct Named {
-    libraries: Vec<String>,
+    libraries: Vec<Vec<u8>>,
+    known_libraries: HashSet<Vec<u8>>,
     names: Vec<String>,
-    numbers: HashMap<String, usize>,
+    numbers: HashMap<Vec<u8>, usize>,
     has_too_many: bool,
 }
 
 impl Named {
     /// Takes a line `mtllib` or `usemtl`.
     pub(super) fn learn(&mut self, word: &[u8], line: &[u8]) {
-        let name = after_word(word.len(), line);
+        let name = after_word(word.len(), line).to_vec();
         match word {
             b"mtllib"
-                if self.libraries.len() < MAX_LIBRARIES && !self.libraries.contains(&name) =>
+                if self.libraries.len() < MAX_LIBRARIES
+                    && self.known_libraries.insert(name.clone()) =>
             {
                 self.libraries.push(name);
             }
             b"usemtl" if !self.numbers.contains_key(&name) => {
                 if self.names.len() < MAX_MATERIALS {
-                    self.numbers.insert(name.clone(), self.names.len());
-                    self.names.push(name);
+                    self.names.push(encodings::name(&name));
+                    self.numbers.insert(name, self.numbers.len());
                 } else {
                     self.has_too_many = true;
                 }
@@ -57,8 +63,8 @@ impl Named {
     }
 
     /// The first library.
-    pub(super) fn library(&self) -> Option<&str> {
-        self.libraries.first().map(String::as_str)
+    pub(super) fn library(&self) -> Option<String> {
+        self.libraries.first().map(|name| encodings::name(name))
     }
 
     /// Returns whether faces have materials.
@@ -68,27 +74,43 @@ impl Named {
 
     /// The number of the material that a line `usemtl` names; -1 for none.
     pub(super) fn number(&self, line: &[u8]) -> i32 {
-        self.numbers.get(&after_word(6, line)).map_or(NO_MATERIAL, |&number| number as i32)
+        self.numbers.get(after_word(6, line)).map_or(NO_MATERIAL, |&number| number as i32)
     }
 
     /// The materials, as the libraries beside the file describe them.
     pub(super) fn describe(&self, obj: &Path) -> Materials {
-        let material = |name: &String| Material { name: name.clone(), ..Material::default() };
-        let list: Vec<Material> = self.names.iter().map(material).collect();
+        let material = |name: &String| Material { name: plain(name), ..Material::default() };
         let mut out = Materials::default();
-        out.list = list;
+        out.list = self.names.iter().map(material).collect();
         let mut known = vec![false; self.names.len()];
+        let mut libraries = Libraries {
+            search: Search::new("material library", &[folder_of(obj)]),
+            images: Search::new("image", &[]),
+            obj,
+            read: HashSet::new(),
+        };
+        let exact = |name: &[u8]| self.numbers.get(name).copied();
         for name in &self.libraries {
-            let path = |name: &str| obj.with_file_name(name.replace('\\', "/"));
             // One name with blanks, or several names.
-            let whole = path(name);
+            let whole = libraries.search.find(name);
             let paths: Vec<PathBuf> = match whole.is_file() {
                 true => vec![whole],
-                false => name.split_whitespace().map(path).collect(),
+                false => name
+                    .split(u8::is_ascii_whitespace)
+                    .filter(|name| !name.is_empty())
+                    .map(|name| libraries.search.find(name))
+                    .collect(),
             };
             for path in paths {
-                self.read(&path, obj, &mut known, &mut out);
+                libraries.read(&path, &exact, &mut known, &mut out);
             }
+        }
+        if known.contains(&false) {
+            self.look_further(&mut libraries, &mut known, &mut out);
+        }
+        take_ambient_images(&mut out);
+        for note in [libraries.search.note(), libraries.images.note()].into_iter().flatten() {
+            out.note(note);
         }
         let n_unknown = known.iter().filter(|known| !**known).count();
         if n_unknown > 0 {
@@ -98,16 +120,84 @@ impl Named {
             out.note(format!("faces of all materials beyond {MAX_MATERIALS} have none"));
         }
         if self.names.is_empty() && !self.libraries.is_empty() {
-            out.note(format!("no face names a material of '{}': left out", self.libraries[0]));
+            let library = self.library().unwrap_or_default();
+            out.note(format!("no face names a material of '{library}': left out"));
         }
         out.name_all();
         out
     }
 
-    fn read(&self, path: &Path, obj: &Path, known: &mut [bool], out: &mut Materials) {
+    /// Looks for materials that no library has under their very name: in another library beside the file, and
+    /// under names that differ in case, encoding, quotes or a comment.
+    fn look_further(&self, libraries: &mut Libraries, known: &mut [bool], out: &mut Materials) {
+        let exact = |name: &[u8]| self.numbers.get(name).copied();
+        let mut alike: HashMap<String, usize> = HashMap::new();
+        for (name, &number) in &self.numbers {
+            for name in encodings::names(name) {
+                let first = alike.entry(plain(&name).to_lowercase()).or_insert(number);
+                *first = number.min(*first);
+            }
+        }
+        let loose = |name: &[u8]| {
+            let mut names = encodings::names(name).into_iter();
+            names.find_map(|name| alike.get(&plain(&name).to_lowercase()).copied())
+        };
+        let beside = library_beside(libraries.obj).filter(|path| !libraries.read.contains(path));
+        if let Some(path) = beside.filter(|_| known.iter().all(|known| !known)) {
+            libraries.read(&path, &exact, known, out);
+            let first_known = |known: &[bool]| known.contains(&true);
+            if !first_known(known) {
+                libraries.read_again(&path, &loose, known, out);
+            }
+            if first_known(known) {
+                out.note(format!(
+                    "material library {} is taken: it is beside the mesh, which names {}",
+                    path.display(),
+                    self.library().map_or_else(|| "none".to_owned(), |name| format!("'{name}'"))
+                ));
+            } else {
+                out.libraries.retain(|other| *other != path);
+            }
+        }
+        let before: Vec<bool> = known.to_vec();
+        for path in out.libraries.clone() {
+            libraries.read_again(&path, &loose, known, out);
+        }
+        let found: Vec<usize> = (0..known.len()).filter(|&i| known[i] && !before[i]).collect();
+        if let Some(&first) = found.first() {
+            out.note(format!(
+                "{} materials are found under names that differ in case, encoding, quotes or comments, the first '{}'",
+                found.len(),
+                self.names[first]
+            ));
+        }
+    }
+}
+
+/// Material libraries of a mesh.
+struct Libraries<'a> {
+    search: Search,
+    images: Search,
+    obj: &'a Path,
+    /// Those that were read or could not be.
+    read: HashSet<PathBuf>,
+}
+
+impl Libraries<'_> {
+    /// Reads a library once.
+    fn read(
+        &mut self,
+        path: &Path,
+        wanted: &dyn Fn(&[u8]) -> Option<usize>,
+        known: &mut [bool],
+        out: &mut Materials,
+    ) {
+        if !self.read.insert(path.to_path_buf()) {
+            return;
+        }
         let shown = path.display();
-        let text = match std::fs::metadata(path) {
-            Ok(meta) if meta.is_file() && meta.len() <= MAX_LIBRARY_BYTES => std::fs::read(path),
+        match std::fs::metadata(path) {
+            Ok(meta) if meta.is_file() && meta.len() <= MAX_LIBRARY_BYTES => {}
             Ok(meta) if meta.is_file() => {
                 let limit = MAX_LIBRARY_BYTES >> 20;
                 return out
@@ -115,14 +205,30 @@ impl Named {
             }
             Ok(_) => return out.note(format!("material library {shown} is not a file")),
             Err(_) => return out.note(format!("material library {shown} is not there")),
-        };
-        match text {
+        }
+        out.libraries.push(path.to_path_buf());
+        self.read_again(path, wanted, known, out);
+    }
+
+    /// Reads a library for what is not known yet.
+    fn read_again(
+        &mut self,
+        path: &Path,
+        wanted: &dyn Fn(&[u8]) -> Option<usize>,
+        known: &mut [bool],
+        out: &mut Materials,
+    ) {
+        match std::fs::read(path) {
             Ok(text) => {
-                let folders = (folder_of(path), folder_of(obj));
-                read_library(&text, folders, &self.numbers, known, out);
-                out.libraries.push(path.to_path_buf());
+                self.images.set_folders(&[folder_of(path), folder_of(self.obj)]);
+                let text = encodings::text_of_file(text);
+                read_library(&text, &mut self.images, wanted, known, out);
             }
-            Err(error) => out.note(format!("material library {shown} cannot be read: {error}")),
+            Err(error) => {
+                let shown = path.display();
+                out.libraries.retain(|other| other != path);
+                out.note(format!("material library {shown} cannot be read: {error}"));
+            }
         }
     }
 }
@@ -163,14 +269,24 @@ impl<'a> TexturedFaces<'a> {
         }
     }
 
-    /// Takes the numbers of a line `vt`: one, two or three; the outer error is the line's.
+    /// Takes the numbers of a line `vt`: one, two or three; the outer error is the line's. With `skip_bad`, text that is
+    /// not a number is NaN.
     pub(super) fn add_coordinates<'b>(
         &mut self,
         words: impl Iterator<Item = &'b [u8]>,
+        skip_bad: bool,
     ) -> Result<Result<()>, &'static str> {
         let mut uv = [0.0f32; 2];
         for (place, word) in uv.iter_mut().zip(words) {
-            *place = parse_number(word).ok_or("a texture coordinate is not a number")? as f32;
+            *place = match parse_number(word) {
+                Some(value) => value as f32,
+                None if skip_bad => f32::NAN,
+                None => {
+                    return Err(
+                        "a texture coordinate is not a number; repair the file, or use --skip-bad",
+                    );
+                }
+            };
         }
         self.n_coordinates += 1;
         self.n_not_finite += u64::from(uv.iter().any(|x| !x.is_finite()));

@@ -2,7 +2,7 @@
 
 use super::header::Wire;
 use super::raw::RawFile;
-use super::scan::{Fault, Mark, Scan, Scanned, Window};
+use super::scan::{Fault, Mark, Scan, Scanned, Window, is_no_number};
 use crate::mesh::property::Scalar;
 
 /// No number is written with more characters than this.
@@ -204,10 +204,7 @@ fn parse_float<T: std::str::FromStr + From<f32>>(token: &[u8]) -> Option<T> {
     if let Ok(value) = text.parse::<T>() {
         return Some(value);
     }
-    let lower = text.to_ascii_lowercase();
-    let no_number = ["#ind", "#qnan", "#snan", "#inf"].iter().any(|n| lower.contains(n))
-        || lower.trim_start_matches(['-', '+']).starts_with("nan");
-    no_number.then(|| T::from(f32::NAN))
+    is_no_number(text).then(|| T::from(f32::NAN))
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::fixed_faces::{BlockEnd, Decoded};
 use super::layout::{FaceLayout, explain, index_faces, with_scan};
 use super::placed::Placed;
-use super::rows::{FaceContext, RowIndex, face_row, out_of_range};
+use super::rows::{FaceContext, Polygon, RowIndex, face_row, out_of_range};
 use super::scan::{Fault, Mark, Scan};
 use super::source::MeshSource;
 use super::strips::read_strips;
@@ -150,8 +150,13 @@ impl MeshSource {
         let element = self.face();
         let Some(corners) = element.index_list() else { return Ok(()) };
         let mut open = || self.lookup();
-        let mut context =
-            FaceContext { element, n_vertices: self.n_vertices(), lookup: &mut open, opened: None };
+        let mut context = FaceContext {
+            element,
+            n_vertices: self.n_vertices(),
+            lookup: &mut open,
+            opened: None,
+            polygon: Polygon::default(),
+        };
         with_scan!(&self.file, self.header.encoding, mark, |scan| {
             for row in first..next {
                 out.row = (row - first) as u32;
@@ -160,6 +165,44 @@ impl MeshSource {
                 }
             }
             Ok(())
-        })
+        })?;
+        let mut crossing = self.crossing.lock().unwrap_or_else(PoisonError::into_inner);
+        crossing.insert(index, out.n_crossing);
+        Ok(())
+    }
+
+    /// Lines for people on what was passed over or found to be odd, in the file and in its faces.
+    pub fn remarks(&self) -> Result<Vec<String>> {
+        let mut lines = self.notes().to_vec();
+        let n = self.n_crossing_polygons()?;
+        if n > 0 {
+            let what = "polygons cross themselves: their triangles overlap or miss a part";
+            lines.push(format!("{n} {what}"));
+        }
+        Ok(lines)
+    }
+
+    /// Number of polygons whose sides cross; no triangles have exactly their area.
+    ///
+    /// Reads the blocks of faces that were not read before, if the file has polygons.
+    pub fn n_crossing_polygons(&self) -> Result<u64> {
+        let has_polygons = match &self.layout.faces {
+            FaceLayout::None | FaceLayout::Strips(_) => false,
+            FaceLayout::Fixed { fallback, .. } => {
+                fallback.lock().unwrap_or_else(PoisonError::into_inner).is_some()
+            }
+            FaceLayout::Indexed(rows) => rows.n_triangles > rows.n_rows,
+        };
+        if !has_polygons {
+            return Ok(0);
+        }
+        let known = || self.crossing.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut block = FaceBlock::default();
+        for index in 0..self.n_face_blocks() {
+            if !known().contains_key(&index) {
+                self.read_faces(index, &mut block)?;
+            }
+        }
+        Ok(known().values().sum())
     }
 }

@@ -139,6 +139,8 @@ pub(crate) struct Decoded {
     pub triangles: Vec<[u64; 3]>,
     pub n_degenerate: u64,
     pub n_bad: u64,
+    /// Polygons whose sides cross.
+    pub n_crossing: u64,
     pub skip_bad: bool,
     /// Row in the block that is being read, and that of each triangle if they are `tracked`.
     pub row: u32,

@@ -11,6 +11,9 @@ use crate::mesh::property::Scalar;
 /// A header longer than this is rejected (16 MiB; the longest seen in the wild has a few KiB).
 const MAX_HEADER_BYTES: u64 = 16 << 20;
 
+/// The mark that some editors put before text in UTF-8.
+pub(crate) const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+
 /// Encoding of the numbers in the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Encoding {
@@ -203,13 +206,20 @@ impl Header {
 
     /// Returns the names of the images that per-corner or per-vertex texture coordinates refer to.
     pub fn texture_files(&self) -> Vec<String> {
-        let names = self.comments.iter().filter_map(|c| {
-            let mut words = c.trim_start().splitn(2, char::is_whitespace);
-            let first = words.next()?;
-            first.eq_ignore_ascii_case("TextureFile").then(|| words.next().unwrap_or("").trim())
-        });
-        names.map(str::to_owned).collect()
+        let lines = self.comments.iter();
+        lines.filter_map(|line| texture_file(line)).map(str::to_owned).collect()
     }
+}
+
+/// The name that a comment or a line `obj_info` gives to an image: `TextureFile NAME`, also with a colon.
+pub(crate) fn texture_file(line: &str) -> Option<&str> {
+    const WORD: &str = "TextureFile";
+    let line = line.trim_start();
+    let word = line.get(..WORD.len()).filter(|word| word.eq_ignore_ascii_case(WORD))?;
+    let rest = &line[word.len()..];
+    let is_word = rest.starts_with(char::is_whitespace) || rest.starts_with(':') || rest.is_empty();
+    let rest = rest.trim_start();
+    is_word.then(|| rest.strip_prefix(':').unwrap_or(rest).trim())
 }
 
 struct Parser<'a> {
@@ -226,8 +236,10 @@ impl<'a> Parser<'a> {
 
     /// The header, or `None` if it goes on beyond the bytes at hand.
     fn parse(mut self) -> Result<Option<Header>> {
-        let word = &self.bytes[..self.bytes.len().min(3)];
-        if word != b"ply" {
+        if self.bytes.starts_with(BYTE_ORDER_MARK) {
+            self.at = BYTE_ORDER_MARK.len();
+        }
+        if !self.bytes[self.at..].starts_with(b"ply") {
             return Err(self.file.bad("this is not a PLY file: it does not begin with 'ply'"));
         }
         let Some(end) = self.line_end() else { return Ok(None) };
@@ -250,6 +262,10 @@ impl<'a> Parser<'a> {
             match keyword {
                 b"" => {}
                 b"comment" => header.comments.push(text(rest)),
+                // Wherever a name of an image stands, it is written as a comment.
+                b"obj_info" if texture_file(&text(rest)).is_some() => {
+                    header.comments.push(text(rest));
+                }
                 b"obj_info" => header.obj_infos.push(text(rest)),
                 b"format" => encoding = Some(self.format(rest)?),
                 b"element" => {

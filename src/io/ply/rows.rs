@@ -1,7 +1,6 @@
 //! Rows of varying length: found in one sequential pass, read block by block afterwards.
 //!
-//! Faces of more than three corners become triangles here: quads along their shorter diagonal, larger
-//! polygons as a fan around their first corner.
+//! Faces of more than three corners become triangles here (`io::polygon`).
 
 use super::BLOCK_ROWS;
 use super::fields::{FieldPlan, FieldStep};
@@ -9,6 +8,8 @@ use super::fixed_faces::Decoded;
 use super::header::{Element, Kind};
 use super::lookup::Lookup;
 use super::scan::{Fault, Mark, Scan, Scanned};
+use crate::io::polygon::{Diagonal, PolygonCutter, cut_quad};
+use crate::mesh::property::write_scalar;
 
 /// Most corners of a polygon that are supported; with more, a block of faces would outgrow its memory.
 pub(crate) const MAX_CORNERS: u64 = 1 << 20;
@@ -90,17 +91,24 @@ fn skip_row<S: Scan>(scan: &mut S, element: &Element, corners: Option<usize>) ->
     Ok(triangles)
 }
 
-/// Reads one row of the vertex element into `record`.
+/// Reads one row of the vertex element into `record`; with `skip_bad`, text that is not a number is a missing value.
 #[inline(always)]
 pub(crate) fn vertex_row<S: Scan>(
     scan: &mut S,
     plan: &FieldPlan,
+    skip_bad: bool,
     record: &mut [u8],
 ) -> Scanned<()> {
     for step in &plan.steps {
         match *step {
             FieldStep::Take(field) => {
-                scan.store(field.wire, field.scalar, &mut record[field.target..])?;
+                match scan.store(field.wire, field.scalar, &mut record[field.target..]) {
+                    Err(Fault::Text(_)) if skip_bad => {
+                        scan.skip(field.wire, 1)?;
+                        write_scalar(field.scalar, record, field.target, f64::NAN);
+                    }
+                    stored => stored?,
+                }
             }
             FieldStep::SkipList { count, item } => {
                 let n = scan.count(count)?;
@@ -121,6 +129,26 @@ pub(crate) struct FaceContext<'a, 'b> {
     pub lookup: &'a mut dyn FnMut() -> crate::error::Result<Lookup<'b>>,
     /// The vertices, once they have been opened.
     pub opened: Option<Lookup<'b>>,
+    /// Corners of the polygon at hand, their places, and what cuts them.
+    pub polygon: Polygon,
+}
+
+/// Memory for polygons, kept from one to the next.
+#[derive(Default)]
+pub(crate) struct Polygon {
+    ids: Vec<u64>,
+    places: Vec<[f64; 3]>,
+    cutter: PolygonCutter,
+}
+
+impl<'b> FaceContext<'_, 'b> {
+    /// Random access to positions.
+    fn lookup(&mut self) -> crate::error::Result<&mut Lookup<'b>> {
+        if self.opened.is_none() {
+            self.opened = Some((self.lookup)()?);
+        }
+        Ok(self.opened.as_mut().expect("opened a line above"))
+    }
 }
 
 /// Reads one row of the face element and appends its triangles.
@@ -137,7 +165,7 @@ pub(crate) fn face_row<S: Scan>(
             Kind::List { count, item } if i == corners => {
                 let n = scan.count(count)?;
                 let already = out.triangles.len();
-                let degenerate = out.n_degenerate;
+                let (degenerate, crossing) = (out.n_degenerate, out.n_crossing);
                 let n_read = match n {
                     0..=2 => {
                         out.n_degenerate += 1;
@@ -151,13 +179,13 @@ pub(crate) fn face_row<S: Scan>(
                             "a face has {n} corners; at most {MAX_CORNERS} are supported"
                         )),
                     )),
-                    _ => fan(scan, item, n, context.n_vertices, out).map(|()| n),
+                    _ => polygon(scan, item, n, context, out).map(|()| n),
                 };
                 match n_read {
                     Ok(n_read) => scan.skip(item, n - n_read)?,
                     Err((n_read, Fault::Text(_))) if out.skip_bad => {
                         out.truncate(already);
-                        out.n_degenerate = degenerate;
+                        (out.n_degenerate, out.n_crossing) = (degenerate, crossing);
                         out.n_bad += 1;
                         scan.skip(item, n - n_read)?;
                     }
@@ -217,48 +245,57 @@ fn quad<S: Scan>(
     for (i, place) in q.iter_mut().enumerate() {
         *place = corner(scan, item, context.n_vertices, i as u64)?;
     }
-    let mut diagonals = || -> crate::error::Result<[f64; 2]> {
-        if context.opened.is_none() {
-            context.opened = Some((context.lookup)()?);
+    let mut places = || -> crate::error::Result<[[f64; 3]; 4]> {
+        let lookup = context.lookup()?;
+        let mut places = [[0.0; 3]; 4];
+        for (place, &id) in places.iter_mut().zip(&q) {
+            *place = lookup.position(id)?;
         }
-        let Some(lookup) = context.opened.as_mut() else { return Ok([0.0; 2]) };
-        let [a, b, c, d] = [
-            lookup.position(q[0])?,
-            lookup.position(q[1])?,
-            lookup.position(q[2])?,
-            lookup.position(q[3])?,
-        ];
-        Ok([distance_sq(a, c), distance_sq(b, d)])
+        Ok(places)
     };
-    let [first, second] = diagonals().map_err(|e| (4, Fault::Other(e)))?;
-    // Equal diagonals, and those that are not numbers, split along the first.
-    if second < first {
-        out.push([q[0], q[1], q[3]]);
-        out.push([q[1], q[2], q[3]]);
-    } else {
-        out.push([q[0], q[1], q[2]]);
-        out.push([q[0], q[2], q[3]]);
+    let (diagonal, is_simple) = cut_quad(places().map_err(|e| (4, Fault::Other(e)))?);
+    out.n_crossing += u64::from(!is_simple);
+    match diagonal {
+        Diagonal::Second => {
+            out.push([q[0], q[1], q[3]]);
+            out.push([q[1], q[2], q[3]]);
+        }
+        Diagonal::First => {
+            out.push([q[0], q[1], q[2]]);
+            out.push([q[0], q[2], q[3]]);
+        }
     }
     Ok(())
 }
 
-fn distance_sq(a: [f64; 3], b: [f64; 3]) -> f64 {
-    (0..3).map(|i| (a[i] - b[i]) * (a[i] - b[i])).sum()
-}
-
-fn fan<S: Scan>(
+fn polygon<S: Scan>(
     scan: &mut S,
     item: super::header::Wire,
     n: u64,
-    n_vertices: u64,
+    context: &mut FaceContext<'_, '_>,
     out: &mut Decoded,
 ) -> Corners {
-    let first = corner(scan, item, n_vertices, 0)?;
-    let mut previous = corner(scan, item, n_vertices, 1)?;
-    for i in 2..n {
-        let next = corner(scan, item, n_vertices, i)?;
-        out.push([first, previous, next]);
-        previous = next;
+    let mut polygon = std::mem::take(&mut context.polygon);
+    let Polygon { ids, places, cutter } = &mut polygon;
+    ids.clear();
+    places.clear();
+    for i in 0..n {
+        ids.push(corner(scan, item, context.n_vertices, i)?);
     }
+    let mut look_up = || -> crate::error::Result<()> {
+        let lookup = context.lookup()?;
+        for &id in ids.iter() {
+            places.push(lookup.position(id)?);
+        }
+        Ok(())
+    };
+    look_up().map_err(|e| (n, Fault::Other(e)))?;
+    out.n_crossing += u64::from(!cutter.cut(places));
+    for t in &cutter.triangles {
+        out.push(t.map(|i| ids[i]));
+    }
+    // Corners that no triangle reaches are in one place with others, or sides cross.
+    out.n_degenerate += (n - 2).saturating_sub(cutter.triangles.len() as u64);
+    context.polygon = polygon;
     Ok(())
 }

@@ -79,6 +79,15 @@ pub(crate) trait Scan {
     }
 }
 
+/// Returns whether text is one of the names that libraries of C give to what is not a number: `-nan(ind)`, `1.#QNAN`,
+/// `-1.#IND00`, `1.#J`.
+pub(crate) fn is_no_number(text: &str) -> bool {
+    let lower = text.to_ascii_lowercase();
+    let bare = lower.trim_start_matches(['-', '+']);
+    let is_named = ["nan", "qnan", "snan", "1.#i", "1.#q", "1.#s", "1.#j", "1.#r", "1.#n"];
+    is_named.iter().any(|name| bare.starts_with(name))
+}
+
 /// A stretch of the file in memory that moves forward.
 pub(crate) struct Window<'a> {
     /// The file that it lies over.

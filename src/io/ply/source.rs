@@ -15,6 +15,7 @@ use crate::io::materials::Materials;
 use crate::mesh::face_properties::FacePropertyPlan;
 use crate::mesh::placing::Placing;
 use crate::mesh::record::VertexSchema;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock};
 
@@ -64,6 +65,8 @@ pub struct MeshSource {
     pub(super) positions: OnceLock<RawFile>,
     pub(super) positions_lock: Mutex<()>,
     pub(super) placed: Option<Placed>,
+    /// Polygons whose sides cross, by block of faces, as far as these were read.
+    pub(super) crossing: Mutex<BTreeMap<u64, u64>>,
     staged: Staged,
 }
 
@@ -86,6 +89,8 @@ pub(crate) struct Staged {
     pub faces: Option<FacePropertyPlan>,
     /// Materials of the faces, which the PLY does not name.
     pub materials: Option<Arc<Materials>>,
+    /// Lines on what was passed over, taken for something else or found to be odd.
+    pub notes: Vec<String>,
 }
 
 impl MeshSource {
@@ -134,6 +139,7 @@ impl MeshSource {
             positions: OnceLock::new(),
             positions_lock: Mutex::new(()),
             placed: None,
+            crossing: Mutex::default(),
             staged: Staged::default(),
         };
         source.survey_colours();
@@ -167,6 +173,11 @@ impl MeshSource {
     /// Notes the length of the file that was given.
     pub(crate) fn set_given_bytes(&mut self, bytes: u64) {
         self.staged.given_bytes = Some(bytes);
+    }
+
+    /// Adds a line for people.
+    pub(crate) fn note(&mut self, line: String) {
+        self.staged.notes.push(line);
     }
 
     /// Notes the checksum of a stream.
@@ -294,6 +305,11 @@ impl MeshSource {
             missing_faces: staged.missing_faces + faces.saturating_sub(self.n_face_rows()),
             bad_faces: staged.bad_faces,
         }
+    }
+
+    /// Lines for people on what was passed over or found to be odd when the file was opened.
+    pub fn notes(&self) -> &[String] {
+        &self.staged.notes
     }
 
     /// Vertices that were left out when the file was opened, since no face has them.

@@ -3,9 +3,10 @@
 //! `comment TextureFile PATH` in the order of numbers is what MeshLab and others read. Names of materials follow as
 //! `comment usemtl NAME`, which only this program reads, where the images' names do not give them.
 
-use super::header::Header;
-use crate::io::materials::{Materials, TexturePlan};
+use super::header::{Header, texture_file};
+use crate::io::materials::{Materials, Search, TexturePlan};
 use crate::mesh::property::{Scalar, read_scalar, write_scalar};
+use crate::system::disk::folder_of;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -17,21 +18,21 @@ pub(super) fn materials_of(header: &Header, path: &Path) -> Option<Arc<Materials
         .filter_map(|line| line.strip_prefix(NAME))
         .map(|name| name.trim().to_owned())
         .collect();
+    let mut search = Search::new("image", &[folder_of(path)]);
     let file = |name: String| {
-        let forward = name.replace('\\', "/");
-        let file = [name.as_str(), &forward].map(|name| path.with_file_name("").join(name));
-        let file = if file[0].is_file() { file[0].clone() } else { file[1].clone() };
+        let file = search.find_text(&name);
         (name, file)
     };
     let files: Vec<(String, PathBuf)> = header.texture_files().into_iter().map(file).collect();
     let is_none = files.is_empty() && names.is_empty();
-    (!is_none).then(|| Arc::new(Materials::of_files(&files, &names)))
+    let mut materials = Materials::of_files(&files, &names);
+    search.note().into_iter().for_each(|note| materials.note(note));
+    (!is_none).then(|| Arc::new(materials))
 }
 
 /// Returns whether a comment belongs to the materials, which every writer has in its form.
 pub(super) fn is_of_materials(comment: &str) -> bool {
-    let first = comment.split_whitespace().next().unwrap_or_default();
-    first.eq_ignore_ascii_case("TextureFile") || comment.starts_with(NAME)
+    texture_file(comment).is_some() || comment.starts_with(NAME)
 }
 
 /// Materials in the order of a PLY file: those with an image first, since images are counted.

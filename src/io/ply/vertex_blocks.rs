@@ -64,9 +64,10 @@ impl MeshSource {
             }
             VertexLayout::Indexed(rows) => {
                 let (mark, first) = rows.blocks[index as usize];
+                let skip_bad = self.options.skip_bad;
                 with_scan!(&self.file, self.header.encoding, mark, |scan| {
                     for (i, record) in block.records.chunks_exact_mut(record_bytes).enumerate() {
-                        if let Err(fault) = vertex_row(&mut scan, &self.plan, record) {
+                        if let Err(fault) = vertex_row(&mut scan, &self.plan, skip_bad, record) {
                             let (row, at) = (first + i as u64, scan.last());
                             return Err(explain(&self.file, self.vertex(), row, at, fault));
                         }

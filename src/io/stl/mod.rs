@@ -1,8 +1,11 @@
 //! STL in and out: loose triangles, welded while they are read.
 
-mod reader;
+mod ascii;
+mod binary;
+mod facet_colours;
 mod weld;
 mod writer;
 
-pub(super) use reader::{is_ascii, is_binary, read_ascii, read_binary};
+pub(super) use ascii::{is_ascii, read_ascii};
+pub(super) use binary::{has_fitting_length, is_binary, read_binary};
 pub use writer::StlWriter;

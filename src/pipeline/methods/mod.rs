@@ -16,6 +16,7 @@ use super::run_report::{QualityReport, StageReport, StopReason};
 use super::verify;
 use crate::config::{Config, Method, Target};
 use crate::error::{Error, Result};
+use crate::io::check_range;
 use crate::io::ply::{MeshSource, type_name};
 use crate::mesh::face_properties::FacePolicy;
 use crate::mesh::vec3::{length_sq, sub};
@@ -76,6 +77,7 @@ fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMet
     let source = unchanged(&config.input, &marks, source)?;
     marks.extend(marks_beside(&source));
     source.require_faces()?;
+    check_range(&source, &config.output, config.format)?;
     config.target.check(source.n_triangles())?;
     let (wanted, target) = match config.target {
         Target::CellSize(size) => (Wanted::CellSize(size), None),
@@ -189,6 +191,7 @@ fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result
             decimate::decimate(&source, settings, progress)
         }
     };
+    source.remarks()?.into_iter().for_each(|line| progress.note(line));
     let made = match unchanged(&config.input, &marks, made) {
         Ok(made) if made.mesh.triangles.is_empty() => Err(nothing_left(config, &made)),
         other => other,

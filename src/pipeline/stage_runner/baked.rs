@@ -6,6 +6,7 @@
 use super::Stages;
 use crate::bake::{self, BakeReport, Baked, Corner, NormalSource, TANGENT_BYTES};
 use crate::error::{Error, Result};
+use crate::io::materials::NO_IMAGE;
 use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 use crate::io::ply::raw::RawFile;
 use crate::io::ply::{Encoding, MeshSource, OutputHeader, Place, TexturedTriangle, VertexBlock};
@@ -82,6 +83,10 @@ impl Stages<'_> {
         }
         let mut textures = TextureReport::of(&plan);
         textures.notes.splice(0..0, baked.report.notes.iter().cloned());
+        if source.materials().is_some_and(|materials| materials.lacks_images()) {
+            textures.lacks_images = true;
+            textures.notes.push(NO_IMAGE.to_owned());
+        }
         Ok(WrittenBake { written, report: Some(BakeSummary { textures, bake: baked.report }) })
     }
 

@@ -1,0 +1,265 @@
+//! Finds the files that a mesh names, though it was made on another machine.
+//!
+//! As written first (also with slashes for backslashes, without quotes or a comment behind); then what the name ends in,
+//! beside the mesh and its library; then the same without regard to case. Says what was taken instead.
+
+use crate::io::encodings;
+use std::collections::HashMap;
+use std::ffi::{OsStr, OsString};
+use std::os::unix::ffi::OsStrExt;
+use std::path::{Path, PathBuf};
+
+/// Folders in a name that are looked at, from its end.
+const MAX_PARTS: usize = 16;
+
+/// Files of a folder that are remembered; names in fuller folders are found as they are written only.
+const MAX_LISTED: usize = 100_000;
+
+/// The word in a name that stands for the number of a tile.
+const UDIM: &str = "<udim>";
+
+/// A search in the folders of a mesh and its material libraries.
+pub(crate) struct Search {
+    /// What is looked for, in messages.
+    what: &'static str,
+    folders: Vec<PathBuf>,
+    /// Names in lower case and as they are, by folder.
+    listings: HashMap<PathBuf, HashMap<String, OsString>>,
+    /// How many were found elsewhere than written, and the first of them.
+    n_elsewhere: usize,
+    first: Option<(String, PathBuf)>,
+}
+
+impl Search {
+    /// Looks in these folders, in order.
+    pub(crate) fn new(what: &'static str, folders: &[&Path]) -> Search {
+        let mut list: Vec<PathBuf> = Vec::new();
+        for folder in folders {
+            if !list.iter().any(|known| known == folder) {
+                list.push(folder.to_path_buf());
+            }
+        }
+        let listings = HashMap::new();
+        Search { what, folders: list, listings, n_elsewhere: 0, first: None }
+    }
+
+    /// The same search beside another library.
+    pub(crate) fn set_folders(&mut self, folders: &[&Path]) {
+        self.folders = Search::new(self.what, folders).folders;
+    }
+
+    /// The file of a name in a text; where there is none, the place where it would be.
+    pub(crate) fn find(&mut self, written: &[u8]) -> PathBuf {
+        let written = written.trim_ascii();
+        let texts = encodings::names(written);
+        if let Some(path) = self.as_written(written, &texts) {
+            return path;
+        }
+        let found = texts.iter().map(|text| plain(text)).find_map(|name| self.elsewhere(&name));
+        if let Some(path) = found {
+            self.n_elsewhere += 1;
+            self.first.get_or_insert_with(|| (texts[0].clone(), path.clone()));
+            return path;
+        }
+        let name = plain(&texts[0]).replace('\\', "/");
+        let is_foreign = is_drive(&name) || name.starts_with("//");
+        let name = if is_foreign { name.rsplit('/').next().unwrap_or_default() } else { &name };
+        self.folders.first().map_or_else(|| PathBuf::from(name), |folder| folder.join(name))
+    }
+
+    /// A name that a PLY header has, whose bytes may have been taken for Latin-1.
+    pub(crate) fn find_text(&mut self, written: &str) -> PathBuf {
+        let found = self.find(written.as_bytes());
+        if written.is_ascii() || found.is_file() {
+            return found;
+        }
+        let latin: Option<Vec<u8>> = written.chars().map(|c| u8::try_from(c).ok()).collect();
+        latin.map(|bytes| self.find(&bytes)).filter(|path| path.is_file()).unwrap_or(found)
+    }
+
+    /// A line on what was taken, if that was not what is written.
+    pub(crate) fn note(&self) -> Option<String> {
+        let (name, path) = self.first.as_ref()?;
+        let (what, path) = (self.what, path.display());
+        let more = match self.n_elsewhere {
+            1 => String::new(),
+            n => format!(", and {} more likewise", n - 1),
+        };
+        Some(format!("{what} '{name}' is not there under this name: {path} is taken{more}"))
+    }
+
+    fn as_written(&self, written: &[u8], texts: &[String]) -> Option<PathBuf> {
+        let exact = [OsStr::from_bytes(written).to_owned()].into_iter();
+        let spelled = texts.iter().flat_map(|text| {
+            let bare = plain(text);
+            [text.replace('\\', "/"), text.clone(), bare.replace('\\', "/"), bare]
+        });
+        let names: Vec<OsString> = exact.chain(spelled.map(OsString::from)).collect();
+        let is_name = |name: &&OsString| !name.is_empty() && !name.as_bytes().contains(&0);
+        let mut places = names
+            .iter()
+            .filter(is_name)
+            .flat_map(|name| self.folders.iter().map(move |folder| folder.join(name)));
+        places.find(|path| path.is_file())
+    }
+
+    /// Looks for the end of a name, the longest first, exactly and then without regard to case.
+    fn elsewhere(&mut self, name: &str) -> Option<PathBuf> {
+        let forward = name.replace('\\', "/");
+        let parts: Vec<&str> = forward
+            .split('/')
+            .filter(|part| !matches!(*part, "" | "." | "..") && !is_drive(part))
+            .collect();
+        let first = parts.len().saturating_sub(MAX_PARTS);
+        let folders = self.folders.clone();
+        for start in first..parts.len() {
+            let end: PathBuf = parts[start..].iter().collect();
+            let found = folders.iter().map(|folder| folder.join(&end)).find(|path| path.is_file());
+            if found.is_some() {
+                return found;
+            }
+        }
+        for start in first..parts.len() {
+            for folder in &folders {
+                let mut place = Some(folder.clone());
+                for part in &parts[start..] {
+                    place = place.and_then(|folder| self.any_case(&folder, part));
+                }
+                if let Some(path) = place.filter(|path| path.is_file()) {
+                    return Some(path);
+                }
+            }
+        }
+        None
+    }
+
+    /// A file or folder of this name, in whatever case; the only tile of a set of tiles.
+    fn any_case(&mut self, folder: &Path, name: &str) -> Option<PathBuf> {
+        let listing = self.listings.entry(folder.to_path_buf()).or_insert_with(|| list(folder));
+        let lower = name.to_lowercase();
+        if let Some(own) = listing.get(&lower) {
+            return Some(folder.join(own));
+        }
+        let (before, behind) = lower.split_once(UDIM)?;
+        let is_tile = |name: &&String| {
+            let number = name.strip_prefix(before).and_then(|rest| rest.strip_suffix(behind));
+            number.is_some_and(|n| n.len() == 4 && n.bytes().all(|b| b.is_ascii_digit()))
+        };
+        let mut tiles = listing.keys().filter(is_tile);
+        match (tiles.next(), tiles.next()) {
+            (Some(only), None) => Some(folder.join(&listing[only])),
+            _ => None,
+        }
+    }
+}
+
+/// Returns whether a name stands for a set of tiles.
+pub(super) fn is_set_of_tiles(path: &Path) -> bool {
+    path.to_string_lossy().to_lowercase().contains(UDIM)
+}
+
+/// Material libraries in a folder: that of the mesh's own name, or else the only one.
+pub(crate) fn library_beside(mesh: &Path) -> Option<PathBuf> {
+    let folder = crate::system::disk::folder_of(mesh);
+    let names = list(folder);
+    let stem = mesh.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
+    if let Some(own) = names.get(&format!("{stem}.mtl")) {
+        return Some(folder.join(own));
+    }
+    let mut libraries = names.iter().filter(|(lower, _)| lower.ends_with(".mtl"));
+    match (libraries.next(), libraries.next()) {
+        (Some((_, only)), None) => Some(folder.join(only)),
+        _ => None,
+    }
+}
+
+/// A name without quotes around it, or without the comment behind it.
+pub(crate) fn plain(name: &str) -> String {
+    let name = name.trim();
+    for quote in ['"', '\''] {
+        if let Some((inside, _)) = name.strip_prefix(quote).and_then(|rest| rest.split_once(quote))
+        {
+            return inside.trim().to_owned();
+        }
+    }
+    let comment = name.match_indices('#').map(|(at, _)| at);
+    let is_comment = |at: &usize| name[..*at].ends_with(char::is_whitespace);
+    let end = comment.filter(|at| is_comment(at)).next().unwrap_or(name.len());
+    name[..end].trim().to_owned()
+}
+
+/// Returns whether a path begins with a drive of Windows.
+fn is_drive(path: &str) -> bool {
+    let bytes = path.as_bytes();
+    bytes.len() >= 2
+        && bytes[0].is_ascii_alphabetic()
+        && bytes[1] == b':'
+        && (bytes.len() == 2 || bytes[2] == b'/')
+}
+
+/// Names in a folder by their lower case; the first of several in the order of their bytes.
+fn list(folder: &Path) -> HashMap<String, OsString> {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let Ok(entries) = std::fs::read_dir(folder) else { return HashMap::new() };
+    let mut names: Vec<OsString> =
+        entries.flatten().take(MAX_LISTED).map(|entry| entry.file_name()).collect();
+    names.sort_unstable();
+    let mut out = HashMap::new();
+    for name in names {
+        out.entry(encodings::name(name.as_bytes()).to_lowercase()).or_insert(name);
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_stripped_of_what_is_not_theirs() {
+        for (written, name) in [
+            ("a b.png", "a b.png"),
+            ("\"a b.png\"", "a b.png"),
+            ("'a.png' # the wall", "a.png"),
+            ("a.png # the wall", "a.png"),
+            ("wall#1.png", "wall#1.png"),
+        ] {
+            assert_eq!(plain(written), name);
+        }
+    }
+
+    #[test]
+    fn files_of_other_machines_are_found_by_their_names() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path();
+        std::fs::create_dir(folder.join("Maps")).unwrap();
+        for name in
+            ["tex.png", "Maps/Wall.JPG", "stra\u{df}e.png", "\u{7eb9}\u{7406}.png", "u.1001.png"]
+        {
+            std::fs::write(folder.join(name), "x").unwrap();
+        }
+        let mut search = Search::new("image", &[folder]);
+        for (written, name) in [
+            (&b"tex.png"[..], "tex.png"),
+            (b"C:\\Users\\me\\scan\\tex.png", "tex.png"),
+            (b"/home/me/tex.png", "tex.png"),
+            (b"TEX.PNG", "tex.png"),
+            (b"\"tex.png\"", "tex.png"),
+            (b"tex.png # the wall", "tex.png"),
+            (b"D:\\x\\maps\\wall.jpg", "Maps/Wall.JPG"),
+            (b"stra\xdfe.png", "stra\u{df}e.png"),
+            (b"\xce\xc6\xc0\xed.png", "\u{7eb9}\u{7406}.png"),
+            (b"u.<UDIM>.png", "u.1001.png"),
+        ] {
+            assert_eq!(search.find(written), folder.join(name), "{}", written.escape_ascii());
+        }
+        assert_eq!(search.find(b"C:\\a\\none.png"), folder.join("none.png"));
+        let note = search.note().unwrap();
+        assert!(note.contains("scan\\tex.png") && note.contains("more likewise"), "{note}");
+        assert_eq!(search.find_text("stra\u{df}e.png"), folder.join("stra\u{df}e.png"));
+        assert_eq!(
+            search.find_text("\u{ce}\u{c6}\u{c0}\u{ed}.png"),
+            folder.join("\u{7eb9}\u{7406}.png")
+        );
+    }
+}

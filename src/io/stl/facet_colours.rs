@@ -1,0 +1,130 @@
+//! Colours that programs put into the two bytes behind each facet of a binary STL.
+//!
+//! VisCAM and SolidView: bit 15 is set where a facet has a colour; blue is lowest. Materialise Magics: the header has
+//! `COLOR=` and a colour for all; bit 15 is clear where a facet has its own, and red is lowest. Other values are not
+//! colours, and a note says that they are left out.
+
+use crate::error::Result;
+use crate::io::ply::raw::{RawFile, Spool};
+
+/// Set where a facet has a colour (VisCAM), or where it has that of the header (Magics).
+const FLAG: u16 = 1 << 15;
+
+/// What facets have that no colour is known of.
+const WHITE: [u8; 3] = [255; 3];
+
+/// One of the STL files that lie one behind the other.
+#[derive(Default)]
+struct Part {
+    /// The colour of the header.
+    whole: Option<[u8; 3]>,
+    n_facets: u64,
+    /// Facets whose bytes are not 0, and those among them with the flag.
+    n_marked: u64,
+    n_flagged: u64,
+}
+
+/// Gathers the bytes of facets; nothing is kept as long as all are 0.
+pub(super) struct FacetColours {
+    parts: Vec<Part>,
+    words: Spool,
+    n_facets: u64,
+}
+
+impl FacetColours {
+    pub(super) fn new(words: Spool) -> Self {
+        FacetColours { parts: Vec::new(), words, n_facets: 0 }
+    }
+
+    /// Begins with a file that has this header.
+    pub(super) fn begin(&mut self, header: &[u8]) {
+        const WORD: &[u8] = b"COLOR=";
+        let at = header.windows(WORD.len()).position(|word| word == WORD);
+        let whole = at.and_then(|at| header.get(at + WORD.len()..at + WORD.len() + 3));
+        let whole = whole.map(|rgb| [rgb[0], rgb[1], rgb[2]]);
+        // Parts without colours need not be told apart.
+        match self.parts.last_mut() {
+            Some(last) if last.n_marked == 0 && last.whole.is_none() && whole.is_none() => {}
+            _ => self.parts.push(Part { whole, ..Part::default() }),
+        }
+    }
+
+    /// Takes the bytes of the next facet.
+    pub(super) fn push(&mut self, word: u16) -> Result<()> {
+        let Some(part) = self.parts.last_mut() else { return Ok(()) };
+        part.n_facets += 1;
+        self.n_facets += 1;
+        if word == 0 {
+            return Ok(());
+        }
+        part.n_marked += 1;
+        part.n_flagged += u64::from(word & FLAG != 0);
+        self.fill(self.n_facets - 1)?;
+        self.words.write(&word.to_le_bytes())
+    }
+
+    /// Writes the zeros that were not written so far.
+    fn fill(&mut self, n: u64) -> Result<()> {
+        let zeros = [0u8; 1 << 12];
+        while self.words.len() < 2 * n {
+            let missing = 2 * n - self.words.len();
+            self.words.write(&zeros[..missing.min(zeros.len() as u64) as usize])?;
+        }
+        Ok(())
+    }
+
+    /// Three bytes for each facet in `out`, if there are colours; otherwise a note of bytes that are none.
+    pub(super) fn finish(
+        mut self,
+        file: &RawFile,
+        mut out: Spool,
+    ) -> Result<(Option<Spool>, Option<String>)> {
+        let is_coloured = |part: &Part| part.whole.is_some() || part.is_viscam();
+        if !self.parts.iter().any(is_coloured) {
+            let n: u64 = self.parts.iter().map(|part| part.n_marked).sum();
+            let note = format!("{n} facets have attribute bytes that are not colours: left out");
+            return Ok((None, (n > 0).then_some(note)));
+        }
+        self.fill(self.n_facets)?;
+        let words = self.words.finish(file.path())?;
+        let (mut buffer, mut at) = (vec![0; 1 << 16], 0);
+        let mut left = self.parts.iter().map(|part| (part.n_facets, part));
+        let mut current = left.next();
+        while at < words.len() {
+            let n = words.read_at_most(&mut buffer, at)?;
+            let mut colours = Vec::with_capacity(n / 2 * 3);
+            for word in buffer[..n].chunks_exact(2) {
+                while let Some((0, _)) = current {
+                    current = left.next();
+                }
+                let Some((left_of_part, part)) = &mut current else { break };
+                *left_of_part -= 1;
+                colours.extend(part.colour(u16::from_le_bytes([word[0], word[1]])));
+            }
+            out.write(&colours)?;
+            at += n as u64;
+        }
+        Ok((Some(out), None))
+    }
+}
+
+impl Part {
+    /// Returns whether all marks are colours as VisCAM has them.
+    fn is_viscam(&self) -> bool {
+        self.n_marked > 0 && self.n_flagged == self.n_marked
+    }
+
+    fn colour(&self, word: u16) -> [u8; 3] {
+        let [low, middle, high] = [0, 5, 10].map(|shift| {
+            let value = u32::from(word >> shift & 31);
+            ((value * 255 + 15) / 31) as u8
+        });
+        match self.whole {
+            // Programs that know of the colour of all only leave the bytes of the facets 0, which would be black.
+            Some(whole) if word & FLAG != 0 || self.n_marked == 0 => whole,
+            Some(_) => [low, middle, high],
+            None if self.is_viscam() && word & FLAG != 0 => [high, middle, low],
+            None => WHITE,
+        }
+    }
+}

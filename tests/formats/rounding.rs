@@ -1,0 +1,52 @@
+//! Coordinates that a format rounds: said where it could be seen, refused where there is nothing left of them.
+
+use crate::common::{expect, write_ply};
+use stonecut::mesh::property::Scalar;
+
+/// A plate of 8 x 8 squares of this side, shifted along x.
+fn plate(path: &std::path::Path, side: f64, shift: f64) {
+    let at = |i: u32| [shift + f64::from(i % 9) * side, f64::from(i / 9) * side, 0.0];
+    let positions: Vec<[f64; 3]> = (0..81).map(at).collect();
+    let squares = (0..72u32).filter(|i| i % 9 < 8);
+    let triangles: Vec<[u32; 3]> =
+        squares.flat_map(|i| [[i, i + 1, i + 9], [i + 1, i + 10, i + 9]]).collect();
+    write_ply(path, Scalar::F64, &positions, &triangles);
+}
+
+#[test]
+fn a_line_names_the_step_and_what_helps() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let folder = dir.path();
+    plate(&folder.join("far.ply"), 0.0075, 1e7);
+    plate(&folder.join("near.ply"), 0.0075, 0.0);
+    for arguments in ["out.stl", "out.ply --format float"] {
+        let said = expect(folder, &format!("convert far.ply {arguments} --force"), 0);
+        assert!(said.contains("coordinates are rounded") && said.contains("--recentre"), "{said}");
+        assert!(said.contains("1.00e0"), "the step: {said}");
+        let said = expect(folder, &format!("convert near.ply {arguments} --force"), 0);
+        assert!(!said.contains("rounded"), "{said}");
+    }
+    for arguments in ["out.ply", "out.obj", "out.glb --format float"] {
+        let said = expect(folder, &format!("convert far.ply {arguments} --force"), 0);
+        assert!(!said.contains("rounded"), "{arguments}: {said}");
+    }
+}
+
+#[test]
+fn coordinates_beyond_floats_are_refused_before_the_work() {
+    let dir = tempfile::tempdir().expect("a folder");
+    let folder = dir.path();
+    plate(&folder.join("in.ply"), 1e39, 1e40);
+    for arguments in [
+        "convert in.ply out.stl",
+        "convert in.ply out.ply --format float",
+        "convert in.ply out.glb",
+        "simplify in.ply out.stl --ratio 50%",
+        "simplify in.ply out.stl --ratio 50% --method decimate",
+    ] {
+        let said = expect(folder, arguments, 4);
+        assert!(said.contains("beyond what the output's floats hold"), "{arguments}: {said}");
+        assert!(!folder.join("out.stl").exists(), "{arguments}");
+    }
+    expect(folder, "convert in.ply out.ply", 0);
+}

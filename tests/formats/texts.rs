@@ -1,0 +1,238 @@
+//! Texts as programs write them: byte order marks, UTF-16, names of no-numbers, joined files, and what is not a mesh.
+
+// Helpers of tests may fail a test; the lint knows only the tests themselves.
+#![allow(clippy::unwrap_used)]
+
+use std::io::Write;
+use stonecut::io::StageOptions;
+use stonecut::io::ply::{FaceBlock, MeshSource, VertexBlock};
+
+const OBJ: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 5 5 5\nf 1 2 3\nf 1 2 4\n";
+const STL: &str = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n\
+    endfacet\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 5 5 5\nendloop\nendfacet\nendsolid a\n";
+const PLY: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
+    element face 2\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n5 5 5\n3 0 1 2\n3 0 1 3\n";
+
+fn open(name: &str, bytes: &[u8], skip_bad: bool) -> stonecut::Result<MeshSource> {
+    let mut options = StageOptions::new(std::env::temp_dir());
+    options.read.skip_bad = skip_bad;
+    MeshSource::staged_from_bytes(name, bytes.to_vec(), &options)
+}
+
+/// Vertices, and triangles that are good.
+fn counts(source: &MeshSource) -> (u64, usize) {
+    let mut block = FaceBlock::default();
+    let n = (0..source.n_face_blocks()).map(|i| {
+        source.read_faces(i, &mut block).unwrap();
+        block.triangles.len()
+    });
+    (source.n_vertices(), n.sum())
+}
+
+fn positions(source: &MeshSource) -> Vec<[f64; 3]> {
+    let mut block = VertexBlock::default();
+    source.read_vertices(0, &mut block).unwrap();
+    let schema = source.schema();
+    block.records.chunks_exact(schema.record_bytes()).map(|r| schema.position(r)).collect()
+}
+
+fn refusal(name: &str, bytes: &[u8]) -> String {
+    // What stands in the rows of a PLY shows when they are read.
+    let mut block = VertexBlock::default();
+    let read = |source: MeshSource| source.read_vertices(0, &mut block);
+    let error = open(name, bytes, false).and_then(read).unwrap_err();
+    assert_eq!(error.exit_code(), 4, "{error}");
+    error.to_string()
+}
+
+#[test]
+fn byte_order_marks_and_utf16_change_nothing() {
+    let mut wide = b"\xff\xfe".to_vec();
+    for (name, text) in [("a.obj", OBJ), ("a.stl", STL), ("a.ply", PLY), ("a", OBJ), ("a", STL)] {
+        let marked = [b"\xef\xbb\xbf", text.as_bytes()].concat();
+        assert_eq!(counts(&open(name, &marked, false).unwrap()), (4, 2), "{name}");
+        wide.truncate(2);
+        wide.extend(text.encode_utf16().flat_map(u16::to_le_bytes));
+        assert_eq!(counts(&open(name, &wide, false).unwrap()), (4, 2), "{name}");
+        let big: Vec<u8> = text.encode_utf16().flat_map(u16::to_be_bytes).collect();
+        assert_eq!(counts(&open(name, &big, false).unwrap()), (4, 2), "{name}");
+    }
+    // The mark moves nothing in a binary body.
+    let mut binary = b"\xef\xbb\xbfply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\n\
+        property float y\nproperty float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        .to_vec();
+    binary.extend(
+        [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0f32].iter().flat_map(|x| x.to_le_bytes()),
+    );
+    binary.push(3);
+    binary.extend([0, 1, 2i32].iter().flat_map(|i| i.to_le_bytes()));
+    assert_eq!(counts(&open("b.ply", &binary, false).unwrap()), (3, 1));
+}
+
+#[test]
+fn names_of_no_numbers_are_missing_values() {
+    for name in ["-nan(ind)", "1.#QNAN", "-1.#IND00", "nan", "1.#SNAN0", "-NaN", "1.#INF"] {
+        for (file, text) in [("a.obj", OBJ), ("a.ply", PLY), ("a.stl", STL)] {
+            let text = text.replace("5 5 5", &format!("5 {name} 5"));
+            let message = refusal(file, text.as_bytes());
+            assert!(message.contains("not finite") && message.contains("--skip-bad"), "{message}");
+            let source = open(file, text.as_bytes(), true).unwrap();
+            assert_eq!(counts(&source).1, 1, "{file} {name}");
+        }
+    }
+    // What is not a number at all is refused, and with --skip-bad missing too.
+    for (file, text) in [("a.obj", OBJ), ("a.ply", PLY), ("a.stl", STL)] {
+        let text = text.replace("5 5 5", "5 1,5 5");
+        let message = refusal(file, text.as_bytes());
+        assert!(message.contains("--skip-bad"), "{message}");
+        assert_eq!(counts(&open(file, text.as_bytes(), true).unwrap()).1, 1, "{file}");
+    }
+}
+
+#[test]
+fn comments_of_obj_end_where_they_end() {
+    for text in [
+        OBJ.replace("f 1 2 3", "# a folder: C:\\scan\\\nf 1 2 3"),
+        OBJ.replace("f 1 2 3", "f 1 2 3 # the first \\"),
+        OBJ.replace("v 0 0 0", "v 0 0 0#x"),
+        OBJ.replace("f 1 2 3", "f 1 2 \\\n 3"),
+        OBJ.replace("f 1 2 3", "F 1 2 3").replace("v 1", "V 1"),
+    ] {
+        assert_eq!(counts(&open("a.obj", text.as_bytes(), false).unwrap()), (4, 2), "{text}");
+    }
+    // A backslash in a name of a solid goes nowhere.
+    let text = STL.replace("solid a\n", "solid C:\\scan\\\n");
+    assert_eq!(counts(&open("a.stl", text.as_bytes(), false).unwrap()), (4, 2));
+    let text = STL.replace("endsolid", "end solid").replace("endloop", "end loop");
+    assert_eq!(counts(&open("a.stl", text.as_bytes(), false).unwrap()), (4, 2));
+}
+
+#[test]
+fn what_is_not_obj_is_refused_whatever_its_name() {
+    let noise: Vec<u8> =
+        (1..3000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    for bytes in [&noise[..], b"", b"# nothing\n", b"hello world\n"] {
+        refusal("a.obj", bytes);
+    }
+    assert!(refusal("a.obj", b"").contains("empty"));
+}
+
+/// A binary STL of loose triangles at heights, each with the bytes behind it.
+fn binary(header: &[u8], facets: &[(f32, u16)]) -> Vec<u8> {
+    let mut out = header.to_vec();
+    out.resize(80, b' ');
+    out.extend((facets.len() as u32).to_le_bytes());
+    for &(z, word) in facets {
+        let corners = [[0.0, 0.0, 1.0], [0.0, 0.0, z], [1.0, 0.0, z], [0.0, 1.0, z]];
+        out.extend(corners.as_flattened().iter().flat_map(|x| x.to_le_bytes()));
+        out.extend(word.to_le_bytes());
+    }
+    out
+}
+
+#[test]
+fn joined_stl_files_are_read_whole() {
+    let two = [binary(b"one", &[(0.0, 0), (1.0, 0)]), binary(b"two", &[(2.0, 0)])].concat();
+    for name in ["a.stl", "standard input"] {
+        let source = open(name, &two, false).unwrap();
+        assert_eq!(counts(&source), (9, 3), "{name}");
+        assert!(source.notes()[0].contains("2 STL files"), "{:?}", source.notes());
+    }
+    let rest = [&two[..], b"not a facet"].concat();
+    let source = open("a.stl", &rest, false).unwrap();
+    assert_eq!(counts(&source), (9, 3));
+    assert!(source.notes()[1].contains("11 bytes behind"), "{:?}", source.notes());
+    let text = [STL, &STL.replace("5 5 5", "7 7 7")].concat();
+    assert_eq!(counts(&open("a.stl", text.as_bytes(), false).unwrap()), (5, 4));
+}
+
+/// Colours of the faces of a mesh.
+fn colours(source: &MeshSource) -> Vec<String> {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("in.stl"), std::fs::read(source.path()).unwrap()).unwrap();
+    crate::common::expect(folder.path(), "convert in.stl out.ply --format ascii", 0);
+    let text = std::fs::read_to_string(folder.path().join("out.ply")).unwrap();
+    let faces = text.lines().filter(|line| line.starts_with("3 "));
+    faces.map(|line| line.split(' ').skip(4).collect::<Vec<_>>().join(" ")).collect()
+}
+
+#[test]
+fn colours_of_facets_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("in.stl");
+    let read = |bytes: Vec<u8>| {
+        std::fs::write(&path, bytes).unwrap();
+        let source = MeshSource::open_staged(&path, &StageOptions::new(folder.path())).unwrap();
+        (colours(&source), source.notes().to_vec())
+    };
+    // VisCAM: flag, red, green, blue.
+    let viscam = [(0.0, 0x8000 | 31 << 10), (1.0, 0x8000 | 31), (2.0, 0)];
+    let (found, _) = read(binary(b"", &viscam));
+    assert_eq!(found, ["255 0 0", "0 0 255", "255 255 255"]);
+    // Magics: no flag, blue, green, red; the flag stands for the colour of all.
+    let header = b"COLOR=\x0a\x14\x1e\xff,MATERIAL=";
+    let (found, _) = read(binary(header, &[(0.0, 31), (1.0, 31 << 10), (2.0, 0x8000)]));
+    assert_eq!(found, ["255 0 0", "0 0 255", "10 20 30"]);
+    let (found, notes) = read(binary(b"", &[(0.0, 7), (1.0, 0)]));
+    assert_eq!(found, ["", ""]);
+    assert!(notes[0].contains("1 facets have attribute bytes"), "{notes:?}");
+}
+
+/// A ball of two metres at coordinates of a map keeps its shape.
+#[test]
+fn ascii_stl_keeps_what_it_says() {
+    let shift = |text: &str| {
+        text.replace("vertex 0 0 0", "vertex 412345.678 5712345.678 101.25")
+            .replace("vertex 1 0 0", "vertex 412345.778 5712345.678 101.25")
+            .replace("vertex 0 1 0", "vertex 412345.678 5712345.778 101.25")
+            .replace("vertex 5 5 5", "vertex 412345.678 5712345.678 101.35")
+    };
+    let source = open("a.stl", shift(STL).as_bytes(), false).unwrap();
+    assert_eq!(counts(&source), (4, 2));
+    assert_eq!(positions(&source)[1], [412345.778, 5712345.678, 101.25]);
+    // Near the origin it is floats, as ever.
+    assert_eq!(open("a.stl", STL.as_bytes(), false).unwrap().schema().position_bytes(), 12);
+}
+
+#[test]
+fn other_formats_are_named() {
+    for (name, bytes, word) in [
+        ("a.fbx", &b"Kaydara FBX Binary  \x00\x1a\x00rest"[..], "FBX"),
+        ("a.usdc", b"PXR-USDC\0\0", "USD"),
+        ("a.las", b"LASF\0\0\0\0", "point cloud"),
+        ("a.e57", b"ASTM-E57\0", "E57"),
+        ("a.dae", b"<?xml version=\"1.0\"?>\n<COLLADA xmlns=\"x\">", "COLLADA"),
+        ("a.obj", b"<!DOCTYPE html><html>", "web page"),
+        ("a.off", b"OFF\n3 1 0\n0 0 0\n", "OFF"),
+        ("a.xyz", b"0 0 0\n1 0 0\n1 1 0\n2 2 2\n", "list of points"),
+        ("a.ply", b"version https://git-lfs.github.com/spec/v1\n", "Git LFS"),
+        ("a.step", b"ISO-10303-21;\n", "STEP"),
+    ] {
+        let message = refusal(name, bytes);
+        assert!(message.contains(word) && message.contains("does not read"), "{message}");
+    }
+}
+
+fn zip(files: &[(&str, &[u8])]) -> Vec<u8> {
+    let mut writer = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    for (name, bytes) in files {
+        writer.start_file(*name, zip::write::SimpleFileOptions::default()).unwrap();
+        writer.write_all(bytes).unwrap();
+    }
+    writer.finish().unwrap().into_inner()
+}
+
+#[test]
+fn an_archive_with_one_mesh_is_read() {
+    let obj = OBJ.as_bytes();
+    let one = zip(&[("scan/a.obj", obj), ("__MACOSX/._a.obj", b"x"), ("read me.txt", b"x")]);
+    assert_eq!(counts(&open("a.zip", &one, false).unwrap()), (4, 2));
+    let with_images = zip(&[("a.obj", obj), ("a.png", b"x")]);
+    let source = open("a.zip", &with_images, false).unwrap();
+    assert!(source.notes()[0].contains("unpack it"), "{:?}", source.notes());
+    let two = zip(&[("a.obj", obj), ("b.obj", obj)]);
+    assert!(refusal("a.zip", &two).contains("2 of them meshes"));
+    assert!(refusal("a.3mf", &zip(&[("3D/3dmodel.model", b"<model/>")])).contains("3MF"));
+    assert!(refusal("a.usdz", &zip(&[("a.usdc", b"PXR-USDC")])).contains("USDZ"));
+    refusal("a.zip", &one[..one.len() / 2]);
+}
