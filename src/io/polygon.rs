@@ -219,44 +219,67 @@ fn put_back(flat: &[[f64; 2]], triangles: &mut Vec<[usize; 3]>) {
             next.entry(from).or_default().push(to);
         }
     }
-    let length = |a: usize, b: usize| dot2(minus(flat[a], flat[b]), minus(flat[a], flat[b]));
     while let Some(&start) = next.keys().next() {
-        let mut ring = vec![start];
-        loop {
-            let last = ring[ring.len() - 1];
-            let to = next.get_mut(&last).and_then(Vec::pop);
-            if next.get(&last).is_some_and(Vec::is_empty) {
+        // Loops may meet in a corner: the way is cut at the first corner that it comes back to.
+        let (mut way, mut places) = (vec![start], BTreeMap::from([(start, 0)]));
+        while let Some(&last) = way.last() {
+            let Some(list) = next.get_mut(&last) else { break };
+            let to = list.pop();
+            if list.is_empty() {
                 next.remove(&last);
             }
-            match to {
-                Some(to) if to == start => break,
-                Some(to) if ring.len() <= n => ring.push(to),
-                // Not a loop: the polygon is not simple, and what is open stays open.
-                _ => return,
+            let Some(to) = to else { break };
+            match places.get(&to) {
+                None => {
+                    places.insert(to, way.len());
+                    way.push(to);
+                }
+                Some(&place) => {
+                    let ring: Vec<usize> = way[place..].to_vec();
+                    way.truncate(place + 1);
+                    ring[1..].iter().for_each(|corner| {
+                        places.remove(corner);
+                    });
+                    divide(flat, ring, triangles, &mut owners);
+                }
             }
         }
-        let side = |i: usize| length(ring[i], ring[(i + 1) % ring.len()]);
-        let longest =
-            (0..ring.len()).fold(0, |best, i| if side(i) > side(best) { i } else { best });
-        let n_sides = ring.len();
-        ring.rotate_left((longest + 1) % n_sides);
-        // Now the last corner and the first one are the ends of the longest side.
-        let (first, last) = (ring[0], ring[ring.len() - 1]);
-        let Some(&number) = owners.get(&(first, last)) else { continue };
-        let Some(&tip) = triangles[number].iter().find(|&&i| i != first && i != last) else {
-            continue;
-        };
-        for (k, pair) in ring.windows(2).enumerate() {
-            let triangle = [pair[0], pair[1], tip];
-            let place = if k == 0 { number } else { triangles.len() };
-            if k == 0 {
-                triangles[number] = triangle;
-            } else {
-                triangles.push(triangle);
-            }
-            for k in 0..3 {
-                owners.insert((triangle[k], triangle[(k + 1) % 3]), place);
-            }
+    }
+}
+
+/// Divides the triangle that has the longest side of a loop without area at the corners of the other sides.
+fn divide(
+    flat: &[[f64; 2]],
+    mut ring: Vec<usize>,
+    triangles: &mut Vec<[usize; 3]>,
+    owners: &mut BTreeMap<(usize, usize), usize>,
+) {
+    let n = ring.len();
+    let side = |i: usize| {
+        let along = minus(flat[ring[(i + 1) % n]], flat[ring[i]]);
+        dot2(along, along).sqrt()
+    };
+    let longest = (0..n).fold(0, |best, i| if side(i) > side(best) { i } else { best });
+    let others: f64 = (0..n).filter(|&i| i != longest).map(side).sum();
+    if others > side(longest) * (1.0 + 10.0 * FLAT) {
+        return;
+    }
+    // Now the last corner and the first one are the ends of the longest side.
+    ring.rotate_left((longest + 1) % n);
+    let (first, last) = (ring[0], ring[n - 1]);
+    let Some(&number) = owners.get(&(first, last)) else { return };
+    let tip = triangles[number].iter().find(|&&i| i != first && i != last);
+    let Some(&tip) = tip else { return };
+    for (k, pair) in ring.windows(2).enumerate() {
+        let triangle = [pair[0], pair[1], tip];
+        let place = if k == 0 { number } else { triangles.len() };
+        if k == 0 {
+            triangles[number] = triangle;
+        } else {
+            triangles.push(triangle);
+        }
+        for k in 0..3 {
+            owners.insert((triangle[k], triangle[(k + 1) % 3]), place);
         }
     }
 }

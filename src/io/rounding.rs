@@ -16,7 +16,7 @@ const SHARE: f64 = 1e-3;
 const SAMPLED_VERTICES: usize = 65_536;
 const SAMPLED_TRIANGLES: usize = 20_000;
 
-/// Whether a format rounds the coordinates of a mesh, and to what.
+/// Rounding of coordinates by a format.
 #[derive(Clone, Copy, PartialEq)]
 enum Grain {
     /// Floats of the coordinates themselves.

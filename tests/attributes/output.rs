@@ -113,7 +113,8 @@ fn textures_of_obj_come_back_from_one_cell_and_from_many() {
     // 10,000 triangles of cells of 1000 are too many for one finish: the result has many cells.
     for (cells, target) in [("1M", 1000), ("1000", 1000), ("1000", 10_000)] {
         let options = format!("--triangles {target} --cell-triangles {cells} --force -q");
-        expect(folder, &format!("simplify in.obj out.obj {options}"), 0);
+        // The images are not there.
+        expect(folder, &format!("simplify in.obj out.obj {options}"), 3);
         let mesh = read_obj(&folder.join("out.obj"));
         assert!(mesh.faces.len() <= target && mesh.faces.len() * 100 >= target * 98);
         let places: BTreeSet<_> = mesh.positions.iter().collect();
@@ -129,7 +130,7 @@ fn textures_of_obj_come_back_from_one_cell_and_from_many() {
         assert!(open_edges(mesh.faces.iter().map(|f| f.0)) < 500);
     }
     // As PLY: the form that carries the images' names.
-    expect(folder, "simplify in.obj out.ply --triangles 10k --cell-triangles 1000 -q", 0);
+    expect(folder, "simplify in.obj out.ply --triangles 10k --cell-triangles 1000 -q", 3);
     let bytes = std::fs::read(folder.join("out.ply")).unwrap();
     let end = bytes.windows(10).position(|w| w == b"end_header").unwrap();
     let header = String::from_utf8_lossy(&bytes[..end]).into_owned();
@@ -139,7 +140,7 @@ fn textures_of_obj_come_back_from_one_cell_and_from_many() {
     assert_eq!(count(&json, "components"), 1);
     assert!(count(&json, "boundary_edges") < 500);
     // And from there to OBJ again.
-    expect(folder, "simplify out.ply again.obj --triangles 500 -q", 0);
+    expect(folder, "simplify out.ply again.obj --triangles 500 -q", 3);
     // A collapse inside takes two triangles at once.
     let left = read_obj(&folder.join("again.obj")).faces.len();
     assert!((499..=500).contains(&left), "{left}");

@@ -20,12 +20,12 @@ const UDIM: &str = "<udim>";
 
 /// A search in the folders of a mesh and its material libraries.
 pub(crate) struct Search {
-    /// What is looked for, in messages.
+    /// The kind of file, in messages.
     what: &'static str,
     folders: Vec<PathBuf>,
     /// Names in lower case and as they are, by folder.
     listings: HashMap<PathBuf, HashMap<String, OsString>>,
-    /// How many were found elsewhere than written, and the first of them.
+    /// Number of files found elsewhere than written, and the first of them.
     n_elsewhere: usize,
     first: Option<(String, PathBuf)>,
 }

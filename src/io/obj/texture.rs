@@ -143,7 +143,7 @@ impl Named {
             names.find_map(|name| alike.get(&plain(&name).to_lowercase()).copied())
         };
         let beside = library_beside(libraries.obj).filter(|path| !libraries.read.contains(path));
-        if let Some(path) = beside.filter(|_| known.iter().all(|known| !known)) {
+        if let Some(path) = beside.filter(|_| out.libraries.is_empty()) {
             libraries.read(&path, &exact, known, out);
             let first_known = |known: &[bool]| known.contains(&true);
             if !first_known(known) {

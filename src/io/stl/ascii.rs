@@ -23,7 +23,7 @@ pub(crate) fn is_ascii(first: &[u8]) -> bool {
     text.len() >= 5 && text[..5].eq_ignore_ascii_case(b"solid") && !first.contains(&0)
 }
 
-/// What is read of an ASCII STL before its triangles are welded.
+/// Triangles of an ASCII STL before they are welded.
 struct Facets<'a> {
     options: &'a StageOptions,
     extent: Extent,

@@ -10,7 +10,7 @@ use crate::io::ply::raw::{RawFile, Spool};
 /// Set where a facet has a colour (VisCAM), or where it has that of the header (Magics).
 const FLAG: u16 = 1 << 15;
 
-/// What facets have that no colour is known of.
+/// Colour of facets without one, beside others that have one.
 const WHITE: [u8; 3] = [255; 3];
 
 /// One of the STL files that lie one behind the other.
