@@ -1,7 +1,7 @@
 //! Finds the files that a mesh names, though it was made on another machine.
 //!
-//! As written first (also with slashes for backslashes, without quotes or a comment behind); then what the name ends in,
-//! beside the mesh and its library; then the same without regard to case. Says what was taken instead.
+//! As written first, also with slashes for backslashes, without quotes or a comment behind. Then what the name ends in is
+//! looked for beside the mesh and its library, and at last without regard to case. Says what was taken instead.
 
 use crate::io::encodings;
 use std::collections::HashMap;
