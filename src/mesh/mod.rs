@@ -22,6 +22,8 @@ pub mod placing;
 pub mod property;
 pub mod record;
 pub mod relief;
+pub(crate) mod sight;
+pub mod steps;
 pub mod topology_counts;
 pub(crate) mod union_find;
 pub(crate) mod vec3;

@@ -4,6 +4,9 @@
 //! Of the two edges of a new triangle the one at the vertex with fewer triangles left is taken first, so that vertices are
 //! done with early. docs/results/lod.md has the sizes beside other orders.
 
+use crate::mesh::steps::{HUB, count};
+use std::collections::HashMap;
+
 /// The triangles in that order, each turned so that it begins with the edge that it was reached by.
 pub(super) fn strips(triangles: &[[u32; 3]], n_vertices: usize) -> Vec<[u32; 3]> {
     let mut around = Around::new(triangles, n_vertices);
@@ -30,7 +33,7 @@ pub(super) fn strips(triangles: &[[u32; 3]], n_vertices: usize) -> Vec<[u32; 3]>
             }
         };
         is_out[t] = true;
-        corners.iter().for_each(|&v| around.remove(v, t as u32));
+        around.remove(corners, t as u32);
         out.push(corners);
         let [a, b, c] = corners;
         edges.push((a, b));
@@ -46,6 +49,22 @@ struct Around {
     first: Vec<u32>,
     left: Vec<u32>,
     triangles: Vec<u32>,
+    hubs: Hubs,
+}
+
+/// What makes a walk through the triangles of a hub needless.
+#[derive(Default)]
+struct Hubs {
+    is_hub: Vec<bool>,
+    /// The place of a triangle among those of a hub.
+    places: HashMap<(u32, u32), u32>,
+    /// The edges left from hub to hub, as triangles have them.
+    edges: HashMap<(u32, u32), u32>,
+}
+
+/// The edges of a triangle, each from the corner before.
+fn edges([a, b, c]: [u32; 3]) -> [(u32, u32); 3] {
+    [(a, b), (b, c), (c, a)]
 }
 
 impl Around {
@@ -66,7 +85,33 @@ impl Around {
                 next[v as usize] += 1;
             }
         }
-        Around { first, left, triangles: list }
+        let mut around = Around { first, left, triangles: list, hubs: Hubs::default() };
+        around.find_hubs(triangles);
+        around
+    }
+
+    fn is_hub(&self, v: u32) -> bool {
+        self.hubs.is_hub[v as usize]
+    }
+
+    fn find_hubs(&mut self, triangles: &[[u32; 3]]) {
+        let mut is_hub: Vec<bool> = self.left.iter().map(|n| *n as usize > HUB).collect();
+        // A triangle that has a hub twice would have two places there.
+        for [a, b, c] in triangles.iter().filter(|[a, b, c]| a == b || b == c || c == a) {
+            [a, b, c].into_iter().for_each(|v| is_hub[*v as usize] = false);
+        }
+        let mut hubs = Hubs::default();
+        for v in (0..is_hub.len() as u32).filter(|v| is_hub[*v as usize]) {
+            let places = (0..).zip(self.of(v).iter());
+            hubs.places.extend(places.map(|(place, &t)| ((v, t), place)));
+        }
+        if !hubs.places.is_empty() {
+            let between = |&(v, w): &(u32, u32)| is_hub[v as usize] && is_hub[w as usize];
+            for edge in triangles.iter().flat_map(|&t| edges(t)).filter(between) {
+                *hubs.edges.entry(edge).or_default() += 1;
+            }
+        }
+        self.hubs = Hubs { is_hub, ..hubs };
     }
 
     fn of(&mut self, v: u32) -> &mut [u32] {
@@ -74,21 +119,50 @@ impl Around {
         &mut self.triangles[first..first + self.left[v as usize] as usize]
     }
 
-    /// A triangle that has an edge the other way round.
+    /// The first triangle of `v` that has an edge the other way round.
     fn behind(&mut self, triangles: &[[u32; 3]], (v, w): (u32, u32)) -> Option<u32> {
-        let has = |t: &u32| {
-            let [a, b, c] = triangles[*t as usize];
-            [(a, b), (b, c), (c, a)].contains(&(w, v))
-        };
-        self.of(v).iter().copied().find(has)
+        let has = |t: &u32| edges(triangles[*t as usize]).contains(&(w, v));
+        if self.is_hub(v) {
+            if !self.is_hub(w) {
+                let place = |t: &u32| self.hubs.places.get(&(v, *t)).copied();
+                let (first, n) = (self.first[w as usize] as usize, self.left[w as usize]);
+                let of_w = self.triangles[first..first + n as usize].iter();
+                return of_w.copied().filter(has).min_by_key(place);
+            }
+            if !self.hubs.edges.contains_key(&(w, v)) {
+                return None;
+            }
+        }
+        let place = self.of(v).iter().position(has);
+        count(place.unwrap_or(0));
+        place.map(|place| self.of(v)[place])
     }
 
-    fn remove(&mut self, v: u32, triangle: u32) {
+    fn remove(&mut self, corners: [u32; 3], triangle: u32) {
+        for edge in edges(corners) {
+            if let Some(n) = self.hubs.edges.get_mut(&edge) {
+                *n -= 1;
+                if *n == 0 {
+                    self.hubs.edges.remove(&edge);
+                }
+            }
+            self.remove_at(edge.0, triangle);
+        }
+    }
+
+    fn remove_at(&mut self, v: u32, triangle: u32) {
+        let place = match self.is_hub(v) {
+            true => self.hubs.places.remove(&(v, triangle)).map(|place| place as usize),
+            false => self.of(v).iter().position(|t| *t == triangle),
+        };
+        let Some(place) = place else { return };
         let of = self.of(v);
-        let last = of.len().saturating_sub(1);
-        if let Some(place) = of.iter().position(|t| *t == triangle) {
-            of.swap(place, last);
-            self.left[v as usize] -= 1;
+        let last = of.len() - 1;
+        of.swap(place, last);
+        let moved = of[place];
+        self.left[v as usize] -= 1;
+        if place != last && self.is_hub(v) {
+            self.hubs.places.insert((v, moved), place as u32);
         }
     }
 }

@@ -11,6 +11,13 @@ use super::forward::is_beside;
 use super::largest::Largest;
 use super::patches::Patches;
 use super::within::{Found, Within};
+use crate::mesh::steps::{HUB, count};
+
+/// Triangles of the mesh that are held against one of the version without a second thought.
+const FEW: usize = 4096;
+
+/// Where it takes more, all together may take so many for each triangle of the mesh.
+const MORE: usize = 64;
 
 /// Bounds the distances of all triangles of the version from the mesh.
 ///
@@ -34,6 +41,8 @@ pub(super) fn triangles(
     };
     let mut within = Within::new(fine, patches, hints, limit);
     let mut below = Below::new(fine, limit);
+    let mut wider = Wider { around, seen: vec![NONE; coarse.positions.len()], list: Vec::new() };
+    let mut more = MORE * fine.triangles.len();
     let is_open = |&t: &u32| {
         if is_beside(&corners(t), fine, limit_sq) {
             return false;
@@ -45,9 +54,16 @@ pub(super) fn triangles(
             Found::Perhaps => {}
         }
         // What went into the vertices next to its own may reach over it.
-        let next = own.iter().flat_map(|&v| around.of(v));
-        let wider = next.flat_map(|&t| coarse.triangles[t as usize]).map(|v| patches.triangles(v));
-        !below.covers(&places, wider)
+        let list = wider.of(&coarse.triangles, t);
+        let n: usize = list.iter().map(|&v| patches.triangles(v).len()).sum();
+        count(n);
+        if n > FEW {
+            if n > more {
+                return true;
+            }
+            more -= n;
+        }
+        !below.covers(&places, list.iter().map(|&v| patches.triangles(v)))
     };
     let open: Vec<u32> = (0..coarse.triangles.len() as u32).filter(is_open).collect();
     drop(within);
@@ -60,5 +76,32 @@ pub(super) fn triangles(
     let mut exact = Exact::new(fine);
     for t in open {
         reverse.look(coarse.triangles[t as usize], corners(t), &mut feet, largest, &mut exact);
+    }
+}
+
+/// The vertices of the version next to a triangle of it.
+struct Wider<'a> {
+    around: &'a Around,
+    /// For each vertex the last triangle that it was listed for.
+    seen: Vec<u32>,
+    list: Vec<u32>,
+}
+
+impl Wider<'_> {
+    /// Lists them, each once. Hubs, and vertices that only they lead to, are left out: what went into a hub beside the triangle has
+    /// another corner that went into one of the vertices that are listed.
+    fn of(&mut self, triangles: &[[u32; 3]], t: u32) -> &[u32] {
+        let Wider { around, seen, list } = self;
+        list.clear();
+        let is_hub = |v: u32| around.of(v).len() > HUB;
+        for &v in triangles[t as usize].iter().filter(|v| !is_hub(**v)) {
+            for w in around.of(v).iter().flat_map(|&t| triangles[t as usize]) {
+                if seen[w as usize] != t && !is_hub(w) {
+                    seen[w as usize] = t;
+                    list.push(w);
+                }
+            }
+        }
+        list
     }
 }

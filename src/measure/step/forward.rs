@@ -8,6 +8,7 @@ use super::foot::{Doubtful, Feet, Foot};
 use super::largest::Largest;
 use crate::measure::triangle::{Vector, closest};
 use crate::mesh::Mesh;
+use crate::mesh::steps::{HUB, count};
 use crate::mesh::vec3::{length_sq, sub};
 use std::collections::BinaryHeap;
 
@@ -227,14 +228,20 @@ impl Forward<'_> {
         foot
     }
 
-    /// The nearest triangle around a vertex, then around the corner nearest to the foot, as long as that gains.
+    /// The nearest triangle around a vertex, then around the corner nearest to the foot, as long as that gains. Nothing is looked at
+    /// around a hub: if the foot counts, it is looked for everywhere.
     fn descend(&self, point: Vector, hint: u32) -> Foot {
         let mut best =
             Foot { point, distance_sq: f64::INFINITY, triangle: NONE, hint, is_rough: false };
         let mut at = hint;
         while at != NONE {
             let mut weights = None;
-            for &t in self.around.of(at) {
+            let around = self.around.of(at);
+            if around.len() > HUB {
+                break;
+            }
+            count(around.len());
+            for &t in around {
                 let (distance_sq, w) = closest(point, &self.coarse.corners(t as usize));
                 if distance_sq < best.distance_sq {
                     (best.distance_sq, best.triangle, weights) = (distance_sq, t, Some(w));

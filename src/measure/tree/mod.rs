@@ -13,6 +13,7 @@ mod tests;
 
 use super::tilted::{Inside, Tilted};
 use super::triangle::{self, Vector};
+use crate::mesh::steps::count;
 use boxes::{Frame, LEAF, Node, TILTED, WIDTH};
 
 /// Enough for the 11 levels that 2^32 triangles need, with all siblings of the path waiting.
@@ -115,7 +116,10 @@ impl Tree {
 
     /// Like `nearest`, but free to stop at any triangle whose squared distance is at most `enough_sq`.
     pub fn nearest_unless_within(&self, point: Vector, guess: Nearest, enough_sq: f64) -> Nearest {
-        self.search(point, guess, enough_sq, |_| true, || ())
+        let mut n = 0;
+        let found = self.search(point, guess, enough_sq, |_| true, || n += 1);
+        count(n);
+        found
     }
 
     #[inline(always)]
