@@ -4,6 +4,7 @@
 
 use crate::error::Result;
 use crate::mesh::bounds::Bounds;
+use crate::mesh::steps::count;
 use crate::system::progress::Progress;
 
 /// Boxes in a leaf.
@@ -83,6 +84,11 @@ impl Boxes {
         &self.hulls[0]
     }
 
+    /// The numbers of all.
+    pub fn ids(&self) -> impl Iterator<Item = u32> + '_ {
+        self.items.iter().map(|item| item.id)
+    }
+
     fn root(&self) -> Node {
         Node { at: 0, level: 0, from: 0, to: self.items.len() }
     }
@@ -158,7 +164,7 @@ impl Boxes {
         mut visit: impl FnMut(u32, u32),
     ) -> Result<()> {
         let mut waiting = vec![task];
-        let mut n = 0;
+        let (mut n, mut n_visits) = (0, 0);
         while let Some(task) = waiting.pop() {
             let Task(a, b) = task;
             if a.level < self.depth || b.level < other.depth {
@@ -176,11 +182,13 @@ impl Boxes {
                 }
                 for near in &other.items[first..b.to] {
                     if touch(&item.bounds, &near.bounds) {
+                        n_visits += 1;
                         visit(item.id, near.id);
                     }
                 }
             }
         }
+        count(n_visits);
         Ok(())
     }
 }

@@ -204,7 +204,7 @@ impl Work<'_> {
             own.count_all(&self.marks, &mut tally, self.progress)?;
             for other in self.neighbours(cell) {
                 let look = &self.looks[other];
-                let hull = own.boxes.hull();
+                let hull = &own.hull();
                 let near = |_, bounds: &Bounds| touch(bounds, hull) && !look.is_large(bounds);
                 let guests = self.soup(other, near)?;
                 own.count_with(&guests, &self.marks, &mut tally, self.progress)?;
@@ -284,7 +284,7 @@ impl Work<'_> {
         let sum = Mutex::new(Tally::default());
         let firsts = self.large_firsts();
         let has_later = |cell: CellId| firsts[cell] + self.looks[cell].n_large > batch.end;
-        let hull = large.boxes.hull();
+        let hull = &large.hull();
         let is_near = |&cell: &CellId| has_later(cell) || touch(&self.looks[cell].hull, hull);
         let cells = CellId::first(self.store.n_cells()).filter(is_near);
         let taken = large_bytes() * (batch.end - batch.start);

@@ -1,11 +1,12 @@
 //! Counts the places where a surface passes through or lies on itself.
 //!
-//! Pairs of triangles whose boxes touch are found by trees of boxes (`boxes`) and decided exactly (`mesh::meeting`). A mesh in
-//! memory is one soup of triangles; one of any size is gone through cell by cell (`cells`). The counts are those of
+//! Pairs of triangles whose boxes touch are found by trees of boxes (`boxes`), at corners of many by what these see (`hubs`), and
+//! decided exactly (`mesh::meeting`). A mesh in memory is one soup of triangles; one of any size is gone through cell by cell (`cells`). The counts are those of
 //! the surface alone: not of threads, memory or cells. Changes nothing. docs/design/self-intersections.md.
 
 mod boxes;
 mod cells;
+mod hubs;
 
 pub(crate) use cells::{in_store, job_bytes};
 
@@ -17,6 +18,7 @@ use crate::mesh::meeting::{self, Meeting};
 use crate::system::parallel;
 use crate::system::progress::Progress;
 use boxes::{Boxes, Item, Task};
+use hubs::{Hub, take_hubs};
 use std::borrow::Cow;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -73,6 +75,7 @@ pub fn in_memory(mesh: &Mesh, threads: usize, progress: &Progress) -> Result<Sel
             Ok(())
         },
     )?;
+    soup.count_hubs(&marks, &mut tally, progress)?;
     Ok(tally.finish(&marks, n_flat))
 }
 
@@ -128,7 +131,9 @@ enum Numbers {
 struct Soup<'a> {
     mesh: Cow<'a, Mesh>,
     numbers: Numbers,
+    /// Of those that belong to no hub.
     boxes: Boxes,
+    hubs: Vec<Hub>,
 }
 
 impl<'a> Soup<'a> {
@@ -157,8 +162,24 @@ impl<'a> Soup<'a> {
                 items.push(Item { bounds, id: i as u32 });
             }
         }
+        let hubs = take_hubs(&mut items, |t| mesh.corners(t as usize));
         let boxes = Boxes::build(items, progress)?;
-        Ok((Soup { mesh, numbers, boxes }, n_flat))
+        Ok((Soup { mesh, numbers, boxes, hubs }, n_flat))
+    }
+
+    /// The box of all triangles.
+    fn hull(&self) -> Bounds {
+        self.hubs.iter().fold(*self.boxes.hull(), |hull, hub| hull.joined(&hub.hull))
+    }
+
+    fn corners(&self, t: u32) -> [[f64; 3]; 3] {
+        self.mesh.corners(t as usize)
+    }
+
+    /// Triangles that belong to no hub, or to one from the hub of a number on.
+    fn from_hub(&self, first: usize) -> impl Iterator<Item = (u32, [[f64; 3]; 3])> + '_ {
+        let of_hubs = self.hubs[first..].iter().flat_map(|hub| hub.own.iter().copied());
+        self.boxes.ids().chain(of_hubs).map(|t| (t, self.corners(t)))
     }
 
     fn number(&self, id: u32) -> u64 {
@@ -182,7 +203,18 @@ impl<'a> Soup<'a> {
     /// Counts all pairs among these triangles, in this thread.
     fn count_all(&self, marks: &Marks, tally: &mut Tally, progress: &Progress) -> Result<()> {
         let tasks = self.boxes.tasks(1);
-        tasks.into_iter().try_for_each(|task| self.count(task, marks, tally, progress))
+        tasks.into_iter().try_for_each(|task| self.count(task, marks, tally, progress))?;
+        self.count_hubs(marks, tally, progress)
+    }
+
+    /// Counts the pairs of which at least one belongs to a hub.
+    fn count_hubs(&self, marks: &Marks, tally: &mut Tally, progress: &Progress) -> Result<()> {
+        for (n, hub) in self.hubs.iter().enumerate() {
+            let mut visit = |i, j| self.decide(i, self, j, marks, tally);
+            hub.pairs(|t| self.corners(t), progress, &mut visit)?;
+            hub.pairs_with(|t| self.corners(t), self.from_hub(n + 1), progress, visit)?;
+        }
+        Ok(())
     }
 
     /// Counts the pairs of one of these triangles and one of the others.
@@ -194,7 +226,17 @@ impl<'a> Soup<'a> {
         progress: &Progress,
     ) -> Result<()> {
         let visit = |i, j| self.decide(i, other, j, marks, tally);
-        self.boxes.pairs_with(&other.boxes, progress, visit)
+        self.boxes.pairs_with(&other.boxes, progress, visit)?;
+        for hub in &self.hubs {
+            let visit = |i, j| self.decide(i, other, j, marks, tally);
+            hub.pairs_with(|t| self.corners(t), other.from_hub(0), progress, visit)?;
+        }
+        for hub in &other.hubs {
+            let own = self.boxes.ids().map(|t| (t, self.corners(t)));
+            let visit = |i, j| other.decide(i, self, j, marks, tally);
+            hub.pairs_with(|t| other.corners(t), own, progress, visit)?;
+        }
+        Ok(())
     }
 
     fn decide(&self, i: u32, other: &Soup, j: u32, marks: &Marks, tally: &mut Tally) {
