@@ -4,6 +4,8 @@
 //! pairs become one vertex each. So a vertex has one fan, an edge one pair or a boundary, and no triangle is lost. Source:
 //! cutting after Gueziec et al. 1998 (docs/references.md).
 
+use super::book::pair_pages;
+use crate::mesh::steps::HUB;
 use crate::mesh::union_find::Union;
 use crate::mesh::vec3::{Vec3, dot, length_sq, normal};
 use std::collections::VecDeque;
@@ -117,6 +119,15 @@ fn pairs(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<[u32; 2]> {
             && is_forward(one) != is_forward(other)
         {
             pairs.push([one.1, other.1]);
+            continue;
+        }
+        if edge.len() > HUB {
+            let page = |side: &Side| {
+                let third = corner(next(next(side.1)));
+                (positions[third as usize], is_forward(side), side.1)
+            };
+            let pages: Vec<(Vec3, bool, u32)> = edge.iter().map(page).collect();
+            pairs.extend(pair_pages(edge[0].0.map(|v| positions[v as usize]), &pages));
             continue;
         }
         let mut candidates = Vec::new();

@@ -4,6 +4,7 @@
 //! methods (`pipeline/methods/`). A method reads its source through `Positions`, so that none decides how vertices are
 //! kept. The collapse goes through cells on disk instead and is not one of them.
 
+mod book;
 pub mod cluster;
 pub mod decimate;
 mod key_table;

@@ -1,6 +1,7 @@
 //! One contraction: the triangles that go, those that follow, and those that fall on each other's backs.
 
 use super::quadric::Quadric;
+use crate::mesh::steps::count;
 use crate::mesh::vec3::{Vec3, cross, dot, length_sq, normal, scale, sub, unit};
 use crate::methods::surface::Surface;
 
@@ -49,8 +50,11 @@ pub(super) fn plan(
     let mut sides: Vec<Side> = Vec::new();
     let mut apexes = Vec::new();
     let mut rings = [Vec::new(), Vec::new()];
+    // Fewer steps are not counted.
+    let mut n_steps = 0;
     for (own, other, is_of_b) in [(a, b, false), (b, a, true)] {
         for triangle in surface.around(own) {
+            n_steps += 1;
             let corners = surface.corners(triangle);
             rings[usize::from(is_of_b)].extend(corners);
             if corners.contains(&other) {
@@ -64,15 +68,89 @@ pub(super) fn plan(
             if turns(surface, corners, own, place) {
                 return Err(Refusal::Fold);
             }
-            let at = corners.iter().position(|&v| v == own).unwrap_or(0);
-            let (next, last) = (corners[(at + 1) % 3], corners[(at + 2) % 3]);
-            sides.push(([next.min(last), next.max(last)], next > last, triangle, is_of_b));
+            sides.push(side(corners, own, triangle, is_of_b));
         }
     }
+    count(n_steps);
     if out.is_edge && n_common(&mut rings, [a, b]) != n_different(&mut apexes) {
         return Err(Refusal::Topology);
     }
+    let n_sides = sides.len();
+    lay(surface, a, &mut sides, &mut out)?;
+    // A vertex without a triangle left was the end of a component.
+    if out.n_cancelled > 0 && (out.is_edge || out.n_cancelled == n_sides) {
+        return Err(Refusal::Topology);
+    }
+    Ok(out)
+}
+
+/// The same where the first vertex is a hub, which stays where it is: nothing becomes of its triangles but where those of `b` come to
+/// lie on them. What would take a walk around a hub to find out is refused.
+pub(super) fn plan_at_hub(
+    surface: &Surface,
+    [hub, b]: [u32; 2],
+    is_hub: impl Fn(u32) -> bool,
+) -> Result<Contraction, Refusal> {
+    let place = surface.positions[hub as usize];
+    let mut out = Contraction::default();
+    let (mut sides, mut apexes, mut ring) = (Vec::<Side>::new(), Vec::new(), Vec::new());
+    for triangle in surface.around(b) {
+        let corners = surface.corners(triangle);
+        if corners.contains(&hub) {
+            out.hole.push(triangle);
+            out.is_edge = true;
+            apexes.extend(corners.iter().filter(|&&v| v != hub && v != b));
+            continue;
+        }
+        if turns(surface, corners, b, place) {
+            return Err(Refusal::Fold);
+        }
+        ring.extend(corners.iter().filter(|&&v| v != b));
+        sides.push(side(corners, b, triangle, true));
+    }
+    apexes.sort_unstable();
+    ring.sort_unstable();
+    ring.dedup();
+    // A neighbour of both that is on no triangle with them.
+    let is_common =
+        |v: &u32| apexes.binary_search(v).is_err() && (is_hub(*v) || surface.has_edge(*v, hub));
+    if out.is_edge && ring.iter().any(is_common) {
+        return Err(Refusal::Topology);
+    }
+    for i in 0..sides.len() {
+        let ends = sides[i].0;
+        let Some(&end) = ends.iter().find(|v| !is_hub(**v)) else { return Err(Refusal::Topology) };
+        for triangle in surface.around(end) {
+            let corners = surface.corners(triangle);
+            if corners.contains(&hub) && ends.iter().all(|v| corners.contains(v)) {
+                sides.push(side(corners, hub, triangle, false));
+            }
+        }
+    }
+    lay(surface, hub, &mut sides, &mut out)?;
+    if out.n_cancelled > 0 && out.is_edge {
+        return Err(Refusal::Topology);
+    }
+    Ok(out)
+}
+
+/// A triangle as it is seen from a corner.
+fn side(corners: [u32; 3], own: u32, triangle: u32, is_of_b: bool) -> Side {
+    let at = corners.iter().position(|&v| v == own).unwrap_or(0);
+    let (next, last) = (corners[(at + 1) % 3], corners[(at + 2) % 3]);
+    ([next.min(last), next.max(last)], next > last, triangle, is_of_b)
+}
+
+/// Finds out which of the triangles around the new vertex `a` stay, and which lie on each other's backs and go.
+fn lay(
+    surface: &Surface,
+    a: u32,
+    sides: &mut Vec<Side>,
+    out: &mut Contraction,
+) -> Result<(), Refusal> {
     sides.sort_unstable();
+    // Two sides of `b` find the same triangle of a hub where they are on it both.
+    sides.dedup();
     for group in sides.chunk_by(|one, other| one.0 == other.0) {
         let n_turned = group.iter().filter(|side| side.1).count();
         let n_straight = group.len() - n_turned;
@@ -95,11 +173,7 @@ pub(super) fn plan(
             out.lost += lost(surface, surface.corners(triangle));
         }
     }
-    // A vertex without a triangle left was the end of a component.
-    if out.n_cancelled > 0 && (out.is_edge || out.n_cancelled == sides.len()) {
-        return Err(Refusal::Topology);
-    }
-    Ok(out)
+    Ok(())
 }
 
 /// Vertices in both lists besides the two themselves.

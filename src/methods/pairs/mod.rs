@@ -20,9 +20,10 @@ use crate::io::ply::MeshSource;
 use crate::mesh::blend::of_ends;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::codec::VertexCodec;
+use crate::mesh::steps::{HUB, count};
 use crate::mesh::vec3::{Vec3, add, length_sq, scale, sub};
 use crate::system::progress::Progress;
-use contract::{Contraction, plan};
+use contract::{Contraction, plan, plan_at_hub};
 use quadric::Quadric;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -145,6 +146,8 @@ struct Run {
     /// The vertex that each one went into, or itself.
     into: Vec<u32>,
     changes: Vec<u32>,
+    /// Vertices of so many triangles that they stay where they are: then a contraction changes few of these.
+    is_hub: Vec<bool>,
     queue: BinaryHeap<Entry>,
     n_found: u64,
     n_edges: u64,
@@ -163,6 +166,7 @@ impl Run {
             partners: vec![Vec::new(); n],
             into: (0..n as u32).collect(),
             changes: vec![0; n],
+            is_hub: vec![false; n],
             queue: BinaryHeap::new(),
             n_found: 0,
             n_edges: 0,
@@ -194,6 +198,9 @@ impl Run {
         progress.check()?;
         self.queue.clear();
         self.partners.iter_mut().for_each(Vec::clear);
+        let mut n_around = vec![0; self.is_hub.len()];
+        self.surface.alive().flatten().for_each(|v| n_around[v as usize] += 1);
+        self.is_hub.iter_mut().zip(n_around).for_each(|(is_hub, n)| *is_hub = n > HUB);
         for [a, b] in near::pairs(&self.surface) {
             self.partners[a as usize].push(b);
             self.partners[b as usize].push(a);
@@ -217,6 +224,14 @@ impl Run {
 
     /// The place of the vertex that a pair would become, and the error there.
     fn look(&self, [a, b]: [u32; 2]) -> (Vec3, f64) {
+        if self.is_hub[a as usize] || self.is_hub[b as usize] {
+            let [hub, other] = self.hub_first([a, b]).map(|v| v as usize);
+            let [place, from] = [hub, other].map(|v| self.surface.positions[v]);
+            // The error at a hub does not change, so it does not count.
+            let quadric = &self.quadrics[other];
+            let length_cost = LENGTH_COST * quadric.weight() * length_sq(sub(place, from));
+            return (place, quadric.error(place) + length_cost);
+        }
         let [p, q] = [a, b].map(|v| self.surface.positions[v as usize]);
         let sum = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
         let middle = scale(add(p, q), 0.5);
@@ -259,18 +274,29 @@ impl Run {
                 progress.check()?;
             }
             let (place, cost) = self.look(pair);
-            let Ok(contraction) = plan(&self.surface, pair, place) else {
+            let pair = self.hub_first(pair);
+            let planned = match pair.map(|v| self.is_hub[v as usize]) {
+                [false, _] => plan(&self.surface, pair, place),
+                [true, false] => plan_at_hub(&self.surface, pair, |v| self.is_hub[v as usize]),
+                [true, true] => Err(contract::Refusal::Topology),
+            };
+            let Ok(contraction) = planned else {
                 self.n_refused += 1;
                 continue;
             };
             let whole = cost + contraction.lost;
             if whole > f64::from_bits(bits) * (1.0 + 1e-9) {
-                self.push(pair, whole);
+                self.push([pair[0].min(pair[1]), pair[0].max(pair[1])], whole);
                 continue;
             }
             self.contract(pair, place, &contraction, carried);
         }
         Ok(())
+    }
+
+    /// The vertex that stays first: a hub, or the lower one.
+    fn hub_first(&self, [a, b]: [u32; 2]) -> [u32; 2] {
+        if self.is_hub[b as usize] && !self.is_hub[a as usize] { [b, a] } else { [a, b] }
     }
 
     fn contract(
@@ -295,8 +321,11 @@ impl Run {
         let sum = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
         self.quadrics[a as usize] = sum;
         self.into[b as usize] = a;
-        self.changes[a as usize] += 1;
         self.changes[b as usize] += 1;
+        if self.is_hub[a as usize] {
+            return self.follow_to_hub([a, b], contraction);
+        }
+        self.changes[a as usize] += 1;
         let of_b = std::mem::take(&mut self.partners[b as usize]);
         self.partners[a as usize].extend(of_b);
         if !self.surface.is_used(a) {
@@ -315,8 +344,23 @@ impl Run {
         ring.retain(|&v| v != a);
         partners.retain(|&v| v != a);
         self.partners[a as usize] = partners;
+        count(ring.len());
         for v in ring {
             self.enqueue([a.min(v), a.max(v)]);
+        }
+    }
+
+    /// Puts the pairs of a hub into the queue that it has from a vertex that went into it. Its others are what they were.
+    fn follow_to_hub(&mut self, [hub, b]: [u32; 2], contraction: &Contraction) {
+        let mut new = std::mem::take(&mut self.partners[b as usize]);
+        new.iter_mut().for_each(|v| *v = self.followed(*v));
+        new.retain(|&v| v != hub && self.surface.is_used(v));
+        self.partners[hub as usize].extend(&new);
+        new.extend(contraction.filling.as_flattened().iter().filter(|&&v| v != hub));
+        new.sort_unstable();
+        new.dedup();
+        for v in new {
+            self.enqueue([hub.min(v), hub.max(v)]);
         }
     }
 

@@ -4,9 +4,10 @@
 //! triangles are long (a Cech complex of the vertices, as in Liu, Zhang & Yuksel 2025). Facing keeps the two sides of a
 //! wall apart, which would be eaten away from within, and leaves gaps, cracks and tunnels. Sets no price.
 
+use crate::mesh::steps::{HUB, count};
 use crate::mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub, unit};
 use crate::methods::surface::Surface;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 
 /// Radius of a ball, in mean lengths of the edges around its vertex: two vertices pair up to twice the length apart.
 const RADIUS: f64 = 1.0;
@@ -25,6 +26,7 @@ struct Vertices {
     normals: Vec<Option<Vec3>>,
     radii: Vec<f64>,
     is_boundary: Vec<bool>,
+    is_hub: Vec<bool>,
 }
 
 impl Vertices {
@@ -53,6 +55,8 @@ impl Vertices {
             edge[0].iter().for_each(|&v| is_boundary[v as usize] = true);
         }
         let used: Vec<u32> = (0..n as u32).filter(|&v| surface.is_used(v)).collect();
+        // Each triangle has told of two edges.
+        let is_hub = lengths.iter().map(|(_, n)| *n as usize > 2 * HUB).collect();
         let mut radii: Vec<f64> =
             lengths.iter().map(|(sum, n)| RADIUS * sum / f64::from((*n).max(1))).collect();
         let mut sorted: Vec<f64> = used.iter().map(|&v| radii[v as usize]).collect();
@@ -60,7 +64,7 @@ impl Vertices {
         let most = LARGEST * sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
         radii.iter_mut().for_each(|radius| *radius = radius.min(most));
         let normals = sums.into_iter().map(unit).collect();
-        Vertices { used, normals, radii, is_boundary }
+        Vertices { used, normals, radii, is_boundary, is_hub }
     }
 
     /// True if two vertices face each other, lie on boundaries, or in one place.
@@ -80,6 +84,41 @@ impl Vertices {
     }
 }
 
+/// What makes walks around hubs needless.
+#[derive(Default)]
+struct Hubs {
+    rings: HashMap<u32, BTreeSet<u32>>,
+    /// For each vertex the number of the set of hubs beside it; 0 if there is none.
+    beside: Vec<u32>,
+}
+
+impl Hubs {
+    fn of(surface: &Surface, is_hub: &[bool]) -> Hubs {
+        let mut beside = vec![0; is_hub.len()];
+        let all = (0..is_hub.len() as u32).filter(|&v| is_hub[v as usize]);
+        let rings: HashMap<u32, BTreeSet<u32>> = all.map(|v| (v, ring(surface, v))).collect();
+        let mut known = HashMap::new();
+        for &v in rings.values().flatten() {
+            if beside[v as usize] == 0 {
+                let of_v: Vec<u32> = match is_hub[v as usize] {
+                    true => rings.keys().filter(|hub| rings[hub].contains(&v)).copied().collect(),
+                    false => ring(surface, v).into_iter().filter(|w| is_hub[*w as usize]).collect(),
+                };
+                let of_v: BTreeSet<u32> = of_v.into_iter().collect();
+                let number = known.len() as u32 + 1;
+                beside[v as usize] = *known.entry(of_v).or_insert(number);
+            }
+        }
+        Hubs { rings, beside }
+    }
+}
+
+/// True if two sets have nothing in common. Takes as long as the smaller one.
+fn are_disjoint(a: &BTreeSet<u32>, b: &BTreeSet<u32>) -> bool {
+    let (few, many) = if a.len() < b.len() { (a, b) } else { (b, a) };
+    !few.iter().any(|v| many.contains(v))
+}
+
 /// The vertices that share a triangle with `vertex`.
 fn ring(surface: &Surface, vertex: u32) -> BTreeSet<u32> {
     surface.around(vertex).flat_map(|t| surface.corners(t)).filter(|&v| v != vertex).collect()
@@ -97,8 +136,9 @@ pub(super) fn pairs(surface: &Surface) -> Vec<[u32; 2]> {
     // A partner is at most two radii away, so in this cell of the grid or beside it.
     let side = 2.0 * largest;
     let cell = |p: Vec3| p.map(|x| (x / side).floor() as i64);
-    let mut places: Vec<([i64; 3], u32)> =
-        vertices.used.iter().map(|&v| (cell(surface.positions[v as usize]), v)).collect();
+    let hubs = Hubs::of(surface, &vertices.is_hub);
+    let place = |v: u32| (cell(surface.positions[v as usize]), hubs.beside[v as usize], v);
+    let mut places: Vec<([i64; 3], u32, u32)> = vertices.used.iter().map(|&v| place(v)).collect();
     places.sort_unstable();
     let mut found = Vec::new();
     let mut near: Vec<(f64, u32)> = Vec::new();
@@ -109,8 +149,15 @@ pub(super) fn pairs(surface: &Surface) -> Vec<[u32; 2]> {
         for (dx, dy) in (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (dx, dy))) {
             // Three cells in a row are one run of the list.
             let (first, last) = ([x + dx, y + dy, z - 1], [x + dx, y + dy, z + 1]);
-            let begin = places.partition_point(|place| place.0 < first);
-            for &(_, b) in places[begin..].iter().take_while(|place| place.0 <= last) {
+            let mut next = places.partition_point(|place| place.0 < first);
+            while let Some(&(cell, beside, b)) = places.get(next).filter(|place| place.0 <= last) {
+                // Vertices beside the same hub have a common neighbour, all of them.
+                if beside > 0 && beside == hubs.beside[a as usize] {
+                    let rest = &places[next..];
+                    next += rest.partition_point(|place| (place.0, place.1) <= (cell, beside));
+                    continue;
+                }
+                next += 1;
                 let apart = length_sq(sub(surface.positions[b as usize], at));
                 let reach = vertices.radii[a as usize] + vertices.radii[b as usize];
                 if a != b && apart <= reach * reach && vertices.may_pair(surface, a, b) {
@@ -122,8 +169,15 @@ pub(super) fn pairs(surface: &Surface) -> Vec<[u32; 2]> {
             continue;
         }
         near.sort_unstable_by(|one, other| one.0.total_cmp(&other.0).then(one.1.cmp(&other.1)));
-        let own = ring(surface, a);
-        let is_apart = |b: u32| !own.contains(&b) && ring(surface, b).is_disjoint(&own);
+        count(near.len());
+        let own = &ring(surface, a);
+        let is_apart = |b: u32| {
+            !own.contains(&b)
+                && match hubs.rings.get(&b) {
+                    Some(ring) => are_disjoint(own, ring),
+                    None => are_disjoint(own, &ring(surface, b)),
+                }
+        };
         let partners = near.iter().map(|&(_, b)| b).filter(|&b| is_apart(b)).take(MOST);
         found.extend(partners.map(|b| [a.min(b), a.max(b)]));
     }
