@@ -101,14 +101,17 @@ fn both_stars(surface: &Surface, a: u32, b: u32) -> Vec<u32> {
     out
 }
 
-/// True if `a`, which is free, can go into `b`: the link condition, and no vertex is left with two triangles.
+/// True if `a`, which is free, can go into `b`, which is not a hub: the link condition, and no vertex is left with two triangles.
 fn is_legal(surface: &Surface, a: u32, b: u32) -> bool {
+    if surface.is_hub[b as usize] {
+        return false;
+    }
     let Some([left, right]) = surface.sides(a, b) else { return false };
     let c = turned(surface.triangles[left as usize], a)[2];
     let d = turned(surface.triangles[right as usize], b)[2];
     let remains = |v: u32| {
         let least = if surface.is_fixed[v as usize] { 2 } else { 4 };
-        surface.around[v as usize].len() >= least
+        surface.has_around(v, least)
     };
     let others = surface.neighbours(b);
     let n_common = surface.neighbours(a).iter().filter(|v| others.contains(v)).count();

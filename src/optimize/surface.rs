@@ -7,6 +7,7 @@ use super::patch::{Point, settle};
 use super::samples::Sample;
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
+use crate::mesh::steps::{HUB, count};
 use crate::mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub};
 
 /// Bytes of a sample beside the sample itself.
@@ -33,9 +34,12 @@ pub(super) struct Surface {
     /// Positions relative to `centre`.
     pub places: Vec<Vec3>,
     pub triangles: Vec<[u32; 3]>,
-    /// Triangles around each vertex.
+    /// Triangles around each vertex; none at hubs, whose edges are found from their other ends.
     pub around: Vec<Vec<u32>>,
-    /// True for vertices that stay: no closed fan of triangles is around them.
+    /// True for vertices of too many triangles to be walked around at every move nearby.
+    pub is_hub: Vec<bool>,
+    has_hubs: bool,
+    /// True for vertices that stay: hubs, and those that no closed fan of triangles is around.
     pub is_fixed: Vec<bool>,
     /// Positions of samples relative to `centre`.
     pub samples: Vec<Sample>,
@@ -69,8 +73,12 @@ impl Surface {
                 around[v as usize].push(t as u32);
             }
         }
+        let is_hub: Vec<bool> = around.iter().map(|list| list.len() > HUB).collect();
+        around.iter_mut().filter(|list| list.len() > HUB).for_each(|list| *list = Vec::new());
         let n = samples.len();
         let mut surface = Surface {
+            has_hubs: is_hub.contains(&true),
+            is_hub,
             places: mesh.positions.iter().map(|&p| sub(p, centre)).collect(),
             first: vec![NONE; triangles.len()],
             next: vec![NONE; n],
@@ -105,27 +113,47 @@ impl Surface {
         self.triangles[t as usize].map(|v| self.places[v as usize])
     }
 
+    /// Triangles among which are all that have both vertices, of which one at most is a hub.
+    fn around_either(&self, a: u32, b: u32) -> &[u32] {
+        let list = &self.around[if self.is_hub[a as usize] { b } else { a } as usize];
+        count(list.len());
+        list
+    }
+
     /// The triangle on the left of the edge from `a` to `b`, if there is exactly one.
     pub fn left_of(&self, a: u32, b: u32) -> Option<u32> {
         let mut found = None;
-        for &t in &self.around[a as usize] {
-            if follower(self.triangles[t as usize], a) == b && found.replace(t).is_some() {
+        for &t in self.around_either(a, b) {
+            let is_left = is_edge(self.triangles[t as usize], a, b);
+            if is_left && found.replace(t).is_some() {
                 return None;
             }
         }
         found
     }
 
-    /// True if an edge between two vertices is there.
+    /// True if an edge between two vertices is there, or may be, between hubs.
     pub fn has_edge(&self, a: u32, b: u32) -> bool {
-        self.around[a as usize].iter().any(|&t| self.triangles[t as usize].contains(&b))
+        (self.is_hub[a as usize] && self.is_hub[b as usize])
+            || self.around_either(a, b).iter().any(|&t| {
+                let triangle = self.triangles[t as usize];
+                triangle.contains(&a) && triangle.contains(&b)
+            })
+    }
+
+    /// True if a vertex has at least as many triangles.
+    pub fn has_around(&self, v: u32, least: usize) -> bool {
+        self.is_hub[v as usize] || self.around[v as usize].len() >= least
     }
 
     /// The triangles on both sides of the edge from `a` to `b`, left one first, if these are all.
     pub fn sides(&self, a: u32, b: u32) -> Option<[u32; 2]> {
         let sides = [self.left_of(a, b)?, self.left_of(b, a)?];
-        let at_edge = |&&t: &&u32| self.triangles[t as usize].contains(&b);
-        (self.around[a as usize].iter().filter(at_edge).count() == 2).then_some(sides)
+        let at_edge = |&&t: &&u32| {
+            let triangle = self.triangles[t as usize];
+            triangle.contains(&a) && triangle.contains(&b)
+        };
+        (self.around_either(a, b).iter().filter(at_edge).count() == 2).then_some(sides)
     }
 
     /// True if the triangles around a vertex are one closed fan.
@@ -163,18 +191,25 @@ impl Surface {
         out
     }
 
-    /// Edges between two triangles, from the lower to the higher vertex, in the order of these.
+    /// Edges between two triangles, from the lower to the higher vertex, in the order of these; without those between hubs.
     pub fn inner_edges(&self) -> Vec<[u32; 2]> {
         let mut out = Vec::with_capacity(self.triangles.len() * 3 / 2);
         for a in 0..self.places.len() as u32 {
             let first = out.len();
             for &t in &self.around[a as usize] {
-                let b = follower(self.triangles[t as usize], a);
+                let [_, b, c] = turned(self.triangles[t as usize], a);
                 if b > a && self.sides(a, b).is_some() {
                     out.push([a, b]);
                 }
+                // Edges that begin at a hub.
+                if self.is_hub[c as usize] && c < a && self.sides(c, a).is_some() {
+                    out.push([c, a]);
+                }
             }
             out[first..].sort_unstable();
+        }
+        if self.has_hubs {
+            out.sort_unstable();
         }
         out
     }
@@ -321,7 +356,7 @@ impl Surface {
             self.around[v as usize].retain(|&other| other != t);
         }
         self.triangles[t as usize] = corners;
-        for v in corners {
+        for v in corners.into_iter().filter(|&v| !self.is_hub[v as usize]) {
             self.around[v as usize].push(t);
         }
     }
@@ -356,7 +391,7 @@ impl Surface {
                 least = least.min(cosine(own, normal(other.corners)));
                 continue;
             }
-            for &t in &self.around[b as usize] {
+            for &t in self.around_either(b, a) {
                 if is_other(self.triangles[t as usize]) && !replaced.contains(&t) {
                     least = least.min(cosine(own, normal(self.corners(t))));
                 }
@@ -395,9 +430,9 @@ fn shape([a, b, c]: [Vec3; 3]) -> f64 {
     if longest > 0.0 { doubled / longest } else { 0.0 }
 }
 
-/// The corner behind `v`.
-pub(super) fn follower(triangle: [u32; 3], v: u32) -> u32 {
-    turned(triangle, v)[1]
+/// True if a triangle has an edge from `a` to `b`.
+fn is_edge([p, q, r]: [u32; 3], a: u32, b: u32) -> bool {
+    (p == a && q == b) || (q == a && r == b) || (r == a && p == b)
 }
 
 /// The triangle with `v` as its first corner.

@@ -75,7 +75,7 @@ impl Swap {
         let d = turned(surface.triangles[sides[1] as usize], b)[2];
         let remains = |v: u32| {
             let least = if surface.is_fixed[v as usize] { 3 } else { 4 };
-            surface.around[v as usize].len() >= least
+            surface.has_around(v, least)
         };
         let is_legal = c != d && remains(a) && remains(b) && !surface.has_edge(c, d);
         is_legal.then_some(Swap { sides, corners: [[c, a, d], [d, b, c]] })
