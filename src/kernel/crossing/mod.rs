@@ -4,6 +4,7 @@
 //! is held here is what `info --check --self-intersections` counts. docs/design/self-intersections.md.
 
 mod facet;
+mod hubs;
 pub(crate) mod tree;
 
 use crate::kernel::surface::class::Class;
@@ -11,8 +12,10 @@ use crate::kernel::surface::{MAX_VALENCE, Surface};
 use crate::kernel::vertex::GONE;
 use crate::mesh::bounds::Bounds;
 use crate::mesh::corners::others;
+use crate::mesh::steps;
 use crate::mesh::vec3::Vec3;
 use facet::{Facet, is_graph};
+use hubs::Hubs;
 use std::collections::HashMap;
 use tree::{Hull, Hulls, Tree};
 
@@ -33,7 +36,9 @@ pub(crate) struct Change<'a> {
 /// The boxes of all triangles. About 28 bytes a triangle.
 #[derive(Clone)]
 pub(crate) struct Crossings {
+    /// Those of hubs have no box here.
     tree: Tree,
+    hubs: Hubs,
     fan: Vec<Facet>,
     hulls: Hulls,
     near: Vec<u32>,
@@ -44,8 +49,10 @@ impl Crossings {
     pub(crate) fn new(surface: &Surface) -> Crossings {
         let mut bounds = Bounds::EMPTY;
         surface.vertices.iter().for_each(|vertex| bounds.add(vertex.position));
+        let tree = Tree::new(bounds.or_origin().middle());
         let mut crossings = Crossings {
-            tree: Tree::new(bounds.or_origin().middle()),
+            hubs: Hubs::of(surface, &tree),
+            tree,
             fan: Vec::new(),
             hulls: Hulls::default(),
             near: Vec::new(),
@@ -56,14 +63,16 @@ impl Crossings {
 
     /// Memory that it holds, in bytes.
     pub(crate) fn bytes(&self) -> u64 {
-        self.tree.bytes()
+        self.tree.bytes() + self.hubs.bytes()
     }
 
     /// Takes in the triangles that are new at the end of the surface's list.
     pub(crate) fn extend(&mut self, surface: &Surface) {
-        for triangle in &surface.triangles[self.tree.len()..] {
+        let first = self.tree.len();
+        for (triangle, t) in surface.triangles[first..].iter().zip(first as u32..) {
             let hull = match triangle[0] {
                 GONE => Hull::EMPTY,
+                _ if self.hubs.has(t) => Hull::EMPTY,
                 _ => self.tree.hull(&corners(surface, *triangle)),
             };
             self.tree.push(hull);
@@ -73,6 +82,9 @@ impl Crossings {
     /// Takes over where triangles are now.
     pub(crate) fn moved(&mut self, surface: &Surface, triangles: &[u32]) {
         for &t in triangles {
+            if self.hubs.moved(surface, &self.tree, t) {
+                continue;
+            }
             let triangle = surface.triangles[t as usize];
             let hull = match triangle[0] {
                 GONE => Hull::EMPTY,
@@ -176,9 +188,10 @@ impl Crossings {
 
     /// Pairs of the fan with all triangles but these; at `most` as many are counted.
     fn near(&mut self, surface: &Surface, except: &[u32], most: usize) -> usize {
-        let Crossings { tree, fan, hulls, near } = self;
+        let Crossings { tree, hubs, fan, hulls, near } = self;
         let whole = hulls.fill(fan.iter().map(|facet| tree.hull(&facet.corners)));
         tree.touching(&whole, near);
+        steps::count(near.len());
         let mut n = 0;
         for &t in near.iter() {
             let triangle = surface.triangles[t as usize];
@@ -195,6 +208,17 @@ impl Crossings {
                 }
             }
         }
+        let own = fan.iter().map(|facet| &facet.corners);
+        hubs.near(surface, (own, &whole), |own, t| {
+            let own = &fan[own];
+            let other = corners(surface, surface.triangles[t as usize]);
+            if except.contains(&t) || !tree.hull(&own.corners).touches(&tree.hull(&other)) {
+                return false;
+            }
+            let other = Facet::new(surface.triangles[t as usize], other);
+            n += usize::from(own.meets(&other));
+            n >= most
+        });
         n
     }
 }

@@ -25,6 +25,11 @@ impl Hull {
         }
     }
 
+    /// Returns whether two boxes have a common point.
+    pub(super) fn touches(&self, other: &Hull) -> bool {
+        (0..3).all(|k| self.low[k] <= other.high[k] && other.low[k] <= self.high[k])
+    }
+
     fn holds(&self, other: &Hull) -> bool {
         (0..3).all(|k| self.low[k] <= other.low[k] && other.high[k] <= self.high[k])
     }
