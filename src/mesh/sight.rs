@@ -1,4 +1,4 @@
-//! What a point sees of triangles: boxes on the faces of a cube around it.
+//! Triangles as they are seen from a point: boxes on the faces of a cube around it.
 //!
 //! Two triangles that have a point in common besides the one that looks have one in the same direction from it. So where a corner
 //! of thousands of triangles looks at these, boxes on its cube tell apart what boxes in space cannot: all of those
@@ -23,7 +23,7 @@ const MOST: usize = 16;
 /// The box of everything on a face.
 const WHOLE: Bounds = Bounds { low: [-2.0; 3], high: [2.0; 3] };
 
-/// What is seen from `eye` of a triangle, or of a segment.
+/// Projects a triangle, or a segment, onto the faces around `eye`.
 pub(crate) fn seen(eye: Vec3, corners: &[Vec3]) -> Faces {
     let mut from = [[0.0; 3]; 3];
     let n = corners.len().min(3);
@@ -74,7 +74,7 @@ pub(crate) fn seen(eye: Vec3, corners: &[Vec3]) -> Faces {
     faces
 }
 
-/// What is seen of a triangle from a place that may be a corner of it: then the edge opposite of that.
+/// Projects a triangle onto the faces around a place that may be a corner of it: then the edge opposite of that.
 pub(crate) fn seen_of(eye: Vec3, corners: &[Vec3; 3]) -> Faces {
     let [a, b, c] = *corners;
     match corners.iter().position(|corner| *corner == eye) {

@@ -52,7 +52,7 @@ struct Around {
     hubs: Hubs,
 }
 
-/// What makes a walk through the triangles of a hub needless.
+/// Tables that make a walk through the triangles of a hub needless.
 #[derive(Default)]
 struct Hubs {
     is_hub: Vec<bool>,

@@ -30,7 +30,7 @@ struct Hub {
     vertex: u32,
     eye: Vec3,
     triangles: Vec<u32>,
-    /// What is seen of them on each face.
+    /// Boxes of their images on each face.
     faces: [Tree; 6],
     /// The box of all.
     hull: Hull,

@@ -16,7 +16,7 @@ use crate::mesh::steps::{HUB, count};
 /// Triangles of the mesh that are held against one of the version without a second thought.
 const FEW: usize = 4096;
 
-/// Where it takes more, all together may take so many for each triangle of the mesh.
+/// Triangles of the version that take more may take this many together, for each triangle of the mesh.
 const MORE: usize = 64;
 
 /// Bounds the distances of all triangles of the version from the mesh.

@@ -146,7 +146,7 @@ struct Run {
     /// The vertex that each one went into, or itself.
     into: Vec<u32>,
     changes: Vec<u32>,
-    /// Vertices of so many triangles that they stay where they are: then a contraction changes few of these.
+    /// Vertices of more than `HUB` triangles. They stay where they are: then a contraction changes few of these.
     is_hub: Vec<bool>,
     queue: BinaryHeap<Entry>,
     n_found: u64,

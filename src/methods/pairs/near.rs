@@ -84,7 +84,7 @@ impl Vertices {
     }
 }
 
-/// What makes walks around hubs needless.
+/// Rings of hubs, found once.
 #[derive(Default)]
 struct Hubs {
     rings: HashMap<u32, BTreeSet<u32>>,
