@@ -3,6 +3,7 @@
 mod min_component;
 
 use crate::io::ply::ReadOptions;
+use crate::io::{Lock, Weld};
 use crate::kernel::{Fit, Placement, Topology};
 use crate::mesh::placing::Placing;
 use crate::system::memory;
@@ -306,6 +307,10 @@ pub struct Config {
     pub checkpoint_every: std::time::Duration,
     /// Treatment of colours, normals and other properties.
     pub attributes: Attributes,
+    /// Copies of vertices that become one before everything else.
+    pub weld: Weld,
+    /// Vertices that stay bit for bit.
+    pub lock: Option<Lock>,
     /// Options of the kernel; the stop is set by the stages.
     pub kernel: crate::kernel::Options,
 }
@@ -363,6 +368,8 @@ impl Config {
             min_component: None,
             checkpoint_every: CHECKPOINT_EVERY,
             attributes: Attributes::default(),
+            weld: Weld::Auto,
+            lock: None,
             kernel: Default::default(),
             output,
         }
@@ -439,6 +446,12 @@ impl Config {
             if self.manifold {
                 settings.insert("manifold".to_owned(), true.to_string());
             }
+        }
+        if self.weld != Weld::Auto {
+            settings.insert("weld".to_owned(), self.weld.to_string());
+        }
+        if let Some(lock) = &self.lock {
+            settings.insert("lock".to_owned(), lock.to_string());
         }
         if self.pairs {
             settings.insert("pairs".to_owned(), true.to_string());
@@ -518,6 +531,8 @@ mod tests {
             min_component: None,
             checkpoint_every: std::time::Duration::from_secs(30),
             attributes: Attributes::default(),
+            weld: Weld::Auto,
+            lock: None,
             kernel: crate::kernel::Options::default(),
         }
     }

@@ -13,6 +13,7 @@ mod levels;
 mod log;
 mod measure;
 mod method;
+mod near;
 mod new_texture;
 mod out_of_memory;
 mod outcome;

@@ -78,6 +78,9 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
             show_count(done.relocations)
         ));
     }
+    for line in report.input.weld.iter().flat_map(|weld| &weld.notes) {
+        log.say(format!("  {line}"));
+    }
     for property in &report.face_properties {
         log.say(face_line(property));
     }

@@ -6,6 +6,7 @@ use super::display::watch;
 use super::levels::TypedTarget;
 use super::log::{EXIT_SHORT, Log, Talk};
 use super::method::{self, TypedMethod, Wishes};
+use super::near::TypedNear;
 use super::new_texture::TypedPages;
 use super::outcome::{is_short, tell, write_report};
 use super::placing::TypedPlacing;
@@ -128,9 +129,8 @@ pub struct Args {
     /// midpoint.
     #[arg(long, value_enum, value_name = "PLACE", default_value = "optimal")]
     placement: TypedPlacement,
-    /// Let free boundaries at most this far apart, in input units, meet and join; 0: none.
-    #[arg(long, value_name = "T", value_parser = super::arguments::parse_length, default_value_t = 0.0)]
-    merge_distance: f64,
+    #[command(flatten)]
+    near: TypedNear,
     #[command(flatten)]
     progressive: TypedProgressive,
     /// Print the plan and stop.
@@ -211,16 +211,15 @@ impl Args {
                 self.cell_triangles
             )));
         }
-        if self.merge_distance > 0.0 && self.topology == TypedTopology::Keep {
-            let what = "--merge-distance changes the topology: not with --topology keep";
-            return Err(Error::Usage(what.to_owned()));
-        }
+        let keeps_topology = self.topology == TypedTopology::Keep;
+        self.near.check(keeps_topology)?;
         if max_error.is_some() && self.seams.is_some() {
             let what = "--max-error may take several runs: not with --seams";
             return Err(Error::Usage(what.to_owned()));
         }
         let progressive = self.progressive.settings(&[
             ("--max-error", max_error.is_some()),
+            ("--lock", self.near.lock().is_some()),
             ("a list of targets", !levels.is_empty()),
             ("--topology keep", self.topology == TypedTopology::Keep),
             ("--fit on", self.fit == TypedFit::On),
@@ -240,6 +239,8 @@ impl Args {
             gradation: self.method.gradation.unwrap_or(0.0),
             manifold: self.method.manifold,
             optimize: self.method.optimize,
+            weld: self.near.weld(),
+            lock: self.near.lock(),
             pairs: self.method.pairs,
             memory_bytes: memory_budget(self.memory),
             threads: super::arguments::threads(self.threads),
@@ -271,7 +272,7 @@ impl Args {
             checkpoint_every: crate::config::CHECKPOINT_EVERY,
             attributes: Attributes {
                 weights: self.weight.clone(),
-                labels: self.label.clone(),
+                labels: self.near.labels(&self.label),
                 normals: self.normals,
             },
             kernel: kernel::Options {
@@ -292,7 +293,7 @@ impl Args {
                     TypedPlacement::Subset => kernel::Placement::Subset,
                     TypedPlacement::Midpoint => kernel::Placement::Midpoint,
                 },
-                merge_distance: self.merge_distance,
+                merge_distance: self.near.gap(keeps_topology),
                 no_self_intersections: self.no_self_intersections,
                 bound: max_error.map(|distance| kernel::Bound {
                     distance,
@@ -317,6 +318,7 @@ impl Args {
             ("--max-error", self.target.max_error.is_some()),
             ("a list of targets", self.target.is_chain()),
             ("--until", self.until.is_some()),
+            ("--lock", self.near.lock().is_some()),
             ("--seams", self.seams.is_some()),
             ("--progressive", self.progressive.progressive.is_some()),
             ("--no-self-intersections", self.no_self_intersections),
@@ -331,6 +333,7 @@ impl Args {
             ("--placement midpoint", self.placement == TypedPlacement::Midpoint),
             ("--fit on", self.fit == TypedFit::On),
             ("--until", self.until.is_some()),
+            ("--lock", self.near.lock().is_some()),
             ("--seams", self.seams.is_some()),
             ("--progressive", self.progressive.progressive.is_some()),
             ("--no-self-intersections", self.no_self_intersections),
@@ -341,12 +344,13 @@ impl Args {
             ("a list of targets", self.target.is_chain()),
             ("--cell-triangles", self.cell_triangles != DEFAULT_CELL_TRIANGLES),
             ("--until", self.until.is_some()),
+            ("--lock", self.near.lock().is_some()),
             ("--min-component", self.min_component.is_some()),
             ("--weight", self.weight != Weights::default()),
             ("--topology", self.topology != TypedTopology::Error),
             ("--fit", self.fit != TypedFit::Auto),
             ("--placement", self.placement != TypedPlacement::Optimal),
-            ("--merge-distance", self.merge_distance != 0.0),
+            ("--merge-distance", self.near.has_merge_distance()),
             ("--pairs", self.method.pairs),
             ("--no-self-intersections", self.no_self_intersections),
             ("--seams", self.seams.is_some()),

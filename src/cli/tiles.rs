@@ -6,6 +6,7 @@ use super::log::{EXIT_SHORT, Log, Talk};
 use super::outcome::stage_line;
 use super::placing::{Transform, TypedMoves, Up, numbers, parse_transform};
 use crate::error::{Error, Result};
+use crate::io::Weld;
 use crate::io::is_gltf;
 use crate::mesh::placing::Placing;
 use crate::pipeline::tiles::report::TilesReport;
@@ -81,6 +82,10 @@ pub struct Args {
     /// Drop and count broken faces and vertices instead of failing.
     #[arg(long)]
     skip_bad: bool,
+    /// Copies of vertices that become one before everything else: auto (copies within rounding, where a sample shows that
+    /// there are some), off, or a distance in input units.
+    #[arg(long, value_name = "WHAT", default_value = "auto")]
+    weld: Weld,
     /// Print the plan and stop.
     #[arg(long)]
     dry_run: bool,
@@ -204,6 +209,7 @@ impl Args {
             force: self.force,
             restart: self.restart,
             skip_bad: self.skip_bad,
+            weld: self.weld,
             checkpoint_every: crate::config::CHECKPOINT_EVERY,
         })
     }
@@ -287,15 +293,17 @@ fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {
             pages.texels_per_unit
         ));
     }
-    for note in &report.notes {
+    let welded = report.input.weld.iter().flat_map(|weld| &weld.notes);
+    for note in report.notes.iter().chain(welded) {
         log.say(format!("  {note}"));
     }
     for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {
         log.say(format!("  {n} {} dropped", name.replace('_', " ")));
     }
     if report.stuck > 0 {
+        let groups: u64 = report.levels.iter().map(|level| level.groups).sum();
         log.say(format!(
-            "{} groups of tiles kept nearly all of their triangles: their coarser levels are larger than they should be",
+            "{} of {groups} groups of tiles kept nearly all of their triangles: their coarser levels are larger than they should be",
             report.stuck
         ));
     }

@@ -5,7 +5,7 @@
 //! folder, so that nothing is left behind however a run ends; a resumed run stages again.
 
 use super::open_options::StageOptions;
-use super::{containers, encodings, gltf, obj, stl};
+use super::{containers, encodings, gltf, lock, obj, stl, weld};
 use crate::error::{Error, Result};
 use crate::io::ply::header::BYTE_ORDER_MARK;
 use crate::io::ply::raw::{RawFile, Spool};
@@ -37,6 +37,7 @@ impl MeshSource {
     /// Opens any input: PLY, STL, OBJ, GLB or glTF, gzip or zstd compressed or not, `-` for standard input.
     ///
     /// A plain PLY file is opened where it is, like `open_with`, unless it is a range grid; everything else is staged first.
+    /// So is what `StageOptions::weld` joins.
     pub fn open_staged(path: &Path, options: &StageOptions) -> Result<Self> {
         let (mut given_bytes, mut stream_checksum) = (None, None);
         let file = if path == Path::new("-") {
@@ -63,7 +64,7 @@ impl MeshSource {
         if let Some(checksum) = stream_checksum {
             source.set_stream_checksum(checksum);
         }
-        Ok(source)
+        lock::lock(weld::weld(source, options)?, options)
     }
 
     /// Reads bytes in memory as if they were a file of any format.

@@ -6,18 +6,102 @@ use crate::io::ply::raw::Spool;
 use crate::system::disk::Disk;
 use std::path::PathBuf;
 
+/// Decides which vertices are joined before all else.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Weld {
+    /// Copies within rounding, where a sample shows that there are some.
+    #[default]
+    Auto,
+    /// None.
+    Off,
+    /// Those at most this far apart, in input units.
+    Distance(f64),
+}
+
+impl std::str::FromStr for Weld {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Weld, String> {
+        match text {
+            "auto" => Ok(Weld::Auto),
+            "off" => Ok(Weld::Off),
+            _ => match text.parse::<f64>() {
+                Ok(distance) if distance > 0.0 && distance.is_finite() => {
+                    Ok(Weld::Distance(distance))
+                }
+                _ => Err("expected auto, off or a positive distance in input units".to_owned()),
+            },
+        }
+    }
+}
+
+impl std::fmt::Display for Weld {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Weld::Auto => write!(f, "auto"),
+            Weld::Off => write!(f, "off"),
+            Weld::Distance(distance) => write!(f, "{distance}"),
+        }
+    }
+}
+
+/// Vertices that must stay bit for bit.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Lock {
+    /// Those at open edges.
+    Boundary,
+    /// Those with a property that is not 0.
+    Property(String),
+}
+
+impl std::str::FromStr for Lock {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Lock, String> {
+        match text {
+            "" => Err("expected boundary, or the name of a property of vertices".to_owned()),
+            "boundary" => Ok(Lock::Boundary),
+            name => Ok(Lock::Property(name.to_owned())),
+        }
+    }
+}
+
+impl std::fmt::Display for Lock {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Lock::Boundary => write!(f, "boundary"),
+            Lock::Property(name) => write!(f, "{name}"),
+        }
+    }
+}
+
+/// Settings of the weld.
+#[derive(Clone, Debug)]
+pub struct WeldOptions {
+    /// What is joined.
+    pub how: Weld,
+    /// Up to this many triangles exact copies are left as they are: those who take in the whole mesh at once join them.
+    pub exact_above: u64,
+    /// Properties of vertices that are chosen, never averaged.
+    pub labels: Vec<String>,
+}
+
 /// Settings for staging an input.
 #[derive(Clone, Debug)]
 pub struct StageOptions {
     /// The folder for staged data; up to the size of the input, decompressed, and for STL three times
     /// that for a while.
     pub temp_dir: PathBuf,
-    /// Memory for sorting the corners of an STL file; at least 3 MiB are sensible.
+    /// Memory for sorting the corners of an STL file, and vertices that are joined; at least 3 MiB are sensible.
     pub memory_bytes: u64,
     /// Strictness of reading; its `temp_dir` is set to the one above.
     pub read: ReadOptions,
     /// The disk whose account staged data is part of.
     pub disk: Disk,
+    /// Joins copies of vertices; `None` leaves the mesh as it is.
+    pub weld: Option<WeldOptions>,
+    /// Marks vertices that must stay.
+    pub lock: Option<Lock>,
 }
 
 impl StageOptions {
@@ -25,7 +109,8 @@ impl StageOptions {
     pub fn new(temp_dir: impl Into<PathBuf>) -> Self {
         let temp_dir = temp_dir.into();
         let read = ReadOptions::default();
-        StageOptions { temp_dir, memory_bytes: 256 << 20, read, disk: Disk::default() }
+        let disk = Disk::default();
+        StageOptions { temp_dir, memory_bytes: 256 << 20, read, disk, weld: None, lock: None }
     }
 
     /// An empty spool in the folder for staged data.

@@ -50,6 +50,16 @@ impl Quality {
         *self = self.bounded();
     }
 
+    /// Adds the edges of every so many triangles.
+    fn add_edges(&mut self, surface: &Surface, step: usize) {
+        for t in surface.triangles.iter().step_by(step).filter(|t| t[0] != GONE) {
+            let [a, b, c] = t.map(|v| surface.vertices[v as usize].position);
+            let lengths = [sub(b, a), sub(c, b), sub(a, c)].map(|edge| length_sq(edge).sqrt());
+            self.edge_lengths += lengths.iter().sum::<f64>();
+            self.n_edges += 3;
+        }
+    }
+
     /// The same without infinities, which cannot be written down.
     fn bounded(self) -> Quality {
         let finite = |x: f64| x.min(f64::MAX);
@@ -87,7 +97,10 @@ pub struct QualityAt {
     pub quality: Quality,
 }
 
-/// Triangles that a probe looks at around one vertex, at most.
+/// With fewer edges among those that were looked at, all are.
+const FEWEST_EDGES: u64 = 300;
+
+/// Triangles that a probe looks at around one vertex, at most, evenly spaced: from the best of them it walks on.
 const MOST_FACES: usize = 1024;
 
 /// A point of the given surface.
@@ -120,7 +133,9 @@ impl Probes {
             let corners = t.map(|v| surface.vertices[v as usize].position);
             let sum = add(add(corners[0], corners[1]), corners[2]);
             let normal = scale(normal(corners), step as f64);
-            Probe { at: scale(sum, 1.0 / 3.0), normal, hint: t[0] }
+            // Around a hub there is too much to search.
+            let hint = t.iter().copied().min_by_key(|&v| surface.rings[v as usize].len);
+            Probe { at: scale(sum, 1.0 / 3.0), normal, hint: hint.unwrap_or(t[0]) }
         });
         Probes(probes.collect())
     }
@@ -170,11 +185,11 @@ impl Probes {
             found.iter().skip(astray).map(|(distance_sq, area)| distance_sq * area).sum();
         quality.squared_error = sum + removed_error;
         let step = surface.triangles.len().div_ceil(*N_PROBES.end()).max(1);
-        for t in surface.triangles.iter().step_by(step).filter(|t| t[0] != GONE) {
-            let [a, b, c] = t.map(|v| surface.vertices[v as usize].position);
-            let lengths = [sub(b, a), sub(c, b), sub(a, c)].map(|edge| length_sq(edge).sqrt());
-            quality.edge_lengths += lengths.iter().sum::<f64>();
-            quality.n_edges += 3;
+        quality.add_edges(surface, step);
+        // Where nearly everything is gone, what is left hides between the steps.
+        if step > 1 && quality.n_edges < FEWEST_EDGES {
+            (quality.edge_lengths, quality.n_edges) = (0.0, 0);
+            quality.add_edges(surface, 1);
         }
         quality.bounded()
     }
@@ -193,7 +208,9 @@ fn nearest(surface: &Surface, probe: &Probe) -> Option<(f64, Vec3)> {
             continue;
         }
         seen.push(v);
-        for &t in surface.ring(v).iter().take(MOST_FACES) {
+        let ring = surface.ring(v);
+        let step = ring.len().div_ceil(MOST_FACES).max(1);
+        for &t in ring.iter().step_by(step) {
             let t = surface.triangles[t as usize];
             // Long rings keep what is gone.
             if t[0] == GONE {

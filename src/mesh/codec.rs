@@ -66,7 +66,7 @@ impl MergeRule {
         let name = property.name.as_str();
         match property.scalar {
             _ if property.origin == Origin::Region => MergeRule::Colour,
-            _ if property.origin == Origin::FaceLabel => MergeRule::Label,
+            _ if matches!(property.origin, Origin::FaceLabel | Origin::Lock) => MergeRule::Label,
             // Wedges of different images must not be taken for the same; equal ones mix to themselves.
             Scalar::I32 if name == "texnumber" => MergeRule::Colour,
             Scalar::F32 => MergeRule::Single,

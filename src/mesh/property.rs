@@ -48,6 +48,8 @@ pub enum Origin {
     FaceLabel,
     /// The number of the region of faces that a vertex belongs to; no property of the input.
     Region,
+    /// A mark of vertices that must stay; no property of the input either.
+    Lock,
 }
 
 /// A carried property, besides x, y and z.

@@ -41,6 +41,24 @@ impl VertexSchema {
         self.properties.extend(properties);
     }
 
+    /// Says which property locks vertices without being one of the input.
+    pub(crate) fn set_lock(&mut self, name: &str) {
+        if let Some(i) = self.own_property(name) {
+            self.properties[i].origin = Origin::Lock;
+        }
+    }
+
+    /// Type and place in a record of the property that locks vertices: that of this name, or the one that is not the
+    /// input's.
+    pub(crate) fn lock_place(&self, name: Option<&str>) -> Option<(Scalar, usize)> {
+        let i = match name {
+            Some(name) => self.own_property(name)?,
+            None => self.properties.iter().position(|p| p.origin == Origin::Lock)?,
+        };
+        let before: usize = self.properties[..i].iter().map(|p| p.scalar.bytes()).sum();
+        Some((self.properties[i].scalar, self.position_bytes() + before))
+    }
+
     /// Largest relative error of a coordinate.
     pub fn rounding(&self) -> f64 {
         match self.coordinate {

@@ -86,5 +86,6 @@ pub(super) fn stage(
         bytes_read,
         bytes_written,
         peak_memory_bytes: peak_bytes(),
+        peak_temp_bytes: 0,
     }
 }

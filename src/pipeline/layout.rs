@@ -2,6 +2,7 @@
 
 use super::fit;
 use crate::config::Config;
+use crate::io::Lock;
 use crate::mesh::record::VertexSchema;
 use crate::store::cells::VertexLayout;
 
@@ -16,6 +17,11 @@ pub(super) fn layout(
         has_reach: config.kernel.bound.is_some(),
         has_relief: fit::carries_relief(config, n_triangles),
         is_watched: config.kernel.no_self_intersections,
+        lock: match &config.lock {
+            None => None,
+            Some(Lock::Boundary) => schema.lock_place(None),
+            Some(Lock::Property(name)) => schema.lock_place(Some(name)),
+        },
         ..VertexLayout::for_kernel(schema, n_vertices, &attributes.labels, &attributes.weights)
     }
 }

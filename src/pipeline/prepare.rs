@@ -8,8 +8,8 @@ use crate::config::{Config, Method, Normals, Texture};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::{
-    NUMBER, OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest, check_range,
-    faces_to_vertices, survey_faces,
+    NUMBER, OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest, Weld,
+    WeldOptions, check_range, faces_to_vertices, survey_faces,
 };
 use crate::stages::write::REACH;
 use crate::store::job;
@@ -132,6 +132,19 @@ pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String
     let read = config.read_options();
     let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
+    stage.weld = Some(WeldOptions {
+        how: match (config.weld, &config.lock) {
+            // What must stay is moved only if that was asked for.
+            (Weld::Auto, Some(_)) => Weld::Off,
+            (how, _) => how,
+        },
+        exact_above: match config.method {
+            Method::Collapse => config.cell_triangles,
+            Method::Cluster | Method::Decimate | Method::Retile => u64::MAX,
+        },
+        labels: config.attributes.labels.clone(),
+    });
+    stage.lock.clone_from(&config.lock);
     Ok((marks, stage))
 }
 

@@ -6,22 +6,54 @@
 use crate::kernel::{Quality, QualityAt};
 use crate::pipeline::run_report::QualityReport;
 
-/// A result no longer stands for its input from this root mean square error over mean edge on. Clean scans stay
+/// A result may no longer stand for its input from this root mean square error over mean edge on. Clean scans stay
 /// below 0.05 down to some hundred triangles. A chest CT has 0.05 at 1 %, 0.07 at 0.2 %, and 0.085 at 0.1 %, where a
-/// fifth of it faces the wrong way. Scans that were simplified down to shards have 0.3 and more
-/// (docs/results/real-scans.md, "What a scan can bear").
+/// fifth of it faces the wrong way (docs/results/real-scans.md, "What a scan can bear").
 const MOST_ERROR_PER_EDGE: f64 = 0.08;
+/// From there to this ratio a result still stands for its input, unless `MOST_AGAINST` of it faces the wrong way: an
+/// interior full of small things has 0.08 at 1 % with a twentieth against it, and all of its walls are right. Scans
+/// that were simplified down to shards have 0.15 and more.
+const SURELY_TOO_MUCH: f64 = 0.12;
+/// Share of the surface that faces the wrong way, as a second witness.
+const MOST_AGAINST: f64 = 0.1;
+/// Error over the root of the surface's area, about its size, that no result may have.
+const MOST_ERROR_OF_SIZE: f64 = 0.05;
+/// A count that is named to those who asked for too few is at least this multiple of theirs.
+const CLEARLY_MORE: f64 = 1.25;
+
+/// State of the surface at one count of triangles.
+#[derive(Clone, Copy, Debug)]
+struct Point {
+    triangles: u64,
+    /// Root mean square error over mean edge.
+    error_per_edge: f64,
+    /// Share of the surface that faces the wrong way.
+    share_against: f64,
+    /// Root mean square error over the root of the area.
+    error_of_size: f64,
+}
+
+impl Point {
+    /// Written so that NaN is not borne.
+    fn is_good(self) -> bool {
+        let limit =
+            if self.share_against < MOST_AGAINST { SURELY_TOO_MUCH } else { MOST_ERROR_PER_EDGE };
+        self.error_per_edge <= limit && self.error_of_size <= MOST_ERROR_OF_SIZE
+    }
+}
 
 /// Estimates on the way from the input to the result.
 #[derive(Clone, Debug, Default)]
 pub(super) struct QualityCurve {
-    /// Counts of triangles, falling, with error over edge.
-    points: Vec<(u64, f64)>,
+    /// Counts of triangles, falling. What is lost is not found again with fewer triangles, so neither measure falls:
+    /// whether a count can be borne never depends on how far below it the run went.
+    points: Vec<Point>,
     /// Sum of the mean squared errors of all rounds so far. Each is against what the round before left, and
     /// they are independent of each other, so squares add up.
     mean_square: f64,
     share_against: f64,
     mean_edge: f64,
+    error_per_edge: f64,
 }
 
 impl QualityCurve {
@@ -31,9 +63,22 @@ impl QualityCurve {
         for at in curve.iter().chain([&end]) {
             let rms = (self.mean_square + at.quality.mean_square()).sqrt();
             let edge = at.quality.mean_edge();
-            if edge > 0.0 {
-                self.points.push((at.triangles, rms / edge));
-            }
+            // A surface without edges that is off stands for nothing.
+            let now = match (rms > 0.0, edge > 0.0) {
+                (_, true) => rms / edge,
+                (true, false) => f64::MAX,
+                (false, false) => continue,
+            };
+            self.error_per_edge = now;
+            let against = self.share_against + at.quality.share_against();
+            let of_size = if at.quality.area > 0.0 { rms / at.quality.area.sqrt() } else { 0.0 };
+            let worst = self.points.last().copied();
+            self.points.push(Point {
+                triangles: at.triangles,
+                error_per_edge: worst.map_or(now, |worst| now.max(worst.error_per_edge)),
+                share_against: worst.map_or(against, |worst| against.max(worst.share_against)),
+                error_of_size: worst.map_or(of_size, |worst| of_size.max(worst.error_of_size)),
+            });
         }
         self.mean_square += end.quality.mean_square();
         self.share_against += end.quality.share_against();
@@ -42,35 +87,42 @@ impl QualityCurve {
 
     /// Says whether the result can be borne, and if not, what count could.
     pub(super) fn judge(&self, n_input: u64) -> QualityReport {
-        let (n_triangles, error_per_edge) = self.points.last().copied().unwrap_or((n_input, 0.0));
-        // Written so that NaN is not borne.
-        let bearable = error_per_edge <= MOST_ERROR_PER_EDGE;
+        let last = self.points.last().copied();
+        let n_triangles = last.map_or(n_input, |point| point.triangles);
+        // All that there is can always be borne.
+        let bearable = last.is_none_or(Point::is_good) || n_triangles >= n_input;
+        let enough = |n: u64| n.max(two_digits_up(CLEARLY_MORE * n_triangles as f64)).min(n_input);
         QualityReport {
             rms_estimate: self.mean_square.sqrt(),
             mean_edge: self.mean_edge,
-            error_per_edge,
+            error_per_edge: self.error_per_edge,
             share_against: self.share_against.min(1.0),
             bearable,
-            sensible_triangles: if bearable { n_triangles } else { self.least_count(n_input) },
+            sensible_triangles: if bearable {
+                n_triangles
+            } else {
+                enough(self.least_count(n_input))
+            },
         }
     }
 
     /// The count at which error over edge passes the limit: linear in logarithms between two estimates. Where none
     /// is good, from the first one; the ratio grows about as the root of the count falls.
     fn least_count(&self, n_input: u64) -> u64 {
-        let is_good = |&&(_, x): &&(u64, f64)| x <= MOST_ERROR_PER_EDGE;
-        let Some(&(high, low_error)) = self.points.iter().rev().find(is_good) else {
-            let (n, x) = self.points.first().copied().unwrap_or((n_input, 0.0));
+        let Some(good) = self.points.iter().rev().find(|point| point.is_good()) else {
+            let (n, x) =
+                self.points.first().map_or((n_input, 0.0), |p| (p.triangles, p.error_per_edge));
             return two_digits_up(n as f64 * (x / MOST_ERROR_PER_EDGE).powi(2)).min(n_input);
         };
-        let bad = self.points.iter().find(|&&(n, x)| n < high && x > MOST_ERROR_PER_EDGE);
-        let Some(&(low, high_error)) = bad else { return high };
-        if low_error <= 0.0 {
-            return high;
+        let is_bad = |point: &&Point| point.triangles < good.triangles && !point.is_good();
+        let Some(bad) = self.points.iter().find(is_bad) else { return good.triangles };
+        if good.error_per_edge <= 0.0 || good.error_per_edge >= MOST_ERROR_PER_EDGE {
+            return good.triangles;
         }
-        let share = (MOST_ERROR_PER_EDGE / low_error).ln() / (high_error / low_error).ln();
-        let count = (high as f64) * (low as f64 / high as f64).powf(share);
-        two_digits_up(count).min(high)
+        let share = (MOST_ERROR_PER_EDGE / good.error_per_edge).ln()
+            / (bad.error_per_edge / good.error_per_edge).ln();
+        let high = good.triangles as f64;
+        two_digits_up(high * (bad.triangles as f64 / high).powf(share)).min(good.triangles)
     }
 }
 
@@ -123,6 +175,56 @@ mod tests {
         let mut curve = QualityCurve::default();
         curve.add_round(&[], at(10_000, 0.002).quality, 10_000);
         assert_eq!(curve.judge(1_000_000).sensible_triangles, 63_000);
+    }
+
+    /// The same with a share of the surface that faces the wrong way.
+    fn against(triangles: u64, error_per_edge: f64, share: f64) -> QualityAt {
+        let mut at = at(triangles, error_per_edge / (triangles as f64).sqrt());
+        at.quality.area_against = share;
+        at
+    }
+
+    #[test]
+    fn fewer_triangles_are_never_judged_better() {
+        let way = [
+            against(40_000, 0.05, 0.01),
+            against(10_000, 0.09, 0.05),
+            against(5000, 0.075, 0.12),
+            against(2500, 0.06, 0.2),
+        ];
+        let judged = |n: usize| {
+            let mut curve = QualityCurve::default();
+            curve.add_round(&way[..n - 1], way[n - 1].quality, way[n - 1].triangles);
+            curve.judge(1_000_000)
+        };
+        let borne: Vec<bool> = (1..=4).map(|n| judged(n).bearable).collect();
+        assert_eq!(borne, [true, true, false, false], "a margin, and no way back");
+        for n in 3..=4 {
+            let report = judged(n);
+            assert!(report.sensible_triangles as f64 >= 1.25 * way[n - 1].triangles as f64);
+        }
+    }
+
+    #[test]
+    fn the_count_that_was_given_is_never_named() {
+        let mut curve = QualityCurve::default();
+        curve.add_round(
+            &[against(11_000, 0.079, 0.2)],
+            against(10_900, 0.081, 0.2).quality,
+            10_900,
+        );
+        let report = curve.judge(1_000_000);
+        assert!(!report.bearable && report.sensible_triangles == 14_000, "{report:?}");
+        assert!(curve.judge(10_900).bearable, "all that there is");
+    }
+
+    #[test]
+    fn what_is_off_and_has_no_edges_is_not_borne() {
+        let mut curve = QualityCurve::default();
+        let quality = Quality { area: 1.0, squared_error: 0.01, ..Quality::default() };
+        curve.add_round(&[], quality, 10);
+        let report = curve.judge(1000);
+        assert!(!report.bearable && report.sensible_triangles == 1000, "{report:?}");
     }
 
     #[test]

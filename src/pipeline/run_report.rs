@@ -6,7 +6,7 @@
 pub use super::method_reports::{
     DecimationReport, EdgesReport, GridReport, PairsReport, RetilingReport, SpreadReport,
 };
-use crate::io::ply::{MeshSource, type_name};
+use crate::io::ply::{MeshSource, WeldReport, type_name};
 use crate::io::{NUMBER, OutputKind, TexturePlan};
 use crate::mesh::bounds::Bounds;
 use crate::mesh::face_properties::{FacePolicy, FacePropertyPlan};
@@ -38,6 +38,9 @@ pub struct StageReport {
     /// Peak resident memory of the process up to the end of the stage, in bytes.
     #[serde(default)]
     pub peak_memory_bytes: u64,
+    /// The most bytes that temporary files of the job had at one time up to the end of the stage.
+    #[serde(default)]
+    pub peak_temp_bytes: u64,
 }
 
 impl StageReport {
@@ -74,6 +77,9 @@ pub struct InputReport {
     pub offset: Option<[f64; 3]>,
     /// Faults found, by name; the faulty rows were dropped.
     pub faults: BTreeMap<String, u64>,
+    /// Copies of vertices; absent where none were looked for or there was nothing to say.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub weld: Option<WeldReport>,
 }
 
 impl InputReport {
@@ -82,11 +88,12 @@ impl InputReport {
         InputReport {
             path: path.display().to_string(),
             bytes: source.given_bytes(),
-            vertices: source.n_vertices(),
+            vertices: source.weld().map_or(source.n_vertices(), |weld| weld.vertices),
             triangles: source.n_triangles(),
             bounds: bounds.into(),
             offset: source.offset(),
             faults: BTreeMap::new(),
+            weld: source.weld().cloned(),
         }
     }
 

@@ -22,6 +22,18 @@ impl<'a> SealedStages<'a> {
         SealedStages { run, reports: Vec::new(), n_stages }
     }
 
+    /// The most bytes of temporary files at one time, before an interruption too.
+    pub(super) fn peak_temp_bytes(&self) -> u64 {
+        let own = self.run.disk().peak_bytes();
+        self.reports.iter().map(|report| report.peak_temp_bytes).fold(own, u64::max)
+    }
+
+    /// Triangles of the input for each second of the stages, before an interruption too; `seconds` are those of this run.
+    pub(super) fn rate(&self, n_triangles: u64, seconds: f64) -> f64 {
+        let of_stages: f64 = self.reports.iter().map(|report| report.seconds).sum();
+        n_triangles as f64 / seconds.max(of_stages).max(1e-9)
+    }
+
     /// Announces a stage that counts up to `total`.
     pub(super) fn begin(&self, name: &'static str, total: u64) {
         let number = self.reports.len() as u32 + 1;
@@ -54,6 +66,7 @@ impl<'a> SealedStages<'a> {
                 bytes_read: run.disk().bytes_read() - read,
                 bytes_written: run.disk().bytes_written() - written,
                 peak_memory_bytes: peak_bytes(),
+                peak_temp_bytes: run.disk().peak_bytes(),
             };
             Ok((outcome, report))
         })?;

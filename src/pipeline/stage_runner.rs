@@ -454,6 +454,7 @@ impl<'a> Stages<'a> {
             bytes_read: self.run.disk().bytes_read() - read,
             bytes_written: written.bytes,
             peak_memory_bytes: crate::system::memory::peak_bytes(),
+            peak_temp_bytes: self.run.disk().peak_bytes(),
         });
         Ok((written, made))
     }

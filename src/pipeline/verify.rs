@@ -128,6 +128,7 @@ fn verify_output(
         bytes_read: pair.file_bytes() + comparison.temp_bytes,
         bytes_written: comparison.temp_bytes,
         peak_memory_bytes: crate::system::memory::peak_bytes(),
+        peak_temp_bytes: comparison.temp_bytes,
     });
     report.seconds += seconds;
     report.peak_memory_bytes = crate::system::memory::peak_bytes();

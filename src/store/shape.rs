@@ -36,6 +36,7 @@ impl Shape {
         };
         let has_floats = NORMAL.iter().all(float);
         let stays = |p: &Property| match normals {
+            _ if p.origin == Origin::Lock => false,
             Normals::Keep => true,
             Normals::Recompute if has_floats => true,
             Normals::Recompute | Normals::Drop => {

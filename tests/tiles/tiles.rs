@@ -197,6 +197,7 @@ pub fn config(folder: &Path, output: &str) -> TilesConfig {
         restart: false,
         skip_bad: false,
         placing: Default::default(),
+        weld: Default::default(),
         checkpoint_every: std::time::Duration::ZERO,
     }
 }

@@ -35,6 +35,11 @@ impl MeshSource {
         self.face().properties.iter().any(|p| p.name == property && is_list(&p.kind))
     }
 
+    /// Returns whether faces are strips of triangles, which `each_full_face` passes over.
+    pub(crate) fn has_strips(&self) -> bool {
+        matches!(self.layout.faces, FaceLayout::Strips(_))
+    }
+
     /// The scalar properties of faces, in order; triangle strips have none.
     pub fn face_properties(&self) -> Vec<Property> {
         let scalar = |p: &HeaderProperty| match p.kind {

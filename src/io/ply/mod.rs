@@ -32,7 +32,8 @@ pub(crate) mod writer;
 pub use crate::system::pending_file::Place;
 pub use full_faces::{FaceLook, FaceLooks};
 pub use header::Encoding;
-pub use source::{Faults, MeshSource, ReadOptions, TextureInfo};
+pub(crate) use source::LockedBy;
+pub use source::{Faults, MeshSource, ReadOptions, TextureInfo, WeldReport};
 pub(crate) use writer::type_name;
 pub use writer::{FaceSchema, OutputHeader, PlyFormat, PlyWriter, TexturedTriangle};
 

@@ -8,6 +8,11 @@ use crate::mesh::bounds::Bounds;
 use crate::mesh::placing::{Placing, offset_in};
 
 impl MeshSource {
+    /// A position of the file where it comes to lie.
+    pub(crate) fn placed_point(&self, position: [f64; 3]) -> [f64; 3] {
+        self.placed.as_ref().map_or(position, |placed| placed.point(position))
+    }
+
     /// Places the mesh. Where the placing changes something, all vertices are read once for their bounds.
     ///
     /// Errors: those of reading; places that are not finite.

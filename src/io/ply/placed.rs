@@ -77,15 +77,20 @@ impl Placed {
         &self.comments
     }
 
+    /// Moves a position.
+    pub(super) fn point(&self, position: [f64; 3]) -> [f64; 3] {
+        let place = self.placing.point(position);
+        [0, 1, 2].map(|k| place[k] - self.offset[k])
+    }
+
     /// Turns records of the file into those of the placed mesh.
     pub(super) fn put_vertices(&self, from: &VertexSchema, block: &mut VertexBlock) {
         let mut out = std::mem::take(&mut block.scratch);
         out.clear();
         let n_bytes = self.schema.record_bytes();
         for record in block.records.chunks_exact(from.record_bytes()) {
-            let place = self.placing.point(from.position(record));
             let start = out.len();
-            self.schema.encode_position([0, 1, 2].map(|k| place[k] - self.offset[k]), &mut out);
+            self.schema.encode_position(self.point(from.position(record)), &mut out);
             out.extend_from_slice(&record[from.position_bytes()..]);
             if let Some(fields) = self.normal {
                 self.turn(&mut out[start..start + n_bytes], fields);

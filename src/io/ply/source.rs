@@ -45,6 +45,19 @@ pub struct Faults {
     pub bad_faces: u64,
 }
 
+/// Outcome of the weld.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct WeldReport {
+    /// Vertices in the file.
+    pub vertices: u64,
+    /// Vertices that became one with another.
+    pub joined: u64,
+    /// Distance within which vertices were joined, in input units; 0 if none were.
+    pub distance: f64,
+    /// What was seen, for people.
+    pub notes: Vec<String>,
+}
+
 /// Texture images that the faces refer to by coordinates at their corners.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TextureInfo {
@@ -91,6 +104,19 @@ pub(crate) struct Staged {
     pub materials: Option<Arc<Materials>>,
     /// Lines on what was passed over, taken for something else or found to be odd.
     pub notes: Vec<String>,
+    /// Outcome of joining copies of vertices (`io::weld`), if there was something to say.
+    pub weld: Option<WeldReport>,
+    /// Property of vertices that says which of them must stay.
+    pub lock: Option<LockedBy>,
+}
+
+/// A property of vertices that is not 0 where they must stay.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct LockedBy {
+    /// Its name.
+    pub property: String,
+    /// True if the input does not have it: results leave it out.
+    pub is_ours: bool,
 }
 
 impl MeshSource {
@@ -117,6 +143,9 @@ impl MeshSource {
         let mut source = Self::new(file, options)?;
         if let Some(carry) = &staged.faces {
             source.plan.schema.set_last(carry.vertex_properties());
+        }
+        if let Some(LockedBy { property, is_ours: true }) = &staged.lock {
+            source.plan.schema.set_lock(property);
         }
         source.staged = staged;
         Ok(source)
@@ -183,6 +212,21 @@ impl MeshSource {
     /// Notes the checksum of a stream.
     pub(crate) fn set_stream_checksum(&mut self, checksum: u64) {
         self.staged.stream_checksum = Some(checksum);
+    }
+
+    /// Notes what was seen of copies of vertices.
+    pub(crate) fn note_weld(&mut self, report: WeldReport) {
+        self.staged.weld = Some(report);
+    }
+
+    /// Notes the property that says which vertices must stay.
+    pub(crate) fn note_lock(&mut self, lock: LockedBy) {
+        self.staged.lock = Some(lock);
+    }
+
+    /// Outcome of joining copies of vertices, where there was something to say.
+    pub fn weld(&self) -> Option<&WeldReport> {
+        self.staged.weld.as_ref()
     }
 
     /// Facts found before the PLY was opened, for another PLY that stands for this one.

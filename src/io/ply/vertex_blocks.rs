@@ -100,6 +100,11 @@ impl MeshSource {
         }
     }
 
+    /// Random access to positions as they stand in the file, before they are placed.
+    pub(crate) fn positions(&self) -> Result<Lookup<'_>> {
+        self.lookup()
+    }
+
     /// Random access to positions, for the diagonals of quads.
     pub(super) fn lookup(&self) -> Result<Lookup<'_>> {
         match &self.layout.vertices {

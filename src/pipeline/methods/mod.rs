@@ -137,6 +137,7 @@ fn stage_report(
         bytes_read,
         bytes_written,
         peak_memory_bytes: peak_bytes(),
+        peak_temp_bytes: 0,
     }
 }
 
@@ -255,15 +256,7 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION").to_owned(),
         method: config.method.name().to_owned(),
-        input: InputReport {
-            path: config.input.display().to_string(),
-            bytes: source.given_bytes(),
-            vertices: source.n_vertices(),
-            triangles: source.n_triangles(),
-            bounds: made.bounds.into(),
-            offset: source.offset(),
-            faults,
-        },
+        input: InputReport { faults, ..InputReport::new(&config.input, source, made.bounds) },
         settings: config.settings(),
         output: OutputReport {
             path: config.output.display().to_string(),

@@ -59,9 +59,9 @@ impl Stages<'_> {
             cells: partition.store.cells.len() as u32,
             rounds: self.rounds_done,
             seconds,
-            triangles_per_second: source.n_triangles() as f64 / seconds.max(1e-9),
+            triangles_per_second: self.stages.rate(source.n_triangles(), seconds),
             peak_memory_bytes: crate::system::memory::peak_bytes(),
-            peak_temp_bytes: self.run.disk().peak_bytes(),
+            peak_temp_bytes: self.stages.peak_temp_bytes(),
             output: OutputReport {
                 path: coarsest.path,
                 vertices: coarsest.vertices,

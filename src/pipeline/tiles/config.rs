@@ -1,5 +1,6 @@
 //! Decided settings of a run of `tiles`: every value final.
 
+use crate::io::Weld;
 use crate::io::ply::ReadOptions;
 use crate::mesh::placing::Placing;
 use std::collections::BTreeMap;
@@ -75,6 +76,8 @@ pub struct TilesConfig {
     pub skip_bad: bool,
     /// Map that is applied to the input before all else.
     pub placing: Placing,
+    /// Copies of vertices that become one before everything else.
+    pub weld: Weld,
     /// Progress within a stage is made durable so often; does not change the result.
     pub checkpoint_every: std::time::Duration,
 }
@@ -107,6 +110,9 @@ impl TilesConfig {
             Finest::Ratio(ratio) => settings.insert("finest".to_owned(), ratio.to_string()),
             Finest::Triangles(n) => settings.insert("finest".to_owned(), format!("{n} triangles")),
         };
+        if self.weld != Weld::Auto {
+            settings.insert("weld".to_owned(), self.weld.to_string());
+        }
         settings
     }
 

@@ -206,6 +206,11 @@ fn run(
     job.record(NAMED, &xxh3_64(&text))?;
     pending::finish(&pending, disk)?;
     disk.replace_folder(&pending, &config.output)?;
+    let n_triangles = source.n_triangles();
+    let (peak_temp_bytes, rate) = (
+        stages.stages.peak_temp_bytes(),
+        stages.stages.rate(n_triangles, started.elapsed().as_secs_f64()),
+    );
     let reports = stages.stages.reports;
     let level_reports = level_reports(&rounds, &top, &deviations, config.tile_triangles);
     let seconds = started.elapsed().as_secs_f64();
@@ -229,9 +234,9 @@ fn run(
         stuck: level_reports.iter().map(|level| level.stuck).sum(),
         levels: level_reports,
         seconds,
-        triangles_per_second: source.n_triangles() as f64 / seconds.max(1e-9),
+        triangles_per_second: rate,
         peak_memory_bytes: peak_bytes(),
-        peak_temp_bytes: disk.peak_bytes().max(staging.peak_bytes()),
+        peak_temp_bytes: peak_temp_bytes.max(staging.peak_bytes()),
         stages: reports,
         notes: notes(&source, coloured, pages.as_ref()),
         texture: pages,

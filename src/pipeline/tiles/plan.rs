@@ -3,9 +3,9 @@
 use super::config::{Finest, NAMED, TileTexture, TilesConfig};
 use crate::bake::{TilesNeed, check_tiles, colour_properties, has_images, has_only_images};
 use crate::error::{Error, Result};
-use crate::io::StageOptions;
 use crate::io::ply::MeshSource;
 use crate::io::tileset::{FILE_NAME, read_tileset};
+use crate::io::{StageOptions, WeldOptions};
 use crate::mesh::record::VertexSchema;
 use crate::pipeline::plan::disk::check_space;
 use crate::pipeline::plan::price_lines;
@@ -141,6 +141,8 @@ pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
     let disk = staging.clone();
     let mut stage = StageOptions { read, disk, ..StageOptions::new(folder_of(&config.job_folder)) };
     stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
+    let (how, exact_above) = (config.weld, config.tile_triangles);
+    stage.weld = Some(WeldOptions { how, exact_above, labels: Vec::new() });
     let source = MeshSource::open_staged(&config.input, &stage);
     let source = unchanged(&config.input, &marks, source)?;
     marks.extend(marks_beside(&source));

@@ -92,14 +92,23 @@ pub struct TilesReport {
 }
 
 impl TilesReport {
-    /// Returns whether the result is not all that was asked for.
+    /// Returns whether the result is not all that was asked for. A few groups that keep their triangles make nothing
+    /// worse; a level that keeps them as a whole is not a coarser one.
     pub fn is_short(&self) -> bool {
-        self.stuck > 0 || self.input.lost_rows() > 0
+        self.levels.windows(2).any(|pair| pair[1].is_stuck(&pair[0])) || self.input.lost_rows() > 0
     }
 }
 
-/// A group that keeps more than this share of its triangles is stuck, unless it has but a tile.
+/// A group that keeps more than this share of its triangles is stuck, unless it has but a tile; so is a level with such
+/// groups.
 const STUCK: f64 = 0.8;
+
+impl LevelReport {
+    /// Returns whether groups that are stuck kept this level from being coarser than the one `below` it.
+    fn is_stuck(&self, below: &LevelReport) -> bool {
+        self.stuck > 0 && self.triangles as f64 > STUCK * below.triangles as f64
+    }
+}
 
 /// Facts about each level, the finest first; `deviations` are their distances from the input, at most.
 pub(super) fn level_reports(
@@ -133,4 +142,20 @@ pub(super) fn level_reports(
         });
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_group_that_keeps_its_triangles_is_not_a_failure() {
+        let level = |triangles, stuck| LevelReport { triangles, stuck, ..LevelReport::default() };
+        let report = |levels| TilesReport { levels, ..TilesReport::default() };
+        let fine = report(vec![level(4_000_000, 0), level(2_010_000, 1), level(1_000_000, 0)]);
+        assert!(!fine.is_short());
+        // A level of one small tile may have as many as the one below.
+        assert!(!report(vec![level(5000, 0), level(4900, 0)]).is_short());
+        assert!(report(vec![level(4_000_000, 0), level(3_900_000, 40)]).is_short());
+    }
 }

@@ -191,6 +191,7 @@ pub(super) fn stage_report(
         bytes_read: records().map(|record| record.bytes_read).sum(),
         bytes_written: records().map(|record| record.bytes_written).sum(),
         peak_memory_bytes: records().map(|record| record.peak_memory_bytes).max().unwrap_or(0),
+        peak_temp_bytes: 0,
     }
 }
 

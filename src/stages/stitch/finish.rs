@@ -74,12 +74,14 @@ pub fn finish(
         (options.record, options.fit) = (true, Fit::Off);
     }
     let Survivors { ids, records, mesh, statistics, .. } = joined;
-    let locked = vec![false; ids.len()];
+    let shared = vec![false; ids.len()];
+    let mut locked = shared.clone();
+    layout.mark_locked(&records, &mut locked);
     let mut simplified = kernel::simplify_mesh(mesh, &locked, &options);
     let history = simplified.history.take();
-    let mut result = Survivors::new(&ids, &locked, &records, simplified, layout);
+    let mut result = Survivors::new(&ids, &shared, &records, simplified, layout);
     // The result is encoded next, which takes as much again.
-    drop((ids, locked));
+    drop((ids, locked, shared));
     result.statistics.dropped = statistics.dropped;
     if let Some(recording) = recording {
         let history = history.ok_or_else(|| {

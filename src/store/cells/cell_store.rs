@@ -13,6 +13,7 @@ use crate::mesh::attribute_weights::Weights;
 use crate::mesh::codec::VertexCodec;
 use crate::mesh::extremes::Extremes;
 use crate::mesh::global_vertex::GlobalVertex;
+use crate::mesh::property::{Scalar, read_scalar};
 use crate::mesh::record::VertexSchema;
 use crate::mesh::relief::Relief;
 use crate::store::cell_id::CellId;
@@ -84,6 +85,8 @@ pub struct VertexLayout {
     pub has_relief: bool,
     /// True if cells are kept from passing through themselves while they are simplified.
     pub is_watched: bool,
+    /// Type and place in a record of a property that is not 0 where a vertex must stay.
+    pub lock: Option<(Scalar, usize)>,
 }
 
 impl VertexLayout {
@@ -97,6 +100,7 @@ impl VertexLayout {
             has_reach: false,
             has_relief: false,
             is_watched: false,
+            lock: None,
         }
     }
 
@@ -110,6 +114,15 @@ impl VertexLayout {
         let codec = schema.kernel_codec(labels);
         let weights = weights.of_channels(&codec.channel_kinds(schema));
         VertexLayout { codec, weights, ..VertexLayout::new(schema, n_vertices) }
+    }
+
+    /// Marks the vertices that must stay, by their records.
+    pub fn mark_locked(&self, records: &[u8], locked: &mut [bool]) {
+        let Some((scalar, at)) = self.lock else { return };
+        for (record, locked) in records.chunks_exact(self.schema.record_bytes()).zip(locked) {
+            // Written so that NaN locks.
+            *locked |= read_scalar(scalar, record, at) != 0.0;
+        }
     }
 
     /// Channels of a vertex: those of its record, and its reach.
@@ -347,6 +360,7 @@ impl CellStore {
         out.mesh.n_channels = self.layout.n_channels();
         self.load_vertices(tally, chunks, &mut payload, &mut map, &mut out)?;
         out.shared = vec![false; out.ids.len()];
+        self.layout.mark_locked(&out.records, &mut out.shared);
         out.mesh.triangles.reserve_exact(tally.triangles as usize);
         let id_bytes = self.layout.ids.bytes;
         let row_bytes = self.layout.triangle_row_bytes(self.info.has_channels);

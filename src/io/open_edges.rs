@@ -1,0 +1,75 @@
+//! Vertices at open edges, of meshes of any size.
+//!
+//! Hashes of the edges around a vertex are combined by exclusive or. An edge of two triangles cancels itself, so what is
+//! left is that of edges with an odd number of triangles. A vertex with open edges escapes with a probability of 2^-32.
+
+use crate::error::Result;
+use crate::io::ply::{FaceBlock, MeshSource};
+
+/// Calls `each` with every vertex at an open edge, ascending; faces are read once for each `memory_bytes` / 4 vertices.
+pub(in crate::io) fn each_open(
+    source: &MeshSource,
+    memory_bytes: usize,
+    mut each: impl FnMut(u64) -> Result<()>,
+) -> Result<()> {
+    let n_vertices = source.n_vertices();
+    let at_once = (memory_bytes as u64 / 4).max(1 << 20);
+    let mut first = 0;
+    while first < n_vertices {
+        let end = (first + at_once).min(n_vertices);
+        let mut sums = vec![0u32; (end - first) as usize];
+        each_edge(source, |edge, hash| {
+            for v in edge.into_iter().filter(|v| (first..end).contains(v)) {
+                sums[(v - first) as usize] ^= hash;
+            }
+        })?;
+        for (i, _) in sums.iter().enumerate().filter(|(_, sum)| **sum != 0) {
+            each(first + i as u64)?;
+        }
+        first = end;
+    }
+    Ok(())
+}
+
+/// Those of some vertices, sorted, that are at open edges.
+pub(in crate::io) fn open_among(source: &MeshSource, ids: &[u64]) -> Result<Vec<u64>> {
+    let mut is_one = vec![0u64; source.n_vertices().div_ceil(64) as usize];
+    ids.iter().for_each(|&v| is_one[(v / 64) as usize] |= 1 << (v % 64));
+    let mut sums = vec![0u32; ids.len()];
+    each_edge(source, |edge, hash| {
+        for v in edge {
+            if is_one[(v / 64) as usize] >> (v % 64) & 1 == 1
+                && let Ok(place) = ids.binary_search(&v)
+            {
+                sums[place] ^= hash;
+            }
+        }
+    })?;
+    Ok(ids.iter().zip(&sums).filter(|(_, sum)| **sum != 0).map(|(&v, _)| v).collect())
+}
+
+/// Calls `each` with the edges of every triangle, and a hash that does not depend on their sense.
+pub(in crate::io) fn each_edge(
+    source: &MeshSource,
+    mut each: impl FnMut([u64; 2], u32),
+) -> Result<()> {
+    let mut block = FaceBlock::default();
+    for index in 0..source.n_face_blocks() {
+        source.read_faces(index, &mut block)?;
+        for &[a, b, c] in &block.triangles {
+            for edge in [[a, b], [b, c], [c, a]] {
+                each(edge, hash(edge[0], edge[1]));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// A hash of an edge that does not depend on its sense.
+pub(in crate::io) fn hash(a: u64, b: u64) -> u32 {
+    let (low, high) = (a.min(b), a.max(b));
+    // Odd factors of splitmix64: all bits of the product's upper half are mixed.
+    let mixed = (low ^ high.rotate_left(32)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let mixed = (mixed ^ mixed >> 29).wrapping_mul(0x94d0_49bb_1331_11eb);
+    (mixed >> 32) as u32
+}

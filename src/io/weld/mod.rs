@@ -1,0 +1,55 @@
+//! Joins vertices that lie within rounding of each other, before everything else, out of core.
+//!
+//! Programs that write faces one by one leave a soup: every corner is a vertex, and copies of one place differ in their
+//! last digits. No later step can see that they belong together, and cells share nothing. What is near is found by a sort
+//! into a grid (`neighbours`), and the mesh is written again with one vertex for each place (`rewrite`). Decided from
+//! counts and a sample (`survey`): an input without a reason pays nothing. Only vertices at open edges are joined
+//! (`open_edges`). Equal positions within one cell are left to the kernel, and exact copies in STL to its reader.
+
+mod neighbours;
+mod rewrite;
+mod survey;
+
+use super::open_options::{StageOptions, Weld};
+use crate::error::Result;
+use crate::io::ply::{MeshSource, WeldReport};
+use crate::system::units::show_count;
+use survey::Found;
+
+/// Joins what `options.weld` says; where nothing is to be joined, the source as it is.
+///
+/// Memory: a third of the stage's for each of three sorts. Disk at peak: about 150 bytes for each vertex at an open edge,
+/// 64 and its properties for every other, and the staged mesh.
+pub(super) fn weld(source: MeshSource, options: &StageOptions) -> Result<MeshSource> {
+    let Some(how) = &options.weld else { return Ok(source) };
+    let found = match how.how {
+        Weld::Off => return Ok(source),
+        Weld::Auto => match survey::survey(&source)? {
+            None => return Ok(source),
+            Some(found) => found,
+        },
+        Weld::Distance(distance) => survey::asked(&source, distance)?,
+    };
+    let n_triangles = source.n_triangles();
+    let is_left = found.is_exact && n_triangles <= how.exact_above;
+    if found.distance <= 0.0 || is_left {
+        return Ok(with_note(source, &found));
+    }
+    rewrite::join(source, &found, how, options)
+}
+
+/// Notes what was seen where nothing is joined.
+fn with_note(mut source: MeshSource, found: &Found) -> MeshSource {
+    if let Some(near) = found.suggested {
+        let vertices = source.n_vertices();
+        let pieces = show_count(source.n_triangles());
+        let asked = near.wider;
+        let notes = vec![format!(
+            "{pieces} triangles hardly have a vertex in common, but neighbours within {:.0e}: if they belong together, \
+             --weld {asked:.0e}",
+            near.distance
+        )];
+        source.note_weld(WeldReport { vertices, notes, ..WeldReport::default() });
+    }
+    source
+}

@@ -1,0 +1,327 @@
+//! Writes a mesh again with one vertex for those that are joined.
+//!
+//! Sorts by vertex (which one it joins), by the vertex that is joined (their values are averaged, labels are the first's),
+//! and by vertex again (the numbers that faces get). Vertices of one place with other texture coordinates stay apart, in
+//! exactly that place: the kernel keeps such seams together. Faces keep their order and all they carry.
+
+use super::neighbours::Neighbours;
+use super::survey::{Found, each_position};
+use crate::error::{Error, Result};
+use crate::io::external_sort::{ExternalSort, halves, whole};
+use crate::io::open_edges::each_open;
+use crate::io::open_options::{StageOptions, Weld, WeldOptions};
+use crate::io::ply::lookup::Lookup;
+use crate::io::ply::raw::{RawFile, Spool};
+use crate::io::ply::{BLOCK_ROWS, MeshSource, OutputHeader, VertexBlock, WeldReport};
+use crate::io::restaged::{face_rows, restage};
+use crate::mesh::codec::{ChannelKind, VertexCodec};
+use crate::mesh::vec3::Vec3;
+use crate::system::units::show_count;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Words of a vertex by the one that it joins, besides its properties: that one, texture, number, position.
+const OWN_WORDS: usize = 12;
+
+/// Joins what lies within `found.distance` of each other, at open edges.
+pub(super) fn join(
+    source: MeshSource,
+    found: &Found,
+    how: &WeldOptions,
+    options: &StageOptions,
+) -> Result<MeshSource> {
+    let schema = source.schema();
+    // Records of a sort have a width that the compiler knows.
+    match (schema.record_bytes() - schema.position_bytes()).div_ceil(4) {
+        0 => join_records::<OWN_WORDS>(source, found, how, options),
+        1 => join_records::<{ OWN_WORDS + 1 }>(source, found, how, options),
+        2 => join_records::<{ OWN_WORDS + 2 }>(source, found, how, options),
+        3..=4 => join_records::<{ OWN_WORDS + 4 }>(source, found, how, options),
+        5..=8 => join_records::<{ OWN_WORDS + 8 }>(source, found, how, options),
+        9..=16 => join_records::<{ OWN_WORDS + 16 }>(source, found, how, options),
+        17..=64 => join_records::<{ OWN_WORDS + 64 }>(source, found, how, options),
+        _ if how.how == Weld::Auto => Ok(source),
+        _ => Err(Error::Usage(format!(
+            "--weld {}: vertices of {} have more than 256 bytes of properties; give the option up",
+            how.how,
+            source.path().display()
+        ))),
+    }
+}
+
+fn join_records<const N: usize>(
+    source: MeshSource,
+    found: &Found,
+    how: &WeldOptions,
+    options: &StageOptions,
+) -> Result<MeshSource> {
+    let memory_bytes = (options.memory_bytes / 3) as usize;
+    let pairs = pairs(&source, found, memory_bytes, options)?;
+    let (by_first, joined) = by_first::<N>(&source, pairs, how, memory_bytes, options)?;
+    if joined == 0 {
+        return Ok(source);
+    }
+    let n_before = source.n_vertices();
+    let (vertices, numbers, n_vertices) = vertices(&source, by_first, how, memory_bytes, options)?;
+    // Refuses numbers of more than 32 bits.
+    OutputHeader::new(source.schema().clone(), n_vertices, 0).index_type()?;
+    let mut lookup = Lookup::new(&numbers, 0, 4, |row| {
+        [f64::from(u32::from_le_bytes(row[..4].try_into().expect("4 bytes"))), 0.0, 0.0]
+    });
+    let number = |v: u64| lookup.position(v).map(|[number, ..]| number as u32);
+    let Some(faces) = face_rows(&source, number, options)? else {
+        return match how.how {
+            Weld::Auto => Ok(source),
+            _ => Err(Error::bad_input(
+                source.path(),
+                format!("--weld {}: it has a face of more than 127 corners", how.how),
+            )),
+        };
+    };
+
+    let mut report = WeldReport {
+        vertices: n_before,
+        joined: n_before - n_vertices,
+        distance: found.distance,
+        notes: Vec::new(),
+    };
+    report.notes.push(note(&report, &source));
+    let schema = source.schema().clone();
+    restage(source, schema, (n_vertices, vertices), faces, options, |staged| {
+        staged.weld = Some(report);
+    })
+}
+
+/// Each vertex that joins another: its number, that one's, and the position of both: ten words.
+fn pairs(
+    source: &MeshSource,
+    found: &Found,
+    memory_bytes: usize,
+    options: &StageOptions,
+) -> Result<ExternalSort<10>> {
+    let sort = options.sort(memory_bytes);
+    let mut neighbours = Neighbours::new(sort, &found.bounds, found.distance);
+    if found.is_loose {
+        let mut done = Ok(());
+        each_position(source, |v, position| {
+            if done.is_ok() {
+                done = neighbours.push(v, position);
+            }
+        })?;
+        done?;
+    } else {
+        let (mut block, mut loaded) = (VertexBlock::default(), None);
+        each_open(source, memory_bytes, |v| {
+            let index = v / BLOCK_ROWS;
+            if loaded != Some(index) {
+                source.read_vertices(index, &mut block)?;
+                loaded = Some(index);
+            }
+            let record_bytes = source.schema().record_bytes();
+            let at = (v % BLOCK_ROWS) as usize * record_bytes;
+            neighbours.push(v, source.schema().position(&block.records[at..at + record_bytes]))
+        })?;
+    }
+    let mut pairs = options.sort(memory_bytes);
+    neighbours.finish(|v, first, position| {
+        let ([v0, v1], [f0, f1]) = (halves(v), halves(first));
+        let [x, y, z] = position.map(|x| halves(x.to_bits()));
+        pairs.push([v0, v1, f0, f1, x[0], x[1], y[0], y[1], z[0], z[1]])
+    })?;
+    Ok(pairs)
+}
+
+/// All vertices by the one that they join, themselves if none, and how many join another.
+fn by_first<const N: usize>(
+    source: &MeshSource,
+    pairs: ExternalSort<10>,
+    how: &WeldOptions,
+    memory_bytes: usize,
+    options: &StageOptions,
+) -> Result<(ExternalSort<N>, u64)> {
+    let mut vertices = Vertices {
+        source,
+        codec: source.schema().kernel_codec(&how.labels),
+        texture: Vec::new(),
+        channels: Vec::new(),
+        block: VertexBlock::default(),
+        next: 0,
+        sort: options.sort::<N>(memory_bytes),
+    };
+    let kinds = vertices.codec.channel_kinds(source.schema());
+    vertices.texture = (0..kinds.len()).filter(|&i| kinds[i] == ChannelKind::Texture).collect();
+    vertices.channels = vec![0.0; kinds.len()];
+    let mut joined = 0;
+    pairs.drain(|[v0, v1, f0, f1, x0, x1, y0, y1, z0, z1]| {
+        let v = whole(v0, v1);
+        joined += 1;
+        vertices.put_up_to(v)?;
+        vertices.put(v, [f0, f1], Some([x0, x1, y0, y1, z0, z1]))
+    })?;
+    vertices.put_up_to(source.n_vertices())?;
+    Ok((vertices.sort, joined))
+}
+
+/// Sends vertices on in the order of their numbers.
+struct Vertices<'a, const N: usize> {
+    source: &'a MeshSource,
+    codec: VertexCodec,
+    /// Channels of texture coordinates.
+    texture: Vec<usize>,
+    channels: Vec<f32>,
+    block: VertexBlock,
+    next: u64,
+    sort: ExternalSort<N>,
+}
+
+impl<const N: usize> Vertices<'_, N> {
+    /// Sends those that join none.
+    fn put_up_to(&mut self, end: u64) -> Result<()> {
+        while self.next < end {
+            let v = self.next;
+            self.put(v, halves(v), None)?;
+        }
+        Ok(())
+    }
+
+    fn put(&mut self, v: u64, first: [u32; 2], place: Option<[u32; 6]>) -> Result<()> {
+        if v % BLOCK_ROWS == 0 {
+            self.source.read_vertices(v / BLOCK_ROWS, &mut self.block)?;
+        }
+        self.next = v + 1;
+        let schema = self.source.schema();
+        let bytes = schema.record_bytes();
+        let record = &self.block.records[(v % BLOCK_ROWS) as usize * bytes..][..bytes];
+        let mut row = [0; N];
+        [row[0], row[1]] = first;
+        if !self.texture.is_empty() {
+            self.codec.decode_channels(record, &mut self.channels);
+            // Copies of coordinates differ in their last bits too.
+            let mut key = Vec::with_capacity(4 * self.texture.len());
+            for &channel in &self.texture {
+                key.extend_from_slice(&((self.channels[channel] * 65_536.0).round()).to_le_bytes());
+            }
+            [row[2], row[3]] = halves(xxh3_64(&key));
+        }
+        [row[4], row[5]] = halves(v);
+        let place = place.unwrap_or_else(|| {
+            let [x, y, z] = schema.position(record).map(|x| halves(x.to_bits()));
+            [x[0], x[1], y[0], y[1], z[0], z[1]]
+        });
+        row[6..OWN_WORDS].copy_from_slice(&place);
+        let properties = &record[schema.position_bytes()..];
+        let values = bytemuck::cast_slice_mut::<u32, u8>(&mut row[OWN_WORDS..]);
+        values[..properties.len()].copy_from_slice(properties);
+        self.sort.push(row)
+    }
+}
+
+/// The new vertices; the new number of each old one, 4 bytes each; how many there are.
+fn vertices<const N: usize>(
+    source: &MeshSource,
+    by_first: ExternalSort<N>,
+    how: &WeldOptions,
+    memory_bytes: usize,
+    options: &StageOptions,
+) -> Result<(RawFile, RawFile, u64)> {
+    let mut mixer = Mixer::new(source, how, options.spool());
+    let mut by_vertex = options.sort::<3>(memory_bytes);
+    let (mut n_vertices, mut last) = (0u64, None);
+    by_first.drain(|row| {
+        let own: [u32; 4] = std::array::from_fn(|i| row[i]);
+        if last != Some(own) {
+            mixer.put()?;
+            last = Some(own);
+            n_vertices += 1;
+        }
+        let place: Vec3 = [6, 8, 10].map(|i| f64::from_bits(whole(row[i], row[i + 1])));
+        mixer.add(place, bytemuck::cast_slice(&row[OWN_WORDS..]));
+        // Files of more vertices than that are refused when their header is written.
+        by_vertex.push([row[4], row[5], (n_vertices - 1) as u32])
+    })?;
+    mixer.put()?;
+    let mut numbers = options.spool();
+    by_vertex.drain(|[_, _, number]| numbers.write(&number.to_le_bytes()))?;
+    let path = source.path();
+    Ok((mixer.out.finish(path)?, numbers.finish(path)?, n_vertices))
+}
+
+/// Makes one record of those that are joined: numbers are averaged, labels are the first's.
+struct Mixer<'a> {
+    source: &'a MeshSource,
+    codec: VertexCodec,
+    sums: Vec<(f64, u32)>,
+    channels: Vec<f32>,
+    place: Vec3,
+    n: u64,
+    /// The first of them, and the one at work.
+    first: Vec<u8>,
+    record: Vec<u8>,
+    out: Spool,
+}
+
+impl<'a> Mixer<'a> {
+    fn new(source: &'a MeshSource, how: &WeldOptions, out: Spool) -> Mixer<'a> {
+        let codec = source.schema().kernel_codec(&how.labels);
+        let n = codec.n_channels();
+        let (sums, channels) = (vec![(0.0, 0); n], vec![0.0; n]);
+        let (first, record) = (Vec::new(), Vec::new());
+        Mixer { source, codec, sums, channels, place: [0.0; 3], n: 0, first, record, out }
+    }
+
+    fn add(&mut self, place: Vec3, values: &[u8]) {
+        let schema = self.source.schema();
+        let n_bytes = schema.record_bytes() - schema.position_bytes();
+        self.record.clear();
+        schema.encode_position(place, &mut self.record);
+        self.record.extend_from_slice(&values[..n_bytes]);
+        if self.n == 0 {
+            self.place = place;
+            self.first.clone_from(&self.record);
+            self.sums.fill((0.0, 0));
+        }
+        self.n += 1;
+        if self.sums.is_empty() {
+            return;
+        }
+        self.codec.decode_channels(&self.record, &mut self.channels);
+        for ((sum, n), &value) in self.sums.iter_mut().zip(&self.channels) {
+            if value.is_finite() {
+                *sum += f64::from(value);
+                *n += 1;
+            }
+        }
+    }
+
+    /// Writes what was added, if anything was.
+    fn put(&mut self) -> Result<()> {
+        match self.n {
+            0 => return Ok(()),
+            // As it was, bit for bit.
+            1 => self.out.write(&self.first)?,
+            _ => {
+                self.codec.decode_channels(&self.first, &mut self.channels);
+                for (channel, &(sum, n)) in self.channels.iter_mut().zip(&self.sums) {
+                    if n > 0 {
+                        *channel = (sum / f64::from(n)) as f32;
+                    }
+                }
+                self.record.clear();
+                self.codec.encode(self.place, &self.channels, &self.first, &mut self.record);
+                self.out.write(&self.record)?;
+            }
+        }
+        self.n = 0;
+        Ok(())
+    }
+}
+
+/// Words for what was joined.
+fn note(report: &WeldReport, source: &MeshSource) -> String {
+    format!(
+        "{} of {} vertices of {} triangles lay within {:.1e} of another and were joined; --weld off leaves them apart",
+        show_count(report.joined),
+        show_count(report.vertices),
+        show_count(source.n_triangles()),
+        report.distance
+    )
+}

@@ -1,0 +1,229 @@
+//! Finds out from counts and a sample whether a mesh has copies of vertices within rounding, and how far they are apart.
+//!
+//! A closed mesh has half as many vertices as triangles; each open edge adds half a vertex. So counts alone acquit nearly
+//! every scan. Otherwise one pass takes all vertices of some cells of a fine grid, chosen by hash, and looks for the
+//! nearest other vertex of each.
+
+use crate::error::Result;
+use crate::io::open_edges::open_among;
+use crate::io::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
+use crate::mesh::bounds::Bounds;
+use crate::mesh::vec3::{Vec3, length_sq, sub};
+use xxhash_rust::xxh3::xxh3_64;
+
+/// From this many vertices a triangle on, triangles hardly have a vertex in common.
+const LOOSE: f64 = 1.5;
+/// Vertices that open edges explain, as a share of all, below which copies are not looked for.
+const FEW_OPEN: f64 = 0.02;
+/// Where triangles are not loose, samples need a bit for each vertex: 16 MiB.
+const MOST_VERTICES: u64 = 1 << 27;
+/// Copies lie within this share of the diagonal: six digits of text, or a float and some arithmetic.
+const ROUNDING: f64 = 1e-5;
+/// They are this much nearer than the ends of the shorter edges.
+const SHARE_OF_EDGE: f64 = 0.05;
+/// Distance that was asked for, as a share of the mean edge at most: neighbours on one boundary must not meet.
+const ASKED_SHARE_OF_EDGE: f64 = 0.1;
+/// Vertices in the sample, about, and in one cell at most.
+const SAMPLE: u64 = 1 << 16;
+const MOST_IN_CELL: usize = 512;
+/// Share of the sample that must have a copy before loose triangles are joined, and before a mesh with borders is.
+const LOOSE_NEAR: f64 = 0.25;
+const OPEN_NEAR: f64 = 1e-3;
+/// Blocks of faces that edges are taken from, and triangles of each.
+const EDGE_BLOCKS: u64 = 32;
+const EDGE_TRIANGLES: usize = 512;
+/// Copies of a place may be farther from each other than each from its nearest.
+const SPREAD: f64 = 10.0;
+
+/// Outcome of a survey.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Found {
+    /// Distance within which vertices are to be joined; 0 for none.
+    pub distance: f64,
+    /// True if triangles hardly have a vertex in common, so that all edges are open.
+    pub is_loose: bool,
+    /// True if all copies are exact.
+    pub is_exact: bool,
+    /// Neighbours beyond rounding.
+    pub suggested: Option<Suggested>,
+    /// Box of all vertices.
+    pub bounds: Bounds,
+}
+
+/// A distance that would join what rounding alone does not explain.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Suggested {
+    /// Distance of neighbours.
+    pub distance: f64,
+    /// Distance to ask for.
+    pub wider: f64,
+}
+
+/// Edges of some triangles.
+struct Edges {
+    /// A tenth are shorter.
+    short: f64,
+    middle: f64,
+}
+
+/// Looks for copies; `None` where counts or the sample rule them out.
+pub(super) fn survey(source: &MeshSource) -> Result<Option<Found>> {
+    let (n_vertices, n_triangles) = (source.n_vertices(), source.n_triangles());
+    let by_open_edges = n_vertices as f64 - 0.5 * n_triangles as f64;
+    let is_loose = n_vertices as f64 >= LOOSE * n_triangles as f64;
+    let is_open = by_open_edges >= FEW_OPEN * n_vertices as f64 && n_vertices <= MOST_VERTICES;
+    if n_triangles < 2 || !(is_loose || is_open) {
+        return Ok(None);
+    }
+    let Some(edges) = edges(source)? else { return Ok(None) };
+    let mut sample = Sample::take(source, edges.middle)?;
+    let limit = sample.limit(source, &edges);
+    if !is_loose {
+        // Copies in exactly one place are the kernel's; what an edge connects is a small triangle.
+        let near = sample.nearest(limit);
+        if !near.iter().any(|&(_, distance)| distance > 0.0) {
+            return Ok(None);
+        }
+        sample.keep(&open_among(source, &sample.ids())?);
+    }
+    let n = sample.vertices.len();
+    let mut near: Vec<f64> = sample.nearest(limit).into_iter().map(|(_, d)| d).collect();
+    near.sort_by(f64::total_cmp);
+    let is_exact = near.last().is_none_or(|&far| far == 0.0);
+    let enough = if is_loose { LOOSE_NEAR } else { OPEN_NEAR } * n as f64;
+    let found = Found { is_loose, is_exact, bounds: sample.bounds, ..Found::default() };
+    if near.is_empty() || (near.len() as f64) < enough || (is_exact && !is_loose) {
+        return Ok(is_loose.then(|| Found { suggested: sample.suggest(&edges), ..found }));
+    }
+    let far = near[(near.len() - 1) * 99 / 100].max(f64::MIN_POSITIVE);
+    let step = source.schema().rounding() * largest(&sample.bounds);
+    Ok(Some(Found { distance: (SPREAD * far).max(8.0 * step).min(limit), ..found }))
+}
+
+/// Joins within a distance that was given, at most a share of the edges.
+pub(super) fn asked(source: &MeshSource, distance: f64) -> Result<Found> {
+    let (n_vertices, n_triangles) = (source.n_vertices(), source.n_triangles());
+    let mut bounds = Bounds::EMPTY;
+    each_position(source, |_, position| bounds.add(position))?;
+    let Some(edges) = edges(source)? else { return Ok(Found { bounds, ..Found::default() }) };
+    Ok(Found {
+        distance: distance.min(ASKED_SHARE_OF_EDGE * edges.middle),
+        is_loose: n_vertices as f64 >= LOOSE * n_triangles as f64,
+        bounds,
+        ..Found::default()
+    })
+}
+
+/// Calls `each` with every vertex and its position.
+pub(super) fn each_position(source: &MeshSource, mut each: impl FnMut(u64, Vec3)) -> Result<()> {
+    let mut block = VertexBlock::default();
+    for index in 0..source.n_vertex_blocks() {
+        source.read_vertices(index, &mut block)?;
+        let records = block.records.chunks_exact(source.schema().record_bytes());
+        for (i, record) in records.enumerate() {
+            each(index * BLOCK_ROWS + i as u64, source.schema().position(record));
+        }
+    }
+    Ok(())
+}
+
+/// Lengths of the edges of triangles here and there; `None` if they have none.
+fn edges(source: &MeshSource) -> Result<Option<Edges>> {
+    let n_blocks = source.n_face_blocks();
+    let step = n_blocks.div_ceil(EDGE_BLOCKS).max(1);
+    let mut block = FaceBlock::default();
+    let mut lengths = Vec::new();
+    let mut places = source.positions()?;
+    for index in (0..n_blocks).step_by(step as usize) {
+        source.read_faces(index, &mut block)?;
+        for t in block.triangles.iter().take(EDGE_TRIANGLES) {
+            let mut corners = [[0.0; 3]; 3];
+            for (place, &v) in corners.iter_mut().zip(t) {
+                *place = source.placed_point(places.position(v)?);
+            }
+            let [a, b, c] = corners;
+            lengths.extend([sub(b, a), sub(c, b), sub(a, c)].map(|edge| length_sq(edge).sqrt()));
+        }
+    }
+    lengths.retain(|&length| length > 0.0 && length.is_finite());
+    lengths.sort_by(f64::total_cmp);
+    let n = lengths.len();
+    Ok((n > 0).then(|| Edges { short: lengths[n / 10], middle: lengths[n / 2] }))
+}
+
+/// All vertices of some cells of a grid.
+struct Sample {
+    /// Cell, number and position, sorted.
+    vertices: Vec<(u64, u64, Vec3)>,
+    bounds: Bounds,
+}
+
+impl Sample {
+    fn take(source: &MeshSource, edge: f64) -> Result<Sample> {
+        let one_in = source.n_vertices().div_ceil(SAMPLE).max(1);
+        let side = 4.0 * edge;
+        let (mut vertices, mut bounds) = (Vec::new(), Bounds::EMPTY);
+        each_position(source, |v, position| {
+            bounds.add(position);
+            let cell = position.map(|x| ((x / side).floor() as i64).to_le_bytes());
+            let hash = xxh3_64(cell.as_flattened());
+            if hash % one_in == 0 && vertices.len() < 8 * SAMPLE as usize {
+                vertices.push((hash, v, position));
+            }
+        })?;
+        vertices.sort_unstable_by_key(|&(cell, v, _)| (cell, v));
+        Ok(Sample { vertices, bounds })
+    }
+
+    fn ids(&self) -> Vec<u64> {
+        let mut ids: Vec<u64> = self.vertices.iter().map(|&(_, v, _)| v).collect();
+        ids.sort_unstable();
+        ids
+    }
+
+    /// Keeps the vertices with these numbers, which are sorted.
+    fn keep(&mut self, ids: &[u64]) {
+        self.vertices.retain(|(_, v, _)| ids.binary_search(v).is_ok());
+    }
+
+    /// Largest distance that rounding explains.
+    fn limit(&self, source: &MeshSource, edges: &Edges) -> f64 {
+        let step = source.schema().rounding() * largest(&self.bounds);
+        let diagonal = length_sq(sub(self.bounds.high, self.bounds.low)).sqrt();
+        (ROUNDING * diagonal + 8.0 * step).min(SHARE_OF_EDGE * edges.short)
+    }
+
+    /// Vertices with another one within `limit`, and its distance.
+    fn nearest(&self, limit: f64) -> Vec<(u64, f64)> {
+        let mut out = Vec::new();
+        for cell in self.vertices.chunk_by(|a, b| a.0 == b.0) {
+            let cell = &cell[..cell.len().min(MOST_IN_CELL)];
+            for (i, a) in cell.iter().enumerate() {
+                let others = cell.iter().enumerate().filter(|&(k, _)| k != i);
+                let nearest =
+                    others.map(|(_, b)| length_sq(sub(a.2, b.2))).fold(f64::INFINITY, f64::min);
+                if nearest <= limit * limit {
+                    out.push((a.1, nearest.sqrt()));
+                }
+            }
+        }
+        out
+    }
+
+    /// A distance that would join most of the vertices, far below the length of edges.
+    fn suggest(&self, edges: &Edges) -> Option<Suggested> {
+        let limit = 0.5 * ASKED_SHARE_OF_EDGE * edges.short;
+        let mut near: Vec<f64> = self.nearest(limit).into_iter().map(|(_, d)| d).collect();
+        near.sort_by(f64::total_cmp);
+        let is_most = 2 * near.len() > self.vertices.len();
+        let distance = *near.get(near.len().saturating_sub(1) * 99 / 100)?;
+        let wider = (2.5 * distance).min(ASKED_SHARE_OF_EDGE * edges.middle);
+        (is_most && distance > 0.0).then_some(Suggested { distance, wider })
+    }
+}
+
+/// Largest coordinate of a box, by amount.
+fn largest(bounds: &Bounds) -> f64 {
+    let corners = [bounds.low, bounds.high];
+    corners.as_flattened().iter().fold(0.0, |most, x| f64::max(most, x.abs()))
+}

@@ -1,0 +1,79 @@
+//! Whether a run says that its result is not what was asked for: never for a clean one, and always for a ruin.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use crate::common::{expect, write_ply};
+use std::path::Path;
+use stonecut::mesh::property::Scalar;
+
+fn report(folder: &Path) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn a_fan_of_very_many_triangles_to_half_is_what_was_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    // A flat cone: a hub, and a rim of 8,000 vertices.
+    let n = 8000u32;
+    let mut points = vec![[0.0, 0.0, 0.1]];
+    points.extend((0..n).map(|i| {
+        let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(n)).sin_cos();
+        [cos, sin, 0.0]
+    }));
+    let triangles: Vec<[u32; 3]> = (0..n).map(|i| [0, 1 + i, 1 + (i + 1) % n]).collect();
+    write_ply(&folder.path().join("in.ply"), Scalar::F64, &points, &triangles);
+    expect(folder.path(), "simplify in.ply out.ply --ratio 50% --report r.json", 0);
+    let quality = &report(folder.path())["quality"];
+    assert_eq!(quality["bearable"], true, "{quality}");
+    assert!(quality["rms_estimate"].as_f64().unwrap() < 1e-5, "{quality}");
+}
+
+#[test]
+fn ten_triangles_stand_for_no_ring() {
+    let folder = tempfile::tempdir().unwrap();
+    let (n, m) = (96u32, 24u32);
+    let turn = |i: u32, n: u32| (std::f64::consts::TAU * f64::from(i) / f64::from(n)).sin_cos();
+    let point = |i: u32, j: u32| {
+        let ((sin, cos), (up, out)) = (turn(i, n), turn(j, m));
+        [(1.0 + 0.15 * out) * cos, (1.0 + 0.15 * out) * sin, 0.15 * up]
+    };
+    let at = |i: u32, j: u32| (i % n) * m + j % m;
+    let places: Vec<[u32; 2]> = (0..n).flat_map(|i| (0..m).map(move |j| [i, j])).collect();
+    let points: Vec<[f64; 3]> = places.iter().map(|&[i, j]| point(i, j)).collect();
+    let triangles: Vec<[u32; 3]> = places
+        .iter()
+        .flat_map(|&[i, j]| {
+            let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
+            [[a, b, c], [a, c, d]]
+        })
+        .collect();
+    write_ply(&folder.path().join("in.ply"), Scalar::F64, &points, &triangles);
+    expect(folder.path(), "simplify in.ply out.ply --triangles 10 --report r.json", 3);
+    let report = report(folder.path());
+    let quality = &report["quality"];
+    assert_eq!(quality["bearable"], false, "{quality}");
+    assert!(quality["mean_edge"].as_f64().unwrap() > 0.0, "{quality}");
+    assert!(quality["sensible_triangles"].as_u64().unwrap() > 12, "{quality}");
+    // Clean results are never in doubt, however coarse.
+    expect(folder.path(), "simplify in.ply out.ply --triangles 200 --force", 0);
+}
+
+#[test]
+fn a_run_that_was_continued_reports_all_of_its_time_and_disk() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth statue in.ply --triangles 60k --seed 3", 0);
+    let command = "simplify in.ply out.ply --ratio 5% --cell-triangles 4k --report r.json";
+    expect(at, command, 0);
+    let whole = report(at)["peak_temp_bytes"].as_u64().unwrap();
+    expect(at, &format!("{command} --force --restart --until simplify"), 0);
+    std::fs::remove_file(at.join("r.json")).unwrap();
+    expect(at, &format!("{command} --force"), 0);
+    let report = report(at);
+    assert!(report["peak_temp_bytes"].as_u64().unwrap() >= whole / 10 * 8, "{report}");
+    let stages = report["stages"].as_array().unwrap();
+    let seconds: f64 = stages.iter().map(|stage| stage["seconds"].as_f64().unwrap()).sum();
+    let n = report["input"]["triangles"].as_f64().unwrap();
+    let rate = report["triangles_per_second"].as_f64().unwrap();
+    assert!(rate * seconds <= 1.001 * n, "{rate} for {seconds} s");
+}
