@@ -1,7 +1,7 @@
 //! Marks the vertices that must stay bit for bit: those on the boundary, or where a property is not 0.
 //!
 //! A property of vertices is enough as it is. For the boundary the mesh is written again with one more property of vertices,
-//! which results leave out. Vertices in exactly one place count as one: seams of a texture are no boundary.
+//! which results leave out. Vertices in exactly one place count as one: seams of a texture do not count.
 
 use super::open_edges::{each_edge, each_open, hash};
 use super::open_options::{Lock, StageOptions};

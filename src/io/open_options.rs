@@ -78,7 +78,7 @@ impl std::fmt::Display for Lock {
 /// Settings of the weld.
 #[derive(Clone, Debug)]
 pub struct WeldOptions {
-    /// What is joined.
+    /// Vertices that are joined.
     pub how: Weld,
     /// Up to this many triangles exact copies are left as they are: those who take in the whole mesh at once join them.
     pub exact_above: u64,

@@ -50,7 +50,7 @@ impl Quality {
         *self = self.bounded();
     }
 
-    /// Adds the edges of every so many triangles.
+    /// Adds the edges of one triangle in `step`.
     fn add_edges(&mut self, surface: &Surface, step: usize) {
         for t in surface.triangles.iter().step_by(step).filter(|t| t[0] != GONE) {
             let [a, b, c] = t.map(|v| surface.vertices[v as usize].position);

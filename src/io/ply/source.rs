@@ -54,7 +54,7 @@ pub struct WeldReport {
     pub joined: u64,
     /// Distance within which vertices were joined, in input units; 0 if none were.
     pub distance: f64,
-    /// What was seen, for people.
+    /// Observations, for people.
     pub notes: Vec<String>,
 }
 

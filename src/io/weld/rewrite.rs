@@ -215,7 +215,7 @@ impl<const N: usize> Vertices<'_, N> {
     }
 }
 
-/// The new vertices; the new number of each old one, 4 bytes each; how many there are.
+/// The new vertices, the new number of each old one (4 bytes each), and the number of new ones.
 fn vertices<const N: usize>(
     source: &MeshSource,
     by_first: ExternalSort<N>,

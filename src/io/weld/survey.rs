@@ -15,7 +15,7 @@ use xxhash_rust::xxh3::xxh3_64;
 const LOOSE: f64 = 1.5;
 /// Vertices that open edges explain, as a share of all, below which copies are not looked for.
 const FEW_OPEN: f64 = 0.02;
-/// Where triangles are not loose, samples need a bit for each vertex: 16 MiB.
+/// Most vertices of a mesh whose triangles are not loose: a sample needs a bit for each, 16 MiB.
 const MOST_VERTICES: u64 = 1 << 27;
 /// Copies lie within this share of the diagonal: six digits of text, or a float and some arithmetic.
 const ROUNDING: f64 = 1e-5;
