@@ -112,7 +112,8 @@ impl QualityCurve {
         let Some(good) = self.points.iter().rev().find(|point| point.is_good()) else {
             let (n, x) =
                 self.points.first().map_or((n_input, 0.0), |p| (p.triangles, p.error_per_edge));
-            return two_digits_up(n as f64 * (x / MOST_ERROR_PER_EDGE).powi(2)).min(n_input);
+            let count = n as f64 * (x / MOST_ERROR_PER_EDGE).powi(2);
+            return two_digits_up(count.min(n_input as f64)).min(n_input);
         };
         let is_bad = |point: &&Point| point.triangles < good.triangles && !point.is_good();
         let Some(bad) = self.points.iter().find(is_bad) else { return good.triangles };
