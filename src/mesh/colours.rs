@@ -112,7 +112,7 @@ pub(crate) fn is_outside(share: f64) -> bool {
 
 /// A share from 0 to 1; white where there is none.
 pub(crate) fn held(share: f64) -> f64 {
-    if share.is_finite() || share.is_infinite() { share.clamp(0.0, 1.0) } else { 1.0 }
+    if share.is_nan() { 1.0 } else { share.clamp(0.0, 1.0) }
 }
 
 /// sRGB in linear light, in 65,535ths.
@@ -155,11 +155,10 @@ impl ColourSurvey {
     /// with fractions below 8 are shares of 1 that were exposed too much, since as bytes they would all be black.
     pub(crate) fn white_of_floats(&self) -> u32 {
         let is_more = |n: u64| 2 * n > self.n_positive;
-        match () {
-            () if !is_more(self.n_above_unit) || (self.has_fractions && self.most < 8.0) => 1,
-            () if !is_more(self.n_above_byte) || self.most < 512.0 => 255,
-            () => 65_535,
+        if !is_more(self.n_above_unit) || (self.has_fractions && self.most < 8.0) {
+            return 1;
         }
+        if is_more(self.n_above_byte) && self.most >= 512.0 { 65_535 } else { 255 }
     }
 
     /// The value of full intensity of a type; `None` for that of the type itself.

@@ -106,16 +106,22 @@ impl Placing {
 const OFFSET: &str = "offset: ";
 
 /// The comment on an offset.
-pub(crate) fn offset_comment([x, y, z]: [f64; 3]) -> String {
-    format!(
-        "{OFFSET}{x} {y} {z} (subtracted from all coordinates; add it to return to those of the input)"
-    )
+pub(crate) fn offset_comment(offset: [f64; 3]) -> String {
+    let words = offset_words(offset);
+    format!("{words} (subtracted from all coordinates; add it to return to those of the input)")
+}
+
+/// The offset alone, short enough for the header of an STL file.
+pub(crate) fn offset_words([x, y, z]: [f64; 3]) -> String {
+    format!("{OFFSET}{x} {y} {z}")
 }
 
 /// The sum of the offsets that comments name, if there are any.
 pub(crate) fn offset_in(comments: &[String]) -> Option<[f64; 3]> {
     let mut found = None;
     for comment in comments {
+        // The name of a solid of STL, which is its only comment.
+        let comment = comment.strip_prefix("solid ").unwrap_or(comment);
         let Some(rest) = comment.strip_prefix(OFFSET) else { continue };
         let numbers: Vec<f64> = rest.split(' ').map_while(|word| word.parse().ok()).collect();
         if let [x, y, z] = numbers[..] {

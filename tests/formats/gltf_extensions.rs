@@ -59,6 +59,17 @@ fn the_place_that_positions_count_from_is_added() {
 }
 
 #[test]
+fn a_tileset_is_named_for_what_it_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let text =
+        r#"{"asset": {"version": "1.1"}, "geometricError": 5, "root": {"geometricError": 1}}"#;
+    std::fs::write(folder.join("tileset.json"), text).unwrap();
+    let said = expect(folder, "convert tileset.json out.ply", 4);
+    assert!(said.contains("tileset of 3D Tiles") && said.contains("extract"), "{said}");
+}
+
+#[test]
 fn every_instance_stands_in_its_place() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

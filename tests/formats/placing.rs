@@ -111,6 +111,14 @@ fn an_offset_is_subtracted_and_written_down() {
         document["nodes"][0]["extras"]["offset"],
         serde_json::json!([500_000.0, 4_600_010.0, 100.0])
     );
+    // It stays with the mesh through every format.
+    for file in ["out.stl", "out.obj", "out.glb"] {
+        let (head, _) = shown(folder, file);
+        assert!(head.contains("offset: 500000 4600010 100"), "{file}: {head}");
+    }
+    expect(folder, "convert in.ply text.stl --recentre --format ascii", 0);
+    let text = std::fs::read_to_string(folder.join("text.stl")).unwrap();
+    assert!(text.starts_with("solid offset: 500000 4600010 100\n"), "{text}");
     expect(folder, "simplify in.ply small.ply --triangles 2 --recentre --report r.json -q", 0);
     let report: Value =
         serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap();

@@ -58,8 +58,8 @@ fn unpack(
     let part = buffers.view(view)?;
     if part.n_bytes > options.memory_bytes {
         return Err(file.bad(format!(
-            "bufferView {view} has {} of a mesh compressed with Draco, more than the {} that are unpacked at once; give more \
-             --memory, or decompress it first (gltf-transform copy IN OUT)",
+            "bufferView {view} has {} of a mesh compressed with Draco, more than the {} that are unpacked at once; \
+             decompress it first (gltf-transform copy IN OUT)",
             show_bytes(part.n_bytes),
             show_bytes(options.memory_bytes)
         )));
@@ -80,8 +80,8 @@ fn unpack(
         Ok(Ok(mesh)) => mesh,
         Ok(Err(error)) if error.kind() == ErrorKind::LimitExceeded => {
             return Err(file.bad(format!(
-                "bufferView {view}: the mesh that Draco has compressed needs more than {} when it is unpacked; give more \
-                 --memory, or decompress it first (gltf-transform copy IN OUT)",
+                "bufferView {view}: the mesh that Draco has compressed needs more than {} when it is unpacked; \
+                 decompress it first (gltf-transform copy IN OUT)",
                 show_bytes(options.memory_bytes)
             )));
         }

@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::io::external_sort::{ExternalSort, halves, whole};
 use crate::io::open_options::StageOptions;
 use crate::io::ply::raw::{RawFile, Spool};
+use crate::mesh::placing::offset_comment;
 use crate::mesh::property::Scalar;
 
 /// A vertex of the input in its place.
@@ -39,6 +40,8 @@ pub(super) struct Joiner<'a> {
     by_vertex: ExternalSort<4>,
     materials: Spool,
     n_faces: u64,
+    /// Subtracted from the coordinates of an earlier input.
+    pub(super) offset: Option<[f64; 3]>,
 }
 
 impl<'a> Joiner<'a> {
@@ -56,6 +59,7 @@ impl<'a> Joiner<'a> {
             by_vertex: options.sort(memory_bytes(options)),
             materials: options.spool(),
             n_faces: 0,
+            offset: None,
         }
     }
 
@@ -109,6 +113,7 @@ impl<'a> Joiner<'a> {
             colour: self.has_colour,
             alpha: self.has_alpha,
             normal: self.has_normal,
+            offset: self.offset,
         };
         let mut by_first = options.sort::<BY_FIRST>(memory_bytes(options));
         let mut last: Option<([u32; 9], [u32; 2])> = None;
@@ -280,6 +285,7 @@ struct Extras {
     colour: bool,
     alpha: bool,
     normal: bool,
+    offset: Option<[f64; 3]>,
 }
 
 impl Extras {
@@ -289,8 +295,11 @@ impl Extras {
         n_faces: u64,
         (is_wide, has_texture, has_numbers): (bool, bool, bool),
     ) -> String {
-        let mut text =
-            format!("ply\nformat binary_little_endian 1.0\nelement vertex {n_vertices}\n");
+        let mut text = "ply\nformat binary_little_endian 1.0\n".to_owned();
+        if let Some(offset) = self.offset {
+            text.push_str(&format!("comment {}\n", offset_comment(offset)));
+        }
+        text.push_str(&format!("element vertex {n_vertices}\n"));
         let mut put = |kind: &str, names: &[&str]| {
             names.iter().for_each(|name| text.push_str(&format!("property {kind} {name}\n")));
         };

@@ -16,6 +16,8 @@ pub(super) struct Document {
     pub(super) buffers: Vec<Buffer>,
     pub(super) buffer_views: Vec<View>,
     pub(super) extensions: DocumentExtensions,
+    /// Tilesets of 3D Tiles have it, and an asset too.
+    pub(super) geometric_error: Option<IgnoredAny>,
     pub(super) extensions_required: Vec<String>,
     pub(super) images: Vec<Image>,
     pub(super) materials: Vec<Material>,
@@ -45,6 +47,7 @@ pub(super) struct Rtc {
 #[serde(default)]
 pub(super) struct Asset {
     pub(super) version: String,
+    pub(super) generator: String,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -147,6 +150,17 @@ pub(super) struct Node {
     pub(super) rotation: Option<[f64; 4]>,
     pub(super) scale: Option<[f64; 3]>,
     pub(super) extensions: NodeExtensions,
+    /// The offset that this program has subtracted from all coordinates.
+    #[serde(rename = "extras", deserialize_with = "offset_of_extras")]
+    pub(super) offset: Option<[f64; 3]>,
+}
+
+/// The three numbers at `offset`; nothing of any other form.
+fn offset_of_extras<'de, D: serde::Deserializer<'de>>(
+    extras: D,
+) -> Result<Option<[f64; 3]>, D::Error> {
+    let extras = serde_json::Value::deserialize(extras)?;
+    Ok(extras.get("offset").and_then(|offset| <[f64; 3]>::deserialize(offset).ok()))
 }
 
 #[derive(Debug, Default, Deserialize)]

@@ -89,6 +89,12 @@ fn document(file: &Arc<RawFile>, options: &StageOptions) -> Result<(Document, Op
         let at = format!("line {}, column {}", error.line(), error.column());
         file.bad(format!("its JSON is not that of glTF ({at}): {error}"))
     })?;
+    if document.geometric_error.is_some() {
+        return Err(file.bad(
+            "this is a tileset of 3D Tiles, not glTF; give a GLB file that it names, or make one mesh of a tree of \
+             stonecut with 'stonecut extract FOLDER OUT'",
+        ));
+    }
     if !document.asset.version.starts_with('2') {
         let version: String = document.asset.version.chars().take(20).collect();
         return Err(
@@ -154,6 +160,7 @@ pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawF
     let has_numbers = !materials.list.is_empty();
     let has_colours = pieces.iter().any(|piece| piece.colours.is_some());
     let mut joiner = Joiner::new(options, has_colours, has_normals);
+    joiner.offset = offset(&document);
     let (mut n_bad, mut n_not_finite, mut n_clamped, mut n_white) = (0, 0, 0, 0);
     for piece in &pieces {
         let first = joiner.n_vertices();
@@ -187,6 +194,12 @@ pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawF
         staged.materials = Some(Arc::new(materials));
     }
     Ok((out, staged))
+}
+
+/// The offset that this program has subtracted when it wrote the file.
+fn offset(document: &Document) -> Option<[f64; 3]> {
+    let is_ours = document.asset.generator.starts_with("stonecut");
+    document.nodes.iter().find_map(|node| node.offset).filter(|_| is_ours)
 }
 
 /// All primitives of the scene with their accessors, checked.

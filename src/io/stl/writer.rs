@@ -5,6 +5,7 @@ use crate::io::ply::lookup::Lookup;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::ply::writer::Shortest;
 use crate::io::ply::{Encoding, OutputHeader};
+use crate::mesh::placing::{offset_in, offset_words};
 use crate::mesh::vec3::{normal, unit};
 use crate::system::disk::folder_of;
 use crate::system::pending_file::{PendingFile, Place};
@@ -39,10 +40,13 @@ impl StlWriter {
         };
         let mut out = PendingFile::create(place)?;
         let version = env!("CARGO_PKG_VERSION");
+        let offset = offset_in(&header.comments);
         if ascii {
-            out.write(b"solid stonecut\n")?;
+            let name = offset.map_or_else(|| "stonecut".to_owned(), offset_words);
+            out.write(format!("solid {name}\n").as_bytes())?;
         } else {
-            let mut text = format!("stonecut {version} {}", header.settings).into_bytes();
+            let first = offset.map_or_else(String::new, |offset| offset_words(offset) + " ");
+            let mut text = format!("{first}stonecut {version} {}", header.settings).into_bytes();
             text.resize(80, 0);
             out.write(&text)?;
             out.write(&n_faces.to_le_bytes())?;
