@@ -1,44 +1,22 @@
-//! Charts of a result: unwrapped and packed by `uvunwrap`, block by block.
+//! Charts of a result: made block by block, packed together, written with their tangents.
 //!
-//! A block is at most `BLOCK_TRIANGLES` triangles of one region of space, and has pages for itself, so memory and time
-//! do not grow faster than the result. Charts end where blocks do. Knows nothing of the original.
+//! A block is at most `BLOCK_TRIANGLES` triangles of one region of space, so the memory of making charts (`flatten`) does
+//! not grow with the result. Charts end where blocks do. Packing is in `packing`. Knows nothing of the original.
 
+use super::flatten::{FLATTEN_BYTES, Flat, flatten};
+use super::grid::area;
 use super::original::Density;
-use super::settings::{Corner, Means, Options};
-use crate::error::{Error, Result};
-use crate::measure::triangle;
+use super::packing::{Wanted, pack};
+use super::settings::{Corner, Means, NONE, Options};
+use crate::error::Result;
 use crate::mesh::Mesh;
 use crate::mesh::bounds::Bounds;
 use crate::system::disk::Disk;
-use crate::system::parallel;
 use crate::texture::{FrameCorner, Tangent, tangents};
 use std::path::Path;
 
 /// Triangles of a block at most.
-const BLOCK_TRIANGLES: usize = 200_000;
-
-/// Texels that the triangles of a block may cover; pages of one block count at most 2^30.
-const BLOCK_TEXELS: f64 = (1u64 << 28) as f64;
-
-/// Texels around every chart that show its own colours, so that charts are twice as far apart.
-///
-/// At 1/8 of the size a texel is 8 wide, and a point between two of them mixes what is up to 12 away.
-pub(super) const PADDING: u32 = 12;
-
-/// Sides of cropped pages are multiples of this: halves of them down to 1/16 are whole, and so are compressed blocks.
-const SIDE_STEP: u32 = 16;
-
-/// Attempts to meet a count of pages, and to fill them.
-const MOST_TRIES: usize = 10;
-
-/// A density is not looked for between one that fits and another that is higher by no more than this factor.
-const CLOSE_ENOUGH: f64 = 1.04;
-
-/// Bytes of a triangle in a block while it is unwrapped; 0.5 KiB were measured (68,771 triangles, 8,481 charts).
-const UNWRAP_BYTES: u64 = 1024;
-
-/// No chart.
-pub(super) const NONE: u32 = u32::MAX;
+const BLOCK_TRIANGLES: usize = 500_000;
 
 /// Places of the triangles of a result on pages.
 pub(super) struct Charts {
@@ -61,132 +39,53 @@ pub(super) struct Charts {
 impl Charts {
     /// Bytes that the charts of a result take, with one block while it is unwrapped.
     pub fn bytes(n_triangles: u64) -> u64 {
-        48 * n_triangles + UNWRAP_BYTES * n_triangles.min(BLOCK_TRIANGLES as u64)
+        128 * n_triangles + FLATTEN_BYTES * n_triangles.min(BLOCK_TRIANGLES as u64)
     }
 
-    /// Makes charts and packs them at a density, or about at the highest that needs at most the pages allowed.
+    /// Makes charts once, and packs them at a density, or about at the highest that needs at most the pages allowed.
+    ///
+    /// Memory: 100 bytes a triangle, and `FLATTEN_BYTES` of the triangles of a block.
     pub fn make(mesh: &Mesh, density: Density, options: &Options, means: Means) -> Result<Charts> {
-        let mut texels_per_unit = density.wanted;
-        let most = options.most_pages.map_or(usize::MAX, |most| most.max(1) as usize);
-        let (mut fitting, mut too_dense) = (None::<f64>, f64::INFINITY);
-        for _ in 0..MOST_TRIES {
-            let charts = Self::at(mesh, texels_per_unit, options, means)?;
-            let n = charts.pages.len();
-            if n <= most {
-                fitting = Some(texels_per_unit);
-                let is_done =
-                    too_dense.is_infinite() || too_dense <= CLOSE_ENOUGH * texels_per_unit;
-                if is_done {
-                    return Ok(charts);
-                }
-            } else {
-                too_dense = texels_per_unit;
-            }
-            texels_per_unit = match fitting {
-                Some(fitting) if too_dense <= CLOSE_ENOUGH * fitting => break,
-                Some(fitting) => (fitting * too_dense).sqrt(),
-                // The last page of each block is rarely full, so a share of the pages is not a share of the area.
-                None => texels_per_unit * (most as f64 / n as f64).sqrt().clamp(0.1, 0.95),
-            };
-        }
-        if let Some(fitting) = fitting {
-            // Made again: two of them at a time would take twice the memory.
-            return Self::at(mesh, fitting, options, means);
-        }
-        let what = format!(
-            "--bake-pages {most}: the charts of {} triangles do not fit at any sensible density; allow more pages",
-            mesh.triangles.len()
-        );
-        Err(Error::Usage(what))
-    }
-
-    fn at(mesh: &Mesh, texels_per_unit: f64, options: &Options, means: Means) -> Result<Charts> {
         let n = mesh.triangles.len();
-        let mut charts = Charts {
-            pages: Vec::new(),
-            page: vec![0; n],
-            chart: vec![NONE; n],
-            corners: vec![[[0.0; 2]; 3]; n],
-            n_charts: 0,
-            texels_per_unit,
-            densities: Vec::new(),
-            tangents: Vec::new(),
-        };
-        for block in blocks(mesh, texels_per_unit) {
-            means.progress.check()?;
-            charts.add_block(mesh, &block, options, means)?;
+        let mut flat = Flat { chart: vec![NONE; n], corners: vec![[[0.0; 2]; 3]; n], n_charts: 0 };
+        for block in blocks(mesh) {
+            let own = flatten(&part_of(mesh, &block), means.progress)?;
+            for (i, &t) in block.iter().enumerate() {
+                let t = t as usize;
+                let chart = own.chart[i];
+                flat.chart[t] = if chart == NONE { NONE } else { flat.n_charts + chart };
+                flat.corners[t] = own.corners[i];
+            }
+            flat.n_charts += own.n_charts;
         }
-        Ok(charts)
+        let wanted = Wanted {
+            page_size: options.page_size,
+            most_pages: options.most_pages,
+            texels_per_unit: density.wanted,
+        };
+        let packed = pack(&flat, wanted, means.progress)?;
+        Ok(Charts {
+            densities: vec![packed.texels_per_unit; packed.pages.len()],
+            pages: packed.pages,
+            page: packed.page,
+            chart: packed.chart,
+            corners: packed.corners,
+            n_charts: packed.n_charts,
+            texels_per_unit: packed.texels_per_unit,
+            tangents: Vec::new(),
+        })
     }
 
-    /// Unwraps the triangles of a block onto further pages.
-    fn add_block(
-        &mut self,
-        mesh: &Mesh,
-        block: &[u32],
-        options: &Options,
-        means: Means,
-    ) -> Result<()> {
-        let corners = block.iter().flat_map(|&t| mesh.triangles[t as usize]);
-        let mut vertices: Vec<u32> = corners.clone().collect();
-        vertices.sort_unstable();
-        vertices.dedup();
-        let mut around = Bounds::EMPTY;
-        vertices.iter().for_each(|&v| around.add(mesh.positions[v as usize]));
-        // Single precision is enough around the middle.
-        let middle = around.middle();
-        let local =
-            |&v: &u32| [0, 1, 2].map(|k| (mesh.positions[v as usize][k] - middle[k]) as f32);
-        let positions: Vec<[f32; 3]> = vertices.iter().map(local).collect();
-        let place = |v: u32| vertices.binary_search(&v).expect("collected above") as u32;
-        let indices: Vec<u32> = corners.map(place).collect();
-        let settings = uvunwrap::Options {
-            density: uvunwrap::Density::Fixed {
-                texels_per_unit: self.texels_per_unit as f32,
-                page_size: Some(options.page_size),
-            },
-            padding: padding(options.page_size),
-            max_chart_size: options.page_size - 2 * padding(options.page_size) - 2,
-            packing: uvunwrap::Packing::Fast,
-            ..uvunwrap::Options::default()
-        };
-        let input = [uvunwrap::MeshInput::new(&positions, &indices)];
-        let is_wanted = |_: uvunwrap::Progress| means.progress.check().is_ok();
-        let atlas = parallel::with_threads(means.threads, || {
-            uvunwrap::generate_with_progress(&input, &settings, is_wanted)
-        })?;
-        means.progress.check()?;
-        let atlas = atlas.map_err(|error| {
-            Error::Internal(format!("no charts for {} triangles: {error}", block.len()))
-        })?;
-        let Some(unwrapped) = atlas.meshes.first() else { return Ok(()) };
-        let (first_page, first_chart) = (self.pages.len() as u32, self.n_charts as u32);
-        let size = [atlas.width, atlas.height].map(|side| side as f32);
-        let mut used = vec![[0f32; 2]; atlas.page_count.max(1) as usize];
-        for (&t, corners) in block.iter().zip(unwrapped.indices.as_chunks::<3>().0) {
-            let found = corners.map(|v| unwrapped.vertices[v as usize]);
-            let uv = found.map(|v| [v.uv[0] * size[0], v.uv[1] * size[1]]);
-            let page = found.iter().find_map(|v| v.page).unwrap_or(0);
-            let t = t as usize;
-            (self.page[t], self.corners[t]) = (first_page + page, uv);
-            // Corners of triangles without an area may lie in several charts.
-            let is_one = found.iter().all(|v| v.chart.is_some() && v.chart == found[0].chart);
-            if let (true, Some(chart)) = (is_one, found[0].chart) {
-                self.chart[t] = first_chart + chart;
-            }
-            let used = &mut used[page as usize];
-            uv.iter().for_each(|at| *used = [0, 1].map(|k| used[k].max(at[k])));
-        }
-        let cropped = |far: &[f32; 2]| {
-            far.map(|side| {
-                let side = (side.max(0.0).ceil() as u32).saturating_add(padding(options.page_size));
-                side.next_multiple_of(SIDE_STEP).min(options.page_size)
-            })
-        };
-        self.pages.extend(used.iter().map(cropped));
-        self.densities.resize(self.pages.len(), self.texels_per_unit);
-        self.n_charts += u64::from(atlas.chart_count);
-        Ok(())
+    /// Texels of all pages.
+    pub fn n_texels(&self) -> u64 {
+        self.pages.iter().map(|[width, height]| u64::from(*width) * u64::from(*height)).sum()
+    }
+
+    /// Texels that charts cover, about.
+    pub fn n_covered(&self) -> u64 {
+        let is_there = |&t: &usize| self.chart[t] != NONE;
+        let all = (0..self.chart.len()).filter(is_there).map(|t| area(&self.corners[t]));
+        all.sum::<f64>() as u64
     }
 
     /// Finds the tangents of all corners, page by page, as a viewer would that has a page's triangles in one part; `normals`
@@ -248,25 +147,28 @@ impl Charts {
     }
 }
 
-/// `PADDING`, less on pages so small that little else would fit.
-pub(super) fn padding(page_size: u32) -> u32 {
-    PADDING.min(page_size / 16)
+/// Some triangles of a mesh as one with vertices around the origin.
+fn part_of(mesh: &Mesh, block: &[u32]) -> Mesh {
+    let corners = || block.iter().flat_map(|&t| mesh.triangles[t as usize]);
+    let mut vertices: Vec<u32> = corners().collect();
+    vertices.sort_unstable();
+    vertices.dedup();
+    let positions = vertices.iter().map(|&v| mesh.positions[v as usize]).collect();
+    let place = |v: u32| vertices.binary_search(&v).expect("collected above") as u32;
+    let triangles = block.iter().map(|&t| mesh.triangles[t as usize].map(place)).collect();
+    Mesh::new(positions, triangles)
 }
 
 /// Triangles in blocks of neighbours: halved along the longest axis of their centres until they are few enough.
-fn blocks(mesh: &Mesh, texels_per_unit: f64) -> Vec<Vec<u32>> {
+fn blocks(mesh: &Mesh) -> Vec<Vec<u32>> {
     let centre = |t: u32| {
         let [a, b, c] = mesh.corners(t as usize);
         [0, 1, 2].map(|k| a[k] + b[k] + c[k])
     };
-    let texels =
-        |t: u32| triangle::area(&mesh.corners(t as usize)) * texels_per_unit * texels_per_unit;
     let mut open: Vec<Vec<u32>> = vec![(0..mesh.triangles.len() as u32).collect()];
     let mut done = Vec::new();
     while let Some(mut block) = open.pop() {
-        let n_texels: f64 = block.iter().map(|&t| texels(t)).sum();
-        let is_small = block.len() <= BLOCK_TRIANGLES && n_texels <= BLOCK_TEXELS;
-        if is_small || block.len() < 2 {
+        if block.len() <= BLOCK_TRIANGLES {
             // In the order of the result, whatever the splits.
             block.sort_unstable();
             done.push(block);

@@ -8,11 +8,15 @@
 
 mod charts;
 mod directions;
+mod flatten;
 mod grid;
 mod nearest;
+mod need;
 mod normals;
 mod original;
+mod packing;
 mod pages;
+mod patches;
 mod projected;
 mod settings;
 mod texels;
@@ -28,6 +32,8 @@ pub use crate::texture::Finish;
 use crate::texture::{ImageCache, Palette, Purpose};
 use charts::Charts;
 use nearest::CellCache;
+pub use need::{BakeNeed, check, has_images, has_looks};
+use need::{CELL_SHARE, FRAME_BYTES, IMAGE_SHARE, POINT_SHARE, free_bytes};
 use original::Original;
 pub use pages::Page;
 use pages::{Canvas, PageKind};
@@ -60,12 +66,6 @@ pub struct Baked {
     /// For people and for the report.
     pub report: BakeReport,
 }
-
-/// Shares of the memory: cells of the original, decoded images, points under way.
-const CELL_SHARE: u64 = 3;
-const IMAGE_SHARE: u64 = 3;
-/// The rest is for cells and images while they are read.
-const POINT_SHARE: u64 = 10;
 
 /// Gives the result `shape` a texture from `original`; files get names that begin with `name` in the folder `place`.
 ///
@@ -101,7 +101,8 @@ pub fn bake(
     if mesh.triangles.len() as u64 != shape.n_face_rows() {
         return Err(Error::Internal("a result has degenerate faces".to_owned()));
     }
-    progress.count_from_zero(original.n_triangles());
+    // Cutting the original is an eighth of the work, about; what is left is told once there are charts.
+    progress.count_from_zero(8 * original.n_triangles());
     let palette = Palette::new(
         original.materials().map(|all| &**all),
         free_bytes / IMAGE_SHARE,
@@ -120,12 +121,16 @@ pub fn bake(
         )));
     }
     let density = original.density(options);
+    progress.count_from_zero(mesh.triangles.len() as u64);
     let mut charts = Charts::make(&mesh, density, options, means)?;
     if options.normals {
         charts.add_tangents(&mesh, &normals);
     }
     let mut notes = original.notes(&palette);
-    progress.count_from_zero(mesh.triangles.len() as u64);
+    // Texels are counted twice: when they are filled, and when their page is made an image.
+    let n_texels = charts.n_covered();
+    let n_canvases = u64::from(original.has_looks()) + u64::from(options.normals);
+    progress.count_from_zero(n_texels + n_canvases * charts.n_texels());
     let empty = || Canvas::new(&charts.pages, means.temp_dir, means.disk);
     let canvas = |is_wanted: bool| is_wanted.then(empty).transpose();
     let mut canvases =
@@ -143,6 +148,7 @@ pub fn bake(
             batch_bytes: free_bytes / POINT_SHARE,
             threads: means.threads,
             progress,
+            counted: n_texels,
         },
         &mut CellCache::new(free_bytes / CELL_SHARE),
         &mut canvases,
@@ -170,12 +176,11 @@ pub fn bake(
     let (maps, of_normals) =
         finish(canvases.normals, PageKind::Directions, &format!("{name}-normals"))?;
     let bytes_of = |pages: &[Page]| pages.iter().map(|page| page.bytes).sum();
-    let sizes = charts.pages.iter();
     let report = BakeReport {
         charts: charts.n_charts,
         pages: charts.pages.len() as u64,
         page_size: options.page_size,
-        texels: sizes.map(|[width, height]| u64::from(*width) * u64::from(*height)).sum(),
+        texels: charts.n_texels(),
         covered_texels: of_colours.max(of_normals),
         texel_density: charts.texels_per_unit,
         original_texel_density: density.of_images,
@@ -195,72 +200,4 @@ pub fn bake(
 fn normals_of(mesh: &Mesh, channels: [usize; 3]) -> Vec<[f32; 3]> {
     let of = |v: u32| channels.map(|channel| mesh.channels_of(v)[channel]);
     (0..mesh.positions.len() as u32).map(of).collect()
-}
-
-/// Bytes of a triangle for tangents while they are found, and for the normals of half a vertex.
-const FRAME_BYTES: u64 = 36;
-
-/// Memory without which nothing can be baked: a cell of the original, an image, points under way.
-const LEAST_WORK_BYTES: u64 = 48 << 20;
-
-/// Bytes of a triangle of a result in memory, with half a vertex that carries colours.
-const SHAPE_BYTES: u64 = 36;
-
-fn free_bytes(n_triangles: u64, taken: u64, memory_bytes: u64) -> Result<u64> {
-    let free = memory_bytes.checked_sub(taken).filter(|free| *free >= LEAST_WORK_BYTES);
-    free.ok_or_else(|| {
-        Error::NoMemory(format!(
-            "a new texture for {n_triangles} triangles takes {} of memory, {} are left for it: give more --memory, ask \
-             for fewer triangles, or choose --texture keep",
-            show_bytes(taken + LEAST_WORK_BYTES),
-            show_bytes(memory_bytes)
-        ))
-    })
-}
-
-/// Fails where a bake of a result of `n_triangles` would fail for want of memory, before any work is done; returns the
-/// disk that it will take beside the result, in bytes.
-pub fn check(
-    original: &MeshSource,
-    n_triangles: u64,
-    options: &Options,
-    memory_bytes: u64,
-) -> Result<u64> {
-    let mut taken = SHAPE_BYTES * n_triangles + Charts::bytes(n_triangles);
-    if options.normals {
-        taken += (FRAME_BYTES + 6) * n_triangles;
-        taken += border_bytes(original.n_triangles(), options.cell_triangles);
-    }
-    let free = free_bytes(n_triangles, taken, memory_bytes)?;
-    let palette =
-        Palette::new(original.materials().map(|all| &**all), free / IMAGE_SHARE, Purpose::Bake)?;
-    let maps = if options.normals { MAP_BYTES * original.n_triangles() } else { 0 };
-    Ok(CORNER_BYTES * original.n_corners() + PAGE_BYTES * palette.n_pixels() + maps)
-}
-
-/// Bytes for the places that cells of an original share, about: the rim of a square patch of a cell's triangles.
-fn border_bytes(n_triangles: u64, cell_triangles: u64) -> u64 {
-    let n_cells = n_triangles.div_ceil(cell_triangles.max(1));
-    let rim = 4.0 * (0.5 * cell_triangles as f64).sqrt();
-    if n_cells > 1 { (n_cells as f64 * rim) as u64 * normals::BORDER_BYTES } else { 0 }
-}
-
-/// Bytes on disk for a corner of the original: sorted to part vertices along charts, then in cells.
-const CORNER_BYTES: u64 = 80;
-
-/// Bytes on disk for a pixel of the original's images: a page is rarely more than half full, and becomes an image.
-const PAGE_BYTES: u64 = 12;
-
-/// Bytes on disk of normal maps for a triangle of the original: two texels, as where there are no images.
-const MAP_BYTES: u64 = 16;
-
-/// True if the original has texture coordinates and an image that can be used.
-pub fn has_images(original: &MeshSource) -> bool {
-    let palette = Palette::new(original.materials().map(|all| &**all), u64::MAX, Purpose::Bake);
-    original.has_corner_texture() && palette.is_ok_and(|palette| palette.has_images())
-}
-
-/// True if the original has anything that can be baked.
-pub fn has_looks(original: &MeshSource) -> bool {
-    original.has_corner_texture() || crate::measure::ColourChannels::of(original.schema()).is_some()
 }

@@ -31,11 +31,35 @@ pub(super) trait Seekers: Sync {
     fn grace(&self, i: usize) -> f64;
 }
 
+/// Some of many points.
+pub(super) struct Subset<'a, S> {
+    pub of: &'a S,
+    pub numbers: &'a [u32],
+}
+
+impl<S: Seekers> Seekers for Subset<'_, S> {
+    fn n(&self) -> usize {
+        self.numbers.len()
+    }
+
+    fn point(&self, i: usize) -> Vector {
+        self.of.point(self.numbers[i] as usize)
+    }
+
+    fn normal(&self, i: usize) -> Vector {
+        self.of.normal(self.numbers[i] as usize)
+    }
+
+    fn grace(&self, i: usize) -> f64 {
+        self.of.grace(self.numbers[i] as usize)
+    }
+}
+
 impl Original {
     /// Finds a place for each point; best given in an order that keeps neighbours together.
     ///
     /// Memory: 80 bytes a point, and cells within `cell_bytes`, one at least.
-    pub fn nearest(
+    pub(super) fn nearest_any(
         &self,
         seekers: &impl Seekers,
         cells: &mut CellCache,
@@ -57,32 +81,37 @@ impl Original {
         }
         drop(home);
         self.visit(&others, seekers, Search::Any, &mut hits, cells, means)?;
-        drop(others);
-        // Only those whose nearest place faces away look on.
-        let turned: Vec<u32> = (0..n as u32).filter(|&i| !hits[i as usize].faces).collect();
-        if turned.is_empty() {
-            return Ok(hits);
-        }
-        let limit_sq = |i: usize| {
-            let limit = hits[i].distance_sq.sqrt() + seekers.grace(i);
-            limit * limit
-        };
-        let limits: Vec<f64> = turned.iter().map(|&i| limit_sq(i as usize)).collect();
-        let point = |i: usize| seekers.point(turned[i] as usize);
-        let mut lists = self.lists(turned.len(), point, Reach::Within(&|i| limits[i]));
-        lists.iter_mut().flatten().for_each(|query| *query = turned[*query as usize]);
-        let mut facing = vec![Hit::NONE; n];
-        for (&i, &limit_sq) in turned.iter().zip(&limits) {
-            facing[i as usize].distance_sq = limit_sq;
-        }
-        self.visit(&lists, seekers, Search::Facing, &mut facing, cells, means)?;
-        for &i in &turned {
-            let better = facing[i as usize];
-            if better.faces {
-                hits[i as usize] = better;
-            }
-        }
         Ok(hits)
+    }
+
+    /// Lets those points look on whose nearest place faces away.
+    pub(super) fn turn(
+        &self,
+        seekers: &impl Seekers,
+        hits: &mut [Hit],
+        cells: &mut CellCache,
+        means: (usize, &Progress),
+    ) -> Result<()> {
+        let turned: Vec<u32> =
+            (0u32..).zip(&*hits).filter(|(_, hit)| !hit.faces).map(|(i, _)| i).collect();
+        if turned.is_empty() {
+            return Ok(());
+        }
+        let some = Subset { of: seekers, numbers: &turned };
+        let limits: Vec<f64> = (0..turned.len())
+            .map(|i| {
+                let limit = hits[turned[i] as usize].distance_sq.sqrt() + some.grace(i);
+                limit * limit
+            })
+            .collect();
+        let lists = self.lists(some.n(), |i| some.point(i), Reach::Within(&|i| limits[i]));
+        let mut facing: Vec<Hit> =
+            limits.iter().map(|&distance_sq| Hit { distance_sq, ..Hit::NONE }).collect();
+        self.visit(&lists, &some, Search::Facing, &mut facing, cells, means)?;
+        for (&i, better) in turned.iter().zip(facing).filter(|(_, better)| better.faces) {
+            hits[i as usize] = better;
+        }
+        Ok(())
     }
 
     /// Lets the listed points of each cell look into it.
@@ -118,7 +147,10 @@ impl Original {
                             let nearest = search.run(&cell.tree, point, normal, most, slot);
                             if nearest.is_found() {
                                 slot = nearest.slot;
-                                out.push((query, self.hit(cell, nearest, point, normal)));
+                                let face = self.face(cell, slot, normal);
+                                let found = triangle::closest(point, cell.tree.corners(slot));
+                                let found = (nearest.distance_sq, found.1);
+                                out.push((query, self.hit(cell, &face, found)));
                             }
                         }
                         Ok(())
@@ -203,9 +235,14 @@ impl Search {
                 let guess = tree.guess(point, slot);
                 tree.nearest(point, if guess.distance_sq <= most_sq { guess } else { within })
             }
-            Search::Facing => tree.nearest_where(point, within, |corners| {
-                dot(triangle::area_normal(corners), normal) > 0.0
-            }),
+            Search::Facing => {
+                let faces =
+                    |corners: &[Vector; 3]| dot(triangle::area_normal(corners), normal) > 0.0;
+                let guess = tree.guess(point, slot);
+                // The guess of another point may be on a triangle that faces away from this one.
+                let is_usable = guess.distance_sq <= most_sq && faces(tree.corners(guess.slot));
+                tree.nearest_where(point, if is_usable { guess } else { within }, faces)
+            }
         }
     }
 }
@@ -220,6 +257,25 @@ pub(super) struct CellCache {
 impl CellCache {
     pub fn new(budget_bytes: u64) -> Self {
         CellCache { budget_bytes, uses: 0, held: BTreeMap::new() }
+    }
+
+    /// True if all cells stay in memory.
+    pub fn holds_all(&self, original: &Original) -> bool {
+        original.all_cells_bytes() <= self.budget_bytes
+    }
+
+    /// Loads as many of the cells from the first on as the budget holds; returns all that are in memory, by number.
+    pub fn held_after(
+        &mut self,
+        original: &Original,
+        wanted: &[usize],
+        (threads, progress): (usize, &Progress),
+    ) -> Result<Vec<Option<Arc<Cell>>>> {
+        if !wanted.is_empty() {
+            self.get(original, wanted, threads, progress)?;
+        }
+        let cell = |number| self.held.get(&number).map(|(_, cell)| cell.clone());
+        Ok((0..original.boxes.len()).map(cell).collect())
     }
 
     /// As many of the cells from the first on as the budget holds together, at least one.

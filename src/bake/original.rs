@@ -9,7 +9,7 @@ use crate::io::ply::MeshSource;
 use crate::io::{NUMBER, StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
 use crate::measure::sums::Sum;
 use crate::measure::temp_store::{Cutting, Scratch};
-use crate::measure::tree::{Nearest, Tree};
+use crate::measure::tree::Tree;
 use crate::measure::triangle::{self, Vector};
 use crate::measure::{Carried, ColourChannels};
 use crate::mesh::Mesh;
@@ -69,6 +69,9 @@ pub(super) struct Density {
     pub of_images: Option<f64>,
 }
 
+/// Texels for a pixel of the images at most: an image that repeats a hundred times is not wanted as often.
+pub(super) const MOST_TEXELS: f64 = 4.0;
+
 /// Area and texels by the density of the texels: bins of half an octave.
 struct Densities(Vec<[Sum; 2]>);
 
@@ -78,9 +81,6 @@ impl Densities {
     const MIDDLE: f64 = 128.0;
     /// This share of the area, the densest, does not count: a few triangles with odd coordinates are not the scan.
     const SKIPPED: f64 = 0.01;
-    /// Texels for a pixel of the images at most: an image that repeats a hundred times is not wanted as often.
-    const MOST_TEXELS: f64 = 4.0;
-
     fn new(diagonal: f64) -> Densities {
         let most = diagonal * diagonal;
         let densest = |bin: usize| (bin as f64 + 1.0 - Self::MIDDLE).exp2();
@@ -113,7 +113,7 @@ impl Densities {
                 texels += of_bin.value() * (counted / areas.value());
             }
         }
-        let most = Self::MOST_TEXELS * n_pixels as f64 / all;
+        let most = MOST_TEXELS * n_pixels as f64 / all;
         (texels / area).min(most).sqrt()
     }
 }
@@ -155,6 +155,19 @@ impl Hit {
         self.distance_sq < other.distance_sq
             || (self.distance_sq == other.distance_sq && key(self) < key(other))
     }
+}
+
+/// A triangle of a cell as a point of the result sees it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Face {
+    /// Number of the triangle.
+    triangle: usize,
+    /// Its corner that comes first in canonical order.
+    first: usize,
+    /// Texture coordinates per unit of length.
+    per_unit: f32,
+    /// True if it faces the side that the point's own surface does.
+    faces: bool,
 }
 
 /// A cell in memory.
@@ -335,6 +348,11 @@ impl Original {
         (0..self.boxes.len()).map(|cell| self.bytes(cell)).max().unwrap_or(0)
     }
 
+    /// Bytes of all cells in memory.
+    pub fn all_cells_bytes(&self) -> u64 {
+        (0..self.boxes.len()).map(|cell| self.bytes(cell)).sum()
+    }
+
     /// Bytes of a cell in memory with its tree.
     pub fn bytes(&self, cell: usize) -> u64 {
         let store = self.scratch.store();
@@ -390,15 +408,24 @@ impl Original {
         (0.5 * cross.abs() / triangle::area(&mesh.corners(t))).sqrt() as f32
     }
 
-    /// The look of the place of a triangle that is nearest to a point.
-    pub fn hit(&self, cell: &Cell, found: Nearest, point: Vector, normal: Vector) -> Hit {
-        let corners = cell.tree.corners(found.slot);
-        let (_, weights) = triangle::closest(point, corners);
-        let t = cell.tree.id(found.slot) as usize;
-        let first = triangle::rotation(&cell.mesh.corners(t));
+    /// What all places on the triangle at a slot of a cell's tree have in common, seen from a side.
+    pub fn face(&self, cell: &Cell, slot: u32, normal: Vector) -> Face {
+        let triangle = cell.tree.id(slot) as usize;
+        let per_unit = self.per_unit(&cell.mesh, triangle);
+        Face {
+            triangle,
+            first: triangle::rotation(&cell.mesh.corners(triangle)),
+            per_unit: if per_unit.is_finite() { per_unit } else { 0.0 },
+            faces: dot(triangle::area_normal(cell.tree.corners(slot)), normal) > 0.0,
+        }
+    }
+
+    /// The look of the place of a triangle that is nearest to a point; `found` has the squared distance and the weights of
+    /// the triangle's canonical corners.
+    pub fn hit(&self, cell: &Cell, face: &Face, (distance_sq, weights): (f64, [f64; 3])) -> Hit {
+        let t = face.triangle;
         // Back to the order of the mesh.
-        let weights = triangle::rotate(weights, (3 - first) % 3);
-        let per_unit = self.per_unit(&cell.mesh, t);
+        let weights = triangle::rotate(weights, (3 - face.first) % 3);
         let colour = self.colours.map_or([255; 3], |colours| {
             colours.channels.map(|channel| {
                 let value = |v: u32| f64::from(cell.mesh.channels_of(v)[channel]);
@@ -408,11 +435,11 @@ impl Original {
             })
         });
         Hit {
-            distance_sq: found.distance_sq,
-            faces: dot(triangle::area_normal(corners), normal) > 0.0,
+            distance_sq,
+            faces: face.faces,
             material: cell.material[t],
             uv: self.uv(&cell.mesh, t, weights),
-            per_unit: if per_unit.is_finite() { per_unit } else { 0.0 },
+            per_unit: face.per_unit,
             colour,
             normal: self.normals.at(&cell.mesh, &cell.normals, t, weights),
         }

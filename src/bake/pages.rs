@@ -3,9 +3,8 @@
 //! Colours grow beyond the borders of charts, so that neither filtering nor smaller sizes of an image mix what lies
 //! between charts into them; what is then left has the mean colour of the page. Rows go through memory in bands.
 
-use super::charts::PADDING;
 use super::directions::STRAIGHT_PIXEL;
-use super::settings::Means;
+use super::settings::{Means, PADDING};
 use crate::error::{Error, Result};
 use crate::system::disk::{Disk, DiskFile, scratch_file};
 use crate::system::parallel::in_order;
@@ -156,6 +155,7 @@ impl Canvas {
                 }
                 let rows = Rows { canvas: self, page: number, mean };
                 let bytes = rows.write(kind, &path, means.disk)?;
+                means.progress.add(u64::from(width) * u64::from(height));
                 *out = Some((Page { path, kind, width, height, bytes }, covered));
                 Ok(())
             },

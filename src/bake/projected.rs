@@ -4,8 +4,8 @@
 //! chart is stretched by at most 1 / 0.55, but for triangles of a few texels. It is several times as fast as `charts`.
 //! Charts neither overlap nor share texels. They depend on the tile alone. Knows nothing of the original.
 
-use super::charts::NONE;
 use super::grid::each_point;
+use super::settings::NONE;
 use crate::measure::triangle;
 use crate::mesh::Mesh;
 use crate::mesh::vec3::{cross, dot, unit};
@@ -96,7 +96,7 @@ struct Direction {
 }
 
 /// Zeros of what has no direction.
-fn direction_of(v: [f64; 3]) -> [f64; 3] {
+pub(super) fn direction_of(v: [f64; 3]) -> [f64; 3] {
     unit(v).unwrap_or_default()
 }
 
@@ -235,7 +235,7 @@ fn claim(flat: &[[f64; 2]; 3], chart: u32, taken: &mut HashMap<[u32; 2], u32>) -
 }
 
 /// The triangles with one vertex for each place: scans are often cut along the charts of the input's textures.
-fn joined(mesh: &Mesh) -> Vec<[u32; 3]> {
+pub(super) fn joined(mesh: &Mesh) -> Vec<[u32; 3]> {
     let mut first: HashMap<[u64; 3], u32> = HashMap::with_capacity(mesh.positions.len());
     let place = |(v, p): (u32, &[f64; 3])| *first.entry(p.map(f64::to_bits)).or_insert(v);
     let same: Vec<u32> = (0u32..).zip(&mesh.positions).map(place).collect();
@@ -243,7 +243,7 @@ fn joined(mesh: &Mesh) -> Vec<[u32; 3]> {
 }
 
 /// For each triangle those at its edges; `NONE` where another is missing, or there are several.
-fn beside(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
+pub(super) fn beside(triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
     let mut edges: Vec<([u32; 2], u32)> = Vec::with_capacity(3 * triangles.len());
     let all = triangles.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
     for (corner, [a, b]) in (0u32..).zip(all) {

@@ -6,6 +6,19 @@ use crate::system::progress::Progress;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
+/// Texels around every chart that show its own colours at most, so that charts are twice as far apart.
+///
+/// At 1/8 of the size a texel is 8 wide, and a point between two of them mixes what is up to 12 away.
+pub(super) const PADDING: u32 = 12;
+
+/// No chart.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// `PADDING`, less on pages so small that little else would fit.
+pub(super) fn padding(page_size: u32) -> u32 {
+    PADDING.min(page_size / 16)
+}
+
 /// Settings of a bake that change its result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Options {
@@ -30,7 +43,7 @@ pub struct Means<'a> {
     pub temp_dir: &'a Path,
     /// The disk that pages are written through.
     pub disk: &'a Disk,
-    /// Counts triangles of the result; asks to stop.
+    /// Counts triangles of the original, then texels; asks to stop.
     pub progress: &'a Progress,
 }
 

@@ -3,14 +3,14 @@
 //! The input is staged once for all tiles. Tiles are given some at a time; what they get depends neither on what is given
 //! together with them but for opacity, which decides between JPEG and PNG, nor on memory or threads. Writes no tiles.
 
-use super::charts::{Charts, NONE};
+use super::charts::Charts;
 use super::nearest::CellCache;
+use super::need::{CELL_SHARE, IMAGE_SHARE, LEAST_WORK_BYTES, POINT_SHARE};
 use super::original::{Original, staging_bytes};
 use super::pages::{Canvas, PageKind};
 use super::projected::{Projected, project};
-use super::settings::{Means, Options};
+use super::settings::{Means, NONE, Options};
 use super::texels::{self, Canvases, Scene};
-use super::{CELL_SHARE, IMAGE_SHARE, LEAST_WORK_BYTES, POINT_SHARE};
 use crate::error::{Error, Result};
 use crate::io::TilePage;
 use crate::io::ply::MeshSource;
@@ -243,6 +243,7 @@ impl TilePainter<'_> {
             batch_bytes: self.from.free_bytes / POINT_SHARE,
             threads,
             progress,
+            counted: mesh.triangles.len() as u64,
         };
         let seen = texels::fill(&scene, &mut self.cells, &mut canvases)?;
         drop((charts, mesh));

@@ -138,18 +138,22 @@ fn obstacle(source: &MeshSource, config: &Config) -> Result<Option<String>> {
     Ok(found.into_iter().find(|(is_so, _)| *is_so).map(|(_, what)| what.to_owned()))
 }
 
-/// Fails where a new texture would fail for want of memory or because of what lies beside the output; returns the bytes
-/// that it takes on disk for the time being.
+/// Fails where a new texture would fail for want of memory or because of what lies beside the output; returns what it
+/// needs beside the result.
 ///
 /// `may_be_ours` if an earlier run of the same job may have written that.
-pub(super) fn check(source: &MeshSource, config: &Config, may_be_ours: bool) -> Result<u64> {
+pub(super) fn check(
+    source: &MeshSource,
+    config: &Config,
+    may_be_ours: bool,
+) -> Result<bake::BakeNeed> {
     let n = source.n_triangles();
     let most = config.targets().map(|target| target.triangles(n)).max().unwrap_or(n);
     let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
-    let bytes = bake::check(source, most.min(n), &options(config), usable)?;
+    let need = bake::check(source, most.min(n), &options(config), usable)?;
     let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
     if kind == OutputKind::Glb || config.force || may_be_ours {
-        return Ok(bytes);
+        return Ok(need);
     }
     let outputs = std::iter::once(&config.textures_beside)
         .chain(config.coarser.iter().map(|level| &level.output));
@@ -168,5 +172,5 @@ pub(super) fn check(source: &MeshSource, config: &Config, may_be_ours: bool) -> 
             found.display()
         )));
     }
-    Ok(bytes)
+    Ok(need)
 }

@@ -4,6 +4,7 @@ use super::optimize::check::check as check_optimize;
 use super::pairs::counts::check as check_pairs;
 use super::plan::{Plan, check_split};
 use super::{bake, verify};
+use crate::bake::BakeNeed;
 use crate::config::{Config, Method, Normals, Texture};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
@@ -66,7 +67,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         return Err(Error::Usage(what));
     }
     let (mut marks, stage) = before_opening(config)?;
-    let (mut texture, mut bake_bytes, mut can_bake) = (Texture::Keep, 0, false);
+    let (mut texture, mut bake_need, mut can_bake) = (Texture::Keep, BakeNeed::default(), false);
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
         let coarser = config.coarser.iter().map(|level| &level.output);
         for output in std::iter::once(&config.textures_beside).chain(coarser) {
@@ -77,7 +78,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         let config = &settled(config, texture);
         if texture == Texture::Bake {
             let is_ours = !config.restart && has_begun_to_write(&config.job_folder);
-            bake_bytes = bake::check(&source, config, is_ours)?;
+            bake_need = bake::check(&source, config, is_ours)?;
         }
         check_labels(&source, &config.attributes.labels)?;
         let survey = SurveyOptions {
@@ -116,7 +117,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     }
     plan.add_output_bytes(textures.iter().map(|textures| textures.bytes).sum());
     if texture == Texture::Bake {
-        plan.add_bake(bake_bytes, config.threads);
+        plan.add_bake(bake_need, config.threads);
     }
     plan.check_disk(config)?;
     Ok(Prepared { source, plan, textures, texture, can_bake, marks })

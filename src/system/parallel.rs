@@ -40,15 +40,6 @@ pub fn both<A: Send, B>(
     })
 }
 
-/// Runs `work`, in which a library makes use of rayon, on a pool of `threads` threads.
-pub fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T> {
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(threads.max(1))
-        .build()
-        .map_err(|e| Error::NoMemory(format!("cannot start {threads} threads: {e}")))?;
-    Ok(pool.install(work))
-}
-
 /// Blocks under way per thread in `in_order`; two keep a thread busy while the consumer works.
 pub const BLOCKS_PER_THREAD: usize = 2;
 

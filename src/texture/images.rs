@@ -12,14 +12,14 @@ use crate::system::progress::Progress;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
 use std::sync::Arc;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// Colour in linear light, and opacity.
 pub(crate) type Light = [f32; 4];
 
-/// A decoded image: sRGB and opacity, in its size and all halves of it.
+/// A decoded image: sRGB and opacity, in its size, and in the halves of it that anything was looked up in.
 pub(crate) struct Decoded {
-    levels: Vec<Level>,
+    levels: Vec<OnceLock<Level>>,
     /// True if any of its pixels is not opaque.
     has_opacity: bool,
 }
@@ -85,7 +85,7 @@ const KTX2_MAGIC: &[u8] = b"\xabKTX 20\xbb\r\n\x1a\n";
 
 impl Decoded {
     /// Decodes a picture; the error says in words why that is not possible.
-    fn new(picture: &Picture, table: &LightTable) -> Result<Decoded, String> {
+    fn new(picture: &Picture) -> Result<Decoded, String> {
         let mut bytes = Vec::new();
         let read = copy_bytes(&picture.data, |part| {
             bytes.extend_from_slice(part);
@@ -96,27 +96,28 @@ impl Decoded {
         if picture.is_opaque {
             pixels.pixels_mut().for_each(|pixel| pixel.0[3] = 255);
         }
-        Ok(Decoded::of_pixels(pixels, table))
+        Ok(Decoded::of_pixels(pixels))
     }
 
     /// Decodes the file of an image whose head names `size`; the error says in words why that is not possible.
-    pub(super) fn of_bytes(
-        bytes: &[u8],
-        size: [u32; 2],
-        table: &LightTable,
-    ) -> Result<Decoded, String> {
-        Ok(Decoded::of_pixels(pixels_of(bytes, size)?, table))
+    pub(super) fn of_bytes(bytes: &[u8], size: [u32; 2]) -> Result<Decoded, String> {
+        Ok(Decoded::of_pixels(pixels_of(bytes, size)?))
     }
 
-    fn of_pixels(pixels: image::RgbaImage, table: &LightTable) -> Decoded {
+    fn of_pixels(pixels: image::RgbaImage) -> Decoded {
         let has_opacity = pixels.pixels().any(|pixel| pixel.0[3] < 255);
         let size = [pixels.width(), pixels.height()];
         let first = Level { size, pixels: pixels.into_raw().as_chunks::<4>().0.to_vec() };
-        let mut levels = vec![first];
-        while let Some(half) = levels.last().and_then(|level| level.half(table)) {
-            levels.push(half);
-        }
+        let n_levels = 1 + size[0].max(size[1]).max(1).ilog2() as usize;
+        let mut levels = vec![OnceLock::from(first)];
+        levels.resize_with(n_levels, OnceLock::new);
         Decoded { levels, has_opacity }
+    }
+
+    /// The image after some halvings, or as often as it can be halved; made when it is first asked for.
+    fn level(&self, halvings: usize, table: &LightTable) -> &Level {
+        let at = halvings.min(self.levels.len() - 1);
+        self.levels[at].get_or_init(|| self.level(at - 1, table).half(table))
     }
 
     /// Opacity that it stands for as an image of opacity, of a colour looked up in it: its own if any of its pixels is not
@@ -160,7 +161,7 @@ impl Decoded {
         uv: [f32; 2],
         table: &LightTable,
     ) -> Option<Light> {
-        let level = &self.levels[halvings.min(self.levels.len() - 1)];
+        let level = self.level(halvings, table);
         let (texels, share) = map.texels(uv, level.size)?;
         let mut sum = [0.0; 4];
         for (y, row_share) in [(0, 1.0 - share[1]), (1, share[1])] {
@@ -230,11 +231,8 @@ fn merged(n: u32, to: u32) -> impl Iterator<Item = (usize, f32)> {
 }
 
 impl Level {
-    /// The same in half the size, rounded down; `None` of a single pixel.
-    fn half(&self, table: &LightTable) -> Option<Level> {
-        if self.size == [1, 1] {
-            return None;
-        }
+    /// The same in half the size, rounded down.
+    fn half(&self, table: &LightTable) -> Level {
         let size = self.size.map(|side| (side / 2).max(1));
         let mut pixels = Vec::with_capacity(size[0] as usize * size[1] as usize);
         for y in 0..size[1] {
@@ -251,7 +249,7 @@ impl Level {
                 pixels.push(table.pixel(sum));
             }
         }
-        Some(Level { size, pixels })
+        Level { size, pixels }
     }
 }
 
@@ -293,6 +291,12 @@ impl<'a> ImageCache<'a> {
         held.faults.iter().map(line).filter(|line| said.insert(line.clone())).collect()
     }
 
+    /// True if all images stay in memory.
+    pub fn holds_all(&self) -> bool {
+        let all = (0..self.palette.images.len()).map(|number| self.bytes(number));
+        all.sum::<u64>() <= self.budget_bytes
+    }
+
     /// As many of the images from the first on as the budget holds together, at least one.
     pub fn fitting(&self, numbers: &[usize]) -> usize {
         let mut sum = 0;
@@ -315,9 +319,7 @@ impl<'a> ImageCache<'a> {
             let picture = self.picture(missing[i as usize]);
             let decoded = picture.map(|picture| {
                 // A decoder that panics is a damaged image, not a fault of the run.
-                let table = if picture.is_directions { &self.plain } else { &self.table };
-                guarded(|| Ok(Decoded::new(picture, table)))
-                    .unwrap_or_else(|error| Err(error.to_string()))
+                guarded(|| Ok(Decoded::new(picture))).unwrap_or_else(|error| Err(error.to_string()))
             });
             *out = decoded;
             Ok(())
@@ -392,10 +394,10 @@ mod tests {
     fn light_is_mixed_not_its_values() {
         let table = LightTable::new();
         let level = |pixels: Vec<[u8; 4]>| Level { size: [2, 1], pixels };
-        let half = level(vec![[0, 0, 0, 255], [255, 255, 255, 255]]).half(&table).unwrap();
+        let half = level(vec![[0, 0, 0, 255], [255, 255, 255, 255]]).half(&table);
         assert_eq!(half.pixels, [[188, 188, 188, 255]]);
         // The colour of what cannot be seen does not count.
-        let half = level(vec![[255, 0, 0, 0], [0, 0, 255, 255]]).half(&table).unwrap();
+        let half = level(vec![[255, 0, 0, 0], [0, 0, 255, 255]]).half(&table);
         assert_eq!(half.pixels, [[0, 0, 255, 128]]);
         for value in 0..=255 {
             let pixel = [value, 255 - value, 7, 255];
@@ -416,7 +418,7 @@ mod tests {
             let pixels = values.iter().map(|&value| [value, value, value, 255]).collect();
             Level { size: [values.len() as u32, 1], pixels }
         };
-        let half = |level: Level| level.half(&table).unwrap();
+        let half = |level: Level| level.half(&table);
         // A strip of three colours.
         assert_eq!(half(row(&[0, 0, 240])).pixels, [[80, 80, 80, 255]]);
         // Five columns become two of 2.5 each.
@@ -439,7 +441,7 @@ mod tests {
         let table = LightTable::new();
         for size in [[6, 4], [2, 2], [8, 1], [1, 6]] {
             let level = noise(size);
-            let half = level.half(&table).unwrap();
+            let half = level.half(&table);
             for (i, pixel) in (0..).zip(&half.pixels) {
                 let (x, y) = (i % half.size[0], i / half.size[0]);
                 let mut sum = [0.0; 4];
@@ -457,7 +459,7 @@ mod tests {
     fn decoded(pixels: &[[u8; 4]]) -> Decoded {
         let bytes = pixels.as_flattened().to_vec();
         let image = image::RgbaImage::from_raw(pixels.len() as u32, 1, bytes).unwrap();
-        Decoded::of_pixels(image, &LightTable::new())
+        Decoded::of_pixels(image)
     }
 
     #[test]
@@ -488,13 +490,12 @@ mod tests {
             name: String::new(),
             size: [4, 4],
             is_jpeg: false,
-            is_directions: false,
             is_opaque,
         };
         for (is_opaque, seen) in [(true, [200, 40, 0, 255]), (false, [0; 4])] {
-            let decoded = Decoded::new(&picture(is_opaque), &LightTable::new()).unwrap();
+            let decoded = Decoded::new(&picture(is_opaque)).unwrap();
             assert_eq!(decoded.levels.len(), 3);
-            assert_eq!(decoded.levels[2].pixels, [seen]);
+            assert_eq!(decoded.level(2, &LightTable::new()).pixels, [seen]);
             assert_eq!(decoded.has_opacity, !is_opaque);
         }
     }

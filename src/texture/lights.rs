@@ -5,6 +5,7 @@ use super::palette::{MapUse, Paint, Palette};
 use crate::error::Result;
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Places that go to a thread together.
@@ -59,6 +60,20 @@ impl Look<'_> {
     }
 }
 
+/// Runs in blocks of about `BLOCK` places.
+fn blocks_of(runs: &[(usize, Range<usize>)]) -> Vec<&[(usize, Range<usize>)]> {
+    let (mut blocks, mut start, mut n) = (Vec::new(), 0, 0);
+    for (i, (_, run)) in runs.iter().enumerate() {
+        n += run.len();
+        if n >= BLOCK {
+            blocks.push(&runs[start..=i]);
+            (start, n) = (i + 1, 0);
+        }
+    }
+    blocks.extend((start < runs.len()).then(|| &runs[start..]));
+    blocks
+}
+
 /// A colour multiplied by its opacity.
 pub(crate) fn times_opacity([r, g, b, opacity]: Light) -> Light {
     [r * opacity, g * opacity, b * opacity, opacity]
@@ -66,7 +81,7 @@ pub(crate) fn times_opacity([r, g, b, opacity]: Light) -> Light {
 
 /// Multiplies the light of each place, which is multiplied by its opacity, with what the images of its material say.
 ///
-/// Memory: 8 bytes a place, and the images. The outcome depends on nothing but the arguments.
+/// Memory: 24 bytes a run of places with the same image, and the images. The outcome depends on nothing but the arguments.
 pub(crate) fn multiply(
     lights: &mut [Light],
     spots: &[Spot],
@@ -77,45 +92,49 @@ pub(crate) fn multiply(
     let paint = |spot: &Spot| palette.paints.get(spot.material as usize);
     for role in [Role::Base, Role::Opacity] {
         let image = |spot: &Spot| role.map(paint(spot)?).map(|map| map.image);
-        let mut wanted: Vec<(u32, u32)> = Vec::new();
+        // Neighbours mostly have the same image, so runs of them are sorted, not places.
+        let mut runs: Vec<(usize, Range<usize>)> = Vec::new();
         for (i, spot) in spots.iter().enumerate() {
-            if let Some(image) = image(spot) {
-                wanted.push((image as u32, i as u32));
+            let Some(image) = image(spot) else { continue };
+            match runs.last_mut() {
+                Some((own, run)) if *own == image && run.end == i && run.len() < BLOCK => {
+                    run.end += 1;
+                }
+                _ => runs.push((image, i..i + 1)),
             }
         }
-        wanted.sort_unstable();
-        let mut numbers: Vec<usize> = wanted.iter().map(|&(image, _)| image as usize).collect();
+        runs.sort_by_key(|(image, run)| (*image, run.start));
+        let mut numbers: Vec<usize> = runs.iter().map(|(image, _)| *image).collect();
         numbers.dedup();
         let mut from = 0;
         while from < numbers.len() {
             let n = cache.fitting(&numbers[from..]);
             let group = &numbers[from..from + n];
             let images = cache.get(group, threads, progress)?;
-            let begin = wanted.partition_point(|&(image, _)| (image as usize) < group[0]);
-            let end = wanted.partition_point(|&(image, _)| image as usize <= group[n - 1]);
-            let some = &wanted[begin..end];
+            let begin = runs.partition_point(|(image, _)| *image < group[0]);
+            let end = runs.partition_point(|(image, _)| *image <= group[n - 1]);
+            let blocks = blocks_of(&runs[begin..end]);
             let look = Look { role, images: &images, group };
             in_order(
-                some.len().div_ceil(BLOCK) as u64,
+                blocks.len() as u64,
                 threads,
                 progress,
-                |block, out: &mut Vec<(u32, Light)>| {
+                |block, out: &mut Vec<Option<Light>>| {
                     out.clear();
-                    let first = block as usize * BLOCK;
-                    for &(image, i) in &some[first..(first + BLOCK).min(some.len())] {
-                        let spot = &spots[i as usize];
-                        if let Some(light) = paint(spot)
-                            .and_then(|paint| look.at(paint, image as usize, spot, cache))
-                        {
-                            out.push((i, light));
-                        }
+                    for (image, run) in blocks[block as usize] {
+                        out.extend(spots[run.clone()].iter().map(|spot| {
+                            paint(spot).and_then(|paint| look.at(paint, *image, spot, cache))
+                        }));
                     }
                     Ok(())
                 },
-                |_, found| {
-                    for &(i, light) in found.iter() {
-                        let own = &mut lights[i as usize];
-                        *own = std::array::from_fn(|k| own[k] * light[k]);
+                |block, found| {
+                    let places = blocks[block as usize].iter().flat_map(|(_, run)| run.clone());
+                    for (i, light) in places.zip(found.iter()) {
+                        if let Some(light) = light {
+                            let own = &mut lights[i];
+                            *own = std::array::from_fn(|k| own[k] * light[k]);
+                        }
                     }
                     Ok(())
                 },

@@ -33,7 +33,7 @@ pub(crate) fn add_corners(
     sums: &mut [Light],
 ) -> Result<(), String> {
     let table = LightTable::new();
-    let decoded = Decoded::of_bytes(image, size, &table)?;
+    let decoded = Decoded::of_bytes(image, size)?;
     let map = MapUse::whole(size);
     let factor = times_opacity(factor);
     for t in triangles {

@@ -56,8 +56,6 @@ pub(crate) struct Picture {
     pub name: String,
     pub size: [u32; 2],
     pub is_jpeg: bool,
-    /// True of a normal map, whose values are not colours.
-    pub is_directions: bool,
     /// True if the opacity of its pixels does not count.
     pub is_opaque: bool,
 }
@@ -292,7 +290,6 @@ impl Palette {
                     name: name.clone(),
                     size,
                     is_jpeg: facts.ending == "jpg",
-                    is_directions: !is_used(number, &|kind| kind != MapKind::Normal),
                     is_opaque: false,
                 }),
                 Err(fault) => Err(fault),
@@ -410,6 +407,11 @@ impl Palette {
     pub fn n_pixels(&self) -> u64 {
         let pixels = |picture: &Picture| u64::from(picture.size[0]) * u64::from(picture.size[1]);
         self.images[..self.n_images].iter().flatten().map(pixels).sum()
+    }
+
+    /// Bytes of each image once it is decoded.
+    pub fn decoded_bytes(&self) -> Vec<u64> {
+        self.images.iter().flatten().map(Picture::bytes).collect()
     }
 
     /// True if any material has a normal map that is of use.

@@ -12,4 +12,5 @@ mod ktx2;
 mod losses;
 mod normals;
 mod opacity;
+mod pages;
 mod render;

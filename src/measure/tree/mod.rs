@@ -122,6 +122,50 @@ impl Tree {
         found
     }
 
+    /// Lists the triangles whose distance from `point` is at most the root of `reach_sq`, with their squared distances.
+    ///
+    /// Returns false if there are more than `most`, or if the boxes there are tilted: the list is of no use then.
+    pub fn within(
+        &self,
+        point: Vector,
+        reach_sq: f64,
+        most: usize,
+        out: &mut Vec<Nearest>,
+    ) -> bool {
+        if self.is_empty() {
+            return true;
+        }
+        let (query, limit) = (self.frame.query(point), self.frame.limit(reach_sq));
+        let mut stack = [0u32; STACK];
+        stack[0] = self.root;
+        let (mut height, mut n) = (1, 0);
+        while height > 0 {
+            height -= 1;
+            let at = stack[height];
+            if at & LEAF != 0 {
+                let slot = at & !LEAF;
+                let (distance_sq, _) = triangle::closest(point, &self.corners[slot as usize]);
+                if distance_sq <= reach_sq {
+                    n += 1;
+                    out.push(Nearest { distance_sq, slot });
+                }
+                continue;
+            }
+            if at & TILTED != 0 || n > most {
+                return false;
+            }
+            let node = &self.nodes[at as usize];
+            let bounds = node.bounds(&query);
+            for (&bound, &child) in bounds.iter().zip(&node.child).take(node.n_children as usize) {
+                if bound <= limit {
+                    stack[height] = child;
+                    height += 1;
+                }
+            }
+        }
+        n <= most
+    }
+
     #[inline(always)]
     fn search(
         &self,
@@ -245,7 +289,7 @@ impl Tree {
 
     /// True if a triangle is nearer than the best so far, or as near and first by its corners.
     #[inline(always)]
-    fn is_better(&self, distance_sq: f64, slot: u32, best: Nearest) -> bool {
+    pub fn is_better(&self, distance_sq: f64, slot: u32, best: Nearest) -> bool {
         distance_sq < best.distance_sq
             || (distance_sq == best.distance_sq && self.comes_first(slot, best.slot))
     }

@@ -5,6 +5,7 @@ pub(super) mod output;
 mod seconds;
 mod steps;
 
+use crate::bake::BakeNeed;
 use crate::config::{Config, Normals, Target};
 use crate::error::{Error, Remedy, Result};
 use crate::io::ply::MeshSource;
@@ -78,6 +79,9 @@ pub struct Plan {
     pub together_bytes: u64,
     /// Expected seconds.
     pub seconds: f64,
+    /// A new texture, if there is one.
+    #[serde(skip)]
+    pub bake: Option<BakeNeed>,
 }
 
 impl Plan {
@@ -261,6 +265,7 @@ impl Plan {
             spool_bytes,
             together_bytes,
             seconds: seconds::of_run(source, config, triangles_in),
+            bake: None,
             rounds,
         })
     }
@@ -281,12 +286,19 @@ impl Plan {
         self.together_bytes += bytes;
     }
 
-    /// Adds a new texture for every level, which takes `bytes` for the time being, and as much for its pages at most.
-    pub fn add_bake(&mut self, bytes: u64, threads: NonZeroUsize) {
-        self.temp_bytes += bytes + self.output_bytes;
-        self.together_bytes += bytes + self.output_bytes;
-        self.seconds += seconds::of_bake(bytes, threads);
-        self.n_stages += 1 + self.coarser.len() as u32;
+    /// Adds a new texture for every level.
+    pub fn add_bake(&mut self, need: BakeNeed, threads: NonZeroUsize) {
+        let n_levels = 1 + self.coarser.len() as u64;
+        // The shape lies in the job folder before it is written with its pages.
+        let bytes = need.temp_bytes + need.page_bytes + self.output_bytes;
+        self.output_bytes += n_levels * need.page_bytes;
+        self.temp_bytes += bytes;
+        self.together_bytes += bytes + n_levels * need.page_bytes;
+        self.needed_memory_bytes =
+            self.needed_memory_bytes.max(need.least_memory_bytes + BASE_BYTES);
+        self.seconds += n_levels as f64 * need.cpu_seconds / threads.get() as f64;
+        self.n_stages += n_levels as u32;
+        self.bake = Some(need);
     }
 
     /// Fails where output or temporary data would not fit, or their folders do not take files.
@@ -340,6 +352,15 @@ impl Plan {
                 if self.finish { ", then one finish" } else { "" }
             ),
         ];
+        if let Some(bake) = &self.bake {
+            lines.push(format!(
+                "texture  about {} texels out of {} images, {} of pages; takes about {} of memory",
+                show_count(bake.n_texels),
+                bake.n_images,
+                show_bytes(bake.page_bytes),
+                show_bytes(bake.memory_bytes + BASE_BYTES)
+            ));
+        }
         lines.extend(price_lines(
             [config.memory_bytes, self.needed_memory_bytes],
             config.threads,

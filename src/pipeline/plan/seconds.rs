@@ -2,7 +2,6 @@
 
 use crate::config::Config;
 use crate::io::ply::MeshSource;
-use std::num::NonZeroUsize;
 
 /// End-to-end speed on one core of the reference machine, in triangles a second.
 const TRIANGLES_PER_SECOND: f64 = 1.7e6;
@@ -14,8 +13,6 @@ const WITH_SEAMS: f64 = 10.0;
 const APART: f64 = 5.0;
 /// Times as long within a bound on the error (3 to 58; docs/results/bound.md).
 const BOUNDED: f64 = 30.0;
-/// Bytes of disk that a bake gets through in a second on one core (legion 16 M, rooms 18 M).
-const BAKE_BYTES_PER_SECOND: f64 = 17e6;
 
 /// Seconds that a run of the collapse takes, without a bake.
 pub(super) fn of_run(source: &MeshSource, config: &Config, n_triangles: u64) -> f64 {
@@ -32,9 +29,4 @@ pub(super) fn of_run(source: &MeshSource, config: &Config, n_triangles: u64) -> 
         times *= BOUNDED;
     }
     times * n_triangles as f64 / (TRIANGLES_PER_SECOND * config.threads.get() as f64)
-}
-
-/// Seconds of a bake that takes this many bytes of disk.
-pub(super) fn of_bake(bytes: u64, threads: NonZeroUsize) -> f64 {
-    bytes as f64 / (BAKE_BYTES_PER_SECOND * threads.get() as f64)
 }

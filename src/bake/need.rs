@@ -1,0 +1,175 @@
+//! Needs of a bake, told before any work: memory, disk, texels, seconds.
+//!
+//! Texels are estimated from texture coordinates of some blocks of faces. Constants were measured (docs/results/textures.md).
+
+use super::charts::Charts;
+use super::normals;
+use super::settings::Options;
+use crate::error::{Error, Result};
+use crate::io::ply::{FaceBlock, FaceLooks, MeshSource};
+use crate::system::units::show_bytes;
+use crate::texture::{Palette, Purpose};
+
+/// Shares of the memory: cells of the original, decoded images, points under way.
+pub(super) const CELL_SHARE: u64 = 3;
+pub(super) const IMAGE_SHARE: u64 = 3;
+/// The rest is for cells and images while they are read.
+pub(super) const POINT_SHARE: u64 = 10;
+
+/// Bytes of a triangle for tangents while they are found, and for the normals of half a vertex.
+pub(super) const FRAME_BYTES: u64 = 36;
+
+/// Memory without which nothing can be baked: a cell of the original, an image, points under way.
+pub(super) const LEAST_WORK_BYTES: u64 = 48 << 20;
+
+/// Bytes of a triangle of a result in memory, with half a vertex that carries colours.
+const SHAPE_BYTES: u64 = 36;
+
+/// Bytes on disk for a corner of the original: sorted to part vertices along charts, then in cells.
+const CORNER_BYTES: u64 = 80;
+
+/// Bytes of a triangle of the original in a cell with its tree, about.
+const CELL_BYTES: u64 = 260;
+
+/// Bytes of the points of a batch where all cells and images stay in memory.
+const BATCH_BYTES: u64 = 96 << 20;
+
+/// Texels of pages for a texel that shows the surface.
+const PAGE_TEXELS: f64 = 1.6;
+
+/// Texels for a triangle of an original without images: two for the side of a mean triangle.
+const PLAIN_TEXELS: f64 = 2.0;
+
+/// Bytes of a page's file for a texel of it.
+const JPEG_BYTES: f64 = 0.35;
+const PNG_BYTES: f64 = 1.3;
+
+/// Blocks of faces whose coordinates are looked at.
+const MOST_BLOCKS: u64 = 8;
+
+/// Seconds of one core.
+const SECONDS_PER_TEXEL: f64 = 0.5e-6;
+const SECONDS_PER_PAGE_TEXEL: f64 = 60e-9;
+const SECONDS_PER_PIXEL: f64 = 12e-9;
+const SECONDS_PER_TRIANGLE: f64 = 2.0e-6;
+const SECONDS_PER_CHART_TRIANGLE: f64 = 6.0e-6;
+
+/// Needs of a bake.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BakeNeed {
+    /// Bytes on disk for the time being.
+    pub temp_bytes: u64,
+    /// Bytes of the pages' files, about.
+    pub page_bytes: u64,
+    /// Texels that show the surface, about.
+    pub n_texels: u64,
+    /// Images that are decoded.
+    pub n_images: u64,
+    /// Memory without which it cannot be done, in bytes.
+    pub least_memory_bytes: u64,
+    /// Memory that it takes of the budget, about.
+    pub memory_bytes: u64,
+    /// Seconds of one core, about.
+    pub cpu_seconds: f64,
+}
+
+/// Memory that is left for the work; fails if it is too little.
+pub(super) fn free_bytes(n_triangles: u64, taken: u64, memory_bytes: u64) -> Result<u64> {
+    let free = memory_bytes.checked_sub(taken).filter(|free| *free >= LEAST_WORK_BYTES);
+    free.ok_or_else(|| {
+        Error::NoMemory(format!(
+            "a new texture for {n_triangles} triangles takes {} of memory, {} are left for it: give more --memory, ask \
+             for fewer triangles, or choose --texture keep",
+            show_bytes(taken + LEAST_WORK_BYTES),
+            show_bytes(memory_bytes)
+        ))
+    })
+}
+
+/// Fails where a bake of a result of `n_triangles` would fail for want of memory, before any work is done; returns what it
+/// needs beside the result.
+pub fn check(
+    original: &MeshSource,
+    n_triangles: u64,
+    options: &Options,
+    memory_bytes: u64,
+) -> Result<BakeNeed> {
+    let mut taken = SHAPE_BYTES * n_triangles + Charts::bytes(n_triangles);
+    if options.normals {
+        taken += (FRAME_BYTES + 6) * n_triangles;
+        taken += border_bytes(original.n_triangles(), options.cell_triangles);
+    }
+    let free = free_bytes(n_triangles, taken, memory_bytes)?;
+    let palette =
+        Palette::new(original.materials().map(|all| &**all), free / IMAGE_SHARE, Purpose::Bake)?;
+    let n_texels = texels(original, &palette, options)?;
+    let n_in = original.n_triangles();
+    let n_canvases = u64::from(has_looks(original)) + u64::from(options.normals);
+    let on_pages = PAGE_TEXELS * n_texels * n_canvases as f64;
+    let bytes_each = if palette.is_photographic() { JPEG_BYTES } else { PNG_BYTES };
+    let images = palette.decoded_bytes();
+    let cells = CELL_BYTES * n_in;
+    let work = (free / CELL_SHARE).min(cells)
+        + (free / IMAGE_SHARE).min(images.iter().sum())
+        + (free / POINT_SHARE).min(BATCH_BYTES);
+    let largest = images.iter().copied().max().unwrap_or(0);
+    let cpu_seconds = SECONDS_PER_TEXEL * n_texels
+        + SECONDS_PER_PAGE_TEXEL * on_pages
+        + SECONDS_PER_PIXEL * palette.n_pixels() as f64
+        + SECONDS_PER_TRIANGLE * n_in as f64
+        + SECONDS_PER_CHART_TRIANGLE * n_triangles as f64;
+    Ok(BakeNeed {
+        temp_bytes: CORNER_BYTES * original.n_corners() + (4.0 * on_pages) as u64,
+        page_bytes: (bytes_each * on_pages) as u64,
+        n_texels: n_texels as u64,
+        n_images: images.len() as u64,
+        least_memory_bytes: taken + LEAST_WORK_BYTES.max(IMAGE_SHARE * largest),
+        memory_bytes: taken + work,
+        cpu_seconds,
+    })
+}
+
+/// Texels of the surface, about: those that coordinates reach in the images, as far as pages hold them.
+fn texels(original: &MeshSource, palette: &Palette, options: &Options) -> Result<f64> {
+    let n_blocks = original.n_face_blocks();
+    let mut n = PLAIN_TEXELS * original.n_triangles() as f64;
+    if palette.has_images() && n_blocks > 0 {
+        let every = n_blocks.div_ceil(MOST_BLOCKS);
+        let (mut block, mut looks) = (FaceBlock::default(), FaceLooks::default());
+        let (mut n_seen, mut reached) = (0, 0.0);
+        for index in (0..n_blocks).step_by(every as usize) {
+            original.read_faces_with_looks(index, &mut block, &mut looks)?;
+            n_seen += looks.texture.len();
+            for (uv, &material) in looks.texture.iter().zip(&looks.materials) {
+                let paint = palette.paints.get(material as usize);
+                let Some(map) = paint.and_then(|paint| paint.base.as_ref()) else { continue };
+                let texels = map.texels_per_coordinate().powi(2) * super::grid::area(uv);
+                reached += if texels.is_finite() { texels } else { 0.0 };
+            }
+        }
+        let all = original.n_triangles() as f64 * reached / n_seen.max(1) as f64;
+        n = all.min(super::original::MOST_TEXELS * palette.n_pixels() as f64);
+    }
+    let room = options.most_pages.map_or(f64::INFINITY, |most| {
+        f64::from(most) * f64::from(options.page_size).powi(2) / PAGE_TEXELS
+    });
+    Ok(n.min(room))
+}
+
+/// Bytes for the places that cells of an original share, about: the rim of a square patch of a cell's triangles.
+fn border_bytes(n_triangles: u64, cell_triangles: u64) -> u64 {
+    let n_cells = n_triangles.div_ceil(cell_triangles.max(1));
+    let rim = 4.0 * (0.5 * cell_triangles as f64).sqrt();
+    if n_cells > 1 { (n_cells as f64 * rim) as u64 * normals::BORDER_BYTES } else { 0 }
+}
+
+/// True if the original has texture coordinates and an image that can be used.
+pub fn has_images(original: &MeshSource) -> bool {
+    let palette = Palette::new(original.materials().map(|all| &**all), u64::MAX, Purpose::Bake);
+    original.has_corner_texture() && palette.is_ok_and(|palette| palette.has_images())
+}
+
+/// True if the original has anything that can be baked.
+pub fn has_looks(original: &MeshSource) -> bool {
+    original.has_corner_texture() || crate::measure::ColourChannels::of(original.schema()).is_some()
+}

@@ -1,0 +1,567 @@
+//! The nearest places of the original for the points of a result's triangles, patch by patch.
+//!
+//! The points of a triangle lie close together, so the triangles of the original that any of them can be nearest to are few.
+//! They are listed once, for all points of a patch: if the middle of the patch is `d` from the original and no point is
+//! farther than `r` from the middle, every nearest place is within `d + 2 r` of it. Patches are halved while their lists
+//! are long. A point then tests the triangles of the list by a bound of nine products, and measures those that the bound
+//! does not exclude. Points whose lists would be too long, or whose cells are not in memory, search the trees (`nearest`).
+//! The answer is bit for bit that of the trees.
+
+use super::nearest::{CellCache, Seekers, Subset};
+use super::original::{Cell, Face, Hit, Original};
+use crate::error::Result;
+use crate::measure::tree::Nearest;
+use crate::measure::triangle::{self, Vector};
+use crate::mesh::bounds::Bounds;
+use crate::mesh::vec3::{cross, dot, length_sq, sub};
+use crate::system::parallel::in_order;
+use crate::system::progress::Progress;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Points that a thread takes at a time, about.
+const BLOCK: usize = 8192;
+
+/// Fewer points than this are not halved, whatever the length of their list.
+const FEW_POINTS: usize = 24;
+
+/// Lists of so few triangles are not made shorter.
+const FEW_TRIANGLES: usize = 5;
+
+/// Triangles of a list for a point at most: a search in a tree costs about as much as listing this many.
+const TRIANGLES_PER_POINT: f64 = 0.5;
+
+/// Triangles of a list at most.
+const MOST_TRIANGLES: usize = 2048;
+
+/// Bounds of distances count up to this share of the lengths that they come from.
+const SLACK: f64 = 1e-9;
+
+/// The same of the coordinates, which were rounded when they were subtracted.
+const COORDINATE_SLACK: f64 = 1e-14;
+
+/// A triangle of the original that may be nearest to a point of a patch.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    cell: u32,
+    slot: u32,
+    /// Distance from the middle of the patch.
+    off: f64,
+    /// Bound on the rounding of the bound.
+    slack: f64,
+    corner: Vector,
+    /// Unit normal; zeros where the triangle is too thin for bounds.
+    normal: Vector,
+    /// Gradients of the barycentric coordinates of the second and the third corner.
+    rise: [Vector; 2],
+    /// Squared heights of the triangle over its three edges.
+    heights_sq: [f64; 3],
+}
+
+impl Candidate {
+    fn new(cell: u32, found: Nearest, t: &[Vector; 3]) -> Candidate {
+        let (u, v) = (sub(t[1], t[0]), sub(t[2], t[0]));
+        let n = cross(u, v);
+        let (n_sq, longest_sq) = (length_sq(n), length_sq(u).max(length_sq(v)));
+        let mut out = Candidate {
+            cell,
+            slot: found.slot,
+            off: found.distance_sq.sqrt(),
+            slack: SLACK * longest_sq.sqrt(),
+            corner: t[0],
+            normal: [0.0; 3],
+            rise: [[0.0; 3]; 2],
+            heights_sq: [0.0; 3],
+        };
+        // Slivers of a thousandth of their length are measured, not bounded.
+        let is_thick = n_sq > 1e-6 * longest_sq * longest_sq;
+        if is_thick {
+            let length = n_sq.sqrt();
+            out.normal = n.map(|x| x / length);
+            out.rise = [cross(v, n), cross(n, u)].map(|g| g.map(|x| x / n_sq));
+            let first = [0, 1, 2].map(|k| out.rise[0][k] + out.rise[1][k]);
+            out.heights_sq = [first, out.rise[0], out.rise[1]].map(|g| 1.0 / length_sq(g));
+        }
+        out
+    }
+
+    /// A lower bound of the squared distance from a point.
+    #[inline]
+    fn bound_sq(&self, point: Vector) -> f64 {
+        let from = sub(point, self.corner);
+        let height = dot(self.normal, from);
+        let (v, w) = (dot(self.rise[0], from), dot(self.rise[1], from));
+        let mut beyond_sq = 0.0;
+        for (share, height_sq) in [1.0 - v - w, v, w].into_iter().zip(self.heights_sq) {
+            let out = if share < 0.0 { share * share * height_sq } else { 0.0 };
+            beyond_sq = if out > beyond_sq { out } else { beyond_sq };
+        }
+        height * height + beyond_sq
+    }
+}
+
+/// Cells in memory, by number.
+type Held = [Option<Arc<Cell>>];
+
+impl Original {
+    /// Finds a place for each point, as `nearest` does; `patches` are the points of triangles, one after the other.
+    pub fn nearest_by_patches(
+        &self,
+        seekers: &impl Seekers,
+        patches: &[Range<usize>],
+        cells: &mut CellCache,
+        (threads, progress): (usize, &Progress),
+    ) -> Result<Vec<Hit>> {
+        let wanted = self.cells_around(seekers, patches);
+        let held = cells.held_after(self, &wanted, (threads, progress))?;
+        let mut blocks: Vec<Range<usize>> = Vec::new();
+        let mut n_points = BLOCK;
+        for (i, patch) in patches.iter().enumerate() {
+            if n_points >= BLOCK {
+                blocks.push(i..i);
+                n_points = 0;
+            }
+            n_points += patch.len();
+            if let Some(block) = blocks.last_mut() {
+                block.end = i + 1;
+            }
+        }
+        let mut hits = Vec::with_capacity(seekers.n());
+        in_order(
+            blocks.len() as u64,
+            threads,
+            progress,
+            |i, solver: &mut Solver| {
+                let block = &patches[blocks[i as usize].clone()];
+                solver.solve_all(self, &held, seekers, block);
+                Ok(())
+            },
+            |_, solver| {
+                hits.extend_from_slice(&solver.hits);
+                Ok(())
+            },
+        )?;
+        drop(held);
+        let left: Vec<u32> = (0u32..)
+            .zip(&hits)
+            .filter(|(_, hit)| hit.distance_sq.is_infinite())
+            .map(|(i, _)| i)
+            .collect();
+        if !left.is_empty() {
+            let some = Subset { of: seekers, numbers: &left };
+            let found = self.nearest_any(&some, cells, (threads, progress))?;
+            left.iter().zip(found).for_each(|(&i, hit)| hits[i as usize] = hit);
+        }
+        self.turn(seekers, &mut hits, cells, (threads, progress))?;
+        Ok(hits)
+    }
+
+    /// Numbers of the cells whose boxes meet those of patches.
+    fn cells_around(&self, seekers: &impl Seekers, patches: &[Range<usize>]) -> Vec<usize> {
+        let mut is_near = vec![false; self.boxes.len()];
+        for patch in patches {
+            let mut around = Bounds::EMPTY;
+            // The first and the last point, and some between them: the rest is not far.
+            patch.clone().step_by(64).for_each(|i| around.add(seekers.point(i)));
+            for (is_near, own) in is_near.iter_mut().zip(&self.boxes) {
+                *is_near = *is_near || own.gap_sq(&around) <= 0.0;
+            }
+        }
+        (0..is_near.len()).filter(|&cell| is_near[cell]).collect()
+    }
+}
+
+/// Points of a patch and how far they reach.
+struct Ball {
+    middle: Vector,
+    radius: f64,
+    /// The axis along which the points are farthest apart.
+    axis: usize,
+    /// Bound on what rounding makes of distances.
+    slack: f64,
+}
+
+impl Ball {
+    fn around(points: &[(Vector, u32)]) -> Ball {
+        let mut around = Bounds::EMPTY;
+        points.iter().for_each(|(at, _)| around.add(*at));
+        let extent = [0, 1, 2].map(|k| around.high[k] - around.low[k]);
+        let axis = (0..3).fold(0, |most, k| if extent[k] > extent[most] { k } else { most });
+        let middle = around.middle();
+        let far = |(at, _): &(Vector, u32)| length_sq(sub(*at, middle));
+        let radius = points.iter().map(far).fold(0.0, f64::max).sqrt();
+        let largest = |at: Vector| at.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+        let largest = largest(around.low).max(largest(around.high));
+        Ball { middle, radius, axis, slack: COORDINATE_SLACK * largest }
+    }
+
+    /// Distance within which all nearest places lie, if one is `nearest` from the middle.
+    fn reach(&self, nearest: f64) -> f64 {
+        (nearest + 2.0 * self.radius) * (1.0 + SLACK) + 4.0 * self.slack
+    }
+}
+
+/// Finds the places of the points of patches, with what it needs again and again.
+#[derive(Default)]
+struct Solver {
+    /// For each point of the block its place; `Hit::NONE` where the trees have to be searched.
+    hits: Vec<Hit>,
+    points: Vec<(Vector, u32)>,
+    candidates: Vec<Candidate>,
+    found: Vec<Nearest>,
+}
+
+/// Inputs of a patch.
+struct Patch<'a> {
+    original: &'a Original,
+    held: &'a Held,
+    /// Normal of the triangle that the points are on.
+    normal: Vector,
+}
+
+impl Solver {
+    fn solve_all(
+        &mut self,
+        original: &Original,
+        held: &Held,
+        seekers: &impl Seekers,
+        patches: &[Range<usize>],
+    ) {
+        let first = patches.first().map_or(0, |patch| patch.start);
+        let end = patches.last().map_or(0, |patch| patch.end);
+        self.hits.clear();
+        self.hits.resize(end - first, Hit::NONE);
+        let mut points = std::mem::take(&mut self.points);
+        for range in patches.iter().filter(|range| !range.is_empty()) {
+            points.clear();
+            points.extend(range.clone().map(|i| (seekers.point(i), (i - first) as u32)));
+            let patch = Patch { original, held, normal: seekers.normal(range.start) };
+            self.list(&patch, &mut points);
+        }
+        self.points = points;
+    }
+
+    /// Lists the candidates of some points and finds their places; halves the points if there are too many of them.
+    fn list(&mut self, patch: &Patch, points: &mut [(Vector, u32)]) {
+        let ball = Ball::around(points);
+        let most = (points.len() as f64 * TRIANGLES_PER_POINT) as usize;
+        self.candidates.clear();
+        match self.listed(patch, &ball, most.clamp(FEW_TRIANGLES, MOST_TRIANGLES)) {
+            Listed::All => self.narrow(patch, points, &ball, 0),
+            Listed::TooMany if points.len() >= FEW_POINTS => {
+                let (left, right) = halves(points, ball.axis);
+                self.list(patch, left);
+                self.list(patch, right);
+            }
+            Listed::TooMany | Listed::NotHere => {}
+        }
+    }
+
+    /// Fills the list of candidates of a ball.
+    fn listed(&mut self, patch: &Patch, ball: &Ball, most: usize) -> Listed {
+        let boxes = &patch.original.boxes;
+        let off = |cell: usize| boxes[cell].distance_sq(ball.middle);
+        let Some(home) = (0..boxes.len()).min_by(|&a, &b| off(a).total_cmp(&off(b))) else {
+            return Listed::NotHere;
+        };
+        let mut nearest_sq = f64::INFINITY;
+        for cell in std::iter::once(home).chain((0..boxes.len()).filter(|&cell| cell != home)) {
+            if off(cell) < nearest_sq {
+                let Some(held) = &patch.held[cell] else { return Listed::NotHere };
+                let within = Nearest { distance_sq: nearest_sq, ..Nearest::NONE };
+                nearest_sq = held.tree.nearest(ball.middle, within).distance_sq;
+            }
+        }
+        if nearest_sq.is_infinite() {
+            return Listed::NotHere;
+        }
+        let reach = ball.reach(nearest_sq.sqrt());
+        let reach_sq = reach * reach;
+        for cell in (0..boxes.len()).filter(|&cell| off(cell) <= reach_sq) {
+            let Some(held) = &patch.held[cell] else { return Listed::NotHere };
+            self.found.clear();
+            if !held.tree.within(ball.middle, reach_sq, most, &mut self.found) {
+                return Listed::TooMany;
+            }
+            let candidate = |found: &Nearest| {
+                Candidate::new(cell as u32, *found, held.tree.corners(found.slot))
+            };
+            self.candidates.extend(self.found.iter().map(candidate));
+        }
+        if self.candidates.len() <= most { Listed::All } else { Listed::TooMany }
+    }
+
+    /// Halves the points while their list, which begins at `from`, is long, each half with a list of its own behind it.
+    fn narrow(&mut self, patch: &Patch, points: &mut [(Vector, u32)], ball: &Ball, from: usize) {
+        let n = self.candidates.len() - from;
+        if n <= FEW_TRIANGLES || points.len() < FEW_POINTS {
+            self.measure(patch, points, from);
+            return;
+        }
+        let parent_middle = ball.middle;
+        let (left, right) = halves(points, ball.axis);
+        for half in [left, right] {
+            let own = Ball::around(half);
+            let moved = length_sq(sub(own.middle, parent_middle)).sqrt();
+            let begin = self.candidates.len();
+            let mut nearest = f64::INFINITY;
+            for i in from..begin {
+                let mut candidate = self.candidates[i];
+                // No nearer than it was to the parent's middle, less the way from there.
+                let least = candidate.off - moved - ball.slack;
+                if least > own.reach(nearest) {
+                    continue;
+                }
+                let cell = patch.held[candidate.cell as usize].as_ref();
+                let Some(cell) = cell else { continue };
+                let t = cell.tree.corners(candidate.slot);
+                candidate.off = triangle::closest(own.middle, t).0.sqrt();
+                nearest = nearest.min(candidate.off);
+                self.candidates.push(candidate);
+            }
+            let reach = own.reach(nearest);
+            let mut kept = begin;
+            for i in begin..self.candidates.len() {
+                if self.candidates[i].off <= reach {
+                    self.candidates[kept] = self.candidates[i];
+                    kept += 1;
+                }
+            }
+            self.candidates.truncate(kept);
+            self.narrow(patch, half, &own, begin);
+            self.candidates.truncate(begin);
+        }
+    }
+
+    /// Finds the places of points among the candidates from `from` on.
+    fn measure(&mut self, patch: &Patch, points: &[(Vector, u32)], from: usize) {
+        let candidates = &self.candidates[from..];
+        let Some(first) = candidates.first() else { return };
+        let many_cells = candidates.iter().any(|candidate| candidate.cell != first.cell);
+        let largest = points
+            .first()
+            .map_or(0.0, |(at, _)| at.iter().fold(0.0, |most: f64, x| most.max(x.abs())));
+        let slack = candidates.iter().fold(0.0, |most: f64, candidate| most.max(candidate.slack))
+            + 4.0 * COORDINATE_SLACK * largest;
+        let mut guess = 0;
+        let mut seen: Option<(u32, u32, Face)> = None;
+        for &(point, number) in points {
+            let mut best = Nearest::NONE;
+            let (mut of_best, mut weights, mut limit_sq) = (guess, [0.0; 3], f64::INFINITY);
+            // Equally near ones in several cells.
+            let mut ties = Vec::new();
+            let order = std::iter::once(guess).chain((0..candidates.len()).filter(|&i| i != guess));
+            for i in order {
+                let candidate = &candidates[i];
+                if candidate.bound_sq(point) > limit_sq {
+                    continue;
+                }
+                let Some(cell) = &patch.held[candidate.cell as usize] else { continue };
+                let (distance_sq, own) =
+                    triangle::closest(point, cell.tree.corners(candidate.slot));
+                if many_cells
+                    && distance_sq == best.distance_sq
+                    && candidate.cell != candidates[of_best].cell
+                {
+                    ties.push(i);
+                    continue;
+                }
+                if cell.tree.is_better(distance_sq, candidate.slot, best) {
+                    if distance_sq < best.distance_sq {
+                        ties.clear();
+                    }
+                    best = Nearest { distance_sq, slot: candidate.slot };
+                    (of_best, weights) = (i, own);
+                    let limit = distance_sq.sqrt() * (1.0 + SLACK) + slack;
+                    limit_sq = limit * limit;
+                }
+            }
+            guess = of_best;
+            let candidate = &candidates[of_best];
+            let Some(cell) = &patch.held[candidate.cell as usize] else { continue };
+            let face = match seen {
+                Some((number, slot, face))
+                    if (number, slot) == (candidate.cell, candidate.slot) =>
+                {
+                    face
+                }
+                _ => patch.original.face(cell, candidate.slot, patch.normal),
+            };
+            seen = Some((candidate.cell, candidate.slot, face));
+            let mut hit = patch.original.hit(cell, &face, (best.distance_sq, weights));
+            for candidate in ties.iter().map(|&i| &candidates[i]) {
+                let Some(cell) = &patch.held[candidate.cell as usize] else { continue };
+                let face = patch.original.face(cell, candidate.slot, patch.normal);
+                let found = triangle::closest(point, cell.tree.corners(candidate.slot));
+                let other = patch.original.hit(cell, &face, found);
+                if other.is_better(&hit) {
+                    hit = other;
+                }
+            }
+            self.hits[number as usize] = hit;
+        }
+    }
+}
+
+/// Outcome of listing candidates.
+enum Listed {
+    All,
+    TooMany,
+    /// A cell that it takes is not in memory.
+    NotHere,
+}
+
+/// Points in two halves along an axis.
+fn halves(
+    points: &mut [(Vector, u32)],
+    axis: usize,
+) -> (&mut [(Vector, u32)], &mut [(Vector, u32)]) {
+    let middle = points.len() / 2;
+    points.select_nth_unstable_by(middle, |(a, i), (b, j)| {
+        a[axis].total_cmp(&b[axis]).then(i.cmp(j))
+    });
+    points.split_at_mut(middle)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::settings::{Means, Options};
+    use super::*;
+    use crate::io::ply::{MeshSource, ReadOptions};
+    use crate::system::disk::Disk;
+    use crate::texture::{Palette, Purpose};
+    use std::fmt::Write;
+
+    /// Two sheets of waves, one close above the other and upside down, with a colour for each vertex.
+    fn sheets() -> Vec<u8> {
+        let n = 24;
+        let (mut rows, mut faces) = (String::new(), String::new());
+        for sheet in 0..2 {
+            for i in 0..=n {
+                for j in 0..=n {
+                    let (x, y) = (f64::from(i) / f64::from(n), f64::from(j) / f64::from(n));
+                    let z = 0.05 * (9.0 * x).sin() * (7.0 * y).cos() + 0.03 * f64::from(sheet);
+                    writeln!(rows, "{x} {y} {z} {} {} {}", 10 * i % 256, 10 * j % 256, 200 * sheet)
+                        .unwrap();
+                }
+            }
+            for i in 0..n {
+                for j in 0..n {
+                    let id = |i: i32, j: i32| (sheet * (n + 1) + i) * (n + 1) + j;
+                    let (a, b, c, d) = (id(i, j), id(i + 1, j), id(i + 1, j + 1), id(i, j + 1));
+                    match sheet {
+                        0 => writeln!(faces, "3 {a} {b} {c}\n3 {a} {c} {d}").unwrap(),
+                        _ => writeln!(faces, "3 {a} {c} {b}\n3 {a} {d} {c}").unwrap(),
+                    }
+                }
+            }
+        }
+        format!(
+            "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
+             property uchar red\nproperty uchar green\nproperty uchar blue\nelement face {}\n\
+             property list uchar int vertex_indices\nend_header\n{rows}{faces}",
+            2 * (n + 1) * (n + 1),
+            4 * n * n
+        )
+        .into_bytes()
+    }
+
+    /// Points on triangles: each with the number of its triangle.
+    struct Points {
+        corners: Vec<[Vector; 3]>,
+        points: Vec<(Vector, usize)>,
+    }
+
+    impl Seekers for Points {
+        fn n(&self) -> usize {
+            self.points.len()
+        }
+
+        fn point(&self, i: usize) -> Vector {
+            self.points[i].0
+        }
+
+        fn normal(&self, i: usize) -> Vector {
+            triangle::area_normal(&self.corners[self.points[i].1])
+        }
+
+        fn grace(&self, _: usize) -> f64 {
+            0.05
+        }
+    }
+
+    #[test]
+    fn patches_find_what_trees_find() {
+        let folder = tempfile::tempdir().unwrap();
+        let source = MeshSource::from_bytes("sheets", sheets(), ReadOptions::default()).unwrap();
+        let (disk, progress) = (Disk::default(), Progress::default());
+        let means = Means {
+            memory_bytes: 1 << 30,
+            threads: 2,
+            temp_dir: folder.path(),
+            disk: &disk,
+            progress: &progress,
+        };
+        let options =
+            Options { page_size: 512, most_pages: None, cell_triangles: 300, normals: true };
+        let palette = Palette::new(None, 1 << 20, Purpose::Bake).unwrap();
+        let original = Original::cut(source, &palette, &options, means).unwrap();
+        assert!(original.boxes.len() > 3, "{}", original.boxes.len());
+        // Triangles of a few edges of the sheets and of a tenth of one, on both sides of both sheets.
+        let mut points = Points { corners: Vec::new(), points: Vec::new() };
+        let mut patches = Vec::new();
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            (state >> 40) as f64 / (1u64 << 24) as f64
+        };
+        for i in 0..40 {
+            let at = [random(), random(), 0.1 * random() - 0.03];
+            let size = if i % 2 == 0 { 0.2 } else { 0.004 };
+            let corner = |a: f64, b: f64| [at[0] + size * a, at[1] + size * b, at[2]];
+            let up = [corner(0.0, 0.0), corner(1.0, 0.1), corner(0.2, 1.0)];
+            let t = if i % 3 == 0 { [up[0], up[2], up[1]] } else { up };
+            let first = points.points.len();
+            for _ in 0..150 {
+                let (a, b) = (random(), random());
+                let (v, w) = if a + b > 1.0 { (1.0 - a, 1.0 - b) } else { (a, b) };
+                let at = triangle::point_at(&t, [1.0 - v - w, v, w]);
+                points.points.push((at, points.corners.len()));
+            }
+            points.corners.push(t);
+            patches.push(first..points.points.len());
+        }
+        let how = (2, &progress);
+        // All cells in memory, and one at a time.
+        for cell_bytes in [1 << 30, 1] {
+            let mut cells = CellCache::new(cell_bytes);
+            let mut by_trees = original.nearest_any(&points, &mut cells, how).unwrap();
+            original.turn(&points, &mut by_trees, &mut cells, how).unwrap();
+            let by_patches =
+                original.nearest_by_patches(&points, &patches, &mut cells, how).unwrap();
+            assert!(by_trees.iter().any(|hit| !hit.faces) && by_trees.iter().any(|hit| hit.faces));
+            for (i, (a, b)) in by_patches.iter().zip(&by_trees).enumerate() {
+                let same = |hit: &Hit| (hit.distance_sq.to_bits(), hit.colour, hit.normal);
+                assert_eq!(same(a), same(b), "point {i}");
+            }
+        }
+    }
+
+    #[test]
+    fn bounds_are_below_distances() {
+        let triangles = [
+            [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            [[0.0, 0.0, 0.0], [1.0, 0.0, 0.2], [-0.9, 0.1, 0.0]],
+            [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 1e-13, 0.0]],
+        ];
+        for t in &triangles {
+            let candidate = Candidate::new(0, Nearest::NONE, t);
+            for i in 0..343 {
+                let at = |k: usize| k as f64 * 0.5 - 1.5 + 0.03;
+                let point = [at(i % 7), at(i / 7 % 7), at(i / 49)];
+                let (exact, _) = triangle::closest(point, t);
+                assert!(candidate.bound_sq(point) <= exact * (1.0 + 1e-9), "{t:?} {point:?}");
+            }
+        }
+    }
+}
