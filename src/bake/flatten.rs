@@ -47,7 +47,7 @@ const TOLERANCE: f64 = 1e-6;
 /// Directions between level and upright that a chart's box is tried in.
 const TURNS: u32 = 16;
 
-/// A chart is enlarged at most so much to make up for what leans.
+/// A chart is enlarged by this factor at most to make up for what leans.
 const MOST_ENLARGED: f64 = 1.5;
 
 /// Charts of a mesh.

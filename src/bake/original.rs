@@ -408,7 +408,7 @@ impl Original {
         (0.5 * cross.abs() / triangle::area(&mesh.corners(t))).sqrt() as f32
     }
 
-    /// What all places on the triangle at a slot of a cell's tree have in common, seen from a side.
+    /// Properties that all places on the triangle at a slot of a cell's tree share, seen from a side.
     pub fn face(&self, cell: &Cell, slot: u32, normal: Vector) -> Face {
         let triangle = cell.tree.id(slot) as usize;
         let per_unit = self.per_unit(&cell.mesh, triangle);

@@ -258,7 +258,7 @@ impl Pieces {
         Some(out)
     }
 
-    /// What a piece covers in columns of `step` texels, gutters included.
+    /// Outline of a piece in columns of `step` texels, gutters included.
     fn outline(&self, flat: &Flat, piece: &Piece, step: u32) -> Outline {
         let gutter = f64::from(self.gutter);
         let [width, height] = piece.size.map(|side| side.ceil().max(1.0) as u32 + 2 * self.gutter);
@@ -377,7 +377,7 @@ fn gutter(pieces: &[Piece], page_size: u32) -> u32 {
     gutter
 }
 
-/// What a chart covers in each column, from the upper edge of its box downwards.
+/// Rows that a chart covers in each column, from the upper edge of its box downwards.
 struct Outline {
     /// First row.
     under: Vec<i16>,

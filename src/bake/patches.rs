@@ -291,7 +291,7 @@ impl Solver {
         if self.candidates.len() <= most { Listed::All } else { Listed::TooMany }
     }
 
-    /// Halves the points while their list, which begins at `from`, is long, each half with a list of its own behind it.
+    /// Halves the points while their list, which begins at `from`, is long; the shorter list of a half follows behind it.
     fn narrow(&mut self, patch: &Patch, points: &mut [(Vector, u32)], ball: &Ball, from: usize) {
         let n = self.candidates.len() - from;
         if n <= FEW_TRIANGLES || points.len() < FEW_POINTS {

@@ -57,7 +57,7 @@ pub(super) struct Scene<'a> {
     pub batch_bytes: u64,
     pub threads: usize,
     pub progress: &'a Progress,
-    /// What `progress` counts once all texels are filled.
+    /// Count of `progress` once all texels are filled.
     pub counted: u64,
 }
 
