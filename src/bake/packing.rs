@@ -23,7 +23,7 @@ const CLOSE_ENOUGH: f64 = 1.015;
 const COVERED: f64 = 0.88;
 
 /// Texels that pages may have for the sake of wide gutters.
-const FREE_TEXELS: f64 = (1u64 << 20) as f64;
+const FREE_TEXELS: f64 = (1u64 << 18) as f64;
 
 /// Gutters make charts larger by this factor at most, or are made narrower, down to a texel on each side.
 const MOST_GUTTER: f64 = 1.3;
