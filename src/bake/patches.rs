@@ -23,7 +23,7 @@ use std::sync::Arc;
 const BLOCK: usize = 8192;
 
 /// Fewer points than this are not halved, whatever the length of their list.
-const FEW_POINTS: usize = 24;
+const FEW_POINTS: usize = 48;
 
 /// Lists of so few triangles are not made shorter.
 const FEW_TRIANGLES: usize = 5;
