@@ -335,6 +335,13 @@ def simplify_file(
     fit: Fit = "auto",
     placement: Placement = "optimal",
     merge_distance: float | None = None,
+    weld: str | float | None = None,
+    lock: str | None = None,
+    up: Literal["y", "z"] | None = None,
+    scale: float | None = None,
+    translate: str | Iterable[float] | None = None,
+    transform: str | Iterable[float] | None = None,
+    recentre: bool = False,
     progressive: PathLike | None = None,
     progressive_bits: int | None = None,
     seams: PathLike | None = None,
@@ -367,6 +374,9 @@ def simplify_file(
         texture: keep the input's charts and images, or bake new ones for the result on pages of ``bake_size`` texels a
             side, ``bake_pages`` at most, normal maps with ``bake_normals`` [bake below 30 % of the triangles].
         textures: copy images beside the output, link, embed (GLB) or drop them [copy; embed for GLB].
+        weld: copies of vertices become one before everything else: ``"auto"`` (within rounding), ``"off"`` or a distance ["auto"].
+        lock: vertices that stay bit for bit: ``"boundary"``, or the name of a property that is not 0 there.
+        up, scale, translate, transform, recentre: place the input before everything else.
         progressive: write a progressive mesh too, for ``stonecut refine``.
         verify: measure the result; ``report["measured"]``.
         report: write the report to this file, too.
@@ -402,6 +412,11 @@ def plan(
     return _report(words, None)[0]
 
 
+def _joined(numbers: str | Iterable[float] | None) -> str | None:
+    """Numbers as the command takes them."""
+    return numbers if numbers is None or isinstance(numbers, str) else ",".join(str(float(number)) for number in numbers)
+
+
 def _file_words(given: Mapping[str, Any]) -> list[str]:
     rest = dict(given)
     rest.pop("progress", None)
@@ -410,6 +425,8 @@ def _file_words(given: Mapping[str, Any]) -> list[str]:
     for name in ("temp_dir", "report", "progressive", "seams"):
         if rest.get(name) is not None:
             rest[name] = path(name, rest[name])
+    for name in ("translate", "transform"):
+        rest[name] = _joined(rest.get(name))
     if isinstance(rest.get("label"), str):
         rest["label"] = [rest["label"]]
     return words + options(**rest)
@@ -614,6 +631,11 @@ def convert(
     textures: Textures | None = None,
     keep_duplicates: bool = False,
     keep_unreferenced: bool = False,
+    up: Literal["y", "z"] | None = None,
+    scale: float | None = None,
+    translate: str | Iterable[float] | None = None,
+    transform: str | Iterable[float] | None = None,
+    recentre: bool = False,
     temp_dir: PathLike | None = None,
     progress: OnProgress | None = None,
 ) -> Report:
@@ -624,6 +646,7 @@ def convert(
         textures: copy images beside the output, link, embed (GLB) or drop them [copy; embed for GLB].
         skip_bad: drop and count broken faces and vertices instead of failing; warns with :class:`ShortOfTarget`.
         keep_duplicates, keep_unreferenced: keep faces that come twice, and vertices without a face.
+        up, scale, translate, transform, recentre: place the mesh before everything else.
 
     Returns the counts of what was written (``output``) and of what was dropped (``faults``)."""
     words = ["convert", path("input", input), path("output", output)]
@@ -635,6 +658,11 @@ def convert(
         textures=textures,
         keep_duplicates=keep_duplicates,
         keep_unreferenced=keep_unreferenced,
+        up=up,
+        scale=scale,
+        translate=_joined(translate),
+        transform=_joined(transform),
+        recentre=recentre,
     )
     words += [] if temp_dir is None else options(temp_dir=path("temp_dir", temp_dir))
     found, is_short = _report(words, progress)
