@@ -57,6 +57,20 @@ pub(super) struct Report {
     bytes: u64,
     /// Encoding, as `Encoding::name` gives it.
     format: &'static str,
+    /// Format of the file, as `MeshSource::file_format` gives it.
+    file_format: &'static str,
+    /// Names of the materials.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    materials: Vec<String>,
+    /// Names of the images of the materials.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    images: Vec<String>,
+    /// Those of them that are not there or cannot be read.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    missing_images: Vec<String>,
+    /// Lines on what is odd or was found elsewhere.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    notes: Vec<String>,
     /// Rows of the element `face`; a polygon of n corners becomes n - 2 triangles.
     faces: u64,
     /// Bits of a coordinate: 32 or 64.
@@ -180,12 +194,23 @@ pub(super) fn look(
     };
     let list = sizes.as_ref().map(below_list);
     let schema = source.schema();
+    let materials = source.materials();
     let report = Report {
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION"),
         path: args.file.clone(),
         bytes: source.given_bytes(),
         format: source.encoding().name(),
+        file_format: source.file_format(),
+        materials: materials.map_or_else(Vec::new, |m| m.names()),
+        images: materials.map_or_else(Vec::new, |m| m.image_names(false)),
+        missing_images: materials.map_or_else(Vec::new, |m| m.image_names(true)),
+        notes: source
+            .notes()
+            .iter()
+            .chain(materials.iter().flat_map(|m| &m.notes))
+            .cloned()
+            .collect(),
         faces: source.n_face_rows(),
         coordinate_bits: 8 * schema.coordinate.bytes(),
         properties: schema.properties.iter().map(|p| p.name.clone()).collect(),
@@ -231,11 +256,20 @@ fn count(args: &Args, source: &MeshSource, threads: usize, progress: &Progress) 
     Ok(found)
 }
 
+/// Names of missing images that the table shows.
+const SHOWN_IMAGES: usize = 5;
+
 fn table(source: &MeshSource, report: &Report, below: Option<String>) -> String {
     let mut rows = vec![
         ("file", report.path.display().to_string()),
         ("size", units::show_bytes(report.bytes)),
-        ("format", report.format.to_owned()),
+        (
+            "format",
+            match report.file_format {
+                "PLY" => format!("PLY, {}", report.format),
+                other => other.to_owned(),
+            },
+        ),
         ("vertices", source.n_vertices().to_string()),
         ("faces", report.faces.to_string()),
         ("coordinates", format!("{} bits", report.coordinate_bits)),
@@ -249,6 +283,22 @@ fn table(source: &MeshSource, report: &Report, below: Option<String>) -> String 
             rows.push((name, list.join(" ")));
         }
     }
+    if !report.materials.is_empty() {
+        rows.push(("materials", report.materials.len().to_string()));
+    }
+    if !report.images.is_empty() {
+        let (n, missing) = (report.images.len(), &report.missing_images);
+        let shown: Vec<&str> = missing.iter().map(String::as_str).take(SHOWN_IMAGES).collect();
+        rows.push((
+            "images",
+            match missing.len() {
+                0 => format!("{n}, all there"),
+                k if k <= SHOWN_IMAGES => format!("{n}, {k} not there: {}", shown.join(", ")),
+                k => format!("{n}, {k} not there: {} ...", shown.join(", ")),
+            },
+        ));
+    }
+    rows.extend(report.notes.iter().map(|note| ("note", note.clone())));
     if let Some(n) = report.triangles {
         rows.insert(5, ("triangles", n.to_string()));
     }

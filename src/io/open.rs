@@ -135,22 +135,23 @@ fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
             }
         };
     }
-    let (file, staged) = if gltf::looks_like(first) {
-        gltf::read(file, options)?
+    let (format, (file, staged)) = if gltf::looks_like(first) {
+        ("glTF", gltf::read(file, options)?)
     } else if let (false, Some(refusal)) = (is_stl, containers::refusal(&file, first)) {
         return Err(refusal);
     } else if named("obj") || (!named("stl") && obj::looks_like(first)) {
-        obj::read(&file, options)?
+        ("OBJ", obj::read(&file, options)?)
     } else if stl::is_ascii(first) && !stl::is_binary(first, file.len()) {
-        stl::read_ascii(&file, options)?
+        ("STL, ASCII", stl::read_ascii(&file, options)?)
     } else if named("stl") || is_stl {
-        stl::read_binary(&file, options)?
+        ("STL, binary", stl::read_binary(&file, options)?)
     } else {
         return Err(file.bad(
             "this is neither PLY, STL, OBJ nor glTF (also gzip or zstd compressed); convert it to one \
              of them first",
         ));
     };
+    let staged = Staged { format: Some(format), ..staged };
     MeshSource::from_staged(file, read, staged)
 }
 

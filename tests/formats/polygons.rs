@@ -197,3 +197,20 @@ fn polygons_that_cross_themselves_are_counted() {
     let said = crate::common::expect(folder.path(), "convert in.obj out.ply", 0);
     assert!(said.contains("1 polygons cross themselves"), "{said}");
 }
+
+/// A face with a material, of more corners than a byte counts.
+#[test]
+fn faces_of_many_corners_keep_their_material() {
+    let folder = tempfile::tempdir().unwrap();
+    let ring = star(400, 0.8);
+    let mut text = String::from("mtllib in.mtl\n");
+    text.extend(ring.iter().map(|[x, y]| format!("v {x} {y} 0\nvt {x} {y}\n")));
+    text += "usemtl wood\nf";
+    text.extend((1..=400).map(|i| format!(" {i}/{i}")));
+    text += "\nv 9 0 0\nv 9 1 0\nv 8 0 1\nusemtl plain\nf 401 402 403\n";
+    std::fs::write(folder.path().join("in.obj"), text).unwrap();
+    std::fs::write(folder.path().join("in.mtl"), "newmtl wood\nnewmtl plain\n").unwrap();
+    crate::common::expect(folder.path(), "simplify in.obj out.ply --ratio 100%", 0);
+    let source = MeshSource::open(&folder.path().join("out.ply")).unwrap();
+    assert_eq!(source.n_triangles(), 399);
+}

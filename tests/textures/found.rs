@@ -157,3 +157,20 @@ fn exr_is_decoded_for_colours() {
     let is_orange = |p: &Rgb<u8>| p.0[0] > 250 && p.0[1].abs_diff(128) < 3 && p.0[2] < 3;
     assert!(picture.pixels().filter(|p| is_orange(p)).count() > 50, "{said}");
 }
+
+#[test]
+fn info_lists_materials_and_images() {
+    let dir = folder("tex.png");
+    let folder = dir.path();
+    std::fs::write(folder.join("in.obj"), format!("{OBJ}usemtl bare\nf 1/1 3/3 2/2\n")).unwrap();
+    let mtl = format!("{MTL}newmtl bare\nmap_Kd none.png\n");
+    std::fs::write(folder.join("in.mtl"), mtl).unwrap();
+    let json = crate::common::run(folder, "info in.obj --json").stdout;
+    let json: serde_json::Value = serde_json::from_slice(&json).unwrap();
+    assert_eq!(json["file_format"], "OBJ");
+    assert_eq!(json["materials"], serde_json::json!(["wood", "bare"]));
+    assert_eq!(json["images"], serde_json::json!(["tex.png", "none.png"]));
+    assert_eq!(json["missing_images"], serde_json::json!(["none.png"]));
+    let said = String::from_utf8(crate::common::run(folder, "info in.obj").stdout).unwrap();
+    assert!(said.contains("OBJ") && said.contains("2, 1 not there: none.png"), "{said}");
+}

@@ -326,6 +326,17 @@ impl Materials {
         images.chain(self.libraries.iter().map(PathBuf::as_path))
     }
 
+    /// Names of the materials.
+    pub fn names(&self) -> Vec<String> {
+        self.list.iter().map(|material| material.name.clone()).collect()
+    }
+
+    /// Names of the images; with `missing` only of those that cannot be read.
+    pub fn image_names(&self, missing: bool) -> Vec<String> {
+        let is_wanted = |image: &&Image| !missing || look(&image.data).is_err();
+        self.images.iter().filter(is_wanted).map(|image| image.name.clone()).collect()
+    }
+
     /// Returns whether images are named and none of them can be read.
     pub(crate) fn lacks_images(&self) -> bool {
         !self.images.is_empty() && self.images.iter().all(|image| look(&image.data).is_err())

@@ -102,6 +102,8 @@ pub(crate) struct Staged {
     pub faces: Option<FacePropertyPlan>,
     /// Materials of the faces, which the PLY does not name.
     pub materials: Option<Arc<Materials>>,
+    /// The format of the file that was given, if it is not PLY.
+    pub format: Option<&'static str>,
     /// Lines on what was passed over, taken for something else or found to be odd.
     pub notes: Vec<String>,
     /// Outcome of joining copies of vertices (`io::weld`), if there was something to say.
@@ -202,6 +204,11 @@ impl MeshSource {
     /// Notes the length of the file that was given.
     pub(crate) fn set_given_bytes(&mut self, bytes: u64) {
         self.staged.given_bytes = Some(bytes);
+    }
+
+    /// The format of the file that was given.
+    pub fn file_format(&self) -> &'static str {
+        self.staged.format.unwrap_or("PLY")
     }
 
     /// Adds a line for people.

@@ -26,6 +26,7 @@ use super::{abandon, is_final};
 use crate::bake::{Coloured, Means, colour_vertices};
 use crate::error::{Error, Result};
 use crate::io::NUMBER;
+use crate::io::materials::NO_IMAGE;
 use crate::io::ply::MeshSource;
 use crate::io::tileset::{FILE_NAME, TileTree, write_tilesets};
 use crate::kernel;
@@ -245,6 +246,10 @@ fn run(
         job.remove()?;
     }
     report.notes.extend(scalar_notes(&lost, rounds.first()));
+    report.notes.extend(source.remarks()?);
+    if source.materials().is_some_and(|materials| materials.lacks_images()) {
+        report.notes.push(NO_IMAGE.to_owned());
+    }
     Ok(report)
 }
 

@@ -1,5 +1,6 @@
 //! The report of a run of `tiles`, as `--report` writes it; docs/design/tiles.md describes the keys.
 
+use crate::io::materials::NO_IMAGE;
 use crate::pipeline::run_report::{InputReport, StageReport};
 use crate::store::cells::{GroupRecord, TileRecord};
 use serde::{Deserialize, Serialize};
@@ -95,7 +96,9 @@ impl TilesReport {
     /// Returns whether the result is not all that was asked for. A few groups that keep their triangles make nothing
     /// worse; a level that keeps them as a whole is not a coarser one.
     pub fn is_short(&self) -> bool {
-        self.levels.windows(2).any(|pair| pair[1].is_stuck(&pair[0])) || self.input.lost_rows() > 0
+        let is_stuck = self.levels.windows(2).any(|pair| pair[1].is_stuck(&pair[0]));
+        let lacks_images = self.notes.iter().any(|note| note == NO_IMAGE);
+        is_stuck || lacks_images || self.input.lost_rows() > 0
     }
 }
 
