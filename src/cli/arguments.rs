@@ -10,12 +10,19 @@ use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Opens a mesh of any format; other files than plain PLY are unpacked into `temp_dir` for the time being.
+/// Settings for opening a mesh of any format within the memory of a command; other files than plain PLY are unpacked into
+/// `temp_dir` for the time being.
+pub(super) fn staging(temp_dir: &std::path::Path, memory: Option<u64>) -> StageOptions {
+    StageOptions::new(temp_dir).within(memory_budget(memory))
+}
+
+/// Opens a mesh so.
 pub(super) fn open_mesh(
     path: &std::path::Path,
     temp_dir: &std::path::Path,
+    memory: Option<u64>,
 ) -> crate::Result<MeshSource> {
-    MeshSource::open_staged(path, &StageOptions::new(temp_dir))
+    MeshSource::open_staged(path, &staging(temp_dir, memory))
 }
 
 /// The threads to work with: as many as asked for, by default one a core.

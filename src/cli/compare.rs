@@ -8,7 +8,7 @@ use super::measure::parse_samples;
 use crate::config::Method;
 use crate::error::{Error, Result};
 use crate::io::ply::Place;
-use crate::render::Resources;
+use crate::render::{Resources, View, hold};
 use crate::report::{Absent, Contender, comparison_html};
 use crate::system::disk::{Disk, folder_of, open_input};
 use crate::system::paths::{Paths, Role};
@@ -76,6 +76,12 @@ impl Args {
 
 /// Makes the page.
 pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
+    let pictures = Resources {
+        memory_bytes: memory_budget(args.memory),
+        threads: threads(args.threads).get(),
+    };
+    // The page would fail over its pictures after all the work.
+    hold(&View { width: 800, height: 600, ..View::default() }, pictures)?;
     let folder = args.folder();
     let disk = Disk::default();
     disk.create_dir(&folder)?;

@@ -2,8 +2,8 @@
 //!
 //! Scalar properties of faces go with them. Two passes over the faces: the first counts triangles and notes
 //! which vertices they use, the second writes them. Degenerate faces and repeated ones are dropped,
-//! vertices that no face uses vanish; the order of all others stays. Memory: a bit and a half a vertex, 64
-//! MiB to find repeated faces, a bit for each triangle if there are any, and a few blocks.
+//! vertices that no face uses vanish; the order of all others stays. Memory: sorts within that of the command, a bit and
+//! an eighth a vertex, a bit a triangle if any repeat, and a few blocks.
 
 use crate::error::{Error, Result};
 use crate::io::ply::{
@@ -17,6 +17,7 @@ use crate::io::{
 use crate::system::disk::folder_of;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
+use crate::system::units::{show_bytes, show_count};
 use std::path::PathBuf;
 
 /// Converts a mesh between formats: PLY, STL, OBJ, GLB and glTF.
@@ -56,6 +57,9 @@ pub struct Args {
     /// Folder for temporary data [default: the output's folder].
     #[arg(long, value_name = "DIR")]
     pub temp_dir: Option<PathBuf>,
+    /// Memory to use: 4GiB or 50% [default: 75 % of what this process may use].
+    #[arg(long, value_name = "SIZE", value_parser = super::arguments::parse_memory)]
+    pub memory: Option<u64>,
 }
 
 impl Args {
@@ -108,7 +112,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
         args.output.display(),
         done.n_vertices,
         done.n_triangles,
-        crate::system::units::show_bytes(done.n_bytes)
+        show_bytes(done.n_bytes)
     );
     for (count, what) in [
         (done.n_degenerate, "degenerate faces dropped"),
@@ -143,9 +147,11 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
     let placing = args.placing.placing(args.format.check(&args.output)?)?;
     let recentres = placing.recentres;
     let read = ReadOptions { skip_bad: args.skip_bad, placing, temp_dir: None };
-    let stage = StageOptions { read, ..StageOptions::new(folder) };
+    let memory_bytes = super::arguments::memory_budget(args.memory);
+    let stage = StageOptions { read, ..StageOptions::new(folder) }.within(memory_bytes);
     let source = MeshSource::open_staged(&args.input, &stage)?;
     source.refuse_output(&args.output)?;
+    hold(&source, memory_bytes)?;
     let texture = !args.drop_texture && source.has_corner_texture();
     if !args.drop_texture && !texture {
         source.require_no_texture()?;
@@ -154,7 +160,7 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
     let textures = plan_textures(&source, args)?;
     // Above 2^32 vertices no output can be written, so there is nothing to look for.
     let look = !args.keep_duplicates && source.n_vertices() <= 1 << 32;
-    let mut finder = look.then(|| DuplicateFinder::new(&stage.temp_dir, DUPLICATES_MEMORY_BYTES));
+    let mut finder = look.then(|| DuplicateFinder::new(&stage.temp_dir, sort_bytes(memory_bytes)));
     let mut done = Converted::default();
     let used = if source.n_face_rows() == 0 || args.keep_unreferenced {
         let mut used = Used::all(source.n_vertices());
@@ -184,7 +190,7 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
     if let Some([x, y, z]) = source.offset().filter(|_| recentres) {
         done.notes.push(format!("{x} {y} {z} was subtracted from all coordinates"));
     }
-    let input = Input { source: &source, duplicates: &duplicates, texture, textures };
+    let input = Input { source: &source, duplicates: &duplicates, texture, textures, memory_bytes };
     used.write(&input, args, &mut done, progress)?;
     let faults = source.faults();
     done.n_bad += faults.missing_faces + faults.missing_vertices + faults.bad_faces;
@@ -207,10 +213,34 @@ struct Input<'a> {
     /// True if texture coordinates at corners are written.
     texture: bool,
     textures: Option<TexturePlan>,
+    memory_bytes: u64,
 }
 
-/// Memory to sort triangles in.
-const DUPLICATES_MEMORY_BYTES: usize = 64 << 20;
+/// More memory than this makes no sort of triangles faster.
+const MOST_SORT_BYTES: u64 = 64 << 20;
+
+/// Memory for blocks under way and buffers of files.
+const BLOCKS_BYTES: u64 = 24 << 20;
+
+/// Memory for one of the sorts, of which there are at most three at a time.
+fn sort_bytes(memory_bytes: u64) -> usize {
+    (memory_bytes / 8).min(MOST_SORT_BYTES) as usize
+}
+
+/// Refuses a mesh whose tables of bits do not fit: a bit and an eighth a vertex, a bit a triangle.
+fn hold(source: &MeshSource, memory_bytes: u64) -> Result<()> {
+    let bits = source.n_vertices() / 8 + source.n_vertices() / 64 + source.n_triangles() / 8;
+    let needed = BLOCKS_BYTES + 2 * bits;
+    if needed <= memory_bytes {
+        return Ok(());
+    }
+    let (path, needed) = (source.path().display(), needed.div_ceil(1 << 20));
+    Err(Error::NoMemory(format!(
+        "{path}: converting its {} triangles takes {needed}MiB, the budget has {}; give --memory {needed}MiB",
+        show_count(source.n_triangles()),
+        show_bytes(memory_bytes)
+    )))
+}
 
 /// The vertices that the output has, and their new ids.
 struct Used {
@@ -299,6 +329,7 @@ impl Used {
         header.comments = source.plain_comments();
         header.obj_infos = source.obj_infos().to_vec();
         header.settings = "convert".to_owned();
+        header.sort_memory_bytes = header.sort_memory_bytes.min(sort_bytes(input.memory_bytes));
         header.faces = FaceSchema { texture: input.texture, properties: source.face_properties() };
         header.textures.clone_from(&input.textures);
         let is_full = !header.faces.is_empty();

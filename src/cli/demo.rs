@@ -42,7 +42,8 @@ pub fn run(
     let folder = &args.folder;
     std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "cannot create", e))?;
     for line in COMMANDS {
-        log.say(format!("\n$ stonecut {line}"));
+        log.say("");
+        log.say(format!("$ stonecut {line}"));
         let words = line.split_whitespace().map(|word| in_folder(folder, word));
         let code = command(std::iter::once("stonecut".to_owned()).chain(words).collect(), log)?;
         if code != 0 {
@@ -60,9 +61,10 @@ pub fn run(
         let what = format!("is not the closed surface that went in: {topology:?}");
         return Err(Error::bad_input(&small, what));
     }
+    log.say("");
+    log.say("checked: the scan was closed and in one piece, and so is the result.");
     log.say(format!(
-        "\nchecked: the scan was closed and in one piece, and so is the result.\n\
-         scan {}, result {}, report {}, pictures {}",
+        "scan {}, result {}, report {}, pictures {}",
         folder.join("statue.ply").display(),
         small.display(),
         folder.join("small.json").display(),

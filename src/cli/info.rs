@@ -1,6 +1,8 @@
 //! `stonecut info`: what a mesh file holds and, with `--check`, whether it is sound.
 
+use super::terminal::{shown, table as table_of};
 use crate::error::{Error, Result};
+use crate::io::StageOptions;
 use crate::io::ply::MeshSource;
 use crate::measure::check::{self, COUNT_BYTES, Checked};
 use crate::measure::intersections::{self, SelfIntersections};
@@ -154,8 +156,8 @@ fn tiles(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<u8> {
             ("gap across levels", format!("{} steps", found.gap_across_steps)),
             ("faults", found.n_faults.to_string()),
         ];
-        let rows = rows.iter().map(|(name, value)| format!("{name:<22}{value}\n"));
-        rows.chain(found.faults.iter().map(|fault| format!("  {fault}\n"))).collect()
+        let faults = found.faults.iter().map(|fault| format!("  {}\n", shown(fault)));
+        table_of(rows) + &faults.collect::<String>()
     };
     out.write_all(text.as_bytes()).map_err(Error::stdout)?;
     Ok(if found.n_faults > 0 { EXIT_FAULTS } else { 0 })
@@ -184,7 +186,10 @@ pub(super) fn look(
     progress: &Progress,
 ) -> Result<(MeshSource, Report, Option<String>)> {
     let threads = super::arguments::threads(args.threads).get();
-    let source = super::arguments::open_mesh(&args.file, args.temp_dir())?;
+    // With `--check` all of it is wanted; without, only its counts.
+    let stage = super::arguments::staging(args.temp_dir(), args.memory);
+    let stage = StageOptions { only_looks: !args.check, ..stage };
+    let source = MeshSource::open_staged(&args.file, &stage)?;
     let (check, sizes, intersections) = match args.check {
         true => {
             let found = count(args, &source, threads, progress)?;
@@ -330,5 +335,5 @@ fn table(source: &MeshSource, report: &Report, below: Option<String>) -> String 
             ("fewer triangles than", below),
         ]);
     }
-    rows.iter().map(|(name, value)| format!("{name:<22}{value}\n")).collect()
+    table_of(rows)
 }

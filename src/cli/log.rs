@@ -1,5 +1,6 @@
 //! The lines and the exit code of a command: standard error, the log file, and how much is said.
 
+use super::terminal::{shown, write_shown};
 use crate::error::{Error, Offers};
 use std::io::Write;
 
@@ -44,7 +45,7 @@ pub(super) fn complain(log: &mut dyn Write, error: &Error, offers: Offers) -> u8
     if !matches!(error, Error::OutputClosed) {
         let advice = error.advice(offers).map_or(String::new(), |advice| format!("; {advice}"));
         // Nothing can be reported if standard error is closed too.
-        let _ = writeln!(log, "stonecut: {error}{advice}");
+        let _ = writeln!(log, "{}", shown(&format!("stonecut: {error}{advice}")));
     }
     error.exit_code()
 }
@@ -70,8 +71,10 @@ impl Log {
         Ok(Log { file, quiet: talk.quiet })
     }
 
-    /// Says a line unless `--quiet`; it always reaches the log file.
+    /// Says a line, as a terminal may have it, unless `--quiet`; it always reaches the log file.
     pub fn say(&mut self, line: impl std::fmt::Display) {
+        let line = line.to_string();
+        let line = shown(&line);
         if !self.quiet {
             let _ = writeln!(std::io::stderr(), "{line}");
         }
@@ -94,6 +97,10 @@ impl Write for Said<'_> {
         Ok(bytes.len())
     }
 
+    fn write_fmt(&mut self, arguments: std::fmt::Arguments<'_>) -> std::io::Result<()> {
+        write_shown(self, arguments)
+    }
+
     fn flush(&mut self) -> std::io::Result<()> {
         self.0.flush()
     }
@@ -106,6 +113,10 @@ impl Write for Log {
         }
         std::io::stderr().write_all(bytes)?;
         Ok(bytes.len())
+    }
+
+    fn write_fmt(&mut self, arguments: std::fmt::Arguments<'_>) -> std::io::Result<()> {
+        write_shown(self, arguments)
     }
 
     fn flush(&mut self) -> std::io::Result<()> {

@@ -196,13 +196,18 @@ pub(super) fn report(
     let threads = super::arguments::threads(args.threads).get();
     let temp_dir = temp_dir(args);
     let [original, simplified] = [
-        super::arguments::open_mesh(&args.original, &temp_dir)?,
-        super::arguments::open_mesh(&args.simplified, &temp_dir)?,
+        super::arguments::open_mesh(&args.original, &temp_dir, args.memory)?,
+        super::arguments::open_mesh(&args.simplified, &temp_dir, args.memory)?,
     ];
     let memory_bytes = memory_budget(args.memory);
     let means = (memory_bytes, threads);
     let region = match (&args.near, args.within) {
-        (Some(path), Some(within)) => Some(region((path, &temp_dir), within, means, progress)?),
+        (Some(path), Some(within)) => {
+            let places = super::arguments::open_mesh(path, &temp_dir, args.memory)?;
+            let near = (&places, args.samples);
+            compare::hold_region([&original, &simplified], near, memory_bytes)?;
+            Some(region(&places, within, means, progress)?)
+        }
         _ => None,
     };
     let triangle_sizes = match &region {
@@ -275,7 +280,7 @@ fn temp_dir(args: &Args) -> PathBuf {
 }
 
 fn region(
-    (path, temp_dir): (&Path, &Path),
+    places: &MeshSource,
     within: f64,
     means: (u64, usize),
     progress: &Progress,
@@ -283,8 +288,7 @@ fn region(
     if !(within >= 0.0 && within.is_finite()) {
         return Err(Error::Usage(format!("invalid distance --within {within}")));
     }
-    let places = super::arguments::open_mesh(path, temp_dir)?;
-    Region::around_vertices(&places, within, means, progress)
+    Region::around_vertices(places, within, means, progress)
 }
 
 /// The table for people.

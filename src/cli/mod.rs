@@ -30,6 +30,7 @@ mod signals;
 mod simplify;
 mod status;
 mod synth;
+mod terminal;
 mod tiles;
 mod work;
 
@@ -40,6 +41,7 @@ use crate::system::progress::Progress;
 use clap::{CommandFactory, Parser};
 use log::{Log, Said, Talk, complain};
 pub use out_of_memory::Allocator;
+use std::io::Write;
 use std::sync::Arc;
 
 /// Simplifies triangle meshes of any size, out of core, into one mesh without seams.
@@ -93,7 +95,7 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
         Ok(typed) => typed,
         Err(error) => {
             // Help and version are answers, not errors; clap knows which stream each belongs to.
-            let _ = error.print();
+            print_typed(&error, &words);
             return if error.use_stderr() { 2 } else { 0 };
         }
     };
@@ -115,6 +117,27 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
     };
     guarded(|| dispatch(&typed.command, &typed.talk, &progress, &mut log))
         .unwrap_or_else(|error| complain(&mut log, &error, offers))
+}
+
+/// Prints help, or what is wrong with the words; in colour unless one of them could play tricks on the terminal.
+fn print_typed(error: &clap::Error, words: &[std::ffi::OsString]) {
+    let is_plain = words.iter().all(|word| {
+        let word = word.to_string_lossy();
+        terminal::shown(&word) == word
+    });
+    // Nothing can be reported if the stream is closed.
+    if is_plain {
+        let _ = error.print();
+        return;
+    }
+    // The same words without their tricks are as wrong as they were.
+    let safe = words.iter().map(|word| terminal::shown(&word.to_string_lossy()).into_owned());
+    let text = match Typed::try_parse_from(safe) {
+        Err(same) => same.to_string(),
+        Ok(_) => error.kind().to_string(),
+    };
+    let lines: Vec<_> = text.lines().map(terminal::shown).collect();
+    let _ = writeln!(std::io::stderr(), "{}", lines.join("\n"));
 }
 
 impl Command {

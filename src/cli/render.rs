@@ -6,12 +6,12 @@ use crate::io::ply::{FaceBlock, MeshSource, Place, VertexBlock};
 use crate::mesh::Mesh;
 use crate::render::{
     Coloring, Direction, Lighting, Picture, Resources, Scale, Sphere, View, aim_source, has_images,
-    render_mesh, render_source, top_of,
+    hold, render_mesh, render_source, top_of,
 };
 use crate::system::disk::folder_of;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
-use crate::system::units::show_count;
+use crate::system::units::{memory_word, show_bytes, show_count};
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -143,6 +143,7 @@ pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)
     let memory_bytes = memory_budget(args.memory);
     let threads = super::arguments::threads(args.threads).get();
     let resources = Resources { memory_bytes, threads };
+    hold(&view, resources)?;
     let temp_dir = match args.output == Path::new("-") {
         true => Path::new("."),
         false => folder_of(&args.output),
@@ -150,7 +151,7 @@ pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)
     if let Some(property) = args.color_by.as_ref().filter(|property| *property != TEXTURE) {
         let mut top = 0f64;
         for path in &args.mesh {
-            let source = super::arguments::open_mesh(path, temp_dir)?;
+            let source = super::arguments::open_mesh(path, temp_dir, args.memory)?;
             top = top.max(top_of(&source, property, progress)?);
         }
         let top = args.scale_to.unwrap_or(top);
@@ -159,7 +160,7 @@ pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)
     let mut pictures = Vec::new();
     let mut n_triangles = 0;
     for path in &args.mesh {
-        let source = super::arguments::open_mesh(path, temp_dir)?;
+        let source = super::arguments::open_mesh(path, temp_dir, args.memory)?;
         source.refuse_output(&args.output)?;
         n_triangles += source.n_triangles();
         if args.mesh.len() > 1 && !args.own_camera && view.aim.is_none() {
@@ -170,6 +171,9 @@ pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)
             let is_textured = args.quadrics == 0 && has_images(&source);
             view.coloring = if is_textured { Coloring::Texture } else { Coloring::Plain };
         }
+        if args.quadrics > 0 {
+            hold_whole(&source, memory_bytes)?;
+        }
         pictures.push(if args.quadrics > 0 {
             render_mesh(&read_whole(&source, progress)?, &view, threads, progress)?
         } else {
@@ -179,6 +183,24 @@ pub(super) fn picture(args: &Args, progress: &Progress) -> Result<(Picture, u64)
     let captions = args.caption.iter().map(String::as_str).chain(std::iter::repeat(""));
     let parts: Vec<(&Picture, &str)> = pictures.iter().zip(captions).collect();
     Ok((Picture::side_by_side(&parts), n_triangles))
+}
+
+/// Bytes of a vertex and of a triangle of a mesh in memory, with the quadrics of its vertices and the picture's own copies.
+const QUADRIC_BYTES: [u64; 2] = [24 + 80 + 24 + 24, 12 + 12];
+
+/// Refuses a mesh that the memory does not hold as a whole.
+fn hold_whole(source: &MeshSource, memory_bytes: u64) -> Result<()> {
+    let [vertex, triangle] = QUADRIC_BYTES;
+    let needed = (500 << 20) + vertex * source.n_vertices() + triangle * source.n_triangles();
+    if needed <= memory_bytes {
+        return Ok(());
+    }
+    Err(Error::NoMemory(format!(
+        "--quadrics: {} takes {} in memory; give --memory {}, or leave them out",
+        source.path().display(),
+        show_bytes(needed),
+        memory_word(needed)
+    )))
 }
 
 /// The whole mesh, for pictures that need its connectivity; positions only.

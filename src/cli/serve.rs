@@ -11,21 +11,27 @@ use crate::system::progress::Progress;
 use http_body_util::{Either, Full};
 use hyper::body::{Bytes, Incoming};
 use hyper::header::{
-    ALLOW, CACHE_CONTROL, CONNECTION, HOST, HeaderValue, LOCATION, X_CONTENT_TYPE_OPTIONS,
+    ALLOW, CACHE_CONTROL, CONNECTION, ETAG, HOST, HeaderValue, IF_RANGE, LAST_MODIFIED, LOCATION,
+    RANGE, X_CONTENT_TYPE_OPTIONS,
 };
 use hyper::{Method, Request, Response, StatusCode, Uri};
 use hyper_util::rt::{TokioIo, TokioTimer};
-use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener};
 use std::path::{Path, PathBuf};
+use std::pin::Pin;
 use std::sync::Arc;
+use std::task::{Context, Poll};
 use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::TcpStream;
+use tokio::time::Sleep;
 use tower_http::services::ServeFile;
 use tower_http::services::fs::ServeFileSystemResponseBody;
 
 /// A request to stop is looked for so often; a connection that could not be accepted is tried again after it.
 const STOP_WAIT: Duration = Duration::from_millis(200);
 
-/// A connection on which no request comes for so long is closed.
+/// A connection on which no request comes for so long, or whose other end takes nothing for so long, is closed.
 const IDLE: Duration = Duration::from_secs(60);
 
 /// Offers a folder to browsers on this machine
@@ -58,6 +64,13 @@ pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     let listener = TcpListener::bind(at).map_err(busy)?;
     let at = listener.local_addr().unwrap_or(at);
     log.say(format!("http://{at}/ shows {}; stop with Ctrl-C", root.display()));
+    if !at.ip().is_loopback() {
+        log.say(format!(
+            "warning: everyone who reaches port {} of this machine can read {}; 127.0.0.1 offers it only here",
+            at.port(),
+            root.display()
+        ));
+    }
     let offered = Arc::new(Offered { root, address: at.ip() });
     listener
         .set_nonblocking(true)
@@ -76,7 +89,7 @@ async fn listen(
     let listener = tokio::net::TcpListener::from_std(listener)?;
     while progress.check().is_ok() {
         match tokio::time::timeout(STOP_WAIT, listener.accept()).await {
-            Ok(Ok((stream, _))) => drop(tokio::spawn(talk(stream, Arc::clone(&offered)))),
+            Ok(Ok((stream, _))) => drop(tokio::spawn(talk(stream, Arc::clone(&offered), IDLE))),
             // Out of descriptors, or gone before it was accepted.
             Ok(Err(_)) => tokio::time::sleep(STOP_WAIT).await,
             Err(_) => {}
@@ -85,15 +98,93 @@ async fn listen(
     Ok(())
 }
 
+/// A connection that fails once its other end has taken nothing for a while: an answer that is not read would keep its
+/// file open for good.
+struct Patient {
+    stream: TcpStream,
+    patience: Duration,
+    /// Runs while nothing can be written.
+    stalled: Option<Pin<Box<Sleep>>>,
+}
+
+impl Patient {
+    /// Hands on an answer to a write, unless the end of patience comes first.
+    fn or_too_late<T>(
+        &mut self,
+        answer: Poll<std::io::Result<T>>,
+        context: &mut Context<'_>,
+    ) -> Poll<std::io::Result<T>> {
+        if answer.is_ready() {
+            self.stalled = None;
+            return answer;
+        }
+        let patience = self.patience;
+        let stalled = self.stalled.get_or_insert_with(|| Box::pin(tokio::time::sleep(patience)));
+        match stalled.as_mut().poll(context) {
+            Poll::Ready(()) => Poll::Ready(Err(std::io::ErrorKind::TimedOut.into())),
+            Poll::Pending => Poll::Pending,
+        }
+    }
+}
+
+impl AsyncRead for Patient {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        into: &mut ReadBuf<'_>,
+    ) -> Poll<std::io::Result<()>> {
+        Pin::new(&mut self.stream).poll_read(context, into)
+    }
+}
+
+impl AsyncWrite for Patient {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<std::io::Result<usize>> {
+        let answer = Pin::new(&mut self.stream).poll_write(context, bytes);
+        self.or_too_late(answer, context)
+    }
+
+    fn poll_write_vectored(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        parts: &[std::io::IoSlice<'_>],
+    ) -> Poll<std::io::Result<usize>> {
+        let answer = Pin::new(&mut self.stream).poll_write_vectored(context, parts);
+        self.or_too_late(answer, context)
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        self.stream.is_write_vectored()
+    }
+
+    fn poll_flush(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<std::io::Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(context)
+    }
+
+    fn poll_shutdown(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<std::io::Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(context)
+    }
+}
+
 /// Answers the requests of a connection until it is closed.
-async fn talk(stream: tokio::net::TcpStream, offered: Arc<Offered>) {
+async fn talk(stream: TcpStream, offered: Arc<Offered>, patience: Duration) {
     let _ = stream.set_nodelay(true);
+    let stream = Patient { stream, patience, stalled: None };
     let answer = hyper::service::service_fn(move |request| {
         let offered = Arc::clone(&offered);
         async move { offered.answer(request).await }
     });
     let mut http = hyper::server::conn::http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(IDLE);
+    http.timer(TokioTimer::new()).header_read_timeout(patience);
     // A browser that has gone away is not a fault.
     let _ = http.serve_connection(TokioIo::new(stream), answer).await;
 }
@@ -108,8 +199,12 @@ struct Offered {
 }
 
 impl Offered {
-    async fn answer(&self, request: Request<Incoming>) -> std::io::Result<Response<Body>> {
-        let host = request.headers().get(HOST).and_then(|host| host.to_str().ok());
+    async fn answer(&self, mut request: Request<Incoming>) -> std::io::Result<Response<Body>> {
+        let mut hosts = request.headers().get_all(HOST).iter();
+        let host = match (hosts.next(), hosts.next()) {
+            (Some(host), None) => host.to_str().ok(),
+            _ => None,
+        };
         if !matches!(*request.method(), Method::GET | Method::HEAD) {
             let mut response = refused(StatusCode::METHOD_NOT_ALLOWED);
             response.headers_mut().insert(ALLOW, HeaderValue::from_static("GET, HEAD"));
@@ -125,12 +220,26 @@ impl Offered {
         if let Some(place) = folder_of_page(&path, target) {
             return Ok(moved(&place));
         }
+        let known = request.headers().get(IF_RANGE).cloned();
+        if let Some(known) = known
+            && !is_as_known(&path, &known).await?
+        {
+            request.headers_mut().remove(RANGE);
+        }
         let mut response = ServeFile::new(path).try_call(request).await?.map(Either::Left);
         let headers = response.headers_mut();
         headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-cache"));
         headers.insert(X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
         Ok(response)
     }
+}
+
+/// Returns whether a file is still the one that a request for a part of it has the rest of.
+async fn is_as_known(path: &Path, known: &HeaderValue) -> std::io::Result<bool> {
+    let mut look = Request::new(());
+    *look.method_mut() = Method::HEAD;
+    let found = ServeFile::new(path).try_call(look).await?;
+    Ok([ETAG, LAST_MODIFIED].iter().any(|mark| found.headers().get(mark) == Some(known)))
 }
 
 /// A code alone. The connection ends with it: what may follow a request that is refused is not read.
@@ -169,12 +278,17 @@ fn is_meant(own: IpAddr, host: Option<&str>) -> bool {
     if !own.is_loopback() {
         return true;
     }
+    // Nothing may stand behind the name but a port: '[::1].evil.example' is another machine.
+    let is_port =
+        |rest: &str| rest.strip_prefix(':').is_some_and(|n| n.bytes().all(|b| b.is_ascii_digit()));
+    let is_end = |rest: &str| rest.is_empty() || is_port(rest);
     let Some(host) = host else { return false };
-    let name = match host.strip_prefix('[') {
-        Some(rest) => rest.split(']').next().unwrap_or_default(),
-        None => host.split(':').next().unwrap_or_default(),
-    };
-    name.eq_ignore_ascii_case("localhost") || name.parse().is_ok_and(|ip: IpAddr| ip.is_loopback())
+    if let Some((ip, rest)) = host.strip_prefix('[').and_then(|host| host.split_once(']')) {
+        return is_end(rest) && ip.parse().is_ok_and(|ip: Ipv6Addr| ip.is_loopback());
+    }
+    let (name, rest) = host.split_at(host.find(':').unwrap_or(host.len()));
+    let is_here = |name: &str| name.parse().is_ok_and(|ip: Ipv4Addr| ip.is_loopback());
+    is_end(rest) && (name.eq_ignore_ascii_case("localhost") || is_here(name))
 }
 
 /// Finds the file of an address.
@@ -243,13 +357,51 @@ mod tests {
     #[test]
     fn a_page_elsewhere_cannot_name_this_machine() {
         let own = IpAddr::V4(Ipv4Addr::LOCALHOST);
-        for host in ["localhost:8080", "127.0.0.1", "[::1]:80", "LOCALHOST"] {
+        for host in ["localhost:8080", "127.0.0.1", "127.0.0.1:", "[::1]:80", "[::1]", "LOCALHOST"]
+        {
             assert!(is_meant(own, Some(host)), "{host}");
         }
-        for host in ["evil.example:8080", "localhost.evil.example", "10.0.0.1", ""] {
+        for host in [
+            "evil.example:8080",
+            "localhost.evil.example",
+            "10.0.0.1",
+            "",
+            "[::1].evil.example",
+            "[::1]evil.example:80",
+            "[127.0.0.1]",
+            "[::1",
+            "::1",
+            "localhost:80.evil.example",
+            "127.0.0.1.evil.example",
+            "127.0.0.1:80@evil.example",
+            "[::2]:80",
+        ] {
             assert!(!is_meant(own, Some(host)), "{host}");
         }
         assert!(!is_meant(own, None));
         assert!(is_meant(IpAddr::V4(Ipv4Addr::UNSPECIFIED), Some("scanner.lan")));
+    }
+
+    #[test]
+    fn an_answer_that_is_not_read_ends_the_connection() {
+        use std::io::Write;
+        let folder = tempfile::tempdir().unwrap();
+        // More than the buffers of a connection take.
+        let file = std::fs::File::create(folder.path().join("large.glb")).unwrap();
+        file.set_len(1 << 30).unwrap();
+        let root = folder.path().canonicalize().unwrap();
+        let offered = Arc::new(Offered { root, address: IpAddr::V4(Ipv4Addr::LOCALHOST) });
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
+        let mut client = std::net::TcpStream::connect(listener.local_addr().unwrap()).unwrap();
+        client.write_all(b"GET /large.glb HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
+        let (stream, _) = listener.accept().unwrap();
+        stream.set_nonblocking(true).unwrap();
+        // Returns, though the client neither reads nor goes away.
+        runtime.block_on(async {
+            let stream = TcpStream::from_std(stream).unwrap();
+            talk(stream, offered, Duration::from_millis(100)).await;
+        });
+        drop(client);
     }
 }

@@ -1,5 +1,6 @@
 //! `stonecut status`: what a job folder holds.
 
+use super::terminal::shown;
 use crate::error::{Error, Result};
 use crate::pipeline::units::{Standing, standing};
 use crate::store::job::units::UnitJob;
@@ -64,15 +65,15 @@ pub fn run(args: &Args, progress: &Progress) -> Result<()> {
         });
         format!("{json:#}\n")
     } else {
-        let mut text = format!("input   {}\n", state.identity.input);
+        let mut text = format!("input   {}\n", shown(&state.identity.input));
         for (name, value) in &state.identity.settings {
-            text += &format!("{name:15} {value}\n");
+            text += &format!("{:15} {}\n", shown(name), shown(&value.to_string()));
         }
         text += &match done.as_slice() {
             [] => "done    nothing yet\n".to_owned(),
             names => {
                 let names: Vec<&str> = names.iter().map(|name| name.as_str()).collect();
-                format!("done    {}\n", names.join(", "))
+                format!("done    {}\n", shown(&names.join(", ")))
             }
         };
         text + "continue by running the same command again\n"
@@ -126,7 +127,8 @@ fn line(now: &Standing) -> String {
 
 /// A table of the phases.
 fn table(now: &Standing) -> String {
-    let mut text = format!("input   {}, {} triangles\n", now.input, show_count(now.triangles));
+    let mut text =
+        format!("input   {}, {} triangles\n", shown(&now.input), show_count(now.triangles));
     for phase in &now.phases {
         text += &format!("{:10} {:5} of {:5} units", phase.name, phase.done, phase.units);
         if phase.done > 0 {
@@ -143,7 +145,7 @@ fn table(now: &Standing) -> String {
     }
     text += &format!("{}\n", line(now));
     if let Some(reason) = now.report.as_ref().and_then(|report| report["stop_reason"].as_str()) {
-        text += &format!("output stands: {reason}\n");
+        text += &format!("output stands: {}\n", shown(reason));
     }
     text
 }

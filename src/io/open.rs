@@ -12,6 +12,7 @@ use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::ply::source::Staged;
 use crate::io::ply::{Faults, MeshSource};
 use crate::system::disk::open_input;
+use crate::system::units::show_bytes;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
@@ -168,18 +169,67 @@ fn unpack(path: &Path, reader: impl Read, options: &StageOptions) -> Result<(Raw
     let mut reader = BufReader::with_capacity(1 << 20, reader);
     let first = reader.fill_buf().map_err(|e| Error::reading(path, "cannot read", e))?;
     let packing = Packing::of(first);
+    let window = zstd_window(first);
     let mut spool = options.spool();
     let checksum = match packing {
         Packing::Plain => copy(path, reader, &mut spool)?,
         // Several members or frames one after another are one stream (`cat a.gz b.gz`, pigz).
         Packing::Gzip => copy(path, flate2::bufread::MultiGzDecoder::new(reader), &mut spool)?,
         Packing::Zstd => {
-            let decoder = zstd::stream::read::Decoder::with_buffer(reader)
-                .map_err(|e| Error::reading(path, "cannot start decompressing", e))?;
-            copy(path, decoder, &mut spool)?
+            let starting = |e| Error::reading(path, "cannot start decompressing", e);
+            let most = window_log(options.parse_bytes);
+            let mut decoder = zstd::stream::read::Decoder::with_buffer(reader).map_err(starting)?;
+            decoder.window_log_max(most).map_err(starting)?;
+            copy(path, decoder, &mut spool).map_err(|error| match error {
+                Error::BadInput { what, .. } if what.contains(WINDOW_TOO_LARGE) => {
+                    Error::NoMemory(too_large_a_window(path, window, most))
+                }
+                other => other,
+            })?
         }
     };
     Ok((spool.finish(path)?, checksum))
+}
+
+/// The words of zstd for a window above the limit.
+const WINDOW_TOO_LARGE: &str = "too much memory";
+
+/// Binary logarithm of the largest window that some memory holds, within what zstd has.
+fn window_log(memory_bytes: u64) -> u32 {
+    memory_bytes.max(1).ilog2().clamp(10, 31)
+}
+
+/// Bytes of the window of a zstd frame that begins like this (RFC 8878, section 3.1.1.1).
+fn zstd_window(first: &[u8]) -> Option<u64> {
+    let (&descriptor, &window) = (first.get(4)?, first.get(5)?);
+    if descriptor & 0x20 != 0 {
+        // One segment: its window is its content, whose length stands in the header.
+        let at = 5 + [0, 1, 2, 4][usize::from(descriptor & 3)];
+        let n = [1, 2, 4, 8][usize::from(descriptor >> 6)];
+        let mut bytes = [0; 8];
+        bytes[..n].copy_from_slice(first.get(at..at + n)?);
+        return Some(u64::from_le_bytes(bytes));
+    }
+    let base = 1u64 << (10 + (window >> 3));
+    Some(base + base / 8 * u64::from(window & 7))
+}
+
+fn too_large_a_window(path: &Path, window: Option<u64>, most: u32) -> String {
+    let limit = 1u64 << most;
+    let path = path.display();
+    let Some(window) = window.filter(|&window| window > limit) else {
+        let limit = show_bytes(limit);
+        return format!(
+            "{path}: a zstd frame in it needs a window of more than {limit}; give more --memory, or unpack it first (zstd -d --long=31)"
+        );
+    };
+    let memory = StageOptions::memory_for(window.next_power_of_two());
+    format!(
+        "{path}: unpacking it takes a window of {}, more than the {} at hand; give --memory {memory}, or unpack it \
+         first (zstd -d --long=31)",
+        show_bytes(window),
+        show_bytes(limit)
+    )
 }
 
 fn copy(path: &Path, mut reader: impl Read, spool: &mut Spool) -> Result<u64> {

@@ -4,6 +4,8 @@ use super::external_sort::ExternalSort;
 use crate::io::ply::ReadOptions;
 use crate::io::ply::raw::Spool;
 use crate::system::disk::Disk;
+use crate::system::memory::{budget_bytes, limit_bytes};
+use crate::system::units::memory_word;
 use std::path::PathBuf;
 
 /// Decides which vertices are joined before all else.
@@ -86,6 +88,12 @@ pub struct WeldOptions {
     pub labels: Vec<String>,
 }
 
+/// More memory than this makes sorting no faster.
+const MOST_SORT_BYTES: u64 = 256 << 20;
+
+/// A spool keeps at most one in this many bytes of the memory; several are filled at a time.
+const SPOOL_SHARE: u64 = 16;
+
 /// Settings for staging an input.
 #[derive(Clone, Debug)]
 pub struct StageOptions {
@@ -94,6 +102,10 @@ pub struct StageOptions {
     pub temp_dir: PathBuf,
     /// Memory for sorting the corners of an STL file, and vertices that are joined; at least 3 MiB are sensible.
     pub memory_bytes: u64,
+    /// Memory for what has to be held as a whole: the description in a glTF file, the window of a compressed stream.
+    pub parse_bytes: u64,
+    /// True for a look at a file: one that says to be far larger than it is, is refused.
+    pub only_looks: bool,
     /// Strictness of reading; its `temp_dir` is set to the one above.
     pub read: ReadOptions,
     /// The disk whose account staged data is part of.
@@ -105,17 +117,40 @@ pub struct StageOptions {
 }
 
 impl StageOptions {
-    /// Strict reading with 256 MiB for sorting.
+    /// Strict reading with 256 MiB for sorting, and half of the memory that is used by default for parsing.
     pub fn new(temp_dir: impl Into<PathBuf>) -> Self {
-        let temp_dir = temp_dir.into();
-        let read = ReadOptions::default();
-        let disk = Disk::default();
-        StageOptions { temp_dir, memory_bytes: 256 << 20, read, disk, weld: None, lock: None }
+        StageOptions {
+            temp_dir: temp_dir.into(),
+            memory_bytes: MOST_SORT_BYTES,
+            parse_bytes: budget_bytes(None, limit_bytes()) / 2,
+            only_looks: false,
+            read: ReadOptions::default(),
+            disk: Disk::default(),
+            weld: None,
+            lock: None,
+        }
+    }
+
+    /// The same within half of the memory of a command.
+    pub fn within(self, command_bytes: u64) -> Self {
+        let half = command_bytes / 2;
+        StageOptions { memory_bytes: half.min(MOST_SORT_BYTES), parse_bytes: half, ..self }
+    }
+
+    /// Temporary bytes that a file of some bytes may come to, if there is a bound: much more than any real scene does, of
+    /// which little stands in many places.
+    pub(crate) fn most_unpacked(&self, file_bytes: u64) -> Option<u64> {
+        self.only_looks.then(|| file_bytes.saturating_mul(200).max(1 << 30))
+    }
+
+    /// The memory of a command, as people type it, with which `parse_bytes` is `bytes`.
+    pub(crate) fn memory_for(bytes: u64) -> String {
+        memory_word(bytes.saturating_mul(2))
     }
 
     /// An empty spool in the folder for staged data.
     pub(crate) fn spool(&self) -> Spool {
-        Spool::new(&self.temp_dir).counted(&self.disk)
+        Spool::new(&self.temp_dir).within(self.memory_bytes / SPOOL_SHARE).counted(&self.disk)
     }
 
     /// An empty sort in the folder for staged data.

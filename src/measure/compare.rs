@@ -18,11 +18,11 @@ use crate::measure::{
 use crate::mesh::bounds::Bounds;
 use crate::mesh::topology_counts::Topology;
 use crate::stages::partition;
-use crate::store::cells::{VertexLayout, plan_cells};
+use crate::store::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
 use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::memory::BASE_BYTES;
 use crate::system::progress::Progress;
-use crate::system::units::show_bytes;
+use crate::system::units::{memory_word, show_bytes};
 use std::path::{Path, PathBuf};
 
 /// Two meshes to be compared, and the means.
@@ -149,18 +149,65 @@ fn usable_bytes(request: &Request) -> u64 {
     request.memory_bytes.saturating_sub(taken_bytes(request))
 }
 
+fn whole_bytes(request: &Request) -> u64 {
+    let has_region = request.options.region.is_some();
+    bytes_as_whole([request.original, request.simplified], request.options.samples, has_region)
+}
+
+/// Memory that comparing two meshes as a whole takes, beside what is taken already.
+fn bytes_as_whole(sources: [&MeshSource; 2], samples: u64, has_region: bool) -> u64 {
+    let meshes = sources.map(load::bytes_in_memory);
+    let largest = sources[0].n_triangles().max(sources[1].n_triangles());
+    // With a region, distances are kept by their side of it as well.
+    let value_bytes = if has_region { 32 } else { 24 };
+    meshes[0] + meshes[1] + Tree::bytes(largest).max(60 * largest) + value_bytes * samples
+}
+
+/// Refuses a region around the vertices of `places` that does not fit beside what is measured, with a size that is enough.
+pub fn hold_region(
+    sources: [&MeshSource; 2],
+    (places, samples): (&MeshSource, u64),
+    memory_bytes: u64,
+) -> Result<()> {
+    let beside = Region::beside_bytes(sources[1].n_vertices());
+    let region = Region::needed_bytes(places.n_vertices());
+    if BASE_BYTES + region + beside <= memory_bytes {
+        return Ok(());
+    }
+    let whole = bytes_as_whole(sources, samples, true);
+    Err(Error::NoMemory(format!(
+        "the budget of {} does not hold the {} vertices of {} (--near) beside those of {}, which need {} in all; give \
+         --memory {}, or a mesh of fewer vertices to --near",
+        show_bytes(memory_bytes),
+        places.n_vertices(),
+        places.path().display(),
+        sources[1].path().display(),
+        show_bytes(BASE_BYTES + region + beside),
+        memory_word(BASE_BYTES + region + beside.max(whole))
+    )))
+}
+
+/// A size for `--memory` with which nothing of this request is refused, `needed` being what was refused just now: enough for
+/// both meshes as a whole or, where that is less, for the largest of their cells, twice over.
+fn enough(request: &Request, needed: u64) -> String {
+    let in_cells = |source: &MeshSource| {
+        let n = request.cell_triangles.min(source.n_triangles());
+        let layout = VertexLayout::new(source.schema(), source.n_vertices());
+        let tally = CellTally { triangles: n, vertices: n };
+        3 * (load_bytes(tally, &layout) + Tree::bytes(n))
+    };
+    let in_cells = in_cells(request.original).max(in_cells(request.simplified))
+        + 24 * request.options.samples
+        + 2 * needed;
+    let most = whole_bytes(request).min(in_cells).max(needed);
+    memory_word(most + taken_bytes(request))
+}
+
 /// Compares two meshes within the memory budget, from which the region of the options is taken, too.
 ///
 /// Errors: those of reading; `NoMemory` where not even one cell fits the budget.
 pub fn compare(request: &Request, progress: &Progress) -> Result<Comparison> {
-    let usable = usable_bytes(request);
-    let meshes = [request.original, request.simplified].map(load::bytes_in_memory);
-    let largest = request.original.n_triangles().max(request.simplified.n_triangles());
-    let tree = Tree::bytes(largest);
-    // With a region, distances are kept by their side of it as well.
-    let value_bytes = if request.options.region.is_some() { 32 } else { 24 };
-    let values = value_bytes * request.options.samples;
-    if meshes[0] + meshes[1] + tree.max(60 * largest) + values <= usable {
+    if whole_bytes(request) <= usable_bytes(request) {
         let comparison = in_memory(request, progress)?;
         refuse_flat(request, &comparison)?;
         return Ok(comparison);
@@ -294,8 +341,9 @@ fn with_original(
     }
     if request.heat {
         return Err(Error::NoMemory(format!(
-            "the simplified mesh needs {} to be coloured; give more --memory, or measure without --heatmap",
-            show_bytes(3 * whole)
+            "the simplified mesh needs {} to be coloured; give --memory {}, or measure without --heatmap",
+            show_bytes(3 * whole),
+            enough(request, 3 * whole)
         )));
     }
     let cells = cut(request.simplified, request, usable, progress)?;
@@ -322,9 +370,19 @@ fn run(
         .unwrap_or(0);
     if largest > memory_bytes {
         return Err(Error::NoMemory(format!(
-            "the budget of {} does not hold the largest cell, which needs {} in all; give more --memory or a smaller --cell-triangles",
+            "the budget of {} does not hold the largest cell, which needs {} in all; give --memory {} or a smaller --cell-triangles",
             show_bytes(request.memory_bytes),
-            show_bytes(largest + taken_bytes(request))
+            show_bytes(largest + taken_bytes(request)),
+            enough(request, largest)
+        )));
+    }
+    let values = 2 * 8 * options.samples;
+    if values > memory_bytes {
+        return Err(Error::NoMemory(format!(
+            "{} samples a side need {}; give --memory {} or fewer --samples",
+            options.samples,
+            show_bytes(values),
+            enough(request, values)
         )));
     }
     let measured = measure::two_sided_parts(original, simplified, options, memory_bytes, progress)?;
@@ -338,8 +396,9 @@ pub fn heatmap_of_original(request: &Request, path: &Path, progress: &Progress) 
         load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_triangles());
     if needed > usable {
         return Err(Error::NoMemory(format!(
-            "the simplified mesh needs {} to colour the original by; give more --memory",
-            show_bytes(needed + taken_bytes(request))
+            "the simplified mesh needs {} to colour the original by; give --memory {}",
+            show_bytes(needed + taken_bytes(request)),
+            enough(request, needed)
         )));
     }
     let threads = request.options.threads;
@@ -378,9 +437,10 @@ fn cut(
     let needed = partition::Shares::new(sizes, threads, memory_bytes).least_bytes;
     if needed > memory_bytes {
         return Err(Error::NoMemory(format!(
-            "cutting {} into cells needs {}; give more --memory",
+            "cutting {} into cells needs {}; give --memory {}",
             source.path().display(),
-            show_bytes(needed + taken_bytes(request))
+            show_bytes(needed + taken_bytes(request)),
+            enough(request, needed)
         )));
     }
     progress.begin("partition", 1, 2, source.n_triangles());

@@ -30,6 +30,16 @@ impl Region {
         Region { tree: Arc::new(tree), within }
     }
 
+    /// Memory for the vertices of `--near` with a tree over them.
+    pub(super) fn needed_bytes(n_vertices: u64) -> u64 {
+        POSITION_BYTES * n_vertices + Tree::bytes(n_vertices)
+    }
+
+    /// Memory for the vertices of the mesh whose triangles are held against a region.
+    pub(super) fn beside_bytes(n_vertices: u64) -> u64 {
+        POSITION_BYTES * n_vertices
+    }
+
     /// Everything within `within` (input units) of any vertex of a file.
     ///
     /// Errors: those of reading; `NoMemory` where the budget `memory_bytes` (everything included) does not hold the vertices

@@ -50,7 +50,25 @@ pub fn area_normal(t: &[Vector; 3]) -> Vector {
 /// The area in square units; 0 for a degenerate triangle.
 #[inline]
 pub fn area(t: &[Vector; 3]) -> f64 {
-    0.5 * length_sq(area_normal(t)).sqrt()
+    let normal = area_normal(t);
+    let twice_sq = length_sq(normal);
+    if twice_sq < NEEDLE_SQ {
+        return area_of_needle(normal);
+    }
+    0.5 * twice_sq.sqrt()
+}
+
+/// Squares below this have lost digits, or vanish, though their roots are numbers like others.
+const NEEDLE_SQ: f64 = 1e-280;
+
+/// Half the length of a normal whose square is too small for a number.
+#[cold]
+fn area_of_needle(normal: Vector) -> f64 {
+    let largest = normal.iter().fold(0f64, |largest, x| largest.max(x.abs()));
+    if largest == 0.0 {
+        return 0.0;
+    }
+    0.5 * largest * length_sq(normal.map(|x| x / largest)).sqrt()
 }
 
 /// The point with barycentric coordinates `weights`.
@@ -202,6 +220,16 @@ mod tests {
                 assert!(weights.iter().all(|w| (-1e-12..=1.0 + 1e-12).contains(w)));
             }
         }
+    }
+
+    /// The square of its area vanishes, but the area does not.
+    #[test]
+    fn a_needle_has_its_area() {
+        for height in [1e-120, 1e-145, 1e-200, 1e-300] {
+            let t = [[0.0; 3], [1.0, 0.0, 0.0], [0.5, height, 0.0]];
+            assert!((area(&t) / height - 0.5).abs() < 1e-12, "{height}: {}", area(&t));
+        }
+        assert_eq!(area(&[[0.0; 3], [1.0, 0.0, 0.0], [0.5, 0.0, 0.0]]), 0.0);
     }
 
     #[test]

@@ -67,6 +67,7 @@ pub(super) fn open(path: &Path, config: &Config, skip_bad: bool) -> Result<MeshS
     let placing = if path == config.input { config.placing.clone() } else { Default::default() };
     let read = ReadOptions { skip_bad, placing, temp_dir: None };
     let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+    let stage = stage.within(config.memory_bytes);
     MeshSource::open_staged(path, &stage)
 }
 

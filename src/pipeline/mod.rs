@@ -29,9 +29,10 @@ pub mod tiles;
 pub mod units;
 pub(crate) mod verify;
 
-use crate::config::{Config, Texture, Until};
+use crate::config::{Config, Target, Texture, Until};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
+use crate::mesh::bounds::Bounds;
 use crate::stages::components::ComponentSizes;
 use crate::stages::stitch::{Step, begins_from_result};
 use crate::store::cells::SurvivorInfo;
@@ -117,7 +118,7 @@ fn run_stages_in(
     progress: &Progress,
 ) -> Result<Ended> {
     let started = Instant::now();
-    let Prepared { source, plan, textures, marks, can_bake, .. } = prepared;
+    let Prepared { source, plan, textures, marks, can_bake, texture, .. } = prepared;
     // With more memory, what the allocator keeps back does no harm.
     if config.memory_bytes < 2 * plan.needed_memory_bytes {
         crate::system::memory::keep_nothing_back();
@@ -142,6 +143,9 @@ fn run_stages_in(
     if config.until == Some(Until::Partition) {
         return Ok(Ended::Early);
     }
+    if let Err(error) = hold_sizes(config, texture, &partition.bounds) {
+        return Err(abandon(job, error));
+    }
     let components = stages.components(&partition)?;
     let store = match &components {
         Some(found) => found.store.clone(),
@@ -152,7 +156,8 @@ fn run_stages_in(
     }
     if !stages.has_area(&store)? {
         let what = format!(
-            "all of its {} triangles have no area: their corners lie in one place or on one line; nothing was written",
+            "all of its {} triangles have no area beyond the rounding of their coordinates: their corners lie in one place \
+             or on one line within it; nothing was written",
             store.triangles
         );
         return Err(abandon(job, Error::bad_input(&config.input, what)));
@@ -261,6 +266,22 @@ fn reduce(
         (_, Left::Survivors(left)) => Ok(Some((None, left))),
         (_, Left::Cells(_)) => unreachable!("without a finish there was a round"),
     }
+}
+
+/// Refuses sizes that what was asked for cannot reckon with: texels, charts and boxes of crossings are floats, and bounds take fourth
+/// powers of lengths.
+fn hold_sizes(config: &Config, texture: Texture, bounds: &Bounds) -> Result<()> {
+    let kernel = &config.kernel;
+    if texture == Texture::Bake || config.bake.normals {
+        bounds.hold(&config.input, "a new texture or normal map", [1e-36, 1e36])?;
+    }
+    if kernel.no_self_intersections {
+        bounds.hold(&config.input, "--no-self-intersections", [0.0, 1e36])?;
+    }
+    if kernel.bound.is_some() || matches!(config.target, Target::MaxError(_)) {
+        bounds.hold(&config.input, "--max-error", [0.0, 1e50])?;
+    }
+    Ok(())
 }
 
 /// An empty result is never a success; files of finer levels stay.

@@ -131,8 +131,8 @@ pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String
     }
     let marks = input_marks(&config.input)?;
     let read = config.read_options();
-    let mut stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
-    stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
+    let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
+    let mut stage = stage.within(config.memory_bytes);
     stage.weld = Some(WeldOptions {
         how: match (config.weld, &config.lock) {
             // What must stay is moved only if that was asked for.

@@ -50,7 +50,7 @@ impl Pair {
     pub fn open(config: &Config, output: &Path) -> Result<Pair> {
         let open = |path: &Path, read: ReadOptions| {
             let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
-            MeshSource::open_staged(path, &stage)
+            MeshSource::open_staged(path, &stage.within(config.memory_bytes))
         };
         let (original, simplified) =
             (open(&config.input, config.read_options())?, open(output, ReadOptions::default())?);

@@ -11,12 +11,13 @@ use super::skin::Skins;
 use super::vector::smoothstep;
 use super::vertices::{PlacedVertex, Vertices, vertex_bytes};
 use super::view::{Aim, Direction, Lighting, Resources, Sphere, View, per_pixel};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::io::ply::FaceLook;
 use crate::mesh::vec3::unit;
 use crate::mesh::vec3::{Vec3, add, dot, normal, scale};
 use crate::system::parallel::in_order;
 use crate::system::progress::Progress;
+use crate::system::units::{memory_word, show_bytes};
 
 /// Width of edge lines in pixels.
 const LINE_WIDTH: f32 = 0.9;
@@ -67,11 +68,51 @@ impl Drawn {
     }
 }
 
-/// Memory for vertices and images beside the frame of a view.
-pub(super) fn free_bytes(view: &View, resources: Resources) -> Result<u64> {
+/// Bytes of a pixel while it is lit, and of its finished copies: place, normal, openness twice and once more smoothed, and
+/// four times its colour: as it is gathered, in the picture, beside others, as PNG.
+const PIXEL_BYTES: u64 = 48;
+
+/// Memory that no picture does without, beside its frame and its pixels.
+const LEAST_BYTES: u64 = 24 << 20;
+
+/// Memory that a picture takes at least.
+fn least_bytes(view: &View) -> Result<u64> {
+    Ok(frame_bytes(view)? + LEAST_BYTES)
+}
+
+/// Bytes of the samples and pixels of a view.
+fn frame_bytes(view: &View) -> Result<u64> {
     let per_pixel = per_pixel(view)?;
-    let n_samples = u64::from(view.width) * u64::from(view.height) * (per_pixel * per_pixel) as u64;
-    Ok(resources.memory_bytes.saturating_sub(n_samples * SAMPLE_BYTES as u64 + SLACK_BYTES))
+    let pixels = u64::from(view.width) * u64::from(view.height);
+    Ok(pixels * ((per_pixel * per_pixel * SAMPLE_BYTES) as u64 + PIXEL_BYTES))
+}
+
+/// Memory for vertices and images beside the frame of a view.
+///
+/// Errors: a frame that the memory does not hold, with the memory and the size that do.
+pub(super) fn free_bytes(view: &View, resources: Resources) -> Result<u64> {
+    let needed = least_bytes(view)?;
+    if needed <= resources.memory_bytes {
+        return Ok(resources.memory_bytes.saturating_sub(frame_bytes(view)? + SLACK_BYTES));
+    }
+    // Nine samples are the most that a pixel takes, so a picture of this size is held.
+    let most = 9 * SAMPLE_BYTES as u64 + PIXEL_BYTES;
+    let left = resources.memory_bytes.saturating_sub(LEAST_BYTES) / most;
+    let pixels = f64::from(view.width) * f64::from(view.height);
+    let share = (left as f64 / pixels).sqrt().min(1.0);
+    let [width, height] = [view.width, view.height].map(|n| (f64::from(n) * share) as u32);
+    let smaller = match width.min(height) {
+        0 => String::new(),
+        _ => format!(", or make it {width}x{height}"),
+    };
+    Err(Error::NoMemory(format!(
+        "a picture of {}x{} pixels takes {}, the budget has {}; give --memory {}{smaller}",
+        view.width,
+        view.height,
+        show_bytes(needed),
+        show_bytes(resources.memory_bytes),
+        memory_word(needed)
+    )))
 }
 
 /// Draws a scene, and over it some facets given in object space; `budget` is the memory for vertices.

@@ -33,6 +33,11 @@ use draw::{aim, draw, free_bytes};
 use scene::{InMemory, OnDisk};
 use view::per_pixel;
 
+/// Refuses a picture that the memory does not hold, before anything is read for it; names the memory and the size that do.
+pub fn hold(view: &View, resources: Resources) -> Result<()> {
+    free_bytes(view, resources).map(drop)
+}
+
 /// A picture of a mesh in memory.
 ///
 /// Errors: a size of 0 or above 16384, colour channels that are not there, a requested stop.

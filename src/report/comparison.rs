@@ -149,7 +149,7 @@ pub fn html(
     resources: Resources,
     progress: &Progress,
 ) -> Result<String> {
-    let stage = StageOptions::new(temp_dir);
+    let stage = StageOptions::new(temp_dir).within(resources.memory_bytes);
     let sources: Vec<MeshSource> = std::iter::once(original)
         .chain(contenders.iter().map(|contender| contender.mesh.as_path()))
         .map(|path| MeshSource::open_staged(path, &stage))

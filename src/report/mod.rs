@@ -69,6 +69,7 @@ pub fn html(material: &Material, progress: &Progress) -> Result<String> {
         page::STYLE
     );
     let stage = StageOptions::new(material.temp_dir.clone());
+    let stage = stage.within(material.resources.memory_bytes);
     let open = |name: String| MeshSource::open_staged(Path::new(&name), &stage).ok();
     let sources = names.map(|name| name.and_then(open));
     let mut views = views(report, deviation);

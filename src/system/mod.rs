@@ -4,6 +4,7 @@
 
 pub(crate) mod background;
 pub mod disk;
+pub(crate) mod free_space;
 pub(crate) mod json_keys;
 pub mod mapped_file;
 pub mod memory;

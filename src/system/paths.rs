@@ -191,6 +191,16 @@ impl Row {
                 Err(e) => Err(Error::bad_input(&self.path, format!("cannot open: {e}"))),
             };
         }
+        if let Ok(meta) = std::fs::metadata(&self.path)
+            && self.role == Role::Input
+            && !meta.is_file()
+            && !meta.is_dir()
+        {
+            let kind = kind_of(meta.file_type());
+            let what =
+                format!("this is {kind}, not a regular file; pipe it in with '-' as the input");
+            return Err(Error::bad_input(&self.path, what));
+        }
         open_input(&self.path).map(drop)
     }
 

@@ -92,6 +92,15 @@ pub fn show_share(share: f64) -> String {
     format!("{} %", show_length(format!("{percent:.5e}").parse().unwrap_or(percent)))
 }
 
+/// A size as `--memory` takes it, not below it: `513MiB`. What is named so is enough when it is given back.
+pub fn memory_word(bytes: u64) -> String {
+    let mebibytes = bytes.div_ceil(1 << 20).max(1);
+    match mebibytes {
+        0..8192 => format!("{mebibytes}MiB"),
+        _ => format!("{}GiB", mebibytes.div_ceil(1024)),
+    }
+}
+
 /// A size for people: `512.0 MiB`.
 pub fn show_bytes(bytes: u64) -> String {
     const UNITS: [&str; 5] = ["B", "KiB", "MiB", "GiB", "TiB"];

@@ -11,3 +11,4 @@ mod report;
 mod report_schema;
 mod serve;
 mod stopping;
+mod terminal;

@@ -179,3 +179,46 @@ fn a_page_with_a_viewer_lies_beside_the_tiles() {
         assert_eq!(served.ask("GET", name, "").0, 200, "{name}");
     }
 }
+
+#[test]
+fn a_part_of_a_file_that_has_changed_comes_as_the_whole_file() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("a.glb"), [7u8; 1000]).unwrap();
+    let served = serve(folder.path());
+    let (_, head, _) = served.ask("HEAD", "/a.glb", "");
+    let date = head.lines().find_map(|line| line.strip_prefix("last-modified: ")).unwrap();
+    // Dates are compared as they were sent.
+    let (words, zone) = date.rsplit_once(' ').unwrap();
+    let date: String = words
+        .split(' ')
+        .map(|word| word[..1].to_uppercase() + &word[1..] + " ")
+        .chain([zone.to_uppercase()])
+        .collect();
+    let range = "Range: bytes=0-9\r\n";
+    for (condition, code, n_bytes) in [
+        (String::new(), 206, 10),
+        (format!("If-Range: {date}\r\n"), 206, 10),
+        ("If-Range: \"another\"\r\n".to_owned(), 200, 1000),
+        ("If-Range: Mon, 01 Jan 2001 00:00:00 GMT\r\n".to_owned(), 200, 1000),
+        ("If-Range: Fri, 01 Jan 2100 00:00:00 GMT\r\n".to_owned(), 200, 1000),
+    ] {
+        let (found, head, body) = served.ask("GET", "/a.glb", &format!("{range}{condition}"));
+        assert_eq!((found, body.len()), (code, n_bytes), "{condition}{head}");
+    }
+}
+
+#[test]
+fn a_folder_that_the_network_can_read_is_announced_as_such() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut child = crate::common::stonecut()
+        .args(["serve", "--port", "0", "--address", "0.0.0.0"])
+        .arg(folder.path())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines();
+    let said: Vec<String> = lines.by_ref().take(2).map(Result::unwrap).collect();
+    let _ = child.kill();
+    let _ = child.wait();
+    assert!(said[1].starts_with("warning: everyone") && said[1].contains("127.0.0.1"), "{said:?}");
+}

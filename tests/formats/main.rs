@@ -1,5 +1,6 @@
 //! Mesh files in and out: dialects of PLY, other formats, and what is not a mesh at all.
 
+mod bounds;
 #[path = "../common/mod.rs"]
 mod common;
 mod dialects;

@@ -50,6 +50,7 @@ fn to(input: &Path, output: &Path, format: &str) -> stonecut::Result<Converted> 
         keep_duplicates: false,
         keep_unreferenced: false,
         temp_dir: None,
+        memory: None,
     })
 }
 

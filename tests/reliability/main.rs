@@ -7,6 +7,7 @@ mod budgets;
 mod cluster;
 mod crash;
 mod full_disk;
+mod memory_named;
 mod memory_promise;
 mod recipes;
 mod resume_damage;

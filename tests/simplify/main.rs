@@ -18,6 +18,7 @@ mod pairs;
 mod progressive;
 mod retile;
 mod simplify;
+mod sizes;
 mod slides;
 mod verdicts;
 mod weld;

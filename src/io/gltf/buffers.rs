@@ -2,8 +2,9 @@
 //!
 //! Everything is read from where it lies, a block at a time. Only compressed views are unpacked, into temporary data.
 
-use super::json::{Accessor, Document};
-use super::meshopt;
+use super::elements::{Elements, Number};
+use super::json::{Document, SparsePart};
+use super::{meshopt, sparse};
 use crate::error::{Error, Result};
 use crate::io::materials::Part;
 use crate::io::open_options::StageOptions;
@@ -11,9 +12,6 @@ use crate::io::ply::raw::RawFile;
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
-
-/// Elements that are read at once.
-pub(super) const BLOCK: u64 = 16_384;
 
 /// Distance of elements in bytes, at most; glTF allows 252.
 const MAX_STRIDE: u64 = 4096;
@@ -25,6 +23,8 @@ pub(super) struct Buffers<'a> {
     options: &'a StageOptions,
     list: Vec<Option<Part>>,
     unpacked: HashMap<usize, Part>,
+    /// Sparse accessors with their values in place.
+    filled_in: HashMap<usize, Part>,
 }
 
 impl<'a> Buffers<'a> {
@@ -55,7 +55,8 @@ impl<'a> Buffers<'a> {
             }
             list.push(part);
         }
-        Ok(Buffers { file: file.clone(), document, options, list, unpacked: HashMap::new() })
+        let (unpacked, filled_in) = (HashMap::new(), HashMap::new());
+        Ok(Buffers { file: file.clone(), document, options, list, unpacked, filled_in })
     }
 
     /// Paths of the buffers that lie in other files.
@@ -105,8 +106,9 @@ impl<'a> Buffers<'a> {
         let Some(accessor) = self.document.accessors.get(number) else {
             return Err(self.file.bad(format!("accessor {number} does not exist")));
         };
+        let file = self.file.clone();
         let bad =
-            |what: String| Error::bad_input(self.file.path(), format!("accessor {number}: {what}"));
+            |what: String| Error::bad_input(file.path(), format!("accessor {number}: {what}"));
         let n_numbers = match accessor.kind.as_str() {
             "SCALAR" => 1,
             "VEC2" => 2,
@@ -117,142 +119,90 @@ impl<'a> Buffers<'a> {
         if !n.contains(&n_numbers) {
             return Err(bad(format!("type '{}' is not expected here", accessor.kind)));
         }
-        let number_bytes = match accessor.component_type {
-            5120 | 5121 => 1,
-            5122 | 5123 => 2,
-            5125 | 5126 => 4,
-            other => return Err(bad(format!("componentType {other} is none that glTF has"))),
-        };
-        if accessor.sparse.is_some() || accessor.buffer_view.is_none() {
-            let what = "sparse accessors are not read; export the mesh with plain ones";
-            return Err(bad(what.to_owned()));
+        let component = accessor.component_type;
+        if !matches!(component, 5120..=5123 | 5125 | 5126) {
+            return Err(bad(format!("componentType {component} is none that glTF has")));
         }
-        let view_number = accessor.buffer_view.unwrap_or(0);
-        let size = (n_numbers * number_bytes) as u64;
-        let stride = self.document.buffer_views.get(view_number).and_then(|view| {
+        let numbers = (Number::of(accessor), n_numbers);
+        let base = match accessor.buffer_view {
+            Some(view) => {
+                let place = Slot { view, offset: accessor.byte_offset, count: accessor.count };
+                self.elements(number, place, numbers)?
+            }
+            None => self.zeros(accessor.count, numbers),
+        };
+        let Some(sparse) = &accessor.sparse else { return Ok(base) };
+        if !sparse.has_unsigned_indices() || sparse.count > accessor.count {
+            return Err(bad(format!(
+                "{} sparse values of {} with indices of type {} make no sense; export the file again",
+                sparse.count, accessor.count, sparse.indices.component_type
+            )));
+        }
+        if let Some(part) = self.filled_in.get(&number) {
+            return Ok(base.at(part.clone()));
+        }
+        let slot = |part: &SparsePart| Slot {
+            view: part.buffer_view,
+            offset: part.byte_offset,
+            count: sparse.count,
+        };
+        let places = Number { kind: sparse.indices.component_type, normalized: false };
+        let indices = self.elements(number, slot(&sparse.indices), (places, 1))?;
+        let values = self.elements(number, slot(&sparse.values), numbers)?;
+        let spool = self.options.spool();
+        let part = sparse::filled_in((&self.file, number), &base, [indices, values], spool)?;
+        self.filled_in.insert(number, part.clone());
+        Ok(base.at(part))
+    }
+
+    /// Elements of an accessor that are all zero.
+    fn zeros(&self, count: u64, (number, n_numbers): (Number, usize)) -> Elements {
+        let stride = (n_numbers * number.bytes()) as u64;
+        let file = self.file.clone();
+        Elements { file, offset: 0, stride, n_numbers, count, number, is_zero: true }
+    }
+
+    /// Elements in a view, held against its length; `accessor` is for messages.
+    fn elements(
+        &mut self,
+        accessor: usize,
+        slot: Slot,
+        (number, n_numbers): (Number, usize),
+    ) -> Result<Elements> {
+        let bad = |what: String| {
+            Error::bad_input(self.file.path(), format!("accessor {accessor}: {what}"))
+        };
+        let Slot { view, offset, count } = slot;
+        let size = (n_numbers * number.bytes()) as u64;
+        let stride = self.document.buffer_views.get(view).and_then(|view| {
             view.extensions.meshopt.as_ref().map(|packed| packed.byte_stride).or(view.byte_stride)
         });
         let stride = stride.filter(|&stride| stride > 0).unwrap_or(size);
         if stride < size || stride > MAX_STRIDE {
             return Err(bad(format!("elements of {size} bytes cannot lie {stride} bytes apart")));
         }
-        let (count, offset) = (accessor.count, accessor.byte_offset);
-        let part = self.view(view_number)?;
+        let part = self.view(view)?;
         let end = count.saturating_sub(1).checked_mul(stride);
         let end = end.and_then(|end| end.checked_add(size)?.checked_add(offset));
         if count > 0 && end.is_none_or(|end| end > part.n_bytes) {
             return Err(Error::bad_input(
                 self.file.path(),
                 format!(
-                    "accessor {number}: {count} elements lie beyond its bufferView of {} bytes; the file is damaged or cut off",
+                    "accessor {accessor}: {count} elements lie beyond its bufferView of {} bytes; the file is damaged or cut off",
                     part.n_bytes
                 ),
             ));
         }
         let offset = part.offset + offset;
-        Ok(Elements {
-            file: part.file,
-            offset,
-            stride,
-            n_numbers,
-            count,
-            number: Number::of(accessor),
-        })
+        Ok(Elements { file: part.file, offset, stride, n_numbers, count, number, is_zero: false })
     }
 }
 
-/// Type of a number, and whether integers stand for shares of 1.
-#[derive(Clone, Copy)]
-struct Number {
-    kind: u32,
-    normalized: bool,
-}
-
-impl Number {
-    fn of(accessor: &Accessor) -> Number {
-        Number { kind: accessor.component_type, normalized: accessor.normalized }
-    }
-
-    fn bytes(self) -> usize {
-        match self.kind {
-            5120 | 5121 => 1,
-            5122 | 5123 => 2,
-            _ => 4,
-        }
-    }
-
-    fn read(self, bytes: &[u8]) -> f64 {
-        let (value, most) = match self.kind {
-            5120 => (f64::from(bytes[0] as i8), 127.0),
-            5121 => (f64::from(bytes[0]), 255.0),
-            5122 => (f64::from(i16::from_le_bytes([bytes[0], bytes[1]])), 32_767.0),
-            5123 => (f64::from(u16::from_le_bytes([bytes[0], bytes[1]])), 65_535.0),
-            5125 => (f64::from(u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])), 1.0),
-            _ => (f64::from(f32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])), 1.0),
-        };
-        if self.normalized { (value / most).max(-1.0) } else { value }
-    }
-}
-
-/// Elements of an accessor.
-#[derive(Clone)]
-pub(super) struct Elements {
-    file: Arc<RawFile>,
+/// A place of elements in a view.
+struct Slot {
+    view: usize,
     offset: u64,
-    stride: u64,
-    number: Number,
-    pub(super) n_numbers: usize,
-    pub(super) count: u64,
-}
-
-impl Elements {
-    /// Floats that lie in a file of our own.
-    #[cfg(feature = "draco")]
-    pub(super) fn of_floats(
-        file: &Arc<RawFile>,
-        offset: u64,
-        n_numbers: usize,
-        count: u64,
-    ) -> Self {
-        let number = Number { kind: 5126, normalized: false };
-        Elements {
-            file: file.clone(),
-            offset,
-            stride: 4 * n_numbers as u64,
-            number,
-            n_numbers,
-            count,
-        }
-    }
-
-    /// Indices of 32 bits that lie in a file of our own.
-    #[cfg(feature = "draco")]
-    pub(super) fn of_indices(file: &Arc<RawFile>, offset: u64, count: u64) -> Self {
-        let number = Number { kind: 5125, normalized: false };
-        Elements { file: file.clone(), offset, stride: 4, number, n_numbers: 1, count }
-    }
-
-    /// Returns whether these are numbers that can count.
-    pub(super) fn is_unsigned(&self) -> bool {
-        matches!(self.number.kind, 5121 | 5123 | 5125) && !self.number.normalized
-    }
-
-    /// The numbers of up to `BLOCK` elements from `first`.
-    pub(super) fn read(&self, first: u64, bytes: &mut Vec<u8>, out: &mut Vec<f64>) -> Result<()> {
-        out.clear();
-        let n = self.count.saturating_sub(first).min(BLOCK);
-        if n == 0 {
-            return Ok(());
-        }
-        let size = self.n_numbers * self.number.bytes();
-        bytes.resize(((n - 1) * self.stride) as usize + size, 0);
-        self.file.read_exact_at(bytes, self.offset + first * self.stride)?;
-        for element in bytes.chunks(self.stride as usize) {
-            let numbers = element[..size].chunks_exact(self.number.bytes());
-            out.extend(numbers.map(|bytes| self.number.read(bytes)));
-        }
-        Ok(())
-    }
+    count: u64,
 }
 
 /// Data that addresses of a document hold themselves, unpacked into one temporary file.

@@ -2,7 +2,8 @@
 //!
 //! A compressed mesh is decoded in memory, one at a time; behind that its numbers are elements of accessors like all others.
 
-use super::buffers::{Buffers, Elements};
+use super::buffers::Buffers;
+use super::elements::Elements;
 use super::json::{Document, Draco, Primitive};
 use crate::error::Result;
 use crate::io::open_options::StageOptions;
@@ -56,21 +57,21 @@ fn unpack(
 
     let view = draco.buffer_view;
     let part = buffers.view(view)?;
-    if part.n_bytes > options.memory_bytes {
+    if part.n_bytes > options.parse_bytes {
         return Err(file.bad(format!(
-            "bufferView {view} has {} of a mesh compressed with Draco, more than the {} that are unpacked at once; \
-             decompress it first (gltf-transform copy IN OUT)",
+            "bufferView {view} has {} of a mesh compressed with Draco, more than the {} that are unpacked at once; give more \
+             --memory, or decompress it first (gltf-transform copy IN OUT)",
             show_bytes(part.n_bytes),
-            show_bytes(options.memory_bytes)
+            show_bytes(options.parse_bytes)
         )));
     }
     let mut bytes = vec![0; part.n_bytes as usize];
     part.file.read_exact_at(&mut bytes, part.offset)?;
     // A corner takes 4 bytes of the mesh; what attributes take is counted by itself.
     let limits = DecodeLimits::default()
-        .with_max_decoded_bytes(options.memory_bytes)
-        .with_max_points(options.memory_bytes / 16)
-        .with_max_faces(options.memory_bytes / 16);
+        .with_max_decoded_bytes(options.parse_bytes)
+        .with_max_points(options.parse_bytes / 16)
+        .with_max_faces(options.parse_bytes / 16);
     let decoded = guarded(|| {
         let mut mesh = Mesh::new();
         let mut buffer = DecoderBuffer::new(&bytes).with_limits(limits);
@@ -80,9 +81,9 @@ fn unpack(
         Ok(Ok(mesh)) => mesh,
         Ok(Err(error)) if error.kind() == ErrorKind::LimitExceeded => {
             return Err(file.bad(format!(
-                "bufferView {view}: the mesh that Draco has compressed needs more than {} when it is unpacked; \
-                 decompress it first (gltf-transform copy IN OUT)",
-                show_bytes(options.memory_bytes)
+                "bufferView {view}: the mesh that Draco has compressed needs more than {} when it is unpacked; give more \
+                 --memory, or decompress it first (gltf-transform copy IN OUT)",
+                show_bytes(options.parse_bytes)
             )));
         }
         Ok(Err(error)) => {

@@ -1,7 +1,8 @@
 //! All meshes of a glTF scene in their places: those of nodes, once for each instance (`EXT_mesh_gpu_instancing`), moved
 //! to where the file counts from (`CESIUM_RTC`).
 
-use super::buffers::{BLOCK, Buffers, Elements};
+use super::buffers::Buffers;
+use super::elements::{BLOCK, Elements};
 use super::json::{Document, Instances};
 use super::scene::{MAX_PLACED, Placed, Placement, placed};
 use crate::error::Result;

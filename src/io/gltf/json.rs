@@ -60,7 +60,26 @@ pub(super) struct Accessor {
     pub(super) count: u64,
     #[serde(rename = "type")]
     pub(super) kind: String,
-    pub(super) sparse: Option<IgnoredAny>,
+    pub(super) sparse: Option<Box<Sparse>>,
+}
+
+/// Elements of an accessor that differ from its view, or from zeros.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct Sparse {
+    pub(super) count: u64,
+    pub(super) indices: SparsePart,
+    pub(super) values: SparsePart,
+}
+
+/// Places or values of such elements.
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "camelCase", default)]
+pub(super) struct SparsePart {
+    pub(super) buffer_view: usize,
+    pub(super) byte_offset: u64,
+    /// Of places only.
+    pub(super) component_type: u32,
 }
 
 #[derive(Debug, Default, Deserialize)]

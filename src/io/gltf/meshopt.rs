@@ -31,12 +31,13 @@ pub(super) fn unpack(
     };
     // Packed and unpacked bytes at once, and for indices a copy of 4 bytes each.
     let needed = n_bytes.saturating_mul(3).saturating_add(packed.n_bytes);
-    if needed > options.memory_bytes {
+    if needed > options.parse_bytes {
         return Err(bad(&format!(
-            "unpacking takes {}, more than the {} at hand; give more --memory, or unpack the file first \
+            "unpacking takes {}, more than the {} at hand; give --memory {}, or unpack the file first \
              (gltfpack without -c)",
             show_bytes(needed),
-            show_bytes(options.memory_bytes)
+            show_bytes(options.parse_bytes),
+            StageOptions::memory_for(needed)
         )));
     }
     let mut bytes = vec![0; packed.n_bytes as usize];

@@ -3,6 +3,7 @@
 mod buffers;
 mod document;
 mod draco;
+mod elements;
 mod instances;
 mod join;
 mod json;
@@ -12,11 +13,14 @@ mod meshopt;
 mod meshopt_out;
 mod reader;
 mod scene;
+mod sparse;
 mod split;
 mod strips;
 mod tile_in;
 mod tile_out;
 mod tile_scalars;
+mod totals;
+mod weigh;
 mod writer;
 
 pub use document::Positions;

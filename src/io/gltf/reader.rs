@@ -4,14 +4,16 @@
 //! are averaged. All is read a block at a time and joined by sorts on disk (`join`): the document alone, and a compressed
 //! view, have to fit into memory.
 
-use super::buffers::{BLOCK, Buffers, Elements, Inline};
+use super::buffers::{Buffers, Inline};
 use super::draco::DracoMeshes;
+use super::elements::{BLOCK, Elements};
 use super::instances::all_placed;
 use super::join::{Joiner, VertexRow};
 use super::json::{Document, Primitive};
 use super::materials_in::{self, Coordinates};
 use super::scene::Placement;
-use crate::error::Result;
+use super::{totals, weigh};
+use crate::error::{Error, Result};
 use crate::io::materials::{Materials, Part};
 use crate::io::open_options::StageOptions;
 use crate::io::ply::Faults;
@@ -21,7 +23,7 @@ use crate::mesh::colours::{held, is_outside, srgb_byte};
 use crate::system::units::show_bytes;
 use std::sync::Arc;
 
-/// Documents up to this size are read whatever the memory.
+/// Documents that take no more memory than this are read whatever the budget.
 const MIN_DOCUMENT_BYTES: u64 = 16 << 20;
 
 /// Extensions that a file may require: what is read, and what only changes the look.
@@ -74,17 +76,28 @@ fn document(file: &Arc<RawFile>, options: &StageOptions) -> Result<(Document, Op
             file.len()
         )));
     }
-    let limit = (options.memory_bytes / 4).max(MIN_DOCUMENT_BYTES);
-    if n_bytes > limit {
-        return Err(file.bad(format!(
-            "its JSON has {}, more than the {} that are read at once; write it as GLB, or give more --memory",
+    let limit = options.parse_bytes.max(MIN_DOCUMENT_BYTES);
+    let too_large = |needed: u64| {
+        Error::NoMemory(format!(
+            "{}: its JSON of {} takes {} of memory, more than the {} at hand; give --memory {}",
+            file.path().display(),
             show_bytes(n_bytes),
-            show_bytes(limit)
-        )));
+            show_bytes(needed),
+            show_bytes(limit),
+            StageOptions::memory_for(needed)
+        ))
+    };
+    if n_bytes > limit {
+        // What its lists come to is not known before it is read.
+        return Err(too_large(n_bytes.saturating_mul(16)));
     }
     let mut text = vec![0; n_bytes as usize];
     file.read_exact_at(&mut text, start)?;
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&text);
+    let needed = weigh::parsed_bytes(text);
+    if needed > limit {
+        return Err(too_large(needed));
+    }
     let document: Document = serde_json::from_slice(text).map_err(|error| {
         let at = format!("line {}, column {}", error.line(), error.column());
         file.bad(format!("its JSON is not that of glTF ({at}): {error}"))
@@ -134,6 +147,13 @@ struct Piece<'a> {
     indices: Option<Elements>,
 }
 
+impl Piece<'_> {
+    fn n_left_over(&self) -> u64 {
+        let n_indices = self.indices.as_ref().map_or(self.positions.count, |list| list.count);
+        totals::n_left_over(self.primitive.mode.unwrap_or(TRIANGLES), n_indices)
+    }
+}
+
 /// Reads a GLB or glTF file into a PLY.
 pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
     let file = Arc::new(file);
@@ -155,6 +175,12 @@ pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawF
     let has_normals = pieces.iter().all(|piece| piece.normals.is_some());
     if !has_normals && pieces.iter().any(|piece| piece.normals.is_some()) {
         materials.note("normals, which only some of the meshes have: not carried");
+    }
+    let n_left_over: u64 = pieces.iter().map(Piece::n_left_over).sum();
+    if n_left_over > 0 {
+        materials.note(format!(
+            "{n_left_over} indices at the end of primitives make no triangle, which takes three: left out"
+        ));
     }
     let has_texture = pieces.iter().any(|piece| piece.texture.is_some());
     let has_numbers = !materials.list.is_empty();
@@ -210,7 +236,9 @@ fn pieces<'a>(
     materials: &mut Materials,
 ) -> Result<Vec<Piece<'a>>> {
     let (mut out, mut draco) = (Vec::new(), DracoMeshes::default());
-    for placed in all_placed(file, document, buffers)? {
+    let placed = all_placed(file, document, buffers)?;
+    totals::hold(file, document, &placed, options)?;
+    for placed in placed {
         let Some(mesh) = document.meshes.get(placed.mesh) else {
             return Err(
                 file.bad(format!("mesh {}, which a node names, does not exist", placed.mesh))

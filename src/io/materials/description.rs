@@ -10,6 +10,9 @@ use std::sync::Arc;
 /// The property of faces that holds the number of their material.
 pub(crate) const NUMBER: &str = "texnumber";
 
+/// Notes that are kept; a file can give rise to any number of them.
+const MAX_NOTES: usize = 100;
+
 /// Materials by number, and the images that they name.
 #[derive(Clone, Debug, Default)]
 pub struct Materials {
@@ -23,6 +26,8 @@ pub struct Materials {
     pub libraries: Vec<PathBuf>,
     /// Places of the images that are files.
     by_path: HashMap<PathBuf, usize>,
+    /// Checksums of all notes.
+    noted: HashSet<u64>,
 }
 
 /// Appearance of faces.
@@ -278,26 +283,37 @@ impl Materials {
     /// Gives every material a name that no other has.
     pub(crate) fn name_all(&mut self) {
         let mut taken = HashSet::new();
+        // The number that is tried next behind each name: no number is tried twice.
+        let mut next: HashMap<String, usize> = HashMap::new();
         for (i, material) in self.list.iter_mut().enumerate() {
             material.name = material.name.replace(char::is_control, "_").trim().to_owned();
             if material.name.is_empty() {
                 material.name = format!("material_{i}");
             }
+            if taken.insert(material.name.clone()) {
+                continue;
+            }
             let base = material.name.clone();
-            let mut n = 2;
+            let n = next.entry(base.clone()).or_insert(2);
             while !taken.insert(material.name.clone()) {
                 material.name = format!("{base}_{n}");
-                n += 1;
+                *n += 1;
             }
         }
     }
 
-    /// Adds a note of what the description has no place for.
+    /// Adds a note of what the description has no place for; beyond the first `MAX_NOTES` they are counted.
     pub(crate) fn note(&mut self, what: impl Into<String>) {
         let what = what.into();
-        if !self.notes.contains(&what) {
-            self.notes.push(what);
+        if !self.noted.insert(xxhash_rust::xxh3::xxh3_64(what.as_bytes())) {
+            return;
         }
+        if self.notes.len() < MAX_NOTES {
+            return self.notes.push(what);
+        }
+        let n = self.noted.len() - MAX_NOTES;
+        self.notes.truncate(MAX_NOTES);
+        self.notes.push(format!("{n} more notes of this kind: left out"));
     }
 }
 
@@ -321,5 +337,34 @@ impl Losses {
             n => format!("{what} of {n} materials, the first '{first}': {reason}"),
         };
         self.found.iter().map(line).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A search from 2 on for each of these would try two thousand million names.
+    #[test]
+    fn names_that_repeat_are_numbered_in_one_go() {
+        let mut out = Materials::default();
+        for name in ["a", "a_2", "b"].repeat(20_000) {
+            out.list.push(Material { name: name.to_owned(), ..Material::default() });
+        }
+        out.name_all();
+        let names: HashSet<&str> = out.list.iter().map(|m| m.name.as_str()).collect();
+        assert_eq!(names.len(), 60_000);
+        let first: Vec<&str> = out.list[..6].iter().map(|m| m.name.as_str()).collect();
+        assert_eq!(first, ["a", "a_2", "b", "a_3", "a_2_2", "b_2"]);
+    }
+
+    #[test]
+    fn notes_beyond_the_first_are_counted() {
+        let mut out = Materials::default();
+        for _ in 0..2 {
+            (0..200_000).for_each(|i| out.note(format!("_{i} of vertices: not carried")));
+        }
+        assert_eq!(out.notes.len(), MAX_NOTES + 1);
+        assert_eq!(out.notes[MAX_NOTES], "199900 more notes of this kind: left out");
     }
 }

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::io::output_format::OutputKind;
 use crate::system::disk::folder_of;
 use crate::system::pending_file::refuse_irregular;
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
@@ -212,8 +212,10 @@ impl TexturePlan {
             return Ok(());
         }
         let folder = format!("{}_textures", stem(request.output));
+        let mut next = HashMap::new();
         for (number, facts) in pending {
-            let name = free_name(&materials.images[number], &facts, number, |name| {
+            let image = &materials.images[number];
+            let name = free_name(image, &facts, (number, &mut next), |name| {
                 taken.insert(home.join(&folder).join(name))
             });
             let target = folder_of(request.output).join(&folder).join(&name);
@@ -408,11 +410,11 @@ fn plain(name: &str) -> String {
     name.chars().map(|c| if c.is_whitespace() || c.is_control() { '_' } else { c }).collect()
 }
 
-/// A file name for a copy that no other image has.
+/// A file name for a copy that no other image has; `next` has the number that is tried next behind each name.
 fn free_name(
     image: &Image,
     facts: &ImageFacts,
-    number: usize,
+    (number, next): (usize, &mut HashMap<String, usize>),
     mut take: impl FnMut(&str) -> bool,
 ) -> String {
     let own = match &image.data {
@@ -426,10 +428,15 @@ fn free_name(
     };
     let own = plain(&own.unwrap_or_else(|| format!("image_{number}.{}", facts.ending)));
     let (stem, ending) = own.rsplit_once('.').unwrap_or((&own, facts.ending));
-    let (mut name, mut n) = (format!("{stem}.{ending}"), 2);
+    let mut name = format!("{stem}.{ending}");
+    if take(&name) {
+        return name;
+    }
+    // No number is tried twice behind a name.
+    let n = next.entry(name.clone()).or_insert(2);
     while !take(&name) {
         name = format!("{stem}_{n}.{ending}");
-        n += 1;
+        *n += 1;
     }
     name
 }

@@ -20,6 +20,9 @@ use std::path::{Path, PathBuf};
 /// Materials beyond this many are none.
 const MAX_MATERIALS: usize = 65_536;
 
+/// Names of materials beyond these bytes are none.
+const MAX_NAME_BYTES: usize = 16 << 20;
+
 /// Libraries beyond this many are not looked at.
 const MAX_LIBRARIES: usize = 1000;
 
@@ -34,6 +37,8 @@ const MAX_LIBRARY_BYTES: u64 = 64 << 20;
 pub(super) struct Named {
     libraries: Vec<Vec<u8>>,
     known_libraries: HashSet<Vec<u8>>,
+    /// Bytes of all names of materials.
+    name_bytes: usize,
     names: Vec<String>,
     numbers: HashMap<Vec<u8>, usize>,
     has_too_many: bool,
@@ -51,7 +56,9 @@ impl Named {
                 self.libraries.push(name);
             }
             b"usemtl" if !self.numbers.contains_key(&name) => {
-                if self.names.len() < MAX_MATERIALS {
+                let n_bytes = self.name_bytes + name.len();
+                if self.names.len() < MAX_MATERIALS && n_bytes <= MAX_NAME_BYTES {
+                    self.name_bytes = n_bytes;
                     self.names.push(encodings::name(&name));
                     self.numbers.insert(name, self.numbers.len());
                 } else {
@@ -90,6 +97,7 @@ impl Named {
             read: HashSet::new(),
         };
         let exact = |name: &[u8]| self.numbers.get(name).copied();
+        let mut looked_at = HashSet::new();
         for name in &self.libraries {
             // One name with blanks, or several names.
             let whole = libraries.search.find(name);
@@ -102,7 +110,9 @@ impl Named {
                     .collect(),
             };
             for path in paths {
-                libraries.read(&path, &exact, &mut known, &mut out);
+                if looked_at.len() < MAX_LIBRARIES && looked_at.insert(path.clone()) {
+                    libraries.read(&path, &exact, &mut known, &mut out);
+                }
             }
         }
         if known.contains(&false) {
@@ -117,7 +127,8 @@ impl Named {
             out.note(format!("{n_unknown} materials are in no library: kept by name, white"));
         }
         if self.has_too_many {
-            out.note(format!("faces of all materials beyond {MAX_MATERIALS} have none"));
+            let n = self.names.len();
+            out.note(format!("faces of all materials beyond the first {n} have none"));
         }
         if self.names.is_empty() && !self.libraries.is_empty() {
             let library = self.library().unwrap_or_default();
@@ -192,7 +203,8 @@ impl Libraries<'_> {
         known: &mut [bool],
         out: &mut Materials,
     ) {
-        if !self.read.insert(path.to_path_buf()) {
+        // One library may have many spellings.
+        if !self.read.insert(path.canonicalize().unwrap_or_else(|_| path.to_path_buf())) {
             return;
         }
         let shown = path.display();

@@ -120,6 +120,7 @@ const SPOOL_WRITE_BYTES: usize = 1 << 20;
 pub(crate) struct Spool {
     folder: PathBuf,
     memory: Vec<u8>,
+    most_in_memory: usize,
     file: Option<File>,
     len: u64,
     /// Holds the bytes of the file.
@@ -132,6 +133,7 @@ impl Spool {
         Spool {
             folder: folder.to_path_buf(),
             memory: Vec::new(),
+            most_in_memory: SPOOL_MEMORY_BYTES,
             file: None,
             len: 0,
             account: Disk::default(),
@@ -141,6 +143,12 @@ impl Spool {
     /// The same spool while it is empty, with the bytes of its file in the account of `disk` as long as there is a file.
     pub fn counted(self, disk: &Disk) -> Self {
         Spool { account: disk.part(), ..self }
+    }
+
+    /// The same spool while it is empty, with at most this much of it in memory where that is less than otherwise.
+    pub fn within(self, bytes: u64) -> Self {
+        let most_in_memory = (bytes as usize).clamp(SPOOL_WRITE_BYTES, SPOOL_MEMORY_BYTES);
+        Spool { most_in_memory, ..self }
     }
 
     /// Bytes written so far.
@@ -156,7 +164,7 @@ impl Spool {
     /// Appends bytes.
     pub fn write(&mut self, bytes: &[u8]) -> Result<()> {
         self.len += bytes.len() as u64;
-        let room = if self.file.is_some() { SPOOL_WRITE_BYTES } else { SPOOL_MEMORY_BYTES };
+        let room = if self.file.is_some() { SPOOL_WRITE_BYTES } else { self.most_in_memory };
         if self.memory.len() + bytes.len() > room {
             self.spill()?;
             if bytes.len() > SPOOL_WRITE_BYTES {

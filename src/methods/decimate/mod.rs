@@ -60,6 +60,7 @@ pub fn decimate(source: &MeshSource, settings: Settings, progress: &Progress) ->
     }
     progress.begin("decimate", 1, 2, source.n_triangles().saturating_sub(settings.target));
     let Loaded { positions, triangles, faults } = load(source, progress)?;
+    Bounds::around(&positions).hold(source.path(), "--method decimate", [1e-100, 1e50])?;
     let surface = Surface::new(positions, triangles);
     let mut run = Run::new(surface, settings);
     run.drain(false, progress)?;

@@ -80,6 +80,7 @@ pub fn retile(source: &MeshSource, settings: Settings, progress: &Progress) -> R
     progress.begin("retile", 1, 2, source.n_triangles());
     let Loaded { positions, triangles, faults } = load(source, progress)?;
     let bounds = Bounds::around(&positions);
+    bounds.hold(source.path(), "--method retile", [1e-100, 1e36])?;
     let n_given = positions.len();
     let area = Surface::area(&positions, &triangles);
     // Clusters of a closed surface are half as many as triangles, and two more for each sphere.
@@ -89,11 +90,16 @@ pub fn retile(source: &MeshSource, settings: Settings, progress: &Progress) -> R
     let is_graded = settings.gradation > 0.0;
     let longest = spacing * if is_graded { LONGEST_GRADED } else { LONGEST };
     let per_vertex = VERTEX_BYTES + 4 * settings.codec.n_channels() as u64;
-    let most = settings.memory_bytes / per_vertex;
     if area <= 0.0 || !area.is_finite() {
         return Ok(Made { faults, bounds, ..Made::default() });
     }
-    let mut surface = Surface::refined(positions, triangles, longest, most, progress)?;
+    let mut surface = Surface::refined(
+        positions,
+        triangles,
+        longest,
+        (settings.memory_bytes, per_vertex),
+        progress,
+    )?;
     progress.add(source.n_triangles() / 4);
     let (mut owner, mut n) = seeds::seed(&surface, n_clusters, spacing, None, progress)?;
     if is_graded {

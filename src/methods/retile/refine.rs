@@ -3,7 +3,9 @@
 use crate::error::{Error, Result};
 use crate::mesh::vec3::{Vec3, add, length_sq, normal, scale, sub};
 use crate::methods::key_table::KeyTable;
+use crate::system::memory::BASE_BYTES;
 use crate::system::progress::Progress;
+use crate::system::units::memory_word;
 
 /// The surface that is clustered: the vertices of the input, then the middles of edges.
 ///
@@ -23,20 +25,28 @@ pub(super) struct Surface {
 /// Memory for a vertex and its share of triangles, in bytes; with tables of owners, seeds and the queue.
 pub(super) const VERTEX_BYTES: u64 = 24 + 24 + 8 + 8 + 4 + 28 + 32;
 
+/// A vertex beyond those that the memory holds.
+#[derive(Debug)]
+struct TooMany;
+
 impl Surface {
     /// Halves all edges longer than `longest` (input units).
     ///
-    /// Errors: `NoMemory` beyond `most` vertices.
+    /// Errors: `NoMemory` beyond the vertices that some memory holds, with a size that is enough.
     pub(super) fn refined(
         positions: Vec<Vec3>,
         triangles: Vec<[u32; 3]>,
         longest: f64,
-        most: u64,
+        (memory_bytes, per_vertex): (u64, u64),
         progress: &Progress,
     ) -> Result<Surface> {
+        let most = memory_bytes / per_vertex;
         let n_given = positions.len();
         let mut surface = Surface::new(positions, triangles);
-        while surface.halve(longest, most)? {
+        while surface
+            .halve(longest, most)
+            .map_err(|TooMany| surface.too_many(longest, per_vertex))?
+        {
             progress.check()?;
         }
         debug_assert_eq!(surface.positions.len(), n_given + surface.ends.len());
@@ -59,8 +69,8 @@ impl Surface {
 
     /// Halves the edges that are too long, once; false if none is.
     ///
-    /// Errors: `NoMemory` at the first vertex beyond `most`: one pass can make four times as many.
-    fn halve(&mut self, longest: f64, most: u64) -> Result<bool> {
+    /// Ends at the first vertex beyond `most`: one pass can make four times as many.
+    fn halve(&mut self, longest: f64, most: u64) -> Result<bool, TooMany> {
         let most = most.min(u64::from(u32::MAX) / 6);
         let limit = longest * longest;
         let n_before = self.positions.len();
@@ -77,7 +87,7 @@ impl Surface {
                 let number = middles.number(u64::from(a) << 32 | u64::from(b)) as usize;
                 if n_before + number == self.positions.len() {
                     if self.positions.len() as u64 >= most {
-                        return Err(too_many(most));
+                        return Err(TooMany);
                     }
                     self.positions.push(scale(add(p, q), 0.5));
                     self.ends.push([a, b]);
@@ -88,10 +98,29 @@ impl Surface {
         }
         // Numbers of neighbours, six a triangle, are 32 bits wide.
         if fine.len() as u64 > u64::from(u32::MAX) / 6 {
-            return Err(too_many(most));
+            return Err(TooMany);
         }
         self.triangles = fine;
         Ok(self.positions.len() > n_before)
+    }
+
+    /// A refusal that names a size with which there is none: each triangle is cut into at most four as often as its longest
+    /// edge is halved, and adds half a vertex for each, or its three corners.
+    fn too_many(&self, longest: f64, per_vertex: u64) -> Error {
+        let vertices = |t: &[u32; 3]| {
+            let [a, b, c] = t.map(|v| self.positions[v as usize]);
+            let long =
+                length_sq(sub(b, a)).max(length_sq(sub(c, b))).max(length_sq(sub(a, c))).sqrt();
+            let rounds = (long / longest).log2().ceil().max(0.0);
+            1.5 * 4f64.powf(rounds)
+        };
+        let sum: f64 = self.triangles.iter().map(vertices).sum();
+        let bytes = (self.positions.len() as f64 + sum) * per_vertex as f64 + BASE_BYTES as f64;
+        Error::NoMemory(format!(
+            "--method retile cuts long triangles to a quarter of an edge of the result: that takes more vertices than the \
+             budget holds; ask for fewer triangles, or give --memory {}",
+            memory_word(bytes as u64)
+        ))
     }
 
     /// Cuts a triangle at the middles of its edges; edge `k` begins at corner `k`.
@@ -191,13 +220,6 @@ impl Surface {
     }
 }
 
-fn too_many(most: u64) -> Error {
-    Error::NoMemory(format!(
-        "--method retile cuts long triangles to a quarter of an edge of the result: that takes more vertices than the budget \
-         holds, {most}; ask for fewer triangles, or give more --memory"
-    ))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -208,7 +230,8 @@ mod tests {
         let triangles = vec![[0, 1, 2], [2, 1, 3]];
         let area = Surface::area(&positions, &triangles);
         let surface =
-            Surface::refined(positions, triangles, 0.7, 1 << 20, &Progress::default()).unwrap();
+            Surface::refined(positions, triangles, 0.7, (1 << 20, 1), &Progress::default())
+                .unwrap();
         assert!((Surface::area(&surface.positions, &surface.triangles) - area).abs() < 1e-9);
         assert!((surface.weights.iter().sum::<f64>() - area).abs() < 1e-9);
         let mut edges = std::collections::HashMap::<[u32; 2], i32>::new();
@@ -234,7 +257,7 @@ mod tests {
             vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
             vec![[0, 1, 2]],
             0.01,
-            100,
+            (100, 1),
             &Progress::default(),
         );
         assert!(matches!(too_many, Err(Error::NoMemory(_))));
@@ -249,7 +272,7 @@ mod tests {
         let triangles = (0..2 * n - 2).map(|v| [v, v + 1, v + 2]).collect();
         let most = positions.len() + 10;
         let mut surface = Surface::new(positions, triangles);
-        assert!(matches!(surface.halve(0.1, most as u64), Err(Error::NoMemory(_))));
+        assert!(matches!(surface.halve(0.1, most as u64), Err(TooMany)));
         assert_eq!(surface.positions.len(), most);
     }
 }

@@ -18,7 +18,7 @@ use crate::mesh::record::VertexSchema;
 use crate::system::memory::BASE_BYTES;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
-use crate::system::units::{show_bytes, show_count};
+use crate::system::units::{memory_word, show_bytes, show_count};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use tree::{Allowed, Cut, Tree};
@@ -180,7 +180,7 @@ fn check_memory(
         show_count(cut.triangles),
         show_bytes(bytes),
         show_bytes(config.memory_bytes),
-        show_bytes(bytes.next_multiple_of(1 << 20)).replace(' ', ""),
+        memory_word(bytes),
     )))
 }
 

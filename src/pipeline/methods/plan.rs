@@ -197,6 +197,11 @@ fn too_little(config: &Config, needed: u64, need: &Need) -> Error {
         show_bytes(config.memory_bytes),
         config.method.name(),
         show_bytes(needed),
-        needed.div_ceil(1 << 20),
+        // Long triangles are cut before there is anything to choose from; how many there are is not known yet.
+        match config.method {
+            Method::Retile =>
+                (BASE_BYTES + 4 * needed.saturating_sub(BASE_BYTES)).div_ceil(1 << 20),
+            _ => needed.div_ceil(1 << 20),
+        },
     ))
 }

@@ -130,6 +130,9 @@ fn run(
         let outcome = guarded(|| cut_into_groups(&source, (config, textured), run));
         unchanged(&config.input, &marks, outcome)
     });
+    let cut = cut.and_then(|cut: (Partition, GroupGrid)| {
+        cut.0.bounds.hold(&config.input, "'tiles'", [0.0, 1e100]).map(|()| cut)
+    });
     let cut = cut.and_then(|cut: (Partition, GroupGrid)| match cut.0.store.triangles {
         0 => Err(Error::bad_input(
             &config.input,

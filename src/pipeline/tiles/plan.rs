@@ -17,7 +17,7 @@ use crate::store::job::Job;
 use crate::store::job::fingerprint::{input_marks, marks_beside, unchanged};
 use crate::system::disk::{Disk, folder_of};
 use crate::system::memory::BASE_BYTES;
-use crate::system::units::{show_bytes, show_count};
+use crate::system::units::{memory_word, show_bytes, show_count};
 use std::collections::BTreeMap;
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
@@ -139,8 +139,8 @@ pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
     let read = config.read_options();
     let staging = Disk::default();
     let disk = staging.clone();
-    let mut stage = StageOptions { read, disk, ..StageOptions::new(folder_of(&config.job_folder)) };
-    stage.memory_bytes = stage.memory_bytes.min(config.memory_bytes / 2);
+    let stage = StageOptions { read, disk, ..StageOptions::new(folder_of(&config.job_folder)) };
+    let mut stage = stage.within(config.memory_bytes);
     let (how, exact_above) = (config.weld, config.tile_triangles);
     stage.weld = Some(WeldOptions { how, exact_above, labels: Vec::new() });
     let source = MeshSource::open_staged(&config.input, &stage);
@@ -311,7 +311,7 @@ pub(super) fn too_little(config: &TilesConfig, needed: u64) -> Error {
         "a group of tiles needs {} of memory, the budget is {}; give --memory {} or fewer --tile-triangles than {}",
         show_bytes(needed),
         show_bytes(config.memory_bytes),
-        show_bytes(needed.next_multiple_of(1 << 20)).replace(' ', ""),
+        memory_word(needed),
         config.tile_triangles
     ))
 }

@@ -316,7 +316,7 @@ fn refuse_irregular(path: &Path, meta: &std::fs::Metadata) -> Result<()> {
         "this is a folder; name a file in it".to_owned()
     } else {
         let kind = kind_of(meta.file_type());
-        format!("this is {kind}, not a regular file; pipe it in with '-' as the input")
+        format!("this is {kind}, not a regular file; name a file")
     };
     Err(Error::bad_input(path, what))
 }
