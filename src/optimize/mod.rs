@@ -4,8 +4,8 @@
 //! Moves: a vertex is relocated, an edge is swapped, an edge collapses where that costs little and another one is split
 //! where that gains more. Every move is judged by the points that lie on the triangles that it changes, as they are; a
 //! move that gains nothing is not made. Moves are judged in parallel on the mesh as it stands, and those that do not touch
-//! each other are made in a fixed order, so threads do not show. Vertices on boundaries and at non-manifold places stay
-//! where they are. Reads and writes no files; `samples` cuts the original into cells.
+//! each other are made in a fixed order, so threads do not show. Vertices on boundaries, at non-manifold places and of hundreds
+//! of triangles stay where they are. Reads and writes no files; `samples` cuts the original into cells.
 //!
 //! Source: Hoppe, DeRose, Duchamp, McDonald & Stuetzle 1993 (docs/references.md); docs/design/optimize.md says what differs.
 
