@@ -93,9 +93,10 @@ fn answer(command: &Command, progress: &Progress) -> Result<Answer> {
     match command {
         Command::Simplify(args) => simplify::call(args, progress),
         Command::Measure(args) => {
+            let to = args.report_to();
             let compare = |request: &compare::Request| compare::compare(request, progress);
             let report = json_of(&measure::report(args, progress, compare)?)?;
-            measure::write_report(args, &report, progress)?;
+            measure::write_report(to.as_ref(), &report, progress)?;
             Ok(Answer::whole(report))
         }
         Command::Info(args) if args.is_tileset() => {

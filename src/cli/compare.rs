@@ -10,10 +10,12 @@ use crate::error::{Error, Result};
 use crate::io::ply::Place;
 use crate::render::{Resources, View, hold};
 use crate::report::{Absent, Contender, comparison_html};
-use crate::system::disk::{Disk, folder_of, open_input};
+use crate::store::job::is_in_job;
+use crate::system::disk::{Disk, folder_of, is_empty, open_input, read_own};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
 use crate::system::units::{parse_count, parse_ratio};
+use clap::ValueEnum;
 use serde_json::Value;
 use std::ffi::OsString;
 use std::io::Read;
@@ -84,15 +86,52 @@ pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     hold(&View { width: 800, height: 600, ..View::default() }, pictures)?;
     let folder = args.folder();
     let disk = Disk::default();
-    disk.create_dir(&folder)?;
+    if !disk.own_dir(&folder)? && !is_empty(&folder) {
+        // Of a run that was killed: it has left its mark.
+        if read_own(&folder.join(MARK), 0).is_err() {
+            return Err(Error::Usage(format!(
+                "{} is there, and not of an earlier run of stonecut; move it elsewhere, or name another page",
+                folder.display()
+            )));
+        }
+        remove(&folder, &disk)?;
+        disk.own_dir(&folder)?;
+    }
+    disk.create(&folder.join(MARK))?;
     let page = page(args, &folder, progress, log);
     // Results can be made again: they go whatever happened.
-    let _ = std::fs::remove_dir_all(&folder);
+    let _ = remove(&folder, &disk);
     let page = page?;
     let place = Place { replace: args.force, ..Place::from(&args.output) };
     crate::system::pending_file::write_whole(place, page.as_bytes())?;
     log.say(format!("{}: {} bytes", args.output.display(), page.len()));
     Ok(())
+}
+
+/// Empty file that tells a folder of results from a folder of others.
+const MARK: &str = ".stonecut-compare";
+
+/// Removes the folder of the results, but not what others have put there.
+fn remove(folder: &Path, disk: &Disk) -> Result<()> {
+    disk.remove_own(folder, &is_result, &|path| u8::from(path == Path::new(MARK)))
+}
+
+/// Returns whether a path in the folder is that of a result, of its job, or of a measurement.
+fn is_result(path: &Path, is_folder: bool) -> bool {
+    let Some(first) = path.iter().next().and_then(|part| part.to_str()) else { return false };
+    let is_mesh = |name: &str| {
+        let method = name.trim_start_matches('.').split(['.', '-']).next().unwrap_or_default();
+        Method::value_variants().iter().any(|known| known.name() == method)
+    };
+    let below: PathBuf = path.iter().skip(1).collect();
+    match below.as_os_str().is_empty() {
+        true if is_folder => {
+            is_mesh(first) && first.ends_with(".stonecut-job") || is_in_job(path, true)
+        }
+        true => first == MARK || is_mesh(first),
+        false if first.ends_with(".stonecut-job") => is_mesh(first) && is_in_job(&below, is_folder),
+        false => is_in_job(path, is_folder),
+    }
 }
 
 fn page(args: &Args, folder: &Path, progress: &Progress, log: &mut Log) -> Result<String> {

@@ -14,8 +14,10 @@ use crate::measure::{
 };
 use crate::mesh::topology_counts::Topology;
 use crate::render::{Picture, Resources};
-use crate::system::disk::folder_of;
+use crate::system::disk::{Disk, folder_of};
+use crate::system::made::Made;
 use crate::system::paths::{Kind, Paths, Role};
+use crate::system::pending_file::{Seen, write_whole};
 use crate::system::progress::Progress;
 use crate::system::units;
 use std::io::Write;
@@ -132,6 +134,11 @@ impl Args {
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref()))
     }
 
+    /// The file for the report as it is now.
+    pub(super) fn report_to(&self) -> Option<Seen> {
+        self.report.as_deref().map(Seen::new)
+    }
+
     /// Refuses pictures that could not be written after the measurement.
     fn check_pictures(&self) -> Result<()> {
         let Some(folder) = &self.pictures else { return Ok(()) };
@@ -158,10 +165,11 @@ fn picture(folder: &Path, number: u32) -> PathBuf {
 /// Runs the command; the table or the JSON goes to standard output.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<()> {
     super::arguments::warn_of_limit(args.memory, log);
+    let report_to = args.report_to();
     let report = report(args, progress, |request| {
         watch(talk, progress, log, || compare::compare(request, progress))
     })?;
-    let json = write_report(args, &report, progress)?;
+    let json = write_report(report_to.as_ref(), &report, progress)?;
     for line in progress.take_notes() {
         log.say(format!("warning: {line}"));
     }
@@ -173,15 +181,15 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
 
 /// Writes the report where that was asked for; gives it back as JSON.
 pub(super) fn write_report(
-    args: &Args,
+    to: Option<&Seen>,
     report: &impl serde::Serialize,
     progress: &Progress,
 ) -> Result<String> {
     let json = serde_json::to_string_pretty(report)
         .map_err(|e| Error::Usage(format!("the report cannot be written as JSON: {e}")))?;
-    if let Some(path) = &args.report {
+    if let Some(to) = to {
         progress.check()?;
-        crate::system::pending_file::write_whole(path, json.as_bytes())?;
+        write_whole(to.place(&Disk::default()), json.as_bytes())?;
     }
     Ok(json)
 }
@@ -194,6 +202,7 @@ pub(super) fn report(
 ) -> Result<Report> {
     let begin = std::time::Instant::now();
     let threads = super::arguments::threads(args.threads).get();
+    let heat_to = args.heatmap.as_deref().map(Seen::new);
     let temp_dir = temp_dir(args);
     let [original, simplified] = [
         super::arguments::open_mesh(&args.original, &temp_dir, args.memory)?,
@@ -233,11 +242,11 @@ pub(super) fn report(
     let comparison = compare(&request)?;
     // Its memory is for the heatmap and the pictures now.
     request.options.region = None;
-    if let Some(path) = &args.heatmap {
+    if let Some(to) = &heat_to {
         match args.heatmap_of {
-            Which::Original => compare::heatmap_of_original(&request, path, progress)?,
+            Which::Original => compare::heatmap_of_original(&request, to, progress)?,
             Which::Simplified => {
-                heatmap::write(&simplified, &comparison.heat, path, threads, progress)?;
+                heatmap::write(&simplified, &comparison.heat, to, threads, progress)?;
             }
         }
     }
@@ -259,19 +268,24 @@ fn appearance(
     threads: usize,
     progress: &Progress,
 ) -> Result<Appearance> {
+    let mut made = Made::new(&Disk::default());
     if let Some(folder) = &args.pictures {
-        std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "cannot make folder", e))?;
+        made.folder(folder)?;
     }
     let resources = Resources { memory_bytes: memory_budget(args.memory), threads };
     let settings = Settings { views: args.views, lit: args.lit };
     let meshes = (original, simplified);
-    appearance::compare(meshes, settings, resources, progress, |number, [first, second]| {
-        let Some(folder) = &args.pictures else { return Ok(()) };
-        let both = Picture::side_by_side(&[(first, "original"), (second, "simplified")]);
-        let path = picture(folder, number);
-        let place = Place { replace: args.force, ..Place::from(&path) };
-        crate::system::pending_file::write_whole(place, &both.to_png()?)
-    })
+    let found =
+        appearance::compare(meshes, settings, resources, progress, |number, [first, second]| {
+            let Some(folder) = &args.pictures else { return Ok(()) };
+            let both = Picture::side_by_side(&[(first, "original"), (second, "simplified")]);
+            let path = picture(folder, number);
+            let place = Place { replace: args.force, ..Place::from(&path) };
+            let png = both.to_png()?;
+            made.file(&path, || write_whole(place, &png))
+        })?;
+    made.keep();
+    Ok(found)
 }
 
 /// Returns the folder for cells and unpacked meshes: beside the simplified mesh, unless another is given.

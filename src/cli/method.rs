@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::pipeline::methods::{self, PreparedMethod};
 use crate::pipeline::optimize;
 use crate::pipeline::run_report::RunReport;
+use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
 use std::path::Path;
 
@@ -123,13 +124,14 @@ impl TypedMethod {
 
 /// Runs another method than the collapse, or only plans it, without a word.
 pub(super) fn call(wishes: Wishes, config: &Config, progress: &Progress) -> Result<Answer> {
+    let report_to = wishes.report.map(Seen::new);
     let prepared = methods::prepare(config, progress)?;
     if wishes.dry_run {
         return Ok(Answer { report: json_of(&prepared.plan)?, is_short: false });
     }
     let report = run(prepared, config, progress)?;
-    if let Some(path) = wishes.report {
-        write_report(path, &report)?;
+    if let Some(to) = &report_to {
+        write_report(to, &report)?;
     }
     Ok(Answer { report: json_of(&report.written())?, is_short: is_short(&report) })
 }
@@ -149,6 +151,7 @@ pub(super) fn simplify(
     progress: &Progress,
     log: &mut Log,
 ) -> Result<Option<RunReport>> {
+    let report_to = wishes.report.map(Seen::new);
     let prepared = watch(talk, progress, log, || methods::prepare(config, progress))?;
     for line in prepared.plan.lines(config) {
         log.say(line);
@@ -158,8 +161,8 @@ pub(super) fn simplify(
     }
     let report = watch(talk, progress, log, || run(prepared, config, progress))?;
     tell(&report, talk, log);
-    if let Some(path) = wishes.report {
-        write_report(path, &report)?;
+    if let Some(to) = &report_to {
+        write_report(to, &report)?;
     }
     Ok(Some(report))
 }

@@ -7,8 +7,9 @@ use crate::pipeline::run_report::{
     BoundReport, FaceReport, GridReport, QualityReport, RunReport, StageReport,
 };
 use crate::stages::components::ComponentSizes;
+use crate::system::disk::Disk;
+use crate::system::pending_file::Seen;
 use crate::system::units::{show_bytes, show_count, show_length, show_outward};
-use std::path::Path;
 
 /// Returns whether the result is not all that was asked for.
 pub(super) fn is_short(report: &RunReport) -> bool {
@@ -175,13 +176,13 @@ fn face_line(property: &FaceReport) -> String {
 }
 
 /// Writes the report in JSON.
-pub(super) fn write_report(path: &Path, report: &RunReport) -> Result<()> {
-    write_json(path, &report.written())
+pub(super) fn write_report(to: &Seen, report: &RunReport) -> Result<()> {
+    write_json(to, &report.written())
 }
 
 /// Writes a report of any command in JSON.
-pub(super) fn write_json(path: &Path, report: &impl serde::Serialize) -> Result<()> {
+pub(super) fn write_json(to: &Seen, report: &impl serde::Serialize) -> Result<()> {
     let mut json = serde_json::to_vec_pretty(report).expect("plain data");
     json.push(b'\n');
-    crate::system::pending_file::write_whole(path, &json)
+    crate::system::pending_file::write_whole(to.place(&Disk::default()), &json)
 }

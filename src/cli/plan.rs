@@ -4,10 +4,11 @@ use super::log::{Log, Talk};
 use super::simplify;
 use crate::config::{Config, Level, Texture};
 use crate::error::{Error, Result};
-use crate::pipeline::units::{MOST_UNITS, Pieces, freeze};
+use crate::pipeline::units::{MOST_UNITS, Pieces, freeze_with};
 use crate::store::job::units::{Frozen, Phase, UnitJob};
 use crate::system::disk::Disk;
 use crate::system::paths::Paths;
+use crate::system::pending_file::Seen;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -42,6 +43,13 @@ const ARRAY: u32 = 1000;
 impl Args {
     pub(super) fn paths(&self) -> Result<Paths> {
         self.simplify.paths_in(&self.job().units_folder())
+    }
+
+    /// The paths as `work` has them: those that were typed in `folder`, and the folder of the job.
+    pub(super) fn paths_of_work(&self, job_folder: &Path, folder: &Path) -> Result<Paths> {
+        let units = UnitJob::new(job_folder, &Disk::default(), Duration::ZERO).units_folder();
+        let units = std::path::absolute(&units).unwrap_or(units);
+        self.simplify.paths_in(&units).map(|paths| paths.typed_in(folder))
     }
 
     fn job(&self) -> UnitJob {
@@ -93,7 +101,9 @@ pub fn run(args: &Args, _: &Talk, log: &mut Log) -> Result<()> {
     let folder = std::path::absolute(&args.folder).unwrap_or_else(|_| args.folder.clone());
     let config = args.config(&folder, &here)?;
     let pieces = Pieces { units: args.units, parts: args.parts };
-    let frozen = freeze(&folder, (args.words.clone(), here), &config, pieces, &Disk::default())?;
+    let report = args.report(&here).as_deref().map(Seen::new);
+    let said = ((args.words.clone(), here), report);
+    let frozen = freeze_with(&folder, said, &config, pieces, &Disk::default())?;
     for phase in &frozen.phases {
         log.say(format!("{:10} {} units", phase.name, phase.units));
     }

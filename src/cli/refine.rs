@@ -10,6 +10,7 @@ use crate::pipeline::refine::{RefineConfig, Shown, Wanted, refine, show};
 use crate::progressive::View;
 use crate::report::{Slider, slider_html};
 use crate::system::paths::{Kind, Paths, Role};
+use crate::system::pending_file::{Place, Seen, write_whole};
 use crate::system::progress::Progress;
 use crate::system::units::{parse_count, show_bytes};
 use std::path::{Path, PathBuf};
@@ -122,7 +123,8 @@ fn write_page(
         watch(talk, progress, log, || show(&args.input, memory_bytes, progress))?;
     let title = args.input.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let text = slider_html(&title, &Slider { triangles, slides });
-    crate::system::pending_file::write_whole(page, text.as_bytes())?;
+    let place = Place { replace: args.force, ..Place::from(page) };
+    write_whole(place, text.as_bytes())?;
     log.say(format!(
         "{}: {} to {} triangles, {}",
         page.display(),
@@ -135,6 +137,7 @@ fn write_page(
 
 /// Runs the command and gives its exit code.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
+    let report_to = args.report.as_deref().map(Seen::new);
     super::arguments::warn_of_limit(args.memory, log);
     let Some(output) = &args.output else {
         return match &args.page {
@@ -172,8 +175,8 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
             done.input.finest
         ));
     }
-    if let Some(path) = &args.report {
-        write_json(path, &done)?;
+    if let Some(to) = &report_to {
+        write_json(to, &done)?;
     }
     if !done.target_met {
         log.say(format!(

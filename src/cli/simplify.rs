@@ -23,6 +23,7 @@ use crate::pipeline::run_report::RunReport;
 use crate::pipeline::{self, Prepared, max_error, optimize, pairs};
 use crate::stages::stitch::MAX_CELL_TRIANGLES;
 use crate::system::paths::{Kind, Paths, Role};
+use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -401,7 +402,7 @@ impl Args {
             super::arguments::require_ending("--seams", seams, &["ply"])?;
         }
         // What a killed run of the same command has written is found by the run itself.
-        let may_be_ours = !self.restart && pipeline::has_begun_to_write(job_folder);
+        let may_be_ours = !self.restart && pipeline::has_begun_to_write(job_folder, &self.output);
         let outputs = self.levels()?.into_iter().map(|level| level.output);
         let paths = Paths::new(self.force || may_be_ours).with(Role::Input, "INPUT", &self.input);
         let paths = outputs.fold(paths, |paths, output| paths.with(Role::Output, "OUTPUT", output));
@@ -424,6 +425,7 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
 
 /// Runs the job, or only plans it, without a word.
 pub(super) fn call(args: &Args, progress: &Progress) -> Result<Answer> {
+    let report_to = args.report.as_deref().map(Seen::new);
     let config = args.config()?;
     if config.method != Method::Collapse {
         return method::call(args.wishes(), &config, progress);
@@ -435,8 +437,8 @@ pub(super) fn call(args: &Args, progress: &Progress) -> Result<Answer> {
     let Some(report) = run_job(prepared, &config, progress)? else {
         return Ok(Answer { report: serde_json::Value::Null, is_short: false });
     };
-    if let Some(path) = &args.report {
-        write_report(path, &report)?;
+    if let Some(to) = &report_to {
+        write_report(to, &report)?;
     }
     Ok(Answer { report: json_of(&report.written())?, is_short: is_short(&report) })
 }
@@ -459,6 +461,7 @@ pub fn simplify(
     progress: &Progress,
     log: &mut Log,
 ) -> Result<Option<RunReport>> {
+    let report_to = args.report.as_deref().map(Seen::new);
     let config = args.config()?;
     super::arguments::warn_of_limit(args.memory, log);
     if config.method != Method::Collapse {
@@ -483,8 +486,8 @@ pub fn simplify(
         return Ok(None);
     };
     tell(&report, talk, log);
-    if let Some(path) = &args.report {
-        write_report(path, &report)?;
+    if let Some(to) = &report_to {
+        write_report(to, &report)?;
     }
     Ok(Some(report))
 }

@@ -3,9 +3,9 @@
 use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
 use super::log::{EXIT_SHORT, Log, Talk};
-use super::outcome::stage_line;
+use super::outcome::{stage_line, write_json};
 use super::placing::{Transform, TypedMoves, Up, numbers, parse_transform};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::io::Weld;
 use crate::io::is_gltf;
 use crate::mesh::placing::Placing;
@@ -14,6 +14,7 @@ use crate::pipeline::tiles::{
     Finest, TILE_TRIANGLES, TileTexture, TilesConfig, make_tiles, prepare_tiles,
 };
 use crate::system::paths::{Kind, Paths, Role};
+use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
 use crate::system::units::{parse_count, parse_ratio, show_bytes, show_count, show_outward};
 use std::num::NonZeroUsize;
@@ -232,6 +233,7 @@ impl Args {
 
 /// Runs the command and gives its exit code.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
+    let report_to = args.report.as_deref().map(Seen::new);
     let config = args.config()?;
     super::arguments::warn_of_limit(args.memory, log);
     let prepared = prepare_tiles(&config)?;
@@ -246,11 +248,8 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     }
     let report = watch(talk, progress, log, || make_tiles(prepared, &config, progress))?;
     tell(&report, talk, log);
-    if let Some(path) = &args.report {
-        let mut json = serde_json::to_vec_pretty(&report)
-            .map_err(|e| Error::Internal(format!("the report is not JSON: {e}")))?;
-        json.push(b'\n');
-        crate::system::pending_file::write_whole(path, &json)?;
+    if let Some(to) = &report_to {
+        write_json(to, &report)?;
     }
     Ok(if report.is_short() { EXIT_SHORT } else { 0 })
 }

@@ -11,6 +11,7 @@ use crate::pipeline::units::{Done, Task, work};
 use crate::store::job::units::{Frozen, Unit, UnitJob};
 use crate::system::disk::Disk;
 use crate::system::paths::{Paths, Role};
+use crate::system::pending_file::Seen;
 use crate::system::program::end_with_parent;
 use crate::system::progress::Progress;
 use std::num::NonZeroUsize;
@@ -108,7 +109,9 @@ fn attempt(
     log: &mut Log,
 ) -> Result<()> {
     let (disk, patience) = (Disk::default(), Duration::from_secs(args.wait));
-    let frozen = UnitJob::new(&args.folder, &disk, patience).frozen(progress)?;
+    let job = UnitJob::new(&args.folder, &disk, patience);
+    job.check_own()?;
+    let frozen = job.frozen(progress)?;
     let (config, report) = settings(args, &frozen, read_plan)?;
     let task = Task {
         folder: &args.folder,
@@ -122,8 +125,11 @@ fn attempt(
         Done::Now(None) => log.say(format!("{}: done", args.unit)),
         Done::Now(Some(done)) => {
             tell(&done, talk, log);
-            if let Some(path) = report {
-                write_report(&path, &done)?;
+            if report.is_some() {
+                let to =
+                    frozen.report.clone().filter(|seen| Some(seen.path()) == report.as_deref());
+                let to = to.or_else(|| report.as_deref().map(Seen::absent));
+                to.iter().try_for_each(|to| write_report(to, &done))?;
             }
         }
     }
@@ -140,6 +146,8 @@ fn settings(
         path: args.folder.clone(),
         what: "the command in its plan is not one of this version".to_owned(),
     })?;
+    // The record may have been edited, and the disk has changed since.
+    plan.paths_of_work(&args.folder, &frozen.folder)?.check()?;
     let config = plan.config(&args.folder, &frozen.folder)?;
     let config = Config {
         memory_bytes: memory_budget(args.memory),

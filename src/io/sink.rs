@@ -199,14 +199,19 @@ impl MeshSink {
 
     /// Writes what stands beside the mesh, then syncs and renames it; returns the file's length in bytes.
     pub fn finish(self) -> Result<u64> {
-        if let Some((plan, disk)) = &self.textures {
-            plan.write_sides(disk)?;
-        }
-        match self.writer {
+        let beside = match &self.textures {
+            Some((plan, disk)) => Some(plan.write_sides(disk)?),
+            None => None,
+        };
+        let bytes = match self.writer {
             Writer::Ply(sink) => sink.finish(),
             Writer::Stl(sink) => sink.finish(),
             Writer::Obj(sink) => sink.finish(),
             Writer::Glb(sink) => sink.finish(),
+        }?;
+        if let Some(beside) = beside {
+            beside.keep();
         }
+        Ok(bytes)
     }
 }

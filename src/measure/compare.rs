@@ -21,9 +21,10 @@ use crate::stages::partition;
 use crate::store::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
 use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::memory::BASE_BYTES;
+use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
 use crate::system::units::{memory_word, show_bytes};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Two meshes to be compared, and the means.
 #[derive(Debug)]
@@ -390,7 +391,7 @@ fn run(
 }
 
 /// Writes the original, of any size, coloured by its distance to the simplified mesh, which must fit.
-pub fn heatmap_of_original(request: &Request, path: &Path, progress: &Progress) -> Result<()> {
+pub fn heatmap_of_original(request: &Request, to: &Seen, progress: &Progress) -> Result<()> {
     let usable = usable_bytes(request);
     let needed =
         load::bytes_in_memory(request.simplified) + Tree::bytes(request.simplified.n_triangles());
@@ -407,7 +408,7 @@ pub fn heatmap_of_original(request: &Request, path: &Path, progress: &Progress) 
     unit.turn(&mut mesh);
     let tree = Tree::build_until(mesh.triangles.len(), |i| mesh.corners(i), progress)?;
     drop(mesh);
-    let places = (path, request.temp_dir.as_path());
+    let places = (to, request.temp_dir.as_path());
     heatmap::write_streamed(request.original, (&tree, unit), places, threads, progress)
 }
 

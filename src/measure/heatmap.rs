@@ -12,7 +12,9 @@ use crate::io::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
 pub use crate::mesh::viridis::viridis as colour;
+use crate::system::disk::Disk;
 use crate::system::parallel::in_order;
+use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
 use std::path::Path;
 
@@ -33,7 +35,7 @@ pub fn scale(distances: &[f64]) -> f64 {
 pub fn write(
     mesh: &MeshSource,
     distances: &[f64],
-    path: &Path,
+    to: &Seen,
     threads: usize,
     progress: &Progress,
 ) -> Result<()> {
@@ -42,7 +44,7 @@ pub fn write(
     let n_faces = geometry.triangles.len() as u64;
     let header = header(mesh, n_faces, top);
     let schema = header.schema.clone();
-    let mut writer = PlyWriter::create(path, header)?;
+    let mut writer = PlyWriter::create(to.place(&Disk::default()), header)?;
     let mut records = Vec::new();
     for (positions, distances) in geometry.positions.chunks(65_536).zip(distances.chunks(65_536)) {
         records.clear();
@@ -64,7 +66,7 @@ pub fn write(
 pub(crate) fn write_streamed(
     mesh: &MeshSource,
     (target, unit): (&Tree, Unit),
-    (path, temp_dir): (&Path, &Path),
+    (to, temp_dir): (&Seen, &Path),
     threads: usize,
     progress: &Progress,
 ) -> Result<()> {
@@ -102,7 +104,7 @@ pub(crate) fn write_streamed(
     })?;
     let header = header(mesh, n_faces, top);
     let painted = header.schema.clone();
-    let mut writer = PlyWriter::create(path, header)?;
+    let mut writer = PlyWriter::create(to.place(&Disk::default()), header)?;
     let paint = |index, out: &mut Measured| {
         mesh.read_vertices(index, &mut out.block)?;
         let records = out.block.records.chunks_exact(record_bytes);

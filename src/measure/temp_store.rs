@@ -14,7 +14,7 @@ use crate::store::stage_context::StageContext;
 use crate::system::disk::Disk;
 use crate::system::progress::Progress;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Settings of a temporary store of cells.
@@ -53,13 +53,8 @@ impl Scratch {
         look: impl FnOnce(&CellStore, &StageContext) -> Result<T>,
     ) -> Result<(Scratch, T)> {
         let name = source.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
-        // Two files of one name may be cut by one process.
-        static NUMBER: AtomicU64 = AtomicU64::new(0);
-        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
-        let process = std::process::id();
-        let folder =
-            cutting.temp_dir.join(format!(".{name}.{process}-{number}.{SCRATCH_EXTENSION}"));
         sweep_scratch(cutting.temp_dir);
+        let folder = new_folder(cutting.temp_dir, &name)?;
         progress.owe(&folder);
         let cut = || {
             let disk = cutting.disk.map(Disk::part).unwrap_or_default();
@@ -98,6 +93,19 @@ impl Scratch {
     /// Bounds and faults found on the way.
     pub fn partition(&self) -> &Partition {
         &self.partition
+    }
+}
+
+/// Makes a folder of a name that nothing had. Two files of one name may be cut by one process.
+fn new_folder(temp_dir: &Path, name: &str) -> Result<PathBuf> {
+    static NUMBER: AtomicU64 = AtomicU64::new(0);
+    loop {
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let process = std::process::id();
+        let folder = temp_dir.join(format!(".{name}.{process}-{number}.{SCRATCH_EXTENSION}"));
+        if std::fs::symlink_metadata(&folder).is_err() && Disk::default().own_dir(&folder)? {
+            return Ok(folder);
+        }
     }
 }
 

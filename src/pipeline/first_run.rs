@@ -2,7 +2,7 @@
 //!
 //! `optimize`, `pairs` and `max_error` do this, each with its job; an interrupted run continues in the job of the run within.
 
-use super::prepare::WRITING;
+use super::concluded::WRITING;
 use super::run_report::StageReport;
 use crate::config::Config;
 use crate::error::Result;

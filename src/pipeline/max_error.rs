@@ -101,6 +101,9 @@ pub fn simplify(
     let identity = job_identity(&prepared.source, &marks, config);
     // Every trial opens the input itself.
     drop(prepared);
+    if let Some(report) = super::concluded(&disk, &identity, config)? {
+        return Ok(Some(report));
+    }
     let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
     disk.create_dir(&job.path(TRIALS))?;
     let kept = match config.min_component {
@@ -192,7 +195,7 @@ pub fn simplify(
             .collect(),
     });
     if !config.keep_temp {
-        job.remove()?;
+        super::conclude(&job, config, &report)?;
     }
     Ok(Some(report))
 }

@@ -5,6 +5,7 @@
 //! wherever an earlier run stopped.
 
 pub(crate) mod bake;
+mod concluded;
 pub mod extract;
 mod first_run;
 mod fit;
@@ -40,8 +41,11 @@ use crate::store::job::Job;
 use crate::store::job::fingerprint::job_identity;
 use crate::system::disk::Disk;
 use crate::system::parallel::guarded;
+use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
-pub use prepare::{Prepared, has_begun_to_write, prepare};
+pub use concluded::has_begun_to_write;
+use concluded::{conclude, concluded};
+pub use prepare::{Prepared, prepare};
 use run_report::{RunReport, TextureReport};
 use source_facts::faults;
 use stage_runner::{Left, Stages};
@@ -75,6 +79,9 @@ fn run_stages(
 ) -> Result<Option<RunReport>> {
     let settled = prepared.settled(config);
     let identity = job_identity(&prepared.source, &prepared.marks, &settled);
+    if let Some(report) = concluded(disk, &identity, &settled)? {
+        return Ok(Some(report));
+    }
     let job = Job::open(&settled.job_folder, disk, &identity, settled.restart)?;
     match run_stages_in(&job, prepared, &settled, progress)? {
         Ended::Done(report) => Ok(Some(*report)),
@@ -123,6 +130,7 @@ fn run_stages_in(
     if config.memory_bytes < 2 * plan.needed_memory_bytes {
         crate::system::memory::keep_nothing_back();
     }
+    let seams = config.seams.as_deref().map(Seen::new);
     let mut stages = Stages::new(config, &plan, job, progress, &source);
 
     let partition = match stages.partition(&source, &marks) {
@@ -162,11 +170,11 @@ fn run_stages_in(
         );
         return Err(abandon(job, Error::bad_input(&config.input, what)));
     }
-    if let Some(path) = &config.seams {
+    if let (Some(path), Some(seen)) = (&config.seams, &seams) {
         // The cells go with the first round.
         let name = format!("seams {}", path.display());
         if job.outcome::<()>(&name)?.is_none() || !path.exists() {
-            crate::pipeline::seam_points::write(&stages.store(store.clone())?, path, &stages.run)?;
+            crate::pipeline::seam_points::write(&stages.store(store.clone())?, seen, &stages.run)?;
             job.record(&name, &())?;
         }
     }
@@ -222,7 +230,7 @@ fn run_stages_in(
         verify::verify(config, &stages.run, &mut report)?;
     }
     if !config.keep_temp {
-        job.remove()?;
+        conclude(job, config, &report)?;
     }
     Ok(Ended::Done(Box::new(report)))
 }

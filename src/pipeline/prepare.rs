@@ -1,5 +1,6 @@
 //! Opens the input, checks it against what was asked for, and plans the run; nothing is written yet.
 
+use super::concluded::{has_begun_to_write, refuse_to_overwrite};
 use super::optimize::check::check as check_optimize;
 use super::pairs::counts::check as check_pairs;
 use super::plan::{Plan, check_split};
@@ -13,14 +14,10 @@ use crate::io::{
     WeldOptions, check_range, faces_to_vertices, survey_faces,
 };
 use crate::stages::write::REACH;
-use crate::store::job;
 use crate::store::job::fingerprint::{input_marks, marks_beside, unchanged};
 use crate::system::disk::folder_of;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-
-/// Recorded before the output is written: an output that is found later may be this job's own.
-pub(crate) const WRITING: &str = "writing";
+use std::path::PathBuf;
 
 /// An input that has been opened and planned for; nothing has been written yet.
 #[derive(Debug)]
@@ -77,7 +74,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         can_bake = texture == Texture::Keep && bake::would_help(&source, config);
         let config = &settled(config, texture);
         if texture == Texture::Bake {
-            let is_ours = !config.restart && has_begun_to_write(&config.job_folder);
+            let is_ours = !config.restart && has_begun_to_write(&config.job_folder, &config.output);
             bake_need = bake::check(&source, config, is_ours)?;
         }
         check_labels(&source, &config.attributes.labels)?;
@@ -216,21 +213,4 @@ pub(super) fn check_labels(source: &MeshSource, labels: &[String]) -> Result<()>
         "--label {unknown}: neither vertices nor faces have such a property; they have {}",
         if known.is_empty() { "none".to_owned() } else { known.join(", ") }
     )))
-}
-
-/// True if an existing output may be that of the job in this folder.
-pub fn has_begun_to_write(job_folder: &Path) -> bool {
-    job::units::has_begun(job_folder)
-        || job::view(job_folder).is_ok_and(|view| view.outcomes.contains_key(WRITING))
-}
-
-/// The writer itself compares: a run that died between its rename and its end has left the same bytes.
-pub(super) fn refuse_to_overwrite(config: &Config) -> Result<()> {
-    let may_be_ours = || !config.restart && has_begun_to_write(&config.job_folder);
-    let existing = config.outputs().find(|output| output.exists());
-    if let (Some(path), false) = (existing, config.force || may_be_ours()) {
-        let path = path.display();
-        return Err(Error::Usage(format!("{path} exists; give --force to replace it")));
-    }
-    Ok(())
 }

@@ -9,10 +9,10 @@ use crate::mesh::record::VertexSchema;
 use crate::store::cell_id::CellId;
 use crate::store::cells::CellStore;
 use crate::store::stage_context::StageContext;
-use std::path::Path;
+use crate::system::pending_file::Seen;
 
 /// Writes the shared vertices of all cells; memory: 32 bytes per shared vertex.
-pub fn write(store: &CellStore, path: &Path, run: &StageContext) -> Result<()> {
+pub fn write(store: &CellStore, to: &Seen, run: &StageContext) -> Result<()> {
     let mut points: Vec<(GlobalVertex, [f64; 3])> = Vec::new();
     for cell in CellId::first(store.n_cells()) {
         run.progress.check()?;
@@ -28,7 +28,7 @@ pub fn write(store: &CellStore, path: &Path, run: &StageContext) -> Result<()> {
     points.iter().for_each(|point| schema.encode_position(point.1, &mut records));
     let mut header = OutputHeader::new(schema, points.len() as u64, 0);
     header.settings = crate::system::paths::SEAMS_SETTINGS.to_owned();
-    let mut writer = PlyWriter::create(path, header)?;
+    let mut writer = PlyWriter::create(to.place(run.disk()), header)?;
     writer.write_vertices(&records)?;
     writer.finish()?;
     Ok(())

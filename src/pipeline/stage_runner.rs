@@ -6,8 +6,8 @@
 mod baked;
 mod report;
 
+use super::concluded::WRITING;
 use super::kernel_side::{Facts, kernel_side};
-use super::prepare::WRITING;
 use super::quality::QualityCurve;
 use super::sealed_stages::SealedStages;
 use crate::config::{Config, Target};

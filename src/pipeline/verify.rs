@@ -88,7 +88,7 @@ pub fn end(job: &Job, config: &Config, progress: &Progress, report: &mut RunRepo
         verify(config, &run, report)?;
     }
     if !config.keep_temp {
-        job.remove()?;
+        super::conclude(job, config, report)?;
     }
     Ok(())
 }

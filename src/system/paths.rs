@@ -33,7 +33,7 @@ pub enum Role {
     OutputFolder,
     /// A folder for temporary data, made where it is missing.
     TempDir,
-    /// The folder of a job, made where it is missing; no other path may lie in it.
+    /// The folder of a job, made where it is missing; no other path may lie in it, nor in an `OutputFolder`.
     JobFolder,
 }
 
@@ -95,6 +95,14 @@ impl Paths {
         }
     }
 
+    /// The same paths as typed in another folder.
+    pub fn typed_in(mut self, folder: &Path) -> Paths {
+        for row in self.rows.iter_mut().filter(|row| !row.is_stream()) {
+            row.path = folder.join(&row.path);
+        }
+        self
+    }
+
     /// Refuses what cannot be meant or cannot succeed.
     ///
     /// Errors: `Usage` for paths that clash, may not be replaced or have no folder; `BadInput` for inputs;
@@ -136,17 +144,16 @@ impl Paths {
                 }
             }
         }
-        for job in self.rows.iter().filter(|row| row.role == Role::JobFolder) {
-            let Ok(meta) = std::fs::metadata(&job.path) else { continue };
-            for row in self.rows.iter().filter(|row| row.role != Role::TempDir && !row.is_stream())
-            {
-                let folder = std::fs::metadata(folder_of(&row.path));
-                if folder.is_ok_and(|f| (f.dev(), f.ino()) == (meta.dev(), meta.ino())) {
-                    return Err(Error::Usage(format!(
-                        "{}: {} lies in the job folder, whose files come and go; put it elsewhere",
-                        row.path.display(),
-                        row.name
-                    )));
+        for folder in self.rows.iter().filter(|row| row.is_made()) {
+            for row in self.rows.iter().filter(|row| !std::ptr::eq(*row, folder)) {
+                if !row.is_stream() && row.lies_in(folder) {
+                    let why = match folder.role {
+                        Role::JobFolder => ", whose files come and go; put it elsewhere",
+                        _ => ", which is made as a whole; put it elsewhere",
+                    };
+                    let (path, name) = (row.path.display(), row.name);
+                    let what = format!("{path}: {name} lies in {}{why}", folder.name);
+                    return Err(Error::Usage(what));
                 }
             }
         }
@@ -157,6 +164,18 @@ impl Paths {
 impl Row {
     fn is_read(&self) -> bool {
         matches!(self.role, Role::Input | Role::InputFile | Role::InputFolder)
+    }
+
+    /// True for a folder that comes as a whole, and may take the place of an earlier one.
+    fn is_made(&self) -> bool {
+        matches!(self.role, Role::JobFolder | Role::OutputFolder)
+    }
+
+    /// Returns whether a path lies in a folder, at any depth, or is that folder where it is one for temporary data.
+    fn lies_in(&self, folder: &Row) -> bool {
+        let (path, root) = (real(&self.path), real(&folder.path));
+        let is_temp = self.role == Role::TempDir && folder.role == Role::OutputFolder;
+        path.starts_with(&root) && (path != root || is_temp)
     }
 
     fn is_stream(&self) -> bool {
@@ -336,6 +355,19 @@ fn is_text(path: &Path) -> bool {
 
 fn ends_in_slash(path: &Path) -> bool {
     path.as_os_str().as_encoded_bytes().ends_with(b"/")
+}
+
+/// A path without links and dots, as far as it is there.
+fn real(path: &Path) -> PathBuf {
+    let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf());
+    let mut above = whole.as_path();
+    loop {
+        match (above.canonicalize(), above.parent()) {
+            (Ok(found), _) => return found.join(whole.strip_prefix(above).unwrap_or(above)),
+            (Err(_), Some(parent)) => above = parent,
+            (Err(_), None) => return whole,
+        }
+    }
 }
 
 /// The nearest folder above a path, or itself, that is there.

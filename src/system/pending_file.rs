@@ -7,6 +7,7 @@
 
 use crate::error::{Error, Result};
 use crate::system::disk::{Disk, DiskFile, folder_of, kind_of};
+use serde::{Deserialize, Serialize};
 use std::ffi::{OsStr, OsString};
 use std::fs::File;
 use std::io::{Read, Write};
@@ -54,15 +55,12 @@ pub fn adopt(file: &Path, place: Place) -> Result<()> {
     let is_stream = target == Path::new("-");
     if !is_stream {
         refuse_irregular(target)?;
-        if !place.replace && target.exists() && !same_bytes(file, target)? {
-            return Err(appeared(target));
-        }
     }
     let device = |path: &Path| {
         std::fs::metadata(path).map(|m| m.dev()).map_err(|e| Error::reading(path, "cannot stat", e))
     };
     if !is_stream && device(file)? == device(folder_of(target))? {
-        return place.disk.rename(file, target);
+        return take_name(&place, file);
     }
     let disk = place.disk.clone();
     let mut source = File::open(file).map_err(|e| Error::reading(file, "cannot open", e))?;
@@ -78,9 +76,73 @@ pub fn adopt(file: &Path, place: Place) -> Result<()> {
     disk.remove(file)
 }
 
+/// Gives a whole file its name. What has that name is replaced only where that was asked for; a file of the same bytes stays.
+fn take_name(place: &Place, file: &Path) -> Result<()> {
+    let target = place.path.as_path();
+    if place.replace {
+        return place.disk.rename(file, target);
+    }
+    if place.disk.rename_new(file, target)? {
+        return Ok(());
+    }
+    refuse_irregular(target)?;
+    if !same_bytes(file, target)? {
+        return Err(appeared(target));
+    }
+    place.disk.remove(file)?;
+    place.disk.sync_folder_of(target)
+}
+
+/// A file as it was found before the work, so that only this one is replaced afterwards.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Seen {
+    path: PathBuf,
+    mark: Option<Mark>,
+}
+
+/// Inode, length, and the times of the last changes.
+type Mark = (u64, u64, [i64; 4]);
+
+fn mark(path: &Path) -> Option<Mark> {
+    use std::os::unix::fs::MetadataExt;
+    let meta = std::fs::symlink_metadata(path).ok()?;
+    let times = [meta.mtime(), meta.mtime_nsec(), meta.ctime(), meta.ctime_nsec()];
+    Some((meta.ino(), meta.len(), times))
+}
+
+impl Seen {
+    /// Looks at a path that was checked.
+    pub fn new(path: &Path) -> Seen {
+        Seen { path: path.to_path_buf(), mark: mark(path) }
+    }
+
+    /// A path at which nothing may be replaced.
+    pub fn absent(path: &Path) -> Seen {
+        Seen { path: path.to_path_buf(), mark: None }
+    }
+
+    /// The path.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Returns whether the file is still there as it was.
+    pub fn is_unchanged(&self) -> bool {
+        self.mark.is_some() && mark(&self.path) == self.mark
+    }
+
+    /// The place, to be written now: what has appeared there since is not replaced.
+    pub fn place(&self, disk: &Disk) -> Place {
+        let replace = self.is_unchanged();
+        Place { path: self.path.clone(), disk: disk.clone(), replace }
+    }
+}
+
 fn appeared(path: &Path) -> Error {
     let path = path.display();
-    Error::Usage(format!("{path} has appeared during the run; give --force to replace it"))
+    Error::Usage(format!(
+        "{path} has appeared during the run and is not replaced; move it elsewhere, or give --force"
+    ))
 }
 
 /// Refuses a name whose file must not be replaced by a new one: folders, devices, FIFOs, symbolic links.
@@ -211,10 +273,7 @@ impl PendingFile {
             });
         }
         let Some(temporary) = self.temporary.clone() else { return Ok(self.n_bytes) };
-        if !self.place.replace && target.exists() && !same_bytes(&temporary, &target)? {
-            return Err(appeared(&target));
-        }
-        disk.rename(&temporary, &target)?;
+        take_name(&self.place, &temporary)?;
         self.temporary = None;
         Ok(self.n_bytes)
     }
@@ -337,6 +396,26 @@ mod tests {
             write_whole(place(true), b"three").unwrap();
             assert_eq!(std::fs::read(&path).unwrap(), b"three");
             assert_eq!(names(folder.path()), ["o.ply"]);
+        }
+    }
+
+    #[test]
+    fn only_the_file_that_was_seen_is_replaced() {
+        for disk in disks() {
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("r.json");
+            let nothing = Seen::new(&path);
+            std::fs::write(&path, b"appeared").unwrap();
+            let error = write_whole(nothing.place(&disk), b"report").unwrap_err();
+            assert!(error.to_string().contains("appeared during the run"), "{error}");
+            let seen = Seen::new(&path);
+            std::fs::write(folder.path().join("other"), b"others").unwrap();
+            std::fs::rename(folder.path().join("other"), &path).unwrap();
+            assert_eq!(write_whole(seen.place(&disk), b"report").unwrap_err().exit_code(), 2);
+            assert_eq!(std::fs::read(&path).unwrap(), b"others");
+            write_whole(Seen::new(&path).place(&disk), b"report").unwrap();
+            assert_eq!(std::fs::read(&path).unwrap(), b"report");
+            assert_eq!(names(folder.path()), ["r.json"]);
         }
     }
 

@@ -9,6 +9,8 @@ mod crash;
 mod full_disk;
 mod memory_named;
 mod memory_promise;
+mod owned;
+mod populated;
 mod recipes;
 mod resume_damage;
 mod spoiled;

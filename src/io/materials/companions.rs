@@ -7,28 +7,35 @@ use super::mtl_text;
 use super::plan::TexturePlan;
 use crate::error::Result;
 use crate::system::disk::{Disk, folder_of};
-use crate::system::pending_file::{PendingFile, Place, write_whole};
+use crate::system::made::Made;
+use crate::system::pending_file::{PendingFile, Place, Seen, write_whole};
 
 impl TexturePlan {
-    /// Writes all files beside the output; the output itself comes after them.
-    pub(crate) fn write_sides(&self, disk: &Disk) -> Result<()> {
+    /// Writes all files beside the output; the output itself comes after them, and without it they go again.
+    pub(crate) fn write_sides(&self, disk: &Disk) -> Result<Made> {
+        let mut made = Made::new(disk);
         for copy in &self.copies {
-            disk.create_dir(folder_of(&copy.target))?;
+            made.folder(folder_of(&copy.target))?;
             let place =
                 Place { path: copy.target.clone(), disk: disk.clone(), replace: self.force };
-            let mut file = PendingFile::create(place)?;
-            copy_bytes(&self.materials.images[copy.image].data, |bytes| file.write(bytes))?;
-            file.finish()?;
+            made.file(&copy.target, || {
+                let mut file = PendingFile::create(place)?;
+                copy_bytes(&self.materials.images[copy.image].data, |bytes| file.write(bytes))?;
+                file.finish().map(drop)
+            })?;
         }
         if let (Some(path), false) = (&self.library, self.materials.list.is_empty()) {
             let n_images = self.materials.images.len();
             let names: Vec<Option<String>> =
                 (0..n_images).map(|image| self.path_of(image).map(str::to_owned)).collect();
             let text = mtl_text::library(&self.materials, &names);
-            let place = Place { path: path.clone(), disk: disk.clone(), replace: true };
-            write_whole(place, text.as_bytes())?;
+            // One that was there when the command began was checked.
+            let is_known = self.library_seen.as_ref().is_some_and(Seen::is_unchanged);
+            let replace = self.force || is_known;
+            let place = Place { path: path.clone(), disk: disk.clone(), replace };
+            made.file(path, || write_whole(place, text.as_bytes()))?;
         }
-        Ok(())
+        Ok(made)
     }
 
     /// The library's name as an OBJ file beside it names it.

@@ -9,7 +9,7 @@ use super::{losses, mtl_text};
 use crate::error::{Error, Result};
 use crate::io::output_format::OutputKind;
 use crate::system::disk::folder_of;
-use crate::system::pending_file::refuse_irregular;
+use crate::system::pending_file::{Seen, refuse_irregular};
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
@@ -94,6 +94,8 @@ pub struct TexturePlan {
     pub(super) copies: Vec<Copied>,
     /// The material library beside the output.
     pub(crate) library: Option<PathBuf>,
+    /// The library as it was found.
+    pub(super) library_seen: Option<Seen>,
     /// Missing, damaged and lost parts, a line each.
     pub notes: Vec<String>,
     /// Images that cannot be read.
@@ -113,6 +115,7 @@ impl TexturePlan {
             references: vec![Reference::None; materials.images.len()],
             copies: Vec::new(),
             library: None,
+            library_seen: None,
             notes: materials.notes.clone(),
             n_missing: 0,
             bytes: 0,
@@ -125,6 +128,7 @@ impl TexturePlan {
         }
         if request.kind == OutputKind::Obj {
             plan.library = plan.library_for(request)?;
+            plan.library_seen = plan.library.as_deref().map(Seen::new);
         }
         if mode != TextureMode::None {
             plan.refer(mode, request)?;
@@ -142,6 +146,7 @@ impl TexturePlan {
             references: materials.images.iter().map(reference).collect(),
             materials: Arc::new(materials),
             copies: Vec::new(),
+            library_seen: library.as_deref().map(Seen::new),
             library,
             notes: Vec::new(),
             n_missing: 0,

@@ -7,7 +7,7 @@ use crate::mesh::global_vertex::GlobalVertex;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// First bytes of a file.
-const MAGIC: &[u8; 8] = b"stcids 1";
+pub(super) const MAGIC: &[u8; 8] = b"stcids 1";
 
 /// For each vertex of a tile that other tiles may have, its place in the file of the tile and its number, by place.
 pub type TileBorder = Vec<(u32, GlobalVertex)>;

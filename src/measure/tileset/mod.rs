@@ -8,8 +8,9 @@ mod found;
 mod rules;
 
 use crate::error::Result;
-use crate::io::tileset::{FILE_NAME, TileBorder, border_path, decode_borders};
+use crate::io::tileset::{FILE_NAME, MOST_FILE_BYTES, TileBorder, border_path, decode_borders};
 use crate::io::{StoredTile, decode_tile};
+use crate::system::disk::read_regular;
 use crate::system::parallel::{guarded, in_order};
 use crate::system::progress::Progress;
 use borders::{Border, Borders, border};
@@ -102,13 +103,14 @@ pub fn check_tileset(folder: &Path, threads: usize, progress: &Progress) -> Resu
 
 /// True if a folder is a tree of tiles.
 pub fn is_tileset(path: &Path) -> bool {
-    path.is_dir() && path.join(FILE_NAME).is_file()
+    // What is not a file there is refused by name when it is read.
+    path.is_dir() && std::fs::symlink_metadata(path.join(FILE_NAME)).is_ok()
 }
 
 /// Reads a tile and holds it against its description.
 fn look(folder: &Path, tile: &CheckedTile, tree: &Tree) -> std::result::Result<Tile, String> {
     let path = folder.join(tile.name());
-    let bytes = std::fs::read(&path).map_err(|e| format!("cannot be read: {e}"))?;
+    let bytes = read_regular(&path, MOST_FILE_BYTES).map_err(|e| format!("cannot be read: {e}"))?;
     // The decoder of compressed data checks by panicking in places.
     let decoded = guarded(|| Ok(decode_tile(&bytes)));
     let mut stored: StoredTile = decoded.map_err(|_| "its data is damaged".to_owned())??;
@@ -159,8 +161,8 @@ fn look(folder: &Path, tile: &CheckedTile, tree: &Tree) -> std::result::Result<T
 /// The numbers of the vertices that a tile has in common with others.
 fn numbers_of(folder: &Path, tile: &str) -> std::result::Result<TileBorder, String> {
     let (name, n) = border_path(tile).ok_or("its name is not that of a tile")?;
-    let bytes =
-        std::fs::read(folder.join(&name)).map_err(|e| format!("{name} cannot be read: {e}"))?;
+    let bytes = read_regular(&folder.join(&name), MOST_FILE_BYTES)
+        .map_err(|e| format!("{name} cannot be read: {e}"))?;
     let mut tiles = decode_borders(&bytes).map_err(|what| format!("{name}: {what}"))?;
     if n >= tiles.len() {
         return Err(format!("{name} has {} tiles, this is number {n}", tiles.len()));

@@ -3,7 +3,10 @@
 use super::found::TilesetCheck;
 use crate::error::{Error, Result};
 use crate::io::TileScalar;
-use crate::io::tileset::{FILE_NAME, Tile, Tileset, Volume, read_tileset, resolve};
+use crate::io::tileset::{
+    FILE_NAME, MOST_FILE_BYTES, Tile, Tileset, Volume, read_tileset, resolve,
+};
+use crate::system::disk::read_regular;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -84,7 +87,7 @@ pub(super) struct Tree {
 impl Tree {
     /// Reads all files. Errors: `BadInput` if the first one is none of this program.
     pub(super) fn read(folder: &Path, found: &mut TilesetCheck) -> Result<Tree> {
-        let text = std::fs::read(folder.join(FILE_NAME))
+        let text = read_regular(&folder.join(FILE_NAME), MOST_FILE_BYTES)
             .map_err(|e| Error::bad_input(folder, format!("{FILE_NAME} cannot be read: {e}")))?;
         let set = read_tileset(&text)
             .map_err(|what| Error::bad_input(folder, format!("{FILE_NAME}: {what}")))?;
@@ -205,7 +208,8 @@ impl Tree {
         found: &mut TilesetCheck,
     ) {
         found.tilesets += 1;
-        let text = std::fs::read(folder.join(name)).map_err(|e| format!("cannot be read: {e}"));
+        let text = read_regular(&folder.join(name), MOST_FILE_BYTES)
+            .map_err(|e| format!("cannot be read: {e}"));
         let set = match text.and_then(|text| read_tileset(&text)) {
             Ok(set) => set,
             Err(what) => return found.fault(|| format!("{name}: {what}")),

@@ -6,8 +6,9 @@
 
 use crate::error::{Error, Result};
 use crate::io::TileScalar;
-use crate::io::tileset::{FILE_NAME, Tile, Volume, read_tileset, resolve};
+use crate::io::tileset::{FILE_NAME, MOST_FILE_BYTES, Tile, Volume, read_tileset, resolve};
 use crate::mesh::bounds::Bounds;
+use crate::system::disk::read_regular;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -77,7 +78,7 @@ impl Tree {
     /// Reads the JSON of a tree. Errors: `BadInput` if there is none of this program.
     pub(super) fn read(folder: &Path) -> Result<Tree> {
         let bad = |what: String| Error::bad_input(folder, what);
-        let text = std::fs::read(folder.join(FILE_NAME)).map_err(|e| {
+        let text = read_regular(&folder.join(FILE_NAME), MOST_FILE_BYTES).map_err(|e| {
             bad(format!(
                 "{FILE_NAME} cannot be read: {e}; name a folder that 'stonecut tiles' has written"
             ))
@@ -210,7 +211,7 @@ impl Reader<'_> {
             None => None,
         };
         if let Some(name) = content.as_ref().filter(|name| name.ends_with(".json")) {
-            let text = std::fs::read(self.folder.join(name))
+            let text = read_regular(&self.folder.join(name), MOST_FILE_BYTES)
                 .map_err(|e| bad(format!("{name} cannot be read: {e}")))?;
             let set = read_tileset(&text).map_err(|what| bad(format!("{name}: {what}")))?;
             return self.tile(name, &set.root, (parent, depth + 1));

@@ -2,13 +2,14 @@
 
 use super::tree::{Cut, Tree};
 use crate::error::{Error, Result};
-use crate::io::tileset::{TileBorder, border_path, decode_borders};
+use crate::io::tileset::{MOST_FILE_BYTES, TileBorder, border_path, decode_borders};
 use crate::io::{StoredPage, StoredTile, TileMesh, TileScalar, decode_tile};
 use crate::mesh::Mesh;
 use crate::mesh::codec::VertexCodec;
 use crate::mesh::global_vertex::GlobalVertex;
 use crate::mesh::property::{Property, Scalar, write_scalar};
 use crate::mesh::record::VertexSchema;
+use crate::system::disk::read_regular;
 use crate::system::parallel::{guarded, in_order};
 use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
@@ -258,13 +259,14 @@ fn read(
     name: &str,
     scalars: &[TileScalar],
 ) -> std::result::Result<(StoredTile, TileBorder), String> {
-    let bytes = std::fs::read(folder.join(name)).map_err(|e| format!("cannot be read: {e}"))?;
+    let bytes = read_regular(&folder.join(name), MOST_FILE_BYTES)
+        .map_err(|e| format!("cannot be read: {e}"))?;
     // The decoder of compressed data checks by panicking in places.
     let mut tile =
         guarded(|| Ok(decode_tile(&bytes))).map_err(|_| "its data is damaged".to_owned())??;
     tile.take_scalars(scalars)?;
     let (border, n) = border_path(name).ok_or("its name is not that of a tile")?;
-    let bytes = std::fs::read(folder.join(&border)).map_err(|e| {
+    let bytes = read_regular(&folder.join(&border), MOST_FILE_BYTES).map_err(|e| {
         format!(
             "{border}, the numbers of its vertices, cannot be read: {e} (copy the folder whole)"
         )

@@ -6,8 +6,9 @@
 mod plan;
 pub(super) mod write;
 
+use super::concluded::WRITING;
 use super::optimize::check::check as check_optimize;
-use super::prepare::{WRITING, before_opening, check_labels};
+use super::prepare::{before_opening, check_labels};
 use super::run_report::{
     DecimationReport, EdgesReport, FaceReport, GridReport, InputReport, OutputReport,
     RetilingReport, RunReport, SpreadReport,
@@ -155,6 +156,9 @@ fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result
     crate::system::memory::keep_nothing_back();
     let disk = Disk::default();
     let identity = job_identity(&source, &marks, config);
+    if let Some(report) = super::concluded(&disk, &identity, config)? {
+        return Ok(report);
+    }
     let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     let n_in = source.n_triangles();

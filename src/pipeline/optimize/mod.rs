@@ -5,9 +5,10 @@
 
 pub(super) mod check;
 
+use super::concluded::WRITING;
 use super::first_run::{open, settings, stage};
 use super::methods::{self, PreparedMethod};
-use super::prepare::{Prepared, WRITING, prepare};
+use super::prepare::{Prepared, prepare};
 use super::run_report::{OutputReport, RunReport};
 use super::{pairs, verify};
 use crate::config::{Config, Method};
@@ -52,6 +53,9 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
     let identity = job_identity(&source, &marks, config);
     // The run before opens the input itself.
     drop(source);
+    if let Some(report) = super::concluded(&disk, &identity, config)? {
+        return Ok(report);
+    }
     let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
     disk.create_dir(&job.path(TRIALS))?;
     let path = job.path(TRIALS).join("result.ply");

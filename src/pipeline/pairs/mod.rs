@@ -41,6 +41,9 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
     let counts = Counts::new(n_input, target);
     // The run before opens the input itself.
     drop(source);
+    if let Some(report) = super::concluded(&disk, &identity, config)? {
+        return Ok(report);
+    }
     let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
     disk.create_dir(&job.path(TRIALS))?;
     let fine = job.path(TRIALS).join("result.ply");

@@ -28,7 +28,7 @@ use crate::error::{Error, Result};
 use crate::io::NUMBER;
 use crate::io::materials::NO_IMAGE;
 use crate::io::ply::MeshSource;
-use crate::io::tileset::{FILE_NAME, TileTree, write_tilesets};
+use crate::io::tileset::{FILE_NAME, OWN_PAGES, TileTree, TreeFiles, write_tilesets};
 use crate::kernel;
 use crate::mesh::codec::ChannelKind;
 use crate::mesh::record::VertexSchema;
@@ -36,7 +36,7 @@ use crate::stages::partition::{Partition, partition_into_groups};
 use crate::stages::tiles;
 use crate::store::cells::{Dropped, GroupGrid, GroupRecord, Lattice};
 use crate::store::job::fingerprint::unchanged;
-use crate::store::job::{Identity, Job};
+use crate::store::job::{Identity, Job, OVER};
 use crate::store::stage_context::StageContext;
 use crate::system::disk::Disk;
 use crate::system::json_keys::SCHEMA_VERSION;
@@ -100,10 +100,22 @@ fn run(
         settings.insert("texture".to_owned(), "bake".to_owned());
     }
     let identity = Identity { input: input.display().to_string(), input_marks, settings };
-    let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
     let pending = config.pending_output();
+    if !config.restart && plan::is_named(config) {
+        if let Some(report) = Job::concluded(&config.job_folder, disk, &identity)? {
+            // The tree that was replaced.
+            pending::remove(&pending, disk)?;
+            return Ok(report);
+        }
+        plan::refuse_to_replace(&config.output, config.force)?;
+    } else if !config.restart && plan::is_lost(config) {
+        // The tree was taken away since; the job begins again.
+        let _: Option<TilesReport> = Job::concluded(&config.job_folder, disk, &identity)?;
+        pending::remove(&pending, disk)?;
+    }
+    let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
     // Runs with other job folders may have the same output.
-    let _held = pending::open(&job, &pending, disk, job.outcome::<u64>(NAMED)?.is_some())?;
+    let _held = pending::open(&job, &pending, disk, job.outcome::<u64>(NAMED)?)?;
     let run = StageContext {
         job: &job,
         progress,
@@ -112,7 +124,7 @@ fn run(
         checkpoint_every: config.checkpoint_every,
     };
     let n = source.n_triangles();
-    let shapes = pending.join(textures::SHAPES);
+    let shapes = pending.join(pending::SHAPES);
     let mut stages = Stages {
         stages: SealedStages::new(run, 2 * plan.levels),
         run,
@@ -189,6 +201,9 @@ fn run(
     if let Some(pages) = &pages {
         tree.extras["stonecut"]["texels_per_unit"] = pages.texels_per_unit.into();
     }
+    if config.viewer {
+        tree.extras["stonecut"][OWN_PAGES] = TreeFiles::page_list(&viewer::FILES);
+    }
     if !scalars.is_empty() {
         tree.extras["stonecut"]["scalars"] = json!(scalars);
     }
@@ -199,17 +214,8 @@ fn run(
         false => 0,
     };
     disk.sync_all_below(&pending)?;
-    if config.output.exists() && !config.force && !is_empty(&config.output) {
-        let output = config.output.display();
-        return Err(Error::Usage(format!(
-            "{output} has appeared during the run; give --force to replace it"
-        )));
-    }
     let set = pending.join(FILE_NAME);
     let text = std::fs::read(&set).map_err(|e| Error::reading(&set, "cannot read", e))?;
-    job.record(NAMED, &xxh3_64(&text))?;
-    pending::finish(&pending, disk)?;
-    disk.replace_folder(&pending, &config.output)?;
     let n_triangles = source.n_triangles();
     let (peak_temp_bytes, rate) = (
         stages.stages.peak_temp_bytes(),
@@ -245,13 +251,21 @@ fn run(
         notes: notes(&source, coloured, pages.as_ref()),
         texture: pages,
     };
-    if !config.keep_temp {
-        job.remove()?;
-    }
     report.notes.extend(scalar_notes(&lost, rounds.first()));
     report.notes.extend(source.remarks()?);
     if source.materials().is_some_and(|materials| materials.lacks_images()) {
         report.notes.push(NO_IMAGE.to_owned());
+    }
+    refuse_appeared(config)?;
+    // From here on the job may be over.
+    job.record(NAMED, &xxh3_64(&text))?;
+    job.record(OVER, &report)?;
+    pending::finish(&pending, disk)?;
+    disk.replace_folder(&pending, &config.output, &pending::check_tree, &|folder| {
+        pending::remove_tree(folder, disk)
+    })?;
+    if !config.keep_temp {
+        job.remove()?;
     }
     Ok(report)
 }
@@ -259,7 +273,7 @@ fn run(
 /// The error of a run; what it has made goes if the same command would fail again.
 fn give_up(job: &Job, pending: &Path, error: Error) -> Error {
     if is_final(&error) {
-        let _ = std::fs::remove_dir_all(pending);
+        let _ = pending::remove(pending, job.disk());
     }
     abandon(job, error)
 }
@@ -287,8 +301,15 @@ fn cut_into_groups(
 const COLOURED_FILE: &str = "input.coloured";
 const COLOURED: &str = "coloured";
 
-fn is_empty(folder: &Path) -> bool {
-    std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_none())
+/// Refuses to replace what took the name of the output while the run was under way.
+fn refuse_appeared(config: &TilesConfig) -> Result<()> {
+    let output = config.output.display();
+    plan::refuse_to_replace(&config.output, config.force).map_err(|error| match error {
+        Error::Usage(_) if !config.force => Error::Usage(format!(
+            "{output} has appeared during the run; give --force to replace it"
+        )),
+        other => other,
+    })
 }
 
 /// Texture coordinates and regions mean nothing outside of their chart.

@@ -1,10 +1,10 @@
 //! Opens the input of `tiles`, checks it against what was asked for, and plans the run; nothing is written yet.
 
 use super::config::{Finest, NAMED, TileTexture, TilesConfig};
+use super::pending::{check_tree, checksum};
 use crate::bake::{TilesNeed, check_tiles, colour_properties, has_images, has_only_images};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
-use crate::io::tileset::{FILE_NAME, read_tileset};
 use crate::io::{StageOptions, WeldOptions};
 use crate::mesh::record::VertexSchema;
 use crate::pipeline::plan::disk::check_space;
@@ -13,14 +13,13 @@ use crate::stages::partition::{Shares, Sizes, store_bytes};
 use crate::stages::simplify::work_bytes;
 use crate::stages::tiles::{BYTES_PER_TRIANGLE, carried_scalars};
 use crate::store::cells::{CellTally, VertexLayout, plan_cells};
-use crate::store::job::Job;
 use crate::store::job::fingerprint::{input_marks, marks_beside, unchanged};
-use crate::system::disk::{Disk, folder_of};
+use crate::store::job::view;
+use crate::system::disk::{Disk, folder_of, is_empty};
 use crate::system::memory::BASE_BYTES;
 use crate::system::units::{memory_word, show_bytes, show_count};
 use std::collections::BTreeMap;
 use std::path::Path;
-use xxhash_rust::xxh3::xxh3_64;
 
 /// Boxes of the finest level in a group that a sheet passes through.
 const TILES_OF_GROUP: u64 = 16;
@@ -133,8 +132,10 @@ pub struct PreparedTiles {
 
 /// Opens the input and plans the run.
 pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
-    let is_over = clear_finished(config)?;
-    refuse_to_replace(&config.output, config.force, is_over)?;
+    // The run finds out by itself whether the tree is its own.
+    if config.restart || !is_named(config) {
+        refuse_to_replace(&config.output, config.force)?;
+    }
     let mut marks = input_marks(&config.input)?;
     let read = config.read_options();
     let staging = Disk::default();
@@ -155,47 +156,39 @@ pub fn prepare_tiles(config: &TilesConfig) -> Result<PreparedTiles> {
     Ok(PreparedTiles { source, plan, textured, marks, staging })
 }
 
-/// Clears up after a run that gave the tree its name and was killed before its job folder was gone; true if there was one.
-fn clear_finished(config: &TilesConfig) -> Result<bool> {
-    let Ok(text) = std::fs::read(config.output.join(FILE_NAME)) else { return Ok(false) };
-    let named = serde_json::Value::from(xxh3_64(&text));
-    let disk = Disk::default();
-    let is_over =
-        Job::remove_if(&config.job_folder, &disk, |done| done.get(NAMED) == Some(&named))?;
-    let pending = config.pending_output();
-    if is_over && pending.exists() {
-        // The tree that was replaced.
-        std::fs::remove_dir_all(&pending).map_err(|e| Error::io(&pending, "cannot remove", e))?;
-    }
-    Ok(is_over)
+/// True if the tree that is there is that of the job in the job folder, which was stopped before that was gone.
+pub(super) fn is_named(config: &TilesConfig) -> bool {
+    named(config).is_some_and(|named| checksum(&config.output) == Some(named))
 }
 
-/// Refuses a folder that exists; with `force` only one that is not a tree of this program.
-fn refuse_to_replace(output: &Path, force: bool, is_over: bool) -> Result<()> {
+/// True if the tree of the job in the job folder has had its name, and is neither there nor where it grew.
+pub(super) fn is_lost(config: &TilesConfig) -> bool {
+    named(config).is_some_and(|named| {
+        [&config.output, &config.pending_output()]
+            .iter()
+            .all(|folder| checksum(folder) != Some(named))
+    })
+}
+
+/// The checksum that a job has recorded when its tree was whole.
+fn named(config: &TilesConfig) -> Option<u64> {
+    view(&config.job_folder).ok()?.outcomes.get(NAMED)?.as_u64()
+}
+
+/// Refuses a folder that exists; with `force` only one that is not a tree of this program, or holds anything else.
+pub(super) fn refuse_to_replace(output: &Path, force: bool) -> Result<()> {
     let Ok(meta) = std::fs::symlink_metadata(output) else { return Ok(()) };
     let shown = output.display();
     if !meta.is_dir() {
         return Err(Error::Usage(format!("{shown} is not a folder; give the name of a new one")));
     }
-    if std::fs::read_dir(output).is_ok_and(|mut entries| entries.next().is_none()) {
+    if is_empty(output) {
         return Ok(());
-    }
-    if !force && is_over {
-        return Err(Error::Usage(format!(
-            "{shown} is complete: the run that wrote it was stopped while it cleared up, which is done now; give --force to write it again"
-        )));
     }
     if !force {
         return Err(Error::Usage(format!("{shown} exists; give --force to replace it")));
     }
-    let text = std::fs::read(output.join(FILE_NAME)).unwrap_or_default();
-    let is_ours = read_tileset(&text).is_ok_and(|set| set.asset.generator.starts_with("stonecut"));
-    if is_ours {
-        return Ok(());
-    }
-    Err(Error::Usage(format!(
-        "{shown} is not a tree of tiles that stonecut has written; remove it yourself, or give another name"
-    )))
+    check_tree(output)
 }
 
 impl TilesPlan {

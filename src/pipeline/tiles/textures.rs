@@ -6,10 +6,11 @@
 //!
 //! docs/design/tiles.md, "Textures".
 
+use super::pending::{self, SHAPES};
 use super::report::PagesReport;
 use super::rounds::Stages;
 use crate::bake::{Photographs, TilePainter, TilePicture};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::io::ply::MeshSource;
 use crate::io::tileset::encode_borders;
 use crate::io::{StageOptions, TileScalar};
@@ -27,9 +28,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 use xxhash_rust::xxh3::xxh3_64;
-
-/// The folder of the shapes within that of the tree.
-pub(super) const SHAPES: &str = "shapes";
 
 /// Record of the cells whose tiles are durable.
 const SO_FAR: &str = "tiles with pages";
@@ -126,9 +124,8 @@ pub(super) fn paint(
     for unit in &units {
         remove_shapes(stages.run.disk(), pending, unit)?;
     }
-    let shapes = pending.join(SHAPES);
-    if shapes.exists() {
-        std::fs::remove_dir_all(&shapes).map_err(|e| Error::io(&shapes, "cannot remove", e))?;
+    if pending.join(SHAPES).exists() {
+        pending::remove_shapes(pending, stages.run.disk())?;
     }
     let mut report = PagesReport {
         texels_per_unit: painted.texels_per_unit,

@@ -5,7 +5,7 @@ use crate::system::disk::Disk;
 use std::path::Path;
 
 /// Names and contents.
-const FILES: [(&str, &[u8]); 3] = [
+pub(super) const FILES: [(&str, &[u8]); 3] = [
     ("index.html", include_bytes!("assets/index.html")),
     ("viewer.js", include_bytes!("assets/viewer.js")),
     ("viewer-licences.txt", include_bytes!("assets/viewer-licences.txt")),

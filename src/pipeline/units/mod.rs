@@ -30,6 +30,7 @@ use crate::store::job::fingerprint::{job_identity, marks_now};
 use crate::store::job::units::{Phase, Record, UnitJob};
 use crate::system::disk::Disk;
 use crate::system::parallel::guarded;
+use crate::system::pending_file::Seen;
 use crate::system::program;
 use crate::system::progress::Progress;
 use kind::Kind;
@@ -68,7 +69,18 @@ pub struct Pieces {
 /// `words` are those of the command, given in the folder `here`; `config.job_folder` is the folder of units.
 pub fn freeze(
     folder: &Path,
-    (words, here): (Vec<String>, PathBuf),
+    said: (Vec<String>, PathBuf),
+    config: &Config,
+    pieces: Pieces,
+    disk: &Disk,
+) -> Result<Frozen> {
+    freeze_with(folder, (said, None), config, pieces, disk)
+}
+
+/// The same, with the file for the report as it was found.
+pub fn freeze_with(
+    folder: &Path,
+    ((words, here), report): ((Vec<String>, PathBuf), Option<Seen>),
     config: &Config,
     pieces: Pieces,
     disk: &Disk,
@@ -94,6 +106,7 @@ pub fn freeze(
         identity: job_identity(&prepared.source, &prepared.marks, config),
         triangles: plan.triangles_in,
         phases: cut.iter().enumerate().map(phase).collect(),
+        report,
     };
     UnitJob::new(folder, disk, Duration::ZERO).freeze(&frozen)?;
     Ok(frozen)

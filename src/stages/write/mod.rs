@@ -116,7 +116,7 @@ pub fn write(
     let (mut records, mut encoded) = (Vec::new(), Vec::new());
     for cell in CellId::first(info.cells.len()) {
         run.progress.check()?;
-        let part = result.load(cell)?;
+        let part = result.load_recorded(cell)?;
         let own = own_vertices(&part, cell, &uses);
         let numbers = numbers_of(first, own.len(), joined.as_ref())?;
         let directions = normals.as_ref().map(|normals| normals.of(&part));

@@ -221,7 +221,33 @@ impl CellStore {
             Some(file) => Some(Pack::open_all(disk, folder, std::slice::from_ref(file), n_cells)?),
             None => None,
         };
-        Ok(CellStore { info, layout, pack, verdicts })
+        let store = CellStore { info, layout, pack, verdicts };
+        store.check_rows(folder)?;
+        Ok(store)
+    }
+
+    /// Refuses a record that says of a cell more rows than its chunks can have.
+    fn check_rows(&self, folder: &Path) -> Result<()> {
+        let layout = &self.layout;
+        let vertex_bytes = layout.ids.bytes + layout.row_bytes(self.info.has_channels);
+        let triangle_bytes = layout.triangle_row_bytes(self.info.has_channels);
+        for cell in CellId::first(self.n_cells()) {
+            let rows = |kind: ChunkKind, row_bytes: usize| -> u64 {
+                let chunks = self.pack.chunks_of(cell).iter().filter(|chunk| chunk.kind == kind);
+                chunks.map(|chunk| chunk.bytes / row_bytes as u64).sum()
+            };
+            let tally = self.info.cells[cell];
+            if tally.vertices > rows(ChunkKind::Vertices, vertex_bytes)
+                || tally.triangles > rows(ChunkKind::Triangles, triangle_bytes)
+            {
+                let what = format!(
+                    "has fewer rows of cell {cell} than its record says; run again with --restart"
+                );
+                let pack = self.info.packs.first().map_or(String::new(), |file| file.pack.clone());
+                return Err(Error::corrupt(folder.join(pack), what));
+            }
+        }
+        Ok(())
     }
 
     /// The sealed description.

@@ -97,11 +97,44 @@ pub fn n_samples(n_vertices: u64, n_cells: u32) -> u64 {
 
 /// Maps every point of space to one of `n_cells` cells.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "UncheckedTree")]
 pub struct CellTree {
     frame: TurnedFrame,
     nodes: Vec<Node>,
     root: Child,
     n_cells: u32,
+}
+
+/// A tree as it was read from a record.
+#[derive(Deserialize)]
+struct UncheckedTree {
+    frame: TurnedFrame,
+    nodes: Vec<Node>,
+    root: Child,
+    n_cells: u32,
+}
+
+impl TryFrom<UncheckedTree> for CellTree {
+    type Error = String;
+
+    /// Refuses a tree in which a point would find no cell, or look for one without end.
+    fn try_from(tree: UncheckedTree) -> Result<CellTree, String> {
+        let UncheckedTree { frame, nodes, root, n_cells } = tree;
+        let leads_on = |child: Child, above: Option<usize>| match child {
+            Child::Cell(cell) => cell.0 < n_cells,
+            // A node comes behind the one that leads to it.
+            Child::Node(at) => {
+                (at as usize) < nodes.len() && above.is_none_or(|above| at as usize > above)
+            }
+        };
+        let is_sound = |(at, node): (usize, &Node)| {
+            node.axis < 3 && leads_on(node.low, Some(at)) && leads_on(node.high, Some(at))
+        };
+        if !leads_on(root, None) || !nodes.iter().enumerate().all(is_sound) {
+            return Err("its tree of cells leads nowhere".to_owned());
+        }
+        Ok(CellTree { frame, nodes, root, n_cells })
+    }
 }
 
 impl CellTree {
@@ -265,6 +298,25 @@ mod tests {
         for x in [-3.5, -3.0, -0.0, 2.0, 2.9, 1e300, -1e300, f64::from(i32::MIN) - 0.5] {
             assert_eq!(floor(x), x.floor() as i32, "{x}");
         }
+    }
+
+    #[test]
+    fn a_forged_tree_is_refused() {
+        let frame = TurnedFrame::new(0, Bounds::from([[0.0; 3], [9.0; 3]]));
+        let tree = CellTree::build(frame, &scattered(500), 4);
+        let good = serde_json::to_value(&tree).unwrap();
+        assert_eq!(serde_json::from_value::<CellTree>(good.clone()).unwrap(), tree);
+        let forge = |path: &str, value: serde_json::Value| {
+            let mut forged = good.clone();
+            *forged.pointer_mut(path).unwrap() = value;
+            assert!(serde_json::from_value::<CellTree>(forged).is_err(), "{path}");
+        };
+        forge("/nodes/0/axis", 3.into());
+        forge("/nodes/0/low", serde_json::json!({ "Node": 0 }));
+        forge("/nodes/0/high", serde_json::json!({ "Node": 77 }));
+        forge("/root", serde_json::json!({ "Node": 77 }));
+        forge("/n_cells", 1.into());
+        forge("/nodes", serde_json::json!([]));
     }
 
     #[test]

@@ -282,6 +282,14 @@ impl Pack {
         mut chunks: Vec<Chunk>,
         cells: Range<CellId>,
     ) -> Result<Pack> {
+        if cells.end < cells.start {
+            let path = files.first().map_or(Path::new("a pack"), DiskFile::path);
+            let what = format!(
+                "its record has cells {} to {}; run again with --restart",
+                cells.start, cells.end
+            );
+            return Err(Error::corrupt(path, what));
+        }
         if let Some(bad) = chunks.iter().find(|chunk| !cells.contains(&chunk.cell)) {
             let what = format!(
                 "byte {}: cell {} is not in {}..{}; run again with --restart",
@@ -296,8 +304,7 @@ impl Pack {
 
     /// Leaves out the chunks of some cells (ascending) that lie before a place in the last of the packs.
     pub fn forget(mut self, cells: &[CellId], before: u64) -> Pack {
-        if !cells.is_empty() {
-            let last = self.files.len() - 1;
+        if let (false, Some(last)) = (cells.is_empty(), self.files.len().checked_sub(1)) {
             self.chunks.retain(|chunk| {
                 (usize::from(chunk.file), chunk.offset) >= (last, before)
                     || cells.binary_search(&chunk.cell).is_err()

@@ -269,6 +269,10 @@ impl Survivors {
             .chunks_exact(12)
             .map(|b| [corner(&b[0..4]), corner(&b[4..8]), corner(&b[8..12])])
             .collect();
+        let triangles: Vec<[u32; 3]> = triangles;
+        if triangles.as_flattened().iter().any(|&v| v as usize >= n_vertices) {
+            return None;
+        }
         let mut mesh = Mesh { positions, channels, n_channels, triangles, ..Mesh::default() };
         let original_bytes = layout.survivor_triangle_bytes() - 12;
         let original = take(n_triangles.checked_mul(original_bytes)?)?;
@@ -415,6 +419,13 @@ impl SurvivorPack {
         let first = info.packs.first().map_or(0, |file| file.first_cell.index());
         let ends = info.packs.iter().skip(1).map(|file| file.first_cell);
         let ends = ends.chain(std::iter::once(CellId::at(first + info.cells.len())));
+        let n_triangles = info.cells.iter().try_fold(0u64, |sum, t| sum.checked_add(t.triangles));
+        if n_triangles != Some(info.triangles) && info.triangles > 0 {
+            let name = info.packs.first().map_or("the survivors", |file| file.pack.as_str());
+            let what =
+                "has another number of triangles than its record says; run again with --restart";
+            return Err(Error::corrupt(folder.join(name), what));
+        }
         let open = |(file, end): (&SurvivorFile, CellId)| {
             Pack::open_some(disk, &folder.join(&file.pack), file.first_cell..end, file.pack_bytes)
         };
@@ -430,6 +441,18 @@ impl SurvivorPack {
     /// The row layout.
     pub fn layout(&self) -> &VertexLayout {
         &self.layout
+    }
+
+    /// Loads what is left of one cell, which is to have as many triangles as was recorded.
+    pub fn load_recorded(&self, cell: CellId) -> Result<Survivors> {
+        let survivors = self.load(cell)?;
+        if self.info.cells.get(cell.index()) == Some(&survivors.tally()) {
+            return Ok(survivors);
+        }
+        let pack = self.info.packs.first().map_or("the survivors", |file| file.pack.as_str());
+        let what =
+            format!("cell {cell} has other rows than its record says; run again with --restart");
+        Err(Error::corrupt(Path::new(pack), what))
     }
 
     /// Loads what is left of one cell.

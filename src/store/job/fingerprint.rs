@@ -110,6 +110,13 @@ pub fn unchanged<T>(
     }
     let now = match marks_now(path, before) {
         Ok(now) => now,
+        // Whatever was wrong before, or the want of open files, is not the input's fault.
+        Err(_) if is_out_of_files(path) => {
+            return Err(outcome.err().unwrap_or_else(|| {
+                let source = std::io::Error::from_raw_os_error(TOO_MANY_FILES);
+                Error::reading(path, "cannot open", source)
+            }));
+        }
         Err(_) => return Err(changed(path, "it can no longer be opened")),
     };
     let differences: Vec<String> = now
@@ -121,6 +128,15 @@ pub fn unchanged<T>(
         })
         .collect();
     if differences.is_empty() { outcome } else { Err(changed(path, &differences.join("; "))) }
+}
+
+/// Errno of a process that has all the files open that it may have.
+const TOO_MANY_FILES: i32 = 24;
+
+/// Returns whether a file that is there cannot be opened because too many are.
+fn is_out_of_files(path: &Path) -> bool {
+    let opened = File::open(path);
+    opened.is_err_and(|e| matches!(e.raw_os_error(), Some(TOO_MANY_FILES | 23)))
 }
 
 fn changed(path: &Path, how: &str) -> Error {

@@ -7,15 +7,19 @@
 //! have copies of its open files. So a lock that is held is asked for again for a moment before it counts as another run's.
 
 use crate::error::{Error, Result};
-use rustix::fs::{FlockOperation, flock};
+use crate::system::disk::check_own;
+use rustix::fs::{FlockOperation, OFlags, flock};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, Write};
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::Path;
 use std::time::Duration;
 
 /// The lock file's name in the job folder.
 pub const FILE_NAME: &str = "lock";
+
+/// First bytes of a lock that was taken.
+pub const BEGIN: &str = "host ";
 
 /// Times that a held lock is asked for, and the pause between two of them: half a second in all.
 const ATTEMPTS: u32 = 25;
@@ -39,8 +43,13 @@ impl Lock {
 
     /// `None` if the file was removed, with its folder perhaps, between opening and locking it.
     fn take_once(folder: &Path) -> Result<Option<Lock>> {
-        std::fs::create_dir_all(folder)
+        std::fs::DirBuilder::new()
+            .recursive(true)
+            .mode(0o700)
+            .create(folder)
             .map_err(|e| Error::io(folder, "cannot create folder", e))?;
+        // Somebody else may have made it in between.
+        check_own(folder)?;
         let path = folder.join(FILE_NAME);
         let io = |action| move |e| Error::io(folder.join(FILE_NAME), action, e);
         let mut file = OpenOptions::new()
@@ -48,8 +57,13 @@ impl Lock {
             .write(true)
             .create(true)
             .truncate(false)
+            .custom_flags(OFlags::NOFOLLOW.union(OFlags::NONBLOCK).bits() as i32)
             .open(&path)
             .map_err(io("cannot open lock"))?;
+        if !file.metadata().map_err(io("cannot stat lock"))?.is_file() {
+            let what = format!("{} is not a lock of stonecut; remove it", path.display());
+            return Err(Error::Usage(what));
+        }
         match exclusive(&file) {
             Ok(()) => {}
             Err(rustix::io::Errno::WOULDBLOCK) => {
@@ -94,6 +108,7 @@ fn exclusive(file: &File) -> rustix::io::Result<()> {
 
 /// Holds a folder itself against other runs, without a file in it; dropping the outcome gives it free.
 pub fn hold(folder: &Path) -> Result<File> {
+    check_own(folder)?;
     let file = File::open(folder).map_err(|e| Error::io(folder, "cannot open", e))?;
     let locked = || Error::Locked {
         path: folder.into(),
@@ -117,6 +132,8 @@ fn is_named(file: &File, folder: &Path) -> bool {
 
 /// Returns whether the lock of a job folder is free; `None` without a lock.
 pub fn is_free(folder: &Path) -> Option<bool> {
-    let file = File::open(folder.join(FILE_NAME)).ok()?;
+    let path = folder.join(FILE_NAME);
+    let flags = OFlags::NOFOLLOW.union(OFlags::NONBLOCK).bits() as i32;
+    let file = OpenOptions::new().read(true).custom_flags(flags).open(path).ok()?;
     Some(flock(&file, FlockOperation::NonBlockingLockShared).is_ok())
 }

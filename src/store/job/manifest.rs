@@ -5,7 +5,7 @@
 //! cut off; a damaged line before the last is an error.
 
 use crate::error::{Error, Result};
-use crate::system::disk::{Disk, DiskFile};
+use crate::system::disk::{Disk, DiskFile, read_own};
 use crate::system::pending_file::{Place, write_whole};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -16,6 +16,12 @@ use xxhash_rust::xxh3::xxh3_64;
 
 /// The manifest's name in the job folder.
 pub const FILE_NAME: &str = "manifest.jsonl";
+
+/// First bytes of a manifest.
+pub const BEGIN: &str = "{\"name\":\"identity\"";
+
+/// No manifest comes near this.
+pub const MOST_BYTES: u64 = 1 << 30;
 
 /// Version of everything in a job folder; another version is refused.
 const FORMAT_VERSION: u32 = 10;
@@ -61,7 +67,7 @@ pub struct ManifestView {
 /// Reads the manifest of a job folder without opening the job.
 pub fn view(folder: &Path) -> Result<ManifestView> {
     let path = folder.join(FILE_NAME);
-    let bytes = std::fs::read(&path)
+    let bytes = read_own(&path, MOST_BYTES)
         .map_err(|e| Error::reading(&path, "cannot read (is this a job folder?)", e))?;
     let (mut outcomes, _) = parse(&path, &bytes)?;
     let identity =
@@ -76,7 +82,7 @@ impl Manifest {
     /// Opens a job folder's manifest, or begins one for `identity`.
     pub fn open(folder: &Path, disk: &Disk, identity: &Identity) -> Result<Manifest> {
         let path = folder.join(FILE_NAME);
-        let bytes = match std::fs::read(&path) {
+        let bytes = match read_own(&path, MOST_BYTES) {
             Ok(bytes) => bytes,
             Err(e) if e.kind() == std::io::ErrorKind::NotFound => Vec::new(),
             Err(e) => return Err(Error::reading(&path, "cannot read", e)),
@@ -124,6 +130,11 @@ impl Manifest {
     /// Returns whether this run began the manifest.
     pub fn is_new(&self) -> bool {
         self.is_new
+    }
+
+    /// Returns whether an outcome was recorded.
+    pub fn has(&self, name: &str) -> bool {
+        self.outcomes.contains_key(name)
     }
 
     /// The recorded outcome of a stage.

@@ -6,13 +6,15 @@
 pub mod fingerprint;
 mod lock;
 mod manifest;
+mod own_names;
 pub mod units;
 
 pub use lock::hold;
 pub use manifest::{Identity, ManifestView, view};
+pub use own_names::{SCRATCH_EXTENSION, TRIALS, is_in_job};
 
 use crate::error::{Error, Result};
-use crate::system::disk::Disk;
+use crate::system::disk::{Disk, check_own};
 use lock::Lock;
 use manifest::Manifest;
 use serde::Serialize;
@@ -34,19 +36,27 @@ pub struct Job {
 }
 
 impl Job {
-    /// Removes a job folder that no run holds if `is_over` says so of its recorded outcomes; true if it did.
-    pub fn remove_if(
+    /// The report of a run of this identity that ended, and was stopped while it removed its job folder; the rest of that
+    /// goes now. A run of another identity that ended is cleared away, too.
+    ///
+    /// Errors: `Locked` when a living run works there.
+    pub fn concluded<T: DeserializeOwned>(
         folder: &Path,
         disk: &Disk,
-        is_over: impl FnOnce(&BTreeMap<String, serde_json::Value>) -> bool,
-    ) -> Result<bool> {
-        let Ok(view) = view(folder) else { return Ok(false) };
-        if !is_over(&view.outcomes) || lock::is_free(folder) == Some(false) {
-            return Ok(false);
-        }
-        let job = Job::open(folder, disk, &view.identity, false)?;
+        identity: &Identity,
+    ) -> Result<Option<T>> {
+        let Ok(ManifestView { identity: found, outcomes }) = view(folder) else { return Ok(None) };
+        let Some(report) = outcomes.get(OVER) else { return Ok(None) };
+        let job = Job::open(folder, disk, &found, false)?;
         job.remove()?;
-        Ok(true)
+        // A report that this build cannot read is made again.
+        Ok(serde_json::from_value(report.clone()).ok().filter(|_| found == *identity))
+    }
+
+    /// Records the report of a run whose output stands, and removes the whole folder.
+    pub fn conclude<T: Serialize>(&self, report: &T) -> Result<()> {
+        self.record(OVER, report)?;
+        self.remove()
     }
 
     /// Opens the job in `folder`, or begins it; `restart` throws away what an earlier run left.
@@ -54,8 +64,7 @@ impl Job {
     /// Errors: `Locked` when a living run works there, `StateMismatch` when the folder belongs to another
     /// input, other settings or another format version.
     pub fn open(folder: &Path, disk: &Disk, identity: &Identity, restart: bool) -> Result<Job> {
-        disk.create_dir(folder)?;
-        let lock = Lock::take(folder)?;
+        let lock = take_folder(folder, disk)?;
         if restart {
             clear(folder, disk)?;
         }
@@ -158,7 +167,7 @@ impl Job {
     /// Removes scratch folders inside the job folder that a killed run has left.
     pub fn clear_scratch(&self) -> Result<()> {
         match self._lock {
-            Some(_) => clear_scratch(&self.folder),
+            Some(_) => clear_scratch(&self.folder, &self.disk),
             None => {
                 sweep_scratch(&self.folder);
                 Ok(())
@@ -172,11 +181,42 @@ impl Job {
         if self._lock.is_none() {
             return Ok(());
         }
-        clear(&self.folder, &self.disk)?;
+        let is_over = self.manifest.lock().unwrap_or_else(PoisonError::into_inner).has(OVER);
+        let manifest = self.folder.join(manifest::FILE_NAME);
+        match is_over {
+            // It says that nothing is left to be done, so it goes last.
+            true => clear_data(&self.folder, &self.disk)
+                .and_then(|()| self.disk.remove(&manifest))
+                .and_then(|()| self.disk.sync_folder_of(&manifest))?,
+            false => clear(&self.folder, &self.disk)?,
+        }
         // Removed while held: a run that has just opened the old file sees that it is gone and starts again.
         self.disk.remove(&self.folder.join(lock::FILE_NAME))?;
         self.disk.remove_dir(&self.folder)
     }
+}
+
+/// Makes a job folder, or takes one that is ours and not in use for something else, and locks it.
+fn take_folder(folder: &Path, disk: &Disk) -> Result<Lock> {
+    if !disk.own_dir(folder)? {
+        own_names::refuse_foreign(folder)?;
+    }
+    Lock::take(folder)
+}
+
+/// True if a folder holds what is left of a job without its manifest: of a run that ended after `output` was written, and was
+/// stopped while it removed the folder.
+pub fn is_remainder(folder: &Path, output: &Path) -> bool {
+    // Units are done again one by one, and say by themselves when the output may be theirs.
+    let is_of_units = folder.file_name().is_some_and(|name| name == own_names::UNITS);
+    let is_bare = !is_of_units
+        && !folder.join(manifest::FILE_NAME).exists()
+        && check_own(folder).is_ok()
+        && own_names::refuse_foreign(folder).is_ok();
+    let made = std::fs::symlink_metadata(folder).and_then(|meta| meta.created()).ok();
+    let written = std::fs::symlink_metadata(output).and_then(|meta| meta.modified()).ok();
+    // An earlier output is not that of this job.
+    is_bare && (made.is_none() || written >= made)
 }
 
 /// Takes a job back to where only the stages whose names are kept are done, for another attempt at the rest; `attempt`
@@ -192,7 +232,7 @@ pub fn rewind(
     if !folder.join(manifest::FILE_NAME).exists() {
         return Ok(());
     }
-    let _lock = Lock::take(folder)?;
+    let _lock = take_folder(folder, disk)?;
     let mut view = view(folder)?;
     let begun = view.outcomes.get(ATTEMPT).and_then(serde_json::Value::as_u64).unwrap_or(1);
     if begun == attempt as u64 {
@@ -215,16 +255,23 @@ fn clear(folder: &Path, disk: &Disk) -> Result<()> {
     clear_data(folder, disk)
 }
 
-fn clear_scratch(folder: &Path) -> Result<()> {
+fn clear_scratch(folder: &Path, disk: &Disk) -> Result<()> {
     let entries =
         std::fs::read_dir(folder).map_err(|e| Error::reading(folder, "cannot list", e))?;
     for entry in entries {
         let path = entry.map_err(|e| Error::reading(folder, "cannot list", e))?.path();
-        if path.extension().is_some_and(|ext| ext == SCRATCH_EXTENSION) {
-            std::fs::remove_dir_all(&path).map_err(|e| Error::io(&path, "cannot remove", e))?;
+        if is_own_scratch(&path) {
+            // What is not ours in it is left.
+            let _ = disk.remove_own(&path, &own_names::is_in_scratch, &|_| 0);
         }
     }
     Ok(())
+}
+
+/// Returns whether a path is that of a folder of scratch of ours.
+fn is_own_scratch(path: &Path) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str());
+    name.is_some_and(own_names::is_scratch) && check_own(path).is_ok()
 }
 
 /// Removes scratch folders in `folder` whose process has ended: their lock is free. What cannot be read or
@@ -232,17 +279,17 @@ fn clear_scratch(folder: &Path) -> Result<()> {
 pub fn sweep_scratch(folder: &Path) {
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let path = entry.path();
-        let is_scratch = path.extension().is_some_and(|ext| ext == SCRATCH_EXTENSION);
-        if is_scratch && entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+        if is_own_scratch(&path) {
             // Looked at before the lock, which is the first file of a folder.
-            let has_files = std::fs::read_dir(&path).is_ok_and(|mut files| files.next().is_some());
+            let has_files = !crate::system::disk::is_empty(&path);
+            let remove = || Disk::default().remove_own(&path, &own_names::is_in_scratch, &|_| 0);
             let _ = match lock::is_free(&path) {
                 Some(false) => Ok(()),
-                Some(true) => std::fs::remove_dir_all(&path),
+                Some(true) => remove(),
                 // The lock is gone again: its owner is removing the folder, or was killed while it did.
-                None if has_files => std::fs::remove_dir_all(&path),
+                None if has_files => remove(),
                 // It has no lock yet, and goes only if it is empty; its owner makes it again.
-                None => std::fs::remove_dir(&path),
+                None => Disk::default().remove_dir(&path),
             };
         }
     }
@@ -254,21 +301,17 @@ fn clear_data(folder: &Path, disk: &Disk) -> Result<()> {
 
 /// Removes data and scratch, but for files of these names.
 fn clear_data_but(folder: &Path, disk: &Disk, kept: &[&str]) -> Result<()> {
-    clear_scratch(folder)?;
+    clear_scratch(folder, disk)?;
     let trials = folder.join(TRIALS);
-    match std::fs::remove_dir_all(&trials) {
-        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
-            return Err(Error::io(&trials, "cannot remove", e));
-        }
-        _ => {}
+    if std::fs::symlink_metadata(&trials).is_ok() {
+        check_own(&trials)?;
+        disk.remove_own(&trials, &own_names::is_in_trials, &|_| 0)?;
     }
     let entries =
         std::fs::read_dir(folder).map_err(|e| Error::reading(folder, "cannot list", e))?;
     for entry in entries {
         let name = entry.map_err(|e| Error::reading(folder, "cannot list", e))?.file_name();
-        let ours = Path::new(&name)
-            .extension()
-            .is_some_and(|ext| DATA_EXTENSIONS.iter().any(|ours| ext == *ours));
+        let ours = name.to_str().is_some_and(own_names::is_data);
         if ours && !kept.iter().any(|kept| name == *kept) {
             disk.remove(&folder.join(&name))?;
         }
@@ -276,17 +319,11 @@ fn clear_data_but(folder: &Path, disk: &Disk, kept: &[&str]) -> Result<()> {
     Ok(())
 }
 
-/// Extension of the folders of `Scratch`, which are never continued.
-pub const SCRATCH_EXTENSION: &str = "stonecut-scratch";
-
-/// The folder for the trials of `--max-error` in a job folder: their job, and their results.
-pub const TRIALS: &str = "trials";
-
 /// Record of the attempt that a job is at, if it is not the first.
 const ATTEMPT: &str = "attempt";
 
-/// Extensions of the files that stages write into a job folder; nothing else there is ever removed.
-const DATA_EXTENSIONS: [&str; 6] = ["cells", "survivors", "index", "part", "pm", "coloured"];
+/// Record of a run whose output stands: its report.
+pub const OVER: &str = "over";
 
 #[cfg(test)]
 mod tests {
@@ -307,11 +344,11 @@ mod tests {
         };
         let open = || Job::open(&folder, &disk, &identity, false).unwrap();
         let job = open();
-        job.record("first", &json!([{ "packs": [{ "pack": "a.survivors" }] }])).unwrap();
-        job.record("second", &json!({ "pack": "b.survivors" })).unwrap();
+        job.record("first", &json!([{ "packs": [{ "pack": "round-1.survivors" }] }])).unwrap();
+        job.record("second", &json!({ "pack": "round-2.survivors" })).unwrap();
         assert!(rewind(&folder, &disk, |name| name == "first", 2).is_err(), "a run holds it");
         drop(job);
-        for name in ["a.survivors", "b.survivors", "c.cells"] {
+        for name in ["round-1.survivors", "round-2.survivors", "round-3.cells"] {
             std::fs::write(folder.join(name), name).unwrap();
         }
         let names = || {
@@ -324,13 +361,16 @@ mod tests {
             names
         };
         rewind(&folder, &disk, |name| name == "first", 1).unwrap();
-        assert_eq!(names(), ["a.survivors", "b.survivors", "c.cells", "manifest.jsonl"]);
+        assert_eq!(
+            names(),
+            ["round-1.survivors", "round-2.survivors", "round-3.cells", "manifest.jsonl"]
+        );
         rewind(&folder, &disk, |name| name == "first", 2).unwrap();
-        assert_eq!(names(), ["a.survivors", "manifest.jsonl"]);
+        assert_eq!(names(), ["round-1.survivors", "manifest.jsonl"]);
         let job = open();
         assert!(job.outcome::<serde_json::Value>("first").unwrap().is_some());
         assert!(job.outcome::<serde_json::Value>("second").unwrap().is_none());
-        job.record("second", &json!({ "pack": "b.survivors" })).unwrap();
+        job.record("second", &json!({ "pack": "round-2.survivors" })).unwrap();
         drop(job);
         rewind(&folder, &disk, |name| name == "first", 2).unwrap();
         assert!(open().outcome::<serde_json::Value>("second").unwrap().is_some(), "has begun");

@@ -6,9 +6,11 @@
 //! written may be seen late, so whoever misses something looks again for a while.
 
 use super::manifest::{decode_line, encode_line};
-use super::{DATA_EXTENSIONS, Identity, SCRATCH_EXTENSION};
+use super::own_names::{self, PLAN, UNITS};
+use super::{Identity, is_own_scratch};
 use crate::error::{Error, Result};
-use crate::system::disk::Disk;
+use crate::system::disk::{Disk, read_own};
+use crate::system::pending_file::Seen;
 use crate::system::program::unique_name;
 use crate::system::progress::Progress;
 use serde::de::DeserializeOwned;
@@ -17,9 +19,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-/// Name of the plan in the job folder, and of the folder of units.
-const PLAN: &str = "plan.record";
-const UNITS: &str = "units";
+/// No record comes near this.
+const MOST_RECORD_BYTES: u64 = 1 << 30;
 
 /// Errno of a file that was removed on another machine while it was open here.
 const STALE: i32 = 116;
@@ -97,6 +98,9 @@ pub struct Frozen {
     pub triangles: u64,
     /// The phases, in order.
     pub phases: Vec<Phase>,
+    /// The file for the report, as it was found by the plan.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub report: Option<Seen>,
 }
 
 impl Frozen {
@@ -190,7 +194,10 @@ impl UnitJob {
 
     /// Freezes the job; a job that is frozen already must be the same one.
     pub fn freeze(&self, frozen: &Frozen) -> Result<()> {
-        self.disk.create_dir(&self.units_folder())?;
+        if !self.disk.own_dir(&self.folder)? {
+            own_names::refuse_foreign_units(&self.folder)?;
+        }
+        self.disk.own_dir(&self.units_folder())?;
         let value = serde_json::to_value(frozen).expect("plain data");
         let temporary = self.folder.join(format!("plan.{}.part", unique_name()));
         let line = encode_line("plan", &value);
@@ -208,6 +215,11 @@ impl UnitJob {
             return Err(Error::StateMismatch { path: self.folder.clone(), what: what.to_owned() });
         }
         found.check_program(&self.folder, &frozen.version, &frozen.program)
+    }
+
+    /// Refuses folders that are not ours: whoever owns them could lead what is written there elsewhere.
+    pub fn check_own(&self) -> Result<()> {
+        own_names::check_own_units(&self.folder)
     }
 
     /// The plan of the job.
@@ -340,14 +352,13 @@ impl UnitJob {
             std::fs::read_dir(&folder).map_err(|e| Error::reading(&folder, "cannot list", e))?;
         for entry in entries.flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
-            let extension = Path::new(&name).extension().unwrap_or_default();
             if !is_chosen(&name) {
                 continue;
             }
-            if DATA_EXTENSIONS.iter().any(|ours| extension == *ours) {
+            if own_names::is_of_attempt(&name) {
                 self.disk.remove(&entry.path())?;
-            } else if extension == SCRATCH_EXTENSION {
-                let _ = std::fs::remove_dir_all(entry.path());
+            } else if is_own_scratch(&entry.path()) {
+                let _ = self.disk.remove_own(&entry.path(), &own_names::is_in_scratch, &|_| 0);
             }
         }
         Ok(())
@@ -414,7 +425,7 @@ fn may_pass(error: &Error) -> bool {
 
 /// The content of a file of one line; `None` if it is not there.
 fn read_line(path: &Path, name: &str) -> Result<Option<serde_json::Value>> {
-    let bytes = match std::fs::read(path) {
+    let bytes = match read_own(path, MOST_RECORD_BYTES) {
         Ok(bytes) => bytes,
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(e) => return Err(Error::reading(path, "cannot read", e)),

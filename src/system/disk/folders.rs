@@ -2,7 +2,7 @@
 
 use super::Effect::Change;
 use super::account::Account;
-use super::{Disk, Shared};
+use super::{Disk, Shared, is_empty};
 use crate::error::{Error, Result};
 use std::fs::File;
 use std::path::Path;
@@ -18,21 +18,48 @@ impl Disk {
         Ok(())
     }
 
-    /// Gives a folder the name of another one, which is removed if it is there.
-    pub fn replace_folder(&self, from: &Path, to: &Path) -> Result<()> {
+    /// Gives a folder the name of another one, which goes if it is there: `check` refuses one that must stay, before and
+    /// after the exchange, and `remove` takes away what was checked.
+    pub fn replace_folder(
+        &self,
+        from: &Path,
+        to: &Path,
+        check: &dyn Fn(&Path) -> Result<()>,
+        remove: &dyn Fn(&Path) -> Result<()>,
+    ) -> Result<()> {
         use rustix::fs::{CWD, RenameFlags, renameat_with};
         self.operation(to, "cannot rename to", Change)?;
-        // Where folders cannot be exchanged there is a moment without either.
-        if to.exists() && renameat_with(CWD, from, CWD, to, RenameFlags::EXCHANGE).is_err() {
-            std::fs::remove_dir_all(to).map_err(|e| Error::io(to, "cannot replace", e))?;
+        let exchange = || renameat_with(CWD, from, CWD, to, RenameFlags::EXCHANGE);
+        let is_taken = std::fs::symlink_metadata(to).is_ok() && !is_empty(to);
+        let mut is_exchanged = false;
+        if is_taken {
+            check(to)?;
+            is_exchanged = exchange().is_ok();
+            if is_exchanged {
+                // What was put there between the look and the exchange goes back to its place.
+                if let Err(error) = check(from) {
+                    exchange().map_err(|e| Error::io(to, "cannot rename to", e.into()))?;
+                    return Err(error);
+                }
+            } else {
+                // Where folders cannot be exchanged there is a moment without either.
+                remove(to)?;
+            }
         }
-        if to.exists() {
-            std::fs::remove_dir_all(from).map_err(|e| Error::io(from, "cannot remove", e))?;
-        } else {
-            std::fs::rename(from, to).map_err(|e| Error::io(to, "cannot rename to", e))?;
+        if !is_exchanged {
+            // Takes the place of an empty folder, and of nothing else.
+            std::fs::rename(from, to).map_err(|e| match e.kind() {
+                std::io::ErrorKind::DirectoryNotEmpty | std::io::ErrorKind::NotADirectory => {
+                    let to = to.display();
+                    let what = format!("{to} has appeared during the run; move it elsewhere");
+                    Error::Usage(what)
+                }
+                _ => Error::io(to, "cannot rename to", e),
+            })?;
         }
         self.follow(|losses| losses.folder_renamed(from, to));
-        self.sync_folder_of(to)
+        self.sync_folder_of(to)?;
+        if is_exchanged { remove(from) } else { Ok(()) }
     }
 
     /// Removes an empty folder; one that is not empty (any more) stays.

@@ -7,7 +7,7 @@
 use crate::error::{Error, Result};
 use std::fs::{File, OpenOptions};
 use std::num::NonZeroU64;
-use std::os::unix::fs::FileExt;
+use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
@@ -15,10 +15,14 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 mod account;
 mod crash_model;
 mod folders;
+mod gate;
+mod own;
 mod publish;
 use account::Account;
 use crash_model::Losses;
 pub use crash_model::PowerLoss;
+pub use gate::{kind_of, open_input, read_own, read_regular};
+pub use own::{IsOurs, check_own, foreign_below, is_empty};
 
 /// A handle on the file system; clones share their counters.
 #[derive(Clone, Debug, Default)]
@@ -150,6 +154,7 @@ impl Disk {
             .write(true)
             .create(true)
             .truncate(true)
+            .custom_flags(NO_FOLLOW)
             .open(path)
             .map_err(|e| Error::io(path, "cannot create", e))?;
         self.follow(|losses| losses.created(path, &file));
@@ -190,6 +195,7 @@ impl Disk {
         let file = OpenOptions::new()
             .read(true)
             .write(true)
+            .custom_flags(NO_FOLLOW)
             .open(path)
             .map_err(|e| Error::io(path, "cannot open", e))?;
         file.set_len(length).map_err(|e| Error::io(path, "cannot truncate", e))?;
@@ -203,8 +209,9 @@ impl Disk {
         let file = OpenOptions::new()
             .read(true)
             .write(true)
+            .custom_flags(NO_FOLLOW)
             .open(path)
-            .or_else(|_| File::open(path))
+            .or_else(|_| OpenOptions::new().read(true).custom_flags(NO_FOLLOW).open(path))
             .map_err(|e| match e.kind() {
                 std::io::ErrorKind::NotFound => {
                     Error::corrupt(path, "is missing; run again with --restart")
@@ -255,6 +262,10 @@ impl Disk {
     }
 }
 
+/// Files of ours are never reached through a link, which somebody else may have laid, and never waited for.
+const NO_FOLLOW: i32 =
+    rustix::fs::OFlags::NOFOLLOW.union(rustix::fs::OFlags::NONBLOCK).bits() as i32;
+
 /// A file without a name in `folder`: it vanishes with the process, however that ends. `None` where the file
 /// system knows no such files.
 fn nameless(folder: &Path) -> std::io::Result<Option<File>> {
@@ -283,54 +294,6 @@ pub fn scratch_file(folder: &Path) -> std::io::Result<File> {
             Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
             Err(e) => return Err(e),
         }
-    }
-}
-
-/// Opens an input for reading. What is not a regular file is refused, and never waited for: opening a FIFO that
-/// is never written to would block, deaf to signals.
-pub fn open_input(path: &Path) -> Result<File> {
-    use rustix::fs::OFlags;
-    use std::os::unix::fs::OpenOptionsExt;
-    let bad = |e: std::io::Error| match e.kind() {
-        std::io::ErrorKind::NotFound => Error::bad_input(path, "the file does not exist"),
-        _ => match Error::reading(path, "cannot open", e) {
-            Error::Io { action, source, .. } => {
-                Error::bad_input(path, format!("{action}: {source}"))
-            }
-            device => device,
-        },
-    };
-    refuse_irregular(path, &std::fs::metadata(path).map_err(bad)?)?;
-    // Should a FIFO have taken its place meanwhile, it is not waited for either.
-    let no_wait = OFlags::NONBLOCK.bits() as i32;
-    let file = File::options().read(true).custom_flags(no_wait).open(path).map_err(bad)?;
-    refuse_irregular(path, &file.metadata().map_err(bad)?)?;
-    Ok(file)
-}
-
-fn refuse_irregular(path: &Path, meta: &std::fs::Metadata) -> Result<()> {
-    if meta.is_file() {
-        return Ok(());
-    }
-    let what = if meta.is_dir() {
-        "this is a folder; name a file in it".to_owned()
-    } else {
-        let kind = kind_of(meta.file_type());
-        format!("this is {kind}, not a regular file; name a file")
-    };
-    Err(Error::bad_input(path, what))
-}
-
-/// The kind of a file in words, for messages.
-pub fn kind_of(kind: std::fs::FileType) -> &'static str {
-    use std::os::unix::fs::FileTypeExt;
-    match kind {
-        kind if kind.is_file() => "a regular file",
-        kind if kind.is_dir() => "a folder",
-        kind if kind.is_symlink() => "a symbolic link",
-        kind if kind.is_fifo() => "a FIFO",
-        kind if kind.is_socket() => "a socket",
-        _ => "a device",
     }
 }
 
