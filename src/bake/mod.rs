@@ -126,7 +126,7 @@ pub fn bake(
     if options.normals {
         charts.add_tangents(&mesh, &normals);
     }
-    let mut notes = original.notes(&palette);
+    let mut losses = original.losses(&palette);
     // Texels are counted twice: when they are filled, and when their page is made an image.
     let n_texels = charts.n_covered();
     let n_canvases = u64::from(original.has_looks()) + u64::from(options.normals);
@@ -154,7 +154,7 @@ pub fn bake(
         &mut canvases,
     )?;
     canvases.count();
-    notes.extend(cache.notes());
+    losses.merge(&cache.losses());
     let kind = match palette.is_photographic() && !seen.has_alpha {
         true => PageKind::Jpeg,
         false => PageKind::Png,
@@ -190,7 +190,8 @@ pub fn bake(
             mean_degrees: seen.mean_degrees(),
             bytes: bytes_of(&maps),
         }),
-        notes,
+        notes: losses.lines(),
+        losses,
     };
     let finish = palette.finish(seen.has_alpha);
     Ok(Baked { pages, normals: maps, tangents, corners, finish, holds_vertex_colours, report })

@@ -20,6 +20,7 @@ use crate::mesh::record::VertexSchema;
 use crate::mesh::vec3::dot;
 use crate::store::cell_id::CellId;
 use crate::store::cells::{CellMesh, load_bytes};
+use crate::system::losses::{Ledger, Loss, LossKind};
 use crate::system::parallel::{Weighted, largest_first};
 use crate::system::progress::Progress;
 use crate::texture::{MapUse, Palette};
@@ -331,16 +332,15 @@ impl Original {
         Some(self.density).filter(|x| x.is_finite() && *x > 0.0)
     }
 
-    /// Missing, damaged and lost parts, a line each.
-    pub fn notes(&self, palette: &Palette) -> Vec<String> {
-        let mut notes = palette.notes().to_vec();
+    /// Missing, damaged and lost parts.
+    pub fn losses(&self, palette: &Palette) -> Ledger {
+        let mut losses = palette.losses().clone();
         if self.n_lost > 0 {
-            notes.push(format!(
-                "texture coordinates of {} faces are not numbers or too large: their materials' colours stand for them",
-                self.n_lost
-            ));
+            let why = "not numbers or too large: their materials' colours stand for them";
+            let loss = Loss::new(LossKind::TextureCoordinates, "texture coordinates of faces", why);
+            losses.lose(loss.count(self.n_lost));
         }
-        notes
+        losses
     }
 
     /// Bytes of the largest cell in memory.

@@ -2,6 +2,7 @@
 
 use crate::store::stage_context::StageContext;
 use crate::system::disk::Disk;
+use crate::system::losses::Ledger;
 use crate::system::progress::Progress;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -81,8 +82,11 @@ pub struct BakeReport {
     /// Normal maps, one a page; absent without `--bake-normals`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub normals: Option<NormalReport>,
-    /// Missing, damaged and lost parts, a line each.
+    /// Missing, damaged and lost parts, a line each; deprecated, `losses` says more.
     pub notes: Vec<String>,
+    /// Missing, damaged and lost parts.
+    #[serde(default)]
+    pub losses: Ledger,
 }
 
 /// Findings about normal maps.

@@ -16,6 +16,7 @@ use crate::io::TilePage;
 use crate::io::ply::MeshSource;
 use crate::mesh::Mesh;
 use crate::mesh::oklab::linear_of_srgb;
+use crate::system::losses::Ledger;
 use crate::system::parallel::in_order;
 use crate::system::units::show_bytes;
 use crate::texture::{Finish, ImageCache, Palette, Purpose};
@@ -200,11 +201,11 @@ pub struct TilePainter<'a> {
 }
 
 impl TilePainter<'_> {
-    /// Missing, damaged and lost parts up to now, a line each.
-    pub fn notes(&self) -> Vec<String> {
-        let mut notes = self.from.original.notes(&self.from.palette);
-        notes.extend(self.images.notes());
-        notes
+    /// Missing, damaged and lost parts up to now.
+    pub fn losses(&self) -> Ledger {
+        let mut losses = self.from.original.losses(&self.from.palette);
+        losses.merge(&self.images.losses());
+        losses
     }
 
     /// Makes a page for each tile, of `texels_per_unit` or less, with `side` x `side` points a texel.

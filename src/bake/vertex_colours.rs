@@ -8,6 +8,7 @@ use super::Means;
 use crate::error::{Error, Result};
 use crate::io::ply::{FaceBlock, FaceLooks, MeshSource, OutputHeader, PlyWriter, VertexBlock};
 use crate::mesh::property::{Property, Scalar};
+use crate::system::losses::Ledger;
 use crate::system::pending_file::Place;
 use crate::system::units::show_bytes;
 use crate::texture::{
@@ -30,8 +31,8 @@ const NONE: [u8; 3] = [180; 3];
 /// Findings of colouring.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Coloured {
-    /// Images that could not be used, and other losses, a line each.
-    pub notes: Vec<String>,
+    /// Images that could not be used, and other losses.
+    pub losses: Ledger,
     /// Faces of the input that are left out: those without three different corners, and those with a fault.
     pub degenerate_faces: u64,
     /// Those with a fault.
@@ -138,7 +139,8 @@ fn in_windows(
         writer.write_faces(&faces.triangles)?;
     }
     writer.finish()?;
-    coloured.notes.extend(palette.notes().iter().cloned().chain(cache.notes()));
+    coloured.losses.merge(palette.losses());
+    coloured.losses.merge(&cache.losses());
     Ok(coloured)
 }
 

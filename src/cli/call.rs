@@ -25,7 +25,10 @@ use std::ffi::OsString;
 pub fn call(words: &[OsString], progress: &Progress) -> Result<Answer> {
     let typed = parse(words)?;
     typed.command.check_paths(&typed.talk)?;
-    guarded(|| answer(&typed.command, progress))
+    progress.take_losses();
+    let answer = guarded(|| answer(&typed.command, progress))?;
+    let is_short = answer.is_short || progress.losses().has_whole();
+    Ok(Answer { is_short, ..answer })
 }
 
 /// The settings of a `simplify` that is not run.
@@ -104,22 +107,16 @@ fn answer(command: &Command, progress: &Progress) -> Result<Answer> {
         }
         Command::Info(args) => Ok(Answer::whole(json_of(&info::look(args, progress)?.1)?)),
         Command::Convert(args) => {
+            let to = args.report_to();
             let done = convert::convert_until_stopped(args, progress)?;
-            let report = json!({
-                "output": {
-                    "path": args.output, "bytes": done.n_bytes,
-                    "vertices": done.n_vertices, "triangles": done.n_triangles,
-                },
-                "faults": {
-                    "degenerate_faces": done.n_degenerate, "duplicate_faces": done.n_duplicate,
-                    "bad_faces": done.n_bad, "unreferenced_vertices": done.n_unreferenced,
-                },
-            });
+            let report = convert::write_report(to.as_ref(), args, &done)?;
             Ok(Answer { report, is_short: done.is_short() })
         }
         Command::Render(args) => {
             render::run(args, progress, &mut std::io::sink())?;
-            Ok(Answer::whole(json!({ "output": { "path": args.output } })))
+            Ok(Answer::whole(
+                json!({ "output": { "path": args.output }, "losses": progress.losses() }),
+            ))
         }
         Command::Synth(args) => {
             let made = synth::make(args, progress)?;

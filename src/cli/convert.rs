@@ -15,7 +15,9 @@ use crate::io::{
     TextureRequest, check_range,
 };
 use crate::system::disk::folder_of;
-use crate::system::paths::{Paths, Role};
+use crate::system::losses::{Ledger, Loss, LossKind};
+use crate::system::paths::{Kind, Paths, Role};
+use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
 use crate::system::units::{show_bytes, show_count};
 use std::path::PathBuf;
@@ -60,6 +62,9 @@ pub struct Args {
     /// Memory to use: 4GiB or 50% [default: 75 % of what this process may use].
     #[arg(long, value_name = "SIZE", value_parser = super::arguments::parse_memory)]
     pub memory: Option<u64>,
+    /// Write a report in JSON.
+    #[arg(long, value_name = "FILE.json")]
+    pub report: Option<PathBuf>,
 }
 
 impl Args {
@@ -68,7 +73,15 @@ impl Args {
         Ok(Paths::new(self.force)
             .with(Role::Input, "INPUT", &self.input)
             .with(Role::Output, "OUTPUT", &self.output)
+            .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref()))
+    }
+}
+
+impl Args {
+    /// The place of the report, as it is before the work.
+    pub(super) fn report_to(&self) -> Option<Seen> {
+        self.report.as_deref().map(Seen::new)
     }
 }
 
@@ -87,10 +100,8 @@ pub struct Converted {
     pub n_bad: u64,
     /// Vertices that no face uses.
     pub n_unreferenced: u64,
-    /// Missing, damaged and lost parts of materials and images, a line each.
-    pub notes: Vec<String>,
-    /// True if the mesh names images and none of them is there.
-    pub lacks_images: bool,
+    /// Parts of the input that the output does not have.
+    pub losses: Ledger,
     /// Length of the output.
     pub n_bytes: u64,
 }
@@ -98,12 +109,13 @@ pub struct Converted {
 impl Converted {
     /// Returns whether the output is not all that the input is.
     pub fn is_short(&self) -> bool {
-        self.n_bad > 0 || self.lacks_images
+        self.n_bad > 0 || self.losses.has_whole()
     }
 }
 
 /// Converts and says on `log` what was done; the exit code tells whether broken faces were dropped.
 pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<u8> {
+    let report_to = args.report_to();
     let done = convert_until_stopped(args, progress)?;
     // A closed standard error is not a reason to fail: the mesh is there.
     let _ = writeln!(
@@ -124,10 +136,34 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
             let _ = writeln!(log, "  {count} {what}");
         }
     }
-    for note in &done.notes {
-        let _ = writeln!(log, "  {note}");
-    }
+    write_report(report_to.as_ref(), args, &done)?;
     Ok(if done.is_short() { super::log::EXIT_SHORT } else { 0 })
+}
+
+/// The report as JSON, written where that was asked for.
+pub(super) fn write_report(
+    to: Option<&Seen>,
+    args: &Args,
+    done: &Converted,
+) -> Result<serde_json::Value> {
+    let report = serde_json::json!({
+        "schema_version": crate::system::json_keys::SCHEMA_VERSION,
+        "version": env!("CARGO_PKG_VERSION"),
+        "input": { "path": args.input },
+        "output": {
+            "path": args.output, "bytes": done.n_bytes,
+            "vertices": done.n_vertices, "triangles": done.n_triangles,
+        },
+        "faults": {
+            "degenerate_faces": done.n_degenerate, "duplicate_faces": done.n_duplicate,
+            "bad_faces": done.n_bad, "unreferenced_vertices": done.n_unreferenced,
+        },
+        "losses": done.losses,
+    });
+    if let Some(to) = to {
+        super::outcome::write_json(to, &report)?;
+    }
+    Ok(report)
 }
 
 /// Converts; the library's own entry.
@@ -184,15 +220,16 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
         );
         return Err(Error::bad_input(&args.input, what));
     }
-    done.notes = source.remarks()?;
-    done.notes.extend(textures.iter().flat_map(|plan| plan.notes.clone()));
-    done.lacks_images = textures.as_ref().is_some_and(TexturePlan::lacks_images);
+    done.losses = source.losses();
+    source.remarks()?.into_iter().for_each(|line| done.losses.lose(Loss::remark(line)));
     if let Some([x, y, z]) = source.offset().filter(|_| recentres) {
-        done.notes.push(format!("{x} {y} {z} was subtracted from all coordinates"));
+        let why = format!("{x} {y} {z} was subtracted from all coordinates");
+        done.losses.lose(Loss::new(LossKind::Precision, "places", why).notice());
     }
     let input = Input { source: &source, duplicates: &duplicates, texture, textures, memory_bytes };
     used.write(&input, args, &mut done, progress)?;
     let faults = source.faults();
+    progress.lose_all(&done.losses);
     done.n_bad += faults.missing_faces + faults.missing_vertices + faults.bad_faces;
     Ok(done)
 }
@@ -376,7 +413,7 @@ impl Used {
             sink.write_faces(&block.triangles)?;
         }
         progress.check()?;
-        done.notes.extend(sink.losses());
+        done.losses.merge(&sink.losses());
         done.n_bytes = sink.finish()?;
         Ok(())
     }
@@ -425,7 +462,7 @@ impl Used {
             progress.check()?;
             blocks.write(&mut sink)?;
         }
-        done.notes.extend(sink.losses());
+        done.losses.merge(&sink.losses());
         done.n_bytes = sink.finish()?;
         Ok(())
     }

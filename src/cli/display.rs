@@ -1,20 +1,23 @@
 //! Progress for people and programs: a bar, lines, JSON, or nothing.
 
 use super::log::{Log, Show, Talk};
-use super::pace::{Figures, Pace};
+use super::pace::{Figures, Pace, has_own_pace};
 use crate::system::progress::{Progress, Stage};
 use crate::system::units::{show_bytes, show_count};
 use indicatif::{ProgressBar, ProgressStyle};
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 const BAR_INTERVAL: Duration = Duration::from_millis(100);
 const LINE_INTERVAL: Duration = Duration::from_secs(10);
+/// The beat of `--progress json`, which docs/report.md promises.
+const JSON_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Shows `progress` while `work` runs.
 pub fn watch<T>(talk: &Talk, progress: &Progress, log: &mut Log, work: impl FnOnce() -> T) -> T {
     let show = match talk.progress {
+        Show::Json => Show::Json,
         _ if talk.quiet => Show::None,
         Show::Auto if std::io::stderr().is_terminal() => Show::Bar,
         Show::Auto => Show::Plain,
@@ -78,11 +81,7 @@ impl<'a> Display<'a> {
 
     fn show_notes(&mut self, progress: &Progress) {
         for line in progress.take_notes() {
-            if self.show == Show::Json {
-                let _ = writeln!(self.log, "{}", serde_json::json!({ "note": line }));
-            } else {
-                self.bar.suspend(|| self.log.say(&line));
-            }
+            self.bar.suspend(|| self.log.say(&line));
         }
     }
 
@@ -91,40 +90,45 @@ impl<'a> Display<'a> {
         if is_new {
             self.last_line = None;
         }
-        let Figures { done, per_second, seconds, seconds_left, stage_seconds_left, .. } = figures;
+        let Figures { done, per_second, seconds, seconds_left, stage_seconds_left, fraction } =
+            figures;
+        // A stage with its own pace counts other things than triangles.
+        let rate = match has_own_pace(stage.name) {
+            true => String::new(),
+            false => format!("{} triangles/s, ", show_count(per_second as u64)),
+        };
         let memory = crate::system::memory::resident_bytes();
         if self.show == Show::Bar {
             self.bar.set_prefix(format!("{}/{} {:11}", stage.number, stage.n_stages, stage.name));
             self.bar.set_length(stage.total.max(1));
             self.bar.set_position(done);
             self.bar.set_message(format!(
-                "{}/s, {:.0} s left, {}",
-                show_count(per_second as u64),
+                "{rate}{:.0} s left, {}",
                 seconds_left,
                 show_bytes(memory)
             ));
             return;
         }
-        if self.last_line.is_some_and(|at| at.elapsed() < LINE_INTERVAL) {
+        let interval = if self.show == Show::Json { JSON_INTERVAL } else { LINE_INTERVAL };
+        if self.last_line.is_some_and(|at| at.elapsed() < interval) {
             return;
         }
         self.last_line = Some(Instant::now());
         if self.show == Show::Json {
-            let line = serde_json::json!({
-                "stage": stage.name, "number": stage.number, "stages": stage.n_stages,
+            let fields = serde_json::json!({
+                "fraction": fraction, "stage": stage.name, "number": stage.number, "stages": stage.n_stages,
                 "triangles_done": done, "triangles": stage.total, "triangles_per_second": per_second,
                 "stage_seconds_left": stage_seconds_left, "seconds_left": seconds_left, "seconds": seconds,
                 "memory_bytes": memory,
             });
-            let _ = writeln!(self.log, "{line}");
+            self.log.event("progress", fields);
         } else {
             let line = format!(
-                "{seconds:7.1} s  {}/{} {:11} {:3.0} %  {}/s  {:.0} s left  {}",
+                "{seconds:7.1} s  {}/{} {:11} {:3.0} %  {rate}{:.0} s left, {}",
                 stage.number,
                 stage.n_stages,
                 stage.name,
                 100.0 * done as f64 / stage.total.max(1) as f64,
-                show_count(per_second as u64),
                 seconds_left,
                 show_bytes(memory)
             );

@@ -124,7 +124,7 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
         show_outward(done.deviation, 1, 3)
     ));
     if !done.reached {
-        log.say("the number of triangles was not met: what lies in the box stays, or nothing legal is left to collapse".to_owned());
+        log.say("the number of triangles was not met: what lies in the box stays, or no edge is left that may be collapsed".to_owned());
         return Ok(EXIT_SHORT);
     }
     if done.is_coarser {

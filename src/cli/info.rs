@@ -213,8 +213,8 @@ pub(super) fn look(
         notes: source
             .notes()
             .iter()
-            .chain(materials.iter().flat_map(|m| &m.notes))
             .cloned()
+            .chain(materials.iter().flat_map(|m| m.losses.lines()))
             .collect(),
         faces: source.n_face_rows(),
         coordinate_bits: 8 * schema.coordinate.bytes(),

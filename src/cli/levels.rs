@@ -1,6 +1,7 @@
 //! The target of `simplify`: one, or a list of them for a chain of levels, each with a file.
 
 use super::arguments::parse_length;
+use super::log::Log;
 use crate::config::{Level, Target};
 use crate::error::{Error, Result};
 use crate::system::units::{parse_count, parse_ratio};
@@ -60,6 +61,14 @@ impl TypedTarget {
     pub(super) fn is_chain(&self) -> bool {
         let n_counts = self.triangles.as_ref().map_or(0, |list| list.0.len());
         n_counts.max(self.ratio.as_ref().map_or(0, |list| list.0.len())) > 1
+    }
+
+    /// Says that a ratio of 1 is all of the triangles: 1 % may have been meant.
+    pub(super) fn warn_of_one(&self, log: &mut Log) {
+        let words = self.ratio.iter().flat_map(|list| &list.0);
+        if words.clone().any(|(word, ratio)| *ratio == 1.0 && !word.contains('%')) {
+            log.say("warning: --ratio 1 is 100 %, all of the triangles; one percent is --ratio 1%");
+        }
     }
 
     /// The levels, finest first, with the path of each; one that goes to `output` itself, unless a list was typed.

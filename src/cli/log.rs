@@ -2,7 +2,10 @@
 
 use super::terminal::{shown, write_shown};
 use crate::error::{Error, Offers};
+use crate::system::losses::{Ledger, Severity};
+use serde_json::{Value, json};
 use std::io::Write;
+use std::time::Instant;
 
 /// Exit code of a run that ended, but short of the target or with dropped faces.
 pub const EXIT_SHORT: u8 = 3;
@@ -16,7 +19,7 @@ pub enum Show {
     Bar,
     /// A line every ten seconds and at every stage.
     Plain,
-    /// A JSON object a line on standard error.
+    /// A JSON object a line on standard error, every second and at every stage, and nothing else there; --quiet does not silence it.
     Json,
     /// Nothing.
     None,
@@ -39,21 +42,48 @@ pub struct Talk {
     pub(super) log_file: Option<std::path::PathBuf>,
 }
 
-/// Says what went wrong and what to do about it; gives the exit code.
-pub(super) fn complain(log: &mut dyn Write, error: &Error, offers: Offers) -> u8 {
+/// Says what went wrong and what to do about it, as an event where progress is shown as JSON; gives the exit code.
+pub(super) fn complain(log: &mut dyn Write, show: Show, error: &Error, offers: Offers) -> u8 {
     // Other commands end without a word where the reader of a pipe has had enough.
-    if !matches!(error, Error::OutputClosed) {
-        let advice = error.advice(offers).map_or(String::new(), |advice| format!("; {advice}"));
-        // Nothing can be reported if standard error is closed too.
-        let _ = writeln!(log, "{}", shown(&format!("stonecut: {error}{advice}")));
+    if matches!(error, Error::OutputClosed) {
+        return error.exit_code();
     }
-    error.exit_code()
+    let (advice, code) = (error.advice(offers), error.exit_code());
+    // Nothing can be reported if standard error is closed too.
+    let _ = match show {
+        Show::Json => {
+            let fields = json!({ "error": error.to_string(), "advice": advice, "exit_code": code });
+            writeln!(log, "{}", event("error", fields))
+        }
+        _ => {
+            let advice = advice.map_or(String::new(), |advice| format!("; {advice}"));
+            writeln!(log, "{}", shown(&format!("stonecut: {error}{advice}")))
+        }
+    };
+    code
+}
+
+/// Writes the last event of `--progress json`.
+pub(super) fn say_end(log: &mut dyn Write, show: Show, code: u8, began: Instant) {
+    if show == Show::Json {
+        let fields = json!({ "exit_code": code, "seconds": began.elapsed().as_secs_f64() });
+        let _ = writeln!(log, "{}", event("end", fields));
+    }
+}
+
+/// An object of `--progress json`.
+fn event(name: &str, mut fields: Value) -> Value {
+    fields["event"] = name.into();
+    fields
 }
 
 /// Standard error and the log file, if there is one; `--quiet` keeps everything but errors from the former.
 pub struct Log {
     file: Option<std::fs::File>,
     quiet: bool,
+    is_json: bool,
+    /// The beginning of a line that `Said` has not heard the end of.
+    begun: Vec<u8>,
 }
 
 impl Log {
@@ -68,12 +98,16 @@ impl Log {
             ),
             None => None,
         };
-        Ok(Log { file, quiet: talk.quiet })
+        let is_json = talk.progress == Show::Json;
+        Ok(Log { file, quiet: talk.quiet, is_json, begun: Vec::new() })
     }
 
     /// Says a line, as a terminal may have it, unless `--quiet`; it always reaches the log file.
     pub fn say(&mut self, line: impl std::fmt::Display) {
         let line = line.to_string();
+        if self.is_json {
+            return self.event("note", json!({ "note": line.trim() }));
+        }
         let line = shown(&line);
         if !self.quiet {
             let _ = writeln!(std::io::stderr(), "{line}");
@@ -84,11 +118,58 @@ impl Log {
     }
 }
 
+impl Log {
+    /// Writes an event of `--progress json`; nothing in other forms of progress.
+    pub(super) fn event(&mut self, name: &str, fields: Value) {
+        if self.is_json {
+            let _ = writeln!(self, "{}", event(name, fields));
+        }
+    }
+
+    /// Says the plan of a run.
+    pub(super) fn plan(&mut self, lines: Vec<String>, plan: &impl serde::Serialize) {
+        match self.is_json {
+            true => self.event("plan", json!({ "plan": plan })),
+            false => lines.into_iter().for_each(|line| self.say(line)),
+        }
+    }
+
+    /// Writes the report of a run as the event `summary`; false in other forms of progress, where nothing is written.
+    pub(super) fn summary(&mut self, report: &impl serde::Serialize) -> bool {
+        self.event("summary", json!({ "report": report }));
+        self.is_json
+    }
+
+    /// Says what the input had and the output has not, a line each; gives the exit code of a command that has ended with `code`.
+    pub(super) fn say_losses(&mut self, losses: &Ledger, code: u8) -> u8 {
+        for loss in losses.entries() {
+            let how = match loss.severity {
+                Severity::Notice => "note",
+                Severity::Partial => "lost in part",
+                Severity::Whole => "lost",
+            };
+            match self.is_json {
+                true => self.event("loss", json!({ "loss": loss })),
+                false => self.say(format!("  {how}: {loss}")),
+            }
+        }
+        if code == 0 && losses.has_whole() { EXIT_SHORT } else { code }
+    }
+}
+
 /// A log to write to that `--quiet` silences.
 pub(super) struct Said<'a>(pub(super) &'a mut Log);
 
 impl Write for Said<'_> {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        if self.0.is_json {
+            self.0.begun.extend_from_slice(bytes);
+            while let Some(end) = self.0.begun.iter().position(|&b| b == b'\n') {
+                let line: Vec<u8> = self.0.begun.drain(..=end).collect();
+                self.0.say(String::from_utf8_lossy(&line));
+            }
+            return Ok(bytes.len());
+        }
         match (self.0.quiet, &mut self.0.file) {
             (false, _) => self.0.write_all(bytes)?,
             (true, Some(file)) => file.write_all(bytes)?,

@@ -257,6 +257,7 @@ pub(super) fn report(
     Ok(Report {
         triangle_sizes,
         appearance,
+        losses: progress.losses(),
         ..Report::new(&request, &comparison, begin.elapsed().as_secs_f64())
     })
 }

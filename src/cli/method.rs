@@ -4,7 +4,7 @@ use super::answer::{Answer, json_of};
 use super::arguments::parse_length;
 use super::display::watch;
 use super::log::{Log, Talk};
-use super::outcome::{is_short, tell, write_report};
+use super::outcome::{close, is_short, tell, write_early, write_report};
 use crate::config::{Config, Method};
 use crate::error::{Error, Result};
 use crate::pipeline::methods::{self, PreparedMethod};
@@ -133,14 +133,18 @@ pub(super) fn call(wishes: Wishes, config: &Config, progress: &Progress) -> Resu
     if let Some(to) = &report_to {
         write_report(to, &report)?;
     }
-    Ok(Answer { report: json_of(&report.written())?, is_short: is_short(&report) })
+    let is_short = is_short(&report);
+    Ok(Answer { report: json_of(&report.written())?, is_short })
 }
 
 fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result<RunReport> {
-    match config.optimize {
+    progress.lose_all(&prepared.losses());
+    let mut report = match config.optimize {
         Some(_) => optimize::simplify_by_method(prepared, config, progress),
         None => methods::simplify(prepared, config, progress),
-    }
+    }?;
+    close(&mut report, progress);
+    Ok(report)
 }
 
 /// Prints the plan, runs another method than the collapse, prints and writes the report.
@@ -153,10 +157,10 @@ pub(super) fn simplify(
 ) -> Result<Option<RunReport>> {
     let report_to = wishes.report.map(Seen::new);
     let prepared = watch(talk, progress, log, || methods::prepare(config, progress))?;
-    for line in prepared.plan.lines(config) {
-        log.say(line);
-    }
+    log.plan(prepared.plan.lines(config), &prepared.plan);
     if wishes.dry_run {
+        let end = serde_json::json!({ "dry_run": true, "plan": prepared.plan });
+        write_early(report_to.as_ref(), config, end, progress)?;
         return Ok(None);
     }
     let report = watch(talk, progress, log, || run(prepared, config, progress))?;

@@ -9,6 +9,7 @@ mod demo;
 mod display;
 mod extract;
 mod info;
+mod job;
 mod levels;
 mod log;
 mod measure;
@@ -39,14 +40,15 @@ use crate::system::parallel::guarded;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
 use clap::{CommandFactory, Parser};
-use log::{Log, Said, Talk, complain};
+use log::{Log, Said, Talk, complain, say_end};
 pub use out_of_memory::Allocator;
 use std::io::Write;
 use std::sync::Arc;
 
 /// Simplifies triangle meshes of any size, out of core, into one mesh without seams.
 ///
-/// Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but short of the target; 4 bad input; 5 no disk
+/// Exit codes: 0 done; 1 failed; 2 wrong usage; 3 done, but short of the target, or all images, colours or values of a kind are
+/// lost; 4 bad input; 5 no disk
 /// space; 6 not enough memory; 7 another run holds the job; 8 the job belongs to other settings;
 /// 9 internal fault, state kept; 10 the disk takes no files or fails; 130, 143 stopped by SIGINT, SIGTERM;
 /// 141 whoever read standard output has closed it.
@@ -106,17 +108,41 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
     let offers = typed.command.offers();
     raise_open_files();
     crate::system::memory::share_one_heap();
+    let show = typed.talk.progress;
     let begin = || {
-        signals::listen(&progress, offers)?;
+        signals::listen(&progress, show, offers)?;
         typed.command.check_paths(&typed.talk)?;
         Log::new(&typed.talk)
     };
+    let began = std::time::Instant::now();
+    if let Command::Simplify(args) = &typed.command
+        && let Some(code) = args.done_before()
+        && let Ok(mut log) = Log::new(&typed.talk)
+    {
+        log.say(format!(
+            "{}: already done with the same settings; --force does it again",
+            args.output.display()
+        ));
+        say_end(&mut log, show, code, began);
+        return code;
+    }
     let mut log = match begin() {
         Ok(log) => log,
-        Err(error) => return complain(&mut std::io::stderr(), &error, offers),
+        Err(error) => {
+            let code = complain(&mut std::io::stderr(), show, &error, offers);
+            say_end(&mut std::io::stderr(), show, code, began);
+            return code;
+        }
     };
-    guarded(|| dispatch(&typed.command, &typed.talk, &progress, &mut log))
-        .unwrap_or_else(|error| complain(&mut log, &error, offers))
+    let code = guarded(|| dispatch(&typed.command, &typed.talk, &progress, &mut log))
+        .map(|code| match (log.say_losses(&progress.losses(), code), &typed.command) {
+            // Scripts wait for the unit, whatever its mesh has lost.
+            (_, Command::Work(_)) => code,
+            (code, _) => code,
+        })
+        .unwrap_or_else(|error| complain(&mut log, show, &error, offers));
+    say_end(&mut log, show, code, began);
+    code
 }
 
 /// Prints help, or what is wrong with the words; in colour unless one of them could play tricks on the terminal.

@@ -1,14 +1,18 @@
 //! The end of a run of `simplify` for people: what was done, what was lost, what is short.
 
 use super::log::{Log, Talk};
+use crate::config::Config;
 use crate::error::Result;
 use crate::mesh::face_properties::FacePolicy;
 use crate::pipeline::run_report::{
-    BoundReport, FaceReport, GridReport, QualityReport, RunReport, StageReport,
+    BoundReport, FaceReport, GridReport, NO_PLACE, QualityReport, RunReport, StageReport,
 };
 use crate::stages::components::ComponentSizes;
 use crate::system::disk::Disk;
+use crate::system::json_keys::SCHEMA_VERSION;
+use crate::system::losses::{Loss, LossKind};
 use crate::system::pending_file::Seen;
+use crate::system::progress::Progress;
 use crate::system::units::{show_bytes, show_count, show_length, show_outward};
 
 /// Returns whether the result is not all that was asked for.
@@ -22,8 +26,29 @@ pub(super) fn is_short(report: &RunReport) -> bool {
         || report.input.lost_rows() > 0
 }
 
+/// Enters what faces have lost in the ledger, and the ledger in the report.
+pub(super) fn close(report: &mut RunReport, progress: &Progress) {
+    for property in &report.face_properties {
+        let reason = property.reason.as_deref().unwrap_or_default();
+        // The writer enters what its format has no place for, the reader enters lists.
+        let is_new = property.scalar != "list" && !AS_ASKED.contains(&reason) && reason != NO_PLACE;
+        if property.carried == FacePolicy::Dropped && is_new {
+            let what = format!("property of faces '{}'", property.name);
+            progress.lose(Loss::new(LossKind::Attributes, what, reason).whole());
+        }
+    }
+    report.losses = progress.losses();
+}
+
+/// Reasons for which properties of faces are dropped that the command line gave.
+const AS_ASKED: [&str; 4] =
+    ["as asked", "given up", "goes with the texture", "a new texture has its own"];
+
 /// Says what a run has done.
 pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
+    if log.summary(&report.written()) {
+        return;
+    }
     if talk.verbose {
         report.stages.iter().for_each(|stage| log.say(stage_line(stage)));
     }
@@ -82,11 +107,12 @@ pub(super) fn tell(report: &RunReport, talk: &Talk, log: &mut Log) {
     for line in report.input.weld.iter().flat_map(|weld| &weld.notes) {
         log.say(format!("  {line}"));
     }
-    for property in &report.face_properties {
+    let is_entered = |p: &&FaceReport| {
+        let reason = p.reason.as_deref().unwrap_or_default();
+        p.carried == FacePolicy::Dropped && !AS_ASKED.contains(&reason)
+    };
+    for property in report.face_properties.iter().filter(|p| !is_entered(p)) {
         log.say(face_line(property));
-    }
-    for line in report.textures.iter().flat_map(|textures| &textures.notes) {
-        log.say(format!("  {line}"));
     }
     if let Some(grid) = &report.grid {
         log.say(grid_line(grid));
@@ -173,6 +199,29 @@ fn face_line(property: &FaceReport) -> String {
     };
     let reason = property.reason.as_ref().map_or(String::new(), |reason| format!(": {reason}"));
     format!("  faces' {} ({}): {what}{reason}", property.name, property.scalar)
+}
+
+/// Writes the report of a run that was only planned, or that ended early as asked: `end` says which.
+pub(super) fn write_early(
+    to: Option<&Seen>,
+    config: &Config,
+    end: serde_json::Value,
+    progress: &Progress,
+) -> Result<()> {
+    let Some(to) = to else { return Ok(()) };
+    let mut report = serde_json::json!({
+        "schema_version": SCHEMA_VERSION,
+        "version": env!("CARGO_PKG_VERSION"),
+        "is_finished": false,
+        "input": { "path": config.input },
+        "output": { "path": config.output },
+        "settings": config.settings(),
+        "losses": progress.losses(),
+    });
+    if let (Some(report), serde_json::Value::Object(end)) = (report.as_object_mut(), end) {
+        report.extend(end);
+    }
+    write_json(to, &report)
 }
 
 /// Writes the report in JSON.

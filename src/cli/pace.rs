@@ -25,7 +25,7 @@ fn weight(stage: &str) -> f64 {
 }
 
 /// Stages that do not count triangles at the pace of others: what they have left is told by themselves.
-fn has_own_pace(stage: &str) -> bool {
+pub(super) fn has_own_pace(stage: &str) -> bool {
     stage == "bake"
 }
 

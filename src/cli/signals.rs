@@ -4,7 +4,7 @@
 //! cell, a finish, a slow disk, an index being built) the process ends in the middle: a resumable run loses
 //! nothing that is sealed, an unfinished output has no name yet, and scratch folders are removed on the way.
 
-use super::log::complain;
+use super::log::{Show, complain};
 use crate::error::{Error, Offers, Result};
 use crate::system::progress::Progress;
 use signal_hook::consts::{SIGINT, SIGTERM, SIGXFSZ};
@@ -17,7 +17,7 @@ const GRACE: Duration = Duration::from_millis(500);
 
 /// Listens to SIGINT and SIGTERM from now on; a file that grows too large (`ulimit -f`) becomes an error of the
 /// write instead of a death by SIGXFSZ.
-pub fn listen(progress: &Arc<Progress>, offers: Offers) -> Result<()> {
+pub fn listen(progress: &Arc<Progress>, show: Show, offers: Offers) -> Result<()> {
     let fail = |e| Error::reading(".", "cannot listen to signals", e);
     let mut signals = signal_hook::iterator::Signals::new([SIGINT, SIGTERM]).map_err(fail)?;
     // Any handler will do; the flag is never read.
@@ -34,7 +34,7 @@ pub fn listen(progress: &Arc<Progress>, offers: Offers) -> Result<()> {
             let progress = Arc::clone(&progress);
             let wait_and_end = move || {
                 std::thread::sleep(GRACE);
-                complain(&mut std::io::stderr(), &Error::Interrupted { signal }, offers);
+                complain(&mut std::io::stderr(), show, &Error::Interrupted { signal }, offers);
                 end(&progress, signal);
             };
             // Without memory for a thread the time is not granted; the next signal ends the process.

@@ -3,12 +3,13 @@
 use super::answer::{Answer, json_of};
 use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
+use super::job::{done_before, run_job};
 use super::levels::TypedTarget;
 use super::log::{EXIT_SHORT, Log, Talk};
 use super::method::{self, TypedMethod, Wishes};
 use super::near::TypedNear;
 use super::new_texture::TypedPages;
-use super::outcome::{is_short, tell, write_report};
+use super::outcome::{is_short, tell, write_early, write_report};
 use super::placing::TypedPlacing;
 use super::progressive::TypedProgressive;
 use crate::config::{
@@ -19,12 +20,14 @@ use crate::error::{Error, Result};
 use crate::io::{OutputFormat, TextureMode};
 use crate::kernel;
 use crate::mesh::attribute_weights::Weights;
+use crate::pipeline;
 use crate::pipeline::run_report::RunReport;
-use crate::pipeline::{self, Prepared, max_error, optimize, pairs};
 use crate::stages::stitch::MAX_CELL_TRIANGLES;
+use crate::store::job::view;
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
+use serde_json::json;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -365,6 +368,15 @@ impl Args {
         ])
     }
 
+    /// The exit code of an earlier run that has done the same; its report proves it.
+    pub(super) fn done_before(&self) -> Option<u8> {
+        let report = self.report.as_ref().filter(|path| path.exists())?;
+        if self.force || self.restart || self.dry_run || self.until.is_some() {
+            return None;
+        }
+        done_before(&self.config().ok()?, report)
+    }
+
     /// Wishes that are not settings of the run.
     fn wishes(&self) -> Wishes<'_> {
         Wishes { dry_run: self.dry_run, report: self.report.as_deref() }
@@ -432,6 +444,8 @@ pub(super) fn call(args: &Args, progress: &Progress) -> Result<Answer> {
     }
     let prepared = pipeline::prepare(&config)?;
     if args.dry_run {
+        let end = json!({ "dry_run": true, "plan": prepared.plan });
+        write_early(report_to.as_ref(), &config, end, progress)?;
         return Ok(Answer { report: json_of(&prepared.plan)?, is_short: false });
     }
     let Some(report) = run_job(prepared, &config, progress)? else {
@@ -441,17 +455,6 @@ pub(super) fn call(args: &Args, progress: &Progress) -> Result<Answer> {
         write_report(to, &report)?;
     }
     Ok(Answer { report: json_of(&report.written())?, is_short: is_short(&report) })
-}
-
-fn run_job(prepared: Prepared, config: &Config, progress: &Progress) -> Result<Option<RunReport>> {
-    match config.kernel.bound {
-        Some(bound) => max_error::simplify(bound.distance, prepared, config, progress),
-        None if config.optimize.is_some() => {
-            optimize::simplify(prepared, config, progress).map(Some)
-        }
-        None if config.pairs => pairs::simplify(prepared, config, progress).map(Some),
-        None => pipeline::simplify(prepared, config, progress),
-    }
 }
 
 /// Prints the plan, runs the job, prints and writes the report.
@@ -464,17 +467,18 @@ pub fn simplify(
     let report_to = args.report.as_deref().map(Seen::new);
     let config = args.config()?;
     super::arguments::warn_of_limit(args.memory, log);
+    args.target.warn_of_one(log);
     if config.method != Method::Collapse {
         return method::simplify(args.wishes(), &config, talk, progress, log);
     }
     let prepared = pipeline::prepare(&config)?;
-    for line in prepared.plan.lines(&config) {
-        log.say(line);
-    }
+    log.plan(prepared.plan.lines(&config), &prepared.plan);
     if prepared.texture == Texture::Keep {
         args.pages.notes(prepared.can_bake).into_iter().for_each(|line| log.say(line));
     }
     if args.dry_run {
+        let end = json!({ "dry_run": true, "plan": prepared.plan });
+        write_early(report_to.as_ref(), &config, end, progress)?;
         return Ok(None);
     }
     let outcome = watch(talk, progress, log, || run_job(prepared, &config, progress));
@@ -483,6 +487,10 @@ pub fn simplify(
             "stopped as asked; the same command without --until continues. State: {}",
             config.job_folder.display()
         ));
+        let outcomes = view(&config.job_folder).map(|view| view.outcomes).unwrap_or_default();
+        let done: Vec<String> = outcomes.into_keys().collect();
+        let end = json!({ "stages_done": done, "job_folder": config.job_folder });
+        write_early(report_to.as_ref(), &config, end, progress)?;
         return Ok(None);
     };
     tell(&report, talk, log);

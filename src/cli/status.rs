@@ -1,18 +1,20 @@
 //! `stonecut status`: what a job folder holds.
 
+use super::pace::Pace;
 use super::terminal::shown;
 use crate::error::{Error, Result};
 use crate::pipeline::units::{Standing, standing};
 use crate::store::job::units::UnitJob;
-use crate::store::job::view;
+use crate::store::job::{look, view};
 use crate::system::disk::Disk;
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
 use crate::system::paths::{Paths, Role};
-use crate::system::progress::Progress;
+use crate::system::progress::{Progress, Stage};
 use crate::system::units::{show_bytes, show_count};
+use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Shows what a job folder belongs to and which stages, or units of `plan`, are done.
@@ -23,7 +25,7 @@ pub struct Args {
     /// Print JSON.
     #[arg(long)]
     json: bool,
-    /// Show a job of `plan` until it is over.
+    /// Show the job until it is over, or its run ends.
     #[arg(long)]
     follow: bool,
 }
@@ -42,11 +44,11 @@ pub fn run(args: &Args, progress: &Progress) -> Result<()> {
     if UnitJob::is_in(&args.folder) {
         return units(args, progress);
     }
-    if args.follow {
-        let folder = args.folder.display();
-        return Err(Error::Usage(format!("--follow: {folder} is not a job of 'stonecut plan'")));
-    }
     let state = view(&args.folder)?;
+    let run = Running::of(&args.folder);
+    if args.follow && run.is_running {
+        return follow(args, run, progress);
+    }
     let done: Vec<&String> = state.outcomes.keys().collect();
     let text = if args.json {
         let mut settings = state.identity.settings.clone();
@@ -62,6 +64,16 @@ pub fn run(args: &Args, progress: &Progress) -> Result<()> {
             "settings": settings,
             "stages_done": done,
             "outcomes": state.outcomes,
+            "is_running": run.is_running,
+            "process": run.process,
+            "output": run.board["output"],
+            "percent": run.percent(),
+            "stage": run.board["stage"],
+            "stage_number": run.board["stage_number"],
+            "stages": run.board["stages"],
+            "vertices": number(&state.identity.input_marks, "vertices"),
+            "faces": number(&state.identity.input_marks, "faces"),
+            "input_bytes": number(&state.identity.input_marks, "bytes"),
         });
         format!("{json:#}\n")
     } else {
@@ -76,9 +88,108 @@ pub fn run(args: &Args, progress: &Progress) -> Result<()> {
                 format!("done    {}\n", shown(&names.join(", ")))
             }
         };
-        text + "continue by running the same command again\n"
+        if let Some(output) = run.board["output"].as_str() {
+            text += &format!("output  {output}\n");
+        }
+        text += &match run.is_running {
+            true => format!("running {}\n", run.line()),
+            false => "stopped; continue by running the same command again\n".to_owned(),
+        };
+        text
     };
     say(&text)
+}
+
+fn number(marks: &BTreeMap<String, String>, name: &str) -> Option<u64> {
+    marks.get(name)?.parse().ok()
+}
+
+/// The process that works on a job, or did last.
+#[derive(PartialEq)]
+struct Running {
+    is_running: bool,
+    process: Option<u64>,
+    /// Progress that it has posted.
+    board: Value,
+}
+
+impl Running {
+    fn of(folder: &Path) -> Running {
+        let (is_running, text) = look(folder).unwrap_or_default();
+        let mut lines = text.lines();
+        let process = lines.next().and_then(|line| line.rsplit_once("process ")?.1.parse().ok());
+        // A line that is being written is read the next time.
+        let board = lines.next().and_then(|line| serde_json::from_str(line).ok());
+        Running { is_running, process, board: board.unwrap_or_default() }
+    }
+
+    /// Share of the run that is done, as `watch` estimates it.
+    fn percent(&self) -> Option<f64> {
+        let count = |key: &str| self.board[key].as_u64();
+        let (number, triangles) = (count("stage_number")? as u32, count("triangles")?);
+        let (total, done) = (count("units")?, count("units_done")?);
+        let n_stages = count("stages")? as u32;
+        let mut pace = Pace::default();
+        let mut share = 0.0;
+        let before = ["partition", "simplify"].into_iter().zip(1..number);
+        let stages = before.map(|(name, number)| (name, number, triangles, triangles));
+        for (name, number, total, done) in
+            stages.chain([(stage_name(self.board["stage"].as_str()?), number, total, done)])
+        {
+            share = pace.update(Stage { name, number, n_stages, total }, done).0.fraction;
+        }
+        Some((1000.0 * share).round() / 10.0)
+    }
+
+    fn line(&self) -> String {
+        let process = self.process.map_or_else(String::new, |n| format!("process {n}"));
+        let (stage, of) = (&self.board["stage"], &self.board["stages"]);
+        match (self.percent(), stage.as_str()) {
+            (Some(percent), Some(stage)) => {
+                format!("{percent:3.0} %  {stage} {}/{of}  {process}", self.board["stage_number"])
+            }
+            _ => process,
+        }
+    }
+}
+
+/// A name of a stage as the pace knows it.
+fn stage_name(name: &str) -> &'static str {
+    const NAMES: [&str; 5] = ["partition", "components", "simplify", "write", "bake"];
+    NAMES.into_iter().find(|known| *known == name).unwrap_or("round")
+}
+
+/// Shows a run until it ends.
+fn follow(args: &Args, mut run: Running, progress: &Progress) -> Result<()> {
+    while run.is_running {
+        say(&match args.json {
+            true => {
+                let json = serde_json::json!({
+                    "is_running": true, "process": run.process, "output": run.board["output"],
+                    "percent": run.percent(), "stage": run.board["stage"],
+                });
+                format!("{json}\n")
+            }
+            false => format!("{}\n", run.line()),
+        })?;
+        let last = run;
+        loop {
+            progress.check()?;
+            std::thread::sleep(LOOK_EVERY);
+            run = Running::of(&args.folder);
+            if run != last {
+                break;
+            }
+        }
+    }
+    let is_over = !args.folder.exists();
+    say(&match (args.json, is_over) {
+        (true, _) => {
+            format!("{}\n", serde_json::json!({ "is_running": false, "is_over": is_over }))
+        }
+        (false, true) => "done\n".to_owned(),
+        (false, false) => "stopped; continue by running the same command again\n".to_owned(),
+    })
 }
 
 fn say(text: &str) -> Result<()> {

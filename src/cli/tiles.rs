@@ -237,13 +237,21 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
     let config = args.config()?;
     super::arguments::warn_of_limit(args.memory, log);
     let prepared = prepare_tiles(&config)?;
-    for line in prepared.plan.lines(&config) {
-        log.say(line);
-    }
+    log.plan(prepared.plan.lines(&config), &prepared.plan);
     if args.up.is_none() && !config.is_z_up {
         log.say("up        y, as glTF has it (--up z otherwise)");
     }
     if args.dry_run {
+        if let Some(to) = &report_to {
+            let report = serde_json::json!({
+                "schema_version": crate::system::json_keys::SCHEMA_VERSION,
+                "version": env!("CARGO_PKG_VERSION"),
+                "is_finished": false, "dry_run": true,
+                "input": { "path": config.input }, "output": { "path": config.output },
+                "settings": config.settings(), "plan": prepared.plan, "losses": [],
+            });
+            write_json(to, &report)?;
+        }
         return Ok(0);
     }
     let report = watch(talk, progress, log, || make_tiles(prepared, &config, progress))?;
@@ -255,6 +263,9 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
 }
 
 fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {
+    if log.summary(report) {
+        return;
+    }
     if talk.verbose {
         report.stages.iter().for_each(|stage| log.say(stage_line(stage)));
     }
@@ -292,8 +303,7 @@ fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {
             pages.texels_per_unit
         ));
     }
-    let welded = report.input.weld.iter().flat_map(|weld| &weld.notes);
-    for note in report.notes.iter().chain(welded) {
+    for note in report.input.weld.iter().flat_map(|weld| &weld.notes) {
         log.say(format!("  {note}"));
     }
     for (name, n) in report.input.faults.iter().filter(|(_, n)| **n > 0) {

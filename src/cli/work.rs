@@ -3,7 +3,7 @@
 use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
 use super::log::{Log, Talk};
-use super::outcome::{tell, write_report};
+use super::outcome::{close, tell, write_report};
 use super::plan;
 use crate::config::Config;
 use crate::error::{Error, Result};
@@ -123,7 +123,8 @@ fn attempt(
     match watch(talk, progress, log, || work(&task, &config, &disk, progress))? {
         Done::Before => log.say(format!("{}: done before", args.unit)),
         Done::Now(None) => log.say(format!("{}: done", args.unit)),
-        Done::Now(Some(done)) => {
+        Done::Now(Some(mut done)) => {
+            close(&mut done, progress);
             tell(&done, talk, log);
             if report.is_some() {
                 let to =

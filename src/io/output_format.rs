@@ -35,6 +35,16 @@ pub enum OutputKind {
 }
 
 impl OutputKind {
+    /// The name for people.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            OutputKind::Ply => "PLY",
+            OutputKind::Stl => "STL",
+            OutputKind::Obj => "OBJ",
+            OutputKind::Glb => "GLB",
+        }
+    }
+
     /// The kind that the file's name asks for.
     pub fn of(path: &Path) -> Result<Self> {
         let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());

@@ -1,7 +1,7 @@
 //! The output of a run, whatever its format: one writer for each kind, and the images and materials beside it.
 
 use super::gltf::{GlbWriter, Positions};
-use super::materials::TexturePlan;
+use super::materials::{NUMBER, TexturePlan};
 use super::obj::ObjWriter;
 use super::output_format::{OutputFormat, OutputKind};
 use super::rounding::Rounding;
@@ -10,8 +10,10 @@ use crate::error::Result;
 use crate::io::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
 use crate::mesh::codec::TEXTURE_NAMES;
 use crate::mesh::colours::ColourPlace;
+use crate::mesh::property::Scalar;
 use crate::mesh::record::VertexSchema;
 use crate::system::disk::Disk;
+use crate::system::losses::{Ledger, Loss, LossKind};
 
 /// Writes a mesh in any format: all vertices, then all faces; the file appears when it is finished.
 pub struct MeshSink {
@@ -20,34 +22,94 @@ pub struct MeshSink {
     textures: Option<(TexturePlan, Disk)>,
     /// Faces whose texture coordinates no OBJ or GLB can hold.
     n_not_finite: u64,
-    /// Properties of vertices that the format does not have.
-    lost: Vec<String>,
+    /// Parts that the format has no place for.
+    losses: Ledger,
     /// The colour of vertices, where the format has only shares of white.
-    colour: Option<(ColourPlace, usize)>,
+    colour: Option<ColourPlace>,
     /// Vertices whose colour was clamped.
     n_clamped: u64,
+    /// Place of an opacity of vertices that the format does not have, and the number of vertices that are not opaque.
+    opacity: Option<usize>,
+    n_not_opaque: u64,
+    record_bytes: usize,
     schema: VertexSchema,
     rounding: Option<Rounding>,
 }
 
-/// Properties of vertices that a kind of file does not have. Normals of STL are those of its facets.
-fn lost_properties(schema: &VertexSchema, kind: OutputKind) -> Vec<String> {
+/// Names of the components of colours.
+const COLOURS: [&str; 9] =
+    ["red", "green", "blue", "diffuse_red", "diffuse_green", "diffuse_blue", "r", "g", "b"];
+const OPACITY: [&str; 2] = ["alpha", "diffuse_alpha"];
+
+/// Parts of vertices and faces that a kind of file does not have. Normals of STL are those of its facets.
+fn lost_parts(header: &OutputHeader, kind: OutputKind) -> Ledger {
     const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
-    const COLOURS: [&str; 9] =
-        ["red", "green", "blue", "diffuse_red", "diffuse_green", "diffuse_blue", "r", "g", "b"];
-    let alpha = ColourPlace::find(schema).and_then(|place| place.alpha_name());
-    let is_kept = |name: &str| match kind {
-        OutputKind::Ply => true,
-        OutputKind::Stl => NORMALS.contains(&name),
-        OutputKind::Glb if alpha == Some(name) => true,
-        OutputKind::Obj | OutputKind::Glb => {
-            NORMALS.contains(&name)
-                || COLOURS.contains(&name)
-                || TEXTURE_NAMES.as_flattened().contains(&name)
+    let mut losses = Ledger::default();
+    if kind == OutputKind::Ply {
+        return losses;
+    }
+    let (reason, looks) =
+        (format!("{} has no place for them", kind.name()), kind != OutputKind::Stl);
+    let mut lose = |of: LossKind, what: &str, names: Vec<&str>, remedy: &str| {
+        if !names.is_empty() {
+            let what = format!("{what} ({})", names.join(", "));
+            losses.lose(Loss::new(of, what, &reason).remedy(remedy).whole());
         }
     };
-    let names = schema.properties.iter().map(|property| property.name.clone());
-    names.filter(|name| !is_kept(name)).collect()
+    let is_colour = |name: &str| COLOURS.contains(&name);
+    let is_texture = |name: &str| TEXTURE_NAMES.as_flattened().contains(&name);
+    let of_vertices: Vec<&str> = header.schema.properties.iter().map(|p| p.name.as_str()).collect();
+    let only = |list: &[&str], is: &dyn Fn(&str) -> bool| -> Vec<String> {
+        list.iter().filter(|name| is(name)).map(|name| (*name).to_owned()).collect()
+    };
+    if !looks {
+        let colours = only(&of_vertices, &is_colour);
+        lose(LossKind::Colors, "colours of vertices", texts(&colours), "PLY, OBJ and GLB have");
+        let places = only(&of_vertices, &is_texture);
+        let remedy = "PLY, OBJ and GLB have";
+        lose(LossKind::TextureCoordinates, "texture coordinates", texts(&places), remedy);
+        if header.faces.texture {
+            lose(LossKind::TextureCoordinates, "texture coordinates", vec!["of corners"], remedy);
+        }
+    }
+    let is_other = |name: &str| {
+        !is_colour(name)
+            && !is_texture(name)
+            && !NORMALS.contains(&name)
+            && !OPACITY.contains(&name)
+    };
+    let others = only(&of_vertices, &is_other);
+    lose(LossKind::Attributes, "properties of vertices", texts(&others), "PLY has");
+    let of_faces: Vec<&str> = header.faces.properties.iter().map(|p| p.name.as_str()).collect();
+    let colours = only(&of_faces, &is_colour);
+    lose(LossKind::Colors, "colours of faces", texts(&colours), "PLY has");
+    // The number of an image means nothing without images.
+    let is_other = |name: &str| !is_colour(name) && name != NUMBER;
+    let others = only(&of_faces, &is_other);
+    lose(LossKind::Attributes, "properties of faces", texts(&others), "PLY has");
+    losses
+}
+
+fn texts(names: &[String]) -> Vec<&str> {
+    names.iter().map(String::as_str).collect()
+}
+
+/// Place of the opacity in records, where a kind of file does not have it: bytes, of which opaque ones are 255.
+fn lost_opacity(schema: &VertexSchema, kind: OutputKind) -> Option<usize> {
+    if kind == OutputKind::Ply {
+        return None;
+    }
+    let colour = ColourPlace::find(schema).filter(|_| kind == OutputKind::Glb);
+    let kept = colour.and_then(|place| place.alpha_name());
+    let mut at = schema.position_bytes();
+    for property in &schema.properties {
+        let name = property.name.as_str();
+        if property.scalar == Scalar::U8 && OPACITY.contains(&name) && kept != Some(name) {
+            return Some(at);
+        }
+        at += property.scalar.bytes();
+    }
+    None
 }
 
 /// One writer for each kind of file.
@@ -71,10 +133,11 @@ impl MeshSink {
         let encoding = format.encoding.unwrap_or(Encoding::BinaryLittleEndian);
         let textures = header.textures.clone().map(|plan| (plan, place.disk.clone()));
         let kind = format.check(&place.path)?;
-        let lost = lost_properties(&header.schema, kind);
+        let losses = lost_parts(&header, kind);
+        let (opacity, record_bytes) =
+            (lost_opacity(&header.schema, kind), header.schema.record_bytes());
         let colour = ColourPlace::find(&header.schema)
-            .filter(|_| matches!(kind, OutputKind::Obj | OutputKind::Glb))
-            .map(|place| (place, header.schema.record_bytes()));
+            .filter(|_| matches!(kind, OutputKind::Obj | OutputKind::Glb));
         let schema = header.schema.clone();
         let rounding = Rounding::of(&schema, kind, format);
         let writer = match kind {
@@ -97,9 +160,12 @@ impl MeshSink {
             writer,
             textures,
             n_not_finite: 0,
-            lost,
+            losses,
             colour,
             n_clamped: 0,
+            opacity,
+            n_not_opaque: 0,
+            record_bytes,
             schema,
             rounding,
         })
@@ -107,12 +173,16 @@ impl MeshSink {
 
     /// Appends packed records of the header's schema.
     pub fn write_vertices(&mut self, records: &[u8]) -> Result<()> {
-        if let Some((colour, n_bytes)) = &self.colour {
-            let rows = records.chunks_exact(*n_bytes);
+        if let Some(colour) = &self.colour {
+            let rows = records.chunks_exact(self.record_bytes);
             self.n_clamped += rows.filter(|row| colour.is_clamped(row)).count() as u64;
         }
         if let Some(rounding) = &mut self.rounding {
             rounding.add_vertices(&self.schema, records);
+        }
+        if let Some(at) = self.opacity {
+            let rows = records.chunks_exact(self.record_bytes);
+            self.n_not_opaque += rows.filter(|row| row[at] < u8::MAX).count() as u64;
         }
         match &mut self.writer {
             Writer::Ply(sink) => sink.write_vertices(records),
@@ -172,29 +242,31 @@ impl MeshSink {
         }
     }
 
-    /// Words on what the format could not hold, so far.
-    pub fn losses(&self) -> Vec<String> {
-        let mut lines = Vec::new();
-        if !self.lost.is_empty() {
-            lines.push(format!(
-                "the format has no place for properties of vertices: {} (PLY has)",
-                self.lost.join(", ")
-            ));
+    /// Parts of vertices, faces, materials and images that the output does not have, so far.
+    pub fn losses(&self) -> Ledger {
+        let mut losses = self.losses.clone();
+        if self.n_not_opaque > 0 {
+            let what = "opacity of vertices";
+            let loss = Loss::new(LossKind::Colors, what, "only PLY has a place for it");
+            losses.lose(loss.count(self.n_not_opaque));
         }
         if self.n_clamped > 0 {
-            lines.push(format!(
-                "{} vertices have colours outside of black to white: clamped",
-                self.n_clamped
-            ));
+            let what = "colours of vertices";
+            let loss = Loss::new(LossKind::Colors, what, "outside of black to white: clamped");
+            losses.lose(loss.count(self.n_clamped));
         }
         if self.n_not_finite > 0 {
-            lines.push(format!(
-                "{} faces have texture coordinates that are not finite: 0 was written for them",
-                self.n_not_finite
-            ));
+            let what = "faces with texture coordinates that are not finite";
+            let loss = Loss::new(LossKind::TextureCoordinates, what, "0 was written for them");
+            losses.lose(loss.count(self.n_not_finite));
         }
-        lines.extend(self.rounding.as_ref().and_then(Rounding::note));
-        lines
+        if let Some(line) = self.rounding.as_ref().and_then(Rounding::note) {
+            losses.lose(Loss { kind: LossKind::Precision, ..Loss::remark(line) });
+        }
+        if let Some((plan, _)) = &self.textures {
+            losses.merge(&plan.losses);
+        }
+        losses
     }
 
     /// Writes what stands beside the mesh, then syncs and renames it; returns the file's length in bytes.

@@ -20,6 +20,7 @@ use crate::mesh::topology_counts::Topology;
 use crate::stages::partition;
 use crate::store::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
 use crate::system::json_keys::SCHEMA_VERSION;
+use crate::system::losses::Ledger;
 use crate::system::memory::BASE_BYTES;
 use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
@@ -106,6 +107,8 @@ pub struct Report {
     pub peak_memory_bytes: u64,
     /// Most bytes that temporary files had at one time.
     pub peak_temp_bytes: u64,
+    /// Looks that pictures are without; only with `--appearance`.
+    pub losses: Ledger,
 }
 
 impl Report {
@@ -133,6 +136,7 @@ impl Report {
             seconds,
             peak_memory_bytes: crate::system::memory::peak_bytes(),
             peak_temp_bytes: comparison.temp_bytes,
+            losses: Ledger::default(),
         }
     }
 }

@@ -40,6 +40,7 @@ use crate::store::cells::SurvivorInfo;
 use crate::store::job::Job;
 use crate::store::job::fingerprint::job_identity;
 use crate::system::disk::Disk;
+use crate::system::losses::Loss;
 use crate::system::parallel::guarded;
 use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
@@ -49,7 +50,7 @@ pub use prepare::{Prepared, prepare};
 use run_report::{RunReport, TextureReport};
 use source_facts::faults;
 use stage_runner::{Left, Stages};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 /// Simplifies `config.input` into `config.output`; `None` when `--until` ended the run early.
@@ -83,6 +84,7 @@ fn run_stages(
         return Ok(Some(report));
     }
     let job = Job::open(&settled.job_folder, disk, &identity, settled.restart)?;
+    post(&job, &settled.output, prepared.source.n_triangles(), progress);
     match run_stages_in(&job, prepared, &settled, progress)? {
         Ended::Done(report) => Ok(Some(*report)),
         Ended::Early => Ok(None),
@@ -94,6 +96,14 @@ fn run_stages(
             let config = Config { texture: Texture::Bake, restart: true, ..config.clone() };
             run_stages(disk, prepare(&config)?, &config, progress)
         }
+    }
+}
+
+/// Posts the progress of a job where `status` finds it.
+fn post(job: &Job, output: &Path, triangles: u64, progress: &Progress) {
+    if let Some(board) = job.board() {
+        let output = std::path::absolute(output).unwrap_or_else(|_| output.to_path_buf());
+        progress.post_in(&board, serde_json::json!({ "output": output, "triangles": triangles }));
     }
 }
 
@@ -147,7 +157,7 @@ fn run_stages_in(
         Ok(partition) => partition,
         Err(error) => return Err(abandon(job, error)),
     };
-    source.remarks()?.into_iter().for_each(|line| progress.note(line));
+    source.remarks()?.into_iter().for_each(|line| progress.lose(Loss::remark(line)));
     if config.until == Some(Until::Partition) {
         return Ok(Ended::Early);
     }

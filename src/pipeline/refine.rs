@@ -8,6 +8,7 @@ use crate::io::ply::{OutputHeader, Place};
 use crate::io::{MeshSink, OutputFormat};
 use crate::progressive::{Refiner, View, Viewed, refine_for_view, slides};
 use crate::system::disk::Disk;
+use crate::system::losses::Ledger;
 use crate::system::memory::BASE_BYTES;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
@@ -60,6 +61,8 @@ pub struct Refined {
     pub target_met: bool,
     /// Seconds.
     pub seconds: f64,
+    /// Parts of the mesh that the output's format has no place for.
+    pub losses: Ledger,
 }
 
 /// A progressive mesh in a report.
@@ -178,6 +181,7 @@ fn run(config: &RefineConfig, progress: &Progress) -> Result<Refined> {
         progress.add(block.len() as u64);
         sink.write_faces_u32(block)
     })?;
+    progress.lose_all(&sink.losses());
     let bytes_written = sink.finish()?;
     Ok(Refined {
         schema_version: crate::system::json_keys::SCHEMA_VERSION,
@@ -198,5 +202,6 @@ fn run(config: &RefineConfig, progress: &Progress) -> Result<Refined> {
         view,
         target_met: target.is_none_or(|target| triangles <= target),
         seconds: start.elapsed().as_secs_f64(),
+        losses: progress.losses(),
     })
 }

@@ -11,6 +11,7 @@ use crate::io::{NUMBER, OutputKind, TexturePlan};
 use crate::mesh::bounds::Bounds;
 use crate::mesh::face_properties::{FacePolicy, FacePropertyPlan};
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
+use crate::system::losses::Ledger;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -165,6 +166,9 @@ pub struct SeamReport {
     pub place: Option<[f64; 3]>,
 }
 
+/// Reason of a property of faces that the writer cannot hold.
+pub const NO_PLACE: &str = "the output's format has no place for it";
+
 /// Fate of a property of faces.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FaceReport {
@@ -189,7 +193,7 @@ impl FaceReport {
                 _ if p.how == FacePolicy::Dropped => Some(p.reason),
                 OutputKind::Ply => None,
                 OutputKind::Obj | OutputKind::Glb if name == NUMBER && n_materials > 0 => None,
-                _ => Some("the output's format has no place for it"),
+                _ => Some(NO_PLACE),
             };
             let carried = if reason.is_some() { FacePolicy::Dropped } else { p.how };
             let reason = reason.map(str::to_owned);
@@ -219,7 +223,7 @@ pub struct TextureReport {
     pub lacks_images: bool,
     /// Bytes of images that were copied beside the output or embedded.
     pub bytes: u64,
-    /// Missing, damaged and lost parts, a line each.
+    /// Missing, damaged and lost parts, a line each; deprecated, `RunReport::losses` says more.
     pub notes: Vec<String>,
 }
 
@@ -232,9 +236,22 @@ impl TextureReport {
             missing: plan.n_missing as u64,
             lacks_images: plan.lacks_images(),
             bytes: plan.bytes,
-            notes: plan.notes.clone(),
+            notes: plan.materials.losses.lines().into_iter().chain(plan.losses.lines()).collect(),
         }
     }
+}
+
+/// Settings and files of a run that is over.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct DoneRecord {
+    /// Settings by name, with those that only this record needs.
+    pub settings: BTreeMap<String, String>,
+    /// Marks of the input and the files beside it.
+    pub input: BTreeMap<String, String>,
+    /// Marks of each output, by its path as given.
+    pub outputs: BTreeMap<String, BTreeMap<String, String>>,
+    /// Exit code of the run.
+    pub exit_code: u8,
 }
 
 /// The report of `simplify`; `written` gives the form in which it is written.
@@ -258,11 +275,12 @@ pub struct RunReport {
     /// Wall time of this run from the opened input to the written output, `--verify` included. A run that continues an earlier
     /// one counts its own time only.
     pub seconds: f64,
-    /// Triangles of the input over `seconds`, without the time of `--verify`.
+    /// Triangles of the input over `seconds`, without the time of `--verify`; of a run that continues an earlier one, over the
+    /// time of all stages.
     pub triangles_per_second: f64,
     /// Peak resident memory of the process, in bytes.
     pub peak_memory_bytes: u64,
-    /// Most bytes that temporary files had at one time.
+    /// Most bytes that temporary files had at one time, in all processes that took part.
     pub peak_temp_bytes: u64,
     /// The output; of a chain, that of its coarsest level.
     pub output: OutputReport,
@@ -288,6 +306,12 @@ pub struct RunReport {
     /// Fate of the scalar properties and lists of faces.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub face_properties: Vec<FaceReport>,
+    /// Parts of the input that the output does not have.
+    #[serde(default)]
+    pub losses: Ledger,
+    /// Proof for another run of the same command that this one has done it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub done: Option<DoneRecord>,
     /// Materials and images; absent where the input has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub textures: Option<TextureReport>,
@@ -364,7 +388,7 @@ impl std::fmt::Display for StopReason {
         f.write_str(match self {
             StopReason::Target => "target",
             StopReason::TargetBelowBearable => "target, below what the input can bear",
-            StopReason::NothingLegal => "nothing legal left to collapse",
+            StopReason::NothingLegal => "no edge is left that may be collapsed",
             StopReason::WithinBound => "within the bound",
             StopReason::Grid => "the grid",
             StopReason::NoGrid => "no grid of ten was coarse enough",

@@ -10,6 +10,7 @@ use crate::error::Result;
 use crate::io::materials::{Alpha, MapKind, Material};
 use crate::io::ply::MeshSource;
 use crate::mesh::vec3::{add, cross, scale, unit};
+use crate::system::losses::{Ledger, Loss, LossKind};
 use crate::system::progress::Progress;
 use crate::texture::{ImageCache, Palette, Purpose};
 
@@ -136,26 +137,24 @@ pub fn shots(
         drop(drawn);
         each(number, Shot { picture, covered })?;
     }
-    let unseen = not_drawn(source, views.iter().any(is_textured));
-    for line in palette.notes().iter().cloned().chain(images.notes()).chain(unseen) {
-        progress.note(line);
-    }
+    progress.lose_all(palette.losses());
+    progress.lose_all(&images.losses());
+    progress.lose_all(&not_drawn(source, views.iter().any(is_textured)));
     Ok(())
 }
 
-/// Parts of the looks that pictures are without, a line each.
-fn not_drawn(source: &MeshSource, is_textured: bool) -> Vec<String> {
-    let mut lines = Vec::new();
-    let Some(materials) = source.materials() else { return lines };
+/// Parts of the looks that pictures are without.
+fn not_drawn(source: &MeshSource, is_textured: bool) -> Ledger {
+    let mut losses = Ledger::default();
+    let Some(materials) = source.materials() else { return losses };
     let has_image = materials.list.iter().any(|material| material.map(MapKind::Base).is_some());
     if has_image && !source.has_corner_texture() {
-        lines.push(
-            "images are not drawn: faces have no texture coordinates; where vertices have them, convert the mesh to OBJ first"
-                .to_owned(),
-        );
+        let loss =
+            Loss::new(LossKind::Images, "images", "not drawn: faces have no texture coordinates");
+        losses.lose(loss.whole().remedy("where vertices have them, convert the mesh to OBJ first"));
     }
     if !is_textured {
-        return lines;
+        return losses;
     }
     let lets_light_through = |material: &&Material| {
         let is_mask = matches!(material.alpha, Alpha::Mask(_));
@@ -166,10 +165,11 @@ fn not_drawn(source: &MeshSource, is_textured: bool) -> Vec<String> {
     };
     match materials.list.iter().filter(lets_light_through).count() {
         0 => {}
-        n => lines.push(format!(
-            "opacity of {n} material{}: drawn opaque, and holes where an image is less than half opaque",
-            if n == 1 { "" } else { "s" }
-        )),
+        n => {
+            let why = "drawn opaque, and holes where an image is less than half opaque";
+            let loss = Loss::new(LossKind::Materials, "opacity of materials", why);
+            losses.lose(loss.count(n as u64));
+        }
     }
-    lines
+    losses
 }

@@ -6,6 +6,7 @@ pub(crate) mod background;
 pub mod disk;
 pub(crate) mod free_space;
 pub(crate) mod json_keys;
+pub mod losses;
 pub(crate) mod made;
 pub mod mapped_file;
 pub mod memory;

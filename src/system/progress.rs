@@ -3,10 +3,15 @@
 //! Stages only count; they never print. The command line reads the counters from a separate thread and
 //! draws a bar, writes lines or JSON, or does nothing.
 
+use super::losses::{Ledger, Loss};
 use crate::error::{Error, Result};
+use serde_json::Value;
+use std::fs::File;
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicI32, AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 /// Counters of the running stage and the request to stop; shared by all threads of a run.
 #[derive(Debug, Default)]
@@ -17,7 +22,23 @@ pub struct Progress {
     /// Folders of scratch data that the process owes to remove, whenever it ends.
     scratch: Mutex<Vec<PathBuf>>,
     notes: Mutex<Vec<String>>,
+    losses: Mutex<Ledger>,
+    board: Mutex<Option<Board>>,
 }
+
+/// A file that says how far a run is, for those who look at its job from outside.
+#[derive(Debug)]
+struct Board {
+    file: File,
+    /// Bytes of the file that stay.
+    start: u64,
+    /// Facts about the run.
+    facts: Value,
+    shown_at: Instant,
+}
+
+/// Time between two looks at a board that show a change.
+const BOARD_INTERVAL: Duration = Duration::from_millis(500);
 
 /// The stage at work.
 #[derive(Clone, Debug, Default)]
@@ -38,6 +59,43 @@ impl Progress {
         *self.stage.lock().unwrap_or_else(PoisonError::into_inner) =
             Stage { name, number, n_stages, total };
         self.done.store(0, Ordering::Relaxed);
+        self.post(true);
+    }
+
+    /// Keeps a line of JSON on the stage at work in a file, behind what is there: `facts`, stage and finished work units.
+    ///
+    /// A file that cannot be written is left alone: the run matters more.
+    pub fn post_in(&self, path: &Path, facts: Value) {
+        let opened = std::fs::OpenOptions::new().write(true).open(path);
+        let board = opened.ok().and_then(|file| {
+            let start = file.metadata().ok()?.len();
+            Some(Board { file, start, facts, shown_at: Instant::now() })
+        });
+        *self.board.lock().unwrap_or_else(PoisonError::into_inner) = board;
+        self.post(true);
+    }
+
+    fn post(&self, is_new: bool) {
+        let Ok(mut board) = self.board.try_lock() else { return };
+        let Some(board) = board.as_mut() else { return };
+        if !is_new && board.shown_at.elapsed() < BOARD_INTERVAL {
+            return;
+        }
+        board.shown_at = Instant::now();
+        let (stage, done) = self.read();
+        // What was done last is of use once the run is over.
+        if stage.name.is_empty() {
+            return;
+        }
+        let mut line = board.facts.clone();
+        line["stage"] = stage.name.into();
+        line["stage_number"] = stage.number.into();
+        line["stages"] = stage.n_stages.into();
+        line["units_done"] = done.into();
+        line["units"] = stage.total.into();
+        let text = format!("{line}\n");
+        let written = board.file.write_all_at(text.as_bytes(), board.start);
+        let _ = written.and_then(|()| board.file.set_len(board.start + text.len() as u64));
     }
 
     /// Begins the running stage again from 0, with another total, where its first part was counted in other units.
@@ -49,6 +107,7 @@ impl Progress {
     /// Counts finished work units.
     pub fn add(&self, units: u64) {
         self.done.fetch_add(units, Ordering::Relaxed);
+        self.post(false);
     }
 
     /// Leaves a line for people about what was found, to be shown while the run goes on.
@@ -59,6 +118,32 @@ impl Progress {
     /// The lines that were left since the last call.
     pub fn take_notes(&self) -> Vec<String> {
         std::mem::take(&mut *self.notes.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Enters what the input had and the output has not in the ledger of the run: the one way of saying so.
+    ///
+    /// The command line prints it, every report lists it, and a loss of a whole kind ends the command with exit code 3.
+    pub fn lose(&self, loss: Loss) {
+        self.ledger().lose(loss);
+    }
+
+    /// Enters what a reader, a plan or a writer has gathered; the same again does not count twice.
+    pub fn lose_all(&self, losses: &Ledger) {
+        self.ledger().merge(losses);
+    }
+
+    /// The losses so far.
+    pub fn losses(&self) -> Ledger {
+        self.ledger().clone()
+    }
+
+    /// The losses so far, which are forgotten: another command begins.
+    pub fn take_losses(&self) -> Ledger {
+        std::mem::take(&mut *self.ledger())
+    }
+
+    fn ledger(&self) -> std::sync::MutexGuard<'_, Ledger> {
+        self.losses.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The running stage and its finished work units.

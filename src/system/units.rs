@@ -124,6 +124,23 @@ fn number_times(number: &str, factor: f64) -> Option<f64> {
     (0.0..9.0e18).contains(&value).then_some(value)
 }
 
+/// A time in seconds since 1970 as date and hour, UTC.
+///
+/// Source: Hinnant, "chrono-compatible low-level date algorithms", `civil_from_days`.
+pub fn show_time(seconds: u64) -> String {
+    let (days, second) = (seconds / 86_400, seconds % 86_400);
+    let shifted = days + 719_468;
+    let (era, of_era) = (shifted / 146_097, shifted % 146_097);
+    let year = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
+    let of_year = of_era - (365 * year + year / 4 - year / 100);
+    let month = (5 * of_year + 2) / 153;
+    let day = of_year - (153 * month + 2) / 5 + 1;
+    let month = if month < 10 { month + 3 } else { month - 9 };
+    let year = year + era * 400 + u64::from(month <= 2);
+    let (hour, minute) = (second / 3600, second / 60 % 60);
+    format!("{year}-{month:02}-{day:02} {hour:02}:{minute:02}:{:02} UTC", second % 60)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,8 +5,9 @@
 
 use super::palette::{MapUse, Palette, Picture, image_bytes};
 use crate::error::Result;
-use crate::io::materials::copy_bytes;
+use crate::io::materials::{all_missing, copy_bytes};
 use crate::mesh::oklab::{linear_of_srgb, srgb_of_linear};
+use crate::system::losses::{Ledger, Loss, LossKind};
 use crate::system::parallel::{guarded, in_order};
 use crate::system::progress::Progress;
 use std::collections::{BTreeMap, BTreeSet};
@@ -279,16 +280,24 @@ impl<'a> ImageCache<'a> {
         ImageCache { palette, budget_bytes, table, plain, held: Mutex::default() }
     }
 
-    /// Images that could not be decoded, a line each.
-    pub fn notes(&self) -> Vec<String> {
-        let held = self.held();
-        let line = |(&number, fault): (&usize, &String)| {
-            let name = self.picture(number).map_or("", |picture| &picture.name);
-            format!("image {name} cannot be decoded ({fault}): its material's colour stands for it")
-        };
+    /// Images that could not be decoded.
+    pub fn losses(&self) -> Ledger {
+        let (held, mut losses) = (self.held(), Ledger::default());
         // An image may be there twice, with its opacity and without.
-        let mut said = BTreeSet::new();
-        held.faults.iter().map(line).filter(|line| said.insert(line.clone())).collect()
+        let mut named = BTreeSet::new();
+        for (&number, fault) in &held.faults {
+            let name = self.picture(number).map_or("", |picture| &picture.name);
+            let reason =
+                format!("cannot be decoded ({fault}): its material's colour stands for it");
+            if named.insert(name) {
+                let loss = Loss::new(LossKind::Images, "image", reason);
+                losses.lose(loss.example(name));
+            }
+        }
+        if !held.faults.is_empty() && held.images.values().all(|(_, image)| image.is_none()) {
+            losses.lose(all_missing(named.len()));
+        }
+        losses
     }
 
     /// True if all images stay in memory.

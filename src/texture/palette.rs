@@ -4,9 +4,10 @@
 
 use crate::error::{Error, Result};
 use crate::io::materials::{
-    Alpha, ImageData, Map, MapKind, Material, Materials, besides_pages, look_at_image,
+    Alpha, ImageData, Map, MapKind, Material, Materials, all_missing, besides_pages, look_at_image,
 };
 use crate::mesh::oklab::linear_of_srgb;
+use crate::system::losses::{Ledger, Loss, LossKind};
 use crate::system::units::show_bytes;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -24,7 +25,7 @@ pub(crate) struct Palette {
     /// Number of the images without the second ones.
     n_images: usize,
     materials: Vec<Material>,
-    notes: Vec<String>,
+    losses: Ledger,
 }
 
 /// Use of a palette.
@@ -217,10 +218,7 @@ impl Palette {
             images: Vec::new(),
             n_images: materials.images.len(),
             materials: materials.list.clone(),
-            notes: match purpose {
-                Purpose::Bake => materials.notes.clone(),
-                Purpose::View | Purpose::Relief => Vec::new(),
-            },
+            losses: Ledger::default(),
         };
         palette.look(materials, image_bytes, purpose)?;
         let opaque = palette.part_opaque(purpose);
@@ -252,7 +250,7 @@ impl Palette {
         }
         palette.paints = paints;
         if purpose == Purpose::Bake {
-            palette.note_losses();
+            palette.enter_losses();
         }
         Ok(palette)
     }
@@ -263,8 +261,6 @@ impl Palette {
             materials.list.iter().any(|material| material.maps.iter().any(uses))
         };
         let is_needed = |number: usize| is_used(number, &|kind| purpose.uses(kind));
-        let mut faults: BTreeMap<String, (usize, String)> = BTreeMap::new();
-        let mut doubtful: Vec<(String, String)> = Vec::new();
         for (number, image) in materials.images.iter().enumerate() {
             if !is_needed(number) {
                 self.images.push(None);
@@ -296,12 +292,11 @@ impl Palette {
             };
             match picture {
                 Ok(picture) if picture.bytes() > image_bytes && purpose != Purpose::Bake => {
-                    self.images.push(None);
-                    let fault = format!(
-                        "takes more than the {} that the memory has for it",
-                        show_bytes(image_bytes)
+                    let of_memory = show_bytes(image_bytes);
+                    self.lose_image(
+                        &name,
+                        &format!("takes more than the {of_memory} that the memory has for it"),
                     );
-                    faults.entry(fault).or_insert_with(|| (0, name)).0 += 1;
                 }
                 Ok(picture) if picture.bytes() > image_bytes => {
                     let [width, height] = picture.size;
@@ -314,29 +309,28 @@ impl Palette {
                 }
                 Ok(picture) => {
                     self.images.push(Some(picture));
-                    doubtful.extend(doubt.map(|fault| (fault, name)));
+                    if let Some(fault) = doubt {
+                        let loss =
+                            Loss::new(LossKind::Images, "image", format!("is doubtful: {fault}"));
+                        self.losses.lose(loss.example(name));
+                    }
                 }
-                Err(fault) => {
-                    self.images.push(None);
-                    faults.entry(fault).or_insert_with(|| (0, name)).0 += 1;
-                }
+                Err(fault) => self.lose_image(&name, &fault),
             }
         }
-        if let Some((fault, first)) = doubtful.first() {
-            let more = match doubtful.len() {
-                1 => String::new(),
-                n => format!(", and {} more are doubtful", n - 1),
-            };
-            self.notes.push(format!("image {first} is doubtful: {fault}{more}"));
+        let n_needed = (0..materials.images.len()).filter(|&number| is_needed(number)).count();
+        if n_needed > 0 && self.images.iter().all(Option::is_none) {
+            self.losses.lose(all_missing(n_needed));
         }
-        self.notes.extend(faults.into_iter().map(|(fault, (n, first))| match n {
-            1 => format!("image {first} {fault}: its material's colour stands for it"),
-            n => format!(
-                "image {first} {fault}, and {} more like it: their materials' colours stand for them",
-                n - 1
-            ),
-        }));
         Ok(())
+    }
+
+    /// Takes the next image as one that cannot be used.
+    fn lose_image(&mut self, name: &str, fault: &str) {
+        self.images.push(None);
+        let reason = format!("{fault}: its material's colour stands for it");
+        let loss = Loss::new(LossKind::Images, "image", reason).example(name);
+        self.losses.lose(loss);
     }
 
     /// Makes the colour images of opaque materials opaque; returns the number that each has for these.
@@ -368,8 +362,8 @@ impl Palette {
         opaque
     }
 
-    /// Says what of the materials has no place on the pages.
-    fn note_losses(&mut self) {
+    /// Enters what of the materials has no place on the pages.
+    fn enter_losses(&mut self) {
         let is_mixed = |of: fn(&Material) -> Option<f32>| {
             self.materials.windows(2).any(|pair| of(&pair[0]) != of(&pair[1]))
         };
@@ -378,29 +372,31 @@ impl Palette {
             ("cut-off of opacity", is_mixed(|m| m.alpha.cutoff())),
             ("independence of light", is_mixed(|m| m.unlit.then_some(1.0))),
         ];
-        let mut lost: BTreeMap<String, usize> = BTreeMap::new();
+        let mut lost: BTreeMap<String, (u64, String)> = BTreeMap::new();
         for (what, _) in differ.iter().filter(|(_, differs)| *differs) {
-            lost.insert(format!("{what} that differ from material to material"), 0);
+            lost.insert(
+                format!("{what} that differ from material to material"),
+                (1, String::new()),
+            );
         }
         for material in &self.materials {
             let maps = material.maps.iter().map(|map| map.kind);
             let maps = maps.filter(|kind| !matches!(kind, MapKind::Base | MapKind::Opacity));
             let names = maps.map(|kind| kind.name().to_owned());
             for what in names.chain(besides_pages(material)) {
-                *lost.entry(what).or_default() += 1;
+                let first = || (0, format!("material '{}'", material.name));
+                lost.entry(what).or_insert_with(first).0 += 1;
             }
         }
-        let lines = lost.iter().map(|(what, n)| match n {
-            0 => format!("{what}: not baked"),
-            1 => format!("{what} of 1 material: not baked"),
-            n => format!("{what} of {n} materials: not baked"),
-        });
-        self.notes.extend(lines.collect::<Vec<_>>());
+        for (what, (n, first)) in lost {
+            self.losses
+                .lose(Loss::new(LossKind::Materials, what, "not baked").count(n).example(first));
+        }
     }
 
-    /// Missing, damaged and lost parts, a line each.
-    pub fn notes(&self) -> &[String] {
-        &self.notes
+    /// Missing, damaged and lost parts.
+    pub fn losses(&self) -> &Ledger {
+        &self.losses
     }
 
     /// Pixels of all images, each counted once.

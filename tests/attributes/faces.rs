@@ -545,13 +545,17 @@ fn what_a_format_has_no_place_for_is_said() {
     let n = check(folder, "in.ply")["vertices"].as_i64().unwrap();
     for (name, kept) in [("out.stl", 0), ("out.glb", 0), ("out.obj", 0), ("out.ply", 2)] {
         let command = format!("simplify in.ply {name} --ratio 50% --report r.json");
-        let said = expect(folder, &command, 0);
+        let said = expect(folder, &command, if kept == 0 { 3 } else { 0 });
         let json = std::fs::read_to_string(folder.join("r.json")).unwrap();
         let json: serde_json::Value = serde_json::from_str(&json).unwrap();
         let list = json["face_properties"].as_array().unwrap();
         let dropped = list.iter().filter(|p| p["carried"] == "dropped").count();
         assert_eq!((list.len(), dropped), (2, 2 - kept), "{name}");
-        assert_eq!(said.contains("(uchar): dropped: the output's format"), kept < 2, "{said}");
+        let lost = "lost: properties of faces (label): ";
+        assert_eq!(said.contains(lost), kept < 2, "{said}");
+        let losses = json["losses"].as_array().unwrap();
+        assert_eq!(losses.len(), usize::from(kept < 2), "{json}");
+        assert!(losses.iter().all(|loss| loss["severity"] == "whole"), "{json}");
         let vertices = json["output"]["vertices"].as_i64().unwrap();
         assert!(vertices < n / 2 + 100, "joined again: {vertices} of {n}");
     }

@@ -210,6 +210,19 @@ fn what_textures_and_faces_add_keeps_the_schema() {
 }
 
 #[test]
+fn reports_of_convert_keep_the_schema() {
+    let folder = folder_with("scans", "--triangles 2k --color");
+    let out = folder.path();
+    for (output, code) in [("o.ply", 0), ("o.stl", 3)] {
+        expect(out, &format!("convert in.ply {output} --report r.json"), code);
+        let report = read(&out.join("r.json"));
+        assert_keeps("convert_report", &report);
+        assert_eq!(report["losses"].as_array().map(Vec::is_empty), Some(code == 0), "{report}");
+        std::fs::remove_file(out.join("r.json")).expect("a report");
+    }
+}
+
+#[test]
 fn measurements_keep_the_schema() {
     let folder = folder_with("statue", "--triangles 20k --color --uv");
     let out = folder.path();
@@ -262,18 +275,141 @@ fn reports_of_refine_keep_the_schema() {
     }
 }
 
-#[test]
-fn lines_of_progress_keep_the_schema() {
-    let folder = folder_with("terrain", "--triangles 200k");
-    let command = "simplify in.ply o.ply --ratio 5% --min-component 5 --progress json";
-    let said = expect(folder.path(), command, 0);
-    let lines = said.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
-    let mut n = 0;
-    for line in lines {
-        assert_keeps(if line["note"].is_string() { "note" } else { "progress" }, &line);
-        n += 1;
+/// Events of `--progress json`: each line of standard error is an object.
+fn events(out: &Path, command: &str, code: i32) -> Vec<Value> {
+    let said = expect(out, &format!("{command} --progress json"), code);
+    let parse = |line: &str| serde_json::from_str(line).unwrap_or_else(|e| panic!("{e}: {line}"));
+    let events: Vec<Value> = said.lines().map(parse).collect();
+    for line in &events {
+        let name = match line["event"].as_str() {
+            Some(name @ ("progress" | "note")) => name.to_owned(),
+            name => format!("{}_line", name.unwrap_or("no")),
+        };
+        assert_keeps(&name, line);
     }
-    assert!(n > 0, "{said}");
+    let end = events.last().expect("an event");
+    assert_eq!(
+        (end["event"].as_str(), end["exit_code"].as_i64()),
+        (Some("end"), Some(code.into()))
+    );
+    events
+}
+
+#[test]
+fn progress_as_json_is_nothing_but_events() {
+    let folder = folder_with("terrain", "--triangles 60k");
+    let out = folder.path();
+    for quiet in ["", "-q"] {
+        let command = format!("simplify in.ply o.ply --ratio 5% --min-component 5 --force {quiet}");
+        let events = events(out, &command, 0);
+        let has = |name: &str| events.iter().filter(|line| line["event"] == name).count();
+        assert!(has("progress") > 0 && has("note") > 0, "{events:?}");
+        assert_eq!([has("plan"), has("summary"), has("end")], [1, 1, 1]);
+        let summary = events.iter().find(|line| line["event"] == "summary").expect("a summary");
+        assert_keeps("simplify_report", &summary["report"]);
+    }
+    events(out, "convert in.ply c.obj -q", 0);
+    events(out, "measure in.ply o.ply --samples 1k", 0);
+    events(out, "tiles in.ply t --tile-triangles 4k", 0);
+    events(out, "simplify in.ply o.ply --ratio 5%", 2);
+    events(out, "simplify none.ply n.ply --ratio 5%", 4);
+}
+
+#[test]
+fn runs_that_end_early_write_a_report_that_says_so() {
+    let folder = folder_with("terrain", "--triangles 20k");
+    let out = folder.path();
+    for (options, key) in [("--dry-run", "plan"), ("--until partition", "stages_done")] {
+        let command = format!("simplify in.ply o.ply --ratio 5% --cell-triangles 3k {options}");
+        expect(out, &format!("{command} --report r.json"), 0);
+        let report = read(&out.join("r.json"));
+        assert_eq!(report["is_finished"], false, "{report}");
+        assert!(!report[key].is_null() && report["input"]["path"] == "in.ply", "{report}");
+    }
+    expect(out, "simplify in.ply m.ply --method cluster --ratio 5% --dry-run --report r.json", 0);
+    assert!(read(&out.join("r.json"))["plan"].is_object());
+    expect(out, "tiles in.ply t --dry-run --report r.json", 0);
+    assert!(read(&out.join("r.json"))["plan"].is_object());
+    // Such a report is an earlier one of stonecut, which a finished run replaces.
+    expect(out, "simplify in.ply o.ply --ratio 5% --cell-triangles 3k --report r.json", 0);
+    assert_keeps("simplify_report", &read(&out.join("r.json")));
+}
+
+#[test]
+fn status_tells_a_running_job_from_a_stopped_one() {
+    let folder = folder_with("terrain", "--triangles 20k");
+    let out = folder.path();
+    expect(out, "simplify in.ply o.ply --ratio 5% --cell-triangles 3k --until simplify -q", 0);
+    let job = out.join("o.ply.stonecut-job");
+    let status = printed(out, "status o.ply.stonecut-job --json");
+    assert_eq!(status["is_running"], false);
+    assert!(status["percent"].as_f64().expect("percent") > 10.0, "{status}");
+    assert!(status["faces"].is_u64() && status["process"].is_u64(), "{status}");
+    assert!(status["output"].as_str().expect("a path").ends_with("o.ply"), "{status}");
+    // As a run would hold it.
+    let lock = std::fs::File::open(job.join("lock")).expect("a lock");
+    lock.lock().expect("free");
+    let status = printed(out, "status o.ply.stonecut-job --json");
+    assert_eq!(status["is_running"], true);
+    assert_keeps("status", &status);
+    let said = run(out, "status o.ply.stonecut-job");
+    let said = String::from_utf8_lossy(&said.stdout).into_owned();
+    assert!(
+        said.contains("running ") && said.contains(" %  ") && !said.contains("continue"),
+        "{said}"
+    );
+    let mut follow = crate::common::stonecut();
+    let follow = follow.current_dir(out).args(["status", "o.ply.stonecut-job", "--follow"]);
+    let follow = follow.stdout(std::process::Stdio::piped()).spawn().expect("runs");
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    drop(lock);
+    let said = follow.wait_with_output().expect("ends");
+    let said = String::from_utf8_lossy(&said.stdout).into_owned();
+    assert!(said.ends_with("stopped; continue by running the same command again\n"), "{said}");
+}
+
+#[test]
+fn a_run_that_is_done_is_not_done_again() {
+    let folder = folder_with("terrain", "--triangles 2k");
+    let out = folder.path();
+    let again = |options: &str, code: i32| {
+        let said = expect(
+            out,
+            &format!("simplify in.ply o.ply --ratio 10% --report r.json {options}"),
+            code,
+        );
+        assert_eq!(
+            said.contains("already done"),
+            code == 0 && !options.contains("force"),
+            "{said}"
+        );
+    };
+    expect(out, "simplify in.ply o.ply --ratio 10% --report r.json", 0);
+    again("", 0);
+    for other in ["--fit off", "--format ascii", "--skip-bad", "--verify"] {
+        again(other, 2);
+    }
+    again("--force", 0);
+    again("", 0);
+    let mesh = std::fs::read(out.join("o.ply")).expect("an output");
+    std::fs::write(out.join("o.ply"), &mesh[..mesh.len() - 1]).expect("written");
+    again("", 2);
+    again("--force", 0);
+    let input = std::fs::read(out.join("in.ply")).expect("an input");
+    std::fs::write(out.join("in.ply"), input).expect("written");
+    again("", 2);
+    expect(out, "simplify in.ply o.ply --ratio 10%", 2);
+}
+
+#[test]
+fn a_ratio_of_one_is_questioned() {
+    let folder = folder_with("terrain", "--triangles 200");
+    let out = folder.path();
+    let said = expect(out, "simplify in.ply o.ply --ratio 1", 0);
+    assert!(said.contains("--ratio 1 is 100 %"), "{said}");
+    assert!(said.contains("joined at once and brought to the target"), "{said}");
+    let said = expect(out, "simplify in.ply p.ply --ratio 100%", 0);
+    assert!(!said.contains("warning"), "{said}");
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod common;
 mod dialects;
 mod fuzz;
 mod gltf_extensions;
+mod ledger;
 mod other;
 mod placing;
 mod polygons;

@@ -51,6 +51,7 @@ fn to(input: &Path, output: &Path, format: &str) -> stonecut::Result<Converted> 
         keep_unreferenced: false,
         temp_dir: None,
         memory: None,
+        report: None,
     })
 }
 
@@ -533,7 +534,7 @@ fn properties_without_a_place_are_named() -> AnyResult {
          0 0 0 0 0 1 0.5 7\n1 0 0 0 0 1 0.5 8\n0 1 0 0 0 1 0.5 9\n3 0 1 2\n",
     )?;
     for (name, lost) in [("a.glb", true), ("a.obj", true), ("a.stl", true), ("a.ply", false)] {
-        let notes = to(&path, &folder.path().join(name), "")?.notes.join("\n");
+        let notes = to(&path, &folder.path().join(name), "")?.losses.lines().join("\n");
         assert_eq!(notes.contains("confidence, id"), lost, "{name}: {notes}");
     }
     Ok(())

@@ -31,10 +31,10 @@ fn lines_of_obj_without_a_place_are_named() {
         says_all(
             &said,
             &[
-                "normals of corners (vn): not carried",
-                "lines and points (l, p): not carried",
-                "names of groups (o, g): not carried",
-                "curves and surfaces (vp, curv, surf): not carried",
+                "note: normals of corners (vn): not carried",
+                "lost in part: lines and points (l, p), 2 of them: not carried",
+                "note: names of groups (o, g), 2 of them: not carried",
+                "lost in part: curves and surfaces (vp, curv, surf): not carried",
             ],
         );
         let said = expect(folder, &format!("convert plain.obj {output} --force"), 0);
@@ -64,7 +64,7 @@ fn colours_that_pages_do_not_hold_are_named() {
         "image of highlights",
         "normal map",
     ];
-    let named = named.map(|what| format!("{what} of 1 material: not baked"));
+    let named = named.map(|what| format!("{what} of material 'only': not baked"));
     says_all(&said, &named.each_ref().map(String::as_str));
     assert!(!said.contains("illum"), "{said}");
     // What says nothing is not a loss.
@@ -82,16 +82,17 @@ fn pictures_name_the_looks_that_they_lack() {
     sheet(folder, |x, y| format!("{x} {y}"), "newmtl only\nd 0.5\nmap_Kd image.png\n");
     let picture =
         |mesh: &str| expect(folder, &format!("render {mesh} -o p.png --size 90x60 --force"), 0);
-    assert!(picture("sheet.obj").contains("warning: opacity of 1 material: drawn opaque"));
+    assert!(picture("sheet.obj").contains("lost in part: opacity of materials: drawn opaque"));
     sheet(folder, |x, y| format!("{x} {y}"), "newmtl only\nmap_Kd image.png\n");
-    assert!(!picture("sheet.obj").contains("warning"));
+    assert!(!picture("sheet.obj").contains("lost"));
     let ply = "ply\nformat ascii 1.0\ncomment TextureFile image.png\nelement vertex 3\nproperty float x\n\
                property float y\nproperty float z\nproperty float s\nproperty float t\nelement face 1\n\
                property list uchar int vertex_indices\nend_header\n0 0 0 0 0\n1 0 0 1 0\n0 1 0 0 1\n3 0 1 2\n";
     std::fs::write(folder.join("st.ply"), ply).unwrap();
-    assert!(picture("st.ply").contains("warning: images are not drawn"));
+    let said = expect(folder, "render st.ply -o p.png --size 90x60 --force", 3);
+    assert!(said.contains("lost: images: not drawn"), "{said}");
     expect(folder, "convert st.ply st.obj", 0);
-    assert!(!picture("st.obj").contains("warning"));
+    assert!(!picture("st.obj").contains("lost"));
 }
 
 #[test]
@@ -107,7 +108,7 @@ fn coordinates_and_images_that_are_not_whole_are_named() {
     let odd = |x: f64, y: f64| if x < 0.2 { format!("nan {y}") } else { format!("{x} {y}") };
     sheet(folder, odd, "newmtl only\nmap_Kd image.jpg\n");
     let (cut, odd) =
-        ("image.jpg is doubtful: its end is missing", "84 texture coordinates (vt) are not finite");
+        ("is doubtful: its end is missing", "texture coordinates (vt), 84 of them: not finite");
     let said = expect(folder, "simplify sheet.obj out.obj --ratio 20% --texture bake", 0);
     says_all(&said, &[cut, odd]);
     let said = expect(folder, "convert sheet.obj out.glb", 0);
@@ -125,7 +126,8 @@ fn coordinates_of_faces_that_are_not_finite_are_named() {
                 0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2 6 nan 0 1 0 0 1\n3 0 3 1 6 0 0 1 0 0 1\n3 0 2 3 6 0 0 1 0 0 1\n\
                 3 1 3 2 6 0 0 1 inf 0 1\n";
     std::fs::write(folder.join("in.ply"), text).unwrap();
-    let odd = "2 faces have texture coordinates that are not finite";
+    let odd = "faces with texture coordinates that are not finite, 2 of them: 0 was written";
+    // The only image is not there.
     for output in ["out.obj", "out.glb"] {
         says_all(&expect(folder, &format!("convert in.ply {output}"), 3), &[odd]);
     }
@@ -143,7 +145,7 @@ fn libraries_that_name_themselves_end() {
     let text = std::fs::read_to_string(folder.join("sheet.obj")).unwrap();
     std::fs::write(folder.join("self.obj"), text.replace("sheet.mtl", "self.obj")).unwrap();
     let said = expect(folder, "simplify self.obj self.glb --ratio 20%", 0);
-    says_all(&said, &["1 materials are in no library"]);
+    says_all(&said, &["materials: in no library"]);
 }
 
 /// A TGA file has nothing at its beginning that tells it.
@@ -159,7 +161,7 @@ fn images_in_tga_are_decoded() {
     let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
     std::fs::write(at.join("a.obj"), text).unwrap();
     let said = expect(at, "render a.obj -o p.png --size 32x32 --unlit", 0);
-    assert!(!said.contains("warning"), "{said}");
+    assert!(!said.contains("lost"), "{said}");
     let picture = image::open(at.join("p.png")).unwrap().into_rgb8();
     let is_red = |p: &image::Rgb<u8>| p.0[0] > 200 && p.0[1] < 60 && p.0[2] < 60;
     assert!(picture.pixels().any(is_red), "no red pixel");

@@ -6,6 +6,7 @@ use crate::error::Result;
 use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 use crate::io::ply::raw::RawFile;
 use crate::mesh::oklab::srgb_of_linear;
+use crate::system::losses::{Loss, LossKind};
 
 /// Texture coordinates of a material: their set, and their way to those of the image.
 #[derive(Clone, Debug, PartialEq)]
@@ -128,9 +129,13 @@ fn add(
                     part("diffuseFactor").and_then(|value| serde_json::from_value(value).ok());
                 new.base = factor.map_or(new.base, shown);
                 (new.metallic, new.roughness) = (None, None);
-                out.note(format!("highlights of {GLOSS}: not carried"));
+                let what = format!("highlights of {GLOSS}");
+                out.lose(Loss::new(LossKind::Materials, what, "not carried"));
             }
-            other => out.note(format!("material extension {other}: not carried")),
+            other => {
+                let what = format!("material extension {other}");
+                out.lose(Loss::new(LossKind::Materials, what, "not carried"));
+            }
         }
     }
     // Its value means nothing then (Khronos, section 3.9.4).
@@ -150,9 +155,8 @@ fn add(
             kind == MapKind::Base || base.is_none() || Coordinates::of(Some(info)) == coordinates;
         if !same {
             let name = kind.name();
-            out.note(format!(
-                "{name} with other texture coordinates than the colour image: not carried"
-            ));
+            let what = format!("{name} with other texture coordinates than the colour image");
+            out.lose(Loss::new(LossKind::Images, what, "not carried"));
             continue;
         }
         let Some(texture) = document.textures.get(info.index) else {
@@ -164,7 +168,8 @@ fn add(
         let better = extensions.into_iter().flatten().find_map(|extension| extension.source);
         let Some(image) = better.or(texture.source).filter(|&image| image < out.images.len())
         else {
-            out.note(format!("texture {} names no image: left out", info.index));
+            let loss = Loss::new(LossKind::Images, "texture", "names no image: left out");
+            out.lose(loss.example(format!("number {}", info.index)));
             continue;
         };
         let wrap = texture.sampler.and_then(|sampler| document.samplers.get(sampler));

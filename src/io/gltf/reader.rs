@@ -20,6 +20,7 @@ use crate::io::ply::Faults;
 use crate::io::ply::raw::RawFile;
 use crate::io::ply::source::{Staged, TextureInfo};
 use crate::mesh::colours::{held, is_outside, srgb_byte};
+use crate::system::losses::{Loss, LossKind};
 use crate::system::units::show_bytes;
 use std::sync::Arc;
 
@@ -174,7 +175,8 @@ pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawF
     }
     let has_normals = pieces.iter().all(|piece| piece.normals.is_some());
     if !has_normals && pieces.iter().any(|piece| piece.normals.is_some()) {
-        materials.note("normals, which only some of the meshes have: not carried");
+        let what = "normals, which only some of the meshes have";
+        materials.lose(Loss::new(LossKind::Normals, what, "not carried").notice());
     }
     let n_left_over: u64 = pieces.iter().map(Piece::n_left_over).sum();
     if n_left_over > 0 {
@@ -196,14 +198,17 @@ pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawF
         n_bad += put_faces(&file, piece, (first, options.read.skip_bad), &mut joiner)?;
     }
     if n_not_finite > 0 {
-        materials
-            .note(format!("{n_not_finite} texture coordinates are not finite: 0 stands for them"));
+        let why = "not finite: 0 stands for them";
+        let loss = Loss::new(LossKind::TextureCoordinates, "texture coordinates", why);
+        materials.lose(loss.count(n_not_finite));
     }
     if n_clamped > 0 {
-        materials.note(format!("{n_clamped} vertices have colours outside of 0 to 1: clamped"));
+        let loss = Loss::new(LossKind::Colors, "colours of vertices", "outside of 0 to 1: clamped");
+        materials.lose(loss.count(n_clamped));
     }
     if has_colours && n_white > 0 {
-        materials.note(format!("{n_white} vertices have no colour where others do: white"));
+        let loss = Loss::new(LossKind::Colors, "vertices without colour", "others have one: white");
+        materials.lose(loss.count(n_white));
     }
     let faults = Faults { bad_faces: n_bad, ..Faults::default() };
     let mut staged = Staged { faults, beside: buffers.beside(), ..Staged::default() };
@@ -216,7 +221,8 @@ pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawF
         staged.texture = Some(TextureInfo { files, property: "texcoord".to_owned() });
     }
     let out = joiner.finish(&file, has_texture, has_numbers)?;
-    if has_numbers || !materials.notes.is_empty() {
+    staged.losses.merge(&materials.losses);
+    if has_numbers {
         staged.materials = Some(Arc::new(materials));
     }
     Ok((out, staged))
@@ -226,6 +232,17 @@ pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawF
 fn offset(document: &Document) -> Option<[f64; 3]> {
     let is_ours = document.asset.generator.starts_with("stonecut");
     document.nodes.iter().find_map(|node| node.offset).filter(|_| is_ours)
+}
+
+/// The kind of an attribute that is not read.
+fn kind_of(attribute: &str) -> LossKind {
+    match attribute.split('_').next() {
+        Some("COLOR") => LossKind::Colors,
+        Some("TEXCOORD") => LossKind::TextureCoordinates,
+        Some("TANGENT") => LossKind::Normals,
+        Some("JOINTS" | "WEIGHTS") => LossKind::Elements,
+        _ => LossKind::Attributes,
+    }
 }
 
 /// All primitives of the scene with their accessors, checked.
@@ -246,7 +263,7 @@ fn pieces<'a>(
         };
         for primitive in &mesh.primitives {
             if !matches!(primitive.mode.unwrap_or(TRIANGLES), TRIANGLES | STRIP | FAN) {
-                materials.note("points and lines: not carried");
+                materials.lose(Loss::new(LossKind::Elements, "points and lines", "not carried"));
                 continue;
             }
             let unpacked = draco.of((file, document), primitive, (buffers, options))?;
@@ -284,11 +301,12 @@ fn pieces<'a>(
             for name in primitive.attributes.keys() {
                 let used = format!("TEXCOORD_{}", place.set);
                 if !["POSITION", "NORMAL", "COLOR_0", &used].contains(&name.as_str()) {
-                    materials.note(format!("{name} of vertices: not carried"));
+                    let what = format!("{name} of vertices");
+                    materials.lose(Loss::new(kind_of(name), what, "not carried"));
                 }
             }
             if !primitive.targets.is_empty() {
-                materials.note("morph targets: not carried");
+                materials.lose(Loss::new(LossKind::Elements, "morph targets", "not carried"));
             }
             let indices = match (unpacked, primitive.indices) {
                 (Some(unpacked), _) => Some(unpacked.indices),
@@ -308,7 +326,8 @@ fn pieces<'a>(
         }
     }
     if document.nodes.iter().any(|node| node.skin.is_some()) || !document.animations.is_empty() {
-        materials.note("skins and animations: the mesh is read as it rests");
+        let why = "the mesh is read as it rests";
+        materials.lose(Loss::new(LossKind::Elements, "skins and animations", why));
     }
     Ok(out)
 }

@@ -3,15 +3,13 @@
 //! A face names its material by number (`texnumber`). Images are named, never decoded. Does not read or write files.
 
 use crate::io::ply::raw::RawFile;
-use std::collections::{BTreeMap, HashMap, HashSet};
+use crate::system::losses::{Ledger, Loss};
+use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 /// The property of faces that holds the number of their material.
 pub(crate) const NUMBER: &str = "texnumber";
-
-/// Notes that are kept; a file can give rise to any number of them.
-const MAX_NOTES: usize = 100;
 
 /// Materials by number, and the images that they name.
 #[derive(Clone, Debug, Default)]
@@ -20,14 +18,12 @@ pub struct Materials {
     pub list: Vec<Material>,
     /// Images, each once.
     pub images: Vec<Image>,
-    /// Parts of the input that this description has no place for, in words.
-    pub notes: Vec<String>,
+    /// Parts of the input that this description has no place for.
+    pub losses: Ledger,
     /// Files that the materials were read from.
     pub libraries: Vec<PathBuf>,
     /// Places of the images that are files.
     by_path: HashMap<PathBuf, usize>,
-    /// Checksums of all notes.
-    noted: HashSet<u64>,
 }
 
 /// Appearance of faces.
@@ -302,41 +298,14 @@ impl Materials {
         }
     }
 
-    /// Adds a note of what the description has no place for; beyond the first `MAX_NOTES` they are counted.
-    pub(crate) fn note(&mut self, what: impl Into<String>) {
-        let what = what.into();
-        if !self.noted.insert(xxhash_rust::xxh3::xxh3_64(what.as_bytes())) {
-            return;
-        }
-        if self.notes.len() < MAX_NOTES {
-            return self.notes.push(what);
-        }
-        let n = self.noted.len() - MAX_NOTES;
-        self.notes.truncate(MAX_NOTES);
-        self.notes.push(format!("{n} more notes of this kind: left out"));
-    }
-}
-
-/// Gathers losses of the same kind: one line for all materials that have it.
-#[derive(Debug, Default)]
-pub(crate) struct Losses {
-    found: BTreeMap<String, (usize, String)>,
-}
-
-impl Losses {
-    /// Adds one, of the material of this name.
-    pub(crate) fn add(&mut self, what: impl Into<String>, material: &str) {
-        let entry = self.found.entry(what.into()).or_insert_with(|| (0, material.to_owned()));
-        entry.0 += 1;
+    /// Enters a remark on what was found otherwise than it is written.
+    pub(crate) fn note(&mut self, line: impl AsRef<str>) {
+        self.lose(Loss::remark(line));
     }
 
-    /// One line for each kind, with the reason.
-    pub(crate) fn lines(&self, reason: &str) -> Vec<String> {
-        let line = |(what, (n, first)): (&String, &(usize, String))| match n {
-            1 => format!("{what} of material '{first}': {reason}"),
-            n => format!("{what} of {n} materials, the first '{first}': {reason}"),
-        };
-        self.found.iter().map(line).collect()
+    /// Enters what the description has no place for.
+    pub(crate) fn lose(&mut self, loss: Loss) {
+        self.losses.lose(loss);
     }
 }
 
@@ -364,7 +333,7 @@ mod tests {
         for _ in 0..2 {
             (0..200_000).for_each(|i| out.note(format!("_{i} of vertices: not carried")));
         }
-        assert_eq!(out.notes.len(), MAX_NOTES + 1);
-        assert_eq!(out.notes[MAX_NOTES], "199900 more notes of this kind: left out");
+        assert_eq!(out.losses.entries().len(), 101);
+        assert_eq!(out.losses.entries()[100].count, 399_800);
     }
 }

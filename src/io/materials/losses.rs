@@ -1,7 +1,11 @@
-//! Parts of materials that a kind of output has no place for, as lines for people.
+//! Parts of materials that a kind of output has no place for.
 
-use super::description::{Alpha, Losses, MapKind, Material, Materials};
+use super::description::{Alpha, MapKind, Material, Materials};
 use crate::io::output_format::OutputKind;
+use crate::system::losses::{Ledger, Loss, LossKind, Severity};
+
+/// The colour that a material has besides its images.
+const COLOUR: &str = "colour";
 
 /// Kinds of images that each kind of output holds.
 fn holds(kind: OutputKind, map: MapKind) -> bool {
@@ -18,38 +22,48 @@ fn holds(kind: OutputKind, map: MapKind) -> bool {
     }
 }
 
-/// The image lines that an output of this kind is without, and colours and flags.
-pub(super) fn lines(kind: OutputKind, materials: &Materials) -> Vec<String> {
-    let mut losses = Losses::default();
+/// Enters what an output of this kind is without: images, colours, flags and lines.
+///
+/// A whole kind is lost where no image is left, or where the colours of materials are all that the mesh had of colour.
+pub(super) fn enter(kind: OutputKind, materials: &Materials, losses: &mut Ledger) {
+    let reason = format!("{} has no place for it", kind.name());
+    let remedy = match kind {
+        OutputKind::Obj => "GLB has",
+        OutputKind::Glb => "OBJ has",
+        OutputKind::Ply | OutputKind::Stl => "OBJ and GLB have more",
+    };
+    let keeps_an_image = materials.has_image(|map| holds(kind, map));
+    let has_base = materials.has_image(|map| map == MapKind::Base);
     for material in &materials.list {
-        let name = &material.name;
+        let mut lose = |of: LossKind, what: &str, is_whole: bool| {
+            let severity = if is_whole { Severity::Whole } else { Severity::Partial };
+            let loss = Loss::new(of, what, &reason).remedy(remedy).severity(severity);
+            losses.lose(loss.example(format!("material '{}'", material.name)));
+        };
         for map in &material.maps {
             if !holds(kind, map.kind) {
-                losses.add(map.kind.name(), name);
+                lose(LossKind::Images, map.kind.name(), !keeps_an_image);
             } else if kind == OutputKind::Glb && map.place().has_others
                 || kind == OutputKind::Ply && !map.options.is_empty()
             {
-                losses.add(format!("options of the {}", map.kind.name()), name);
+                lose(LossKind::Images, &format!("options of the {}", map.kind.name()), false);
             }
         }
         for (what, holders) in traits(material) {
             if !holders.contains(&kind) {
-                losses.add(what, name);
+                let [r, g, b, _] = material.base;
+                let is_colour = what == COLOUR;
+                let of = if is_colour { LossKind::Colors } else { LossKind::Materials };
+                // Grey is what programs write where no colour was chosen.
+                lose(of, what, is_colour && !has_base && (r != g || g != b));
             }
         }
         if kind != OutputKind::Obj {
             for word in telling_lines(material) {
-                losses.add(format!("line '{word}'"), name);
+                lose(LossKind::Materials, &format!("line '{word}'"), false);
             }
         }
     }
-    let reason = match kind {
-        OutputKind::Obj => "OBJ has no place for it",
-        OutputKind::Glb => "GLB has no place for it",
-        OutputKind::Ply => "PLY has no place for it",
-        OutputKind::Stl => "STL has no place for it",
-    };
-    losses.lines(reason)
 }
 
 /// Colours and lines of a material that are neither in its images nor in what all pages of a bake have in common.
@@ -88,7 +102,7 @@ fn traits(material: &Material) -> Vec<(&'static str, &'static [OutputKind])> {
         && material.roughness.is_none_or(|x| x == 1.0);
     let highlights = is(material.specular, &[[0.0; 3]]);
     let found: [(&str, &[OutputKind], bool); 9] = [
-        ("colour", &[Obj, Glb], [r, g, b] != [1.0; 3]),
+        (COLOUR, &[Obj, Glb], [r, g, b] != [1.0; 3]),
         ("opacity", &[Obj, Glb], opacity != 1.0),
         ("opacity of the colour image", &[Glb], has_clear_base),
         ("ambient colour", &[Obj], is(material.ambient, &[[0.0; 3], [1.0; 3], [r, g, b]])),

@@ -17,6 +17,6 @@ pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials
 pub(crate) use images::{copy_bytes, image_size, look as look_at_image};
 pub(crate) use losses::besides_pages;
 pub(crate) use mtl::{after_word, read_library, take_ambient_images};
-pub(crate) use plan::{NO_IMAGE, Reference, stem};
+pub(crate) use plan::{Reference, all_missing, stem};
 pub use plan::{TextureMode, TexturePlan, TextureRequest};
 pub(crate) use search::{Search, library_beside, plain};

@@ -2,10 +2,11 @@
 //!
 //! Lines that the description has a place for become that; all others are kept as text for another library.
 
-use super::description::{Image, ImageData, Losses, Map, MapKind, Material, Materials};
+use super::description::{Image, ImageData, Map, MapKind, Material, Materials};
 use super::search::{Search, plain};
 use crate::io::encodings;
 use crate::io::text_lines::{parse_number, words};
+use crate::system::losses::{Loss, LossKind};
 
 /// Words of lines that name an image, and its kind.
 pub(super) const MAPS: [(&str, MapKind); 7] = [
@@ -86,7 +87,8 @@ pub(crate) fn read_library(
                 out.list[number].maps.push(Map { kind, image, options, wrap: None });
             }
         } else if let Some(lost) = LOST_FILES.iter().find(|lost| lost.eq_ignore_ascii_case(word)) {
-            out.note(format!("images of '{lost}' lines in the material library: not carried"));
+            let what = format!("images of '{lost}' lines in the material library");
+            out.lose(Loss::new(LossKind::Images, what, "not carried"));
         } else if !set(&mut out.list[number], word, words) && !word.starts_with('#') {
             let lines = &mut out.list[number].mtl_lines;
             if lines.len() < MAX_LINES {
@@ -98,16 +100,19 @@ pub(crate) fn read_library(
 
 /// Takes the image of ambient colour for the colour image where a material has no other: some programs write only that.
 pub(crate) fn take_ambient_images(out: &mut Materials) {
-    let mut taken = Losses::default();
+    let mut taken = Vec::new();
     for material in &mut out.list {
         if let (None, Some(ambient)) = (material.map(MapKind::Base), material.map(MapKind::Ambient))
         {
             let base = Map { kind: MapKind::Base, ..ambient.clone() };
-            taken.add("map_Ka", &material.name);
+            taken.push(format!("material '{}'", material.name));
             material.maps.push(base);
         }
     }
-    taken.lines("taken for map_Kd, which is missing").into_iter().for_each(|line| out.note(line));
+    for name in taken {
+        let loss = Loss::new(LossKind::Images, "map_Ka", "taken for map_Kd, which is missing");
+        out.lose(loss.example(name).notice());
+    }
 }
 
 /// Takes a line of numbers; false if it is another one.

@@ -9,8 +9,9 @@ use super::{losses, mtl_text};
 use crate::error::{Error, Result};
 use crate::io::output_format::OutputKind;
 use crate::system::disk::folder_of;
+use crate::system::losses::{Ledger, Loss, LossKind};
 use crate::system::pending_file::{Seen, refuse_irregular};
-use std::collections::{BTreeMap, HashMap, HashSet};
+use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
@@ -73,10 +74,6 @@ pub(crate) enum Reference {
     None,
 }
 
-/// The line of a mesh none of whose images is there.
-pub(crate) const NO_IMAGE: &str =
-    "none of the images that the mesh names is there: put them beside it and run again";
-
 /// A file that an image is copied to.
 #[derive(Clone, Debug)]
 pub(super) struct Copied {
@@ -84,7 +81,7 @@ pub(super) struct Copied {
     pub(super) target: PathBuf,
 }
 
-/// Materials as an output has them; `notes` tells what is missing or lost.
+/// Materials as an output has them; `losses` lists what is missing or lost.
 #[derive(Clone, Debug)]
 pub struct TexturePlan {
     /// As the input has them.
@@ -96,8 +93,8 @@ pub struct TexturePlan {
     pub(crate) library: Option<PathBuf>,
     /// The library as it was found.
     pub(super) library_seen: Option<Seen>,
-    /// Missing, damaged and lost parts, a line each.
-    pub notes: Vec<String>,
+    /// Missing, damaged and lost parts.
+    pub losses: Ledger,
     /// Images that cannot be read.
     pub n_missing: usize,
     /// Bytes of all copied and embedded images.
@@ -116,13 +113,13 @@ impl TexturePlan {
             copies: Vec::new(),
             library: None,
             library_seen: None,
-            notes: materials.notes.clone(),
+            losses: Ledger::default(),
             n_missing: 0,
             bytes: 0,
             force: request.force,
             materials,
         };
-        plan.notes.extend(losses::lines(request.kind, &plan.materials));
+        losses::enter(request.kind, &plan.materials, &mut plan.losses);
         if request.kind == OutputKind::Stl {
             return Ok(plan);
         }
@@ -133,8 +130,10 @@ impl TexturePlan {
         if mode != TextureMode::None {
             plan.refer(mode, request)?;
         } else if !plan.materials.images.is_empty() {
-            let n = plan.materials.images.len();
-            plan.notes.push(format!("{n} images are left out, as asked"));
+            let n = plan.materials.images.len() as u64;
+            plan.losses.lose(
+                Loss::new(LossKind::Images, "images", "left out, as asked").count(n).notice(),
+            );
         }
         Ok(plan)
     }
@@ -148,7 +147,7 @@ impl TexturePlan {
             copies: Vec::new(),
             library_seen: library.as_deref().map(Seen::new),
             library,
-            notes: Vec::new(),
+            losses: Ledger::default(),
             n_missing: 0,
             bytes: 0,
             force: true,
@@ -164,7 +163,6 @@ impl TexturePlan {
             folder_of(request.output)
         });
         let (mut taken, mut pending) = (HashSet::new(), Vec::new());
-        let mut faults: BTreeMap<String, (usize, String)> = BTreeMap::new();
         for (number, image) in materials.images.iter().enumerate() {
             let facts = look(&image.data);
             let fault = match &facts {
@@ -175,8 +173,12 @@ impl TexturePlan {
                 Ok(facts) => facts.fault.clone().map(|fault| format!("is doubtful: {fault}")),
             };
             if let Some(fault) = fault {
-                let first = || format!("'{}'{}", shown(image), self.user(number));
-                faults.entry(fault).or_insert_with(|| (0, first())).0 += 1;
+                let mut loss = Loss::new(LossKind::Images, "image", fault);
+                // Its user is looked for among all materials.
+                if !self.losses.knows(&loss) {
+                    loss = loss.example(format!("'{}'{}", shown(image), self.user(number)));
+                }
+                self.losses.lose(loss);
             }
             if mode == TextureMode::Embed {
                 self.embed(number, facts.as_ref().ok());
@@ -200,20 +202,14 @@ impl TexturePlan {
                 }
             }
         }
-        self.notes.extend(faults.into_iter().map(|(fault, (n, first))| match n {
-            1 => format!("image {first} {fault}"),
-            n => format!("image {first} {fault}, and {} more like it", n - 1),
-        }));
         if self.lacks_images() {
-            let what =
-                "none of the images that the mesh names is there: put them beside it and run again";
-            self.notes.push(what.to_owned());
+            self.losses.lose(all_missing(self.n_missing));
         }
         if is_stream(request.output) && !pending.is_empty() {
-            let n = pending.len();
-            self.notes.push(format!(
-                "{n} images are left out: beside standard output there is no folder"
-            ));
+            let loss =
+                Loss::new(LossKind::Images, "images", "beside standard output there is no folder");
+            self.losses
+                .lose(loss.count(pending.len() as u64).whole().remedy("write to a file, or a GLB"));
             return Ok(());
         }
         let folder = format!("{}_textures", stem(request.output));
@@ -240,12 +236,11 @@ impl TexturePlan {
                 self.references[number] = Reference::Embedded(mime, facts.n_bytes);
             }
             None => {
-                let image = &self.materials.images[number];
-                self.notes.push(format!(
-                    "image '{}' is left out: glTF knows no {}; make it a JPEG or PNG first",
-                    shown(image),
-                    facts.ending
-                ));
+                let reason = format!("glTF knows no {}", facts.ending);
+                let loss = Loss::new(LossKind::Images, "image", reason)
+                    .remedy("make it a JPEG or PNG first");
+                self.losses
+                    .lose(loss.example(format!("'{}'", shown(&self.materials.images[number]))));
             }
         }
     }
@@ -273,8 +268,9 @@ impl TexturePlan {
     /// The material library beside an OBJ file.
     fn library_for(&mut self, request: &TextureRequest) -> Result<Option<PathBuf>> {
         if is_stream(request.output) {
-            let what = "materials are only named: beside standard output there is no place for a material library";
-            self.notes.push(what.to_owned());
+            let why = "only named: beside standard output there is no place for a material library";
+            self.losses
+                .lose(Loss::new(LossKind::Materials, "materials", why).remedy("write to a file"));
             return Ok(None);
         }
         let name = format!("{}.mtl", stem(request.output));
@@ -324,6 +320,11 @@ impl TexturePlan {
 }
 
 impl Materials {
+    /// Returns whether a material has an image of such a kind.
+    pub(crate) fn has_image(&self, of: impl Fn(MapKind) -> bool) -> bool {
+        self.list.iter().any(|material| material.maps.iter().any(|map| of(map.kind)))
+    }
+
     /// Paths of the images and libraries that lie in other files.
     pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
         let images = self.images.iter().filter_map(|image| match &image.data {
@@ -391,6 +392,13 @@ fn decided(request: &TextureRequest) -> Result<TextureMode> {
         }
         mode => Ok(mode.unwrap_or(default)),
     }
+}
+
+/// The loss of all images that materials name.
+pub(crate) fn all_missing(n: usize) -> Loss {
+    let what = "none of the images that the mesh names is there";
+    let loss = Loss::new(LossKind::Images, what, "").count(n as u64).whole();
+    loss.remedy("put them beside it and run again, or give them up with --textures none")
 }
 
 fn is_stream(path: &Path) -> bool {

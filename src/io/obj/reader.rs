@@ -6,7 +6,7 @@
 use super::texture::{NO_MATERIAL, Named, TexturedFaces};
 use crate::error::Result;
 use crate::io::extent::Extent;
-use crate::io::materials::{Image, Materials};
+use crate::io::materials::Image;
 use crate::io::open_options::StageOptions;
 use crate::io::ply::header::BYTE_ORDER_MARK;
 use crate::io::ply::raw::RawFile;
@@ -15,6 +15,7 @@ use crate::io::ply::source::{Staged, TextureInfo};
 use crate::io::text_lines::{Lines, parse_number, without_comment, words};
 use crate::mesh::colours::{ColourSurvey, held, is_outside};
 use crate::mesh::property::Scalar;
+use crate::system::losses::{Ledger, Loss, LossKind, Severity};
 use std::borrow::Cow;
 use std::sync::Arc;
 
@@ -64,6 +65,13 @@ const LEFT_OUT: [&str; 4] = [
     "curves and surfaces (vp, curv, surf)",
 ];
 
+const LEFT_OUT_KINDS: [(LossKind, Severity); 4] = [
+    (LossKind::Normals, Severity::Notice),
+    (LossKind::Elements, Severity::Partial),
+    (LossKind::Names, Severity::Notice),
+    (LossKind::Elements, Severity::Partial),
+];
+
 impl Summary {
     fn read(file: &RawFile, skip_bad: bool) -> Result<Self> {
         let mut summary = Summary::default();
@@ -110,11 +118,12 @@ impl Summary {
         Ok(summary)
     }
 
-    /// Notes the lines that have no place. A single name of a group says nothing.
-    fn note_left_out(&self, materials: &mut Materials) {
+    /// Enters the lines that have no place. A single name of a group says nothing.
+    fn enter_left_out(&self, losses: &mut Ledger) {
         for (number, (n, what)) in self.n_left_out.iter().zip(LEFT_OUT).enumerate() {
             if *n > u64::from(number == 2) {
-                materials.note(format!("{what}: not carried"));
+                let (kind, severity) = LEFT_OUT_KINDS[number];
+                losses.lose(Loss::new(kind, what, "not carried").count(*n).severity(severity));
             }
         }
     }
@@ -186,8 +195,9 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
     let skip_bad = options.read.skip_bad;
     let summary = Summary::read(file, skip_bad)?;
     let mut staged = Staged::default();
-    let mut materials = summary.materials.describe(file.path());
-    summary.note_left_out(&mut materials);
+    let materials = summary.materials.describe(file.path());
+    summary.enter_left_out(&mut staged.losses);
+    staged.losses.merge(&materials.losses);
     if summary.textured {
         let name = |image: &Image| image.name.clone();
         let mut files: Vec<String> = materials.images.iter().map(name).collect();
@@ -272,19 +282,26 @@ pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
         }
     }
     let n_white = summary.n_vertices - summary.n_coloured;
-    for (n, what) in [
-        (n_clamped, format!("have colours outside of 0 to {white}: clamped")),
-        (if coloured { n_white } else { 0 }, "have no colour where others do: white".to_owned()),
-        (summary.n_opacities, "have an opacity behind their colour: not carried".to_owned()),
+    let of_vertices = "colours of vertices";
+    for (n, what, why) in [
+        (n_clamped, of_vertices, format!("outside of 0 to {white}: clamped")),
+        (
+            if coloured { n_white } else { 0 },
+            "vertices without colour",
+            "others have one: white".to_owned(),
+        ),
+        (summary.n_opacities, "opacity behind the colour of vertices", "not carried".to_owned()),
     ] {
         if n > 0 {
-            materials.note(format!("{n} vertices {what}"));
+            staged.losses.lose(Loss::new(LossKind::Colors, what, why).count(n));
         }
     }
     if let Some(n) = texture.as_ref().map(|texture| texture.n_not_finite).filter(|&n| n > 0) {
-        materials.note(format!("{n} texture coordinates (vt) are not finite: OBJ and GLB get 0"));
+        let what = "texture coordinates (vt)";
+        let loss = Loss::new(LossKind::TextureCoordinates, what, "not finite: OBJ and GLB get 0");
+        staged.losses.lose(loss.count(n));
     }
-    if summary.has_numbers() || !materials.notes.is_empty() {
+    if summary.has_numbers() {
         staged.materials = Some(Arc::new(materials));
     }
     let header = header(&summary, coordinate, coloured, n_faces);

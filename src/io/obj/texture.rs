@@ -14,6 +14,7 @@ use crate::io::open_options::StageOptions;
 use crate::io::ply::raw::{RawFile, Spool};
 use crate::io::text_lines::parse_number;
 use crate::system::disk::folder_of;
+use crate::system::losses::{Loss, LossKind};
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 
@@ -124,7 +125,9 @@ impl Named {
         }
         let n_unknown = known.iter().filter(|known| !**known).count();
         if n_unknown > 0 {
-            out.note(format!("{n_unknown} materials are in no library: kept by name, white"));
+            let loss =
+                Loss::new(LossKind::Materials, "materials", "in no library: kept by name, white");
+            out.lose(loss.count(n_unknown as u64));
         }
         if self.has_too_many {
             let n = self.names.len();

@@ -15,6 +15,7 @@ use crate::io::materials::Materials;
 use crate::mesh::face_properties::FacePropertyPlan;
 use crate::mesh::placing::Placing;
 use crate::mesh::record::VertexSchema;
+use crate::system::losses::{Ledger, Loss, LossKind};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock};
@@ -110,6 +111,8 @@ pub(crate) struct Staged {
     pub weld: Option<WeldReport>,
     /// Property of vertices that says which of them must stay.
     pub lock: Option<LockedBy>,
+    /// Parts of the input that the PLY does not have.
+    pub losses: Ledger,
 }
 
 /// A property of vertices that is not 0 where they must stay.
@@ -238,7 +241,7 @@ impl MeshSource {
 
     /// Facts found before the PLY was opened, for another PLY that stands for this one.
     pub(crate) fn into_staged(self) -> Staged {
-        self.staged
+        Staged { losses: self.losses(), ..self.staged }
     }
 
     /// Encoding of the numbers in the body.
@@ -366,6 +369,18 @@ impl MeshSource {
     /// Vertices that were left out when the file was opened, since no face has them.
     pub fn unreferenced_vertices(&self) -> u64 {
         self.staged.unreferenced_vertices
+    }
+
+    /// Parts of the file that the mesh does not have.
+    pub fn losses(&self) -> Ledger {
+        let mut losses = self.staged.losses.clone();
+        let mut lose = |what: &str, name: &String| {
+            let loss = Loss::new(LossKind::Attributes, what, "only single numbers are carried");
+            losses.lose(loss.example(format!("'{name}'")).whole());
+        };
+        self.plan.dropped_lists.iter().for_each(|name| lose("lists of vertices", name));
+        self.dropped_face_properties().iter().for_each(|name| lose("lists of faces", name));
+        losses
     }
 
     /// Files beside the input that parts of the mesh were read from: buffers of glTF.

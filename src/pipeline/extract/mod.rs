@@ -15,6 +15,7 @@ use crate::kernel::{self, Fit, Options, Stop};
 use crate::mesh::bounds::Bounds;
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
+use crate::system::losses::Ledger;
 use crate::system::memory::BASE_BYTES;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
@@ -110,7 +111,8 @@ fn run(config: &ExtractConfig, progress: &Progress) -> Result<Extracted> {
         (joined, reached) = finish(joined, &rows, target, fine);
     }
     progress.check()?;
-    let bytes = write(config, &joined, &rows, tree.step)?;
+    let (bytes, losses) = write(config, &joined, &rows, tree.step)?;
+    progress.lose_all(&losses);
     Ok(Extracted {
         vertices: joined.mesh.positions.len() as u64,
         triangles: joined.mesh.triangles.len() as u64,
@@ -210,8 +212,8 @@ fn finish(
     (Joined { mesh: done.mesh, has_colours, records }, reached)
 }
 
-/// Writes the mesh; returns the bytes of the file. `step`: of the finest lattice.
-fn write(config: &ExtractConfig, joined: &Joined, rows: &Rows, step: f64) -> Result<u64> {
+/// Writes the mesh; returns the bytes of the file, and what it has no place for. `step`: of the finest lattice.
+fn write(config: &ExtractConfig, joined: &Joined, rows: &Rows, step: f64) -> Result<(u64, Ledger)> {
     let Joined { mesh, has_colours, records: old } = joined;
     let largest = mesh.positions.iter().flatten().fold(0.0f64, |most, x| most.max(x.abs()));
     // Floats where they hold half a step of the lattice.
@@ -245,7 +247,8 @@ fn write(config: &ExtractConfig, joined: &Joined, rows: &Rows, step: f64) -> Res
         sink.write_vertices(&records)?;
     }
     sink.write_faces_u32(&mesh.triangles)?;
-    sink.finish()
+    let losses = sink.losses();
+    Ok((sink.finish()?, losses))
 }
 
 /// A colour component of linear light as one of sRGB (IEC 61966-2-1).

@@ -28,6 +28,7 @@ use crate::store::job::Job;
 use crate::store::job::fingerprint::{job_identity, marks_beside, unchanged};
 use crate::system::disk::Disk;
 use crate::system::json_keys::SCHEMA_VERSION;
+use crate::system::losses::{Ledger, Loss};
 use crate::system::memory::{BASE_BYTES, peak_bytes};
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
@@ -51,6 +52,11 @@ pub struct PreparedMethod {
 }
 
 impl PreparedMethod {
+    /// Parts of the input that its reader has no place for.
+    pub fn losses(&self) -> Ledger {
+        self.source.losses()
+    }
+
     /// The input alone.
     pub(super) fn into_source(self) -> MeshSource {
         self.source
@@ -196,7 +202,7 @@ fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result
             decimate::decimate(&source, settings, progress)
         }
     };
-    source.remarks()?.into_iter().for_each(|line| progress.note(line));
+    source.remarks()?.into_iter().for_each(|line| progress.lose(Loss::remark(line)));
     let made = match unchanged(&config.input, &marks, made) {
         Ok(made) if made.mesh.triangles.is_empty() => Err(nothing_left(config, &made)),
         other => other,

@@ -63,6 +63,7 @@ pub(in crate::pipeline) fn write(
         sink.write_faces_u32(chunk)?;
         progress.add(chunk.len() as u64);
     }
+    progress.lose_all(&sink.losses());
     sink.finish()
 }
 

@@ -341,15 +341,20 @@ impl Plan {
     /// The plan for people, one fact a line.
     pub fn lines(&self, config: &Config) -> Vec<String> {
         let rounds: Vec<String> = self.rounds.iter().map(|&n| show_count(n)).collect();
+        let way = match (rounds.as_slice(), self.finish) {
+            ([], _) => "joined at once and brought to the target".to_owned(),
+            (rounds, false) => format!("brought to {} triangles", rounds.join(", ")),
+            (rounds, true) => {
+                format!("brought to {} triangles, then joined", rounds.join(", "))
+            }
+        };
         let mut lines = vec![
             format!("input    {} triangles", show_count(self.triangles_in)),
             self.target_line(config),
             format!(
-                "cells    {} of about {} triangles, locked seams; rounds to {}{}",
+                "cells    {} of about {} triangles, {way}",
                 self.cells,
-                show_count(config.cell_triangles),
-                if rounds.is_empty() { "-".to_owned() } else { rounds.join(", ") },
-                if self.finish { ", then one finish" } else { "" }
+                show_count(config.cell_triangles)
             ),
         ];
         if let Some(bake) = &self.bake {

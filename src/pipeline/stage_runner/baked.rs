@@ -6,7 +6,7 @@
 use super::Stages;
 use crate::bake::{self, BakeReport, Baked, Corner, NormalSource, TANGENT_BYTES};
 use crate::error::{Error, Result};
-use crate::io::materials::NO_IMAGE;
+use crate::io::materials::all_missing;
 use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 use crate::io::ply::raw::RawFile;
 use crate::io::ply::{Encoding, MeshSource, OutputHeader, Place, TexturedTriangle, VertexBlock};
@@ -57,6 +57,7 @@ impl Stages<'_> {
         }
         let shape = self.run.job.path(&format!("shape-{}.part", self.level));
         let baked = self.bake(source, marks, result, &shape)?;
+        self.run.progress.lose_all(&baked.report.losses);
         let BakeReport { charts, pages, texel_density, original_texel_density, .. } = &baked.report;
         let of_original = original_texel_density
             .map_or_else(String::new, |density| format!("; the input has {density:.4}"));
@@ -85,7 +86,8 @@ impl Stages<'_> {
         textures.notes.splice(0..0, baked.report.notes.iter().cloned());
         if source.materials().is_some_and(|materials| materials.lacks_images()) {
             textures.lacks_images = true;
-            textures.notes.push(NO_IMAGE.to_owned());
+            let n = textures.images as usize;
+            self.run.progress.lose(all_missing(n));
         }
         Ok(WrittenBake { written, report: Some(BakeSummary { textures, bake: baked.report }) })
     }
@@ -210,6 +212,7 @@ impl Stages<'_> {
         })?;
         sink.write_full_faces(&faces, &values)?;
         let (vertices, triangles) = (shape.n_vertices(), shape.n_face_rows());
+        self.run.progress.lose_all(&sink.losses());
         Ok((Written { vertices, triangles, bytes: sink.finish()? }, plan))
     }
 }

@@ -26,7 +26,7 @@ use super::{abandon, is_final};
 use crate::bake::{Coloured, Means, colour_vertices};
 use crate::error::{Error, Result};
 use crate::io::NUMBER;
-use crate::io::materials::NO_IMAGE;
+use crate::io::materials::all_missing;
 use crate::io::ply::MeshSource;
 use crate::io::tileset::{FILE_NAME, OWN_PAGES, TileTree, TreeFiles, write_tilesets};
 use crate::kernel;
@@ -40,6 +40,7 @@ use crate::store::job::{Identity, Job, OVER};
 use crate::store::stage_context::StageContext;
 use crate::system::disk::Disk;
 use crate::system::json_keys::SCHEMA_VERSION;
+use crate::system::losses::{Ledger, Loss, LossKind};
 use crate::system::memory::peak_bytes;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
@@ -114,6 +115,7 @@ fn run(
         pending::remove(&pending, disk)?;
     }
     let job = Job::open(&config.job_folder, disk, &identity, config.restart)?;
+    super::post(&job, &config.output, source.n_triangles(), progress);
     // Runs with other job folders may have the same output.
     let _held = pending::open(&job, &pending, disk, job.outcome::<u64>(NAMED)?)?;
     let run = StageContext {
@@ -225,6 +227,9 @@ fn run(
     let level_reports = level_reports(&rounds, &top, &deviations, config.tile_triangles);
     let seconds = started.elapsed().as_secs_f64();
     let dropped = stages.dropped;
+    let mut losses = source.losses();
+    losses.merge(&losses_of(&source, coloured, pages.as_ref()));
+    losses.merge(&scalar_losses(&lost, rounds.first()));
     let mut report = TilesReport {
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -248,14 +253,17 @@ fn run(
         peak_memory_bytes: peak_bytes(),
         peak_temp_bytes: peak_temp_bytes.max(staging.peak_bytes()),
         stages: reports,
-        notes: notes(&source, coloured, pages.as_ref()),
+        notes: Vec::new(),
+        losses: Ledger::default(),
         texture: pages,
     };
-    report.notes.extend(scalar_notes(&lost, rounds.first()));
-    report.notes.extend(source.remarks()?);
-    if source.materials().is_some_and(|materials| materials.lacks_images()) {
-        report.notes.push(NO_IMAGE.to_owned());
+    source.remarks()?.into_iter().for_each(|line| losses.lose(Loss::remark(line)));
+    if let Some(materials) = source.materials().filter(|materials| materials.lacks_images()) {
+        losses.lose(all_missing(materials.images.len()));
     }
+    progress.lose_all(&losses);
+    report.losses = progress.losses();
+    report.notes = report.losses.lines();
     refuse_appeared(config)?;
     // From here on the job may be over.
     job.record(NAMED, &xxh3_64(&text))?;
@@ -325,47 +333,54 @@ fn kernel_options(schema: &VertexSchema) -> kernel::Options {
 }
 
 /// Properties of vertices that tiles do not carry, and values that they do not hold as they were.
-fn scalar_notes(lost: &[String], leaves: Option<&Vec<GroupRecord>>) -> Vec<String> {
-    let mut notes = Vec::new();
+fn scalar_losses(lost: &[String], leaves: Option<&Vec<GroupRecord>>) -> Ledger {
+    let mut losses = Ledger::default();
     if !lost.is_empty() {
-        notes.push(format!("properties of vertices are not carried: {}", lost.join(", ")));
+        let what = format!("properties of vertices ({})", lost.join(", "));
+        let loss = Loss::new(LossKind::Attributes, what, "not carried by tiles");
+        losses.lose(loss.count(lost.len() as u64));
     }
     let tiles = leaves.into_iter().flatten().flat_map(|record| &record.tiles);
     let inexact: u64 = tiles.map(|tile| tile.inexact).sum();
     if inexact > 0 {
-        notes.push(format!(
-            "{inexact} values of properties of vertices are not exact in tiles: 0 stands for what is not a number, the largest float for what is beyond it; tiny doubles and integers beyond 2^53 are rounded"
-        ));
+        let why = "not exact in tiles: 0 stands for what is not a number, the largest float for what is beyond it; tiny doubles \
+                   and integers beyond 2^53 are rounded";
+        let loss = Loss::new(LossKind::Precision, "values of properties of vertices", why);
+        losses.lose(loss.count(inexact));
     }
-    notes
+    losses
 }
 
 /// Parts of the input that tiles do not carry.
-fn notes(
+fn losses_of(
     source: &MeshSource,
     coloured: Option<Coloured>,
     pages: Option<&PagesReport>,
-) -> Vec<String> {
-    let mut notes = Vec::new();
+) -> Ledger {
+    let mut losses = Ledger::default();
     let is_coloured = coloured.is_some();
     if let Some(pages) = pages {
-        notes.extend(pages.notes.iter().cloned());
+        losses.merge(&pages.losses);
     } else if source.require_no_texture().is_err() {
         let instead = match is_coloured {
-            true => "vertices have colours out of them instead",
-            false => "tiles have vertex colours only",
+            true => "not carried: vertices have colours out of them instead",
+            false => "not carried: tiles have vertex colours only",
         };
-        notes.push(format!("texture coordinates and images are not carried: {instead}"));
+        losses.lose(Loss::new(LossKind::Images, "texture coordinates and images", instead));
     }
-    notes.extend(coloured.into_iter().flat_map(|coloured| coloured.notes));
+    if let Some(coloured) = coloured {
+        losses.merge(&coloured.losses);
+    }
     let others = source.face_properties().into_iter().map(|p| p.name);
     // The number of the material goes with the images.
     let faces: Vec<String> =
         others.filter(|name| !((is_coloured || pages.is_some()) && name == NUMBER)).collect();
     if !faces.is_empty() {
-        notes.push(format!("properties of faces are not carried: {}", faces.join(", ")));
+        let what = format!("properties of faces ({})", faces.join(", "));
+        let loss = Loss::new(LossKind::Attributes, what, "not carried by tiles");
+        losses.lose(loss.count(faces.len() as u64).whole());
     }
-    notes
+    losses
 }
 
 /// The transform of the tree: from its middle to the frame of the mesh, from there to the world.

@@ -1,8 +1,8 @@
 //! The report of a run of `tiles`, as `--report` writes it; docs/design/tiles.md describes the keys.
 
-use crate::io::materials::NO_IMAGE;
 use crate::pipeline::run_report::{InputReport, StageReport};
 use crate::store::cells::{GroupRecord, TileRecord};
+use crate::system::losses::Ledger;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -50,8 +50,11 @@ pub struct PagesReport {
     /// Texels per input unit of length on the finest level; half of it on each level above. Tiles whose page would be too
     /// large have half or less of that.
     pub texels_per_unit: f64,
-    /// Missing, damaged and lost parts of the input's images, a line each.
+    /// Missing, damaged and lost parts of the input's images, a line each; deprecated, `TilesReport::losses` has them too.
     pub notes: Vec<String>,
+    /// The same as they are.
+    #[serde(skip)]
+    pub losses: Ledger,
 }
 
 /// The report of a run.
@@ -88,8 +91,10 @@ pub struct TilesReport {
     pub peak_temp_bytes: u64,
     /// Stages one after the other.
     pub stages: Vec<StageReport>,
-    /// Parts of the input that are not carried, for people.
+    /// Parts of the input that are not carried, for people; deprecated, `losses` says more.
     pub notes: Vec<String>,
+    /// Parts of the input that the tiles do not have.
+    pub losses: Ledger,
 }
 
 impl TilesReport {
@@ -97,7 +102,7 @@ impl TilesReport {
     /// worse; a level that keeps them as a whole is not a coarser one.
     pub fn is_short(&self) -> bool {
         let is_stuck = self.levels.windows(2).any(|pair| pair[1].is_stuck(&pair[0]));
-        let lacks_images = self.notes.iter().any(|note| note == NO_IMAGE);
+        let lacks_images = self.losses.has_whole();
         is_stuck || lacks_images || self.input.lost_rows() > 0
     }
 }

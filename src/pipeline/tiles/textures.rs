@@ -22,6 +22,7 @@ use crate::store::cell_id::CellId;
 use crate::store::cells::{GroupRecord, TileRecord};
 use crate::store::job::fingerprint::unchanged;
 use crate::store::stage_context::StageContext;
+use crate::system::losses::Ledger;
 use crate::system::parallel::in_order;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -65,7 +66,7 @@ struct PaintedCell {
 struct Painted {
     cells: Vec<PaintedCell>,
     texels_per_unit: f64,
-    notes: Vec<String>,
+    losses: Ledger,
 }
 
 /// Frame and properties of a tree.
@@ -118,7 +119,7 @@ pub(super) fn paint(
             let cells = work.all(&units, config.checkpoint_every)?;
             run.disk().sync_all_below(pending)?;
             let texels_per_unit = photographs.texels_per_unit();
-            Ok(Painted { cells, texels_per_unit, notes: work.painter.notes() })
+            Ok(Painted { cells, texels_per_unit, losses: work.painter.losses() })
         },
     )?;
     for unit in &units {
@@ -129,7 +130,8 @@ pub(super) fn paint(
     }
     let mut report = PagesReport {
         texels_per_unit: painted.texels_per_unit,
-        notes: painted.notes,
+        notes: painted.losses.lines(),
+        losses: painted.losses,
         ..PagesReport::default()
     };
     for (unit, cell) in units.iter().zip(&painted.cells) {

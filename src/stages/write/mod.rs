@@ -173,7 +173,7 @@ pub fn write(
         }
         run.progress.add(info.cells[cell].triangles.div_ceil(2));
     }
-    writer.losses().into_iter().for_each(|loss| run.progress.note(loss));
+    run.progress.lose_all(&writer.losses());
     Ok(Written { vertices: n_vertices, triangles: info.triangles, bytes: writer.finish()? })
 }
 

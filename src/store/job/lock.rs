@@ -74,7 +74,7 @@ impl Lock {
                     path: folder.into(),
                     what: format!(
                         "another run works on this job ({}); wait for it, or give a different output or --temp-dir",
-                        holder.trim()
+                        holder.lines().next().unwrap_or_default()
                     ),
                 });
             }
@@ -128,6 +128,14 @@ fn is_named(file: &File, folder: &Path) -> bool {
     let same =
         |a: &std::fs::Metadata, b: &std::fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
     matches!((file.metadata(), std::fs::metadata(folder)), (Ok(a), Ok(b)) if same(&a, &b))
+}
+
+/// Returns whether a run holds the lock of a job folder, and what the last one has written there: host and process in the first
+/// line, its progress in the second. `None` without a lock.
+pub fn look(folder: &Path) -> Option<(bool, String)> {
+    let is_held = !is_free(folder)?;
+    let text = std::fs::read(folder.join(FILE_NAME)).ok()?;
+    Some((is_held, String::from_utf8_lossy(&text).into_owned()))
 }
 
 /// Returns whether the lock of a job folder is free; `None` without a lock.

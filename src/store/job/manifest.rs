@@ -7,6 +7,7 @@
 use crate::error::{Error, Result};
 use crate::system::disk::{Disk, DiskFile, read_own};
 use crate::system::pending_file::{Place, write_whole};
+use crate::system::units::show_time;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -258,13 +259,23 @@ fn check(folder: &Path, version: u32, found: &Identity, wanted: &Identity) -> Re
         for name in names {
             let (old, new) = (old.get(name), new.get(name));
             if old != new {
-                let show = |v: Option<&String>| v.map_or("nothing".to_owned(), Clone::clone);
+                let show = |v: Option<&String>| v.map_or("nothing".to_owned(), |v| shown(name, v));
                 differences.push(format!("{what}{name} {} instead of {}", show(old), show(new)));
             }
         }
     }
     if differences.is_empty() {
         return Ok(());
+    }
+    if found.input == wanted.input && found.settings == wanted.settings {
+        return Err(Error::StateMismatch {
+            path: folder.into(),
+            what: format!(
+                "the input changed since this job began ({}); put the old input back to continue the job, or give --restart to \
+                 throw it away",
+                differences.join(", ")
+            ),
+        });
     }
     Err(Error::StateMismatch {
         path: folder.into(),
@@ -273,6 +284,14 @@ fn check(folder: &Path, version: u32, found: &Identity, wanted: &Identity) -> Re
             differences.join(", ")
         ),
     })
+}
+
+/// A mark as people read it: times in nanoseconds since 1970 become dates.
+fn shown(name: &str, value: &str) -> String {
+    match value.parse::<u64>() {
+        Ok(nanoseconds) if name == "mtime" => show_time(nanoseconds / 1_000_000_000),
+        _ => value.to_owned(),
+    }
 }
 
 #[cfg(test)]
@@ -318,6 +337,21 @@ mod tests {
         Manifest::open(folder.path(), &disk, &identity("5")).unwrap();
         let error = Manifest::open(folder.path(), &disk, &identity("6")).unwrap_err();
         assert!(error.to_string().contains("cell_triangles 5 instead of 6"), "{error}");
+    }
+
+    #[test]
+    fn a_changed_input_is_named_with_dates() {
+        let folder = tempfile::tempdir().unwrap();
+        let disk = Disk::default();
+        let with = |mtime: &str| Identity {
+            input_marks: BTreeMap::from([("mtime".into(), mtime.into())]),
+            ..identity("5")
+        };
+        Manifest::open(folder.path(), &disk, &with("1700000000123456789")).unwrap();
+        let error = Manifest::open(folder.path(), &disk, &with("1709164800000000000")).unwrap_err();
+        let said = error.to_string();
+        let dates = "input mtime 2023-11-14 22:13:20 UTC instead of 2024-02-29 00:00:00 UTC";
+        assert!(said.contains("the input changed") && said.contains(dates), "{said}");
     }
 
     #[test]

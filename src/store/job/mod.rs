@@ -9,7 +9,7 @@ mod manifest;
 mod own_names;
 pub mod units;
 
-pub use lock::hold;
+pub use lock::{hold, look};
 pub use manifest::{Identity, ManifestView, view};
 pub use own_names::{SCRATCH_EXTENSION, TRIALS, is_in_job};
 
@@ -126,6 +126,11 @@ impl Job {
     /// Returns whether a file was made here, so that nothing else needs it.
     pub fn owns(&self, name_in_folder: &str) -> bool {
         name_in_folder.starts_with(&self.prefix)
+    }
+
+    /// The file in which progress is posted for `status`; none for guests.
+    pub fn board(&self) -> Option<PathBuf> {
+        self._lock.as_ref().map(|_| self.folder.join(lock::FILE_NAME))
     }
 
     /// The job folder itself.

@@ -1,0 +1,79 @@
+//! The job of `simplify`: run, and recognised where an earlier run has done it.
+//!
+//! The proof is in the report of that run (`done`): the same settings, input and files beside it with the same marks, and outputs
+//! that nothing has changed since. Without a report there is none, and the output is in the way.
+
+use super::log::EXIT_SHORT;
+use super::outcome::{close, is_short};
+use crate::config::Config;
+use crate::error::Result;
+use crate::pipeline::run_report::{DoneRecord, RunReport};
+use crate::pipeline::{self, Prepared, max_error, optimize, pairs};
+use crate::store::job::fingerprint::{input_marks, marks_now};
+use crate::system::progress::Progress;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Runs a job that is prepared; `None` where `--until` ended it.
+pub(super) fn run_job(
+    prepared: Prepared,
+    config: &Config,
+    progress: &Progress,
+) -> Result<Option<RunReport>> {
+    progress.lose_all(&prepared.source.losses());
+    let marks = prepared.marks.clone();
+    let mut report = match config.kernel.bound {
+        Some(bound) => max_error::simplify(bound.distance, prepared, config, progress),
+        None if config.optimize.is_some() => {
+            optimize::simplify(prepared, config, progress).map(Some)
+        }
+        None if config.pairs => pairs::simplify(prepared, config, progress).map(Some),
+        None => pipeline::simplify(prepared, config, progress),
+    }?;
+    if let Some(report) = &mut report {
+        close(report, progress);
+        let is_short = is_short(report) || progress.losses().has_whole();
+        report.done = record(config, marks, if is_short { EXIT_SHORT } else { 0 });
+    }
+    Ok(report)
+}
+
+/// The record of a run that is over; `None` where an output cannot be looked at.
+fn record(config: &Config, input: BTreeMap<String, String>, exit_code: u8) -> Option<DoneRecord> {
+    if config.input == Path::new("-") {
+        return None;
+    }
+    let marks =
+        |path: &std::path::PathBuf| Some((path.display().to_string(), input_marks(path).ok()?));
+    let outputs = config.outputs().map(|path| marks(&path.to_path_buf())).collect::<Option<_>>()?;
+    Some(DoneRecord { settings: settings(config), input, outputs, exit_code })
+}
+
+/// Everything that another run of the same command would have in common with this one.
+fn settings(config: &Config) -> BTreeMap<String, String> {
+    let mut settings = config.settings();
+    for (name, value) in [
+        ("input", format!("{:?}", std::path::absolute(&config.input).ok())),
+        ("format", format!("{:?}", config.format)),
+        ("verify", format!("{:?}", config.verify)),
+        ("seams", format!("{:?}", config.seams)),
+        ("progressive", format!("{:?}", config.progressive)),
+        ("version", env!("CARGO_PKG_VERSION").to_owned()),
+    ] {
+        settings.insert(name.to_owned(), value);
+    }
+    settings
+}
+
+/// The exit code of an earlier run that has done this job, if its report proves that.
+pub(super) fn done_before(config: &Config, report: &Path) -> Option<u8> {
+    let text = std::fs::read(report).ok()?;
+    let report: RunReport = serde_json::from_slice(&text).ok()?;
+    let done = report.done?;
+    let input = marks_now(&config.input, &done.input).ok()?;
+    let is_input = done.input.iter().all(|(name, value)| input.get(name) == Some(value));
+    let now = record(config, done.input.clone(), done.exit_code)?;
+    // Side files are not looked at.
+    let has_sides = config.seams.is_some() || config.progressive.is_some();
+    (is_input && !has_sides && now == done).then_some(done.exit_code)
+}

@@ -1,0 +1,136 @@
+//! The ledger of losses: what an input had and the output has not, in lines, in the report and in the exit code.
+
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
+use crate::common::{expect, run};
+use serde_json::Value;
+use std::path::Path;
+
+/// A pyramid whose vertices and faces have `vertex` and `face` besides places and corners, all 7.
+fn pyramid(path: &Path, comments: &str, vertex: &[&str], face: &[&str]) {
+    let properties =
+        |list: &[&str]| -> String { list.iter().map(|p| format!("property {p}\n")).collect() };
+    let values = |list: &[&str]| -> String {
+        list.iter().map(|p| if p.starts_with("list") { " 2 7 7" } else { " 7" }).collect()
+    };
+    let mut text = format!(
+        "ply\nformat ascii 1.0\n{comments}element vertex 5\nproperty float x\nproperty float y\nproperty float z\n{}\
+         element face 4\nproperty list uchar int vertex_indices\n{}end_header\n",
+        properties(vertex),
+        properties(face)
+    );
+    for place in ["0 0 0", "1 0 0", "1 1 0", "0 1 0", "0.5 0.5 1"] {
+        text += &format!("{place}{}\n", values(vertex));
+    }
+    for corners in ["0 1 4", "1 2 4", "2 3 4", "3 0 4"] {
+        text += &format!("3 {corners}{}\n", values(face));
+    }
+    std::fs::write(path, text).unwrap();
+}
+
+fn losses(folder: &Path) -> Vec<(String, String, String)> {
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap();
+    let text = |loss: &Value, key: &str| loss[key].as_str().unwrap().to_owned();
+    let list = report["losses"].as_array().expect("a list");
+    list.iter()
+        .map(|loss| (text(loss, "kind"), text(loss, "what"), text(loss, "severity")))
+        .collect()
+}
+
+const COLOURS: [&str; 3] = ["uchar red", "uchar green", "uchar blue"];
+
+#[test]
+fn every_kind_that_a_format_cannot_hold_is_in_the_ledger() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for (vertex, face, kept_by, kind) in [
+        (&COLOURS[..], &[][..], "ply obj glb", "colors"),
+        (&["float s", "float t"][..], &[][..], "ply obj glb", "texture_coordinates"),
+        (&["float quality"][..], &[][..], "ply", "attributes"),
+        (&["list uchar int rings"][..], &[][..], "", "attributes"),
+        (&["float nx", "float ny", "float nz"][..], &[][..], "ply obj glb stl", ""),
+        (&[][..], &["int label"][..], "ply", "attributes"),
+        (&[][..], &COLOURS[..], "ply", "colors"),
+        (&[][..], &["list uchar int rings"][..], "", "attributes"),
+        (&[][..], &[][..], "ply obj glb stl", ""),
+    ] {
+        pyramid(&at.join("in.ply"), "", vertex, face);
+        for output in ["ply", "obj", "glb", "stl"] {
+            let is_kept = kept_by.contains(output);
+            let code = if is_kept { 0 } else { 3 };
+            for command in ["convert in.ply", "simplify in.ply --triangles 4"] {
+                let command = format!("{command} out.{output} --force --report r.json");
+                let said = expect(at, &command, code);
+                let found = losses(at);
+                assert_eq!(
+                    said.contains("  lost: "),
+                    !is_kept,
+                    "{command} {vertex:?} {face:?}\n{said}"
+                );
+                assert_eq!(found.len(), usize::from(!is_kept), "{command}: {found:?}");
+                for (of, what, severity) in &found {
+                    assert_eq!((of.as_str(), severity.as_str()), (kind, "whole"), "{command}");
+                    assert!(said.contains(what.as_str()), "{said}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn opacity_is_lost_only_where_something_is_not_opaque() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let all = ["uchar red", "uchar green", "uchar blue", "uchar alpha"];
+    pyramid(&at.join("clear.ply"), "", &all, &[]);
+    let text = std::fs::read_to_string(at.join("clear.ply")).unwrap();
+    std::fs::write(at.join("opaque.ply"), text.replace(" 7 7 7 7\n", " 7 7 7 255\n")).unwrap();
+    let said = expect(at, "convert clear.ply clear.obj", 0);
+    assert!(said.contains("lost in part: opacity of vertices, 5 of them"), "{said}");
+    let said = expect(at, "convert opaque.ply opaque.obj", 0);
+    assert!(!said.contains("lost"), "{said}");
+}
+
+#[test]
+fn images_that_are_all_missing_end_with_3_unless_they_are_given_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
+    std::fs::write(at.join("in.obj"), text).unwrap();
+    std::fs::write(at.join("a.mtl"), "newmtl m\nmap_Kd gone.png\n").unwrap();
+    for output in ["out.obj", "out.glb", "out.ply"] {
+        for command in ["convert in.obj", "simplify in.obj --ratio 100%"] {
+            let said = expect(at, &format!("{command} {output} --force --report r.json"), 3);
+            assert!(said.contains("lost: none of the images that the mesh names"), "{said}");
+            assert!(
+                losses(at)
+                    .iter()
+                    .any(|(kind, _, severity)| kind == "images" && severity == "whole")
+            );
+            expect(at, &format!("{command} {output} --force --textures none"), 0);
+            expect(at, &format!("{command} {output} --force --drop-texture"), 0);
+        }
+    }
+    expect(at, "render in.obj -o p.png --size 32x32", 3);
+    // Colours of materials are all that this mesh has of colour, grey says nothing.
+    std::fs::write(at.join("a.mtl"), "newmtl m\nKd 0.8 0.1 0.1\n").unwrap();
+    expect(at, "convert in.obj red.ply", 3);
+    std::fs::write(at.join("a.mtl"), "newmtl m\nKd 0.8 0.8 0.8\n").unwrap();
+    expect(at, "convert in.obj grey.ply", 0);
+    expect(at, "convert in.obj grey.glb", 0);
+}
+
+#[test]
+fn losses_are_objects_in_progress_json() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    pyramid(&at.join("in.ply"), "", &COLOURS, &[]);
+    let output = run(at, "simplify in.ply out.stl --triangles 4 --progress json");
+    assert_eq!(output.status.code(), Some(3));
+    let said = String::from_utf8(output.stderr).unwrap();
+    let lines = said.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    let found: Vec<Value> = lines.filter(|line| line["loss"].is_object()).collect();
+    assert_eq!(found.len(), 1, "{said}");
+    assert_eq!(found[0]["loss"]["kind"], "colors");
+}
