@@ -6,7 +6,7 @@
 pub use super::answer::Answer;
 use super::answer::json_of;
 use super::{Command, Typed};
-use super::{convert, info, measure, render, simplify, synth};
+use super::{convert, converted, info, measure, render, simplify, synth};
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::measure::compare;
@@ -109,7 +109,7 @@ fn answer(command: &Command, progress: &Progress) -> Result<Answer> {
         Command::Convert(args) => {
             let to = args.report_to();
             let done = convert::convert_until_stopped(args, progress)?;
-            let report = convert::write_report(to.as_ref(), args, &done)?;
+            let report = converted::write_report(to.as_ref(), [&args.input, &args.output], &done)?;
             Ok(Answer { report, is_short: done.is_short() })
         }
         Command::Render(args) => {

@@ -5,6 +5,8 @@
 //! vertices that no face uses vanish; the order of all others stays. Memory: sorts within that of the command, a bit and
 //! an eighth a vertex, a bit a triangle if any repeat, and a few blocks.
 
+pub use super::converted::Converted;
+use super::converted::write_report;
 use crate::error::{Error, Result};
 use crate::io::ply::{
     FaceBlock, FaceSchema, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle,
@@ -15,7 +17,7 @@ use crate::io::{
     TextureRequest, check_range,
 };
 use crate::system::disk::folder_of;
-use crate::system::losses::{Ledger, Loss, LossKind};
+use crate::system::losses::{Loss, LossKind};
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
@@ -85,34 +87,6 @@ impl Args {
     }
 }
 
-/// Result of a conversion.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Converted {
-    /// Vertices written.
-    pub n_vertices: u64,
-    /// Triangles written.
-    pub n_triangles: u64,
-    /// Faces dropped because corners repeat or are fewer than three.
-    pub n_degenerate: u64,
-    /// Faces dropped because an earlier one has the same corners.
-    pub n_duplicate: u64,
-    /// Broken faces and missing rows dropped with `--skip-bad`.
-    pub n_bad: u64,
-    /// Vertices that no face uses.
-    pub n_unreferenced: u64,
-    /// Parts of the input that the output does not have.
-    pub losses: Ledger,
-    /// Length of the output.
-    pub n_bytes: u64,
-}
-
-impl Converted {
-    /// Returns whether the output is not all that the input is.
-    pub fn is_short(&self) -> bool {
-        self.n_bad > 0 || self.losses.has_whole()
-    }
-}
-
 /// Converts and says on `log` what was done; the exit code tells whether broken faces were dropped.
 pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<u8> {
     let report_to = args.report_to();
@@ -136,34 +110,8 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
             let _ = writeln!(log, "  {count} {what}");
         }
     }
-    write_report(report_to.as_ref(), args, &done)?;
+    write_report(report_to.as_ref(), [&args.input, &args.output], &done)?;
     Ok(if done.is_short() { super::log::EXIT_SHORT } else { 0 })
-}
-
-/// The report as JSON, written where that was asked for.
-pub(super) fn write_report(
-    to: Option<&Seen>,
-    args: &Args,
-    done: &Converted,
-) -> Result<serde_json::Value> {
-    let report = serde_json::json!({
-        "schema_version": crate::system::json_keys::SCHEMA_VERSION,
-        "version": env!("CARGO_PKG_VERSION"),
-        "input": { "path": args.input },
-        "output": {
-            "path": args.output, "bytes": done.n_bytes,
-            "vertices": done.n_vertices, "triangles": done.n_triangles,
-        },
-        "faults": {
-            "degenerate_faces": done.n_degenerate, "duplicate_faces": done.n_duplicate,
-            "bad_faces": done.n_bad, "unreferenced_vertices": done.n_unreferenced,
-        },
-        "losses": done.losses,
-    });
-    if let Some(to) = to {
-        super::outcome::write_json(to, &report)?;
-    }
-    Ok(report)
 }
 
 /// Converts; the library's own entry.

@@ -5,6 +5,7 @@ mod arguments;
 pub mod call;
 mod compare;
 pub mod convert;
+mod converted;
 mod demo;
 mod display;
 mod extract;

@@ -176,8 +176,8 @@ impl<'a> Parts<'a> {
         let n_parts = self.n_parts();
         let diagonal = self.bounds.diagonal();
         let n_triangles: u64 = (0..n_parts).map(|part| self.n_triangles(part)).sum();
-        let most =
-            (means.memory_bytes / SPARSE_SHARE * 1000 / Tree::bytes(1000)).min(SPARSE_POINTS);
+        let most = ((means.memory_bytes / SPARSE_SHARE).saturating_mul(1000) / Tree::bytes(1000))
+            .min(SPARSE_POINTS);
         let stride = (n_triangles / most.max(1) + 1) as usize;
         let mut boxes = vec![Bounds::EMPTY; n_parts];
         let mut area = Sum::new(diagonal * diagonal);
