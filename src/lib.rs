@@ -24,26 +24,26 @@
 //! assert_eq!(simplified.mesh.triangles.len(), 2);
 //! ```
 
-mod bake;
 pub mod cli;
-pub mod config;
-pub mod error;
-pub mod io;
-pub mod kernel;
-pub mod measure;
-pub mod mesh;
-mod methods;
-mod optimize;
 pub mod pipeline;
-pub mod progressive;
-pub mod render;
 mod report;
-mod stages;
-mod store;
-pub mod synth;
-pub mod system;
-mod texture;
 
-pub use error::{Error, Result};
-pub use kernel::simplify_mesh;
-pub use mesh::Mesh;
+use stonecut_bake as bake;
+pub use stonecut_io as io;
+pub use stonecut_kernel as kernel;
+pub use stonecut_kernel::simplify_mesh;
+pub use stonecut_measure as measure;
+pub use stonecut_mesh as mesh;
+pub use stonecut_mesh::Mesh;
+use stonecut_methods as methods;
+use stonecut_methods::optimize;
+pub use stonecut_progressive as progressive;
+pub use stonecut_render as render;
+use stonecut_render::texture;
+use stonecut_stages as stages;
+use stonecut_store as store;
+pub use stonecut_store::config;
+pub use stonecut_synth as synth;
+pub use stonecut_system as system;
+pub use stonecut_system::error;
+pub use stonecut_system::{Error, Result};

@@ -8,12 +8,12 @@ use super::grid::area;
 use super::original::Density;
 use super::packing::{Wanted, pack};
 use super::settings::{Corner, Means, NONE, Options};
-use crate::error::Result;
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
-use crate::system::disk::Disk;
-use crate::texture::{FrameCorner, Tangent, tangents};
 use std::path::Path;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_render::texture::{FrameCorner, Tangent, tangents};
+use stonecut_system::disk::Disk;
+use stonecut_system::error::Result;
 
 /// Triangles of a block at most.
 const BLOCK_TRIANGLES: usize = 500_000;

@@ -4,9 +4,9 @@
 //! bits. Knows no pages.
 
 use super::original::Hit;
-use crate::mesh::Mesh;
-use crate::mesh::vec3::{add, dot};
-use crate::texture::{Axes, Tangent};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::vec3::{add, dot};
+use stonecut_render::texture::{Axes, Tangent};
 
 /// A direction in a tangent frame, of length 1.
 pub(super) type Direction = [f32; 3];

@@ -7,14 +7,14 @@
 
 use super::projected::{beside, direction_of, joined};
 use super::settings::NONE;
-use crate::error::Result;
-use crate::measure::triangle;
-use crate::mesh::Mesh;
-use crate::mesh::vec3::{cross, dot};
-use crate::system::progress::Progress;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::ops::Range;
+use stonecut_measure::triangle;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::vec3::{cross, dot};
+use stonecut_system::error::Result;
+use stonecut_system::progress::Progress;
 
 /// The surface around a triangle leans from the mean normal of its growing chart by less than the angle of this cosine.
 const LEAST_FACING: f64 = 0.7;

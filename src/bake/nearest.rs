@@ -5,15 +5,15 @@
 //! wall, the nearest place that faces it is taken instead, if that is not much farther.
 
 use super::original::{Cell, Hit, Original};
-use crate::error::Result;
-use crate::measure::tree::{Nearest, Tree};
-use crate::measure::triangle::{self, Vector};
-use crate::mesh::bounds::Bounds;
-use crate::mesh::vec3::dot;
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use stonecut_measure::tree::{Nearest, Tree};
+use stonecut_measure::triangle::{self, Vector};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::dot;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
 
 /// Points that are held against the boxes together.
 const RUN: usize = 256;

@@ -5,10 +5,10 @@
 use super::charts::Charts;
 use super::normals;
 use super::settings::Options;
-use crate::error::{Error, Result};
-use crate::io::ply::{FaceBlock, FaceLooks, MeshSource};
-use crate::system::units::show_bytes;
-use crate::texture::{Palette, Purpose};
+use stonecut_io::ply::{FaceBlock, FaceLooks, MeshSource};
+use stonecut_render::texture::{Palette, Purpose};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::units::show_bytes;
 
 /// Shares of the memory: cells of the original, decoded images, points under way.
 pub(super) const CELL_SHARE: u64 = 3;
@@ -171,5 +171,6 @@ pub fn has_images(original: &MeshSource) -> bool {
 
 /// True if the original has anything that can be baked.
 pub fn has_looks(original: &MeshSource) -> bool {
-    original.has_corner_texture() || crate::measure::ColourChannels::of(original.schema()).is_some()
+    original.has_corner_texture()
+        || stonecut_measure::ColourChannels::of(original.schema()).is_some()
 }

@@ -4,9 +4,9 @@
 //! Wüthrich 1998), whatever charts and cells they are in: vertices in one place count as one, and places in several cells
 //! are summed over all of these once. Sums are of integers, so no order of faces shows.
 
-use crate::mesh::Mesh;
-use crate::mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub, unit};
-use crate::store::cells::position_bits;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub, unit};
+use stonecut_store::cells::position_bits;
 
 /// Steps of a sum: 2^-40, so a place may have four million faces.
 const STEPS: f64 = (1u64 << 40) as f64;
@@ -160,7 +160,7 @@ fn direction(sum: Sum) -> [f32; 3] {
 }
 
 fn face_normal(mesh: &Mesh, t: usize) -> Vec3 {
-    crate::mesh::vec3::normal(mesh.corners(t))
+    stonecut_mesh::vec3::normal(mesh.corners(t))
 }
 
 fn angle(a: Vec3, b: Vec3) -> f64 {

@@ -4,27 +4,27 @@
 
 use super::normals::{Border, Normals, border_sums};
 use super::settings::{Means, NormalSource, Options};
-use crate::error::{Error, Result};
-use crate::io::ply::MeshSource;
-use crate::io::{NUMBER, StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
-use crate::measure::sums::Sum;
-use crate::measure::temp_store::{Cutting, Scratch};
-use crate::measure::tree::Tree;
-use crate::measure::triangle::{self, Vector};
-use crate::measure::{Carried, ColourChannels};
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::face_properties::FacePolicy;
-use crate::mesh::property::{Origin, Scalar, read_scalar};
-use crate::mesh::record::VertexSchema;
-use crate::mesh::vec3::dot;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{CellMesh, load_bytes};
-use crate::system::losses::{Ledger, Loss, LossKind};
-use crate::system::parallel::{Weighted, largest_first};
-use crate::system::progress::Progress;
-use crate::texture::{MapUse, Palette};
 use std::sync::{Mutex, PoisonError};
+use stonecut_io::ply::MeshSource;
+use stonecut_io::{NUMBER, StageOptions, SurveyOptions, faces_to_vertices, survey_faces};
+use stonecut_measure::sums::Sum;
+use stonecut_measure::temp_store::{Cutting, Scratch};
+use stonecut_measure::tree::Tree;
+use stonecut_measure::triangle::{self, Vector};
+use stonecut_measure::{Carried, ColourChannels};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::face_properties::FacePolicy;
+use stonecut_mesh::property::{Origin, Scalar, read_scalar};
+use stonecut_mesh::record::VertexSchema;
+use stonecut_mesh::vec3::dot;
+use stonecut_render::texture::{MapUse, Palette};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{CellMesh, load_bytes};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::losses::{Ledger, Loss, LossKind};
+use stonecut_system::parallel::{Weighted, largest_first};
+use stonecut_system::progress::Progress;
 
 /// No material.
 const NONE: u32 = u32::MAX;

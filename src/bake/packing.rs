@@ -6,9 +6,9 @@
 
 use super::flatten::Flat;
 use super::settings::{NONE, padding};
-use crate::error::Result;
-use crate::system::progress::Progress;
 use std::ops::Range;
+use stonecut_system::error::Result;
+use stonecut_system::progress::Progress;
 
 /// Sides of cropped pages are multiples of this: halves of them down to 1/16 are whole, and so are compressed blocks.
 const SIDE_STEP: u32 = 16;
@@ -483,7 +483,7 @@ impl Horizon {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bake::grid::each_point;
+    use crate::grid::each_point;
     use std::collections::BTreeMap;
 
     /// Charts of one triangle each, of many sizes and shapes.

@@ -5,15 +5,15 @@
 
 use super::directions::STRAIGHT_PIXEL;
 use super::settings::{Means, PADDING};
-use crate::error::{Error, Result};
-use crate::system::disk::{Disk, DiskFile, scratch_file};
-use crate::system::parallel::in_order;
 use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::fs::File;
 use std::io::Write;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use stonecut_system::disk::{Disk, DiskFile, scratch_file};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel::in_order;
 
 /// Bytes of a texel.
 const BYTES: usize = 4;

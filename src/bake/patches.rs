@@ -9,15 +9,15 @@
 
 use super::nearest::{CellCache, Seekers, Subset};
 use super::original::{Cell, Face, Hit, Original};
-use crate::error::Result;
-use crate::measure::tree::Nearest;
-use crate::measure::triangle::{self, Vector};
-use crate::mesh::bounds::Bounds;
-use crate::mesh::vec3::{cross, dot, length_sq, sub};
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
 use std::ops::Range;
 use std::sync::Arc;
+use stonecut_measure::tree::Nearest;
+use stonecut_measure::triangle::{self, Vector};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::{cross, dot, length_sq, sub};
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
 
 /// Points that a thread takes at a time, about.
 const BLOCK: usize = 8192;
@@ -427,10 +427,10 @@ fn halves(
 mod tests {
     use super::super::settings::{Means, Options};
     use super::*;
-    use crate::io::ply::{MeshSource, ReadOptions};
-    use crate::system::disk::Disk;
-    use crate::texture::{Palette, Purpose};
     use std::fmt::Write;
+    use stonecut_io::ply::{MeshSource, ReadOptions};
+    use stonecut_render::texture::{Palette, Purpose};
+    use stonecut_system::disk::Disk;
 
     /// Two sheets of waves, one close above the other and upside down, with a colour for each vertex.
     fn sheets() -> Vec<u8> {

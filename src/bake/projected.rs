@@ -6,10 +6,10 @@
 
 use super::grid::each_point;
 use super::settings::NONE;
-use crate::measure::triangle;
-use crate::mesh::Mesh;
-use crate::mesh::vec3::{cross, dot, unit};
 use std::collections::HashMap;
+use stonecut_measure::triangle;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::vec3::{cross, dot, unit};
 
 /// Texels around every chart that show its own colours. At 1/2 of the size a texel mixes what is up to 3 away; coarser
 /// levels have pages for smaller sizes.

@@ -1,11 +1,11 @@
 //! Settings, means and findings of a bake, for all files of this room.
 
-use crate::store::stage_context::StageContext;
-use crate::system::disk::Disk;
-use crate::system::losses::Ledger;
-use crate::system::progress::Progress;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::disk::Disk;
+use stonecut_system::losses::Ledger;
+use stonecut_system::progress::Progress;
 
 /// Texels around every chart that show its own colours at most, so that charts are twice as far apart.
 ///

@@ -12,16 +12,18 @@ use super::nearest::{CellCache, Seekers};
 use super::original::{Hit, Original};
 use super::pages::{Canvas, Texel};
 use super::settings::NONE;
-use crate::error::Result;
-use crate::measure::triangle::{self, Vector};
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::morton::spread;
-use crate::mesh::vec3::{length_sq, sub};
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
-use crate::texture::{ImageCache, Light, Palette, Spot, multiply, pixel_of, times_opacity};
 use std::ops::Range;
+use stonecut_measure::triangle::{self, Vector};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::morton::spread;
+use stonecut_mesh::vec3::{length_sq, sub};
+use stonecut_render::texture::{
+    ImageCache, Light, Palette, Spot, multiply, pixel_of, times_opacity,
+};
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
 
 /// Bytes of a point under way: the point, its places, its colour, and where it is listed.
 const POINT_BYTES: u64 = 264;

@@ -11,15 +11,15 @@ use super::pages::{Canvas, PageKind};
 use super::projected::{Projected, project};
 use super::settings::{Means, NONE, Options};
 use super::texels::{self, Canvases, Scene};
-use crate::error::{Error, Result};
-use crate::io::TilePage;
-use crate::io::ply::MeshSource;
-use crate::mesh::Mesh;
-use crate::mesh::oklab::linear_of_srgb;
-use crate::system::losses::Ledger;
-use crate::system::parallel::in_order;
-use crate::system::units::show_bytes;
-use crate::texture::{Finish, ImageCache, Palette, Purpose};
+use stonecut_io::TilePage;
+use stonecut_io::ply::MeshSource;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::oklab::linear_of_srgb;
+use stonecut_render::texture::{Finish, ImageCache, Palette, Purpose};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::losses::Ledger;
+use stonecut_system::parallel::in_order;
+use stonecut_system::units::show_bytes;
 
 /// Texels of a side of a page at most: what every graphics card takes.
 const MOST_SIDE: u32 = 4096;

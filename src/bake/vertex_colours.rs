@@ -5,18 +5,18 @@
 //! the faces are read once for each such window. Bytes depend neither on memory nor on threads.
 
 use super::Means;
-use crate::error::{Error, Result};
-use crate::io::ply::{FaceBlock, FaceLooks, MeshSource, OutputHeader, PlyWriter, VertexBlock};
-use crate::mesh::property::{Property, Scalar};
-use crate::system::losses::Ledger;
-use crate::system::pending_file::Place;
-use crate::system::units::show_bytes;
-use crate::texture::{
-    ImageCache, Light, Palette, Purpose, Spot, apart, multiply, pixel_of, times_opacity,
-};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use std::sync::Arc;
+use stonecut_io::ply::{FaceBlock, FaceLooks, MeshSource, OutputHeader, PlyWriter, VertexBlock};
+use stonecut_mesh::property::{Property, Scalar};
+use stonecut_render::texture::{
+    ImageCache, Light, Palette, Purpose, Spot, apart, multiply, pixel_of, times_opacity,
+};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::losses::Ledger;
+use stonecut_system::pending_file::Place;
+use stonecut_system::units::show_bytes;
 
 /// Properties that are added.
 const COLOUR: [&str; 3] = ["red", "green", "blue"];
@@ -206,8 +206,8 @@ impl Painter<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::system::disk::Disk;
-    use crate::system::progress::Progress;
+    use stonecut_system::disk::Disk;
+    use stonecut_system::progress::Progress;
 
     #[test]
     fn windows_of_vertices_do_not_show() {

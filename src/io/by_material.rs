@@ -3,11 +3,11 @@
 //! For formats in which a material holds for all faces after it. Within a material the order stays.
 
 use super::external_sort::{ExternalSort, halves};
-use crate::error::Result;
-use crate::io::materials::TexturePlan;
-use crate::io::ply::{FaceSchema, OutputHeader, TexturedTriangle};
-use crate::mesh::property::{Scalar, read_scalar};
+use crate::materials::TexturePlan;
+use crate::ply::{FaceSchema, OutputHeader, TexturedTriangle};
 use std::path::Path;
+use stonecut_mesh::property::{Scalar, read_scalar};
+use stonecut_system::error::Result;
 
 /// Finds the material of a face among its packed values.
 #[derive(Clone, Copy, Debug)]

@@ -2,9 +2,9 @@
 //! one mesh in them, which are read.
 
 use super::open_options::StageOptions;
-use crate::error::{Error, Result};
-use crate::io::ply::raw::RawFile;
+use crate::ply::raw::RawFile;
 use std::io::{BufReader, Read, Seek, SeekFrom};
+use stonecut_system::error::{Error, Result};
 use zip::ZipArchive;
 use zip::result::ZipError;
 
@@ -76,7 +76,7 @@ const IN_XML: [(&[u8], &str, &str); 8] = [
 
 /// An error that names what the file is, if that is known and stonecut does not read it.
 pub(super) fn refusal(file: &RawFile, first: &[u8]) -> Option<Error> {
-    let text = first.strip_prefix(crate::io::ply::header::BYTE_ORDER_MARK).unwrap_or(first);
+    let text = first.strip_prefix(crate::ply::header::BYTE_ORDER_MARK).unwrap_or(first);
     let text = text.trim_ascii_start();
     let begins =
         |word: &[u8]| text.len() >= word.len() && text[..word.len()].eq_ignore_ascii_case(word);

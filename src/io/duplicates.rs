@@ -1,8 +1,8 @@
 //! Finds triangles that a file holds more than once, out of core.
 
 use super::external_sort::{ExternalSort, halves, whole};
-use crate::error::Result;
 use std::path::Path;
+use stonecut_system::error::Result;
 
 /// Takes all triangles in order, then tells which ones repeat an earlier one: the same three corners,
 /// whatever their order.

@@ -2,10 +2,10 @@
 //!
 //! Decodes; does not decide what a text means.
 
-use crate::error::Result;
-use crate::io::ply::header::BYTE_ORDER_MARK;
-use crate::io::ply::raw::{RawFile, Spool};
+use crate::ply::header::BYTE_ORDER_MARK;
+use crate::ply::raw::{RawFile, Spool};
 use encoding_rs::{Encoding, GBK, UTF_16BE, UTF_16LE, WINDOWS_1252};
+use stonecut_system::error::Result;
 
 /// Bytes that are decoded at once.
 const CHUNK_BYTES: usize = 1 << 18;

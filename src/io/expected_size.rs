@@ -6,11 +6,11 @@
 use super::gltf as glb;
 use super::obj::find3;
 use super::output_format::{OutputFormat, OutputKind};
-use crate::io::ply::Encoding;
-use crate::io::ply::writer::{FaceSchema, Shortest, put_text};
-use crate::mesh::colours::ColourPlace;
-use crate::mesh::property::{Scalar, read_scalar};
-use crate::mesh::record::VertexSchema;
+use crate::ply::Encoding;
+use crate::ply::writer::{FaceSchema, Shortest, put_text};
+use stonecut_mesh::colours::ColourPlace;
+use stonecut_mesh::property::{Scalar, read_scalar};
+use stonecut_mesh::record::VertexSchema;
 
 /// Bytes of a header beyond its comments; of the description in a GLB file.
 const HEADER_BYTES: f64 = 700.0;
@@ -28,25 +28,21 @@ const UNIT_TEXT: f64 = 11.0;
 const SHARE_TEXT: f64 = 10.4;
 
 /// Known properties of an output before it is written.
-pub(crate) struct Expected<'a> {
+pub struct Expected<'a> {
     /// Its vertices.
-    pub(crate) schema: &'a VertexSchema,
+    pub schema: &'a VertexSchema,
     /// Properties of its faces.
-    pub(crate) faces: &'a FaceSchema,
+    pub faces: &'a FaceSchema,
     /// Counts.
-    pub(crate) n_vertices: u64,
+    pub n_vertices: u64,
     /// Of faces.
-    pub(crate) n_faces: u64,
+    pub n_faces: u64,
     /// Records after `schema`, some of those that the input has.
-    pub(crate) sample: &'a [u8],
+    pub sample: &'a [u8],
 }
 
 /// Bytes of the file, and of what is kept in its folder beside it while it is written.
-pub(crate) fn expected_bytes(
-    mesh: &Expected,
-    kind: OutputKind,
-    format: OutputFormat,
-) -> (u64, u64) {
+pub fn expected_bytes(mesh: &Expected, kind: OutputKind, format: OutputFormat) -> (u64, u64) {
     let (v, f) = (mesh.n_vertices as f64, mesh.n_faces as f64);
     let is_text = format.encoding == Some(Encoding::Ascii);
     let schema = mesh.schema;

@@ -1,10 +1,10 @@
 //! The type of coordinates that a text needs, which does not say it.
 
-use crate::mesh::property::Scalar;
+use stonecut_mesh::property::Scalar;
 
 /// Box around the places of a text.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Extent {
+pub struct Extent {
     least: [f64; 3],
     most: [f64; 3],
 }
@@ -17,7 +17,7 @@ impl Default for Extent {
 
 impl Extent {
     /// Takes a place; what is not finite is passed over.
-    pub(crate) fn add(&mut self, position: [f64; 3]) {
+    pub fn add(&mut self, position: [f64; 3]) {
         for (axis, value) in position.into_iter().enumerate().filter(|(_, x)| x.is_finite()) {
             self.least[axis] = self.least[axis].min(value);
             self.most[axis] = self.most[axis].max(value);
@@ -26,7 +26,7 @@ impl Extent {
 
     /// Floats keep 24 bits of the distance from the origin. They do unless the mesh lies so far from it
     /// that less than 21 bits are left for its own extent.
-    pub(crate) fn coordinate(&self) -> Scalar {
+    pub fn coordinate(&self) -> Scalar {
         let extent = (0..3).map(|i| self.most[i] - self.least[i]).fold(0.0, f64::max);
         let far = (0..3).map(|i| self.most[i].abs().max(self.least[i].abs()));
         // An axis without a place lies nowhere.

@@ -1,17 +1,17 @@
 //! Sorting more than fits in memory: sorted runs in a nameless temporary file, then one merge.
 
-use crate::error::Result;
-use crate::io::ply::raw::{RawFile, Spool};
-use crate::system::disk::Disk;
+use crate::ply::raw::{RawFile, Spool};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::path::Path;
+use stonecut_system::disk::Disk;
+use stonecut_system::error::Result;
 
 /// Sorts arrays of `N` numbers, compared from the first on. Equal ones come out next to each other.
 ///
 /// Memory: `memory_bytes` while records come in and again while they go out, whatever their number.
 /// Disk: `4 N` bytes a record, only if they do not fit.
-pub(crate) struct ExternalSort<const N: usize> {
+pub struct ExternalSort<const N: usize> {
     records: Vec<[u32; N]>,
     max_records: usize,
     spool: Spool,
@@ -116,12 +116,12 @@ impl<const N: usize> SortedRun<N> {
 }
 
 /// The high and low half of a 64-bit number, which compare like it.
-pub(crate) fn halves(value: u64) -> [u32; 2] {
+pub fn halves(value: u64) -> [u32; 2] {
     [(value >> 32) as u32, value as u32]
 }
 
 /// The number of its halves.
-pub(crate) fn whole(high: u32, low: u32) -> u64 {
+pub fn whole(high: u32, low: u32) -> u64 {
     u64::from(high) << 32 | u64::from(low)
 }
 

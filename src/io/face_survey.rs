@@ -3,15 +3,15 @@
 //! One pass over the faces, none where they carry nothing. What is constant is known exactly; how many
 //! vertices a label would make of one is counted on a sample of 20,000 vertices. Changes nothing.
 
-use crate::error::Result;
-use crate::io::materials::NUMBER;
-use crate::io::ply::MeshSource;
-use crate::mesh::codec::colour_groups;
-use crate::mesh::face_properties::{
+use crate::materials::NUMBER;
+use crate::ply::MeshSource;
+use std::collections::HashMap;
+use stonecut_mesh::codec::colour_groups;
+use stonecut_mesh::face_properties::{
     FEW_FACES, FacePolicy, FaceProperty, FacePropertyPlan, MAX_COLOUR_VERTICES, MAX_LABEL_VERTICES,
 };
-use crate::mesh::property::{Property, Scalar};
-use std::collections::HashMap;
+use stonecut_mesh::property::{Property, Scalar};
+use stonecut_system::error::Result;
 
 /// Vertices around which faces are compared.
 const SAMPLED_VERTICES: u64 = 20_000;

@@ -6,10 +6,10 @@
 use super::open_edges::{each_edge, each_open, hash};
 use super::open_options::{Lock, StageOptions};
 use super::restaged::{face_rows, restage};
-use crate::error::{Error, Result};
-use crate::io::ply::{BLOCK_ROWS, LockedBy, MeshSource, VertexBlock};
-use crate::mesh::property::{Property, Scalar};
+use crate::ply::{BLOCK_ROWS, LockedBy, MeshSource, VertexBlock};
 use std::collections::HashMap;
+use stonecut_mesh::property::{Property, Scalar};
+use stonecut_system::error::{Error, Result};
 
 /// Name of the property for the boundary, in staged files only.
 const NAME: &str = "stonecut_lock";

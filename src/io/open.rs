@@ -6,15 +6,15 @@
 
 use super::open_options::StageOptions;
 use super::{containers, encodings, gltf, lock, obj, stl, weld};
-use crate::error::{Error, Result};
-use crate::io::ply::header::BYTE_ORDER_MARK;
-use crate::io::ply::raw::{RawFile, Spool};
-use crate::io::ply::source::Staged;
-use crate::io::ply::{Faults, MeshSource};
-use crate::system::disk::open_input;
-use crate::system::units::show_bytes;
+use crate::ply::header::BYTE_ORDER_MARK;
+use crate::ply::raw::{RawFile, Spool};
+use crate::ply::source::Staged;
+use crate::ply::{Faults, MeshSource};
 use std::io::{BufReader, Read};
 use std::path::Path;
+use stonecut_system::disk::open_input;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::units::show_bytes;
 
 /// Compression of an input.
 #[derive(Clone, Copy, PartialEq)]

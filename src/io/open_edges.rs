@@ -3,11 +3,11 @@
 //! Hashes of the edges around a vertex are combined by exclusive or. An edge of two triangles cancels itself, so what is
 //! left is that of edges with an odd number of triangles. A vertex with open edges escapes with a probability of 2^-32.
 
-use crate::error::Result;
-use crate::io::ply::{FaceBlock, MeshSource};
+use crate::ply::{FaceBlock, MeshSource};
+use stonecut_system::error::Result;
 
 /// Calls `each` with every vertex at an open edge, ascending; faces are read once for each `memory_bytes` / 4 vertices.
-pub(in crate::io) fn each_open(
+pub(crate) fn each_open(
     source: &MeshSource,
     memory_bytes: usize,
     mut each: impl FnMut(u64) -> Result<()>,
@@ -32,7 +32,7 @@ pub(in crate::io) fn each_open(
 }
 
 /// Those of some vertices, sorted, that are at open edges.
-pub(in crate::io) fn open_among(source: &MeshSource, ids: &[u64]) -> Result<Vec<u64>> {
+pub(crate) fn open_among(source: &MeshSource, ids: &[u64]) -> Result<Vec<u64>> {
     let mut is_one = vec![0u64; source.n_vertices().div_ceil(64) as usize];
     ids.iter().for_each(|&v| is_one[(v / 64) as usize] |= 1 << (v % 64));
     let mut sums = vec![0u32; ids.len()];
@@ -49,10 +49,7 @@ pub(in crate::io) fn open_among(source: &MeshSource, ids: &[u64]) -> Result<Vec<
 }
 
 /// Calls `each` with the edges of every triangle, and a hash that does not depend on their sense.
-pub(in crate::io) fn each_edge(
-    source: &MeshSource,
-    mut each: impl FnMut([u64; 2], u32),
-) -> Result<()> {
+pub(crate) fn each_edge(source: &MeshSource, mut each: impl FnMut([u64; 2], u32)) -> Result<()> {
     let mut block = FaceBlock::default();
     for index in 0..source.n_face_blocks() {
         source.read_faces(index, &mut block)?;
@@ -66,7 +63,7 @@ pub(in crate::io) fn each_edge(
 }
 
 /// A hash of an edge that does not depend on its sense.
-pub(in crate::io) fn hash(a: u64, b: u64) -> u32 {
+pub(crate) fn hash(a: u64, b: u64) -> u32 {
     let (low, high) = (a.min(b), a.max(b));
     // Odd factors of splitmix64: all bits of the product's upper half are mixed.
     let mixed = (low ^ high.rotate_left(32)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

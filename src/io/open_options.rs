@@ -1,12 +1,12 @@
 //! Settings for opening an input: folder for unpacking, memory, strictness.
 
 use super::external_sort::ExternalSort;
-use crate::io::ply::ReadOptions;
-use crate::io::ply::raw::Spool;
-use crate::system::disk::Disk;
-use crate::system::memory::{budget_bytes, limit_bytes};
-use crate::system::units::memory_word;
+use crate::ply::ReadOptions;
+use crate::ply::raw::Spool;
 use std::path::PathBuf;
+use stonecut_system::disk::Disk;
+use stonecut_system::memory::{budget_bytes, limit_bytes};
+use stonecut_system::units::memory_word;
 
 /// Decides which vertices are joined before all else.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -139,22 +139,22 @@ impl StageOptions {
 
     /// Temporary bytes that a file of some bytes may come to, if there is a bound: much more than any real scene does, of
     /// which little stands in many places.
-    pub(crate) fn most_unpacked(&self, file_bytes: u64) -> Option<u64> {
+    pub fn most_unpacked(&self, file_bytes: u64) -> Option<u64> {
         self.only_looks.then(|| file_bytes.saturating_mul(200).max(1 << 30))
     }
 
     /// The memory of a command, as people type it, with which `parse_bytes` is `bytes`.
-    pub(crate) fn memory_for(bytes: u64) -> String {
+    pub fn memory_for(bytes: u64) -> String {
         memory_word(bytes.saturating_mul(2))
     }
 
     /// An empty spool in the folder for staged data.
-    pub(crate) fn spool(&self) -> Spool {
+    pub fn spool(&self) -> Spool {
         Spool::new(&self.temp_dir).within(self.memory_bytes / SPOOL_SHARE).counted(&self.disk)
     }
 
     /// An empty sort in the folder for staged data.
-    pub(crate) fn sort<const N: usize>(&self, memory_bytes: usize) -> ExternalSort<N> {
+    pub fn sort<const N: usize>(&self, memory_bytes: usize) -> ExternalSort<N> {
         ExternalSort::new(&self.temp_dir, memory_bytes).counted(&self.disk)
     }
 }

@@ -1,9 +1,9 @@
 //! The kind and the details of an output: chosen by the file's name, told in detail by `--format`.
 
-use crate::error::{Error, Result};
-use crate::io::ply::header::Encoding;
-use crate::mesh::property::Scalar;
+use crate::ply::header::Encoding;
 use std::path::Path;
+use stonecut_mesh::property::Scalar;
+use stonecut_system::error::{Error, Result};
 
 /// Parsed `--format`: words joined by commas or colons, in any order.
 ///
@@ -36,7 +36,7 @@ pub enum OutputKind {
 
 impl OutputKind {
     /// The name for people.
-    pub(crate) fn name(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         match self {
             OutputKind::Ply => "PLY",
             OutputKind::Stl => "STL",
@@ -99,7 +99,7 @@ impl std::str::FromStr for OutputFormat {
 
 impl OutputFormat {
     /// The kind of file that `path` will be; PLY where neither its name nor the format says one.
-    pub(crate) fn kind_of(&self, path: &Path) -> OutputKind {
+    pub fn kind_of(&self, path: &Path) -> OutputKind {
         self.kind.or_else(|| OutputKind::of(path).ok()).unwrap_or(OutputKind::Ply)
     }
 

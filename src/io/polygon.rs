@@ -5,9 +5,9 @@
 //! More corners: a fan around the first corner where that is a triangulation, and ears (`earcut`) otherwise. Does not
 //! read or write files.
 
-use crate::mesh::vec3::{cross, dot, sub};
 use earcut::Earcut;
 use std::collections::BTreeMap;
+use stonecut_mesh::vec3::{cross, dot, sub};
 
 /// Sine below which a corner is taken to lie on the straight line between its neighbours: ten steps of a float.
 const FLAT: f64 = 1e-6;
@@ -20,7 +20,7 @@ const NO_AREA: f64 = 1e-12;
 
 /// Diagonal of a quadrilateral that parts it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Diagonal {
+pub enum Diagonal {
     /// From the first corner to the third.
     First,
     /// From the second corner to the fourth.
@@ -29,7 +29,7 @@ pub(crate) enum Diagonal {
 
 /// The diagonal of a quadrilateral, and whether its sides do not cross. Equal diagonals, and places that are not
 /// numbers, give the first.
-pub(crate) fn cut_quad(corners: [[f64; 3]; 4]) -> (Diagonal, bool) {
+pub fn cut_quad(corners: [[f64; 3]; 4]) -> (Diagonal, bool) {
     let [a, b, c, d] = corners;
     let (first, second) = (sub(c, a), sub(d, b));
     let shorter = match dot(second, second) < dot(first, first) {
@@ -58,7 +58,7 @@ pub(crate) fn cut_quad(corners: [[f64; 3]; 4]) -> (Diagonal, bool) {
 }
 
 /// Cuts polygons of any number of corners; keeps its memory from one to the next.
-pub(crate) struct PolygonCutter {
+pub struct PolygonCutter {
     earcut: Earcut<f64>,
     /// The polygon in its plane, its outside to the right.
     flat: Vec<[f64; 2]>,

@@ -1,22 +1,22 @@
 //! A mesh written again as a staged PLY, with other vertices: faces keep their order and all they carry.
 
 use super::open_options::StageOptions;
-use crate::error::Result;
-use crate::io::ply::header::Encoding;
-use crate::io::ply::raw::RawFile;
-use crate::io::ply::source::Staged;
-use crate::io::ply::{FaceBlock, FaceSchema, Faults, MeshSource, OutputHeader, TextureInfo};
-use crate::mesh::record::VertexSchema;
+use crate::ply::header::Encoding;
+use crate::ply::raw::RawFile;
+use crate::ply::source::Staged;
+use crate::ply::{FaceBlock, FaceSchema, Faults, MeshSource, OutputHeader, TextureInfo};
+use stonecut_mesh::record::VertexSchema;
+use stonecut_system::error::Result;
 
 /// Rows of faces as they stand in a staged file.
-pub(in crate::io) struct FaceRows {
+pub(crate) struct FaceRows {
     rows: RawFile,
     n_faces: u64,
     n_bad: u64,
 }
 
 /// Writes the faces with their new corners; `None` if one has too many corners for a row.
-pub(in crate::io) fn face_rows(
+pub(crate) fn face_rows(
     source: &MeshSource,
     mut number: impl FnMut(u64) -> Result<u32>,
     options: &StageOptions,
@@ -69,7 +69,7 @@ pub(in crate::io) fn face_rows(
 }
 
 /// The mesh with these vertices and faces instead; `note` adds to what is known of it.
-pub(in crate::io) fn restage(
+pub(crate) fn restage(
     source: MeshSource,
     schema: VertexSchema,
     (n_vertices, vertices): (u64, RawFile),

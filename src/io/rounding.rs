@@ -3,11 +3,11 @@
 //! Says so where it could be seen; refuses, before the work, what a format cannot hold at all.
 
 use super::output_format::{OutputFormat, OutputKind};
-use crate::error::{Error, Result};
-use crate::io::ply::{MeshSource, VertexBlock};
-use crate::mesh::property::Scalar;
-use crate::mesh::record::VertexSchema;
+use crate::ply::{MeshSource, VertexBlock};
 use std::path::Path;
+use stonecut_mesh::property::Scalar;
+use stonecut_mesh::record::VertexSchema;
+use stonecut_system::error::{Error, Result};
 
 /// Rounding by less than this share of the mean edge is not worth a line.
 const SHARE: f64 = 1e-3;

@@ -6,14 +6,14 @@ use super::obj::ObjWriter;
 use super::output_format::{OutputFormat, OutputKind};
 use super::rounding::Rounding;
 use super::stl::StlWriter;
-use crate::error::Result;
-use crate::io::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
-use crate::mesh::codec::TEXTURE_NAMES;
-use crate::mesh::colours::ColourPlace;
-use crate::mesh::property::Scalar;
-use crate::mesh::record::VertexSchema;
-use crate::system::disk::Disk;
-use crate::system::losses::{Ledger, Loss, LossKind};
+use crate::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
+use stonecut_mesh::codec::TEXTURE_NAMES;
+use stonecut_mesh::colours::ColourPlace;
+use stonecut_mesh::property::Scalar;
+use stonecut_mesh::record::VertexSchema;
+use stonecut_system::disk::Disk;
+use stonecut_system::error::Result;
+use stonecut_system::losses::{Ledger, Loss, LossKind};
 
 /// Writes a mesh in any format: all vertices, then all faces; the file appears when it is finished.
 pub struct MeshSink {

@@ -1,15 +1,15 @@
 //! Lines of a text file, with their numbers and byte offsets, at any size of file.
 
-use crate::error::Result;
-use crate::io::ply::header::BYTE_ORDER_MARK;
-use crate::io::ply::raw::RawFile;
-use crate::io::ply::scan::{Fault, Window, is_no_number};
+use crate::ply::header::BYTE_ORDER_MARK;
+use crate::ply::raw::RawFile;
+use crate::ply::scan::{Fault, Window, is_no_number};
+use stonecut_system::error::Result;
 
 /// A line longer than this is rejected (16 MiB: a polygon of a million corners).
 const MAX_LINE_BYTES: usize = 16 << 20;
 
 /// Reads a file line by line.
-pub(crate) struct Lines<'a> {
+pub struct Lines<'a> {
     window: Window<'a>,
     /// Number of the line that was read last, from 1.
     pub number: u64,
@@ -82,19 +82,19 @@ impl<'a> Lines<'a> {
     }
 
     /// An error in the line that was read last.
-    pub fn bad(&self, what: impl std::fmt::Display) -> crate::error::Error {
+    pub fn bad(&self, what: impl std::fmt::Display) -> stonecut_system::error::Error {
         self.window.file.bad(format!("line {} (byte offset {}): {what}", self.number, self.offset))
     }
 }
 
 /// A number as programs write it; NaN for the names that they give to what is not a number.
-pub(crate) fn parse_number(token: &[u8]) -> Option<f64> {
+pub fn parse_number(token: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(token).ok()?;
     text.parse().ok().or_else(|| is_no_number(text).then_some(f64::NAN))
 }
 
 /// A line up to its comment. The sign in `1.#QNAN` is not the beginning of one.
-pub(crate) fn without_comment(line: &[u8]) -> &[u8] {
+pub fn without_comment(line: &[u8]) -> &[u8] {
     let mut from = 0;
     while let Some(at) = line[from..].iter().position(|&b| b == b'#').map(|at| from + at) {
         let is_number = line[..at].ends_with(b"1.")
@@ -108,7 +108,7 @@ pub(crate) fn without_comment(line: &[u8]) -> &[u8] {
 }
 
 /// The words of a line.
-pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
+pub fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
     line.split(|b| b.is_ascii_whitespace()).filter(|w| !w.is_empty())
 }
 

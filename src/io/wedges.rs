@@ -7,14 +7,14 @@
 
 use super::external_sort::{halves, whole};
 use super::open_options::StageOptions;
-use crate::error::{Error, Result};
-use crate::io::ply::header::Encoding;
-use crate::io::ply::raw::Spool;
-use crate::io::ply::source::Staged;
-use crate::io::ply::{BLOCK_ROWS, Faults, MeshSource, OutputHeader, VertexBlock};
-use crate::mesh::face_properties::{FaceMixer, FacePropertyPlan, Regions};
-use crate::mesh::property::Property;
-use crate::mesh::record::VertexSchema;
+use crate::ply::header::Encoding;
+use crate::ply::raw::Spool;
+use crate::ply::source::Staged;
+use crate::ply::{BLOCK_ROWS, Faults, MeshSource, OutputHeader, VertexBlock};
+use stonecut_mesh::face_properties::{FaceMixer, FacePropertyPlan, Regions};
+use stonecut_mesh::property::Property;
+use stonecut_mesh::record::VertexSchema;
+use stonecut_system::error::{Error, Result};
 
 /// Words of a corner besides the values of its face: vertex, coordinates, region, number.
 const OWN_WORDS: usize = 7;

@@ -2,8 +2,8 @@
 //!
 //! Decides nothing; `measure/step` looks for the feet.
 
-use crate::kernel::surface::Ring;
-use crate::kernel::vertex::GONE;
+use crate::surface::Ring;
+use crate::vertex::GONE;
 
 /// Mergers in a row that are followed before a vertex is given up; those of a removed speck lead nowhere.
 const LONGEST_WAY: usize = 4096;

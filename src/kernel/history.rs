@@ -6,9 +6,9 @@
 //!
 //! Source: Hoppe 1996 (docs/references.md).
 
-use crate::kernel::surface::Surface;
-use crate::kernel::vertex::GONE;
-use crate::mesh::vec3::Vec3;
+use crate::surface::Surface;
+use crate::vertex::GONE;
+use stonecut_mesh::vec3::Vec3;
 
 /// Kind of a step, in the two highest bits of its last number; below them the number of vanished triangles where it is one
 /// or two, then the length.

@@ -38,8 +38,8 @@ impl PartialEq for Interrupt {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernel::{Fit, Options, Stop, simplify_mesh};
-    use crate::mesh::Mesh;
+    use crate::{Fit, Options, Stop, simplify_mesh};
+    use stonecut_mesh::Mesh;
 
     /// A wavy sheet of `n` by `n` quads, large enough for levels.
     fn sheet(n: u32) -> Mesh {

@@ -1,10 +1,10 @@
 //! Memory of the kernel, as measured; the stages plan with it.
 
-use crate::kernel::cost::attribute_lanes;
-use crate::kernel::cost::attributes::MAX_WEIGHTED;
-use crate::kernel::fit;
-use crate::kernel::options::Fit;
-use crate::mesh::extremes::Extremes;
+use crate::cost::attribute_lanes;
+use crate::cost::attributes::MAX_WEIGHTED;
+use crate::fit;
+use crate::options::Fit;
+use stonecut_mesh::extremes::Extremes;
 
 /// Peak memory of `simplify_mesh` in bytes, the mesh it is given included.
 ///

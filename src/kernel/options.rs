@@ -1,8 +1,8 @@
 //! Options of the kernel: when to stop, where survivors go, what may happen to the topology; and its limits.
 
-use crate::kernel::interrupt::Interrupt;
-use crate::mesh::vec3::Vec3;
+use crate::interrupt::Interrupt;
 use std::sync::Arc;
+use stonecut_mesh::vec3::Vec3;
 
 /// More triangles than this cannot be simplified at once: the numbers of triangles, corners and places in rings
 /// are 32 bits wide, with one bit of a corner taken, and room for what is added.

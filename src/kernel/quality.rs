@@ -6,9 +6,9 @@
 //!
 //! docs/algorithm.md, section 9.
 
-use crate::kernel::surface::{Ring, Surface};
-use crate::kernel::vertex::GONE;
-use crate::mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub, triangle_distance_sq};
+use crate::surface::{Ring, Surface};
+use crate::vertex::GONE;
+use stonecut_mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub, triangle_distance_sq};
 
 /// Each probe stands for this many triangles, within `N_PROBES`.
 const TRIANGLES_PER_PROBE: usize = 512;

@@ -1,24 +1,22 @@
 //! Runs the kernel from mesh to mesh: builds the surface, repairs it, collapses, fits, and takes the mesh out.
 
-use crate::kernel::bound::tracker::Tracker;
-use crate::kernel::collapse::legality::Reject;
-use crate::kernel::crossing::Crossings;
-use crate::kernel::fit;
-use crate::kernel::fit::samples::Samples;
-use crate::kernel::followed::Followed;
-use crate::kernel::history::History;
-use crate::kernel::options::{
-    FitGoal, MAX_TRIANGLES, MAX_VERTICES, Options, Placement, Stop, Topology,
-};
-use crate::kernel::quality::Probes;
-use crate::kernel::repair;
-use crate::kernel::schedule::driver::Driver;
-use crate::kernel::simd::Simd;
-use crate::kernel::state::MeshState;
-use crate::kernel::state::validate::validate;
-use crate::kernel::statistics::{Simplified, Statistics};
-use crate::mesh::Mesh;
-use crate::mesh::orient::orient;
+use crate::bound::tracker::Tracker;
+use crate::collapse::legality::Reject;
+use crate::crossing::Crossings;
+use crate::fit;
+use crate::fit::samples::Samples;
+use crate::followed::Followed;
+use crate::history::History;
+use crate::options::{FitGoal, MAX_TRIANGLES, MAX_VERTICES, Options, Placement, Stop, Topology};
+use crate::quality::Probes;
+use crate::repair;
+use crate::schedule::driver::Driver;
+use crate::simd::Simd;
+use crate::state::MeshState;
+use crate::state::validate::validate;
+use crate::statistics::{Simplified, Statistics};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::orient::orient;
 
 /// Simplifies a mesh by edge collapse; vertices with `locked[v]` stay exactly where they are.
 ///

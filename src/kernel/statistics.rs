@@ -1,8 +1,8 @@
 //! Results of the kernel: the simplified mesh, where its vertices come from, and what was counted.
 
-use crate::kernel::history::History;
-use crate::kernel::quality::{Quality, QualityAt};
-use crate::mesh::Mesh;
+use crate::history::History;
+use crate::quality::{Quality, QualityAt};
+use stonecut_mesh::Mesh;
 
 /// Statistics of a run of the kernel.
 #[derive(Clone, Debug, Default, PartialEq)]

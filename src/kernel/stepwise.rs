@@ -4,13 +4,13 @@
 //! goes on from one of them once the threshold is known, so that nothing is computed twice. An exact round takes
 //! close levels one at a time (`CloseLevels`) until the total of all cells is met.
 
-use crate::kernel::options::Options;
-use crate::kernel::run::{finish, start};
-use crate::kernel::schedule::driver::Driver;
-use crate::kernel::schedule::queue::BucketQueue;
-use crate::kernel::simd::Simd;
-use crate::kernel::statistics::{Simplified, Statistics};
-use crate::mesh::Mesh;
+use crate::options::Options;
+use crate::run::{finish, start};
+use crate::schedule::driver::Driver;
+use crate::schedule::queue::BucketQueue;
+use crate::simd::Simd;
+use crate::statistics::{Simplified, Statistics};
+use stonecut_mesh::Mesh;
 
 /// A mesh on its way from one cost threshold to the next; as `simplify_mesh` with `Stop::Costs`.
 ///

@@ -1,8 +1,8 @@
 //! Tests of the kernel as a whole.
 
 use super::*;
-use crate::kernel::run::run;
-use crate::mesh::{Mesh, vec3};
+use crate::run::run;
+use stonecut_mesh::{Mesh, vec3};
 
 /// A bumpy sheet of 2 n^2 triangles.
 pub(super) fn sheet(n: usize) -> Mesh {

@@ -2,7 +2,7 @@
 //!
 //! Stands below all other files of the kernel and knows none of them.
 
-use crate::mesh::vec3::Vec3;
+use stonecut_mesh::vec3::Vec3;
 
 /// First corner of a triangle that is gone.
 pub(crate) const GONE: u32 = u32::MAX;

@@ -4,9 +4,9 @@
 //! schema.
 
 use super::colour::ColourChannels;
-use crate::mesh::Mesh;
-use crate::mesh::codec::ChannelKind;
-use crate::mesh::record::VertexSchema;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::codec::ChannelKind;
+use stonecut_mesh::record::VertexSchema;
 
 /// Channels of a mesh that are compared.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -21,7 +21,7 @@ pub struct Carried {
 
 /// Attributes of a surface at one point, as precise as channels are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
-pub(crate) struct Values {
+pub struct Values {
     /// CIELAB.
     pub lab: Option<[f32; 3]>,
     /// Texture coordinates.
@@ -57,7 +57,7 @@ impl Carried {
     }
 
     /// The values at a point of a triangle.
-    pub(crate) fn at(&self, mesh: &Mesh, corners: [u32; 3], weights: [f64; 3]) -> Values {
+    pub fn at(&self, mesh: &Mesh, corners: [u32; 3], weights: [f64; 3]) -> Values {
         let mixed = |channel: usize| -> f32 {
             let value = |i: usize| f64::from(mesh.channels_of(corners[i])[channel]);
             (0..3).map(|i| weights[i] * value(i)).sum::<f64>() as f32

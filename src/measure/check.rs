@@ -1,18 +1,18 @@
 //! Counts the connectivity of a mesh of any size, cell by cell, the sizes of its components, its self-intersections.
 
-use crate::config::DEFAULT_CELL_TRIANGLES;
-use crate::error::Result;
-use crate::io::ply::MeshSource;
-use crate::measure::intersections::{self, SelfIntersections};
-use crate::measure::temp_store::{Cutting, Scratch};
-use crate::mesh::topology_counts::{CellPart, Topology, TopologyCounter, count_cell};
-use crate::stages::components::{self, ComponentSizes, Least};
-use crate::store::cell_id::CellId;
-use crate::store::cells::load_bytes;
-use crate::system::parallel::{Weighted, largest_first};
-use crate::system::progress::Progress;
+use crate::intersections::{self, SelfIntersections};
+use crate::temp_store::{Cutting, Scratch};
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
+use stonecut_io::ply::MeshSource;
+use stonecut_mesh::topology_counts::{CellPart, Topology, TopologyCounter, count_cell};
+use stonecut_stages::components::{self, ComponentSizes, Least};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::load_bytes;
+use stonecut_store::config::DEFAULT_CELL_TRIANGLES;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::{Weighted, largest_first};
+use stonecut_system::progress::Progress;
 
 /// Bytes a triangle that counting takes besides the mesh or cell itself: its edges, sorted.
 pub const COUNT_BYTES: u64 = 64;

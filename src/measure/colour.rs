@@ -3,8 +3,8 @@
 //! Turns colour channels into CIELAB and measures their distance. Which channels are colours is said by
 //! the vertex schema; meshes without colours never come here.
 
-use crate::mesh::Mesh;
-use crate::mesh::record::VertexSchema;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::record::VertexSchema;
 
 /// Channels of a mesh that hold its colours.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,13 +71,13 @@ pub fn lab_of_srgb(rgb: [f64; 3]) -> [f64; 3] {
 
 /// Delta E (CIE 1976): the distance of two colours in CIELAB; about 2.3 is just noticeable.
 pub fn delta_e(a: [f64; 3], b: [f64; 3]) -> f64 {
-    crate::mesh::vec3::length_sq(crate::mesh::vec3::sub(a, b)).sqrt()
+    stonecut_mesh::vec3::length_sq(stonecut_mesh::vec3::sub(a, b)).sqrt()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::property::{Property, Scalar};
+    use stonecut_mesh::property::{Property, Scalar};
 
     #[test]
     fn known_colours() {

@@ -3,29 +3,30 @@
 //! Meshes that fit into the memory budget are read and measured there. A larger original, and if need be
 //! the simplified mesh too, is first cut into cells by the partition stage; the numbers are the same.
 
-use crate::config::DEFAULT_CELL_TRIANGLES;
-use crate::error::{Error, Result};
-use crate::io::ply::MeshSource;
-use crate::measure::appearance::Appearance;
-use crate::measure::deviation::Deviation;
-use crate::measure::heatmap;
-use crate::measure::load;
-use crate::measure::temp_store::{Cutting, Scratch};
-use crate::measure::tree::Tree;
-use crate::measure::{
-    self, Carried, Certificate, Measured, Options, Parts, Region, TriangleSizes, Unit, Verdict,
+use crate::appearance::Appearance;
+use crate::deviation::Deviation;
+use crate::heatmap;
+use crate::load;
+use crate::temp_store::{Cutting, Scratch};
+use crate::tree::Tree;
+use crate::{
+    self as measure, Carried, Certificate, Measured, Options, Parts, Region, TriangleSizes, Unit,
+    Verdict,
 };
-use crate::mesh::bounds::Bounds;
-use crate::mesh::topology_counts::Topology;
-use crate::stages::partition;
-use crate::store::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
-use crate::system::json_keys::SCHEMA_VERSION;
-use crate::system::losses::Ledger;
-use crate::system::memory::BASE_BYTES;
-use crate::system::pending_file::Seen;
-use crate::system::progress::Progress;
-use crate::system::units::{memory_word, show_bytes};
 use std::path::PathBuf;
+use stonecut_io::ply::MeshSource;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::topology_counts::Topology;
+use stonecut_stages::partition;
+use stonecut_store::cells::{CellTally, VertexLayout, load_bytes, plan_cells};
+use stonecut_store::config::DEFAULT_CELL_TRIANGLES;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::json_keys::SCHEMA_VERSION;
+use stonecut_system::losses::Ledger;
+use stonecut_system::memory::BASE_BYTES;
+use stonecut_system::pending_file::Seen;
+use stonecut_system::progress::Progress;
+use stonecut_system::units::{memory_word, show_bytes};
 
 /// Two meshes to be compared, and the means.
 #[derive(Debug)]
@@ -134,7 +135,7 @@ impl Report {
             seed: request.options.seed,
             cells: comparison.cells,
             seconds,
-            peak_memory_bytes: crate::system::memory::peak_bytes(),
+            peak_memory_bytes: stonecut_system::memory::peak_bytes(),
             peak_temp_bytes: comparison.temp_bytes,
             losses: Ledger::default(),
         }

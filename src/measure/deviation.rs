@@ -21,7 +21,7 @@ pub struct Deviation {
 
 impl Deviation {
     /// Both sides as one; `diagonal` is that of the original.
-    pub(crate) fn new(forward: Side, backward: Side, diagonal: f64) -> Self {
+    pub fn new(forward: Side, backward: Side, diagonal: f64) -> Self {
         let (there, back) = (forward.distance.rms, backward.distance.rms);
         // Scaled, so that neither square overflows nor vanishes.
         let larger = there.max(back);

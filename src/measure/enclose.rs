@@ -7,10 +7,10 @@ use super::certify::Pair;
 use super::parts::{Means, Parts, Place, Survey};
 use super::triangle::Vector;
 use super::{Deviation, Options, Unit, two_sided};
-use crate::error::{Error, Result};
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
-use crate::system::progress::Progress;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::progress::Progress;
 
 /// Begins the stage that encloses the distance, counted in the triangles of both.
 pub(super) fn begin_certificate(original: &Parts, simplified: &Parts, progress: &Progress) {
@@ -20,7 +20,7 @@ pub(super) fn begin_certificate(original: &Parts, simplified: &Parts, progress: 
 }
 
 /// Encloses the Hausdorff distance of two surfaces in memory whose `deviation` was measured already.
-pub(crate) fn certificate_in_memory(
+pub fn certificate_in_memory(
     [original, simplified]: [&Mesh; 2],
     deviation: &Deviation,
     options: &Options,

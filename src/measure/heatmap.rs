@@ -6,17 +6,17 @@
 use super::load;
 use super::tree::Tree;
 use super::unit::Unit;
-use crate::error::Result;
-use crate::io::ply::raw::{RawFile, Spool};
-use crate::io::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
-use crate::mesh::property::{Property, Scalar};
-use crate::mesh::record::VertexSchema;
-pub use crate::mesh::viridis::viridis as colour;
-use crate::system::disk::Disk;
-use crate::system::parallel::in_order;
-use crate::system::pending_file::Seen;
-use crate::system::progress::Progress;
 use std::path::Path;
+use stonecut_io::ply::raw::{RawFile, Spool};
+use stonecut_io::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
+use stonecut_mesh::property::{Property, Scalar};
+use stonecut_mesh::record::VertexSchema;
+pub use stonecut_mesh::viridis::viridis as colour;
+use stonecut_system::disk::Disk;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
+use stonecut_system::pending_file::Seen;
+use stonecut_system::progress::Progress;
 
 /// The share of vertices that the scale covers; the few beyond it have the colour of its end.
 const COVERED: f64 = 0.999;
@@ -63,7 +63,7 @@ pub fn write(
 ///
 /// Memory: a few blocks a thread. Distances wait in a nameless file of `temp_dir`, 8 bytes a vertex, until
 /// the scale is known. Vertices and faces are read twice.
-pub(crate) fn write_streamed(
+pub fn write_streamed(
     mesh: &MeshSource,
     (target, unit): (&Tree, Unit),
     (to, temp_dir): (&Seen, &Path),
@@ -175,7 +175,7 @@ fn header(mesh: &MeshSource, n_faces: u64, top: f64) -> OutputHeader {
     let properties = vec![property("red"), property("green"), property("blue")];
     let schema = VertexSchema { coordinate, properties };
     let mut header = OutputHeader::new(schema, mesh.n_vertices(), n_faces);
-    header.settings = crate::system::paths::HEATMAP_SETTINGS.to_owned();
+    header.settings = stonecut_system::paths::HEATMAP_SETTINGS.to_owned();
     header.comments = vec![
         "colours: distance to the other surface, in input units, viridis".to_owned(),
         format!(

@@ -3,12 +3,12 @@
 //! Memory: that of `Mesh`; nothing else that grows with the file.
 
 use super::Carried;
-use crate::error::{Error, Result};
-use crate::io::ply::{FaceBlock, MeshSource, VertexBlock};
-use crate::mesh::Mesh;
-use crate::mesh::topology_counts::{self, Topology};
-use crate::system::parallel;
-use crate::system::progress::Progress;
+use stonecut_io::ply::{FaceBlock, MeshSource, VertexBlock};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::topology_counts::{self, Topology};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel;
+use stonecut_system::progress::Progress;
 
 /// A mesh in memory and what its file says about it.
 #[derive(Clone, Debug, Default)]

@@ -10,9 +10,9 @@ use super::side::Look;
 use super::tree::{Nearest, Tree};
 use super::triangle::{self, Vector};
 use super::{STOP_QUERIES, Surface};
-use crate::error::Result;
-use crate::mesh::bounds::Bounds;
 use std::sync::{Mutex, PoisonError};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_system::error::Result;
 
 /// Queries that are held against the boxes together.
 const RUN: usize = 256;

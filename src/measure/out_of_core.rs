@@ -13,11 +13,11 @@ use super::side::{Look, Side, SideSums};
 use super::tree::Tree;
 use super::triangle::Vector;
 use super::{BLOCK_SAMPLES, Direction, Options, Surface, Unit, used_vertices};
-use crate::error::{Error, Result};
-use crate::measure::deviation::Deviation;
-use crate::mesh::topology_counts::Topology;
-use crate::system::progress::Progress;
+use crate::deviation::Deviation;
 use std::sync::atomic::AtomicU64;
+use stonecut_mesh::topology_counts::Topology;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::progress::Progress;
 
 /// Bytes a gathered sample takes besides its query: what was seen there; point, place and bound in order.
 const SAMPLE_BYTES: u64 = size_of::<Seen>() as u64 + 24 + 4 + 24 + 8;
@@ -160,7 +160,7 @@ struct Seen {
 const GATHERED_TRIANGLES: usize = 4096;
 
 /// The triangles of a mesh in an order that keeps neighbours together.
-fn along_curve(mesh: &crate::Mesh) -> Vec<u32> {
+fn along_curve(mesh: &stonecut_mesh::Mesh) -> Vec<u32> {
     let first_corner = |t: &[u32; 3]| mesh.positions[t[0] as usize];
     let points: Vec<Vector> = mesh.triangles.iter().map(first_corner).collect();
     sample::order_along_curve(&points)
@@ -186,7 +186,7 @@ impl Way<'_> {
     }
 
     /// The target is one tree; the source passes by, part by part.
-    fn against_memory(&self, mesh: &crate::Mesh, means: Means) -> Result<SideSums> {
+    fn against_memory(&self, mesh: &stonecut_mesh::Mesh, means: Means) -> Result<SideSums> {
         let corners_of = |i| mesh.corners(i);
         let tree = Tree::build_until(mesh.triangles.len(), corners_of, means.progress)?;
         let target = Surface { mesh, colour: self.target.0.colours };

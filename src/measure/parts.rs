@@ -7,16 +7,16 @@ use super::sums::Sum;
 use super::tree::{Nearest, Tree};
 use super::triangle::Vector;
 use super::{Carried, Surface, Unit};
-use crate::error::Result;
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::topology_counts::{CellCounts, CellPart, Topology, TopologyCounter, count_cell};
-use crate::store::cell_id::CellId;
-use crate::store::cells::{CellStore, load_bytes};
-use crate::system::parallel::{self, Weighted};
-use crate::system::progress::Progress;
 use std::borrow::Cow;
 use std::sync::{Mutex, PoisonError};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::topology_counts::{CellCounts, CellPart, Topology, TopologyCounter, count_cell};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{CellStore, load_bytes};
+use stonecut_system::error::Result;
+use stonecut_system::parallel::{self, Weighted};
+use stonecut_system::progress::Progress;
 
 /// Most of the sparse points that bound searches; 22 MiB of tree.
 const SPARSE_POINTS: u64 = 200_000;
@@ -224,7 +224,7 @@ impl<'a> Parts<'a> {
             }
         };
         Ok(match self.place {
-            Place::Memory(mesh) => look(mesh, crate::mesh::topology_counts::count_mesh(mesh)),
+            Place::Memory(mesh) => look(mesh, stonecut_mesh::topology_counts::count_mesh(mesh)),
             Place::Cells(store) => {
                 let mut cell = store.load(CellId::at(part))?;
                 self.unit.turn(&mut cell.mesh);

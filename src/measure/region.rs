@@ -6,14 +6,14 @@
 use super::tree::{Nearest, Tree};
 use super::triangle::{area, point_at};
 use super::unit::Unit;
-use crate::error::{Error, Result};
-use crate::io::ply::{FaceBlock, MeshSource, VertexBlock};
-use crate::mesh::bounds::Bounds;
-use crate::system::memory::BASE_BYTES;
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
-use crate::system::units::show_bytes;
 use std::sync::Arc;
+use stonecut_io::ply::{FaceBlock, MeshSource, VertexBlock};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::memory::BASE_BYTES;
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
+use stonecut_system::units::show_bytes;
 
 /// All points within some distance of given points and segments; copies share one tree.
 #[derive(Clone, Debug)]
@@ -83,7 +83,7 @@ impl Region {
     }
 
     /// The same region in another unit of length.
-    pub(crate) fn in_unit(&self, unit: Unit) -> Self {
+    pub fn in_unit(&self, unit: Unit) -> Self {
         if unit.is_own() {
             return self.clone();
         }

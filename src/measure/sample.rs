@@ -8,10 +8,10 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::triangle::{self, Vector};
-use crate::error::Result;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::morton::spread;
 use std::ops::Range;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::morton::spread;
+use stonecut_system::error::Result;
 
 /// A point on a surface.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -9,7 +9,7 @@ use super::sums::{Distances, Sum};
 use super::triangle::{self, Vector};
 
 /// The surface's own normal, of any length, and what it carries.
-pub(crate) type Look = (Vector, Values);
+pub type Look = (Vector, Values);
 
 /// Differences of texture coordinates and the scale of their sums; larger ones count as this.
 const LARGEST_TEXTURE: f64 = 1e6;
@@ -75,7 +75,7 @@ pub struct Side {
 
 /// Everything gathered about one direction so far.
 #[derive(Clone, Debug)]
-pub(crate) struct SideSums {
+pub struct SideSums {
     pub distances: Distances,
     angle: Sum,
     n_angles: u64,

@@ -4,18 +4,18 @@
 //! here is resumable: the folder is removed as soon as its store is open, so that only a death during the cutting
 //! leaves it, and the next cutting in the same place sweeps what the dead have left.
 
-use crate::error::Result;
-use crate::io::ply::MeshSource;
-use crate::stages::partition::{Partition, partition};
-use crate::store::cells::{CellStore, VertexLayout};
-use crate::store::job::fingerprint::{input_marks, unchanged};
-use crate::store::job::{Identity, Job, SCRATCH_EXTENSION, sweep_scratch};
-use crate::store::stage_context::StageContext;
-use crate::system::disk::Disk;
-use crate::system::progress::Progress;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+use stonecut_io::ply::MeshSource;
+use stonecut_stages::partition::{Partition, partition};
+use stonecut_store::cells::{CellStore, VertexLayout};
+use stonecut_store::job::fingerprint::{input_marks, unchanged};
+use stonecut_store::job::{Identity, Job, SCRATCH_EXTENSION, sweep_scratch};
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::disk::Disk;
+use stonecut_system::error::Result;
+use stonecut_system::progress::Progress;
 
 /// Settings of a temporary store of cells.
 #[derive(Clone, Copy, Debug)]
@@ -112,9 +112,9 @@ fn new_folder(temp_dir: &Path, name: &str) -> Result<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::store::cell_id::CellId;
-    use crate::store::cells::position_bits;
     use std::collections::{BTreeMap, BTreeSet};
+    use stonecut_store::cell_id::CellId;
+    use stonecut_store::cells::position_bits;
 
     /// A fan whose every triangle has its own texture coordinate at the hub, and at the rim: its cell is split by ids.
     #[test]

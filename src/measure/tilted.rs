@@ -13,7 +13,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::triangle::{self, Vector};
-use crate::mesh::vec3::{dot, length_sq, sub};
+use stonecut_mesh::vec3::{dot, length_sq, sub};
 
 /// Most triangles that are looked at one by one below a box.
 const GROUP: usize = 8;

@@ -4,7 +4,7 @@
 //! works on triangles in canonical order; so a triangle gives the same numbers, bit for bit, wherever it
 //! stands in whichever file or cell. Knows no meshes and no trees.
 
-use crate::mesh::vec3::{cross, dot, length_sq, sub};
+use stonecut_mesh::vec3::{cross, dot, length_sq, sub};
 
 /// A position or direction in input units.
 pub type Vector = [f64; 3];

@@ -6,8 +6,8 @@
 use super::deviation::Deviation;
 use super::side::{Side, Spread};
 use super::triangle::Vector;
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
 
 /// Powers of two up to which products of four lengths, and of small parts of them, are far from all limits.
 const FREE: i32 = 60;
@@ -17,7 +17,7 @@ const MOST: i32 = 1000;
 
 /// A factor from input units to those computed in.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Unit {
+pub struct Unit {
     exponent: i32,
 }
 

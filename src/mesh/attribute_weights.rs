@@ -4,10 +4,9 @@
 //! channel's own range to the length of an edge of the result. Lengths depend on the input and the target,
 //! so they are found once, before the first round, and hold for every cell. Does not touch vertices.
 
-use crate::error::{Error, Result};
-use crate::mesh::Mesh;
-use crate::mesh::codec::ChannelKind;
-use crate::mesh::vec3;
+use crate::Mesh;
+use crate::codec::ChannelKind;
+use crate::vec3;
 
 /// A perceptual colour difference of 1 (black to white) is worth this many edges of the result.
 const COLOUR_EDGES: f64 = 0.3;
@@ -45,16 +44,16 @@ impl Default for Weights {
 }
 
 impl std::str::FromStr for Weights {
-    type Err = Error;
+    type Err = String;
 
     /// Reads `color=W,normal=W,uv=W,NAME=W`; what is not mentioned keeps its default.
-    fn from_str(text: &str) -> Result<Self> {
+    fn from_str(text: &str) -> Result<Self, String> {
         let mut weights = Weights::default();
         for part in text.split(',').filter(|part| !part.trim().is_empty()) {
             let bad = || {
-                Error::Usage(format!(
+                format!(
                     "invalid weight '{part}': write NAME=W with W from 0 upwards, as in color=1,uv=0"
-                ))
+                )
             };
             let (name, weight) = part.split_once('=').ok_or_else(bad)?;
             let weight: f64 = weight.trim().parse().map_err(|_| bad())?;
@@ -100,13 +99,13 @@ impl Weights {
     }
 
     /// Refuses the name of a property that is not there, or that is a label.
-    pub fn check(&self, channel_kinds: &[ChannelKind]) -> Result<()> {
+    pub fn check(&self, channel_kinds: &[ChannelKind]) -> Result<(), String> {
         let is_scalar = |name: &String| channel_kinds.contains(&ChannelKind::Scalar(name.clone()));
         match self.named.iter().find(|(name, _)| !is_scalar(name)) {
             None => Ok(()),
-            Some((name, _)) => Err(Error::Usage(format!(
+            Some((name, _)) => Err(format!(
                 "--weight {name}: the vertices have no such number that can be averaged"
-            ))),
+            )),
         }
     }
 }

@@ -2,14 +2,14 @@
 
 /// The value at the share `t` of the way from `a` to `b`; where one of them is missing, the other one.
 #[inline(always)]
-pub(crate) fn between(a: f32, b: f32, t: f32) -> f32 {
+pub fn between(a: f32, b: f32, t: f32) -> f32 {
     let value = a + t * (b - a);
     if value.is_finite() { value } else { of_ends(a, b, t) }
 }
 
 /// The same where the value between is not finite.
 #[cold]
-pub(crate) fn of_ends(a: f32, b: f32, t: f32) -> f32 {
+pub fn of_ends(a: f32, b: f32, t: f32) -> f32 {
     let is_inside = t > 0.0 && t < 1.0;
     match (a.is_finite(), b.is_finite()) {
         (true, false) if is_inside => a,

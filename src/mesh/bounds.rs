@@ -2,9 +2,9 @@
 
 use super::Mesh;
 use super::vec3::{Vec3, add, length_sq, scale, sub};
-use crate::error::{Error, Result};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use stonecut_system::error::{Error, Result};
 
 /// An axis-aligned box; empty if no point was added.
 ///
@@ -108,7 +108,7 @@ impl Bounds {
 
     /// Refuses a mesh that is wider than the largest of `sizes`, or narrower than the smallest, for the sake of `what`: products of
     /// lengths would overflow or vanish. A mesh without any extent is not a matter of its size.
-    pub(crate) fn hold(&self, path: &Path, what: &str, sizes: [f64; 2]) -> Result<()> {
+    pub fn hold(&self, path: &Path, what: &str, sizes: [f64; 2]) -> Result<()> {
         let width = (0..3).map(|axis| self.high[axis] - self.low[axis]).fold(0.0, f64::max);
         let [least, most] = sizes;
         // Not a number where nothing is.

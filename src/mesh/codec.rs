@@ -32,7 +32,7 @@ const COLOUR_NAMES: [&str; 20] = [
 ];
 
 /// Groups the properties that are components of one colour; a component without the others is a group by itself.
-pub(crate) fn colour_groups(properties: &[Property]) -> Vec<Vec<usize>> {
+pub fn colour_groups(properties: &[Property]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Colour::find(properties)
         .iter()
         .map(|colour| colour.fields.into_iter().chain(colour.alpha).collect())
@@ -103,7 +103,7 @@ pub enum ChannelKind {
 }
 
 /// Names of texture coordinates at vertices.
-pub(crate) const TEXTURE_NAMES: [[&str; 2]; 4] =
+pub const TEXTURE_NAMES: [[&str; 2]; 4] =
     [["s", "t"], ["u", "v"], ["texture_u", "texture_v"], ["texture_s", "texture_t"]];
 
 /// One property of a record, with its places in the record and among the channels.

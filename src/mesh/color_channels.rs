@@ -4,8 +4,8 @@
 //! belong together by name, with or without an alpha. What is transparent counts less: channels hold the
 //! colour times its alpha, so that averages are those of what is seen.
 
-use crate::mesh::oklab::{linear_of_oklab, linear_of_srgb, oklab_of_linear, srgb_of_linear};
-use crate::mesh::property::{Origin, Property, Scalar};
+use crate::oklab::{linear_of_oklab, linear_of_srgb, oklab_of_linear, srgb_of_linear};
+use crate::property::{Origin, Property, Scalar};
 
 /// Names of red, green, blue and alpha, with what stands before them.
 const NAMES: [[&str; 4]; 5] = [
@@ -21,11 +21,11 @@ const LEAST_ALPHA: f64 = 1e-4;
 
 /// Properties that are one colour.
 #[derive(Clone, Debug)]
-pub(crate) struct Colour {
+pub struct Colour {
     /// Indices of red, green and blue among the properties.
-    pub(crate) fields: [usize; 3],
+    pub fields: [usize; 3],
     /// Index of alpha.
-    pub(crate) alpha: Option<usize>,
+    pub alpha: Option<usize>,
     white: f64,
     /// Linear light of every value of a byte.
     bytes: Option<Box<[f64; 256]>>,
@@ -33,7 +33,7 @@ pub(crate) struct Colour {
 
 impl Colour {
     /// All colours among the properties, those of faces last.
-    pub(crate) fn find(properties: &[Property]) -> Vec<Colour> {
+    pub fn find(properties: &[Property]) -> Vec<Colour> {
         let named = |origin: Origin| {
             NAMES.iter().filter_map(move |names| Colour::named(origin, names, properties))
         };
@@ -56,12 +56,12 @@ impl Colour {
     }
 
     /// The value of full intensity.
-    pub(crate) fn white(&self) -> f64 {
+    pub fn white(&self) -> f64 {
         self.white
     }
 
     /// Channels of raw property values: OKLab times alpha.
-    pub(crate) fn channels(&self, rgb: [f64; 3], alpha: f64) -> [f32; 3] {
+    pub fn channels(&self, rgb: [f64; 3], alpha: f64) -> [f32; 3] {
         let light = match &self.bytes {
             Some(table) => rgb.map(|c| table[usize::from(c as u8)]),
             None => rgb.map(|c| linear_of_srgb(c / self.white())),
@@ -71,7 +71,7 @@ impl Colour {
     }
 
     /// Property values of channels; `None` where nothing can be seen.
-    pub(crate) fn values(&self, channels: [f32; 3], alpha: f64) -> Option<[f64; 3]> {
+    pub fn values(&self, channels: [f32; 3], alpha: f64) -> Option<[f64; 3]> {
         let opacity = (alpha / self.white()).clamp(0.0, 1.0);
         let visible = opacity >= LEAST_ALPHA;
         visible.then(|| {

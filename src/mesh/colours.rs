@@ -16,7 +16,7 @@ const NAMES: [[&str; 4]; 3] = [
 ];
 
 /// The value of full intensity of a type, where no survey says otherwise.
-pub(crate) fn white_of_type(scalar: Scalar) -> f64 {
+pub fn white_of_type(scalar: Scalar) -> f64 {
     match scalar {
         Scalar::F32 | Scalar::F64 => 1.0,
         Scalar::U16 => 65_535.0,
@@ -27,7 +27,7 @@ pub(crate) fn white_of_type(scalar: Scalar) -> f64 {
 
 impl Property {
     /// The value of full intensity, if this is a component of a colour.
-    pub(crate) fn full(&self) -> f64 {
+    pub fn full(&self) -> f64 {
         self.white.map_or_else(|| white_of_type(self.scalar), f64::from)
     }
 }
@@ -48,7 +48,7 @@ impl Component {
 
 /// The colour in the records of a schema.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct ColourPlace {
+pub struct ColourPlace {
     names: &'static [&'static str; 4],
     components: [Component; 3],
     alpha: Option<Component>,
@@ -56,7 +56,7 @@ pub(crate) struct ColourPlace {
 
 impl ColourPlace {
     /// The properties that are a colour; alpha is one of them where it has their type.
-    pub(crate) fn find(schema: &VertexSchema) -> Option<ColourPlace> {
+    pub fn find(schema: &VertexSchema) -> Option<ColourPlace> {
         let place = |name: &str| {
             let i = schema.own_property(name)?;
             let before: usize = schema.properties[..i].iter().map(|p| p.scalar.bytes()).sum();
@@ -73,63 +73,63 @@ impl ColourPlace {
     }
 
     /// Types and places of red, green and blue.
-    pub(crate) fn fields(&self) -> [(Scalar, usize); 3] {
+    pub fn fields(&self) -> [(Scalar, usize); 3] {
         self.components.map(|component| (component.scalar, component.at))
     }
 
     /// The name of alpha.
-    pub(crate) fn alpha_name(&self) -> Option<&'static str> {
+    pub fn alpha_name(&self) -> Option<&'static str> {
         self.alpha.and(self.names.last().copied())
     }
 
     /// sRGB from 0 to 1; white for what is not a number.
-    pub(crate) fn shares(&self, record: &[u8]) -> [f64; 3] {
+    pub fn shares(&self, record: &[u8]) -> [f64; 3] {
         self.components.map(|component| held(component.share(record)))
     }
 
     /// sRGB in bytes.
-    pub(crate) fn bytes(&self, record: &[u8]) -> [u8; 3] {
+    pub fn bytes(&self, record: &[u8]) -> [u8; 3] {
         self.shares(record).map(|share| (255.0 * share).round() as u8)
     }
 
     /// Linear light and opacity as glTF has them, in 65,535ths: every byte of sRGB comes back from it.
-    pub(crate) fn linear_words(&self, record: &[u8]) -> [u16; 4] {
+    pub fn linear_words(&self, record: &[u8]) -> [u16; 4] {
         let [r, g, b] = self.shares(record).map(linear_word);
         let alpha = self.alpha.map_or(1.0, |alpha| held(alpha.share(record)));
         [r, g, b, (65_535.0 * alpha).round() as u16]
     }
 
     /// Returns whether a component has a value that had to be clamped, by more than rounding.
-    pub(crate) fn is_clamped(&self, record: &[u8]) -> bool {
+    pub fn is_clamped(&self, record: &[u8]) -> bool {
         self.components.iter().any(|component| is_outside(component.share(record)))
     }
 }
 
 /// Returns whether a share is not a number, or outside of 0 to 1 by more than half a byte's step.
-pub(crate) fn is_outside(share: f64) -> bool {
+pub fn is_outside(share: f64) -> bool {
     !(-0.5 / 255.0..=1.0 + 0.5 / 255.0).contains(&share)
 }
 
 /// A share from 0 to 1; white where there is none.
-pub(crate) fn held(share: f64) -> f64 {
+pub fn held(share: f64) -> f64 {
     if share.is_nan() { 1.0 } else { share.clamp(0.0, 1.0) }
 }
 
 /// sRGB in linear light, in 65,535ths.
-pub(crate) fn linear_word(share: f64) -> u16 {
+pub fn linear_word(share: f64) -> u16 {
     // White stays exact.
     let light = if share < 1.0 { linear_of_srgb(share) } else { 1.0 };
     (light * 65_535.0).round() as u16
 }
 
 /// The byte of sRGB of linear light.
-pub(crate) fn srgb_byte(light: f64) -> u8 {
+pub fn srgb_byte(light: f64) -> u8 {
     (255.0 * srgb_of_linear(held(light))).round() as u8
 }
 
 /// Values of colour components of one file, on the way to their value of full intensity.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct ColourSurvey {
+pub struct ColourSurvey {
     n_positive: u64,
     n_above_unit: u64,
     n_above_byte: u64,
@@ -139,7 +139,7 @@ pub(crate) struct ColourSurvey {
 
 impl ColourSurvey {
     /// Takes a value in.
-    pub(crate) fn add(&mut self, value: f64) {
+    pub fn add(&mut self, value: f64) {
         if value > 0.0 && value.is_finite() {
             self.n_positive += 1;
             self.n_above_unit += u64::from(value > 1.0);
@@ -153,7 +153,7 @@ impl ColourSurvey {
     ///
     /// A few values above the range do not make another one: it is the smallest that holds half of all that is not black. Values
     /// with fractions below 8 are shares of 1 that were exposed too much, since as bytes they would all be black.
-    pub(crate) fn white_of_floats(&self) -> u32 {
+    pub fn white_of_floats(&self) -> u32 {
         let is_more = |n: u64| 2 * n > self.n_positive;
         if !is_more(self.n_above_unit) || (self.has_fractions && self.most < 8.0) {
             return 1;
@@ -162,7 +162,7 @@ impl ColourSurvey {
     }
 
     /// The value of full intensity of a type; `None` for that of the type itself.
-    pub(crate) fn white(&self, scalar: Scalar) -> Option<u32> {
+    pub fn white(&self, scalar: Scalar) -> Option<u32> {
         let white = match scalar {
             Scalar::U8 | Scalar::I8 => return None,
             Scalar::F32 | Scalar::F64 => self.white_of_floats(),
@@ -179,7 +179,7 @@ impl ColourSurvey {
 }
 
 /// Names of the components that a survey looks at, for each colour that a schema may have.
-pub(crate) fn surveyed(schema: &VertexSchema) -> Option<([usize; 3], Option<usize>)> {
+pub fn surveyed(schema: &VertexSchema) -> Option<([usize; 3], Option<usize>)> {
     let find = |name: &str| schema.own_property(name);
     let found =
         NAMES.iter().find_map(|[r, g, b, a]| Some(([find(r)?, find(g)?, find(b)?], find(a))));

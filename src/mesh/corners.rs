@@ -4,7 +4,7 @@ use std::hint::select_unpredictable;
 
 /// The two other corners of a triangle, in its sense of rotation.
 #[inline(always)]
-pub(crate) fn others(triangle: [u32; 3], v: u32) -> (u32, u32) {
+pub fn others(triangle: [u32; 3], v: u32) -> (u32, u32) {
     // Which corner it is cannot be predicted.
     let [x, y, z] = triangle;
     let (first, second) = (x == v, y == v);

@@ -9,18 +9,18 @@ use std::collections::BTreeMap;
 
 /// Triangles over the same three vertices as an earlier one.
 #[derive(Debug, Default)]
-pub(crate) struct Repeats {
+pub struct Repeats {
     /// In the same sense of rotation as an earlier one.
-    pub(crate) same: Vec<u32>,
+    pub same: Vec<u32>,
     /// The first that is turned over against those before it.
-    pub(crate) reversed: Vec<u32>,
+    pub reversed: Vec<u32>,
 }
 
 impl Repeats {
     /// Adds what repeats among `known`: triangles by number, each with a key that is the same for all that may
     /// repeat each other, in order. `oriented`: a triangle's vertices in its sense of rotation, as `from_least`
     /// has them.
-    pub(crate) fn add(&mut self, known: &[([u32; 3], u32)], oriented: impl Fn(u32) -> [u32; 3]) {
+    pub fn add(&mut self, known: &[([u32; 3], u32)], oriented: impl Fn(u32) -> [u32; 3]) {
         for alike in known.chunk_by(|a, b| a.0 == b.0).filter(|alike| alike.len() > 1) {
             let first = oriented(alike[0].1);
             let mut is_met = false;
@@ -39,7 +39,7 @@ impl Repeats {
 ///
 /// `all`: every triangle at these edges, `reversed` included, once. `is_known`: whether all triangles of a
 /// vertex are in `all`; a triangle none of whose edges has such an end counts as a flap.
-pub(crate) fn flaps(
+pub fn flaps(
     reversed: &[[u32; 3]],
     all: impl Iterator<Item = [u32; 3]>,
     is_known: impl Fn(u32) -> bool,
@@ -81,7 +81,7 @@ pub(crate) fn flaps(
 
 /// True if four fifths of a mesh are there twice, turned over: a sheet whose faces were written for both sides. Those that
 /// are turned over tell nothing, and with them every edge has four triangles and no collapse is legal.
-pub(crate) fn is_two_sided(n_reversed: usize, n_triangles: usize) -> bool {
+pub fn is_two_sided(n_reversed: usize, n_triangles: usize) -> bool {
     2 * n_reversed as u64 * 10 >= 8 * n_triangles as u64 && n_reversed >= LEAST_TWO_SIDED
 }
 
@@ -92,7 +92,7 @@ const LEAST_TWO_SIDED: usize = 16;
 ///
 /// One that is turned over and belongs to a second sheet stays, unless the whole mesh is two-sided. Memory while it runs: 20 bytes a
 /// triangle.
-pub(crate) fn drop_repeats(triangles: &mut Vec<[u32; 3]>) -> u64 {
+pub fn drop_repeats(triangles: &mut Vec<[u32; 3]>) -> u64 {
     let mut keys: Vec<([u32; 3], u32)> = (0u32..)
         .zip(&*triangles)
         .map(|(i, t)| {
@@ -128,7 +128,7 @@ pub(crate) fn drop_repeats(triangles: &mut Vec<[u32; 3]>) -> u64 {
 }
 
 /// A triangle with its least corner first, in its sense of rotation.
-pub(crate) fn from_least(t: [u32; 3]) -> [u32; 3] {
+pub fn from_least(t: [u32; 3]) -> [u32; 3] {
     let mut t = t;
     let least = (0..3).min_by_key(|&i| t[i]).unwrap_or(0);
     t.rotate_left(least);

@@ -7,19 +7,19 @@
 //! vertices and back. Does not read files (`io::survey_faces`, `io::faces_to_vertices`) and does not write them
 //! (`write`).
 
-use crate::mesh::codec::VertexCodec;
-use crate::mesh::property::{Origin, Property, Scalar};
-use crate::mesh::record::VertexSchema;
+use crate::codec::VertexCodec;
+use crate::property::{Origin, Property, Scalar};
+use crate::record::VertexSchema;
 use serde::{Deserialize, Serialize};
 
 /// A colour, and a label, that would make more than this many vertices of one are not a region:
 /// docs/design/attributes.md.
-pub(crate) const MAX_COLOUR_VERTICES: f64 = 1.5;
+pub const MAX_COLOUR_VERTICES: f64 = 1.5;
 /// The same for a label.
-pub(crate) const MAX_LABEL_VERTICES: f64 = 2.5;
+pub const MAX_LABEL_VERTICES: f64 = 2.5;
 
 /// Below this many faces everything that may be a region is one: a cube has a colour a side.
-pub(crate) const FEW_FACES: u64 = 1000;
+pub const FEW_FACES: u64 = 1000;
 
 /// Fate of a property of faces.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -82,7 +82,7 @@ impl FacePropertyPlan {
     }
 
     /// Leaves a property out.
-    pub(crate) fn drop_property(&mut self, name: &str, reason: &'static str) {
+    pub fn drop_property(&mut self, name: &str, reason: &'static str) {
         for property in self.properties.iter_mut().filter(|p| p.property.name == name) {
             (property.how, property.reason) = (FacePolicy::Dropped, reason);
         }
@@ -116,7 +116,7 @@ impl FacePropertyPlan {
     }
 
     /// Packs the values that go to vertices, of a face's `values` in the order of the input.
-    pub(crate) fn pack(&self, values: &[u8], out: &mut Vec<u8>) {
+    pub fn pack(&self, values: &[u8], out: &mut Vec<u8>) {
         let mut at = 0;
         for property in &self.properties {
             let end = at + property.property.scalar.bytes();
@@ -128,7 +128,7 @@ impl FacePropertyPlan {
     }
 
     /// The same of those that make regions.
-    pub(crate) fn pack_region(&self, values: &[u8], out: &mut Vec<u8>) {
+    pub fn pack_region(&self, values: &[u8], out: &mut Vec<u8>) {
         let mut at = 0;
         for property in &self.properties {
             let end = at + property.property.scalar.bytes();
@@ -140,7 +140,7 @@ impl FacePropertyPlan {
     }
 
     /// The properties of a face of the output from the packed values that went to vertices.
-    pub(crate) fn unpack(&self, moved: &[u8], out: &mut Vec<u8>) {
+    pub fn unpack(&self, moved: &[u8], out: &mut Vec<u8>) {
         let mut at = 0;
         for property in self.written() {
             if property.is_moved() {
@@ -155,7 +155,7 @@ impl FacePropertyPlan {
 }
 
 /// Makes one value of several: colours and measures are averaged, labels chosen.
-pub(crate) struct FaceMixer {
+pub struct FaceMixer {
     codec: VertexCodec,
     position_bytes: usize,
     value_bytes: usize,
@@ -169,7 +169,7 @@ pub(crate) struct FaceMixer {
 
 impl FaceMixer {
     /// For the values that `carry` moves to vertices.
-    pub(crate) fn new(carry: &FacePropertyPlan) -> FaceMixer {
+    pub fn new(carry: &FacePropertyPlan) -> FaceMixer {
         let properties = carry.moved().map(FaceProperty::at_vertices).collect();
         let schema = VertexSchema { coordinate: Scalar::F32, properties };
         let (mut at, mut labels) = (0, Vec::new());
@@ -195,12 +195,12 @@ impl FaceMixer {
     }
 
     /// Bytes of the packed values.
-    pub(crate) fn value_bytes(&self) -> usize {
+    pub fn value_bytes(&self) -> usize {
         self.value_bytes
     }
 
     /// Begins with the first of several values; its labels are those of the mixture.
-    pub(crate) fn begin(&mut self, values: &[u8]) {
+    pub fn begin(&mut self, values: &[u8]) {
         self.sums.fill((0.0, 0));
         self.record.clear();
         self.record.resize(self.position_bytes, 0);
@@ -209,7 +209,7 @@ impl FaceMixer {
     }
 
     /// Adds one value; non-finite values are ignored.
-    pub(crate) fn add(&mut self, values: &[u8]) {
+    pub fn add(&mut self, values: &[u8]) {
         if self.sums.is_empty() {
             return;
         }
@@ -226,7 +226,7 @@ impl FaceMixer {
     }
 
     /// Appends the mixture.
-    pub(crate) fn end(&mut self, out: &mut Vec<u8>) {
+    pub fn end(&mut self, out: &mut Vec<u8>) {
         self.codec.decode_channels(&self.record, &mut self.channels);
         for (channel, &(sum, n)) in self.channels.iter_mut().zip(&self.sums) {
             if n > 0 {
@@ -240,7 +240,7 @@ impl FaceMixer {
 
     /// Appends the value of a triangle from those of its corners: the mean, and labels that two agree on, or
     /// else the first's.
-    pub(crate) fn of_corners(&mut self, corners: [&[u8]; 3], out: &mut Vec<u8>) {
+    pub fn of_corners(&mut self, corners: [&[u8]; 3], out: &mut Vec<u8>) {
         self.begin(corners[0]);
         self.add(corners[1]);
         self.add(corners[2]);
@@ -257,7 +257,7 @@ impl FaceMixer {
 
 /// Numbers of regions: dense as long as there are few.
 #[derive(Default)]
-pub(crate) struct Regions {
+pub struct Regions {
     known: std::collections::HashMap<Vec<u8>, i32>,
 }
 
@@ -269,7 +269,7 @@ impl Regions {
 
     /// The number of the region with these values. Beyond 65,536 different values it is a hash: two regions
     /// that touch are taken for one with a probability of 6e-8, and then their border is not kept.
-    pub(crate) fn number(&mut self, values: &[u8]) -> i32 {
+    pub fn number(&mut self, values: &[u8]) -> i32 {
         if let Some(&number) = self.known.get(values) {
             return number;
         }

@@ -3,16 +3,16 @@
 //! All decisions are signs of determinants, by the adaptive predicates of Shewchuk 1997 (crate `robust`). Corners are
 //! compared by place, never by index. Takes triangles whose corners are not on one line (`is_flat`).
 
-use crate::mesh::vec3::Vec3;
+use crate::vec3::Vec3;
 use robust::{Coord, Coord3D, orient2d, orient3d};
 use std::cmp::Ordering::{self, Equal, Greater, Less};
 
 /// Corners of a triangle, in any order.
-pub(crate) type Corners = [Vec3; 3];
+pub type Corners = [Vec3; 3];
 
 /// Relation of two triangles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Meeting {
+pub enum Meeting {
     /// No common point but corners and edges that both have.
     None,
     /// A common point besides these.
@@ -56,12 +56,12 @@ impl View {
 }
 
 /// Returns whether the corners of a triangle are on one line.
-pub(crate) fn is_flat(t: &Corners) -> bool {
+pub fn is_flat(t: &Corners) -> bool {
     View::of(t).is_none()
 }
 
 /// Decides how two triangles meet.
-pub(crate) fn meet(a: &Corners, b: &Corners) -> Meeting {
+pub fn meet(a: &Corners, b: &Corners) -> Meeting {
     let mut shared = [(0, 0); 3];
     let mut n = 0;
     for (i, own) in a.iter().enumerate() {

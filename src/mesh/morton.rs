@@ -1,7 +1,7 @@
 //! Morton codes: places along a space-filling curve.
 
 /// Puts two zero bits before each of the lowest ten bits of `x`.
-pub(crate) fn spread(x: u32) -> u32 {
+pub fn spread(x: u32) -> u32 {
     let x = x & 0x3FF;
     let x = (x | x << 16) & 0x0300_00FF;
     let x = (x | x << 8) & 0x0300_F00F;

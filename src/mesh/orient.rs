@@ -7,13 +7,13 @@
 const LOOKED_AT: u32 = 8;
 
 /// Bytes that `orient` takes for each triangle where something is found: sides, and pairs of neighbours.
-pub(crate) const TRIANGLE_BYTES: u64 = 84;
+pub const TRIANGLE_BYTES: u64 = 84;
 
 /// Turns triangles so that neighbours agree; of each component those that are fewer. Returns how many.
 ///
 /// Edges of more than two triangles do not connect. A component that cannot be turned right as a whole is left unless fewer edges
 /// disagree afterwards. Memory: `TRIANGLE_BYTES` a triangle where something is found, else one a vertex.
-pub(crate) fn orient(triangles: &mut [[u32; 3]], n_vertices: usize) -> u64 {
+pub fn orient(triangles: &mut [[u32; 3]], n_vertices: usize) -> u64 {
     if !disagrees(triangles, n_vertices) {
         return 0;
     }
@@ -106,7 +106,7 @@ fn pairs(triangles: &[[u32; 3]]) -> Vec<(u32, u32, bool)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::Mesh;
+    use crate::Mesh;
 
     /// A closed ball of 2 n (n - 1) triangles.
     fn ball(n: u32) -> Mesh {

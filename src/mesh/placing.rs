@@ -52,14 +52,14 @@ impl Placing {
     }
 
     /// The image of a point.
-    pub(crate) fn point(&self, p: [f64; 3]) -> [f64; 3] {
+    pub fn point(&self, p: [f64; 3]) -> [f64; 3] {
         let m = &self.columns;
         // The products of an axis that only changes its sign are exact, so a turn by a right angle is.
         [0, 1, 2].map(|r| m[r] * p[0] + m[4 + r] * p[1] + m[8 + r] * p[2] + m[12 + r])
     }
 
     /// Rows of the matrix that turns normals: cofactors, with the sign that keeps them outside where faces are turned around.
-    pub(crate) fn of_normals(&self) -> [[f64; 3]; 3] {
+    pub fn of_normals(&self) -> [[f64; 3]; 3] {
         let m = |r: usize, c: usize| self.columns[4 * c + r];
         let sign = if self.determinant() < 0.0 { -1.0 } else { 1.0 };
         [0, 1, 2].map(|r| {
@@ -79,7 +79,7 @@ impl Placing {
 
     /// The offset to subtract from a mesh with these bounds: whole numbers with few digits for a mesh of more than 1,
     /// otherwise multiples of a power of 2, so that it is exact.
-    pub(crate) fn offset(bounds: &Bounds) -> [f64; 3] {
+    pub fn offset(bounds: &Bounds) -> [f64; 3] {
         if bounds.is_empty() {
             return [0.0; 3];
         }
@@ -106,18 +106,18 @@ impl Placing {
 const OFFSET: &str = "offset: ";
 
 /// The comment on an offset.
-pub(crate) fn offset_comment(offset: [f64; 3]) -> String {
+pub fn offset_comment(offset: [f64; 3]) -> String {
     let words = offset_words(offset);
     format!("{words} (subtracted from all coordinates; add it to return to those of the input)")
 }
 
 /// The offset alone, short enough for the header of an STL file.
-pub(crate) fn offset_words([x, y, z]: [f64; 3]) -> String {
+pub fn offset_words([x, y, z]: [f64; 3]) -> String {
     format!("{OFFSET}{x} {y} {z}")
 }
 
 /// The sum of the offsets that comments name, if there are any.
-pub(crate) fn offset_in(comments: &[String]) -> Option<[f64; 3]> {
+pub fn offset_in(comments: &[String]) -> Option<[f64; 3]> {
     let mut found = None;
     for comment in comments {
         // The name of a solid of STL, which is its only comment.

@@ -74,7 +74,7 @@ impl Property {
 }
 
 /// Reads a scalar at byte `at` of a little-endian record as a double; 64-bit integers are rounded.
-pub(crate) fn read_scalar(scalar: Scalar, record: &[u8], at: usize) -> f64 {
+pub fn read_scalar(scalar: Scalar, record: &[u8], at: usize) -> f64 {
     fn bytes<const N: usize>(record: &[u8], at: usize) -> [u8; N] {
         record[at..at + N].try_into().expect("the slice has N bytes")
     }
@@ -93,7 +93,7 @@ pub(crate) fn read_scalar(scalar: Scalar, record: &[u8], at: usize) -> f64 {
 }
 
 /// Writes a value at byte `at` of a little-endian record; integers are rounded and clamped.
-pub(crate) fn write_scalar(scalar: Scalar, record: &mut [u8], at: usize, value: f64) {
+pub fn write_scalar(scalar: Scalar, record: &mut [u8], at: usize, value: f64) {
     let place = &mut record[at..at + scalar.bytes()];
     match scalar {
         Scalar::I8 => place.copy_from_slice(&(value.round() as i8).to_le_bytes()),

@@ -28,12 +28,12 @@ impl VertexSchema {
     }
 
     /// The index of a property that came with the vertices themselves; those that came from faces have the names of faces.
-    pub(crate) fn own_property(&self, name: &str) -> Option<usize> {
+    pub fn own_property(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|p| p.origin == Origin::Vertex && p.name == name)
     }
 
     /// Says what the last properties are. Panics if their types are others than before.
-    pub(crate) fn set_last(&mut self, properties: Vec<Property>) {
+    pub fn set_last(&mut self, properties: Vec<Property>) {
         let own = self.properties.len().checked_sub(properties.len()).expect("there are as many");
         let types = |list: &[Property]| list.iter().map(|p| p.scalar).collect::<Vec<_>>();
         assert_eq!(types(&self.properties[own..]), types(&properties), "types stay");
@@ -42,7 +42,7 @@ impl VertexSchema {
     }
 
     /// Says which property locks vertices without being one of the input.
-    pub(crate) fn set_lock(&mut self, name: &str) {
+    pub fn set_lock(&mut self, name: &str) {
         if let Some(i) = self.own_property(name) {
             self.properties[i].origin = Origin::Lock;
         }
@@ -50,7 +50,7 @@ impl VertexSchema {
 
     /// Type and place in a record of the property that locks vertices: that of this name, or the one that is not the
     /// input's.
-    pub(crate) fn lock_place(&self, name: Option<&str>) -> Option<(Scalar, usize)> {
+    pub fn lock_place(&self, name: Option<&str>) -> Option<(Scalar, usize)> {
         let i = match name {
             Some(name) => self.own_property(name)?,
             None => self.properties.iter().position(|p| p.origin == Origin::Lock)?,

@@ -9,7 +9,7 @@ use super::bounds::Bounds;
 use super::vec3::{Vec3, sub};
 
 /// Boxes by the faces of the cube, which are at -1 and 1; empty where nothing is seen.
-pub(crate) type Faces = [Bounds; 6];
+pub type Faces = [Bounds; 6];
 
 /// Parts nearer than this share of the farthest coordinate may be seen anywhere.
 const NEAREST: f64 = 1e-6;
@@ -24,7 +24,7 @@ const MOST: usize = 16;
 const WHOLE: Bounds = Bounds { low: [-2.0; 3], high: [2.0; 3] };
 
 /// Projects a triangle, or a segment, onto the faces around `eye`.
-pub(crate) fn seen(eye: Vec3, corners: &[Vec3]) -> Faces {
+pub fn seen(eye: Vec3, corners: &[Vec3]) -> Faces {
     let mut from = [[0.0; 3]; 3];
     let n = corners.len().min(3);
     from.iter_mut().zip(corners).for_each(|(from, corner)| *from = sub(*corner, eye));
@@ -75,7 +75,7 @@ pub(crate) fn seen(eye: Vec3, corners: &[Vec3]) -> Faces {
 }
 
 /// Projects a triangle onto the faces around a place that may be a corner of it: then the edge opposite of that.
-pub(crate) fn seen_of(eye: Vec3, corners: &[Vec3; 3]) -> Faces {
+pub fn seen_of(eye: Vec3, corners: &[Vec3; 3]) -> Faces {
     let [a, b, c] = *corners;
     match corners.iter().position(|corner| *corner == eye) {
         Some(0) => seen(eye, &[b, c]),
@@ -88,7 +88,7 @@ pub(crate) fn seen_of(eye: Vec3, corners: &[Vec3; 3]) -> Faces {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::meeting::{Meeting, is_flat, meet};
+    use crate::meeting::{Meeting, is_flat, meet};
 
     /// Few values, so that corners, edges and planes are common at times.
     #[test]

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Vertices of more triangles are hubs: what is found by a walk around other vertices is found in another way there, or not
 /// looked for. Scans have none.
-pub(crate) const HUB: usize = 256;
+pub const HUB: usize = 256;
 
 /// Loops of fewer steps are not counted.
 const LEAST: usize = 64;
@@ -16,7 +16,7 @@ static TAKEN: AtomicU64 = AtomicU64::new(0);
 
 /// Counts the steps of one loop.
 #[inline(always)]
-pub(crate) fn count(n: usize) {
+pub fn count(n: usize) {
     if n >= LEAST {
         add(n as u64);
     }

@@ -4,8 +4,8 @@
 //! `TopologyCounter`, which settles it once all cells have come. `of_triangles` does both for a mesh in
 //! memory. Looks at vertex ids alone: positions, and thereby welding, are none of its business.
 
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::mesh::union_find::Union;
+use crate::global_vertex::GlobalVertex;
+use crate::union_find::Union;
 /// Connectivity in numbers, as `info --check` and `measure` report it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]

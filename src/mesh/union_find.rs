@@ -7,24 +7,24 @@
 
 /// The sets that 0 to n - 1 belong to.
 #[derive(Default)]
-pub(crate) struct Union {
+pub struct Union {
     parent: Vec<u32>,
 }
 
 impl Union {
     /// Each of `n` numbers for itself.
-    pub(crate) fn new(n: usize) -> Self {
+    pub fn new(n: usize) -> Self {
         Union { parent: (0..n as u32).collect() }
     }
 
     /// Starts again with `n` numbers, keeping the memory.
-    pub(crate) fn reset(&mut self, n: usize) {
+    pub fn reset(&mut self, n: usize) {
         self.parent.clear();
         self.parent.extend(0..n as u32);
     }
 
     /// The least number of the set; the path to it becomes shorter.
-    pub(crate) fn root(&mut self, mut v: u32) -> u32 {
+    pub fn root(&mut self, mut v: u32) -> u32 {
         while self.parent[v as usize] != v {
             let above = self.parent[self.parent[v as usize] as usize];
             self.parent[v as usize] = above;
@@ -34,13 +34,13 @@ impl Union {
     }
 
     /// Makes two sets one.
-    pub(crate) fn join(&mut self, a: u32, b: u32) {
+    pub fn join(&mut self, a: u32, b: u32) {
         let (a, b) = (self.root(a), self.root(b));
         self.parent[a.max(b) as usize] = a.min(b);
     }
 
     /// For each number the root of its set.
-    pub(crate) fn into_roots(mut self) -> Vec<u32> {
+    pub fn into_roots(mut self) -> Vec<u32> {
         // What is above a number is less than it, and final by then.
         for v in 0..self.parent.len() {
             self.parent[v] = self.parent[self.parent[v] as usize];

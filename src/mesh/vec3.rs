@@ -9,71 +9,68 @@ use std::ops::{Add, Mul, Sub};
 pub type Vec3 = [f64; 3];
 
 /// f32 or f64.
-pub(crate) trait Real:
-    Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
-{
-}
+pub trait Real: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {}
 
 impl Real for f32 {}
 impl Real for f64 {}
 
 /// The sum of two vectors.
 #[inline(always)]
-pub(crate) fn add<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+pub fn add<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
 /// The first vector less the second.
 #[inline(always)]
-pub(crate) fn sub<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+pub fn sub<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 /// A vector times a number.
 #[inline(always)]
-pub(crate) fn scale<T: Real>(a: [T; 3], s: T) -> [T; 3] {
+pub fn scale<T: Real>(a: [T; 3], s: T) -> [T; 3] {
     [a[0] * s, a[1] * s, a[2] * s]
 }
 
 /// The scalar product.
 #[inline(always)]
-pub(crate) fn dot<T: Real>(a: [T; 3], b: [T; 3]) -> T {
+pub fn dot<T: Real>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// The vector product.
 #[inline(always)]
-pub(crate) fn cross<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+pub fn cross<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 /// The square of the length.
 #[inline(always)]
-pub(crate) fn length_sq<T: Real>(a: [T; 3]) -> T {
+pub fn length_sq<T: Real>(a: [T; 3]) -> T {
     dot(a, a)
 }
 
 /// Twice the area times the unit normal of a triangle.
 #[inline(always)]
-pub(crate) fn normal<T: Real>(corners: [[T; 3]; 3]) -> [T; 3] {
+pub fn normal<T: Real>(corners: [[T; 3]; 3]) -> [T; 3] {
     cross(sub(corners[1], corners[0]), sub(corners[2], corners[0]))
 }
 
 /// The unit vector along `a`; `None` for one without a direction.
-pub(crate) fn unit(a: Vec3) -> Option<Vec3> {
+pub fn unit(a: Vec3) -> Option<Vec3> {
     let length = length_sq(a).sqrt();
     (length > 0.0 && length.is_finite()).then(|| a.map(|x| x / length))
 }
 
 /// Returns the place of the nearest point to `p` on the segment from `a` (0) to `b` (1); 0.5 on a point.
-pub(crate) fn along(p: Vec3, a: Vec3, b: Vec3) -> f64 {
+pub fn along(p: Vec3, a: Vec3, b: Vec3) -> f64 {
     let edge = sub(b, a);
     let edge_sq = length_sq(edge);
     if edge_sq > 0.0 { (dot(sub(p, a), edge) / edge_sq).clamp(0.0, 1.0) } else { 0.5 }
 }
 
 /// Squared distance of a point from a triangle.
-pub(crate) fn triangle_distance_sq(p: Vec3, [a, b, c]: [Vec3; 3]) -> f64 {
+pub fn triangle_distance_sq(p: Vec3, [a, b, c]: [Vec3; 3]) -> f64 {
     let (ab, ac, ap) = (sub(b, a), sub(c, a), sub(p, a));
     let n = cross(ab, ac);
     let n_sq = length_sq(n);

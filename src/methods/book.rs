@@ -4,11 +4,11 @@
 //! direction is that of its flattest partner. The two that are nearest to each other on the circle are neighbours there, so one queue of
 //! neighbours is enough.
 
-use crate::mesh::steps::count;
-use crate::mesh::vec3::{Vec3, cross, dot, sub, unit};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::f64::consts::{PI, TAU};
+use stonecut_mesh::steps::count;
+use stonecut_mesh::vec3::{Vec3, cross, dot, sub, unit};
 
 /// A page: its angle, half a turn off if it is forward, and the caller's number.
 struct Page {

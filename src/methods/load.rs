@@ -1,12 +1,12 @@
 //! A source as a whole in memory, and the records of the vertices that a result keeps something of.
 
-use crate::error::Result;
-use crate::io::ply::{FaceBlock, MeshSource, VertexBlock};
-use crate::mesh::duplicate_triangles::drop_repeats;
-use crate::mesh::orient::{TRIANGLE_BYTES, orient};
-use crate::mesh::vec3::Vec3;
-use crate::system::progress::Progress;
 use std::collections::BTreeMap;
+use stonecut_io::ply::{FaceBlock, MeshSource, VertexBlock};
+use stonecut_mesh::duplicate_triangles::drop_repeats;
+use stonecut_mesh::orient::{TRIANGLE_BYTES, orient};
+use stonecut_mesh::vec3::Vec3;
+use stonecut_system::error::Result;
+use stonecut_system::progress::Progress;
 
 /// Positions in input units, triangles, and faults that were left out.
 pub(super) struct Loaded {

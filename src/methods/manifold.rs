@@ -5,10 +5,10 @@
 //! cutting after Gueziec et al. 1998 (docs/references.md).
 
 use super::book::pair_pages;
-use crate::mesh::steps::HUB;
-use crate::mesh::union_find::Union;
-use crate::mesh::vec3::{Vec3, dot, length_sq, normal};
 use std::collections::VecDeque;
+use stonecut_mesh::steps::HUB;
+use stonecut_mesh::union_find::Union;
+use stonecut_mesh::vec3::{Vec3, dot, length_sq, normal};
 
 /// A side of a triangle: its ends, the lower one first, and the corner at which it begins.
 type Side = ([u32; 2], u32);

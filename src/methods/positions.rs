@@ -4,11 +4,11 @@
 //! faces lie in the file in an order like that of their vertices; `Positions::order` finds out before the work. The
 //! memory changes the number of readings, never a value.
 
-use crate::error::Result;
-use crate::io::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
-use crate::mesh::property::Scalar;
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
+use stonecut_io::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
+use stonecut_mesh::property::Scalar;
+use stonecut_system::error::Result;
 
 /// Pairs of consecutive blocks of faces that are sampled to see the order of the file.
 const SAMPLED_PAIRS: u64 = 24;

@@ -2,7 +2,7 @@
 //!
 //! Everything is in units of cells, relative to the centre of the cell, so that no constant depends on the input's units.
 
-use crate::mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub};
+use stonecut_mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub};
 
 /// Singular values below this share of the largest one count as 0: across them the point stays at the mean
 /// (Lindstrom 2000, section 3.2). 0.02 costs 13 % of error on a noisy scan (docs/results/methods.md).

@@ -98,7 +98,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let config = &settled(config, texture);
     config.targets().try_for_each(|target| target.check(source.n_triangles()))?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
-    config.attributes.weights.check(&codec.channel_kinds(source.schema()))?;
+    config.attributes.weights.check(&codec.channel_kinds(source.schema())).map_err(Error::Usage)?;
     check_error_field(&source, config)?;
     check_range(&source, &config.output, config.format)?;
     let mut plan = Plan::new(&source, config)?;

@@ -1,6 +1,6 @@
 //! Columns of bytes: numbers of one kind together, each byte of them in its own column, each column compressed.
 
-use crate::error::Result;
+use stonecut_system::error::Result;
 
 /// Strong enough: higher levels gain below 1 % on columns of small differences, and cost twice the time.
 const LEVEL: i32 = 9;

@@ -4,12 +4,12 @@
 
 use super::columns::MOST_BYTES;
 use super::rows::Rows;
-use crate::error::{Error, Result};
-use crate::io::ply::raw::RawFile;
-use crate::system::pending_file::PendingFile;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
+use stonecut_io::ply::raw::RawFile;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::pending_file::PendingFile;
 use xxhash_rust::xxh3::xxh3_64;
 
 const MAGIC: &[u8; 8] = b"stncutpm";

@@ -6,7 +6,7 @@
 
 use super::replay::{Around, Replay};
 use super::rows::Rows;
-use crate::mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub};
+use stonecut_mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub};
 
 /// Axes at a place, and what is guessed there.
 pub(super) struct Frame {

@@ -5,7 +5,7 @@
 //! the next.
 
 use super::replay::NONE;
-use crate::kernel::{Cursor, History, Step};
+use stonecut_kernel::{Cursor, History, Step};
 
 /// Steps in a block in the order of the run.
 const BLOCK: usize = 1 << 15;

@@ -2,7 +2,7 @@
 
 use super::read::Refiner;
 use super::replay::NONE;
-use crate::error::Result;
+use stonecut_system::error::Result;
 
 /// Vertices or triangles that are handed over at a time.
 const BLOCK: usize = 1 << 16;

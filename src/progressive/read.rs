@@ -6,11 +6,11 @@ use super::replay::{Ranks, Replay};
 use super::rows::Rows;
 use super::step_reader::{StepReader, Taken};
 use super::steps::Layout;
-use crate::error::{Error, Result};
-use crate::io::ply::raw::RawFile;
-use crate::mesh::record::VertexSchema;
-use crate::system::units::show_bytes;
 use std::path::Path;
+use stonecut_io::ply::raw::RawFile;
+use stonecut_mesh::record::VertexSchema;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::units::show_bytes;
 
 /// No block holds more vertices, triangles or steps.
 const MOST_IN_BLOCK: u32 = 1 << 20;

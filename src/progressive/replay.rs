@@ -3,7 +3,7 @@
 //! The writer and the reader take the same steps on it, so that a step can be told relative to what is there. It checks
 //! nothing: `steps` does, where bytes come in.
 
-use crate::mesh::corners::others;
+use stonecut_mesh::corners::others;
 
 /// The end of a list; a vertex or a triangle that is gone.
 pub(super) const NONE: u32 = u32::MAX;

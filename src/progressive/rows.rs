@@ -1,10 +1,10 @@
 //! Values of vertices as they lie in a progressive mesh: exactly, or floats as steps between their extremes.
 
 use super::columns::{Planes, unzigzag, zigzag};
-use crate::mesh::property::{Scalar, read_scalar, write_scalar};
-use crate::mesh::record::VertexSchema;
-use crate::mesh::vec3::Vec3;
 use serde::{Deserialize, Serialize};
+use stonecut_mesh::property::{Scalar, read_scalar, write_scalar};
+use stonecut_mesh::record::VertexSchema;
+use stonecut_mesh::vec3::Vec3;
 
 /// A component of a row: of a position, or a property.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -269,7 +269,7 @@ fn disordered(scalar: Scalar, x: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::property::Property;
+    use stonecut_mesh::property::Property;
 
     fn schema() -> VertexSchema {
         let list = [Scalar::U8, Scalar::I16, Scalar::F64, Scalar::U64, Scalar::F32];

@@ -9,10 +9,10 @@ use super::replay::Replay;
 use super::rows::Rows;
 use super::step_reader::{OwnSplit, Taken};
 use super::steps::Other;
-use crate::error::Result;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::colours::ColourPlace;
-use crate::mesh::vec3::Vec3;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::colours::ColourPlace;
+use stonecut_mesh::vec3::Vec3;
+use stonecut_system::error::Result;
 
 /// The first bytes; the last one is the version.
 const MAGIC: [u8; 8] = *b"stncuts2";

@@ -8,7 +8,7 @@ use super::steps::{
     MOST_IN_BYTE, OTHER, Other, PLACES_BYTES, SPLIT, Split, arc_column, carry_out, carry_out_other,
     first_key, side, turned,
 };
-use crate::error::Result;
+use stonecut_system::error::Result;
 
 /// No step changes more triangles or vertices than this, besides those around a vertex.
 const MOST_OTHERS: u32 = 1 << 16;

@@ -11,8 +11,8 @@ use super::replay::{NONE, Replay};
 use super::rows::Rows;
 use super::step_reader::{OwnSplit, Taken};
 use super::steps::Other;
-use crate::error::{Error, Result};
-use crate::mesh::vec3::{Vec3, cross, dot, length_sq, scale, sub, triangle_distance_sq};
+use stonecut_mesh::vec3::{Vec3, cross, dot, length_sq, scale, sub, triangle_distance_sq};
+use stonecut_system::error::{Error, Result};
 
 /// An eye and what it may see of an error.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -8,12 +8,12 @@ use super::order;
 use super::replay::{NONE, Ranks, Replay};
 use super::rows::{Extremes, Rows};
 use super::steps::{Layout, Other, Spent, Split, StepWriter};
-use crate::error::{Error, Result};
-use crate::kernel::{Cursor, History, Step};
-use crate::mesh::record::VertexSchema;
-use crate::mesh::vec3::Vec3;
-use crate::system::pending_file::{PendingFile, Place};
 use std::collections::BTreeMap;
+use stonecut_kernel::{Cursor, History, Step};
+use stonecut_mesh::record::VertexSchema;
+use stonecut_mesh::vec3::Vec3;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::pending_file::{PendingFile, Place};
 
 /// Vertices or triangles of the base in a block.
 const BASE_BLOCK: usize = 1 << 16;

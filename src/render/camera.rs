@@ -3,9 +3,9 @@
 //! Camera space: x right, y up, z towards the viewer, origin at the point looked at.
 
 use super::vector::symmetric_eigen;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::vec3::unit;
-use crate::mesh::vec3::{Vec3, add, cross, dot, scale, sub};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::unit;
+use stonecut_mesh::vec3::{Vec3, add, cross, dot, scale, sub};
 
 /// Tangent of half the vertical angle of view: about 24 degrees in all, a portrait lens.
 const TAN_HALF_VIEW: f64 = 0.21;

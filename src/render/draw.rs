@@ -11,13 +11,13 @@ use super::skin::Skins;
 use super::vector::smoothstep;
 use super::vertices::{PlacedVertex, Vertices, vertex_bytes};
 use super::view::{Aim, Direction, Lighting, Resources, Sphere, View, per_pixel};
-use crate::error::{Error, Result};
-use crate::io::ply::FaceLook;
-use crate::mesh::vec3::unit;
-use crate::mesh::vec3::{Vec3, add, dot, normal, scale};
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
-use crate::system::units::{memory_word, show_bytes};
+use stonecut_io::ply::FaceLook;
+use stonecut_mesh::vec3::unit;
+use stonecut_mesh::vec3::{Vec3, add, dot, normal, scale};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
+use stonecut_system::units::{memory_word, show_bytes};
 
 /// Width of edge lines in pixels.
 const LINE_WIDTH: f32 = 0.9;

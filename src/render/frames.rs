@@ -5,8 +5,8 @@
 
 use super::raster::{Corner, Sample};
 use super::turn::tangent_of;
-use crate::mesh::vec3::{add, cross, scale, sub, unit};
 use crate::texture::{FrameCorner, Tangent, tangents, unpacked};
+use stonecut_mesh::vec3::{add, cross, scale, sub, unit};
 
 /// Triangles whose frames are computed together at most.
 pub(super) const MOST_TRIANGLES: u64 = 4_000_000;

@@ -3,11 +3,11 @@
 use super::picture::{Letters, Picture, text_width};
 use super::scene::find;
 use super::view::Scale;
-use crate::error::{Error, Result};
-use crate::io::ply::{MeshSource, VertexBlock};
-use crate::mesh::property::{Origin, read_scalar};
-use crate::mesh::viridis::viridis;
-use crate::system::progress::Progress;
+use stonecut_io::ply::{MeshSource, VertexBlock};
+use stonecut_mesh::property::{Origin, read_scalar};
+use stonecut_mesh::viridis::viridis;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::progress::Progress;
 
 /// The share of vertices that the scale covers; the few beyond it have the colour of its end.
 const COVERED: f64 = 0.999;

@@ -1,8 +1,8 @@
 //! A finished picture: PNG out, side by side with others, captions.
 
-use crate::error::{Error, Result};
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster};
 use std::path::Path;
+use stonecut_system::error::{Error, Result};
 
 /// Pixels between pictures that stand side by side.
 const GAP: u32 = 2;
@@ -56,7 +56,7 @@ impl Picture {
 
     /// Writes the picture as a PNG file, whole or not at all.
     pub fn write_png(&self, path: &Path) -> Result<()> {
-        crate::system::pending_file::write_whole(path, &self.to_png()?)
+        stonecut_system::pending_file::write_whole(path, &self.to_png()?)
     }
 
     /// Pictures from left to right, each under its caption; shorter ones are centred.

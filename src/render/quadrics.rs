@@ -7,9 +7,9 @@
 
 use super::shade::tone;
 use super::vector::symmetric_eigen;
-use crate::mesh::Mesh;
-use crate::mesh::vec3::unit;
-use crate::mesh::vec3::{Vec3, add, cross, dot, normal, scale, sub};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::vec3::unit;
+use stonecut_mesh::vec3::{Vec3, add, cross, dot, normal, scale, sub};
 
 /// Half-axes are at most this many mean edge lengths of the vertex.
 const LONGEST: f64 = 0.85;

@@ -1,12 +1,12 @@
 //! Meshes to render, block by block: in memory or on disk.
 
 use super::view::{Coloring, View};
-use crate::error::Result;
-use crate::io::ply::{BLOCK_ROWS, FaceBlock, FaceLooks, MeshSource, VertexBlock};
-use crate::mesh::Mesh;
-use crate::mesh::colours::ColourPlace;
-use crate::mesh::property::{Origin, Scalar, read_scalar};
-use crate::mesh::viridis::viridis;
+use stonecut_io::ply::{BLOCK_ROWS, FaceBlock, FaceLooks, MeshSource, VertexBlock};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::colours::ColourPlace;
+use stonecut_mesh::property::{Origin, Scalar, read_scalar};
+use stonecut_mesh::viridis::viridis;
+use stonecut_system::error::Result;
 
 /// A block of vertices as the renderer wants them.
 #[derive(Default)]

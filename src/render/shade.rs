@@ -8,12 +8,12 @@ use super::camera::Camera;
 use super::picture::Picture;
 use super::raster::{Frame, Sample};
 use super::vector::smoothstep;
-use crate::error::Result;
-use crate::mesh::oklab::{linear_of_srgb, srgb_of_linear};
-use crate::mesh::vec3::unit;
-use crate::mesh::vec3::{dot, scale, sub};
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
+use stonecut_mesh::oklab::{linear_of_srgb, srgb_of_linear};
+use stonecut_mesh::vec3::unit;
+use stonecut_mesh::vec3::{dot, scale, sub};
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
 
 /// Rows of pixels that are shaded together.
 const BAND: usize = 16;

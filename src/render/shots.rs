@@ -6,13 +6,13 @@ use super::picture::Picture;
 use super::scene::{OnDisk, find};
 use super::skin::Skins;
 use super::view::{Aim, Coloring, Resources, View, per_pixel};
-use crate::error::Result;
-use crate::io::materials::{Alpha, MapKind, Material};
-use crate::io::ply::MeshSource;
-use crate::mesh::vec3::{add, cross, scale, unit};
-use crate::system::losses::{Ledger, Loss, LossKind};
-use crate::system::progress::Progress;
 use crate::texture::{ImageCache, Palette, Purpose};
+use stonecut_io::materials::{Alpha, MapKind, Material};
+use stonecut_io::ply::MeshSource;
+use stonecut_mesh::vec3::{add, cross, scale, unit};
+use stonecut_system::error::Result;
+use stonecut_system::losses::{Ledger, Loss, LossKind};
+use stonecut_system::progress::Progress;
 
 /// Share of the memory beside the frame that decoded images take, and the least of it.
 const IMAGE_SHARE: u64 = 3;

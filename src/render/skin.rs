@@ -5,13 +5,13 @@
 
 use super::frames::bent;
 use super::raster::{Frame, Sample};
-use crate::error::Result;
-use crate::mesh::oklab::srgb_of_linear;
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
 use crate::texture::{Decoded, ImageCache, Light, MapUse, Paint, Palette};
 use std::collections::BTreeSet;
 use std::sync::Arc;
+use stonecut_mesh::oklab::srgb_of_linear;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
 
 /// Samples that are coloured at a time, and by one thread.
 const STRETCH: usize = 1 << 20;

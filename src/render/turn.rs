@@ -1,6 +1,6 @@
 //! A direction across a normal as its turn around it: two bytes of a sample instead of twelve.
 
-use crate::mesh::vec3::{Vec3, add, dot, scale, unit};
+use stonecut_mesh::vec3::{Vec3, add, dot, scale, unit};
 
 /// Steps of a turn around the normal.
 const STEPS: f64 = 65_536.0;

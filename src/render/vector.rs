@@ -1,6 +1,6 @@
 //! Smooth steps, and main directions of symmetric matrices.
 
-use crate::mesh::vec3::Vec3;
+use stonecut_mesh::vec3::Vec3;
 
 /// A smooth step from 0 at `from` to 1 at `to`.
 pub(super) fn smoothstep(from: f32, to: f32, x: f32) -> f32 {
@@ -43,7 +43,7 @@ pub(super) fn symmetric_eigen(mut matrix: [Vec3; 3]) -> [(f64, Vec3); 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::vec3::dot;
+    use stonecut_mesh::vec3::dot;
 
     #[test]
     fn eigenvectors_rebuild_the_matrix() {

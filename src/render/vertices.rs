@@ -8,12 +8,12 @@
 
 use super::camera::Camera;
 use super::scene::{Points, Scene};
-use crate::error::{Error, Result};
-use crate::io::ply::BLOCK_ROWS;
-use crate::mesh::vec3::{dot, unit};
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
-use crate::system::units::show_bytes;
+use stonecut_io::ply::BLOCK_ROWS;
+use stonecut_mesh::vec3::{dot, unit};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
+use stonecut_system::units::show_bytes;
 
 /// Mean number of reads of a vertex block above which the file counts as shuffled.
 const MOST_READS: u64 = 12;

@@ -2,7 +2,7 @@
 
 use super::camera::Camera;
 use super::raster::SAMPLE_BYTES;
-use crate::error::{Error, Result};
+use stonecut_system::error::{Error, Result};
 
 /// Limit in bytes of the samples of a frame; beyond it each pixel gets fewer.
 const FRAME_BYTES: usize = 400 << 20;

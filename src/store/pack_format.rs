@@ -4,10 +4,10 @@
 //! cell and carries its own checksums, so that a pack can be re-indexed from its chunks after a crash. A
 //! sealed pack ends with an index of its chunks.
 
-use crate::error::{Error, Result};
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::store::cell_id::CellId;
+use crate::cell_id::CellId;
 use std::path::Path;
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_system::error::{Error, Result};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// First bytes of every pack: name, then version.

@@ -1,17 +1,17 @@
 //! Output vertex layout: the properties that are written, without texture that is at corners, and normals.
 
 use crate::config::Normals;
-use crate::mesh::property::{Origin, Property, REACH, Scalar, write_scalar};
-use crate::mesh::record::VertexSchema;
 use std::ops::Range;
+use stonecut_mesh::property::{Origin, Property, REACH, Scalar, write_scalar};
+use stonecut_mesh::record::VertexSchema;
 
 /// The components of a normal.
 const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
 
 /// Plan of turning records into records of the output.
-pub(crate) struct Shape {
+pub struct Shape {
     /// The layout of the output's records.
-    pub(crate) schema: VertexSchema,
+    pub schema: VertexSchema,
     /// Bytes of a record that are kept, in order.
     kept: Vec<Range<usize>>,
     /// Type and place of the components of a new normal.
@@ -23,7 +23,7 @@ pub(crate) struct Shape {
 impl Shape {
     /// Leaves out the last `n_texture` properties. New normals take the place of old ones, or come last. With
     /// `has_reach` the distance from the input follows, as one more property.
-    pub(crate) fn new(
+    pub fn new(
         schema: &VertexSchema,
         n_texture: usize,
         normals: Normals,
@@ -75,13 +75,7 @@ impl Shape {
     }
 
     /// Appends the output's record.
-    pub(crate) fn put(
-        &self,
-        record: &[u8],
-        normal: Option<[f64; 3]>,
-        reach: f32,
-        out: &mut Vec<u8>,
-    ) {
+    pub fn put(&self, record: &[u8], normal: Option<[f64; 3]>, reach: f32, out: &mut Vec<u8>) {
         let start = out.len();
         for range in &self.kept {
             out.extend_from_slice(&record[range.clone()]);

@@ -1,9 +1,9 @@
 //! Context of every stage besides its own input: the job, the counters, threads and memory.
 
-use crate::store::job::Job;
-use crate::system::disk::Disk;
-use crate::system::progress::Progress;
+use crate::job::Job;
 use std::time::Duration;
+use stonecut_system::disk::Disk;
+use stonecut_system::progress::Progress;
 
 /// The surroundings of a stage. None of it may reach a result.
 #[derive(Clone, Copy, Debug)]

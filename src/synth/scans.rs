@@ -8,7 +8,7 @@ use super::noise::{gauss, hash2, noise3, signed3, unit};
 use super::sculpture::Sculpture;
 use super::sliced::{BlockCounts, Sliced};
 use super::surface::{Vertex, unit_vector};
-use crate::mesh::vec3::{cross, dot};
+use stonecut_mesh::vec3::{cross, dot};
 
 /// Triangles of one patch of a large set: about what a structured-light scanner takes at once.
 const PATCH_TRIANGLES: u64 = 800_000;

@@ -4,11 +4,11 @@
 //! size, so every bucket of the result knows beforehand how many records it gets: the temporary file is
 //! laid out bucket after bucket, filled in any order, and then read, sorted and written bucket by bucket.
 
-use crate::error::{Error, Result};
-use crate::system::disk::scratch_file;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use stonecut_system::disk::scratch_file;
+use stonecut_system::error::{Error, Result};
 
 /// Bytes of a bucket: what is sorted in memory at once.
 const BUCKET_BYTES: u64 = 32 << 20;
@@ -108,7 +108,7 @@ impl Shuffler {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::synth::permutation::Permutation;
+    use crate::permutation::Permutation;
 
     #[test]
     fn records_come_back_by_place_over_many_buckets() {

@@ -5,9 +5,9 @@
 //! surface. Three looks at everything (count, vertices, faces) cost time, not memory.
 
 use super::surface::{Surface, Vertex};
-use crate::error::Result;
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
 
 /// Counts of one block.
 #[derive(Clone, Copy, Debug, Default)]

@@ -6,8 +6,8 @@
 
 use super::noise::hash2;
 use super::permutation::Permutation;
-use crate::mesh::vec3::length_sq;
 use std::ops::Range;
+use stonecut_mesh::vec3::length_sq;
 
 /// Rows in a block, where a surface does not say otherwise: large enough to amortise a thread's start, small enough that
 /// some dozen of them are nothing against any memory budget.

@@ -4,11 +4,11 @@
 //! block's place in the file is fixed before any thread begins.
 
 use super::surface::{Surface, Vertex};
-use crate::error::Result;
-use crate::mesh::property::{Property, Scalar};
-use crate::mesh::record::VertexSchema;
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
+use stonecut_mesh::property::{Property, Scalar};
+use stonecut_mesh::record::VertexSchema;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
 
 /// Properties of a vertex in the file, besides its position in floats.
 #[derive(Clone, Copy, Debug)]

@@ -3,10 +3,10 @@
 use super::shuffle::Shuffler;
 use super::surface::Order;
 use super::write::Stream;
-use crate::error::Result;
-use crate::io::MeshSink;
-use crate::system::disk::folder_of;
 use std::path::Path;
+use stonecut_io::MeshSink;
+use stonecut_system::disk::folder_of;
+use stonecut_system::error::Result;
 
 /// Writes all vertices and then all faces in random order, by way of a temporary file beside the output.
 pub(super) fn write_shuffled(

@@ -3,7 +3,7 @@
 //! For writing: the owner fills the next buffer while the system copies the last one. Nothing but the time depends on it.
 
 use crate::error::{Error, Result};
-use crate::system::parallel::guarded;
+use crate::parallel::guarded;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;

@@ -197,7 +197,7 @@ impl Ledger {
     }
 
     /// True if a loss of the same things for the same reason is known.
-    pub(crate) fn knows(&self, loss: &Loss) -> bool {
+    pub fn knows(&self, loss: &Loss) -> bool {
         self.entries.iter().any(|known| known.is_like(loss))
     }
 

@@ -2,9 +2,9 @@
 //!
 //! For pictures of one command, and for what stands beside an output. A file that was there before is never removed.
 
+use crate::disk::{Disk, folder_of};
 use crate::error::Result;
-use crate::system::disk::{Disk, folder_of};
-use crate::system::pending_file::Seen;
+use crate::pending_file::Seen;
 use std::path::{Path, PathBuf};
 
 /// New files and folders; removed when dropped before `keep`.

@@ -5,8 +5,8 @@
 //! the work becomes an error here (`guarded`), so that a fault of ours ends a run like any other failure.
 
 use crate::error::{Error, Result};
-use crate::system::memory::give_back;
-use crate::system::progress::Progress;
+use crate::memory::give_back;
+use crate::progress::Progress;
 use crossbeam::channel::bounded;
 use std::collections::BTreeMap;
 use std::sync::{Condvar, Mutex, PoisonError};

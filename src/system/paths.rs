@@ -6,9 +6,9 @@
 //! wrote. docs/design/paths.md gives the reasons. Nothing is created here but nameless files, to see whether a
 //! folder takes files.
 
+use crate::disk::{folder_of, kind_of, open_input, scratch_file};
 use crate::error::{Error, Remedy, Result};
-use crate::system::disk::{folder_of, kind_of, open_input, scratch_file};
-use crate::system::pending_file::refuse_irregular;
+use crate::pending_file::refuse_irregular;
 use std::ffi::OsString;
 use std::io::Read;
 use std::os::unix::fs::MetadataExt;

@@ -5,8 +5,8 @@
 //! writer, and what dead writers have left is removed by the next one. Only a regular file is ever replaced.
 //! `paths` decides before which paths a command may write at all.
 
+use crate::disk::{Disk, DiskFile, folder_of, kind_of};
 use crate::error::{Error, Result};
-use crate::system::disk::{Disk, DiskFile, folder_of, kind_of};
 use serde::{Deserialize, Serialize};
 use std::ffi::{OsStr, OsString};
 use std::fs::File;
@@ -173,7 +173,7 @@ impl Out {
 }
 
 /// A file that gets its name in `finish`; dropped before, nothing of it stays.
-pub(crate) struct PendingFile {
+pub struct PendingFile {
     place: Place,
     /// The hidden name that the file has now, if it has one.
     temporary: Option<PathBuf>,

@@ -5,13 +5,13 @@
 use super::elements::{Elements, Number};
 use super::json::{Document, SparsePart};
 use super::{meshopt, sparse};
-use crate::error::{Error, Result};
-use crate::io::materials::Part;
-use crate::io::open_options::StageOptions;
-use crate::io::ply::raw::RawFile;
+use crate::materials::Part;
+use crate::open_options::StageOptions;
+use crate::ply::raw::RawFile;
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
+use stonecut_system::error::{Error, Result};
 
 /// Distance of elements in bytes, at most; glTF allows 252.
 const MAX_STRIDE: u64 = 4096;

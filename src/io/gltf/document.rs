@@ -1,7 +1,7 @@
 //! The JSON of a GLB file that is written: primitives in one buffer, each with its vertices and its indices.
 
 use super::materials_out::{BASIS, OutImages, WEBP, materials};
-use crate::io::materials::TexturePlan;
+use crate::materials::TexturePlan;
 use serde_json::{Value, json};
 
 // Numbers that glTF 2.0 gives to types of components, uses of buffers and kinds of primitives.

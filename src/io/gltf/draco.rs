@@ -5,10 +5,10 @@
 use super::buffers::Buffers;
 use super::elements::Elements;
 use super::json::{Document, Draco, Primitive};
-use crate::error::Result;
-use crate::io::open_options::StageOptions;
-use crate::io::ply::raw::RawFile;
+use crate::open_options::StageOptions;
+use crate::ply::raw::RawFile;
 use std::collections::{BTreeMap, HashMap};
+use stonecut_system::error::Result;
 
 /// A primitive after it was unpacked.
 #[derive(Clone)]
@@ -51,9 +51,9 @@ fn unpack(
     buffers: &mut Buffers,
     options: &StageOptions,
 ) -> Result<Unpacked> {
-    use crate::system::parallel::guarded;
-    use crate::system::units::show_bytes;
     use draco_core::{DecodeLimits, DecoderBuffer, ErrorKind, Mesh, MeshDecoder};
+    use stonecut_system::parallel::guarded;
+    use stonecut_system::units::show_bytes;
 
     let view = draco.buffer_view;
     let part = buffers.view(view)?;

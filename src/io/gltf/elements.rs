@@ -1,10 +1,10 @@
 //! Elements of an accessor: numbers of a type at equal distances in a file, read a block at a time.
 
 use super::json::Accessor;
-use crate::error::Result;
-use crate::io::materials::Part;
-use crate::io::ply::raw::RawFile;
+use crate::materials::Part;
+use crate::ply::raw::RawFile;
 use std::sync::Arc;
+use stonecut_system::error::Result;
 
 /// Elements that are read at once.
 pub(super) const BLOCK: u64 = 16_384;

@@ -5,8 +5,8 @@ use super::buffers::Buffers;
 use super::elements::{BLOCK, Elements};
 use super::json::{Document, Instances};
 use super::scene::{MAX_PLACED, Placed, Placement, placed};
-use crate::error::Result;
-use crate::io::ply::raw::RawFile;
+use crate::ply::raw::RawFile;
+use stonecut_system::error::Result;
 
 /// Parts of the place of an instance: name, numbers, and values where there are none.
 const PARTS: [(&str, &[f64]); 3] =

@@ -4,12 +4,12 @@
 //! faces; joined vertices keep the order of the first. Charts stay apart: positions are often rounded, and joining
 //! all that is in one place then ties sheets together that only lie close (docs/design/textures.md).
 
-use crate::error::Result;
-use crate::io::external_sort::{ExternalSort, halves, whole};
-use crate::io::open_options::StageOptions;
-use crate::io::ply::raw::{RawFile, Spool};
-use crate::mesh::placing::offset_comment;
-use crate::mesh::property::Scalar;
+use crate::external_sort::{ExternalSort, halves, whole};
+use crate::open_options::StageOptions;
+use crate::ply::raw::{RawFile, Spool};
+use stonecut_mesh::placing::offset_comment;
+use stonecut_mesh::property::Scalar;
+use stonecut_system::error::Result;
 
 /// A vertex of the input in its place.
 pub(super) struct VertexRow {
@@ -303,7 +303,7 @@ impl Extras {
         let mut put = |kind: &str, names: &[&str]| {
             names.iter().for_each(|name| text.push_str(&format!("property {kind} {name}\n")));
         };
-        put(crate::io::ply::type_name(self.coordinate), &["x", "y", "z"]);
+        put(crate::ply::type_name(self.coordinate), &["x", "y", "z"]);
         put("float", if self.normal { &["nx", "ny", "nz"] } else { &[] });
         put("uchar", if self.colour { &["red", "green", "blue"] } else { &[] });
         put("uchar", if self.colour && self.alpha { &["alpha"] } else { &[] });

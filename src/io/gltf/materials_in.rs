@@ -2,11 +2,11 @@
 
 use super::buffers::{Buffers, Inline, path_of};
 use super::json::{self, Document, TextureInfo, Transform};
-use crate::error::Result;
-use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
-use crate::io::ply::raw::RawFile;
-use crate::mesh::oklab::srgb_of_linear;
-use crate::system::losses::{Loss, LossKind};
+use crate::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
+use crate::ply::raw::RawFile;
+use stonecut_mesh::oklab::srgb_of_linear;
+use stonecut_system::error::Result;
+use stonecut_system::losses::{Loss, LossKind};
 
 /// Texture coordinates of a material: their set, and their way to those of the image.
 #[derive(Clone, Debug, PartialEq)]

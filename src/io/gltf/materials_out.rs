@@ -1,8 +1,8 @@
 //! Materials and images of a GLB file that is written.
 
-use crate::io::materials::{Alpha, Map, MapKind, Material, Reference, TexturePlan};
-use crate::mesh::oklab::linear_of_srgb;
+use crate::materials::{Alpha, Map, MapKind, Material, Reference, TexturePlan};
 use serde_json::{Map as Object, Value, json};
+use stonecut_mesh::oklab::linear_of_srgb;
 
 /// Materials that faces use, images that the file holds or names, and their places in its lists.
 pub(super) struct OutImages {

@@ -4,17 +4,17 @@
 //! temporary data.
 
 use super::json::Meshopt;
-use crate::error::Result;
-use crate::io::materials::Part;
-use crate::io::open_options::StageOptions;
-use crate::io::ply::raw::RawFile;
-use crate::system::parallel::guarded;
-use crate::system::units::show_bytes;
+use crate::materials::Part;
+use crate::open_options::StageOptions;
+use crate::ply::raw::RawFile;
 use meshopt_rs::index::buffer::decode_index_buffer;
 use meshopt_rs::index::sequence::decode_index_sequence;
 use meshopt_rs::vertex::buffer::decode_vertex_buffer;
 use meshopt_rs::vertex::filter;
 use std::sync::Arc;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::guarded;
+use stonecut_system::units::show_bytes;
 
 /// The unpacked bytes of a view.
 pub(super) fn unpack(

@@ -13,16 +13,16 @@ use super::json::{Document, Primitive};
 use super::materials_in::{self, Coordinates};
 use super::scene::Placement;
 use super::{totals, weigh};
-use crate::error::{Error, Result};
-use crate::io::materials::{Materials, Part};
-use crate::io::open_options::StageOptions;
-use crate::io::ply::Faults;
-use crate::io::ply::raw::RawFile;
-use crate::io::ply::source::{Staged, TextureInfo};
-use crate::mesh::colours::{held, is_outside, srgb_byte};
-use crate::system::losses::{Loss, LossKind};
-use crate::system::units::show_bytes;
+use crate::materials::{Materials, Part};
+use crate::open_options::StageOptions;
+use crate::ply::Faults;
+use crate::ply::raw::RawFile;
+use crate::ply::source::{Staged, TextureInfo};
 use std::sync::Arc;
+use stonecut_mesh::colours::{held, is_outside, srgb_byte};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::losses::{Loss, LossKind};
+use stonecut_system::units::show_bytes;
 
 /// Documents that take no more memory than this are read whatever the budget.
 const MIN_DOCUMENT_BYTES: u64 = 16 << 20;
@@ -41,7 +41,7 @@ const KNOWN: [&str; 9] = [
 ];
 
 /// Returns whether a file begins like GLB, or like the JSON of glTF.
-pub(in crate::io) fn looks_like(first: &[u8]) -> bool {
+pub(crate) fn looks_like(first: &[u8]) -> bool {
     if first.starts_with(b"glTF") {
         return true;
     }
@@ -156,7 +156,7 @@ impl Piece<'_> {
 }
 
 /// Reads a GLB or glTF file into a PLY.
-pub(in crate::io) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
+pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
     let file = Arc::new(file);
     let (document, binary) = document(&file, options)?;
     for name in &document.extensions_required {

@@ -1,8 +1,8 @@
 //! The scene of a glTF file: which mesh stands where.
 
 use super::json::{Document, Node};
-use crate::error::Result;
-use crate::io::ply::raw::RawFile;
+use crate::ply::raw::RawFile;
+use stonecut_system::error::Result;
 
 /// Meshes in a scene, at most.
 pub(super) const MAX_PLACED: usize = 1 << 20;

@@ -3,10 +3,10 @@
 
 use super::elements::{BLOCK, Elements};
 use super::json::Sparse;
-use crate::error::Result;
-use crate::io::materials::Part;
-use crate::io::ply::raw::{RawFile, Spool};
+use crate::materials::Part;
+use crate::ply::raw::{RawFile, Spool};
 use std::sync::Arc;
+use stonecut_system::error::Result;
 
 /// The elements of `base` with some of them replaced, one behind the other; `indices` in rising order, `values` in theirs.
 pub(super) fn filled_in(

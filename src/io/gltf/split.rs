@@ -5,11 +5,11 @@
 //! material is a primitive with its vertices in the order of the mesh, and faces in the order of the mesh.
 
 use super::document::Primitive;
-use crate::error::Result;
-use crate::io::external_sort::{ExternalSort, halves};
-use crate::io::ply::raw::{RawFile, Spool};
-use crate::io::ply::{OutputHeader, TexturedTriangle};
+use crate::external_sort::{ExternalSort, halves};
+use crate::ply::raw::{RawFile, Spool};
+use crate::ply::{OutputHeader, TexturedTriangle};
 use std::path::{Path, PathBuf};
+use stonecut_system::error::Result;
 
 /// Rows of vertices that are read at once.
 const BLOCK_ROWS: u64 = 16_384;

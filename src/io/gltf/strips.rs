@@ -4,8 +4,8 @@
 //! Of the two edges of a new triangle the one at the vertex with fewer triangles left is taken first, so that vertices are
 //! done with early. docs/results/lod.md has the sizes beside other orders.
 
-use crate::mesh::steps::{HUB, count};
 use std::collections::HashMap;
+use stonecut_mesh::steps::{HUB, count};
 
 /// The triangles in that order, each turned so that it begins with the edge that it was reached by.
 pub(super) fn strips(triangles: &[[u32; 3]], n_vertices: usize) -> Vec<[u32; 3]> {

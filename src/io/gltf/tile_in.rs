@@ -4,7 +4,7 @@ use super::json::{Document, View};
 use super::meshopt::decode;
 use super::tile_out::TileMesh;
 use super::tile_scalars::{TileScalar, join_all, number};
-use crate::io::materials::image_size;
+use crate::materials::image_size;
 use std::collections::BTreeMap;
 
 /// A tile as it lies in its file.
@@ -205,7 +205,7 @@ mod tests {
     use super::super::meshopt_out::octahedral;
     use super::super::tile_out::{TileForm, TilePage, encode_tile};
     use super::*;
-    use crate::mesh::property::{Property, Scalar};
+    use stonecut_mesh::property::{Property, Scalar};
 
     type Corner = ([i32; 3], [i8; 3], [u16; 2]);
 

@@ -4,10 +4,10 @@
 //! floats (Khronos, section 3.7.2.1). A number of 4 or 8 bytes becomes the sum of up to three floats, an attribute each. Decides nothing
 //! about the choice of properties.
 
-use crate::mesh::property::{Property, Scalar};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
+use stonecut_mesh::property::{Property, Scalar};
 
 /// Numbers of glTF 2.0 for types of components.
 const I8: u32 = 5120;

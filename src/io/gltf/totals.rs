@@ -5,11 +5,11 @@
 
 use super::json::{Document, Primitive};
 use super::scene::Placed;
-use crate::error::{Error, Remedy, Result};
-use crate::io::open_options::StageOptions;
-use crate::io::ply::raw::RawFile;
-use crate::system::free_space::free_bytes;
-use crate::system::units::{show_bytes, show_count};
+use crate::open_options::StageOptions;
+use crate::ply::raw::RawFile;
+use stonecut_system::error::{Error, Remedy, Result};
+use stonecut_system::free_space::free_bytes;
+use stonecut_system::units::{show_bytes, show_count};
 
 /// Temporary bytes at peak of a vertex and of a corner; see `Joiner`.
 const VERTEX_BYTES: u64 = 128;

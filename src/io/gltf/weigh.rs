@@ -5,7 +5,7 @@
 
 use super::json::{Accessor, Buffer, Image, Material, Mesh, Node, Texture, View};
 use super::scene::Placed;
-use crate::io::materials;
+use crate::materials;
 use std::mem::size_of;
 
 /// A list grows by doubling.
@@ -81,7 +81,7 @@ fn end_of_string(text: &[u8], mut at: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::io::gltf::json::Document;
+    use crate::gltf::json::Document;
 
     #[test]
     fn lists_are_weighed_by_their_elements() {

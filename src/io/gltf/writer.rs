@@ -9,33 +9,33 @@
 use super::document::{Frame, Positions, Primitive, VertexLayout, binary_bytes, describe};
 use super::materials_out::OutImages;
 use super::split::Split;
-use crate::error::{Error, Result};
-use crate::io::by_material::MaterialOf;
-use crate::io::materials::copy_bytes;
-use crate::io::obj::{find_texture, find3};
-use crate::io::ply::raw::{RawFile, Spool};
-use crate::io::ply::{OutputHeader, TexturedTriangle};
-use crate::mesh::colours::ColourPlace;
-use crate::mesh::placing::offset_in;
-use crate::mesh::property::{Scalar, read_scalar};
-use crate::system::disk::folder_of;
-use crate::system::pending_file::{PendingFile, Place};
+use crate::by_material::MaterialOf;
+use crate::materials::copy_bytes;
+use crate::obj::{find_texture, find3};
+use crate::ply::raw::{RawFile, Spool};
+use crate::ply::{OutputHeader, TexturedTriangle};
 use std::path::PathBuf;
+use stonecut_mesh::colours::ColourPlace;
+use stonecut_mesh::placing::offset_in;
+use stonecut_mesh::property::{Scalar, read_scalar};
+use stonecut_system::disk::folder_of;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::pending_file::{PendingFile, Place};
 
 /// Bytes of x, y, z as `u16` and padding.
-pub(in crate::io) const POSITION_BYTES: u64 = 8;
+pub(crate) const POSITION_BYTES: u64 = 8;
 /// Bytes of x, y, z as floats.
-pub(in crate::io) const FLOAT_BYTES: u64 = 12;
+pub(crate) const FLOAT_BYTES: u64 = 12;
 /// Bytes of a colour: red, green, blue and alpha as `u16`.
-pub(in crate::io) const COLOUR_BYTES: u64 = 8;
+pub(crate) const COLOUR_BYTES: u64 = 8;
 /// Bytes of a normal.
-pub(in crate::io) const NORMAL_BYTES: u64 = 4;
+pub(crate) const NORMAL_BYTES: u64 = 4;
 /// Bytes of a tangent, and of a normal beside it.
 const FINE_BYTES: u64 = 8;
 /// Bytes of texture coordinates.
-pub(in crate::io) const TEXTURE_BYTES: u64 = 8;
+pub(crate) const TEXTURE_BYTES: u64 = 8;
 /// Bytes of x, y, z as doubles while they are spooled.
-pub(in crate::io) const SPOOLED_BYTES: usize = 24;
+pub(crate) const SPOOLED_BYTES: usize = 24;
 
 /// Bytes of the file's own header and of those of its two chunks.
 const FRAME_BYTES: u64 = 28;
@@ -396,7 +396,7 @@ fn too_large(header: &OutputHeader) -> Error {
     let images = header.textures.as_ref().map_or(0, |plan| plan.bytes);
     let with = match images {
         0 => String::new(),
-        _ => format!(" and {} of images", crate::system::units::show_bytes(images)),
+        _ => format!(" and {} of images", stonecut_system::units::show_bytes(images)),
     };
     Error::Usage(format!(
         "the output would have {} vertices and {} triangles{with}, more than the 4 GiB of a GLB file; \

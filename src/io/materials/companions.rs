@@ -5,14 +5,14 @@
 use super::images::copy_bytes;
 use super::mtl_text;
 use super::plan::TexturePlan;
-use crate::error::Result;
-use crate::system::disk::{Disk, folder_of};
-use crate::system::made::Made;
-use crate::system::pending_file::{PendingFile, Place, Seen, write_whole};
+use stonecut_system::disk::{Disk, folder_of};
+use stonecut_system::error::Result;
+use stonecut_system::made::Made;
+use stonecut_system::pending_file::{PendingFile, Place, Seen, write_whole};
 
 impl TexturePlan {
     /// Writes all files beside the output; the output itself comes after them, and without it they go again.
-    pub(crate) fn write_sides(&self, disk: &Disk) -> Result<Made> {
+    pub fn write_sides(&self, disk: &Disk) -> Result<Made> {
         let mut made = Made::new(disk);
         for copy in &self.copies {
             made.folder(folder_of(&copy.target))?;
@@ -39,7 +39,7 @@ impl TexturePlan {
     }
 
     /// The library's name as an OBJ file beside it names it.
-    pub(crate) fn library_name(&self) -> Option<String> {
+    pub fn library_name(&self) -> Option<String> {
         let name =
             self.library.as_ref().filter(|_| !self.materials.list.is_empty())?.file_name()?;
         Some(name.to_string_lossy().into_owned())

@@ -2,14 +2,14 @@
 //!
 //! A face names its material by number (`texnumber`). Images are named, never decoded. Does not read or write files.
 
-use crate::io::ply::raw::RawFile;
-use crate::system::losses::{Ledger, Loss};
+use crate::ply::raw::RawFile;
 use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
+use stonecut_system::losses::{Ledger, Loss};
 
 /// The property of faces that holds the number of their material.
-pub(crate) const NUMBER: &str = "texnumber";
+pub const NUMBER: &str = "texnumber";
 
 /// Materials by number, and the images that they name.
 #[derive(Clone, Debug, Default)]
@@ -73,7 +73,7 @@ pub enum Alpha {
 
 impl Alpha {
     /// The value from which on a mask is opaque.
-    pub(crate) fn cutoff(self) -> Option<f32> {
+    pub fn cutoff(self) -> Option<f32> {
         match self {
             Alpha::Mask(from) => Some(from),
             Alpha::Plain | Alpha::Opaque | Alpha::Blend => None,
@@ -96,20 +96,20 @@ pub struct Map {
 
 /// Place of an image among texture coordinates.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct MapPlace {
+pub struct MapPlace {
     /// Coordinates, v upwards, are multiplied by it.
-    pub(crate) scale: [f64; 2],
+    pub scale: [f64; 2],
     /// Added after that.
-    pub(crate) offset: [f64; 2],
+    pub offset: [f64; 2],
     /// The image ends at its border.
-    pub(crate) is_clamped: bool,
+    pub is_clamped: bool,
     /// True if there are options besides.
-    pub(crate) has_others: bool,
+    pub has_others: bool,
 }
 
 impl Map {
     /// The place that options of a material library give it: `-s`, `-o` and `-clamp on`.
-    pub(crate) fn place(&self) -> MapPlace {
+    pub fn place(&self) -> MapPlace {
         let mut out =
             MapPlace { scale: [1.0; 2], offset: [0.0; 2], is_clamped: false, has_others: false };
         let words: Vec<&str> = self.options.split_whitespace().collect();
@@ -157,7 +157,7 @@ pub enum MapKind {
 
 impl MapKind {
     /// The name in messages.
-    pub(crate) fn name(self) -> &'static str {
+    pub fn name(self) -> &'static str {
         match self {
             MapKind::Base => "colour image",
             MapKind::Emissive => "image of emitted light",
@@ -194,11 +194,11 @@ pub enum ImageData {
 #[derive(Clone)]
 pub struct Part {
     /// The file.
-    pub(crate) file: Arc<RawFile>,
+    pub file: Arc<RawFile>,
     /// Its first byte.
-    pub(crate) offset: u64,
+    pub offset: u64,
     /// Its length.
-    pub(crate) n_bytes: u64,
+    pub n_bytes: u64,
 }
 
 impl std::fmt::Debug for ImageData {
@@ -235,14 +235,14 @@ impl Default for Material {
 
 impl Material {
     /// The image of a kind.
-    pub(crate) fn map(&self, kind: MapKind) -> Option<&Map> {
+    pub fn map(&self, kind: MapKind) -> Option<&Map> {
         self.maps.iter().find(|map| map.kind == kind)
     }
 }
 
 impl Materials {
     /// Adds an image, or finds that of the same file.
-    pub(crate) fn add_image(&mut self, image: Image) -> usize {
+    pub fn add_image(&mut self, image: Image) -> usize {
         let next = self.images.len();
         let number = match &image.data {
             ImageData::File(path) => *self.by_path.entry(path.clone()).or_insert(next),
@@ -255,7 +255,7 @@ impl Materials {
     }
 
     /// Materials with one image each, as a PLY file names them; `names` in the same order where they are known.
-    pub(crate) fn of_files(files: &[(String, PathBuf)], names: &[String]) -> Materials {
+    pub fn of_files(files: &[(String, PathBuf)], names: &[String]) -> Materials {
         let mut out = Materials::default();
         for i in 0..files.len().max(names.len()) {
             let mut material = Material::default();
@@ -277,7 +277,7 @@ impl Materials {
     }
 
     /// Gives every material a name that no other has.
-    pub(crate) fn name_all(&mut self) {
+    pub fn name_all(&mut self) {
         let mut taken = HashSet::new();
         // The number that is tried next behind each name: no number is tried twice.
         let mut next: HashMap<String, usize> = HashMap::new();
@@ -299,12 +299,12 @@ impl Materials {
     }
 
     /// Enters a remark on what was found otherwise than it is written.
-    pub(crate) fn note(&mut self, line: impl AsRef<str>) {
+    pub fn note(&mut self, line: impl AsRef<str>) {
         self.lose(Loss::remark(line));
     }
 
     /// Enters what the description has no place for.
-    pub(crate) fn lose(&mut self, loss: Loss) {
+    pub fn lose(&mut self, loss: Loss) {
         self.losses.lose(loss);
     }
 }

@@ -4,9 +4,9 @@
 
 use super::description::ImageData;
 use super::search::is_set_of_tiles;
-use crate::error::{Error, Result};
-use crate::io::ply::raw::RawFile;
+use crate::ply::raw::RawFile;
 use std::path::Path;
+use stonecut_system::error::{Error, Result};
 
 /// Bytes at the beginning that hold the size of any real image.
 const HEAD_BYTES: u64 = 1 << 20;
@@ -22,22 +22,22 @@ const COPY_BYTES: u64 = 1 << 20;
 
 /// Findings of a look at an image.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct ImageFacts {
-    pub(crate) n_bytes: u64,
+pub struct ImageFacts {
+    pub n_bytes: u64,
     /// The type as glTF names it, for the two that every reader of glTF knows, WebP and KTX2.
-    pub(crate) mime: Option<&'static str>,
+    pub mime: Option<&'static str>,
     /// The ending of a file of this type.
-    pub(crate) ending: &'static str,
+    pub ending: &'static str,
     /// Width and height that the header says.
-    pub(crate) size: Option<[u32; 2]>,
+    pub size: Option<[u32; 2]>,
     /// True if a side is longer than programs can show.
-    pub(crate) is_too_large: bool,
+    pub is_too_large: bool,
     /// Reason why other programs may refuse it.
-    pub(crate) fault: Option<String>,
+    pub fault: Option<String>,
 }
 
 /// Looks at an image; an error only says in words why it cannot be used at all.
-pub(crate) fn look(data: &ImageData) -> Result<ImageFacts, String> {
+pub fn look(data: &ImageData) -> Result<ImageFacts, String> {
     let opened;
     let (file, offset, n_bytes) = match data {
         ImageData::Inside(part) => (&*part.file, part.offset, part.n_bytes),
@@ -97,7 +97,7 @@ pub(crate) fn look(data: &ImageData) -> Result<ImageFacts, String> {
 }
 
 /// Width and height of the file of a JPEG or PNG image, which is whole; the error says in words what is wrong with it.
-pub(crate) fn image_size(bytes: &[u8]) -> Result<[u32; 2], String> {
+pub fn image_size(bytes: &[u8]) -> Result<[u32; 2], String> {
     let end_mark: &[u8] = match imagesize::image_type(bytes) {
         Ok(imagesize::ImageType::Png) => b"IEND",
         Ok(imagesize::ImageType::Jpeg) => b"\xff\xd9",
@@ -115,10 +115,7 @@ pub(crate) fn image_size(bytes: &[u8]) -> Result<[u32; 2], String> {
 }
 
 /// Hands the bytes of an image to `each`, a MiB at a time; returns their number.
-pub(crate) fn copy_bytes(
-    data: &ImageData,
-    mut each: impl FnMut(&[u8]) -> Result<()>,
-) -> Result<u64> {
+pub fn copy_bytes(data: &ImageData, mut each: impl FnMut(&[u8]) -> Result<()>) -> Result<u64> {
     let opened;
     let (file, offset, n_bytes) = match data {
         ImageData::Inside(part) => (&*part.file, part.offset, part.n_bytes),

@@ -1,8 +1,8 @@
 //! Parts of materials that a kind of output has no place for.
 
 use super::description::{Alpha, MapKind, Material, Materials};
-use crate::io::output_format::OutputKind;
-use crate::system::losses::{Ledger, Loss, LossKind, Severity};
+use crate::output_format::OutputKind;
+use stonecut_system::losses::{Ledger, Loss, LossKind, Severity};
 
 /// The colour that a material has besides its images.
 const COLOUR: &str = "colour";
@@ -67,7 +67,7 @@ pub(super) fn enter(kind: OutputKind, materials: &Materials, losses: &mut Ledger
 }
 
 /// Colours and lines of a material that are neither in its images nor in what all pages of a bake have in common.
-pub(crate) fn besides_pages(material: &Material) -> Vec<String> {
+pub fn besides_pages(material: &Material) -> Vec<String> {
     const OWN: [&str; 3] = ["ambient colour", "highlights", "emitted light"];
     let colours = traits(material).into_iter().map(|(what, _)| what);
     let mut found: Vec<String> =

@@ -12,11 +12,11 @@ mod mtl_text;
 mod plan;
 mod search;
 
-pub(crate) use description::NUMBER;
+pub use description::NUMBER;
 pub use description::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
-pub(crate) use images::{copy_bytes, image_size, look as look_at_image};
-pub(crate) use losses::besides_pages;
-pub(crate) use mtl::{after_word, read_library, take_ambient_images};
-pub(crate) use plan::{Reference, all_missing, stem};
+pub use images::{copy_bytes, image_size, look as look_at_image};
+pub use losses::besides_pages;
+pub use mtl::{after_word, read_library, take_ambient_images};
+pub use plan::{Reference, all_missing, stem};
 pub use plan::{TextureMode, TexturePlan, TextureRequest};
-pub(crate) use search::{Search, library_beside, plain};
+pub use search::{Search, library_beside, plain};

@@ -4,9 +4,9 @@
 
 use super::description::{Image, ImageData, Map, MapKind, Material, Materials};
 use super::search::{Search, plain};
-use crate::io::encodings;
-use crate::io::text_lines::{parse_number, words};
-use crate::system::losses::{Loss, LossKind};
+use crate::encodings;
+use crate::text_lines::{parse_number, words};
+use stonecut_system::losses::{Loss, LossKind};
 
 /// Words of lines that name an image, and its kind.
 pub(super) const MAPS: [(&str, MapKind); 7] = [
@@ -48,13 +48,13 @@ const OPTIONS: [(&str, usize); 13] = [
 ];
 
 /// Returns the bytes after a line's first word of `n` bytes.
-pub(crate) fn after_word(n: usize, line: &[u8]) -> &[u8] {
+pub fn after_word(n: usize, line: &[u8]) -> &[u8] {
     line.trim_ascii().get(n..).unwrap_or_default().trim_ascii()
 }
 
 /// Reads the materials of a library that `wanted` gives a number, as far as they are not known yet; `images` looks
 /// for files. A material that is there twice is the first. Words are read in any case.
-pub(crate) fn read_library(
+pub fn read_library(
     text: &[u8],
     images: &mut Search,
     wanted: &dyn Fn(&[u8]) -> Option<usize>,
@@ -99,7 +99,7 @@ pub(crate) fn read_library(
 }
 
 /// Takes the image of ambient colour for the colour image where a material has no other: some programs write only that.
-pub(crate) fn take_ambient_images(out: &mut Materials) {
+pub fn take_ambient_images(out: &mut Materials) {
     let mut taken = Vec::new();
     for material in &mut out.list {
         if let (None, Some(ambient)) = (material.map(MapKind::Base), material.map(MapKind::Ambient))

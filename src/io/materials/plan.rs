@@ -6,14 +6,14 @@
 use super::description::{Image, ImageData, MapKind, Materials};
 use super::images::{ImageFacts, is_same, look};
 use super::{losses, mtl_text};
-use crate::error::{Error, Result};
-use crate::io::output_format::OutputKind;
-use crate::system::disk::folder_of;
-use crate::system::losses::{Ledger, Loss, LossKind};
-use crate::system::pending_file::{Seen, refuse_irregular};
+use crate::output_format::OutputKind;
 use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
+use stonecut_system::disk::folder_of;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::losses::{Ledger, Loss, LossKind};
+use stonecut_system::pending_file::{Seen, refuse_irregular};
 
 /// Treatment of images, as `--textures` says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,7 +65,7 @@ pub struct TextureRequest<'a> {
 
 /// Form in which an output refers to an image.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Reference {
+pub enum Reference {
     /// A path relative to the output's folder.
     Path(String),
     /// Its bytes, and their number.
@@ -87,10 +87,10 @@ pub struct TexturePlan {
     /// As the input has them.
     pub materials: Arc<Materials>,
     /// One for each image.
-    pub(crate) references: Vec<Reference>,
+    pub references: Vec<Reference>,
     pub(super) copies: Vec<Copied>,
     /// The material library beside the output.
-    pub(crate) library: Option<PathBuf>,
+    pub library: Option<PathBuf>,
     /// The library as it was found.
     pub(super) library_seen: Option<Seen>,
     /// Missing, damaged and lost parts.
@@ -139,7 +139,7 @@ impl TexturePlan {
     }
 
     /// Materials whose images and library were written by the caller, beside the output.
-    pub(crate) fn given(materials: Materials, library: Option<PathBuf>) -> TexturePlan {
+    pub fn given(materials: Materials, library: Option<PathBuf>) -> TexturePlan {
         let reference = |image: &Image| Reference::Path(image.name.clone());
         TexturePlan {
             references: materials.images.iter().map(reference).collect(),
@@ -301,7 +301,7 @@ impl TexturePlan {
     }
 
     /// The path that the output has for an image.
-    pub(crate) fn path_of(&self, image: usize) -> Option<&str> {
+    pub fn path_of(&self, image: usize) -> Option<&str> {
         match &self.references[image] {
             Reference::Path(path) => Some(path),
             Reference::Embedded(..) | Reference::None => None,
@@ -309,24 +309,24 @@ impl TexturePlan {
     }
 
     /// The path of the colour image of a material.
-    pub(crate) fn base_path(&self, material: usize) -> Option<&str> {
+    pub fn base_path(&self, material: usize) -> Option<&str> {
         self.path_of(self.materials.list[material].map(MapKind::Base)?.image)
     }
 
     /// Returns whether there is more than one material, so that faces need an order.
-    pub(crate) fn has_many(&self) -> bool {
+    pub fn has_many(&self) -> bool {
         self.materials.list.len() > 1
     }
 }
 
 impl Materials {
     /// Returns whether a material has an image of such a kind.
-    pub(crate) fn has_image(&self, of: impl Fn(MapKind) -> bool) -> bool {
+    pub fn has_image(&self, of: impl Fn(MapKind) -> bool) -> bool {
         self.list.iter().any(|material| material.maps.iter().any(|map| of(map.kind)))
     }
 
     /// Paths of the images and libraries that lie in other files.
-    pub(crate) fn files(&self) -> impl Iterator<Item = &Path> {
+    pub fn files(&self) -> impl Iterator<Item = &Path> {
         let images = self.images.iter().filter_map(|image| match &image.data {
             ImageData::File(path) => Some(path.as_path()),
             _ => None,
@@ -346,12 +346,12 @@ impl Materials {
     }
 
     /// Returns whether images are named and none of them can be read.
-    pub(crate) fn lacks_images(&self) -> bool {
+    pub fn lacks_images(&self) -> bool {
         !self.images.is_empty() && self.images.iter().all(|image| look(&image.data).is_err())
     }
 
     /// Refuses an output that would replace an image or a material library of the input, `--force` or not.
-    pub(crate) fn refuse_output(&self, output: &Path) -> Result<()> {
+    pub fn refuse_output(&self, output: &Path) -> Result<()> {
         if is_stream(output) || !output.exists() {
             return Ok(());
         }
@@ -395,7 +395,7 @@ fn decided(request: &TextureRequest) -> Result<TextureMode> {
 }
 
 /// The loss of all images that materials name.
-pub(crate) fn all_missing(n: usize) -> Loss {
+pub fn all_missing(n: usize) -> Loss {
     let what = "none of the images that the mesh names is there";
     let loss = Loss::new(LossKind::Images, what, "").count(n as u64).whole();
     loss.remedy("put them beside it and run again, or give them up with --textures none")
@@ -413,7 +413,7 @@ fn is_own_library(path: &Path) -> bool {
 }
 
 /// The output's name without ending, without blanks, which many readers of materials take for an end.
-pub(crate) fn stem(path: &Path) -> String {
+pub fn stem(path: &Path) -> String {
     let stem =
         path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
     plain(&stem)

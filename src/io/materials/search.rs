@@ -3,7 +3,7 @@
 //! As written first, also with slashes for backslashes, without quotes or a comment behind. Then what the name ends in is
 //! looked for beside the mesh and its library, and at last without regard to case. Says what was taken instead.
 
-use crate::io::encodings;
+use crate::encodings;
 use std::collections::HashMap;
 use std::ffi::{OsStr, OsString};
 use std::os::unix::ffi::OsStrExt;
@@ -19,7 +19,7 @@ const MAX_LISTED: usize = 100_000;
 const UDIM: &str = "<udim>";
 
 /// A search in the folders of a mesh and its material libraries.
-pub(crate) struct Search {
+pub struct Search {
     /// The kind of file, in messages.
     what: &'static str,
     folders: Vec<PathBuf>,
@@ -32,7 +32,7 @@ pub(crate) struct Search {
 
 impl Search {
     /// Looks in these folders, in order.
-    pub(crate) fn new(what: &'static str, folders: &[&Path]) -> Search {
+    pub fn new(what: &'static str, folders: &[&Path]) -> Search {
         let mut list: Vec<PathBuf> = Vec::new();
         for folder in folders {
             if !list.iter().any(|known| known == folder) {
@@ -44,12 +44,12 @@ impl Search {
     }
 
     /// The same search beside another library.
-    pub(crate) fn set_folders(&mut self, folders: &[&Path]) {
+    pub fn set_folders(&mut self, folders: &[&Path]) {
         self.folders = Search::new(self.what, folders).folders;
     }
 
     /// The file of a name in a text; where there is none, the place where it would be.
-    pub(crate) fn find(&mut self, written: &[u8]) -> PathBuf {
+    pub fn find(&mut self, written: &[u8]) -> PathBuf {
         let written = written.trim_ascii();
         let texts = encodings::names(written);
         if let Some(path) = self.as_written(written, &texts) {
@@ -68,7 +68,7 @@ impl Search {
     }
 
     /// A name that a PLY header has, whose bytes may have been taken for Latin-1.
-    pub(crate) fn find_text(&mut self, written: &str) -> PathBuf {
+    pub fn find_text(&mut self, written: &str) -> PathBuf {
         let found = self.find(written.as_bytes());
         if written.is_ascii() || found.is_file() {
             return found;
@@ -78,7 +78,7 @@ impl Search {
     }
 
     /// A line on what was taken, if that was not what is written.
-    pub(crate) fn note(&self) -> Option<String> {
+    pub fn note(&self) -> Option<String> {
         let (name, path) = self.first.as_ref()?;
         let (what, path) = (self.what, path.display());
         let more = match self.n_elsewhere {
@@ -159,8 +159,8 @@ pub(super) fn is_set_of_tiles(path: &Path) -> bool {
 }
 
 /// Material libraries in a folder: that of the mesh's own name, or else the only one.
-pub(crate) fn library_beside(mesh: &Path) -> Option<PathBuf> {
-    let folder = crate::system::disk::folder_of(mesh);
+pub fn library_beside(mesh: &Path) -> Option<PathBuf> {
+    let folder = stonecut_system::disk::folder_of(mesh);
     let names = list(folder);
     let stem = mesh.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
     if let Some(own) = names.get(&format!("{stem}.mtl")) {
@@ -174,7 +174,7 @@ pub(crate) fn library_beside(mesh: &Path) -> Option<PathBuf> {
 }
 
 /// A name without quotes around it, or without the comment behind it.
-pub(crate) fn plain(name: &str) -> String {
+pub fn plain(name: &str) -> String {
     let name = name.trim();
     for quote in ['"', '\''] {
         if let Some((inside, _)) = name.strip_prefix(quote).and_then(|rest| rest.split_once(quote))

@@ -6,4 +6,4 @@ mod writer;
 
 pub(super) use reader::{looks_like, read};
 pub use writer::ObjWriter;
-pub(crate) use writer::{find_texture, find3};
+pub use writer::{find_texture, find3};

@@ -4,23 +4,23 @@
 //! (`texture`); corner normals, groups, lines and points have no place in a simplified mesh, and a note names them.
 
 use super::texture::{NO_MATERIAL, Named, TexturedFaces};
-use crate::error::Result;
-use crate::io::extent::Extent;
-use crate::io::materials::Image;
-use crate::io::open_options::StageOptions;
-use crate::io::ply::header::BYTE_ORDER_MARK;
-use crate::io::ply::raw::RawFile;
-use crate::io::ply::rows::MAX_CORNERS;
-use crate::io::ply::source::{Staged, TextureInfo};
-use crate::io::text_lines::{Lines, parse_number, without_comment, words};
-use crate::mesh::colours::{ColourSurvey, held, is_outside};
-use crate::mesh::property::Scalar;
-use crate::system::losses::{Ledger, Loss, LossKind, Severity};
+use crate::extent::Extent;
+use crate::materials::Image;
+use crate::open_options::StageOptions;
+use crate::ply::header::BYTE_ORDER_MARK;
+use crate::ply::raw::RawFile;
+use crate::ply::rows::MAX_CORNERS;
+use crate::ply::source::{Staged, TextureInfo};
+use crate::text_lines::{Lines, parse_number, without_comment, words};
 use std::borrow::Cow;
 use std::sync::Arc;
+use stonecut_mesh::colours::{ColourSurvey, held, is_outside};
+use stonecut_mesh::property::Scalar;
+use stonecut_system::error::Result;
+use stonecut_system::losses::{Ledger, Loss, LossKind, Severity};
 
 /// Returns whether text begins like an OBJ file: its first word outside of comments is one of OBJ's.
-pub(crate) fn looks_like(first: &[u8]) -> bool {
+pub fn looks_like(first: &[u8]) -> bool {
     const WORDS: [&[u8]; 12] =
         [b"v", b"vn", b"vt", b"vp", b"f", b"o", b"g", b"s", b"mtllib", b"usemtl", b"l", b"p"];
     let first = first.strip_prefix(BYTE_ORDER_MARK).unwrap_or(first);
@@ -191,7 +191,7 @@ fn corner(word: &[u8], n_so_far: u64, n_vertices: u64) -> Option<u64> {
 }
 
 /// Reads an OBJ file into a PLY.
-pub(crate) fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
+pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
     let skip_bad = options.read.skip_bad;
     let summary = Summary::read(file, skip_bad)?;
     let mut staged = Staged::default();
@@ -365,7 +365,7 @@ fn header(summary: &Summary, coordinate: Scalar, coloured: bool, n_faces: u64) -
         text.push_str(&format!("comment {}\n", comment.replace(['\n', '\r'], " ")));
     }
     text.push_str(&format!("element vertex {}\n", summary.n_vertices));
-    let name = crate::io::ply::writer::type_name(coordinate);
+    let name = crate::ply::writer::type_name(coordinate);
     for axis in ["x", "y", "z"] {
         text.push_str(&format!("property {name} {axis}\n"));
     }

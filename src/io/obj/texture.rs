@@ -3,20 +3,20 @@
 //! Coordinates may stand anywhere in the file, so corners find theirs by two sorts on disk: by the number
 //! they name, and back by corner. Materials are described by the libraries beside the file (`io::materials`).
 
-use crate::error::{Error, Result};
-use crate::io::encodings;
-use crate::io::external_sort::{ExternalSort, halves, whole};
-use crate::io::materials::{
+use crate::encodings;
+use crate::external_sort::{ExternalSort, halves, whole};
+use crate::materials::{
     Material, Materials, Search, after_word, library_beside, plain, read_library,
     take_ambient_images,
 };
-use crate::io::open_options::StageOptions;
-use crate::io::ply::raw::{RawFile, Spool};
-use crate::io::text_lines::parse_number;
-use crate::system::disk::folder_of;
-use crate::system::losses::{Loss, LossKind};
+use crate::open_options::StageOptions;
+use crate::ply::raw::{RawFile, Spool};
+use crate::text_lines::parse_number;
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
+use stonecut_system::disk::folder_of;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::losses::{Loss, LossKind};
 
 /// Materials beyond this many are none.
 const MAX_MATERIALS: usize = 65_536;

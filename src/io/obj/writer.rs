@@ -3,19 +3,19 @@
 //! Faces are grouped by material: with more than one, they are sorted before they are written. The library beside
 //! the file is written by `io::materials`.
 
-use crate::error::Result;
-use crate::io::by_material::{ByMaterial, MaterialOf};
-use crate::io::materials::TexturePlan;
-use crate::io::ply::writer::Shortest;
-use crate::io::ply::{OutputHeader, TexturedTriangle};
-use crate::mesh::codec::TEXTURE_NAMES;
-use crate::mesh::colours::ColourPlace;
-use crate::mesh::property::{Scalar, read_scalar};
-use crate::mesh::record::VertexSchema;
-use crate::system::disk::folder_of;
-use crate::system::pending_file::{PendingFile, Place};
+use crate::by_material::{ByMaterial, MaterialOf};
+use crate::materials::TexturePlan;
+use crate::ply::writer::Shortest;
+use crate::ply::{OutputHeader, TexturedTriangle};
 use std::collections::HashMap;
 use std::io::Write;
+use stonecut_mesh::codec::TEXTURE_NAMES;
+use stonecut_mesh::colours::ColourPlace;
+use stonecut_mesh::property::{Scalar, read_scalar};
+use stonecut_mesh::record::VertexSchema;
+use stonecut_system::disk::folder_of;
+use stonecut_system::error::Result;
+use stonecut_system::pending_file::{PendingFile, Place};
 
 /// Triangles whose texture coordinates are written once together.
 const CHUNK: usize = 65_536;
@@ -59,13 +59,13 @@ fn place(schema: &VertexSchema, name: &str) -> Option<(Scalar, usize)> {
 }
 
 /// Types and places in the record of three properties, if all are there.
-pub(crate) fn find3(schema: &VertexSchema, names: [&str; 3]) -> Option<[(Scalar, usize); 3]> {
+pub fn find3(schema: &VertexSchema, names: [&str; 3]) -> Option<[(Scalar, usize); 3]> {
     let [a, b, c] = names.map(|name| place(schema, name));
     Some([a?, b?, c?])
 }
 
 /// Types and places of texture coordinates at vertices.
-pub(crate) fn find_texture(schema: &VertexSchema) -> Option<[(Scalar, usize); 2]> {
+pub fn find_texture(schema: &VertexSchema) -> Option<[(Scalar, usize); 2]> {
     TEXTURE_NAMES.iter().find_map(|[s, t]| Some([place(schema, s)?, place(schema, t)?]))
 }
 

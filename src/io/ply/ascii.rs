@@ -3,13 +3,13 @@
 use super::header::Wire;
 use super::raw::RawFile;
 use super::scan::{Fault, Mark, Scan, Scanned, Window, is_no_number};
-use crate::mesh::property::Scalar;
+use stonecut_mesh::property::Scalar;
 
 /// No number is written with more characters than this.
 const MAX_TOKEN_BYTES: usize = 512;
 
 /// Reads decimal numbers.
-pub(crate) struct AsciiScan<'a> {
+pub struct AsciiScan<'a> {
     window: Window<'a>,
     line: u64,
     line_start: u64,

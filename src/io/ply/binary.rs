@@ -5,10 +5,10 @@ use super::fixed_faces::wire_index;
 use super::header::{Encoding, Wire};
 use super::raw::RawFile;
 use super::scan::{Fault, Mark, Scan, Scanned, Window};
-use crate::mesh::property::{Scalar, write_scalar};
+use stonecut_mesh::property::{Scalar, write_scalar};
 
 /// Reads packed numbers of either byte order.
-pub(crate) struct BinaryScan<'a> {
+pub struct BinaryScan<'a> {
     window: Window<'a>,
     swap: bool,
     last: u64,

@@ -9,7 +9,7 @@ use std::sync::{Mutex, PoisonError};
 
 /// Blocks whose rows were all found to be of the fixed layout.
 #[derive(Debug, Default)]
-pub(crate) struct Checked(Mutex<State>);
+pub struct Checked(Mutex<State>);
 
 #[derive(Debug, Default)]
 struct State {

@@ -2,8 +2,8 @@
 
 use super::source::MeshSource;
 use super::{BLOCK_ROWS, VertexBlock};
-use crate::mesh::colours::{ColourSurvey, surveyed};
-use crate::mesh::property::read_scalar;
+use stonecut_mesh::colours::{ColourSurvey, surveyed};
+use stonecut_mesh::property::read_scalar;
 
 /// Blocks that are looked at; of a larger file as many, evenly spaced.
 const MOST_BLOCKS: u64 = 256;

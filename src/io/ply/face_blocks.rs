@@ -8,8 +8,8 @@ use super::scan::{Fault, Mark, Scan};
 use super::source::MeshSource;
 use super::strips::read_strips;
 use super::{BLOCK_ROWS, FaceBlock};
-use crate::error::Result;
 use std::sync::{Arc, PoisonError};
+use stonecut_system::error::Result;
 
 impl MeshSource {
     /// Reads and checks one block of faces; callable from any thread. Reuses `block`'s memory.

@@ -4,13 +4,13 @@
 //! goes in the record. Rows that already are records are copied whole; all others go column by column.
 
 use super::header::{Element, Encoding, Kind, Wire};
-use crate::error::Error;
-use crate::mesh::property::{Property, Scalar, write_scalar};
-use crate::mesh::record::VertexSchema;
+use stonecut_mesh::property::{Property, Scalar, write_scalar};
+use stonecut_mesh::record::VertexSchema;
+use stonecut_system::error::Error;
 
 /// One number of a row and its place in the record.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Field {
+pub struct Field {
     pub wire: Wire,
     /// Byte offset in a binary row of fixed size.
     pub source: usize,
@@ -22,7 +22,7 @@ pub(crate) struct Field {
 
 /// One step from a property of the vertex element to the record, in header order.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum FieldStep {
+pub enum FieldStep {
     /// The number goes to this field.
     Take(Field),
     /// A list is left out: records have a fixed size.
@@ -31,7 +31,7 @@ pub(crate) enum FieldStep {
 
 /// Plan of turning rows of the vertex element into records.
 #[derive(Debug)]
-pub(crate) struct FieldPlan {
+pub struct FieldPlan {
     pub schema: VertexSchema,
     pub steps: Vec<FieldStep>,
     /// Names of list properties that are not carried.
@@ -156,7 +156,7 @@ fn fits_float(wire: Wire) -> bool {
 }
 
 /// The number at the beginning of `bytes`, as a double.
-pub(crate) fn wire_value(wire: Wire, bytes: &[u8], swap: bool) -> f64 {
+pub fn wire_value(wire: Wire, bytes: &[u8], swap: bool) -> f64 {
     let n = wire.bytes() as usize;
     let mut little = [0u8; 8];
     little[..n].copy_from_slice(&bytes[..n]);
@@ -164,7 +164,7 @@ pub(crate) fn wire_value(wire: Wire, bytes: &[u8], swap: bool) -> f64 {
         little[..n].reverse();
     }
     match wire {
-        Wire::Plain(scalar) => crate::mesh::property::read_scalar(scalar, &little, 0),
+        Wire::Plain(scalar) => stonecut_mesh::property::read_scalar(scalar, &little, 0),
         Wire::F16 => half_to_double(u16::from_le_bytes([little[0], little[1]])),
     }
 }
@@ -190,7 +190,7 @@ const BEYOND: f32 = 1e30;
 const MARKS: [f64; 2] = [f32::MAX as f64, f64::MAX];
 
 /// True for a coordinate of that type that is finite, and not a mark for missing data.
-pub(crate) fn is_place(coordinate: Scalar, x: f64) -> bool {
+pub fn is_place(coordinate: Scalar, x: f64) -> bool {
     match coordinate {
         Scalar::F64 => x.is_finite() && !MARKS.contains(&x.abs()),
         _ => x.abs() < f64::from(BEYOND),
@@ -198,7 +198,7 @@ pub(crate) fn is_place(coordinate: Scalar, x: f64) -> bool {
 }
 
 /// The first record in `records` whose position is not finite, or absurdly far.
-pub(crate) fn first_not_finite(schema: &VertexSchema, records: &[u8]) -> Option<usize> {
+pub fn first_not_finite(schema: &VertexSchema, records: &[u8]) -> Option<usize> {
     let record_bytes = schema.record_bytes();
     match schema.coordinate {
         Scalar::F64 => records.chunks_exact(record_bytes).position(|r| !is_finite_f64(r)),
@@ -229,7 +229,7 @@ fn is_finite_f64(record: &[u8]) -> bool {
 }
 
 /// The message for a coordinate that is not a number.
-pub(crate) fn not_finite(
+pub fn not_finite(
     path: &std::path::Path,
     row: u64,
     place: impl std::fmt::Display,

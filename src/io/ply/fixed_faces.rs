@@ -16,7 +16,7 @@ struct Count {
 
 /// Places of the corners of a triangle in a row of fixed size.
 #[derive(Clone, Debug)]
-pub(crate) struct FixedFaces {
+pub struct FixedFaces {
     /// Bytes a row.
     pub stride: usize,
     corners_at: usize,
@@ -29,7 +29,7 @@ pub(crate) struct FixedFaces {
 
 /// Reason why a block ended early.
 #[derive(Debug, PartialEq, Eq)]
-pub(crate) enum BlockEnd {
+pub enum BlockEnd {
     /// A row's lists have other lengths than the first row's.
     OtherLayout,
     /// This row of the block names a vertex that does not exist.
@@ -85,7 +85,7 @@ impl FixedFaces {
     ///
     /// With `skip_bad`, faces out of range are left out too, and counted in `n_bad`.
     pub fn decode(&self, rows: &[u8], n_vertices: u64, out: &mut Decoded) -> Result<(), BlockEnd> {
-        use crate::mesh::property::Scalar::{I32, U32};
+        use stonecut_mesh::property::Scalar::{I32, U32};
         match (self.index, self.swap) {
             (Wire::Plain(U32), false) => self
                 .rows(rows, n_vertices, out, |b| corners4(b, |v| u64::from(u32::from_le_bytes(v)))),
@@ -135,7 +135,7 @@ impl FixedFaces {
 
 /// Triangles and what was left out on the way.
 #[derive(Debug, Default)]
-pub(crate) struct Decoded {
+pub struct Decoded {
     pub triangles: Vec<[u64; 3]>,
     pub n_degenerate: u64,
     pub n_bad: u64,
@@ -176,7 +176,7 @@ fn corners4(bytes: &[u8], load: impl Fn([u8; 4]) -> u64) -> [u64; 3] {
 }
 
 /// An index of any integer type; a negative one becomes `u64::MAX`, which no vertex has.
-pub(crate) fn wire_index(wire: Wire, bytes: &[u8], swap: bool) -> u64 {
+pub fn wire_index(wire: Wire, bytes: &[u8], swap: bool) -> u64 {
     let n = wire.bytes() as usize;
     let mut little = [0u8; 8];
     little[..n].copy_from_slice(&bytes[..n]);
@@ -187,10 +187,10 @@ pub(crate) fn wire_index(wire: Wire, bytes: &[u8], swap: bool) -> u64 {
     let signed = matches!(
         wire,
         Wire::Plain(
-            crate::mesh::property::Scalar::I8
-                | crate::mesh::property::Scalar::I16
-                | crate::mesh::property::Scalar::I32
-                | crate::mesh::property::Scalar::I64
+            stonecut_mesh::property::Scalar::I8
+                | stonecut_mesh::property::Scalar::I16
+                | stonecut_mesh::property::Scalar::I32
+                | stonecut_mesh::property::Scalar::I64
         )
     );
     if signed && little[n - 1] & 0x80 != 0 { u64::MAX } else { raw }

@@ -10,14 +10,14 @@ use super::rows::{MAX_CORNERS, out_of_range};
 use super::scan::{Fault, Mark, Scan, Scanned};
 use super::source::MeshSource;
 use super::{BLOCK_ROWS, FaceBlock};
-use crate::error::Result;
-use crate::io::materials::NUMBER;
-use crate::mesh::property::{Property, Scalar, read_scalar};
+use crate::materials::NUMBER;
 use std::sync::PoisonError;
+use stonecut_mesh::property::{Property, Scalar, read_scalar};
+use stonecut_system::error::Result;
 
 /// One face.
 #[derive(Debug, Default)]
-pub(crate) struct FullFace {
+pub struct FullFace {
     pub corners: Vec<u64>,
     /// Texture coordinates of each corner; zeros where the face has none.
     pub texture: Vec<[f32; 2]>,
@@ -29,14 +29,14 @@ pub(crate) struct FullFace {
 
 impl MeshSource {
     /// Returns whether the faces have lists of texture coordinates.
-    pub(crate) fn has_corner_texture(&self) -> bool {
+    pub fn has_corner_texture(&self) -> bool {
         let Some(property) = self.texture_property() else { return false };
         let is_list = |kind: &Kind| matches!(kind, Kind::List { .. });
         self.face().properties.iter().any(|p| p.name == property && is_list(&p.kind))
     }
 
     /// Returns whether faces are strips of triangles, which `each_full_face` passes over.
-    pub(crate) fn has_strips(&self) -> bool {
+    pub fn has_strips(&self) -> bool {
         matches!(self.layout.faces, FaceLayout::Strips(_))
     }
 
@@ -70,7 +70,7 @@ impl MeshSource {
     }
 
     /// Calls `each` with number and contents of every face; returns how many of them are bad.
-    pub(crate) fn each_full_face(
+    pub fn each_full_face(
         &self,
         mut each: impl FnMut(u64, &FullFace) -> Result<()>,
     ) -> Result<u64> {

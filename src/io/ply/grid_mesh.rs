@@ -14,8 +14,8 @@ use super::rows::out_of_range;
 use super::scan::{Fault, Scan, Scanned};
 use super::source::MeshSource;
 use super::writer::OutputHeader;
-use crate::error::Result;
-use crate::mesh::vec3::{length_sq, sub};
+use stonecut_mesh::vec3::{length_sq, sub};
+use stonecut_system::error::Result;
 
 /// Edges of the surface, in spacings, at most.
 const LONGEST: f64 = 4.0;
@@ -64,13 +64,13 @@ impl Lengths {
 
 impl MeshSource {
     /// The grid of posts of a file without faces.
-    pub(crate) fn range_grid(&self) -> Option<RangeGrid> {
+    pub fn range_grid(&self) -> Option<RangeGrid> {
         self.layout.grid
     }
 
     /// Writes the same vertices with triangles between the posts as a PLY to `out`; gives back how many posts name no vertex,
     /// which only `skip_bad` allows. Memory: some 100 bytes for each column. `faces`: an empty spool.
-    pub(crate) fn mesh_of_grid(
+    pub fn mesh_of_grid(
         &self,
         grid: RangeGrid,
         mut faces: Spool,

@@ -5,14 +5,14 @@
 //! begins; docs/design/formats.md tells why this is not `ply-rs-bw`.
 
 use super::raw::RawFile;
-use crate::error::Result;
-use crate::mesh::property::Scalar;
+use stonecut_mesh::property::Scalar;
+use stonecut_system::error::Result;
 
 /// A header longer than this is rejected (16 MiB; the longest seen in the wild has a few KiB).
 const MAX_HEADER_BYTES: u64 = 16 << 20;
 
 /// The mark that some editors put before text in UTF-8.
-pub(crate) const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
+pub const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// Encoding of the numbers in the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -38,7 +38,7 @@ impl Encoding {
 
 /// The type of a number in the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Wire {
+pub enum Wire {
     /// A type that records know too.
     Plain(Scalar),
     /// A half-precision float (trimesh); becomes a float.
@@ -104,7 +104,7 @@ impl Wire {
 
 /// Type of a property.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Kind {
+pub enum Kind {
     /// One number.
     Scalar(Wire),
     /// A count, then that many numbers.
@@ -118,7 +118,7 @@ pub(crate) enum Kind {
 
 /// A property line.
 #[derive(Clone, Debug)]
-pub(crate) struct HeaderProperty {
+pub struct HeaderProperty {
     /// Name.
     pub name: String,
     /// Scalar or list, with its types.
@@ -127,7 +127,7 @@ pub(crate) struct HeaderProperty {
 
 /// An element line with its properties.
 #[derive(Clone, Debug)]
-pub(crate) struct Element {
+pub struct Element {
     /// Name: `vertex`, `face`, ...
     pub name: String,
     /// Rows.
@@ -156,7 +156,7 @@ impl Element {
 
 /// A header as it stands in the file.
 #[derive(Clone, Debug)]
-pub(crate) struct Header {
+pub struct Header {
     /// Of the body.
     pub encoding: Encoding,
     /// The text of `comment` lines, in order.
@@ -212,7 +212,7 @@ impl Header {
 }
 
 /// The name that a comment or a line `obj_info` gives to an image: `TextureFile NAME`, also with a colon.
-pub(crate) fn texture_file(line: &str) -> Option<&str> {
+pub fn texture_file(line: &str) -> Option<&str> {
     const WORD: &str = "TextureFile";
     let line = line.trim_start();
     let word = line.get(..WORD.len()).filter(|word| word.eq_ignore_ascii_case(WORD))?;
@@ -294,7 +294,7 @@ impl<'a> Parser<'a> {
         Ok(Some(header))
     }
 
-    fn bad(&self, what: impl std::fmt::Display) -> crate::error::Error {
+    fn bad(&self, what: impl std::fmt::Display) -> stonecut_system::error::Error {
         self.file.bad(format!("header line {}: {what}", self.line))
     }
 

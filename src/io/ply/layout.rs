@@ -13,17 +13,17 @@ use super::raw::RawFile;
 use super::rows::{Blocks, RowIndex, index_rows};
 use super::scan::{Fault, Mark};
 use super::strips::{StripIndex, index_strips};
-use crate::error::{Error, Result};
 use std::sync::{Arc, Mutex};
+use stonecut_system::error::{Error, Result};
 
 /// Runs `$body` with a scan of the file's encoding that stands at `$mark`.
 macro_rules! with_scan {
     ($file:expr, $encoding:expr, $mark:expr, |$scan:ident| $body:expr) => {
-        if $encoding == $crate::io::ply::header::Encoding::Ascii {
-            let mut $scan = $crate::io::ply::ascii::AsciiScan::new($file, $mark);
+        if $encoding == $crate::ply::header::Encoding::Ascii {
+            let mut $scan = $crate::ply::ascii::AsciiScan::new($file, $mark);
             $body
         } else {
-            let mut $scan = $crate::io::ply::binary::BinaryScan::new($file, $encoding, $mark);
+            let mut $scan = $crate::ply::binary::BinaryScan::new($file, $encoding, $mark);
             $body
         }
     };
@@ -34,7 +34,7 @@ pub(crate) use with_scan;
 const PROBES: u64 = 64;
 
 /// Layout of the rows of the vertex element.
-pub(crate) enum VertexLayout {
+pub enum VertexLayout {
     /// Rows of one size from `offset`.
     Fixed { offset: u64, row_bytes: u64 },
     /// Blocks of exactly `BLOCK_ROWS` rows.
@@ -42,7 +42,7 @@ pub(crate) enum VertexLayout {
 }
 
 /// Layout of the faces.
-pub(crate) enum FaceLayout {
+pub enum FaceLayout {
     /// The file holds points only.
     None,
     /// Rows of one size from `offset`, until one is found that has another; then `fallback` is built.
@@ -59,7 +59,7 @@ pub(crate) enum FaceLayout {
 }
 
 /// Layout of the body as found.
-pub(crate) struct Layout {
+pub struct Layout {
     pub vertices: VertexLayout,
     pub faces: FaceLayout,
     pub n_vertices: u64,
@@ -75,7 +75,7 @@ pub(crate) struct Layout {
 }
 
 /// Finds vertices and faces; with `skip_bad`, as many as a truncated file still holds.
-pub(crate) fn locate(file: &RawFile, header: &Header, skip_bad: bool) -> Result<Layout> {
+pub fn locate(file: &RawFile, header: &Header, skip_bad: bool) -> Result<Layout> {
     let vertex_element =
         header.elements.iter().position(|e| e.name == "vertex").ok_or_else(|| {
             file.bad("the element 'vertex' is missing; stonecut needs vertices and faces")
@@ -332,7 +332,7 @@ impl Walk<'_> {
 }
 
 /// The index of faces whose layout turned out not to be fixed; blocks of exactly `BLOCK_ROWS` rows.
-pub(crate) fn index_faces(
+pub fn index_faces(
     file: &RawFile,
     encoding: Encoding,
     element: &Element,
@@ -356,13 +356,7 @@ fn truncated(count: u64) -> String {
 }
 
 /// An error from a fault in a row.
-pub(crate) fn explain(
-    file: &RawFile,
-    element: &Element,
-    row: u64,
-    mark: Mark,
-    fault: Fault,
-) -> Error {
+pub fn explain(file: &RawFile, element: &Element, row: u64, mark: Mark, fault: Fault) -> Error {
     let name = &element.name;
     match fault {
         Fault::Other(error) => error,

@@ -5,7 +5,7 @@
 //! temporary file first (24 bytes a vertex).
 
 use super::raw::RawFile;
-use crate::error::Result;
+use stonecut_system::error::Result;
 
 /// Pages kept: 1 MiB in all.
 const PAGES: usize = 256;
@@ -15,7 +15,7 @@ const PAGE_BYTES: u64 = 4096;
 type Decode<'a> = Box<dyn Fn(&[u8]) -> [f64; 3] + 'a>;
 
 /// Random access to positions: places of their rows, and how a row is read.
-pub(crate) struct Lookup<'a> {
+pub struct Lookup<'a> {
     file: &'a RawFile,
     offset: u64,
     row_bytes: u64,

@@ -13,28 +13,28 @@ mod fields;
 mod fixed_faces;
 mod full_faces;
 mod grid_mesh;
-pub(crate) mod header;
+pub mod header;
 mod layout;
-pub(crate) mod lookup;
+pub mod lookup;
 mod place;
 mod placed;
 mod range_grid;
-pub(crate) mod raw;
-pub(crate) mod rows;
-pub(crate) mod scan;
+pub mod raw;
+pub mod rows;
+pub mod scan;
 mod skipped;
-pub(crate) mod source;
+pub mod source;
 mod strips;
 mod textures;
 mod vertex_blocks;
-pub(crate) mod writer;
+pub mod writer;
 
-pub use crate::system::pending_file::Place;
 pub use full_faces::{FaceLook, FaceLooks};
 pub use header::Encoding;
-pub(crate) use source::LockedBy;
+pub use source::LockedBy;
 pub use source::{Faults, MeshSource, ReadOptions, TextureInfo, WeldReport};
-pub(crate) use writer::type_name;
+pub use stonecut_system::pending_file::Place;
+pub use writer::type_name;
 pub use writer::{FaceSchema, OutputHeader, PlyFormat, PlyWriter, TexturedTriangle};
 
 /// Vertices or faces in one block.
@@ -48,7 +48,7 @@ pub struct VertexBlock {
     /// `record_bytes` bytes a vertex.
     pub records: Vec<u8>,
     /// Bytes of the file as they came, before they are records; kept for its memory.
-    pub(crate) scratch: Vec<u8>,
+    pub scratch: Vec<u8>,
 }
 
 /// A block of faces as triangles; every index is below the number of vertices.
@@ -65,5 +65,5 @@ pub struct FaceBlock {
     /// Faces left out because of a fault in the file; only with `ReadOptions::skip_bad`.
     pub n_bad: u64,
     /// Bytes of the file as they came; kept for its memory.
-    pub(crate) scratch: Vec<u8>,
+    pub scratch: Vec<u8>,
 }

@@ -3,20 +3,20 @@
 use super::VertexBlock;
 use super::placed::Placed;
 use super::source::MeshSource;
-use crate::error::Result;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::placing::{Placing, offset_in};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::placing::{Placing, offset_in};
+use stonecut_system::error::Result;
 
 impl MeshSource {
     /// A position of the file where it comes to lie.
-    pub(crate) fn placed_point(&self, position: [f64; 3]) -> [f64; 3] {
+    pub fn placed_point(&self, position: [f64; 3]) -> [f64; 3] {
         self.placed.as_ref().map_or(position, |placed| placed.point(position))
     }
 
     /// Places the mesh. Where the placing changes something, all vertices are read once for their bounds.
     ///
     /// Errors: those of reading; places that are not finite.
-    pub(crate) fn place(&mut self, placing: &Placing) -> Result<()> {
+    pub fn place(&mut self, placing: &Placing) -> Result<()> {
         if placing.is_none() {
             return Ok(());
         }

@@ -1,10 +1,10 @@
 //! Places what is read: positions, normals and the sense of faces, block by block as they leave the reader.
 
 use super::VertexBlock;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::placing::{Placing, offset_comment};
-use crate::mesh::property::{Scalar, read_scalar, write_scalar};
-use crate::mesh::record::VertexSchema;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::placing::{Placing, offset_comment};
+use stonecut_mesh::property::{Scalar, read_scalar, write_scalar};
+use stonecut_mesh::record::VertexSchema;
 
 /// Distance from the origin, in sides of the mesh, from which on coordinates are doubles, as for OBJ and glTF.
 const FAR: f64 = 8.0;

@@ -5,14 +5,14 @@
 use super::header::Header;
 use super::raw::RawFile;
 use super::scan::Mark;
-use crate::error::Result;
+use stonecut_system::error::Result;
 
 /// Columns of a grid, at most: their rows are held in memory, some 100 bytes a column.
 const MOST_COLUMNS: u64 = 1 << 22;
 
 /// Place of a grid in its file, and its size.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct RangeGrid {
+pub struct RangeGrid {
     /// Number of the element.
     pub element: usize,
     /// Place of its first row.
@@ -22,7 +22,7 @@ pub(crate) struct RangeGrid {
 }
 
 /// The grid of posts of a file, its place not yet known; `None` if the header does not tell its columns and rows.
-pub(crate) fn find(file: &RawFile, header: &Header) -> Result<Option<RangeGrid>> {
+pub fn find(file: &RawFile, header: &Header) -> Result<Option<RangeGrid>> {
     let Some(place) = header.elements.iter().position(|e| e.name == "range_grid" && e.count > 0)
     else {
         return Ok(None);

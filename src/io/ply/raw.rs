@@ -3,14 +3,14 @@
 //! The lowest layer of `ply`: it knows the file's length and nothing of its format. Everything above it
 //! holds sizes against `len` before it allocates.
 
-use crate::error::{Error, Result};
-use crate::system::disk::{Disk, open_input, scratch_file};
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
+use stonecut_system::disk::{Disk, open_input, scratch_file};
+use stonecut_system::error::{Error, Result};
 
 /// A file, or bytes in memory that stand for one (tests, fuzzing).
-pub(crate) struct RawFile {
+pub struct RawFile {
     path: PathBuf,
     data: Data,
     len: u64,
@@ -117,7 +117,7 @@ const SPOOL_MEMORY_BYTES: usize = 16 << 20;
 const SPOOL_WRITE_BYTES: usize = 1 << 20;
 
 /// Bytes written once and read at random afterwards; in memory, or in a nameless file of a folder.
-pub(crate) struct Spool {
+pub struct Spool {
     folder: PathBuf,
     memory: Vec<u8>,
     most_in_memory: usize,

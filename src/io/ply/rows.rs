@@ -8,18 +8,18 @@ use super::fixed_faces::Decoded;
 use super::header::{Element, Kind};
 use super::lookup::Lookup;
 use super::scan::{Fault, Mark, Scan, Scanned};
-use crate::io::polygon::{Diagonal, PolygonCutter, cut_quad};
-use crate::mesh::property::write_scalar;
+use crate::polygon::{Diagonal, PolygonCutter, cut_quad};
+use stonecut_mesh::property::write_scalar;
 
 /// Most corners of a polygon that are supported; with more, a block of faces would outgrow its memory.
-pub(crate) const MAX_CORNERS: u64 = 1 << 20;
+pub const MAX_CORNERS: u64 = 1 << 20;
 
 /// A block of faces ends early once it holds this many triangles.
 const MAX_BLOCK_TRIANGLES: u64 = 2 * BLOCK_ROWS;
 
 /// Index of the places at which blocks of rows begin.
 #[derive(Debug, Default)]
-pub(crate) struct RowIndex {
+pub struct RowIndex {
     /// Place and first row of every block.
     pub blocks: Vec<(Mark, u64)>,
     /// Rows found; fewer than the header says only if the file ends early.
@@ -34,7 +34,7 @@ pub(crate) struct RowIndex {
 
 /// Rule for the size of the blocks of an index.
 #[derive(Clone, Copy, PartialEq)]
-pub(crate) enum Blocks {
+pub enum Blocks {
     /// After `BLOCK_ROWS` rows exactly.
     ByRows,
     /// Also when its faces are many triangles.
@@ -42,7 +42,7 @@ pub(crate) enum Blocks {
 }
 
 /// Passes over all rows of `element` and notes where blocks begin; 24 + 8 bytes a block.
-pub(crate) fn index_rows<S: Scan>(scan: &mut S, element: &Element, blocks: Blocks) -> RowIndex {
+pub fn index_rows<S: Scan>(scan: &mut S, element: &Element, blocks: Blocks) -> RowIndex {
     let mut index = RowIndex { end: scan.mark(), ..RowIndex::default() };
     let corners = element.index_list();
     let (mut rows, mut triangles) = (BLOCK_ROWS, 0);
@@ -93,7 +93,7 @@ fn skip_row<S: Scan>(scan: &mut S, element: &Element, corners: Option<usize>) ->
 
 /// Reads one row of the vertex element into `record`; with `skip_bad`, text that is not a number is a missing value.
 #[inline(always)]
-pub(crate) fn vertex_row<S: Scan>(
+pub fn vertex_row<S: Scan>(
     scan: &mut S,
     plan: &FieldPlan,
     skip_bad: bool,
@@ -120,13 +120,13 @@ pub(crate) fn vertex_row<S: Scan>(
 }
 
 /// Input of `face_row` besides the numbers.
-pub(crate) struct FaceContext<'a, 'b> {
+pub struct FaceContext<'a, 'b> {
     /// The faces.
     pub element: &'a Element,
     /// Vertices of the file; corners are below.
     pub n_vertices: u64,
     /// Opens the vertices, where a polygon needs their places.
-    pub lookup: &'a mut dyn FnMut() -> crate::error::Result<Lookup<'b>>,
+    pub lookup: &'a mut dyn FnMut() -> stonecut_system::error::Result<Lookup<'b>>,
     /// The vertices, once they have been opened.
     pub opened: Option<Lookup<'b>>,
     /// Corners of the polygon at hand, their places, and what cuts them.
@@ -135,7 +135,7 @@ pub(crate) struct FaceContext<'a, 'b> {
 
 /// Memory for polygons, kept from one to the next.
 #[derive(Default)]
-pub(crate) struct Polygon {
+pub struct Polygon {
     ids: Vec<u64>,
     places: Vec<[f64; 3]>,
     cutter: PolygonCutter,
@@ -143,7 +143,7 @@ pub(crate) struct Polygon {
 
 impl<'b> FaceContext<'_, 'b> {
     /// Random access to positions.
-    fn lookup(&mut self) -> crate::error::Result<&mut Lookup<'b>> {
+    fn lookup(&mut self) -> stonecut_system::error::Result<&mut Lookup<'b>> {
         if self.opened.is_none() {
             self.opened = Some((self.lookup)()?);
         }
@@ -153,7 +153,7 @@ impl<'b> FaceContext<'_, 'b> {
 
 /// Reads one row of the face element and appends its triangles.
 #[inline(always)]
-pub(crate) fn face_row<S: Scan>(
+pub fn face_row<S: Scan>(
     scan: &mut S,
     context: &mut FaceContext<'_, '_>,
     corners: usize,
@@ -216,7 +216,7 @@ fn corner<S: Scan>(
 }
 
 /// The words for a corner that names no vertex.
-pub(crate) fn out_of_range(n_vertices: u64) -> String {
+pub fn out_of_range(n_vertices: u64) -> String {
     format!("a corner names a vertex that does not exist (there are {n_vertices})")
 }
 
@@ -245,7 +245,7 @@ fn quad<S: Scan>(
     for (i, place) in q.iter_mut().enumerate() {
         *place = corner(scan, item, context.n_vertices, i as u64)?;
     }
-    let mut places = || -> crate::error::Result<[[f64; 3]; 4]> {
+    let mut places = || -> stonecut_system::error::Result<[[f64; 3]; 4]> {
         let lookup = context.lookup()?;
         let mut places = [[0.0; 3]; 4];
         for (place, &id) in places.iter_mut().zip(&q) {
@@ -282,7 +282,7 @@ fn polygon<S: Scan>(
     for i in 0..n {
         ids.push(corner(scan, item, context.n_vertices, i)?);
     }
-    let mut look_up = || -> crate::error::Result<()> {
+    let mut look_up = || -> stonecut_system::error::Result<()> {
         let lookup = context.lookup()?;
         for &id in ids.iter() {
             places.push(lookup.position(id)?);

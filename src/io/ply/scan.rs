@@ -6,13 +6,13 @@
 
 use super::header::{HeaderProperty, Kind, Wire};
 use super::raw::RawFile;
-use crate::error::Error;
-use crate::mesh::property::Scalar;
 use std::fmt;
+use stonecut_mesh::property::Scalar;
+use stonecut_system::error::Error;
 
 /// A place in the body from which reading can begin.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Mark {
+pub struct Mark {
     /// Byte offset in the file.
     pub offset: u64,
     /// Line of an ASCII body, from 1; 0 in a binary body.
@@ -34,7 +34,7 @@ impl fmt::Display for Mark {
 
 /// Reason why a number could not be read.
 #[derive(Debug)]
-pub(crate) enum Fault {
+pub enum Fault {
     /// The file ends.
     End,
     /// Text that is not what the header promises.
@@ -44,10 +44,10 @@ pub(crate) enum Fault {
 }
 
 /// The result of reading a number.
-pub(crate) type Scanned<T> = Result<T, Fault>;
+pub type Scanned<T> = Result<T, Fault>;
 
 /// A body as a stream of numbers of given types.
-pub(crate) trait Scan {
+pub trait Scan {
     /// The place of the next number; in ASCII, at the white space before it.
     fn mark(&self) -> Mark;
     /// The place of the last number that was read, for messages.
@@ -81,7 +81,7 @@ pub(crate) trait Scan {
 
 /// Returns whether text is one of the names that libraries of C give to what is not a number: `-nan(ind)`, `1.#QNAN`,
 /// `-1.#IND00`, `1.#J`.
-pub(crate) fn is_no_number(text: &str) -> bool {
+pub fn is_no_number(text: &str) -> bool {
     let lower = text.to_ascii_lowercase();
     let bare = lower.trim_start_matches(['-', '+']);
     let is_named = ["nan", "qnan", "snan", "1.#i", "1.#q", "1.#s", "1.#j", "1.#r", "1.#n"];
@@ -89,7 +89,7 @@ pub(crate) fn is_no_number(text: &str) -> bool {
 }
 
 /// A stretch of the file in memory that moves forward.
-pub(crate) struct Window<'a> {
+pub struct Window<'a> {
     /// The file that it lies over.
     pub file: &'a RawFile,
     /// Offset in the file of the first byte of `bytes`.

@@ -6,14 +6,14 @@
 
 use super::fields::is_place;
 use super::{BLOCK_ROWS, VertexBlock};
-use crate::mesh::record::VertexSchema;
 use std::collections::BTreeMap;
+use stonecut_mesh::record::VertexSchema;
 
 const WORDS: usize = (BLOCK_ROWS / 64) as usize;
 
 /// The set of bad vertices.
 #[derive(Debug, Default)]
-pub(crate) struct BadVertices {
+pub struct BadVertices {
     blocks: BTreeMap<u64, Box<[u64; WORDS]>>,
     count: u64,
     /// The position bytes of the first good vertex; zeros stand in as long as there is none.

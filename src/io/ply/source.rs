@@ -10,15 +10,15 @@ use super::placed::Placed;
 use super::raw::RawFile;
 use super::skipped::BadVertices;
 use super::textures;
-use crate::error::Result;
-use crate::io::materials::Materials;
-use crate::mesh::face_properties::FacePropertyPlan;
-use crate::mesh::placing::Placing;
-use crate::mesh::record::VertexSchema;
-use crate::system::losses::{Ledger, Loss, LossKind};
+use crate::materials::Materials;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock};
+use stonecut_mesh::face_properties::FacePropertyPlan;
+use stonecut_mesh::placing::Placing;
+use stonecut_mesh::record::VertexSchema;
+use stonecut_system::error::Result;
+use stonecut_system::losses::{Ledger, Loss, LossKind};
 
 /// Settings for reading a file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -86,7 +86,7 @@ pub struct MeshSource {
 
 /// Facts about an input that was turned into PLY before it was opened.
 #[derive(Debug, Default)]
-pub(crate) struct Staged {
+pub struct Staged {
     /// Length of the file that was given, in bytes, packed if it was; `None` for a stream.
     pub given_bytes: Option<u64>,
     /// Rows that were left out on the way.
@@ -117,7 +117,7 @@ pub(crate) struct Staged {
 
 /// A property of vertices that is not 0 where they must stay.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct LockedBy {
+pub struct LockedBy {
     /// Its name.
     pub property: String,
     /// True if the input does not have it: results leave it out.
@@ -144,7 +144,7 @@ impl MeshSource {
     }
 
     /// Takes a file that stands for a staged input, with what the staging found.
-    pub(crate) fn from_staged(file: RawFile, options: ReadOptions, staged: Staged) -> Result<Self> {
+    pub fn from_staged(file: RawFile, options: ReadOptions, staged: Staged) -> Result<Self> {
         let mut source = Self::new(file, options)?;
         if let Some(carry) = &staged.faces {
             source.plan.schema.set_last(carry.vertex_properties());
@@ -157,7 +157,7 @@ impl MeshSource {
     }
 
     /// Reads the header. Fails as `BadInput` where the file breaks its format.
-    pub(crate) fn new(file: RawFile, options: ReadOptions) -> Result<Self> {
+    pub fn new(file: RawFile, options: ReadOptions) -> Result<Self> {
         let header = Header::read(&file)?;
         let layout = locate(&file, &header, options.skip_bad)?;
         let vertex = &header.elements[layout.vertex_element];
@@ -205,7 +205,7 @@ impl MeshSource {
     }
 
     /// Notes the length of the file that was given.
-    pub(crate) fn set_given_bytes(&mut self, bytes: u64) {
+    pub fn set_given_bytes(&mut self, bytes: u64) {
         self.staged.given_bytes = Some(bytes);
     }
 
@@ -215,22 +215,22 @@ impl MeshSource {
     }
 
     /// Adds a line for people.
-    pub(crate) fn note(&mut self, line: String) {
+    pub fn note(&mut self, line: String) {
         self.staged.notes.push(line);
     }
 
     /// Notes the checksum of a stream.
-    pub(crate) fn set_stream_checksum(&mut self, checksum: u64) {
+    pub fn set_stream_checksum(&mut self, checksum: u64) {
         self.staged.stream_checksum = Some(checksum);
     }
 
     /// Notes what was seen of copies of vertices.
-    pub(crate) fn note_weld(&mut self, report: WeldReport) {
+    pub fn note_weld(&mut self, report: WeldReport) {
         self.staged.weld = Some(report);
     }
 
     /// Notes the property that says which vertices must stay.
-    pub(crate) fn note_lock(&mut self, lock: LockedBy) {
+    pub fn note_lock(&mut self, lock: LockedBy) {
         self.staged.lock = Some(lock);
     }
 
@@ -240,7 +240,7 @@ impl MeshSource {
     }
 
     /// Facts found before the PLY was opened, for another PLY that stands for this one.
-    pub(crate) fn into_staged(self) -> Staged {
+    pub fn into_staged(self) -> Staged {
         Staged { losses: self.losses(), ..self.staged }
     }
 
@@ -306,7 +306,7 @@ impl MeshSource {
     }
 
     /// Notes what faces carry, where nothing of it had to be moved to vertices.
-    pub(crate) fn note_carried(&mut self, carry: FacePropertyPlan) {
+    pub fn note_carried(&mut self, carry: FacePropertyPlan) {
         self.staged.faces = Some(carry);
     }
 
@@ -443,7 +443,7 @@ impl MeshSource {
     }
 
     /// The row of the face record that a block of faces begins with.
-    pub(crate) fn first_row(&self, index: u64) -> u64 {
+    pub fn first_row(&self, index: u64) -> u64 {
         match &self.layout.faces {
             FaceLayout::Indexed(rows) => rows.blocks[index as usize].1,
             _ => index * BLOCK_ROWS,

@@ -7,11 +7,11 @@ use super::BLOCK_ROWS;
 use super::fixed_faces::Decoded;
 use super::header::{Element, Kind, Wire};
 use super::scan::{Fault, Mark, Scan, Scanned};
-use crate::mesh::property::Scalar;
+use stonecut_mesh::property::Scalar;
 
 /// Everything needed to go on reading strips.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct StripState {
+pub struct StripState {
     pub mark: Mark,
     /// Row of the strips element.
     pub row: u64,
@@ -33,7 +33,7 @@ impl StripState {
 
 /// Index of the places at which blocks of strip triangles begin.
 #[derive(Debug, Default)]
-pub(crate) struct StripIndex {
+pub struct StripIndex {
     pub blocks: Vec<StripState>,
     pub n_triangles: u64,
     pub end: Mark,
@@ -41,11 +41,7 @@ pub(crate) struct StripIndex {
 }
 
 /// Passes over all strips; triangles with repeated corners count too.
-pub(crate) fn index_strips<S: Scan>(
-    scan: &mut S,
-    element: &Element,
-    n_vertices: u64,
-) -> StripIndex {
+pub fn index_strips<S: Scan>(scan: &mut S, element: &Element, n_vertices: u64) -> StripIndex {
     let mut index = StripIndex::default();
     let mut state = StripState::new(scan.mark());
     loop {
@@ -73,7 +69,7 @@ pub(crate) fn index_strips<S: Scan>(
 }
 
 /// Reads one block of at most `n_triangles` strip triangles; the scan stands at the state's mark.
-pub(crate) fn read_strips<S: Scan>(
+pub fn read_strips<S: Scan>(
     scan: &mut S,
     element: &Element,
     n_vertices: u64,

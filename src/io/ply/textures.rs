@@ -4,11 +4,11 @@
 //! `comment usemtl NAME`, which only this program reads, where the images' names do not give them.
 
 use super::header::{Header, texture_file};
-use crate::io::materials::{Materials, Search, TexturePlan};
-use crate::mesh::property::{Scalar, read_scalar, write_scalar};
-use crate::system::disk::folder_of;
+use crate::materials::{Materials, Search, TexturePlan};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use stonecut_mesh::property::{Scalar, read_scalar, write_scalar};
+use stonecut_system::disk::folder_of;
 
 const NAME: &str = "usemtl ";
 

@@ -10,8 +10,8 @@ use super::scan::{Mark, Scan};
 use super::skipped::BadVertices;
 use super::source::MeshSource;
 use super::{BLOCK_ROWS, VertexBlock};
-use crate::error::Result;
 use std::sync::PoisonError;
+use stonecut_system::error::Result;
 
 impl MeshSource {
     /// Reads and checks one block of vertices; callable from any thread. Reuses `block`'s memory.
@@ -101,7 +101,7 @@ impl MeshSource {
     }
 
     /// Random access to positions as they stand in the file, before they are placed.
-    pub(crate) fn positions(&self) -> Result<Lookup<'_>> {
+    pub fn positions(&self) -> Result<Lookup<'_>> {
         self.lookup()
     }
 

@@ -5,12 +5,12 @@
 
 use super::header::Encoding;
 use super::textures::{self, Renumbered};
-use crate::error::{Error, Result};
-use crate::io::materials::{NUMBER, TexturePlan};
-use crate::mesh::property::{Property, Scalar};
-use crate::mesh::record::VertexSchema;
-use crate::system::pending_file::{PendingFile, Place};
+use crate::materials::{NUMBER, TexturePlan};
 use std::io::Write;
+use stonecut_mesh::property::{Property, Scalar};
+use stonecut_mesh::record::VertexSchema;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::pending_file::{PendingFile, Place};
 
 /// Above this many vertices corner indices are `uint`, not `int`.
 const MAX_INT_VERTICES: u64 = 1 << 31;
@@ -77,19 +77,14 @@ impl OutputHeader {
     }
 
     /// The header's text, with the line that names this program and its settings.
-    pub(crate) fn text(&self, encoding: Encoding, index: Scalar) -> String {
+    pub fn text(&self, encoding: Encoding, index: Scalar) -> String {
         let version = env!("CARGO_PKG_VERSION");
         let own = format!("stonecut {version} {}", one_line(&self.settings));
         self.text_signed(encoding, index, Some(own.trim_end()))
     }
 
     /// The header's text; staged files carry no program comment.
-    pub(crate) fn text_signed(
-        &self,
-        encoding: Encoding,
-        index: Scalar,
-        own: Option<&str>,
-    ) -> String {
+    pub fn text_signed(&self, encoding: Encoding, index: Scalar, own: Option<&str>) -> String {
         let mut text = format!("ply\nformat {} 1.0\n", encoding.name());
         // The lines of earlier runs stay too: they are the history of the data.
         let textures = self.textures.as_ref().map_or_else(Vec::new, textures::comments);
@@ -123,7 +118,7 @@ impl OutputHeader {
 }
 
 /// The name that every reader knows; 64-bit integers have none, these are trimesh's.
-pub(crate) fn type_name(scalar: Scalar) -> &'static str {
+pub fn type_name(scalar: Scalar) -> &'static str {
     match scalar {
         Scalar::I8 => "char",
         Scalar::U8 => "uchar",
@@ -193,7 +188,7 @@ impl FaceSchema {
     }
 
     /// Type and place of the number of the material among a face's packed values.
-    pub(crate) fn number_at(&self) -> Option<(Scalar, usize)> {
+    pub fn number_at(&self) -> Option<(Scalar, usize)> {
         let i = self.properties.iter().position(|p| p.name == NUMBER)?;
         let before = self.properties[..i].iter().map(|p| p.scalar.bytes()).sum();
         Some((self.properties[i].scalar, before))
@@ -437,7 +432,7 @@ fn put_vertex(
 }
 
 /// The shortest text that reads back as the same number.
-pub(crate) fn put_text(scalar: Scalar, little: &[u8], rows: &mut Vec<u8>) {
+pub fn put_text(scalar: Scalar, little: &[u8], rows: &mut Vec<u8>) {
     let mut bytes = [0u8; 8];
     bytes[..little.len()].copy_from_slice(little);
     let unsigned = u64::from_le_bytes(bytes);
@@ -454,7 +449,7 @@ pub(crate) fn put_text(scalar: Scalar, little: &[u8], rows: &mut Vec<u8>) {
 }
 
 /// Prints a float as C programs read it: an exponent where the digits would be many, lower-case names.
-pub(crate) struct Shortest<T>(pub T);
+pub struct Shortest<T>(pub T);
 
 impl<T: Copy + Into<f64> + std::fmt::Display + std::fmt::LowerExp> std::fmt::Display
     for Shortest<T>

@@ -1,15 +1,15 @@
 //! ASCII STL: a stream of words, read with the precision that it is written with.
 
 use super::weld::{DOUBLES, DOUBLES_BY_FIRST, FLOATS, FLOATS_BY_FIRST, Welder};
-use crate::error::Result;
-use crate::io::extent::Extent;
-use crate::io::open_options::StageOptions;
-use crate::io::ply::header::BYTE_ORDER_MARK;
-use crate::io::ply::raw::RawFile;
-use crate::io::ply::source::Staged;
-use crate::io::polygon::PolygonCutter;
-use crate::io::text_lines::{Lines, parse_number, words};
-use crate::mesh::property::Scalar;
+use crate::extent::Extent;
+use crate::open_options::StageOptions;
+use crate::ply::header::BYTE_ORDER_MARK;
+use crate::ply::raw::RawFile;
+use crate::ply::source::Staged;
+use crate::polygon::PolygonCutter;
+use crate::text_lines::{Lines, parse_number, words};
+use stonecut_mesh::property::Scalar;
+use stonecut_system::error::Result;
 
 /// Most corners of a facet.
 const MAX_CORNERS: usize = 1 << 20;
@@ -18,7 +18,7 @@ const MAX_CORNERS: usize = 1 << 20;
 const TRIANGLE_BYTES: usize = 72;
 
 /// Returns whether the text begins like an ASCII STL.
-pub(crate) fn is_ascii(first: &[u8]) -> bool {
+pub fn is_ascii(first: &[u8]) -> bool {
     let text = first.strip_prefix(BYTE_ORDER_MARK).unwrap_or(first).trim_ascii_start();
     text.len() >= 5 && text[..5].eq_ignore_ascii_case(b"solid") && !first.contains(&0)
 }
@@ -28,7 +28,7 @@ struct Facets<'a> {
     options: &'a StageOptions,
     extent: Extent,
     /// Corners of triangles as doubles.
-    triangles: crate::io::ply::raw::Spool,
+    triangles: crate::ply::raw::Spool,
     cutter: PolygonCutter,
     n_crossing: u64,
 }
@@ -90,7 +90,7 @@ fn each_triangle(
 ///
 /// `vertex x y z` gathers corners, `endloop` (or `end loop`) closes a facet. Everything else (normals, names) is
 /// passed over. Disk: 72 bytes a triangle, beside what the welder needs.
-pub(crate) fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
+pub fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
     let mut facets = Facets {
         options,
         extent: Extent::default(),
@@ -183,7 +183,7 @@ fn crossing_note(n: u64) -> String {
 }
 
 /// The refusal of a facet whose place is not a number.
-pub(super) fn not_finite(file: &RawFile, place: &str) -> crate::error::Error {
+pub(super) fn not_finite(file: &RawFile, place: &str) -> stonecut_system::error::Error {
     file.bad(format!(
         "{place}: a corner's position is not finite; repair the file, or drop such facets with \
          --skip-bad"

@@ -3,10 +3,10 @@
 use super::ascii::{is_ascii, not_finite};
 use super::facet_colours::FacetColours;
 use super::weld::{FLOATS, FLOATS_BY_FIRST, Welder};
-use crate::error::Result;
-use crate::io::open_options::StageOptions;
-use crate::io::ply::raw::RawFile;
-use crate::io::ply::source::Staged;
+use crate::open_options::StageOptions;
+use crate::ply::raw::RawFile;
+use crate::ply::source::Staged;
+use stonecut_system::error::Result;
 
 const HEADER_BYTES: u64 = 84;
 const FACET_BYTES: u64 = 50;
@@ -20,14 +20,14 @@ const CHUNK: u64 = 20_000;
 /// Returns whether a file that begins with `first` and has `len` bytes is a binary STL.
 ///
 /// Many binary files begin with `solid` too, so the length decides.
-pub(crate) fn is_binary(first: &[u8], len: u64) -> bool {
+pub fn is_binary(first: &[u8], len: u64) -> bool {
     let Some(count) = first.get(80..84) else { return false };
     let n = u64::from(u32::from_le_bytes(count.try_into().expect("4 bytes")));
     len == HEADER_BYTES + n * FACET_BYTES || !is_ascii(first)
 }
 
 /// Returns whether a file is exactly as long as the counts in it say, with one header or several one behind the other.
-pub(crate) fn has_fitting_length(file: &RawFile) -> Result<bool> {
+pub fn has_fitting_length(file: &RawFile) -> Result<bool> {
     let mut at = 0u64;
     for _ in 0..MAX_PARTS {
         let mut count = [0; 4];
@@ -44,7 +44,7 @@ pub(crate) fn has_fitting_length(file: &RawFile) -> Result<bool> {
 }
 
 /// Reads a binary STL into a PLY.
-pub(crate) fn read_binary(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
+pub fn read_binary(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
     let mut reader = Reader {
         file,
         options,

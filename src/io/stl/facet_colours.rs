@@ -4,8 +4,8 @@
 //! `COLOR=` and a colour for all; bit 15 is clear where a facet has its own, and red is lowest. Other values are not
 //! colours, and a note says that they are left out.
 
-use crate::error::Result;
-use crate::io::ply::raw::{RawFile, Spool};
+use crate::ply::raw::{RawFile, Spool};
+use stonecut_system::error::Result;
 
 /// Set where a facet has a colour (VisCAM), or where it has that of the header (Magics).
 const FLAG: u16 = 1 << 15;

@@ -4,15 +4,15 @@
 //! gets), by corner (back into faces). Vertices are numbered in the order in which the file first names
 //! them, so neighbours stay neighbours. Equal means equal in every bit, but -0 equals 0.
 
-use crate::error::Result;
-use crate::io::external_sort::{ExternalSort, halves, whole};
-use crate::io::open_options::StageOptions;
-use crate::io::ply::header::Encoding;
-use crate::io::ply::raw::{RawFile, Spool};
-use crate::io::ply::{FaceSchema, OutputHeader};
-use crate::mesh::property::{Property, Scalar};
-use crate::mesh::record::VertexSchema;
+use crate::external_sort::{ExternalSort, halves, whole};
+use crate::open_options::StageOptions;
+use crate::ply::header::Encoding;
+use crate::ply::raw::{RawFile, Spool};
+use crate::ply::{FaceSchema, OutputHeader};
 use std::path::Path;
+use stonecut_mesh::property::{Property, Scalar};
+use stonecut_mesh::record::VertexSchema;
+use stonecut_system::error::Result;
 
 /// Words of a corner with its place in floats or doubles, and the same with the first corner at that place.
 pub(super) const FLOATS: usize = 5;
@@ -24,7 +24,7 @@ pub(super) const DOUBLES_BY_FIRST: usize = 10;
 const COLOUR_CHUNK_BYTES: u64 = 3 << 14;
 
 /// Takes loose triangles, gives a PLY. `N` and `M` are the words above.
-pub(crate) struct Welder<const N: usize, const M: usize> {
+pub struct Welder<const N: usize, const M: usize> {
     corners: ExternalSort<N>,
     n_corners: u64,
     options: StageOptions,

@@ -1,15 +1,15 @@
 //! STL out: loose triangles of floats, binary or ASCII, with the normal of each.
 
-use crate::error::{Error, Result};
-use crate::io::ply::lookup::Lookup;
-use crate::io::ply::raw::{RawFile, Spool};
-use crate::io::ply::writer::Shortest;
-use crate::io::ply::{Encoding, OutputHeader};
-use crate::mesh::placing::{offset_in, offset_words};
-use crate::mesh::vec3::{normal, unit};
-use crate::system::disk::folder_of;
-use crate::system::pending_file::{PendingFile, Place};
+use crate::ply::lookup::Lookup;
+use crate::ply::raw::{RawFile, Spool};
+use crate::ply::writer::Shortest;
+use crate::ply::{Encoding, OutputHeader};
 use std::io::Write;
+use stonecut_mesh::placing::{offset_in, offset_words};
+use stonecut_mesh::vec3::{normal, unit};
+use stonecut_system::disk::folder_of;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::pending_file::{PendingFile, Place};
 
 /// Writes STL; positions are spooled until the faces come.
 pub struct StlWriter {

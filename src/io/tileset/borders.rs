@@ -3,7 +3,7 @@
 //! Places do not tell vertices apart where sheets touch, and a vertex on the borders of two rounds is rounded differently in
 //! tiles of two levels. So the checker and `extract` know a vertex by its number in the input. Viewers do not read it.
 
-use crate::mesh::global_vertex::GlobalVertex;
+use stonecut_mesh::global_vertex::GlobalVertex;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// First bytes of a file.

@@ -6,12 +6,12 @@
 use super::borders::{MAGIC, border_path};
 use super::read::{Tile, read_tileset, resolve};
 use super::write::FILE_NAME;
-use crate::error::{Error, Result};
-use crate::system::disk::read_own;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use stonecut_system::disk::read_own;
+use stonecut_system::error::{Error, Result};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// No file of a tree comes near this.

@@ -1,10 +1,10 @@
 //! Writes the JSON of a tree of tiles, in files of at most 2,000 tiles.
 
-use crate::error::Result;
-use crate::mesh::bounds::Bounds;
-use crate::system::disk::Disk;
 use serde_json::{Value, json};
 use std::path::Path;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_system::disk::Disk;
+use stonecut_system::error::Result;
 
 /// Name of the first file of a tree.
 pub const FILE_NAME: &str = "tileset.json";
@@ -180,7 +180,7 @@ impl Writer<'_> {
 
     fn put(&mut self, name: &str, text: &Value) -> Result<()> {
         let path = self.folder.join(name);
-        let folder = crate::system::disk::folder_of(&path);
+        let folder = stonecut_system::disk::folder_of(&path);
         if !folder.is_dir() {
             self.disk.create_dir(folder)?;
         }

@@ -11,9 +11,9 @@ mod rewrite;
 mod survey;
 
 use super::open_options::{StageOptions, Weld};
-use crate::error::Result;
-use crate::io::ply::{MeshSource, WeldReport};
-use crate::system::units::show_count;
+use crate::ply::{MeshSource, WeldReport};
+use stonecut_system::error::Result;
+use stonecut_system::units::show_count;
 use survey::Found;
 
 /// Joins what `options.weld` says; where nothing is to be joined, the source as it is.

@@ -4,11 +4,11 @@
 //! cube they come ordered by position; each joins the first vertex within the distance that has joined none, or becomes
 //! one that others join. A cluster no wider than the distance is seen whole, and alike, in every cube that it touches.
 
-use crate::error::Result;
-use crate::io::external_sort::{ExternalSort, halves, whole};
-use crate::mesh::bounds::Bounds;
-use crate::mesh::vec3::{Vec3, length_sq, sub};
+use crate::external_sort::{ExternalSort, halves, whole};
 use std::collections::VecDeque;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::{Vec3, length_sq, sub};
+use stonecut_system::error::Result;
 
 /// Side of a cube, in distances: one vertex in five lies near a wall.
 const SIDE: f64 = 32.0;

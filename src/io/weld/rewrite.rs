@@ -6,17 +6,17 @@
 
 use super::neighbours::Neighbours;
 use super::survey::{Found, each_position};
-use crate::error::{Error, Result};
-use crate::io::external_sort::{ExternalSort, halves, whole};
-use crate::io::open_edges::each_open;
-use crate::io::open_options::{StageOptions, Weld, WeldOptions};
-use crate::io::ply::lookup::Lookup;
-use crate::io::ply::raw::{RawFile, Spool};
-use crate::io::ply::{BLOCK_ROWS, MeshSource, OutputHeader, VertexBlock, WeldReport};
-use crate::io::restaged::{face_rows, restage};
-use crate::mesh::codec::{ChannelKind, VertexCodec};
-use crate::mesh::vec3::Vec3;
-use crate::system::units::show_count;
+use crate::external_sort::{ExternalSort, halves, whole};
+use crate::open_edges::each_open;
+use crate::open_options::{StageOptions, Weld, WeldOptions};
+use crate::ply::lookup::Lookup;
+use crate::ply::raw::{RawFile, Spool};
+use crate::ply::{BLOCK_ROWS, MeshSource, OutputHeader, VertexBlock, WeldReport};
+use crate::restaged::{face_rows, restage};
+use stonecut_mesh::codec::{ChannelKind, VertexCodec};
+use stonecut_mesh::vec3::Vec3;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::units::show_count;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Words of a vertex by the one that it joins, besides its properties: that one, texture, number, position.

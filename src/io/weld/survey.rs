@@ -4,11 +4,11 @@
 //! every scan. Otherwise one pass takes all vertices of some cells of a fine grid, chosen by hash, and looks for the
 //! nearest other vertex of each.
 
-use crate::error::Result;
-use crate::io::open_edges::open_among;
-use crate::io::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
-use crate::mesh::bounds::Bounds;
-use crate::mesh::vec3::{Vec3, length_sq, sub};
+use crate::open_edges::open_among;
+use crate::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::{Vec3, length_sq, sub};
+use stonecut_system::error::Result;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// From this many vertices a triangle on, triangles hardly have a vertex in common.

@@ -3,12 +3,12 @@
 
 use super::scratch::{Patch, Scratch};
 use super::tracker::Tracker;
-use crate::kernel::simd::Lanes;
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::faces::Face;
-use crate::kernel::vertex::GONE;
-use crate::mesh::corners::others;
-use crate::mesh::vec3::{cross, dot, sub};
+use crate::simd::Lanes;
+use crate::surface::Surface;
+use crate::surface::faces::Face;
+use crate::vertex::GONE;
+use stonecut_mesh::corners::others;
+use stonecut_mesh::vec3::{cross, dot, sub};
 
 /// The points from one witness to the other that are looked at.
 const SHARES: [f32; 8] =

@@ -5,9 +5,9 @@
 use super::input::NONE;
 use super::scratch::Scratch;
 use super::tracker::Tracker;
-use crate::kernel::simd::{Job, Lanes};
-use crate::kernel::surface::Surface;
-use crate::kernel::vertex::GONE;
+use crate::simd::{Job, Lanes};
+use crate::surface::Surface;
+use crate::vertex::GONE;
 
 /// Points of a cap that are looked at are this share of the bound apart, at most.
 const STEP: f32 = 0.125;

@@ -7,10 +7,10 @@
 
 use super::input::NONE;
 use super::tracker::Tracker;
-use crate::kernel::surface::Surface;
-use crate::kernel::vertex::GONE;
-use crate::mesh::extremes::Extremes;
-use crate::mesh::vec3::{dot, normal, scale, sub};
+use crate::surface::Surface;
+use crate::vertex::GONE;
+use stonecut_mesh::extremes::Extremes;
+use stonecut_mesh::vec3::{dot, normal, scale, sub};
 
 /// A witness as it is chosen.
 #[derive(Clone, Copy)]

@@ -1,9 +1,9 @@
 //! The triangles of the input around one vertex, eight side by side: how far a point is from each of them.
 
 use super::input::{Input, NONE};
-use crate::kernel::simd::Lanes;
-use crate::kernel::surface::faces::nearest_weights;
-use crate::mesh::vec3::sub;
+use crate::simd::Lanes;
+use crate::surface::faces::nearest_weights;
+use stonecut_mesh::vec3::sub;
 
 /// Triangles around one vertex that are looked at: their number has a bit each.
 const MOST_FACES: usize = 64;

@@ -2,8 +2,8 @@
 //!
 //! Only read, but for what is known of the witnesses.
 
-use crate::kernel::vertex::GONE;
-use crate::mesh::vec3::{dot, sub};
+use crate::vertex::GONE;
+use stonecut_mesh::vec3::{dot, sub};
 
 /// No witness follows.
 pub(super) const NONE: u32 = u32::MAX;

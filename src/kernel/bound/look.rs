@@ -6,10 +6,10 @@
 use super::input::NONE;
 use super::scratch::{Eight, Patch, REFUSED_SHIFT, Refused, Scratch};
 use super::tracker::Tracker;
-use crate::kernel::simd::{Job, Lanes};
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::faces::{Face, Search};
-use crate::mesh::vec3::{dot, sub};
+use crate::simd::{Job, Lanes};
+use crate::surface::Surface;
+use crate::surface::faces::{Face, Search};
+use stonecut_mesh::vec3::{dot, sub};
 
 /// All looks of one collapse, compiled for the lanes they run on.
 struct Look<'a> {

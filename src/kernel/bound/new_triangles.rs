@@ -4,9 +4,9 @@ use super::fan::Fan;
 use super::input::NONE;
 use super::scratch::{Patch, Scratch};
 use super::tracker::Tracker;
-use crate::kernel::simd::Lanes;
-use crate::kernel::surface::Surface;
-use crate::mesh::vec3::{dot, sub};
+use crate::simd::Lanes;
+use crate::surface::Surface;
+use stonecut_mesh::vec3::{dot, sub};
 
 /// Points within a face that are looked at, as weights of the second and third corner.
 const WITHIN: [[f32; 2]; 4] = [[0.33, 0.33], [0.2, 0.2], [0.6, 0.2], [0.2, 0.6]];

@@ -1,9 +1,9 @@
 //! Points of the original that ride with the triangles of a surface, as a round before has left them.
 
-use crate::kernel::surface::Surface;
-use crate::kernel::vertex::GONE;
-use crate::mesh::extremes::Extremes;
-use crate::mesh::vec3::{Vec3, add};
+use crate::surface::Surface;
+use crate::vertex::GONE;
+use stonecut_mesh::extremes::Extremes;
+use stonecut_mesh::vec3::{Vec3, add};
 
 /// A point of the original, as a round before has left it.
 pub(super) struct OriginalPoint {

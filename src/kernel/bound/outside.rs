@@ -2,9 +2,9 @@
 
 use super::scratch::{Patch, Scratch};
 use super::tracker::Tracker;
-use crate::kernel::simd::{Job, Lanes};
-use crate::kernel::surface::faces::Search;
-use crate::mesh::vec3::dot;
+use crate::simd::{Job, Lanes};
+use crate::surface::faces::Search;
+use stonecut_mesh::vec3::dot;
 
 /// Distances of the points from an open edge, in bounds: a hole that is not wider may be spanned.
 const BEYOND: [f32; 8] = [0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0];

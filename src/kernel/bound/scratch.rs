@@ -2,8 +2,8 @@
 
 use super::fan::Fan;
 use super::input::NONE;
-use crate::kernel::surface::faces::Face;
-use crate::mesh::vec3::Vec3;
+use crate::surface::faces::Face;
+use stonecut_mesh::vec3::Vec3;
 
 /// The triangles around a collapse.
 pub(crate) struct Patch<'a> {

@@ -1,8 +1,8 @@
 //! Places where the bound is tighter than elsewhere: there an earlier run of the same kind went beyond it.
 
-use crate::kernel::options::Tight;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::vec3::Vec3;
+use crate::options::Tight;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::Vec3;
 
 /// Boxes of the grid along each axis.
 const GRID: usize = 32;

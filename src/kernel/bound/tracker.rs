@@ -4,13 +4,13 @@ use super::input::{Input, NONE, Witness};
 use super::original::original_points;
 use super::scratch::{MOST_REFUSED, Refused, Scratch};
 use super::tight::TightPlaces;
-use crate::kernel::options::Tight;
-use crate::kernel::simd::Simd;
-use crate::kernel::surface::Surface;
-use crate::kernel::vertex::GONE;
-use crate::mesh::extremes::Extremes;
-use crate::mesh::vec3::{Vec3, triangle_distance_sq};
+use crate::options::Tight;
+use crate::simd::Simd;
+use crate::surface::Surface;
+use crate::vertex::GONE;
 use std::collections::HashSet;
+use stonecut_mesh::extremes::Extremes;
+use stonecut_mesh::vec3::{Vec3, triangle_distance_sq};
 
 /// The witnesses, and which triangle each belongs to.
 ///

@@ -2,12 +2,12 @@
 
 use super::input::NONE;
 use super::tracker::Tracker;
-use crate::kernel::crossing::tree::{Hull, Tree};
-use crate::kernel::interrupt::Interrupt;
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::class::Class;
-use crate::kernel::vertex::GONE;
-use crate::mesh::vec3::{Vec3, length_sq, normal, triangle_distance_sq};
+use crate::crossing::tree::{Hull, Tree};
+use crate::interrupt::Interrupt;
+use crate::surface::Surface;
+use crate::surface::class::Class;
+use crate::vertex::GONE;
+use stonecut_mesh::vec3::{Vec3, length_sq, normal, triangle_distance_sq};
 
 /// Components of more triangles stay.
 const MOST_TRIANGLES: usize = 1024;

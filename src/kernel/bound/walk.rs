@@ -2,8 +2,8 @@
 
 use super::fan::Fan;
 use super::input::Input;
-use crate::kernel::simd::Lanes;
-use crate::mesh::vec3::{dot, sub};
+use crate::simd::Lanes;
+use stonecut_mesh::vec3::{dot, sub};
 
 /// Steps that a search takes from vertex to vertex.
 const MAX_STEPS: usize = 16;

@@ -2,17 +2,17 @@
 
 use std::hint::select_unpredictable;
 
-use crate::kernel::collapse::collapser::{Collapser, Plan};
-use crate::kernel::cost::quadric::Around;
-use crate::kernel::cost::{fold_quadric, placement};
-use crate::kernel::options::Placement;
-use crate::kernel::simd::Lanes;
-use crate::kernel::simd::unchecked::KnownIds;
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::{HUB, Ring, Surface, boundary_quadric};
-use crate::kernel::vertex::GONE;
-use crate::mesh::blend::between;
-use crate::mesh::vec3::{Vec3, along, length_sq};
+use crate::collapse::collapser::{Collapser, Plan};
+use crate::cost::quadric::Around;
+use crate::cost::{fold_quadric, placement};
+use crate::options::Placement;
+use crate::simd::Lanes;
+use crate::simd::unchecked::KnownIds;
+use crate::surface::class::Class;
+use crate::surface::{HUB, Ring, Surface, boundary_quadric};
+use crate::vertex::GONE;
+use stonecut_mesh::blend::between;
+use stonecut_mesh::vec3::{Vec3, along, length_sq};
 
 impl Collapser {
     #[inline(always)]

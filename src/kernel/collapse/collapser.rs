@@ -1,11 +1,11 @@
 //! The plan of a collapse, and the scratch space in which it is tested and carried out.
 
-use crate::kernel::cost::attributes::RingLists;
-use crate::kernel::cost::quadric::Rows;
-use crate::kernel::simd::unchecked::KnownIds;
-use crate::kernel::surface::MAX_VALENCE;
-use crate::kernel::surface::fan::Fan;
-use crate::kernel::vertex::Vertex;
+use crate::cost::attributes::RingLists;
+use crate::cost::quadric::Rows;
+use crate::simd::unchecked::KnownIds;
+use crate::surface::MAX_VALENCE;
+use crate::surface::fan::Fan;
+use crate::vertex::Vertex;
 
 /// A collapse as planned by the evaluation of its edge.
 #[derive(Clone, Copy, Debug)]

@@ -2,11 +2,11 @@
 
 use std::hint::select_unpredictable;
 
-use crate::kernel::collapse::collapser::{Collapser, GONE_AT, ROOM};
-use crate::kernel::collapse::legality::Reject;
-use crate::kernel::simd::Lanes;
-use crate::kernel::simd::unchecked::KnownIds;
-use crate::kernel::surface::{MAX_VALENCE, Ring, Surface};
+use crate::collapse::collapser::{Collapser, GONE_AT, ROOM};
+use crate::collapse::legality::Reject;
+use crate::simd::Lanes;
+use crate::simd::unchecked::KnownIds;
+use crate::surface::{MAX_VALENCE, Ring, Surface};
 
 impl Collapser {
     /// Sorts the triangles of both ends into those that stay and those that vanish.

@@ -8,11 +8,11 @@
 use std::ops::Range;
 
 use super::collapser::{Collapser, ROOM};
-use crate::kernel::collapse::legality::Reject;
-use crate::kernel::simd::Lanes;
-use crate::kernel::simd::unchecked::{KnownIds, prefetch};
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::class::Class;
+use crate::collapse::legality::Reject;
+use crate::simd::Lanes;
+use crate::simd::unchecked::{KnownIds, prefetch};
+use crate::surface::Surface;
+use crate::surface::class::Class;
 
 /// True if a number is in a range of a list.
 #[inline(always)]

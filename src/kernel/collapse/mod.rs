@@ -11,19 +11,19 @@ pub(crate) mod legality;
 mod link;
 pub(crate) mod roles;
 
-use crate::kernel::bound::scratch::Patch;
-use crate::kernel::bound::tracker::Tracker;
-use crate::kernel::collapse::collapser::{Collapser, Plan, eight};
-use crate::kernel::collapse::legality::Reject;
-use crate::kernel::cost::placement::place_on_edge;
-use crate::kernel::cost::quadric::{Around, RingSums};
-use crate::kernel::crossing::{Change, Crossings};
-use crate::kernel::simd::unchecked::KnownIds;
-use crate::kernel::simd::{Lanes, Portable};
-use crate::kernel::state::MeshState;
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::wedges::{Corners, Wedges};
+use crate::bound::scratch::Patch;
+use crate::bound::tracker::Tracker;
+use crate::collapse::collapser::{Collapser, Plan, eight};
+use crate::collapse::legality::Reject;
+use crate::cost::placement::place_on_edge;
+use crate::cost::quadric::{Around, RingSums};
+use crate::crossing::{Change, Crossings};
+use crate::simd::unchecked::KnownIds;
+use crate::simd::{Lanes, Portable};
+use crate::state::MeshState;
+use crate::surface::Surface;
+use crate::surface::class::Class;
+use crate::surface::wedges::{Corners, Wedges};
 
 /// A survivor this near to an end of the edge, as a share of it, carries what that end does.
 const NEAR_END: f32 = 1e-4;

@@ -2,11 +2,11 @@
 
 use std::hint::select_unpredictable;
 
-use crate::kernel::collapse::legality::{MAY_COLLAPSE, Reject};
-use crate::kernel::simd::unchecked::KnownIds;
-use crate::kernel::state::MeshState;
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::wedges::Wedges;
+use crate::collapse::legality::{MAY_COLLAPSE, Reject};
+use crate::simd::unchecked::KnownIds;
+use crate::state::MeshState;
+use crate::surface::Surface;
+use crate::surface::wedges::Wedges;
 
 /// Returns the removed and the kept end: the lower class goes, between equals the smaller room.
 #[inline(always)]

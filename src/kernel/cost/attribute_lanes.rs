@@ -8,12 +8,12 @@
 //!
 //! Source: the gradient form of Hoppe 1999, memoryless as the geometric part (docs/algorithm.md, section 7).
 
-use crate::kernel::cost::quadric::{
+use crate::cost::quadric::{
     Evaluated, Factors, REGULARISATION, Volume, add3, add6, cost, cross3, dot3, first6, last3,
     positions, product, scale3, store3, sub3, sub6,
 };
-use crate::kernel::simd::{Job, Lanes};
-use crate::kernel::vertex::Vertex;
+use crate::simd::{Job, Lanes};
+use crate::vertex::Vertex;
 
 /// Squared double area over the squared sum of squared edges below which a gradient is damped: a needle's
 /// gradient has no bounds. That of an aspect of about 30.

@@ -6,16 +6,16 @@
 //!
 //! docs/algorithm.md, section 7.
 
-use crate::kernel::cost::attribute_lanes::{
+use crate::cost::attribute_lanes::{
     AttributeEdges, AttributeRing, AttributeTriangles, Rows, numbers,
 };
-use crate::kernel::cost::placement::place_on_edge;
-use crate::kernel::cost::quadric::Evaluated;
-use crate::kernel::simd::Simd;
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::wedges::Corners;
-use crate::mesh::blend::of_ends;
-use crate::mesh::vec3::Vec3;
+use crate::cost::placement::place_on_edge;
+use crate::cost::quadric::Evaluated;
+use crate::simd::Simd;
+use crate::surface::Surface;
+use crate::surface::wedges::Corners;
+use stonecut_mesh::blend::of_ends;
+use stonecut_mesh::vec3::Vec3;
 
 /// Channels that can be weighted at once.
 pub const MAX_WEIGHTED: usize = 14;
@@ -394,10 +394,10 @@ fn add<const K: usize>(sum: &mut [[f32; 8]; K], rows: &Rows<K>, triangle: usize)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernel::schedule::driver::Driver;
-    use crate::kernel::state::MeshState;
-    use crate::kernel::{Options, Stop, run::run, tests::sheet};
-    use crate::mesh::Mesh;
+    use crate::schedule::driver::Driver;
+    use crate::state::MeshState;
+    use crate::{Options, Stop, run::run, tests::sheet};
+    use stonecut_mesh::Mesh;
 
     /// A sheet with a smooth channel, a rough one and a step.
     fn coloured(n: usize) -> Mesh {
@@ -423,7 +423,7 @@ mod tests {
         let simd = Simd::detect();
         let weights = [0.02, 0.01, 0.02, 0.0];
         let (state, ..) = MeshState::new(mesh, &locked, (&weights, &[]), simd);
-        let mut driver = Driver::new(state, simd, crate::kernel::Topology::Error);
+        let mut driver = Driver::new(state, simd, crate::Topology::Error);
         assert!(driver.reach(900));
         let kept = driver.state.attributes.take().expect("there are weights");
         let surface = &driver.state.surface;

@@ -5,13 +5,11 @@
 //!
 //! docs/algorithm.md, section 2.
 
-use crate::kernel::cost::quadric::{
-    Evaluated, LENGTH_COST, MAX_REACH, REGULARISATION, VOLUME_SHARE,
-};
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::flats::{Flats, Meeting, across};
-use crate::kernel::vertex::Vertex;
-use crate::mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub};
+use crate::cost::quadric::{Evaluated, LENGTH_COST, MAX_REACH, REGULARISATION, VOLUME_SHARE};
+use crate::surface::Surface;
+use crate::surface::flats::{Flats, Meeting, across};
+use crate::vertex::Vertex;
+use stonecut_mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub};
 
 /// Multiple of the cost of a collapse that cannot keep its planes.
 const BROKEN: f32 = 4.0;

@@ -8,9 +8,9 @@
 //!
 //! docs/algorithm.md, section 1, has the terms.
 
-use crate::kernel::surface::{Surface, boundary_quadric};
-use crate::mesh::corners::others;
-use crate::mesh::vec3::{add, cross, dot, scale};
+use crate::surface::{Surface, boundary_quadric};
+use stonecut_mesh::corners::others;
+use stonecut_mesh::vec3::{add, cross, dot, scale};
 
 /// Two triangles whose normals have a cosine below this make a fold.
 const FOLD_COSINE: f32 = -0.5;

@@ -5,11 +5,11 @@
 //!
 //! docs/algorithm.md, section 2.
 
-use crate::kernel::cost::quadric::{Evaluated, LENGTH_COST};
-use crate::kernel::options::Placement;
-use crate::kernel::surface::Surface;
-use crate::kernel::vertex::Vertex;
-use crate::mesh::vec3;
+use crate::cost::quadric::{Evaluated, LENGTH_COST};
+use crate::options::Placement;
+use crate::surface::Surface;
+use crate::vertex::Vertex;
+use stonecut_mesh::vec3;
 
 /// Replaces places and costs of eight edges; where `fixed` is not 0, the survivor stays at `v1`.
 #[inline(never)]

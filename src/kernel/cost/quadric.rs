@@ -8,8 +8,8 @@
 //! Source: quadrics of Garland & Heckbert 1997, memoryless and with the volume constraint of Lindstrom & Turk 1998
 //! (docs/references.md; docs/algorithm.md, sections 1 to 3).
 
-use crate::kernel::simd::{Job, Lanes};
-use crate::kernel::vertex::Vertex;
+use crate::simd::{Job, Lanes};
+use crate::vertex::Vertex;
 
 /// Share of the trace added to the diagonal when the best position is solved for; 1e-2 costs error,
 /// 1e-4 to 1e-6 are alike.

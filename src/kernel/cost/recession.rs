@@ -7,10 +7,10 @@
 //!
 //! docs/algorithm.md, section 3, has the price.
 
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::class::Class;
-use crate::kernel::vertex::GONE;
-use crate::mesh::vec3::{Vec3, length_sq, sub, triangle_distance_sq};
+use crate::surface::Surface;
+use crate::surface::class::Class;
+use crate::vertex::GONE;
+use stonecut_mesh::vec3::{Vec3, length_sq, sub, triangle_distance_sq};
 
 /// Vertices of more triangles than this are not looked at.
 const MOST: u32 = 64;

@@ -4,17 +4,15 @@
 //! geometric error are least together; what it carries is that of the nearest place on the edge. What that costs is summed up over both rings directly, eight triangles at once; nothing is
 //! kept at a seam.
 
-use crate::kernel::cost::attribute_lanes::LEAST_SHAPE_SQ;
-use crate::kernel::cost::attributes::MAX_WEIGHTED;
-use crate::kernel::cost::quadric::{
-    Evaluated, LENGTH_COST, MAX_REACH, VOLUME_SHARE, cross3, dot3, sub3,
-};
-use crate::kernel::simd::{Job, Lanes};
-use crate::kernel::surface::wedges::Wedges;
-use crate::kernel::surface::wedges::pairs::Pairs;
-use crate::kernel::surface::{MAX_VALENCE, Surface, boundary_quadric};
-use crate::kernel::vertex::GONE;
-use crate::mesh::vec3::{Vec3, add, dot, length_sq, scale, sub};
+use crate::cost::attribute_lanes::LEAST_SHAPE_SQ;
+use crate::cost::attributes::MAX_WEIGHTED;
+use crate::cost::quadric::{Evaluated, LENGTH_COST, MAX_REACH, VOLUME_SHARE, cross3, dot3, sub3};
+use crate::simd::{Job, Lanes};
+use crate::surface::wedges::Wedges;
+use crate::surface::wedges::pairs::Pairs;
+use crate::surface::{MAX_VALENCE, Surface, boundary_quadric};
+use crate::vertex::GONE;
+use stonecut_mesh::vec3::{Vec3, add, dot, length_sq, scale, sub};
 
 /// A surface has a side where at least this share of its normal, squared, is square to the edge.
 const STEEP: f64 = 0.25;

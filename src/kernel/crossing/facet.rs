@@ -2,8 +2,8 @@
 //!
 //! A sign that rounding could turn is unknown; what is unknown is decided exactly (`mesh::meeting`).
 
-use crate::mesh::meeting::{self, Meeting};
-use crate::mesh::vec3::{Vec3, cross, dot, sub};
+use stonecut_mesh::meeting::{self, Meeting};
+use stonecut_mesh::vec3::{Vec3, cross, dot, sub};
 
 /// Bounds the rounding of a height over a plane, as a share of the product of the lengths that it is made of: ten times what
 /// the sums can lose.

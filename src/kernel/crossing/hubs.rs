@@ -4,14 +4,14 @@
 //! come and go around it. Triangles that have it no longer go back to the tree of all others.
 
 use super::tree::{Hull, Tree};
-use crate::kernel::surface::Surface;
-use crate::kernel::vertex::GONE;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::morton::spread;
-use crate::mesh::sight::{Faces, seen_of};
-use crate::mesh::steps::{self, count};
-use crate::mesh::vec3::{Vec3, sub};
+use crate::surface::Surface;
+use crate::vertex::GONE;
 use std::collections::HashMap;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::morton::spread;
+use stonecut_mesh::sight::{Faces, seen_of};
+use stonecut_mesh::steps::{self, count};
+use stonecut_mesh::vec3::{Vec3, sub};
 
 /// A triangle's corners.
 type Corners = [Vec3; 3];

@@ -7,16 +7,16 @@ mod facet;
 mod hubs;
 pub(crate) mod tree;
 
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::{MAX_VALENCE, Surface};
-use crate::kernel::vertex::GONE;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::corners::others;
-use crate::mesh::steps;
-use crate::mesh::vec3::Vec3;
+use crate::surface::class::Class;
+use crate::surface::{MAX_VALENCE, Surface};
+use crate::vertex::GONE;
 use facet::{Facet, is_graph};
 use hubs::Hubs;
 use std::collections::HashMap;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::corners::others;
+use stonecut_mesh::steps;
+use stonecut_mesh::vec3::Vec3;
 use tree::{Hull, Hulls, Tree};
 
 /// Shares of the way to the middle of a corner's neighbours by which triangles on each other are parted, tried in turn.

@@ -2,7 +2,7 @@
 //!
 //! Triangles lie near each other in memory, so a row is a region. A box only grows until the tree is built again.
 
-use crate::mesh::vec3::Vec3;
+use stonecut_mesh::vec3::Vec3;
 
 /// Boxes side by side: as many as have one box in the level above.
 const ROW: usize = 8;

@@ -6,9 +6,9 @@
 
 use super::Work;
 use super::normal_equations::{FaceTerm, V};
-use crate::kernel::fit::nearest::off_ring;
-use crate::kernel::simd::Simd;
-use crate::mesh::vec3::{add, cross, dot, scale, sub};
+use crate::fit::nearest::off_ring;
+use crate::simd::Simd;
+use stonecut_mesh::vec3::{add, cross, dot, scale, sub};
 
 /// A step squared is at most this share of the area around the vertex: without any bound the fit diverges
 /// (../shared/KERNEL.md). Between 0.01 and 0.05 it makes no difference.

@@ -14,19 +14,19 @@ mod normal_equations;
 mod relief;
 pub(crate) mod samples;
 
-use crate::kernel::crossing::{self, Change, Crossings};
-use crate::kernel::fit::nearest::{Foot, feet, nearest_around};
-use crate::kernel::fit::samples::{Sample, Samples};
-use crate::kernel::simd::Simd;
-use crate::kernel::state::MeshState;
-use crate::kernel::statistics::FitStatistics;
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::faces::Face;
-use crate::kernel::surface::{MAX_VALENCE, Surface};
-use crate::kernel::vertex::GONE;
-use crate::mesh::relief::Relief;
-use crate::mesh::vec3::{Vec3, dot, normal, scale, sub};
+use crate::crossing::{self, Change, Crossings};
+use crate::fit::nearest::{Foot, feet, nearest_around};
+use crate::fit::samples::{Sample, Samples};
+use crate::simd::Simd;
+use crate::state::MeshState;
+use crate::statistics::FitStatistics;
+use crate::surface::class::Class;
+use crate::surface::faces::Face;
+use crate::surface::{MAX_VALENCE, Surface};
+use crate::vertex::GONE;
 use normal_equations::{Element, FaceTerm, V, solve};
+use stonecut_mesh::relief::Relief;
+use stonecut_mesh::vec3::{Vec3, dot, normal, scale, sub};
 
 /// Share of the samples (one in this many) that check whether the fit lowered the error.
 const CHECKED_STEP: u32 = 4;
@@ -144,8 +144,7 @@ impl<'a> Work<'a> {
             std::array::from_fn(|k| ((position[k] - samples.centre[k]) * surface.scale) as f32)
         };
         let place: Vec<V> = surface.vertices.iter().map(|v| local(&v.position)).collect();
-        let is_free =
-            |r: &crate::kernel::surface::Ring| r.class == Some(Class::Interior) && r.len > 0;
+        let is_free = |r: &crate::surface::Ring| r.class == Some(Class::Interior) && r.len > 0;
         // What lies in a plane exactly stays there.
         let in_plane =
             |v: usize| surface.flats.as_ref().is_some_and(|flats| flats.of(v as u32) != 0);

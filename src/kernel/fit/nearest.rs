@@ -5,13 +5,13 @@
 //! minimum: a sample stays on its own sheet of a thin part. One that ends suspiciously far away looks at everything that is
 //! connected to that place within the distance found (`wider`). Moves nothing.
 
-use crate::kernel::fit::samples::Sample;
-use crate::kernel::simd::Simd;
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::faces::{Face, Search};
-use crate::kernel::vertex::GONE;
-use crate::mesh::corners::others;
-use crate::mesh::vec3::sub;
+use crate::fit::samples::Sample;
+use crate::simd::Simd;
+use crate::surface::Surface;
+use crate::surface::faces::{Face, Search};
+use crate::vertex::GONE;
+use stonecut_mesh::corners::others;
+use stonecut_mesh::vec3::sub;
 
 /// Samples around a vertex of more triangles are lost: each of them would look at all of those.
 const MOST_FACES: usize = 1024;

@@ -2,8 +2,8 @@
 //!
 //! It moves nothing, and knows no bounds.
 
-use crate::kernel::fit::nearest::Foot;
-use crate::mesh::vec3::{add, dot, scale, sub};
+use crate::fit::nearest::Foot;
+use stonecut_mesh::vec3::{add, dot, scale, sub};
 
 /// A vector in scaled units, relative to the centre of the samples.
 pub(super) type V = [f32; 3];

@@ -4,8 +4,8 @@
 //! to all linear functions there, so the next fit, over triangles that are larger, hardly misses it. It moves nothing.
 
 use super::normal_equations::{FaceTerm, V};
-use crate::mesh::relief::Relief;
-use crate::mesh::vec3::{dot, normal, sub};
+use stonecut_mesh::relief::Relief;
+use stonecut_mesh::vec3::{dot, normal, sub};
 
 /// Weight of a constant height against the samples of a triangle: with few of them the slope is held back. The mass
 /// of an evenly sampled triangle resists a slope by a twelfth of its weight.

@@ -7,13 +7,13 @@
 //! become one: their mean stands for all of them, since the distance to a plane is linear. It moves
 //! nothing; `fit` does.
 
-use crate::kernel::options::FitGoal;
-use crate::kernel::simd::unchecked::prefetch;
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::{AHEAD, Ring, Surface};
-use crate::kernel::vertex::GONE;
-use crate::mesh::relief::Relief;
-use crate::mesh::vec3::{self, Vec3};
+use crate::options::FitGoal;
+use crate::simd::unchecked::prefetch;
+use crate::surface::class::Class;
+use crate::surface::{AHEAD, Ring, Surface};
+use crate::vertex::GONE;
+use stonecut_mesh::relief::Relief;
+use stonecut_mesh::vec3::{self, Vec3};
 
 /// Samples are merged only as long as this many are left for a triangle of the result.
 const MERGED_PER_TRIANGLE: f64 = 8.0;

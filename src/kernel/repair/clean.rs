@@ -11,16 +11,16 @@
 //! Costs next to nothing where there is nothing to clean: repeats are looked for around non-manifold vertices
 //! only, and building the surface notes the triangles that may be without area.
 
-use crate::kernel::simd::Simd;
-use crate::kernel::state::MeshState;
-use crate::kernel::state::recompute::recompute_vertices;
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::fan::Fan;
-use crate::kernel::surface::{MAX_VALENCE, Surface};
-use crate::kernel::vertex::GONE;
-use crate::mesh::corners::others;
-use crate::mesh::duplicate_triangles::{Repeats, flaps, from_least};
-use crate::mesh::vec3::{dot, length_sq, normal, sub};
+use crate::simd::Simd;
+use crate::state::MeshState;
+use crate::state::recompute::recompute_vertices;
+use crate::surface::class::Class;
+use crate::surface::fan::Fan;
+use crate::surface::{MAX_VALENCE, Surface};
+use crate::vertex::GONE;
+use stonecut_mesh::corners::others;
+use stonecut_mesh::duplicate_triangles::{Repeats, flaps, from_least};
+use stonecut_mesh::vec3::{dot, length_sq, normal, sub};
 
 /// Counts of a cleaning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

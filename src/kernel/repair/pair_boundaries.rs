@@ -11,15 +11,15 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::kernel::options::Placement;
-use crate::kernel::simd::Simd;
-use crate::kernel::state::MeshState;
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::fan::Fan;
-use crate::kernel::topology::components::components;
-use crate::mesh::corners::others;
-use crate::mesh::vec3::{Vec3, add, length_sq, scale, sub};
+use crate::options::Placement;
+use crate::simd::Simd;
+use crate::state::MeshState;
+use crate::surface::Surface;
+use crate::surface::class::Class;
+use crate::surface::fan::Fan;
+use crate::topology::components::components;
+use stonecut_mesh::corners::others;
+use stonecut_mesh::vec3::{Vec3, add, length_sq, scale, sub};
 
 /// No gap is bridged that is wider than this many mean open edges: boundaries are lines, so this bounds how
 /// many vertices are near one.

@@ -9,13 +9,13 @@
 //! `Topology::Error`, with the channels of the lowest id; if others are to stay apart, they do as wedges
 //! (`wedges`). Without confined channels and under `Topology::Error`, `make_manifold` does more instead.
 
-use crate::kernel::options::Topology;
-use crate::kernel::simd::Simd;
-use crate::kernel::state::MeshState;
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::wedges::Wedges;
-use crate::kernel::vertex::GONE;
+use crate::options::Topology;
+use crate::simd::Simd;
+use crate::state::MeshState;
+use crate::surface::Surface;
+use crate::surface::class::Class;
+use crate::surface::wedges::Wedges;
+use crate::vertex::GONE;
 
 /// Joins what coincides; returns how many vertices went. Sorts boundary vertices only.
 pub(crate) fn coincident(

@@ -6,21 +6,21 @@
 
 use std::hint::select_unpredictable;
 
-use crate::kernel::collapse::collapser::Plan;
-use crate::kernel::collapse::legality::Reject;
-use crate::kernel::collapse::roles::{classes_allow, roles};
-use crate::kernel::cost::fold_quadric;
-use crate::kernel::cost::quadric::Evaluated;
-use crate::kernel::cost::recession::Recession;
-use crate::kernel::interrupt::BATCHES_BETWEEN_LOOKS;
-use crate::kernel::options::Topology;
-use crate::kernel::schedule::driver::{Driver, Limits};
-use crate::kernel::schedule::evaluate::{evaluate_eight, fixation};
-use crate::kernel::schedule::queue::{BucketQueue, Entry};
-use crate::kernel::simd::unchecked::{KnownIds, prefetch};
-use crate::kernel::simd::{Job, Lanes};
-use crate::kernel::surface::class::Class;
-use crate::kernel::topology::components::{cost_of_recession, whole_area};
+use crate::collapse::collapser::Plan;
+use crate::collapse::legality::Reject;
+use crate::collapse::roles::{classes_allow, roles};
+use crate::cost::fold_quadric;
+use crate::cost::quadric::Evaluated;
+use crate::cost::recession::Recession;
+use crate::interrupt::BATCHES_BETWEEN_LOOKS;
+use crate::options::Topology;
+use crate::schedule::driver::{Driver, Limits};
+use crate::schedule::evaluate::{evaluate_eight, fixation};
+use crate::schedule::queue::{BucketQueue, Entry};
+use crate::simd::unchecked::{KnownIds, prefetch};
+use crate::simd::{Job, Lanes};
+use crate::surface::class::Class;
+use crate::topology::components::{cost_of_recession, whole_area};
 
 /// A collapse that turns a normal too far is dearer by a factor of two a failure, and goes through
 /// after this many.

@@ -2,22 +2,22 @@
 //!
 //! `levels`, `drain` and `topology_changes` work on it.
 
-use crate::kernel::bound::tracker::Tracker;
-use crate::kernel::collapse::collapser::Collapser;
-use crate::kernel::collapse::legality::RejectCounts;
-use crate::kernel::crossing::Crossings;
-use crate::kernel::fit::samples::Samples;
-use crate::kernel::followed::Followed;
-use crate::kernel::history::History;
-use crate::kernel::interrupt::Interrupt;
-use crate::kernel::options::Topology;
-use crate::kernel::quality::{Probes, QualityAt, STEP_ON_THE_WAY};
-use crate::kernel::repair::clean::Cleaned;
-use crate::kernel::repair::make_manifold::{self, Mended};
-use crate::kernel::simd::Simd;
-use crate::kernel::state::MeshState;
-use crate::kernel::state::validate::validate;
-use crate::kernel::topology::components::{Removal, SmallComponents};
+use crate::bound::tracker::Tracker;
+use crate::collapse::collapser::Collapser;
+use crate::collapse::legality::RejectCounts;
+use crate::crossing::Crossings;
+use crate::fit::samples::Samples;
+use crate::followed::Followed;
+use crate::history::History;
+use crate::interrupt::Interrupt;
+use crate::options::Topology;
+use crate::quality::{Probes, QualityAt, STEP_ON_THE_WAY};
+use crate::repair::clean::Cleaned;
+use crate::repair::make_manifold::{self, Mended};
+use crate::simd::Simd;
+use crate::state::MeshState;
+use crate::state::validate::validate;
+use crate::topology::components::{Removal, SmallComponents};
 
 /// The simplification under way.
 #[derive(Clone)]

@@ -1,14 +1,14 @@
 //! Costs of eight edges and the places of their survivors, attributes and seams included.
 
-use crate::kernel::collapse::collapser::eight;
-use crate::kernel::cost::quadric::{self, Evaluated};
-use crate::kernel::cost::{flats, placement, seam};
-use crate::kernel::options::Placement;
-use crate::kernel::simd::Lanes;
-use crate::kernel::simd::unchecked::KnownIds;
-use crate::kernel::state::MeshState;
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::class::Class;
+use crate::collapse::collapser::eight;
+use crate::cost::quadric::{self, Evaluated};
+use crate::cost::{flats, placement, seam};
+use crate::options::Placement;
+use crate::simd::Lanes;
+use crate::simd::unchecked::KnownIds;
+use crate::state::MeshState;
+use crate::surface::Surface;
+use crate::surface::class::Class;
 
 /// 1 if the vertex may not move, else 0.
 #[inline(always)]

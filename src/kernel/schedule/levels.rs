@@ -8,13 +8,13 @@
 
 use std::ops::Range;
 
-use crate::kernel::options::Topology;
-use crate::kernel::schedule::drain::Drain;
-use crate::kernel::schedule::driver::{Driver, Limits};
-use crate::kernel::schedule::queue::{BucketQueue, Entry};
-use crate::kernel::schedule::seeds::Seeds;
-use crate::kernel::state::validate::validate_small;
-use crate::kernel::vertex::GONE;
+use crate::options::Topology;
+use crate::schedule::drain::Drain;
+use crate::schedule::driver::{Driver, Limits};
+use crate::schedule::queue::{BucketQueue, Entry};
+use crate::schedule::seeds::Seeds;
+use crate::state::validate::validate_small;
+use crate::vertex::GONE;
 
 /// Triangles whose edges seed one queue.
 pub(super) const BLOCK: usize = 4 * 1024;

@@ -251,7 +251,7 @@ mod tests {
         for i in order {
             assert_eq!(queue.pop(), Some((queue.bucket(costs[i]), entries[i])));
         }
-        assert!(u64::from(most) >= crate::kernel::MAX_VERTICES);
+        assert!(u64::from(most) >= crate::MAX_VERTICES);
     }
 
     #[test]

@@ -2,14 +2,14 @@
 
 use std::ops::Range;
 
-use crate::kernel::collapse::roles::{classes_allow, roles};
-use crate::kernel::schedule::evaluate::{evaluate_eight, fixation};
-use crate::kernel::simd::unchecked::{KnownIds, prefetch};
-use crate::kernel::simd::{Job, Lanes};
-use crate::kernel::state::MeshState;
-use crate::kernel::surface::AHEAD;
-use crate::kernel::surface::class::Class;
-use crate::kernel::vertex::GONE;
+use crate::collapse::roles::{classes_allow, roles};
+use crate::schedule::evaluate::{evaluate_eight, fixation};
+use crate::simd::unchecked::{KnownIds, prefetch};
+use crate::simd::{Job, Lanes};
+use crate::state::MeshState;
+use crate::surface::AHEAD;
+use crate::surface::class::Class;
+use crate::vertex::GONE;
 
 /// Hands the edges of some triangles that the classes allow and that cost less than `below`, each once with
 /// its cost, to `take`.

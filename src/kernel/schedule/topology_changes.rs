@@ -2,14 +2,14 @@
 //!
 //! `topology` decides which changes are allowed, and their price.
 
-use crate::kernel::options::Topology;
-use crate::kernel::schedule::driver::{Driver, Limits};
-use crate::kernel::schedule::queue::{BucketQueue, Entry};
-use crate::kernel::state::validate::validate_small;
-use crate::kernel::surface::Surface;
-use crate::kernel::topology::components::{SmallComponents, cost_of_distance, whole_area};
-use crate::kernel::topology::cut::cut;
-use crate::kernel::topology::{self, CutPlan, TopologyChange};
+use crate::options::Topology;
+use crate::schedule::driver::{Driver, Limits};
+use crate::schedule::queue::{BucketQueue, Entry};
+use crate::state::validate::validate_small;
+use crate::surface::Surface;
+use crate::topology::components::{SmallComponents, cost_of_distance, whole_area};
+use crate::topology::cut::cut;
+use crate::topology::{self, CutPlan, TopologyChange};
 
 /// A component of more than this share of the area does not go before those on which collapses are stuck.
 /// Scans that come down to a count that they can bear lose nothing so large: of the legion of honor (1,298 components) the

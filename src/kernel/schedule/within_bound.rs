@@ -1,14 +1,14 @@
 //! As far down as a bound on the error allows: levels of rising cost until nearly all is refused, then queues over
 //! everything.
 
-use crate::kernel::options::Topology;
-use crate::kernel::schedule::driver::{Driver, Limits};
-use crate::kernel::schedule::levels::{BLOCK, MIN_LEVEL_TRIANGLES, PILOT_STRIDE};
-use crate::kernel::schedule::queue::BucketQueue;
-use crate::kernel::state::validate::validate;
-use crate::kernel::topology;
-use crate::kernel::topology::components::components;
-use crate::kernel::vertex::GONE;
+use crate::options::Topology;
+use crate::schedule::driver::{Driver, Limits};
+use crate::schedule::levels::{BLOCK, MIN_LEVEL_TRIANGLES, PILOT_STRIDE};
+use crate::schedule::queue::BucketQueue;
+use crate::state::validate::validate;
+use crate::topology;
+use crate::topology::components::components;
+use crate::vertex::GONE;
 use std::ops::Range;
 
 /// The first level has the cost that this share of the edges does not reach.

@@ -7,7 +7,7 @@
 use std::arch::x86_64::*;
 
 use super::lanes::{Job, Lanes, PACKING};
-use crate::kernel::vertex::Vertex;
+use crate::vertex::Vertex;
 
 /// Proof that the processor has AVX2; only made by `detect`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

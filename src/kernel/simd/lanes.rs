@@ -3,7 +3,7 @@
 //! Every operation is one correctly rounded IEEE operation a lane, none is fused, so that all implementations
 //! agree to the last bit.
 
-use crate::kernel::vertex::Vertex;
+use crate::vertex::Vertex;
 
 /// Work that can be done with either kind of lanes.
 pub(crate) trait Job {

@@ -1,8 +1,8 @@
 //! Eight lanes in an array, left to the compiler.
 
 use super::lanes::{Lanes, PACKING};
-use crate::kernel::vertex::Vertex;
-use crate::mesh::corners::others;
+use crate::vertex::Vertex;
+use stonecut_mesh::corners::others;
 
 /// Eight numbers in an array.
 #[derive(Clone, Copy)]

@@ -1,21 +1,21 @@
 //! Builds the state of a mesh, and compacts it once much of it is gone: rings, quadrics, classes.
 
-use crate::kernel::cost::attributes::Attributes;
-use crate::kernel::cost::fold_quadric;
-use crate::kernel::cost::quadric::{Rows, Triangles};
-use crate::kernel::options::Placement;
-use crate::kernel::simd::unchecked::{KnownIds, prefetch};
-use crate::kernel::simd::{Job, Lanes, Simd};
-use crate::kernel::state::MeshState;
-use crate::kernel::state::validate::validate;
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::fan::{Fan, is_one_fan};
-use crate::kernel::surface::wedges::Corners;
-use crate::kernel::surface::{AHEAD, Ring, Surface, morton};
-use crate::kernel::vertex::{GONE, Vertex};
-use crate::mesh::Mesh;
-use crate::mesh::extremes::Extremes;
-use crate::mesh::relief::Relief;
+use crate::cost::attributes::Attributes;
+use crate::cost::fold_quadric;
+use crate::cost::quadric::{Rows, Triangles};
+use crate::options::Placement;
+use crate::simd::unchecked::{KnownIds, prefetch};
+use crate::simd::{Job, Lanes, Simd};
+use crate::state::MeshState;
+use crate::state::validate::validate;
+use crate::surface::class::Class;
+use crate::surface::fan::{Fan, is_one_fan};
+use crate::surface::wedges::Corners;
+use crate::surface::{AHEAD, Ring, Surface, morton};
+use crate::vertex::{GONE, Vertex};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::extremes::Extremes;
+use stonecut_mesh::relief::Relief;
 
 fn is_proper(t: &[u32; 3]) -> bool {
     t[0] != t[1] && t[1] != t[2] && t[2] != t[0]

@@ -7,12 +7,12 @@ mod output;
 pub(crate) mod recompute;
 pub(crate) mod validate;
 
-use crate::kernel::cost::attributes::Attributes;
-use crate::kernel::options::{Options, Placement};
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::flats::Flats;
-use crate::kernel::surface::wedges::{Corners, Wedges};
-use crate::kernel::vertex::Vertex;
+use crate::cost::attributes::Attributes;
+use crate::options::{Options, Placement};
+use crate::surface::Surface;
+use crate::surface::flats::Flats;
+use crate::surface::wedges::{Corners, Wedges};
+use crate::vertex::Vertex;
 
 /// A surface with the sums of its attributes and the wedges of its seams.
 #[derive(Clone)]

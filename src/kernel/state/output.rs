@@ -1,10 +1,10 @@
 //! Takes the simplified mesh out of its state.
 
-use crate::kernel::state::MeshState;
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::wedges::Wedges;
-use crate::kernel::vertex::GONE;
-use crate::mesh::Mesh;
+use crate::state::MeshState;
+use crate::surface::Surface;
+use crate::surface::wedges::Wedges;
+use crate::vertex::GONE;
+use stonecut_mesh::Mesh;
 
 impl MeshState {
     /// The mesh that is left, vertices in the order of their sources; seams are split again.

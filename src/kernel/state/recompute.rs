@@ -1,13 +1,13 @@
 //! Quadrics, classes and sums of attributes of vertices whose triangles changed other than by a collapse.
 
-use crate::kernel::cost::fold_quadric;
-use crate::kernel::cost::quadric::{Rows, Triangles};
-use crate::kernel::simd::Simd;
-use crate::kernel::state::MeshState;
-use crate::kernel::surface::fan::Fan;
-use crate::kernel::surface::wedges::Corners;
-use crate::kernel::surface::{HUB, Surface};
-use crate::kernel::vertex::GONE;
+use crate::cost::fold_quadric;
+use crate::cost::quadric::{Rows, Triangles};
+use crate::simd::Simd;
+use crate::state::MeshState;
+use crate::surface::fan::Fan;
+use crate::surface::wedges::Corners;
+use crate::surface::{HUB, Surface};
+use crate::vertex::GONE;
 
 /// Quadrics and classes of vertices whose triangles changed; empties the list. Rings must be right.
 pub(crate) fn recompute_vertices(state: &mut MeshState, touched: &mut Vec<u32>, simd: Simd) {

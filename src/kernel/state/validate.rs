@@ -3,9 +3,9 @@
 //! Called in builds with debug assertions after each stage that changes the topology, and after each single
 //! change of it where the mesh is small. What the unchecked places of the inner loop rely on is here as code.
 
-use crate::kernel::state::MeshState;
+use crate::state::MeshState;
 #[cfg(debug_assertions)]
-use crate::kernel::{
+use crate::{
     surface::{HUB, MAX_VALENCE, Surface, class::Class, fan::Fan},
     vertex::GONE,
 };

@@ -1,7 +1,7 @@
 //! The nearest of a few triangles around one vertex, for eight points at once.
 
-use crate::kernel::simd::{Job, Lanes};
-use crate::mesh::vec3::{cross, dot};
+use crate::simd::{Job, Lanes};
+use stonecut_mesh::vec3::{cross, dot};
 
 /// A triangle of a ring as seen from the vertex in its centre, with all that does not depend on samples.
 #[derive(Clone, Copy)]

@@ -1,11 +1,11 @@
 //! The triangles around a vertex as fans, and the class that follows from them.
 
-use crate::kernel::simd::Lanes;
-use crate::kernel::simd::unchecked::KnownIds;
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::{MAX_VALENCE, Surface, boundary_quadric};
-use crate::kernel::vertex::GONE;
-use crate::mesh::corners::others;
+use crate::simd::Lanes;
+use crate::simd::unchecked::KnownIds;
+use crate::surface::class::Class;
+use crate::surface::{MAX_VALENCE, Surface, boundary_quadric};
+use crate::vertex::GONE;
+use stonecut_mesh::corners::others;
 
 impl Surface {
     /// Finds the class of a vertex that is not locked and adds the quadrics of its boundary edges.

@@ -4,8 +4,8 @@
 //! the area are found once, and every vertex knows by bits which of them its triangles lie in. Collapses keep them
 //! (`cost::flats`) as long as that is possible. On scans nothing is found: there it costs a look at some thousand triangles.
 
-use crate::kernel::vertex::{GONE, Vertex};
-use crate::mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub};
+use crate::vertex::{GONE, Vertex};
+use stonecut_mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub};
 
 /// Triangles that tell which share of the area lies in a plane, at most; and of those the ones that propose planes: evenly
 /// spread ones, and the largest.

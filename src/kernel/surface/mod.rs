@@ -11,11 +11,11 @@ pub(crate) mod morton;
 mod rings;
 pub(crate) mod wedges;
 
-use crate::kernel::options::Placement;
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::flats::Flats;
-use crate::kernel::vertex::Vertex;
-use crate::mesh::vec3::Vec3;
+use crate::options::Placement;
+use crate::surface::class::Class;
+use crate::surface::flats::Flats;
+use crate::vertex::Vertex;
+use stonecut_mesh::vec3::Vec3;
 
 /// Weight of a boundary edge: |e|^2 times the squared distance to its line times this.
 const BOUNDARY_WEIGHT: f32 = 1.0;

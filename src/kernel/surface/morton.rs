@@ -4,9 +4,9 @@
 //! the input. Inside of a cell the order of the input stays. It moves only indices; the caller moves the
 //! data.
 
-use crate::mesh::bounds::Bounds;
-use crate::mesh::morton::spread;
-use crate::mesh::vec3::Vec3;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::morton::spread;
+use stonecut_mesh::vec3::Vec3;
 
 /// Triangles a cell of the cube holds on average, if the mesh is a surface.
 const TRIANGLES_A_CELL: usize = 128;

@@ -1,6 +1,6 @@
 //! Edits of rings: room in the arena, triangles that are taken out, lists that are set.
 
-use crate::kernel::surface::{HUB, Surface};
+use crate::surface::{HUB, Surface};
 
 impl Surface {
     /// Room for `n` more places at the end of the arena, filled with the number of some triangle.

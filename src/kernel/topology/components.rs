@@ -14,11 +14,11 @@
 //!
 //! docs/algorithm.md, section 6.
 
-use crate::kernel::surface::Surface;
-use crate::kernel::vertex::GONE;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::union_find::Union;
-use crate::mesh::vec3::{Vec3, length_sq, normal, sub, triangle_distance_sq};
+use crate::surface::Surface;
+use crate::vertex::GONE;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::union_find::Union;
+use stonecut_mesh::vec3::{Vec3, length_sq, normal, sub, triangle_distance_sq};
 
 /// Every 16th triangle tells how large they are.
 const AREA_STRIDE: usize = 16;

@@ -2,14 +2,14 @@
 //!
 //! `topology` decides which cuts are allowed, and their price.
 
-use crate::kernel::simd::Simd;
-use crate::kernel::state::MeshState;
-use crate::kernel::state::recompute::recompute_quadric;
-use crate::kernel::surface::Ring;
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::wedges::Corners;
-use crate::kernel::surface::wedges::divide::Sectors;
-use crate::kernel::topology::sector;
+use crate::simd::Simd;
+use crate::state::MeshState;
+use crate::state::recompute::recompute_quadric;
+use crate::surface::Ring;
+use crate::surface::class::Class;
+use crate::surface::wedges::Corners;
+use crate::surface::wedges::divide::Sectors;
+use crate::topology::sector;
 
 /// Cuts along a cycle of three edges and caps both sides. What lies to the right of the cycle gets new
 /// vertices, which are returned; their sources come from the end of `spare`. `None`, and nothing done, if it cannot be.

@@ -3,9 +3,9 @@
 //! Both sides of the cut are walked in turn, so that the smaller one sets the price. If the walks meet, the cut
 //! opens a handle and separates nothing. Changes nothing; `topology` decides what may be cut.
 
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::{MAX_VALENCE, Surface};
-use crate::kernel::vertex::GONE;
+use crate::surface::class::Class;
+use crate::surface::{MAX_VALENCE, Surface};
+use crate::vertex::GONE;
 
 /// The effect of a cut on the component it runs through.
 pub(crate) enum Separation {

@@ -1,6 +1,6 @@
 //! Two pictures pixel by pixel: squared differences, structural similarity.
 
-use crate::render::Picture;
+use stonecut_render::Picture;
 
 /// Largest value of a channel.
 const PEAK: f64 = 255.0;

@@ -5,14 +5,14 @@
 
 mod likeness;
 
-use crate::error::Result;
-use crate::io::ply::MeshSource;
-use crate::render::{
-    Aim, Coloring, Lighting, Picture, Resources, Shot, View, aims_around, has_looks, shots,
-};
-use crate::system::progress::Progress;
 pub use likeness::Likeness;
 use likeness::Sums;
+use stonecut_io::ply::MeshSource;
+use stonecut_render::{
+    Aim, Coloring, Lighting, Picture, Resources, Shot, View, aims_around, has_looks, shots,
+};
+use stonecut_system::error::Result;
+use stonecut_system::progress::Progress;
 
 /// Views by default.
 pub const DEFAULT_VIEWS: u32 = 12;

@@ -6,9 +6,9 @@
 // Three axes run through several arrays side by side; an index shows that best.
 #![allow(clippy::needless_range_loop)]
 
-use crate::measure::triangle::{self, Vector};
-use crate::mesh::bounds::Bounds;
-use crate::mesh::vec3::{cross, dot, length_sq, sub};
+use crate::triangle::{self, Vector};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::{cross, dot, length_sq, sub};
 
 /// Rounding of a bound in the sum of the coordinates it is computed from: 16 units of rounding, 8 are needed.
 pub(super) const ROUNDING: f64 = 16.0 * UNIT_ROUNDING;

@@ -7,12 +7,12 @@
 use super::bound::upper;
 use super::piece::{Cut, Limits, Piece};
 use super::sheet::{Neighbours, Sheets};
-use crate::error::Result;
-use crate::measure::certificate::{Beyond, MOST_BEYOND};
-use crate::measure::tree::Tree;
-use crate::measure::triangle::Vector;
-use crate::mesh::bounds::Bounds;
-use crate::system::progress::Progress;
+use crate::certificate::{Beyond, MOST_BEYOND};
+use crate::tree::Tree;
+use crate::triangle::Vector;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_system::error::Result;
+use stonecut_system::progress::Progress;
 
 /// Pieces of one source triangle that are looked at; beyond that it counts as it stands.
 pub(super) const MOST_STEPS: u64 = 4_000_000;

@@ -6,11 +6,11 @@
 use super::bound::upper;
 use super::cover::{Found, Goal, MOST_STEPS};
 use super::piece::{Cut, Limits, Piece};
-use crate::error::Result;
-use crate::measure::nearest_in_cells::settle;
-use crate::measure::parts::{Means, Parts, Survey};
-use crate::measure::sample::order_along_curve;
-use crate::measure::triangle::Vector;
+use crate::nearest_in_cells::settle;
+use crate::parts::{Means, Parts, Survey};
+use crate::sample::order_along_curve;
+use crate::triangle::Vector;
+use stonecut_system::error::Result;
 
 /// Pieces taken on in one round.
 const ROUND: usize = 100_000;

@@ -17,12 +17,12 @@ use super::certificate::{Certificate, Certify, LEAST_TOLERANCE, MOST_BEYOND, On,
 use super::parts::{Means, Parts, Place, Survey};
 use super::side::Side;
 use super::triangle::Vector;
-use crate::error::Result;
-use crate::mesh::bounds::Bounds;
 use bound::off_edge;
 use cover::{Far, Found, Goal};
 use passes::Way;
 use std::cmp::Ordering;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_system::error::Result;
 
 /// Bound on the rounding of all cuts, in that of one cut: pieces are cut that often before they no longer count.
 const FLOOR_CUTS: f64 = 1024.0;

@@ -7,17 +7,17 @@
 use super::cover::{Cover, Final, Found, Goal};
 use super::piece::Piece;
 use super::sheet::Neighbours;
-use crate::error::Result;
-use crate::measure::Surface;
-use crate::measure::parts::{Means, Parts, Survey};
-use crate::measure::sample::order_along_curve;
-use crate::measure::tree::{Nearest, Tree};
-use crate::measure::triangle::{Vector, point_at};
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::vec3::{length_sq, sub};
+use crate::Surface;
+use crate::parts::{Means, Parts, Survey};
+use crate::sample::order_along_curve;
+use crate::tree::{Nearest, Tree};
+use crate::triangle::{Vector, point_at};
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::{length_sq, sub};
+use stonecut_system::error::Result;
 
 /// Triangles are gathered from so far, in the distance to be proven: it may grow a little on the way.
 const REACH: f64 = 1.05;

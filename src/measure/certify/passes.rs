@@ -9,16 +9,16 @@ use super::exact;
 use super::nearby::Nearby;
 use super::piece::Piece;
 use super::sheet::Neighbours;
-use crate::error::Result;
-use crate::measure::Surface;
-use crate::measure::parts::{Means, Parts, Place, Survey};
-use crate::measure::sample::order_along_curve;
-use crate::measure::tree::Tree;
-use crate::measure::triangle::Vector;
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
-use crate::system::parallel;
+use crate::Surface;
+use crate::parts::{Means, Parts, Place, Survey};
+use crate::sample::order_along_curve;
+use crate::tree::Tree;
+use crate::triangle::Vector;
 use std::sync::atomic::{AtomicBool, Ordering};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_system::error::Result;
+use stonecut_system::parallel;
 
 /// Triangles that one thread proves at a time.
 const BLOCK: usize = 4096;

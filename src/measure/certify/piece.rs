@@ -5,8 +5,8 @@
 //! docs/design/certificate.md, "Cutting".
 
 use super::bound::{on_edge, upper, upper_and_way};
-use crate::measure::triangle::{Vector, area_normal};
-use crate::mesh::vec3::{cross, dot, length_sq, sub, unit};
+use crate::triangle::{Vector, area_normal};
+use stonecut_mesh::vec3::{cross, dot, length_sq, sub, unit};
 
 /// A piece is cut where at least this share of it is done with; otherwise it is halved, which keeps its shape.
 const LEAST_SHARE: f64 = 0.15;

@@ -10,11 +10,11 @@
 
 use super::bound::{ROUNDING, UNDERFLOW};
 use super::piece::Piece;
-use crate::measure::tree::Tree;
-use crate::measure::triangle::{Vector, rotate, rotation};
-use crate::mesh::Mesh;
-use crate::mesh::vec3::{cross, dot, length_sq, scale, sub};
+use crate::tree::Tree;
+use crate::triangle::{Vector, rotate, rotation};
 use robust::{Coord, orient2d};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::vec3::{cross, dot, length_sq, scale, sub};
 
 /// No triangle, or several, across an edge.
 const NONE: u32 = u32::MAX;
@@ -339,7 +339,7 @@ mod tests {
         let tree = Tree::build(mesh.triangles.len(), |i| mesh.corners(i));
         let neighbours = Neighbours::new(&tree, mesh);
         let piece = Piece::whole([[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
-        let seed = tree.nearest(piece.middle(), crate::measure::tree::Nearest::NONE).slot;
+        let seed = tree.nearest(piece.middle(), crate::tree::Nearest::NONE).slot;
         let mut sheets = Sheets::new(&tree, &neighbours);
         let first = sheets.prove(&piece, seed, limit).is_ok();
         // What one proof leaves behind does not show in the next.

@@ -4,11 +4,11 @@
 //! box is nearer than the best bound so far is looked at.
 
 use super::bound::{lower, lower_to_box, upper};
-use crate::error::Result;
-use crate::measure::parts::{Means, Parts, Place};
-use crate::measure::triangle::Vector;
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
+use crate::parts::{Means, Parts, Place};
+use crate::triangle::Vector;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_system::error::Result;
 
 /// Triangles between two looks at the wish to stop.
 const STOP_ROWS: usize = 1 << 16;

@@ -2,10 +2,10 @@
 //!
 //! Boxes keep the input's numbers, so nothing is rounded. Does not know triangles, cells or threads.
 
-use crate::error::Result;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::steps::count;
-use crate::system::progress::Progress;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::steps::count;
+use stonecut_system::error::Result;
+use stonecut_system::progress::Progress;
 
 /// Boxes in a leaf.
 const LEAF: usize = 8;

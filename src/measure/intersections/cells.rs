@@ -6,19 +6,19 @@
 
 use super::boxes::{Boxes, touch};
 use super::{Marks, Numbers, SelfIntersections, Soup, Tally};
-use crate::error::{Error, Result};
-use crate::measure::Unit;
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{CellStore, CellTally, load_bytes};
-use crate::system::parallel::{Weighted, largest_first};
-use crate::system::progress::Progress;
-use crate::system::units::show_bytes;
+use crate::Unit;
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{CellStore, CellTally, load_bytes};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel::{Weighted, largest_first};
+use stonecut_system::progress::Progress;
+use stonecut_system::units::show_bytes;
 
 /// A triangle that leaves the box of its cell's own corners by this share of the box's longest side is large.
 const LARGE: f64 = 0.5;
@@ -38,7 +38,7 @@ fn large_bytes() -> u64 {
 }
 
 /// Bytes a triangle that two cells of a job take, at half a vertex a triangle and a record of 40 bytes.
-pub(crate) fn job_bytes() -> u64 {
+pub fn job_bytes() -> u64 {
     2 * (12 + 80 + Boxes::bytes(1))
 }
 
@@ -78,7 +78,7 @@ struct Work<'a> {
 ///
 /// Memory: two cells a thread, large triangles in batches, and a bit a triangle; `NoMemory` where the budget does not
 /// hold the bits.
-pub(crate) fn in_store(
+pub fn in_store(
     store: &CellStore,
     bounds: &Bounds,
     threads: usize,

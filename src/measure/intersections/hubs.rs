@@ -6,13 +6,13 @@
 //! angle around the edge.
 
 use super::boxes::{Boxes, Item, touch};
-use crate::error::Result;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::sight::{Faces, seen_of};
-use crate::mesh::steps::HUB;
-use crate::mesh::vec3::{Vec3, cross, dot, length_sq, sub, unit};
-use crate::system::progress::Progress;
 use std::collections::HashMap;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::sight::{Faces, seen_of};
+use stonecut_mesh::steps::HUB;
+use stonecut_mesh::vec3::{Vec3, cross, dot, length_sq, sub, unit};
+use stonecut_system::error::Result;
+use stonecut_system::progress::Progress;
 
 /// Corners of triangles.
 type Corners = [Vec3; 3];
@@ -220,8 +220,8 @@ fn pages_pairs(
 mod tests {
     use super::super::in_memory;
     use super::*;
-    use crate::mesh::Mesh;
-    use crate::mesh::meeting::{Meeting, is_flat, meet};
+    use stonecut_mesh::Mesh;
+    use stonecut_mesh::meeting::{Meeting, is_flat, meet};
 
     /// Two books with one end in common, a cone at that and another one at its rim, all crossed by loose triangles.
     #[test]

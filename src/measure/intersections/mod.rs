@@ -8,19 +8,19 @@ mod boxes;
 mod cells;
 mod hubs;
 
-pub(crate) use cells::{in_store, job_bytes};
+pub use cells::{in_store, job_bytes};
 
 use super::Unit;
-use crate::error::Result;
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::meeting::{self, Meeting};
-use crate::system::parallel;
-use crate::system::progress::Progress;
 use boxes::{Boxes, Item, Task};
 use hubs::{Hub, take_hubs};
 use std::borrow::Cow;
 use std::sync::atomic::{AtomicU64, Ordering};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::meeting::{self, Meeting};
+use stonecut_system::error::Result;
+use stonecut_system::parallel;
+use stonecut_system::progress::Progress;
 
 /// Parts that the search in one mesh is cut into; enough for the threads of any machine.
 const TASKS: usize = 1024;
@@ -42,7 +42,7 @@ pub struct SelfIntersections {
 }
 
 /// Bytes that `in_memory` takes for a mesh of `n` triangles besides the mesh itself.
-pub(crate) fn bytes(n: u64) -> u64 {
+pub fn bytes(n: u64) -> u64 {
     Boxes::bytes(n) + n / 8 + 8
 }
 

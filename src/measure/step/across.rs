@@ -6,9 +6,9 @@
 
 use super::around::Around;
 use super::foot::Foot;
-use crate::measure::triangle::{Vector, closest, closest_on_edge};
-use crate::mesh::Mesh;
-use crate::mesh::vec3::{dot, length_sq, sub};
+use crate::triangle::{Vector, closest, closest_on_edge};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::vec3::{dot, length_sq, sub};
 
 /// Triangles around a corner that a way may lead through, at most.
 const MOST_LOOKED_AT: usize = 64;

@@ -1,7 +1,7 @@
 //! Lists of triangles around vertices, of a mesh and its version.
 
-use crate::mesh::Mesh;
 use std::ops::Range;
+use stonecut_mesh::Mesh;
 
 /// A mesh and its version, on the way from one to the other.
 pub(super) struct Forward<'a> {

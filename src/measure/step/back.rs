@@ -11,7 +11,7 @@ use super::forward::is_beside;
 use super::largest::Largest;
 use super::patches::Patches;
 use super::within::{Found, Within};
-use crate::mesh::steps::{HUB, count};
+use stonecut_mesh::steps::{HUB, count};
 
 /// Triangles of the mesh that are held against one of the version without a second thought.
 const FEW: usize = 4096;

@@ -7,9 +7,9 @@
 //! one, counted with their sides, if no edge of their common border lies over it (the degree of a map is constant off the image of
 //! the border). So one point that is covered shows that all are.
 
-use crate::measure::triangle::Vector;
-use crate::mesh::Mesh;
-use crate::mesh::vec3::{cross, dot, length_sq, scale, sub};
+use crate::triangle::Vector;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::vec3::{cross, dot, length_sq, scale, sub};
 
 /// The point that is tried, in shares of the corners: where edges hardly ever meet.
 pub(super) const POINT: [f64; 2] = [0.345_771_3, 0.318_930_7];

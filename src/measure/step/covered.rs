@@ -6,7 +6,7 @@
 use super::around::{Forward, NONE};
 use super::patches::Patches;
 use super::star::{Place, Star};
-use crate::measure::triangle::Vector;
+use crate::triangle::Vector;
 
 /// Corners of the four quarters of a triangle, by the numbers of its corners and of the middles of its sides.
 pub(super) const QUARTERS: [[usize; 3]; 4] = [[0, 3, 5], [1, 4, 3], [2, 5, 4], [3, 4, 5]];

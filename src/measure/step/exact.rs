@@ -1,9 +1,9 @@
 //! The nearest triangle of a whole mesh, for the few points that need it.
 
-use crate::measure::tree::{Nearest, Tree};
-use crate::measure::triangle::{Vector, closest};
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
+use crate::tree::{Nearest, Tree};
+use crate::triangle::{Vector, closest};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
 
 /// Bounds and triangles looked at without a tree, for each triangle of the mesh: about what building one costs.
 const WITHOUT_TREE: u64 = 64;

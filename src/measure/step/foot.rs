@@ -1,7 +1,7 @@
 //! Points with triangles near them.
 
 use super::around::NONE;
-use crate::measure::triangle::Vector;
+use crate::triangle::Vector;
 
 /// A point with a triangle near it.
 #[derive(Clone, Copy, Debug)]

@@ -6,11 +6,11 @@ use super::covered::{Covered, QUARTERS, Quartered, with_middles};
 use super::exact::Exact;
 use super::foot::{Doubtful, Feet, Foot};
 use super::largest::Largest;
-use crate::measure::triangle::{Vector, closest};
-use crate::mesh::Mesh;
-use crate::mesh::steps::{HUB, count};
-use crate::mesh::vec3::{length_sq, sub};
+use crate::triangle::{Vector, closest};
 use std::collections::BinaryHeap;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::steps::{HUB, count};
+use stonecut_mesh::vec3::{length_sq, sub};
 
 /// A triangle is quartered so often, at most.
 const DEEPEST: u32 = 6;

@@ -20,12 +20,12 @@ mod patches;
 mod star;
 mod within;
 
-use crate::mesh::Mesh;
 use around::{Around, Forward, NONE};
 use covered::Covered;
 use exact::Exact;
 use largest::{Largest, ROUNDING};
 use patches::Patches;
+use stonecut_mesh::Mesh;
 
 /// The distance from `fine` to `coarse`, at most, or back, whichever is larger.
 ///

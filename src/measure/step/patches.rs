@@ -1,7 +1,7 @@
 //! The mesh around each vertex of its version: the triangles with a corner that went into it, and their vertices.
 
 use super::around::Around;
-use crate::mesh::Mesh;
+use stonecut_mesh::Mesh;
 
 /// Patches of more vertices are not looked at as a whole: the table for their edges would grow too large.
 pub(super) const MOST: usize = 128;

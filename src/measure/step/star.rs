@@ -6,10 +6,10 @@
 //! own, the places where its edges cross those at the vertex, and the vertex. What belongs to a corner alone is found
 //! once for all triangles that have it (`Place`).
 
-use crate::measure::triangle::Vector;
-use crate::mesh::Mesh;
-use crate::mesh::corners::others;
-use crate::mesh::vec3::{add, cross, dot, length_sq, scale, sub};
+use crate::triangle::Vector;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::corners::others;
+use stonecut_mesh::vec3::{add, cross, dot, length_sq, scale, sub};
 
 /// Triangles at a vertex, at most.
 const MOST: usize = 15;

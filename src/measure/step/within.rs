@@ -6,8 +6,8 @@
 
 use super::below::{Frame, Over, POINT, crosses, is_near};
 use super::patches::{MOST, Patches};
-use crate::measure::triangle::Vector;
-use crate::mesh::Mesh;
+use crate::triangle::Vector;
+use stonecut_mesh::Mesh;
 
 /// A bit for each side of the triangle that a place does not lie within.
 const SIDES: u8 = 7;

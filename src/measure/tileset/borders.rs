@@ -5,10 +5,10 @@
 
 use super::found::TilesetCheck;
 use super::rules::Tree;
-use crate::io::TileMesh;
-use crate::io::tileset::TileBorder;
-use crate::mesh::global_vertex::GlobalVertex;
 use std::collections::{BTreeMap, HashMap};
+use stonecut_io::TileMesh;
+use stonecut_io::tileset::TileBorder;
+use stonecut_mesh::global_vertex::GlobalVertex;
 
 /// A place in steps of the tile's level.
 type Node = [i32; 3];

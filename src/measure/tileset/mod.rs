@@ -7,16 +7,16 @@ mod borders;
 mod found;
 mod rules;
 
-use crate::error::Result;
-use crate::io::tileset::{FILE_NAME, MOST_FILE_BYTES, TileBorder, border_path, decode_borders};
-use crate::io::{StoredTile, decode_tile};
-use crate::system::disk::read_regular;
-use crate::system::parallel::{guarded, in_order};
-use crate::system::progress::Progress;
 use borders::{Border, Borders, border};
 pub use found::TilesetCheck;
 use rules::{CheckedTile, Cuboid, Tree};
 use std::path::Path;
+use stonecut_io::tileset::{FILE_NAME, MOST_FILE_BYTES, TileBorder, border_path, decode_borders};
+use stonecut_io::{StoredTile, decode_tile};
+use stonecut_system::disk::read_regular;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::{guarded, in_order};
+use stonecut_system::progress::Progress;
 
 /// A tile as it was read.
 #[derive(Default)]

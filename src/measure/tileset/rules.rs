@@ -1,14 +1,14 @@
 //! The JSON of a tree of tiles: read whole, with the files it is cut into, and held against its rules.
 
 use super::found::TilesetCheck;
-use crate::error::{Error, Result};
-use crate::io::TileScalar;
-use crate::io::tileset::{
-    FILE_NAME, MOST_FILE_BYTES, Tile, Tileset, Volume, read_tileset, resolve,
-};
-use crate::system::disk::read_regular;
 use std::collections::BTreeMap;
 use std::path::Path;
+use stonecut_io::TileScalar;
+use stonecut_io::tileset::{
+    FILE_NAME, MOST_FILE_BYTES, Tile, Tileset, Volume, read_tileset, resolve,
+};
+use stonecut_system::disk::read_regular;
+use stonecut_system::error::{Error, Result};
 
 /// Deepest nesting of tiles and files that is followed.
 const DEEPEST: usize = 64;

@@ -3,7 +3,7 @@
 // Three axes (and eight lanes) run through several arrays side by side; an index shows that best.
 #![allow(clippy::needless_range_loop)]
 
-use crate::measure::triangle::Vector;
+use crate::triangle::Vector;
 
 /// Children of a node.
 pub(super) const WIDTH: usize = 8;

@@ -5,11 +5,11 @@
 
 use super::Tree;
 use super::boxes::{Frame, LEAF, Node, TILTED, WIDTH};
-use crate::error::Result;
-use crate::measure::tilted::Tilted;
-use crate::measure::triangle::{self, Vector};
-use crate::mesh::bounds::Bounds;
-use crate::system::progress::Progress;
+use crate::tilted::Tilted;
+use crate::triangle::{self, Vector};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_system::error::Result;
+use stonecut_system::progress::Progress;
 
 /// Boxes overlap too much where a point of a node is in more than this many of its triangles' boxes on
 /// average: surfaces come to 2 at most, needles around one corner to a tenth of their number.

@@ -13,8 +13,8 @@ mod tests;
 
 use super::tilted::{Inside, Tilted};
 use super::triangle::{self, Vector};
-use crate::mesh::steps::count;
 use boxes::{Frame, LEAF, Node, TILTED, WIDTH};
+use stonecut_mesh::steps::count;
 
 /// Enough for the 11 levels that 2^32 triangles need, with all siblings of the path waiting.
 const STACK: usize = 12 * WIDTH;

@@ -1,13 +1,13 @@
 //! Attributes of the vertices of a cell: the mean of their channels, and the labels of the first.
 
 use super::grid::Grid;
-use crate::error::Result;
-use crate::io::ply::{MeshSource, VertexBlock};
-use crate::mesh::codec::VertexCodec;
-use crate::methods::key_table::KeyTable;
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
+use crate::key_table::KeyTable;
 use std::collections::HashMap;
+use stonecut_io::ply::{MeshSource, VertexBlock};
+use stonecut_mesh::codec::VertexCodec;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
 
 /// Attributes of cells.
 #[derive(Default)]

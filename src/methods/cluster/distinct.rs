@@ -3,7 +3,7 @@
 //! Sketches merge by the maximum of registers, so the order of keys and the number of threads do not matter. Standard
 //! error 1.04 / sqrt(16,384) = 0.8 %.
 
-use crate::methods::key_table::mix;
+use crate::key_table::mix;
 
 /// Bits of a hash that choose the register.
 const PRECISION: u32 = 14;

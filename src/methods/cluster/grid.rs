@@ -1,7 +1,7 @@
 //! A uniform grid over a box: cells by integers, packed into 64 bits.
 
-use crate::mesh::bounds::Bounds;
-use crate::mesh::vec3::{Vec3, scale, sub};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::{Vec3, scale, sub};
 
 /// Bits for the number of a cell on each axis.
 const AXIS_BITS: u32 = 21;

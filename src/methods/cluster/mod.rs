@@ -13,16 +13,16 @@ mod survey;
 
 use super::sums::LEAST_SINGULAR;
 use super::{FileOrder, Made, Positions, page_bytes};
-use crate::error::{Error, Result};
-use crate::io::ply::{BLOCK_ROWS, MeshSource};
-use crate::mesh::codec::VertexCodec;
-use crate::mesh::vec3::add;
-use crate::system::parallel::BLOCKS_PER_THREAD;
-use crate::system::progress::Progress;
 use attributes::{CellAttributes, attribute_bytes, attributes};
 use grid::Grid;
 use pass::{Clustered, batch_bytes, pass};
 use std::collections::BTreeMap;
+use stonecut_io::ply::{BLOCK_ROWS, MeshSource};
+use stonecut_mesh::codec::VertexCodec;
+use stonecut_mesh::vec3::add;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel::BLOCKS_PER_THREAD;
+use stonecut_system::progress::Progress;
 use survey::AIM;
 pub use survey::{Survey, Wanted, survey};
 

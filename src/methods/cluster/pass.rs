@@ -4,13 +4,13 @@
 //! floats depends on threads or memory.
 
 use super::grid::Grid;
-use crate::error::Result;
-use crate::io::ply::{FaceBlock, MeshSource};
-use crate::methods::key_table::KeyTable;
-use crate::methods::positions::{Held, Positions};
-use crate::methods::sums::{CellSums, Term};
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
+use crate::key_table::KeyTable;
+use crate::positions::{Held, Positions};
+use crate::sums::{CellSums, Term};
+use stonecut_io::ply::{FaceBlock, MeshSource};
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
 
 /// The outcome of a pass.
 pub(super) struct Clustered {

@@ -5,13 +5,13 @@
 
 use super::distinct::Distinct;
 use super::grid::Grid;
-use crate::error::{Error, Result};
-use crate::io::ply::{MeshSource, VertexBlock};
-use crate::mesh::bounds::Bounds;
-use crate::mesh::vec3::{length_sq, sub};
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
 use std::sync::{Mutex, PoisonError};
+use stonecut_io::ply::{MeshSource, VertexBlock};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::vec3::{length_sq, sub};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
 
 /// Triangles for each vertex of a surface.
 const TRIANGLES_PER_VERTEX: f64 = 2.0;

@@ -1,7 +1,7 @@
 //! The kind of a vertex (Schroeder et al. 1992, section 3.1), the loop around it, and the distance that its removal costs.
 
-use crate::mesh::vec3::{Vec3, add, cross, dot, length_sq, normal, scale, sub, unit};
-use crate::methods::surface::Surface;
+use crate::surface::Surface;
+use stonecut_mesh::vec3::{Vec3, add, cross, dot, length_sq, normal, scale, sub, unit};
 
 /// Triangles around a vertex at most; beyond them the loop is not filled.
 pub(super) const MOST_AROUND: usize = 32;

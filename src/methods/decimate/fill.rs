@@ -6,8 +6,8 @@
 //! dents often has no such split: ears are cut from it instead, the best-shaped first (Meisters 1975).
 
 use super::classify::{Around, Kind};
-use crate::mesh::vec3::{Vec3, cross, dot, length_sq, normal, sub, unit};
-use crate::methods::surface::Surface;
+use crate::surface::Surface;
+use stonecut_mesh::vec3::{Vec3, cross, dot, length_sq, normal, sub, unit};
 
 /// Least aspect ratio of a split: distance of the nearest vertex of the loop from the plane, relative to the line's length.
 const LEAST_ASPECT: f64 = 0.05;

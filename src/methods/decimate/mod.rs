@@ -11,16 +11,16 @@ mod fill;
 use super::Made;
 use super::load::{Loaded, for_records, load, load_bytes};
 use super::surface::Surface;
-use crate::error::{Error, Result};
-use crate::io::ply::MeshSource;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::codec::VertexCodec;
-use crate::mesh::vec3::triangle_distance_sq;
-use crate::system::progress::Progress;
 use classify::{Around, Kind};
 use fill::{Refusal, fill};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BinaryHeap};
+use stonecut_io::ply::MeshSource;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::codec::VertexCodec;
+use stonecut_mesh::vec3::triangle_distance_sq;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::progress::Progress;
 
 /// Vertices removed between two looks at the wish to stop.
 const STEPS: u64 = 4096;
@@ -255,6 +255,6 @@ mod tests {
         let reading = 24 * (n / 2 + 2) + (12 + 84) * n;
         assert!(need(&source) >= reading);
         let codec = source.schema().kernel_codec(&[]);
-        assert!(crate::methods::retile::need(&source, &codec, 4, 0.0) >= reading);
+        assert!(crate::retile::need(&source, &codec, 4, 0.0) >= reading);
     }
 }

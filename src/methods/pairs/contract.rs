@@ -1,9 +1,9 @@
 //! One contraction: the triangles that go, those that follow, and those that fall on each other's backs.
 
 use super::quadric::Quadric;
-use crate::mesh::steps::count;
-use crate::mesh::vec3::{Vec3, cross, dot, length_sq, normal, scale, sub, unit};
-use crate::methods::surface::Surface;
+use crate::surface::Surface;
+use stonecut_mesh::steps::count;
+use stonecut_mesh::vec3::{Vec3, cross, dot, length_sq, normal, scale, sub, unit};
 
 /// Least cosine between a triangle before and after.
 const LEAST_TURN: f64 = 0.2;

@@ -15,18 +15,18 @@ mod quadric;
 use super::load::{Loaded, for_records, load};
 use super::surface::Surface;
 use super::{MANIFOLD_TRIANGLE_BYTES, Made};
-use crate::error::{Error, Result};
-use crate::io::ply::MeshSource;
-use crate::mesh::blend::of_ends;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::codec::VertexCodec;
-use crate::mesh::steps::{HUB, count};
-use crate::mesh::vec3::{Vec3, add, length_sq, scale, sub};
-use crate::system::progress::Progress;
 use contract::{Contraction, plan, plan_at_hub};
 use quadric::Quadric;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use stonecut_io::ply::MeshSource;
+use stonecut_mesh::blend::of_ends;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::codec::VertexCodec;
+use stonecut_mesh::steps::{HUB, count};
+use stonecut_mesh::vec3::{Vec3, add, length_sq, scale, sub};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::progress::Progress;
 
 /// Contractions between two looks at the wish to stop.
 const STEPS: u64 = 4096;
@@ -308,7 +308,7 @@ impl Run {
     ) {
         let [p, q] = [a, b].map(|v| self.surface.positions[v as usize]);
         let way = sub(q, p);
-        let along = crate::mesh::vec3::dot(sub(place, p), way) / length_sq(way);
+        let along = stonecut_mesh::vec3::dot(sub(place, p), way) / length_sq(way);
         // Two vertices in one place: what the first one carries.
         carried.blend(a, b, if along.is_finite() { along.clamp(0.0, 1.0) } else { 0.0 });
         match contraction.is_edge {

@@ -4,10 +4,10 @@
 //! triangles are long (a Cech complex of the vertices, as in Liu, Zhang & Yuksel 2025). Facing keeps the two sides of a
 //! wall apart, which would be eaten away from within, and leaves gaps, cracks and tunnels. Sets no price.
 
-use crate::mesh::steps::{HUB, count};
-use crate::mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub, unit};
-use crate::methods::surface::Surface;
+use crate::surface::Surface;
 use std::collections::{BTreeSet, HashMap};
+use stonecut_mesh::steps::{HUB, count};
+use stonecut_mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub, unit};
 
 /// Radius of a ball, in mean lengths of the edges around its vertex: two vertices pair up to twice the length apart.
 const RADIUS: f64 = 1.0;

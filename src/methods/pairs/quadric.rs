@@ -2,7 +2,7 @@
 //!
 //! Source: Garland & Heckbert 1997 (docs/references.md).
 
-use crate::mesh::vec3::{Vec3, add, dot, scale, sub};
+use stonecut_mesh::vec3::{Vec3, add, dot, scale, sub};
 
 /// Share of the trace that pulls the best point to the middle of a pair where planes alone do not fix it.
 const REGULARISATION: f64 = 1e-4;
@@ -70,7 +70,7 @@ impl Quadric {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::vec3::length_sq;
+    use stonecut_mesh::vec3::length_sq;
 
     #[test]
     fn three_planes_meet_in_their_corner_and_one_leaves_the_middle() {

@@ -5,10 +5,10 @@
 //! (Hartigan 1975).
 
 use super::refine::Surface;
-use crate::error::Result;
-use crate::mesh::vec3::{Vec3, add, length_sq, scale, sub};
-use crate::system::progress::Progress;
 use std::collections::BTreeMap;
+use stonecut_mesh::vec3::{Vec3, add, length_sq, scale, sub};
+use stonecut_system::error::Result;
+use stonecut_system::progress::Progress;
 
 /// No cluster.
 pub(super) const NONE: u32 = u32::MAX;

@@ -2,7 +2,7 @@
 
 use super::clusters::NONE;
 use super::refine::Surface;
-use crate::mesh::vec3::{add, length_sq, normal, scale};
+use stonecut_mesh::vec3::{add, length_sq, normal, scale};
 
 /// Smallest and largest size of a cluster, before they are made to fit the count.
 const SIZES: [f32; 2] = [0.4, 2.5];

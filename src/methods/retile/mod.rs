@@ -15,19 +15,19 @@ mod shape;
 
 use super::load::{Loaded, for_records, load, load_bytes};
 use super::{MANIFOLD_TRIANGLE_BYTES, Made};
-use crate::error::{Error, Result};
-use crate::io::ply::MeshSource;
-use crate::mesh::Mesh;
-use crate::mesh::blend::of_ends;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::codec::VertexCodec;
-use crate::mesh::vec3::{Vec3, length_sq, sub};
-use crate::system::progress::Progress;
 use clusters::{CLUSTER_BYTES, Clusters, FURTHER_PASSES, NONE, PASSES, SETTLING_PASSES};
 use dual::Dual;
 use refine::{Surface, VERTEX_BYTES};
 use shape::Shapes;
 use std::collections::{BTreeSet, HashMap};
+use stonecut_io::ply::MeshSource;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::blend::of_ends;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::codec::VertexCodec;
+use stonecut_mesh::vec3::{Vec3, length_sq, sub};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::progress::Progress;
 
 /// Longest edge of the surface, in distances of evenly spread vertices of the result.
 const LONGEST: f64 = 0.25;

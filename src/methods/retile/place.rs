@@ -2,8 +2,8 @@
 
 use super::clusters::{Clusters, NONE};
 use super::refine::Surface;
-use crate::mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub};
-use crate::methods::sums::{CellSums, Term};
+use crate::sums::{CellSums, Term};
+use stonecut_mesh::vec3::{Vec3, add, dot, length_sq, normal, scale, sub};
 
 /// Singular values below this share of the largest one count as 0: a vertex is not to slide along a surface that is only
 /// a little bent, since that costs angles and gains next to nothing.

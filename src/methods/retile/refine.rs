@@ -1,11 +1,11 @@
 //! The surface as fine as clusters need it: edges that are long beside a cluster are halved until none is.
 
-use crate::error::{Error, Result};
-use crate::mesh::vec3::{Vec3, add, length_sq, normal, scale, sub};
-use crate::methods::key_table::KeyTable;
-use crate::system::memory::BASE_BYTES;
-use crate::system::progress::Progress;
-use crate::system::units::memory_word;
+use crate::key_table::KeyTable;
+use stonecut_mesh::vec3::{Vec3, add, length_sq, normal, scale, sub};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::memory::BASE_BYTES;
+use stonecut_system::progress::Progress;
+use stonecut_system::units::memory_word;
 
 /// The surface that is clustered: the vertices of the input, then the middles of edges.
 ///

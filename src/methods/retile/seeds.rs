@@ -3,11 +3,11 @@
 
 use super::clusters::NONE;
 use super::refine::Surface;
-use crate::error::Result;
-use crate::mesh::vec3::{length_sq, sub};
-use crate::system::progress::Progress;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use stonecut_mesh::vec3::{length_sq, sub};
+use stonecut_system::error::Result;
+use stonecut_system::progress::Progress;
 
 /// Distance of the first seeds, in distances of evenly spread points.
 const FIRST: f64 = 0.95;

@@ -1,7 +1,7 @@
 //! Shapes of the triangles of a result.
 
-use crate::mesh::Mesh;
-use crate::mesh::vec3::{dot, length_sq, sub};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::vec3::{dot, length_sq, sub};
 
 /// Angles in degrees, lengths in input units.
 #[derive(Clone, Copy, Debug, Default)]

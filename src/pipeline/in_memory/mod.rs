@@ -162,7 +162,7 @@ impl<'a> Run<'a> {
             return Err(Error::Usage(what));
         }
         config.target.check(n_triangles)?;
-        config.attributes.weights.check(attributes.channel_kinds())?;
+        config.attributes.weights.check(attributes.channel_kinds()).map_err(Error::Usage)?;
         let target = config.target.triangles(n_triangles);
         let kernel = &config.kernel;
         // The number of a texture's image, as a property of PLY files names it.

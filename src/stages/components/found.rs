@@ -1,8 +1,8 @@
 //! Findings of one cell on components: those that are settled within it, and its pieces that touch others.
 
 use super::sizes::{ComponentSizes, Least};
-use crate::mesh::bounds::Bounds;
-use crate::store::cells::{CellMesh, Extent, PieceSet, Pieces, position_bits};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_store::cells::{CellMesh, Extent, PieceSet, Pieces, position_bits};
 
 /// The pack of what the cells know by themselves.
 pub(super) const FOUND_NAME: &str = "components.cells";
@@ -134,8 +134,8 @@ fn u64_at(row: &[u8], at: usize) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::Mesh;
-    use crate::mesh::global_vertex::GlobalVertex;
+    use stonecut_mesh::Mesh;
+    use stonecut_mesh::global_vertex::GlobalVertex;
 
     #[test]
     fn a_note_comes_back_and_damage_does_not_panic() {

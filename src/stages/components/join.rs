@@ -6,16 +6,16 @@
 use super::found::{FOUND_NAME, Found, Open};
 use super::sizes::{ComponentSizes, Least};
 use super::stars::{Edges, each_edge, edge, stars};
-use crate::error::{Error, Result};
-use crate::io::{ExternalSort, halves, whole};
-use crate::mesh::bounds::Bounds;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{CellStore, CellTally, Pack, PackWriter};
-use crate::store::pack_format::ChunkKind;
-use crate::store::stage_context::StageContext;
 use std::iter::Enumerate;
 use std::path::Path;
 use std::vec::IntoIter;
+use stonecut_io::{ExternalSort, halves, whole};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{CellStore, CellTally, Pack, PackWriter};
+use stonecut_store::pack_format::ChunkKind;
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::{Error, Result};
 
 /// The pack of what is left out.
 pub(super) const VERDICTS_NAME: &str = "verdicts.cells";

@@ -13,17 +13,17 @@ mod stars;
 
 pub use sizes::{Below, ComponentSizes, Least, below_list, sizes_in_memory};
 
-use crate::error::{Error, Result};
-use crate::store::cell_id::CellId;
-use crate::store::cells::{CellStore, PackFile, PackWriter, Pieces, StoreInfo, load_bytes};
-use crate::store::pack_format::ChunkKind;
-use crate::store::stage_context::StageContext;
-use crate::system::parallel::{Weighted, largest_first};
 use found::{FOUND_NAME, Found};
 use join::VERDICTS_NAME;
 use serde::{Deserialize, Serialize};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{CellStore, PackFile, PackWriter, Pieces, StoreInfo, load_bytes};
+use stonecut_store::pack_format::ChunkKind;
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel::{Weighted, largest_first};
 
 /// Bytes a vertex for pieces and their sizes, besides the loaded cell: number, table of places, and a piece of
 /// its own at worst; and for its link, listed and encoded.

@@ -1,11 +1,11 @@
 //! Sizes of components: what is too small to stay, and the numbers that help to decide on that.
 
-use crate::config::MinComponent;
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
-use crate::store::cells::Pieces;
-use crate::system::units::show_count;
 use serde::{Deserialize, Serialize};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_store::cells::Pieces;
+use stonecut_store::config::MinComponent;
+use stonecut_system::units::show_count;
 
 /// Least size of a component that stays; zeros leave every component.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

@@ -6,8 +6,8 @@
 //!
 //! Source: Kiveris et al. 2014, "Connected Components in MapReduce and Beyond" (docs/references.md).
 
-use crate::error::Result;
-use crate::io::{ExternalSort, halves, whole};
+use stonecut_io::{ExternalSort, halves, whole};
+use stonecut_system::error::Result;
 
 /// Edges on their way through a sort.
 pub(super) type Edges = ExternalSort<4>;
@@ -95,7 +95,7 @@ fn small_star(falling: Edges, mut out: Edges) -> Result<(Edges, bool)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::union_find::Union;
+    use stonecut_mesh::union_find::Union;
 
     fn check(n: u32, edges: &[(u32, u32)]) {
         let new = || Edges::new(&std::env::temp_dir(), 0);

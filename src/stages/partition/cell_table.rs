@@ -7,12 +7,12 @@
 
 use super::packed_cells::{STRETCH, cell_of, unpack};
 use super::pages::{Page, Pages};
-use crate::error::{Error, Result};
-use crate::io::ply::BLOCK_ROWS;
-use crate::store::cell_id::CellId;
-use crate::system::mapped_file::{MappedFile, MappedWriter};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use stonecut_io::ply::BLOCK_ROWS;
+use stonecut_store::cell_id::CellId;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::mapped_file::{MappedFile, MappedWriter};
 
 /// Memory of a packed block beside its bytes.
 const BLOCK_OVERHEAD: u64 = 32;

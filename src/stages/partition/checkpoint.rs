@@ -4,12 +4,12 @@
 //! chunks this makes are smaller than others, which no reader notices; within a cell rows keep their order,
 //! so the mesh does not depend on when checkpoints were made.
 
-use crate::error::{Error, Result};
-use crate::store::cells::{CellTally, PackWriter, VertexLayout};
-use crate::store::pack_format::{Chunk, ChunkKind};
-use crate::store::stage_context::StageContext;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
+use stonecut_store::cells::{CellTally, PackWriter, VertexLayout};
+use stonecut_store::pack_format::{Chunk, ChunkKind};
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::{Error, Result};
 
 /// The name of checkpoints in the manifest.
 const NAME: &str = "partition so far";

@@ -3,15 +3,15 @@
 //! A pass gathers pairs; what exceeds its memory goes as notes into the pack, which is also what checkpoints do.
 //! Afterwards the pairs are one sorted list: in memory if they fit, else in a nameless file.
 
-use crate::error::Result;
-use crate::io::ply::BLOCK_ROWS;
-use crate::io::ply::raw::{RawFile, Spool};
-use crate::io::{ExternalSort, halves, whole};
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{Pack, PackWriter};
-use crate::store::pack_format::ChunkKind;
 use std::path::Path;
+use stonecut_io::ply::BLOCK_ROWS;
+use stonecut_io::ply::raw::{RawFile, Spool};
+use stonecut_io::{ExternalSort, halves, whole};
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{Pack, PackWriter};
+use stonecut_store::pack_format::ChunkKind;
+use stonecut_system::error::Result;
 
 /// A vertex, and a cell that uses it without owning it.
 pub(super) type Foreign = (GlobalVertex, CellId);

@@ -1,7 +1,7 @@
 //! Finds whether faces use vertices that are near each other in the input.
 
-use crate::error::Result;
-use crate::io::ply::{BLOCK_ROWS, FaceBlock, MeshSource};
+use stonecut_io::ply::{BLOCK_ROWS, FaceBlock, MeshSource};
+use stonecut_system::error::Result;
 
 /// Blocks of faces that are looked at, spread evenly.
 const PROBES: u64 = 16;

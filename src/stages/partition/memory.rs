@@ -3,8 +3,8 @@
 //! The passes allocate what this says, and the plan refuses what does not fit, from the same terms.
 
 use super::cell_table::CellTable;
-use crate::io::ply::BLOCK_ROWS;
-use crate::store::cells::{BEHIND_BYTES, Scatter, VertexLayout, n_samples};
+use stonecut_io::ply::BLOCK_ROWS;
+use stonecut_store::cells::{BEHIND_BYTES, Scatter, VertexLayout, n_samples};
 
 /// Share of the budget that one set of scatter buffers may take.
 const BUFFER_SHARE: u64 = 6;

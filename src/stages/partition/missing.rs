@@ -2,12 +2,12 @@
 
 use super::halo::{Foreign, Gathering};
 use super::passes::Passes;
-use crate::error::Result;
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{IdMap, Pack, PackWriter};
-use crate::store::pack_format::ChunkKind;
-use crate::system::parallel::in_order;
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{IdMap, Pack, PackWriter};
+use stonecut_store::pack_format::ChunkKind;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
 
 /// Vertices of a cell that are looked up at a time to find what it misses, 24 bytes each; cells denser than
 /// planned may hold any number.

@@ -28,20 +28,20 @@ pub use parts::{
 };
 pub use scan::{Scan, chosen, scan};
 
-use crate::error::{Error, Result};
-use crate::io::ply::MeshSource;
-use crate::mesh::bounds::Bounds;
-use crate::store::cells::{
-    CellMap, CellTree, GroupGrid, Lattice, StoreInfo, TurnedFrame, VertexLayout, plan_cells,
-    split_overfull,
-};
-use crate::store::stage_context::StageContext;
 use cell_table::CellTable;
 use checkpoint::{Checkpoints, Pass, take_up, tally};
 use halo::{Gathering, TOGETHER};
 pub use locality::is_local;
 use passes::{Blocks, Passes, at_window};
 use serde::{Deserialize, Serialize};
+use stonecut_io::ply::MeshSource;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_store::cells::{
+    CellMap, CellTree, GroupGrid, Lattice, StoreInfo, TurnedFrame, VertexLayout, plan_cells,
+    split_overfull,
+};
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::{Error, Result};
 
 /// File name of the first round's pack.
 const PACK_NAME: &str = "round-0.cells";

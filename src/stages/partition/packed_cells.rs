@@ -4,7 +4,7 @@
 //! cells: it holds a list of those and an index of 0 to 8 bits a vertex, or plain numbers where that takes no more.
 //! `synth statue` takes 4 bits a vertex in place of 16.
 
-use crate::store::cell_id::CellId;
+use stonecut_store::cell_id::CellId;
 
 /// Rows of a stretch, a power of two.
 pub const STRETCH: usize = 1024;

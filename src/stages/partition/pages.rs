@@ -3,12 +3,12 @@
 //! For one of many processes, whose part of the faces uses few blocks of vertices. Where faces use vertices near each
 //! other in the input, each block is read about once.
 
-use crate::error::Result;
-use crate::io::ply::{BLOCK_ROWS, MeshSource, VertexBlock};
-use crate::store::cell_id::CellId;
-use crate::store::cells::CellMap;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, PoisonError};
+use stonecut_io::ply::{BLOCK_ROWS, MeshSource, VertexBlock};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::CellMap;
+use stonecut_system::error::Result;
 
 /// The cells of a block of vertices.
 pub(super) type Page = Arc<Vec<CellId>>;

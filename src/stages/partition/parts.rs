@@ -12,19 +12,19 @@ use super::pages::Pages;
 use super::passes::{Blocks, Passes};
 use super::scan::{Scan, scan};
 use super::{PACK_NAME, Partition, shares};
-use crate::error::{Error, Result};
-use crate::io::ply::{BLOCK_ROWS, MeshSource};
-use crate::mesh::bounds::Bounds;
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{
+use serde::{Deserialize, Serialize};
+use std::ops::Range;
+use stonecut_io::ply::{BLOCK_ROWS, MeshSource};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{
     CellMap, CellTally, CellTree, Pack, PackFile, PackWriter, StoreInfo, TurnedFrame, VertexLayout,
     plan_cells, split_overfull,
 };
-use crate::store::pack_format::ChunkKind;
-use crate::store::stage_context::StageContext;
-use serde::{Deserialize, Serialize};
-use std::ops::Range;
+use stonecut_store::pack_format::ChunkKind;
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::{Error, Result};
 
 /// File names of a part.
 const SAMPLES_NAME: &str = "samples.cells";

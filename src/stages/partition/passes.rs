@@ -4,15 +4,15 @@ use super::cell_table::{CellTable, Room};
 use super::checkpoint::{Checkpoints, Pass, ResumePoint};
 use super::memory::Shares;
 use super::sorted::Sorted;
-use crate::error::{Error, Result};
-use crate::io::ply::{BLOCK_ROWS, MeshSource};
-use crate::store::cells::{CellMap, CellTally, PackWriter, Scatter, VertexLayout};
-use crate::store::pack_format::ChunkKind;
-use crate::store::stage_context::StageContext;
-use crate::system::parallel::in_order;
 use std::ops::Range;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use stonecut_io::ply::{BLOCK_ROWS, MeshSource};
+use stonecut_store::cells::{CellMap, CellTally, PackWriter, Scatter, VertexLayout};
+use stonecut_store::pack_format::ChunkKind;
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel::in_order;
 
 /// Blocks of the input.
 #[derive(Clone, Debug)]

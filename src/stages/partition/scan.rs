@@ -2,13 +2,13 @@
 //!
 //! Reading a block checks every coordinate, so after this pass all of them are known to be finite.
 
-use crate::error::Result;
-use crate::io::ply::{MeshSource, VertexBlock};
-use crate::mesh::bounds::Bounds;
-use crate::store::cells::n_samples;
-use crate::system::parallel::in_order;
-use crate::system::progress::Progress;
 use std::ops::Range;
+use stonecut_io::ply::{MeshSource, VertexBlock};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_store::cells::n_samples;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
 
 /// Findings of a pass over the vertices.
 #[derive(Clone, Debug)]

@@ -3,12 +3,12 @@
 use super::checkpoint::{ResumePoint, Seams};
 use super::halo::Halo;
 use super::passes::Passes;
-use crate::error::{Error, Result};
-use crate::io::ply::{BLOCK_ROWS, VertexBlock};
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::store::cells::PackWriter;
-use crate::store::pack_format::ChunkKind;
-use crate::system::parallel::in_order;
+use stonecut_io::ply::{BLOCK_ROWS, VertexBlock};
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_store::cells::PackWriter;
+use stonecut_store::pack_format::ChunkKind;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel::in_order;
 
 impl Passes<'_> {
     /// Copies every vertex to the foreign cells that use it, and marks it in all cells that hold it.

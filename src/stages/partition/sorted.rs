@@ -2,10 +2,10 @@
 
 use super::halo::Foreign;
 use super::packed_cells::Packer;
-use crate::error::Result;
-use crate::io::ply::{FaceBlock, VertexBlock};
-use crate::store::cell_id::CellId;
-use crate::store::cells::{PackWriter, Scatter};
+use stonecut_io::ply::{FaceBlock, VertexBlock};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{PackWriter, Scatter};
+use stonecut_system::error::Result;
 
 /// A block of rows, sorted by cell.
 #[derive(Default)]

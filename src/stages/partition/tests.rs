@@ -4,18 +4,18 @@
 
 use super::*;
 
-use crate::io::ply::{OutputHeader, PlyWriter};
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::mesh::property::Scalar;
-use crate::mesh::record::VertexSchema;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{CellMesh, CellStore};
-use crate::store::job::{Identity, Job};
-use crate::store::pack_format::ALWAYS_WIDE;
-use crate::system::disk::Disk;
-use crate::system::progress::Progress;
 use std::collections::BTreeMap;
 use std::time::Duration;
+use stonecut_io::ply::{OutputHeader, PlyWriter};
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_mesh::property::Scalar;
+use stonecut_mesh::record::VertexSchema;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{CellMesh, CellStore};
+use stonecut_store::job::{Identity, Job};
+use stonecut_store::pack_format::ALWAYS_WIDE;
+use stonecut_system::disk::Disk;
+use stonecut_system::progress::Progress;
 
 /// Writes a mesh as `grid.ply`.
 fn write_mesh(

@@ -5,12 +5,12 @@ use super::checkpoint::{Pass, ResumePoint};
 use super::halo::{Gathering, Halo};
 use super::passes::{Passes, at_window};
 use super::sorted::Sorted;
-use crate::error::Result;
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{PackWriter, Scatter};
-use crate::store::pack_format::ChunkKind;
-use crate::system::parallel::in_order;
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{PackWriter, Scatter};
+use stonecut_store::pack_format::ChunkKind;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
 
 impl<'a> Passes<'a> {
     /// Sends every triangle to the cell of its corner of lowest index; finds the corners that lie elsewhere.

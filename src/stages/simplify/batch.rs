@@ -7,13 +7,13 @@ use super::fitted;
 use super::ladder::Thresholds;
 use super::memory::{cell_bytes, result_bytes};
 use super::run_cells::{Goal, drain};
-use crate::error::Result;
-use crate::kernel::{Options, Stop};
-use crate::store::cell_id::CellId;
-use crate::store::cells::{CellStore, CellTally, SurvivorInfo, SurvivorWriter, Survivors};
-use crate::store::stage_context::StageContext;
-use crate::system::parallel::in_order;
 use std::ops::Range;
+use stonecut_kernel::{Options, Stop};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{CellStore, CellTally, SurvivorInfo, SurvivorWriter, Survivors};
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
 
 /// The end of every cell of a round.
 #[derive(Clone, Debug)]

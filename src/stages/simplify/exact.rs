@@ -8,17 +8,17 @@ use super::fitted;
 use super::ladder::Thresholds;
 use super::pilot::{bytes_for_copies, sealed_thresholds, takes};
 use super::run_cells::{Goal, drain, for_cells, kernel_run, run_all, run_cells_loading, survivors};
-use crate::error::Result;
-use crate::kernel::{CloseLevels, Options, Stop};
-use crate::store::cell_id::CellId;
-use crate::store::cells::{CellMesh, CellStore, SurvivorInfo, Survivors};
-use crate::store::stage_context::StageContext;
 use libm::exp2;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::atomic::AtomicU64;
 use std::sync::{Mutex, PoisonError};
+use stonecut_kernel::{CloseLevels, Options, Stop};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{CellMesh, CellStore, SurvivorInfo, Survivors};
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::Result;
 
 /// Simplifies every cell to an exact total, at most `goal.triangles`: for results too large for one finish.
 ///

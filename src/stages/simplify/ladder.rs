@@ -5,15 +5,15 @@
 //!
 //! docs/algorithm.md, section 11.
 
-use crate::error::Result;
-use crate::kernel::Stepwise;
-use crate::mesh::Mesh;
+use stonecut_kernel::Stepwise;
+use stonecut_mesh::Mesh;
+use stonecut_system::error::Result;
 // Those of a C library may differ in the last bit from machine to machine; each unit finds the thresholds by itself.
-use crate::mesh::vec3::{length_sq, normal};
-use crate::store::cell_id::CellId;
 use libm::{exp2, log2};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use stonecut_mesh::vec3::{length_sq, normal};
+use stonecut_store::cell_id::CellId;
 
 /// Samples take every 32nd cell, within bounds.
 const SAMPLE_SHARE: usize = 32;

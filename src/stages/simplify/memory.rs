@@ -3,9 +3,9 @@
 //! Measured over a statue, chest CT, a noisy volume, an interior, both forms of a split scan and soups of loose
 //! triangles (docs/results/real-scans.md, "Memory"). Nothing here allocates.
 
-use crate::kernel::{self, Fit};
-use crate::store::cell_id::CellId;
-use crate::store::cells::{CellStore, CellTally, VertexLayout, load_bytes};
+use stonecut_kernel::{self as kernel, Fit};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{CellStore, CellTally, VertexLayout, load_bytes};
 
 /// Memory of the kernel on a dirty scan beyond `kernel::peak_bytes`, in bytes a triangle.
 const DIRT_BYTES: u64 = 8;

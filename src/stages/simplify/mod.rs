@@ -20,15 +20,15 @@ pub use memory::{fit_bytes, later_bytes, result_bytes, round_fit_bytes, work_byt
 pub use pilot::{PilotPart, pilot_part, thresholds_of};
 pub use run_cells::{Beside, FREED_AT_A_TIME, Goal, frees_sources};
 
-use crate::error::Result;
-use crate::kernel::{Options, Stop};
-use crate::mesh::{Mesh, attribute_weights};
-use crate::store::cell_id::CellId;
-use crate::store::cells::{CellMesh, CellStore, SurvivorInfo, Survivors};
-use crate::store::stage_context::StageContext;
 use ladder::spread_cells;
 use pilot::{Begun, sealed_thresholds};
 use run_cells::{drain, run_cells, run_cells_beside, survivors};
+use stonecut_kernel::{Options, Stop};
+use stonecut_mesh::{Mesh, attribute_weights};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{CellMesh, CellStore, SurvivorInfo, Survivors};
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::Result;
 
 /// Weights of channels are found from every 32nd cell, at least 16 and at most 48: cells differ more in
 /// the size of their triangles than in how they fall.

@@ -7,15 +7,15 @@
 use super::ladder::{Thresholds, descend, ladder, pilot_cells};
 use super::memory::cell_bytes;
 use super::run_cells::{Goal, for_cells};
-use crate::error::{Error, Result};
-use crate::kernel::{Options, Stepwise};
-use crate::store::cell_id::CellId;
-use crate::store::cells::CellStore;
-use crate::store::stage_context::StageContext;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
+use stonecut_kernel::{Options, Stepwise};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::CellStore;
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::{Error, Result};
 
 /// Copies are kept of cells that are at most this many times what they should come to: the threshold will be
 /// below that.

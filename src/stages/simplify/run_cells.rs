@@ -3,16 +3,16 @@
 //! Synced every so often, so that an interrupted round goes on with the cells that it lacks.
 
 use super::memory::cell_bytes;
-use crate::error::{Error, Result};
-use crate::kernel::{self, Options, Simplified, Stop};
-use crate::store::cell_id::CellId;
-use crate::store::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors};
-use crate::store::stage_context::StageContext;
-use crate::system::parallel::{Weighted, largest_first};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
+use stonecut_kernel::{self as kernel, Options, Simplified, Stop};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{CellMesh, CellStore, SurvivorInfo, SurvivorWriter, Survivors};
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel::{Weighted, largest_first};
 
 /// Part of the store that is synced at a time where sources are given back, so that sources and survivors
 /// never lie side by side.

@@ -1,20 +1,20 @@
 //! Joins all cells in memory, by id, and simplifies the whole to the exact target.
 
-use crate::config::Normals;
-use crate::error::{Error, Result};
-use crate::kernel::{self, Fit, History, Options, Stop};
-use crate::mesh::Mesh;
-use crate::mesh::attribute_weights::ChannelSample;
-use crate::mesh::vec3::Vec3;
-use crate::progressive::{self, Original};
-use crate::store::cell_id::CellId;
-use crate::store::cells::{
+use std::collections::BTreeMap;
+use stonecut_kernel::{self as kernel, Fit, History, Options, Stop};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::attribute_weights::ChannelSample;
+use stonecut_mesh::vec3::Vec3;
+use stonecut_progressive::{self as progressive, Original};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{
     CellTally, IdMap, SurvivorInfo, SurvivorWriter, Survivors, VertexLayout,
 };
-use crate::store::shape::Shape;
-use crate::store::stage_context::StageContext;
-use crate::system::pending_file::Place;
-use std::collections::BTreeMap;
+use stonecut_store::config::Normals;
+use stonecut_store::shape::Shape;
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::pending_file::Place;
 
 /// The cells that are joined.
 pub struct Parts<'a> {

@@ -10,9 +10,9 @@
 mod finish;
 mod repartition;
 
-use crate::kernel;
 pub use finish::{PROGRESSIVE, Parts, Recording, finish};
 pub use repartition::{NewCells, is_tree_record, recut, regroup};
+use stonecut_kernel as kernel;
 
 /// The finish takes at most this many cells' worth of triangles.
 pub const FINISH_CELLS: u64 = 4;

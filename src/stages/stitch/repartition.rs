@@ -4,18 +4,18 @@
 //! over the survivors is enough. A vertex interior to an old cell is shared if its triangles, or those of another
 //! wedge in its place, go to several new cells; for a vertex on an old seam that is settled once all old cells are through.
 
-use crate::error::Result;
-use crate::io::{ExternalSort, halves, whole};
-use crate::mesh::bounds::Bounds;
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{
+use stonecut_io::{ExternalSort, halves, whole};
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{
     BEHIND_BYTES, CellTally, CellTree, PackWriter, Scatter, StoreInfo, SurvivorPack, Survivors,
     TurnedFrame, n_samples, plan_cells, split_overfull, survivor_bytes,
 };
-use crate::store::pack_format::ChunkKind;
-use crate::store::stage_context::StageContext;
-use crate::system::parallel::in_order;
+use stonecut_store::pack_format::ChunkKind;
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::Result;
+use stonecut_system::parallel::in_order;
 
 /// Share of the memory budget for each of the three sets of scatter buffers.
 const BUFFER_SHARE: u64 = 16;

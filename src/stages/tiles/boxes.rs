@@ -1,9 +1,9 @@
 //! Boxes of triangles: each in the box of its middle, small boxes in a larger neighbour.
 
-use crate::io::TileMesh;
-use crate::mesh::Mesh;
-use crate::store::cells::{BoxKey, Lattice, clamp_below, clamp_to, parent_of};
 use std::collections::BTreeMap;
+use stonecut_io::TileMesh;
+use stonecut_mesh::Mesh;
+use stonecut_store::cells::{BoxKey, Lattice, clamp_below, clamp_to, parent_of};
 
 /// A box with less than this share of a full tile joins a neighbour.
 const SMALL: u64 = 16;

@@ -1,14 +1,14 @@
 //! Turns a part of a cell into a tile: positions on the lattice, normals, linear colours, further properties.
 
 use super::scalars::Columns;
-use crate::io::{TileMesh, find3};
-use crate::mesh::Mesh;
-use crate::mesh::colours::{ColourPlace, linear_word as linear};
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::mesh::property::{Scalar, read_scalar};
-use crate::mesh::vec3::{length_sq, normal};
-use crate::store::cells::{Lattice, VertexLayout};
 use std::sync::LazyLock;
+use stonecut_io::{TileMesh, find3};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::colours::{ColourPlace, linear_word as linear};
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_mesh::property::{Scalar, read_scalar};
+use stonecut_mesh::vec3::{length_sq, normal};
+use stonecut_store::cells::{Lattice, VertexLayout};
 
 /// A cell whose tiles are made.
 pub(super) struct Whole<'a> {
@@ -154,7 +154,7 @@ fn roundest(low: u16, high: u16) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::oklab::srgb_of_linear;
+    use stonecut_mesh::oklab::srgb_of_linear;
 
     #[test]
     fn every_byte_of_colour_comes_back() {

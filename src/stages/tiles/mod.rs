@@ -11,21 +11,21 @@ mod mesh;
 mod scalars;
 mod textured;
 
-use crate::error::{Error, Result};
-use crate::io::tileset::{TileBorder, encode_borders};
-use crate::io::{TileForm, encode_tile};
-use crate::mesh::Mesh;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{
-    BoxKey, CellMesh, GroupRecord, Lattice, Survivors, TileRecord, VertexLayout, group_of,
-    parent_of,
-};
-use crate::system::disk::Disk;
-use crate::system::parallel::both;
 use boxes::Boxes;
 use mesh::{Part, Whole};
 pub use scalars::carried_scalars;
 use std::path::Path;
+use stonecut_io::tileset::{TileBorder, encode_borders};
+use stonecut_io::{TileForm, encode_tile};
+use stonecut_mesh::Mesh;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{
+    BoxKey, CellMesh, GroupRecord, Lattice, Survivors, TileRecord, VertexLayout, group_of,
+    parent_of,
+};
+use stonecut_system::disk::Disk;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel::both;
 pub use textured::{Places, Shape, encode_with_page, read_shapes};
 use xxhash_rust::xxh3::xxh3_64;
 
@@ -263,7 +263,7 @@ impl TileRound<'_> {
 
 /// Writes a file and makes its folder if need be; it is not durable yet.
 pub fn put_file(disk: &Disk, path: &Path, bytes: &[u8]) -> Result<()> {
-    let folder = crate::system::disk::folder_of(path);
+    let folder = stonecut_system::disk::folder_of(path);
     if !folder.is_dir() {
         disk.create_dir(folder)?;
     }
@@ -318,5 +318,5 @@ fn joined(parts: &[(BoxKey, u64)]) -> Vec<(BoxKey, u64)> {
 
 /// Diagonal of the bounding box.
 fn diagonal(mesh: &Mesh) -> f64 {
-    crate::mesh::bounds::Bounds::around(&mesh.positions).or_origin().diagonal()
+    stonecut_mesh::bounds::Bounds::around(&mesh.positions).or_origin().diagonal()
 }

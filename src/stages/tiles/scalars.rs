@@ -1,9 +1,9 @@
 //! Choice of the properties of vertices that tiles carry as attributes.
 
-use crate::io::{NUMBER, TileScalar, find_texture, find3};
-use crate::mesh::colours::ColourPlace;
-use crate::mesh::property::{Origin, Property, Scalar, read_scalar};
-use crate::mesh::record::VertexSchema;
+use stonecut_io::{NUMBER, TileScalar, find_texture, find3};
+use stonecut_mesh::colours::ColourPlace;
+use stonecut_mesh::property::{Origin, Property, Scalar, read_scalar};
+use stonecut_mesh::record::VertexSchema;
 
 /// Names that the colour of a tile gets in a mesh again.
 const COLOUR: [&str; 3] = ["red", "green", "blue"];

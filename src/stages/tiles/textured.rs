@@ -6,14 +6,14 @@
 //! docs/design/tiles.md, "Textures".
 
 use super::{border_name, tile_path};
-use crate::error::{Error, Result};
-use crate::io::tileset::{TileBorder, decode_borders};
-use crate::io::{StoredTile, TileForm, TileMesh, TilePage, TileScalar, decode_tile, encode_tile};
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::store::cell_id::CellId;
-use crate::system::parallel::guarded;
 use std::collections::HashMap;
 use std::path::Path;
+use stonecut_io::tileset::{TileBorder, decode_borders};
+use stonecut_io::{StoredTile, TileForm, TileMesh, TilePage, TileScalar, decode_tile, encode_tile};
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_store::cell_id::CellId;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel::guarded;
 
 /// Numbers of vertices of one tile begin here: no input has as many vertices.
 const OF_ONE_TILE: u64 = 1 << 63;

@@ -4,11 +4,11 @@
 //! triangle has the mean of its corners; where they are of one region they agree.
 
 use super::numbering::encode;
-use crate::io::ply::FaceSchema;
-use crate::mesh::face_properties::{FaceMixer, FacePropertyPlan};
-use crate::mesh::property::Property;
-use crate::mesh::record::VertexSchema;
-use crate::store::cells::{SurvivorPack, Survivors};
+use stonecut_io::ply::FaceSchema;
+use stonecut_mesh::face_properties::{FaceMixer, FacePropertyPlan};
+use stonecut_mesh::property::Property;
+use stonecut_mesh::record::VertexSchema;
+use stonecut_store::cells::{SurvivorPack, Survivors};
 
 /// Plan of turning properties of vertices into those of faces.
 pub(super) struct BackToFaces<'a> {

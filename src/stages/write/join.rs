@@ -4,12 +4,12 @@
 //! joined vertices keep the order of the first of each place, and memory does not grow with the result.
 
 use super::numbering::{FirstUses, own_vertices};
-use crate::error::Result;
-use crate::io::ply::raw::{RawFile, Spool};
-use crate::io::{ExternalSort, halves, whole};
-use crate::store::cell_id::CellId;
-use crate::store::cells::SurvivorPack;
-use crate::store::stage_context::StageContext;
+use stonecut_io::ply::raw::{RawFile, Spool};
+use stonecut_io::{ExternalSort, halves, whole};
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::SurvivorPack;
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::Result;
 
 /// Numbers are kept in 8 bytes each.
 const NUMBER_BYTES: usize = 8;

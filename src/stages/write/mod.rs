@@ -10,24 +10,24 @@ mod join;
 mod normals;
 mod numbering;
 
-use crate::config::Normals;
-use crate::error::Result;
-use crate::io::ply::{OutputHeader, Place, TexturedTriangle};
-use crate::io::{MeshSink, OutputFormat, OutputKind};
-use crate::mesh::codec::TEXTURE_NAMES;
-use crate::mesh::face_properties::FacePropertyPlan;
-pub use crate::mesh::property::REACH;
-use crate::mesh::record::VertexSchema;
-use crate::store::cell_id::CellId;
-use crate::store::cells::SurvivorPack;
-pub(crate) use crate::store::shape::Shape;
-use crate::store::stage_context::StageContext;
 use faces::BackToFaces;
 use join::Joined;
 pub use join::sort_memory_bytes;
 use normals::Recomputed;
 pub use numbering::shared_bytes;
 use numbering::{encode, index_vertices, own_vertices};
+use stonecut_io::ply::{OutputHeader, Place, TexturedTriangle};
+use stonecut_io::{MeshSink, OutputFormat, OutputKind};
+use stonecut_mesh::codec::TEXTURE_NAMES;
+use stonecut_mesh::face_properties::FacePropertyPlan;
+pub use stonecut_mesh::property::REACH;
+use stonecut_mesh::record::VertexSchema;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::SurvivorPack;
+use stonecut_store::config::Normals;
+pub use stonecut_store::shape::Shape;
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::Result;
 
 /// Triangles that go to the file together.
 const CHUNK: usize = 65_536;

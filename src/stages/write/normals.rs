@@ -4,12 +4,12 @@
 //! little, are left out. Vertices in one place share their normal, so that no texture seam shows in the
 //! shading. A place without any area gets zeros.
 
-use crate::error::Result;
-use crate::mesh::vec3;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{SurvivorPack, Survivors};
-use crate::store::stage_context::StageContext;
 use std::collections::HashMap;
+use stonecut_mesh::vec3;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{SurvivorPack, Survivors};
+use stonecut_store::stage_context::StageContext;
+use stonecut_system::error::Result;
 
 /// A position, bit for bit but for the sign of zeros.
 type Key = [u64; 3];

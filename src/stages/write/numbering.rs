@@ -1,10 +1,10 @@
 //! Numbers the vertices of the output: a vertex that several cells hold is written by the first of them.
 
-use crate::error::Result;
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::store::cell_id::CellId;
-use crate::store::cells::{SurvivorPack, Survivors};
 use std::collections::HashMap;
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_store::cell_id::CellId;
+use stonecut_store::cells::{SurvivorPack, Survivors};
+use stonecut_system::error::Result;
 
 /// Appends the record of a vertex.
 pub(super) fn encode(result: &SurvivorPack, part: &Survivors, vertex: usize, out: &mut Vec<u8>) {

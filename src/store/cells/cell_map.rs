@@ -2,7 +2,7 @@
 
 use super::kd_tree::{CellFinder, CellTree};
 use super::lattice::{GroupFinder, GroupGrid};
-use crate::store::cell_id::CellId;
+use crate::cell_id::CellId;
 use serde::{Deserialize, Serialize};
 
 /// Maps every point of space to a cell.

@@ -1,9 +1,9 @@
 //! One cell in memory, and the counts of what was left out of it.
 
-use crate::mesh::Mesh;
-use crate::mesh::global_vertex::GlobalVertex;
 use serde::{Deserialize, Serialize};
 use std::ops::AddAssign;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::global_vertex::GlobalVertex;
 
 /// One loaded cell.
 #[derive(Clone, Debug, Default)]

@@ -7,21 +7,21 @@ use super::cell_mesh::CellMesh;
 use super::id_map::IdMap;
 use super::pack::{Pack, PackFile};
 use super::pieces::PieceSet;
-use crate::error::{Error, Result};
-use crate::mesh::Mesh;
-use crate::mesh::attribute_weights::Weights;
-use crate::mesh::codec::VertexCodec;
-use crate::mesh::extremes::Extremes;
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::mesh::property::{Scalar, read_scalar};
-use crate::mesh::record::VertexSchema;
-use crate::mesh::relief::Relief;
-use crate::store::cell_id::CellId;
-use crate::store::pack_format::{Chunk, ChunkKind, IdWidth};
-use crate::system::disk::Disk;
-use crate::system::progress::Progress;
+use crate::cell_id::CellId;
+use crate::pack_format::{Chunk, ChunkKind, IdWidth};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::attribute_weights::Weights;
+use stonecut_mesh::codec::VertexCodec;
+use stonecut_mesh::extremes::Extremes;
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_mesh::property::{Scalar, read_scalar};
+use stonecut_mesh::record::VertexSchema;
+use stonecut_mesh::relief::Relief;
+use stonecut_system::disk::Disk;
+use stonecut_system::error::{Error, Result};
+use stonecut_system::progress::Progress;
 
 /// Rows of each kind in one cell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -4,7 +4,7 @@
 //! corners always meet in one cell, and each cell can be tidied by itself. Later rounds have nothing to tidy.
 
 use super::cell_mesh::{CellMesh, Dropped};
-use crate::mesh::duplicate_triangles::{Repeats, flaps, from_least, is_two_sided};
+use stonecut_mesh::duplicate_triangles::{Repeats, flaps, from_least, is_two_sided};
 
 impl CellMesh {
     /// Brings the triangles into the order of their lowest vertex id; those that share it keep their order.
@@ -147,8 +147,8 @@ impl CellMesh {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::Mesh;
-    use crate::mesh::global_vertex::GlobalVertex;
+    use stonecut_mesh::Mesh;
+    use stonecut_mesh::global_vertex::GlobalVertex;
 
     #[test]
     fn repeats_and_idle_vertices_go_and_the_rest_keeps_its_order() {

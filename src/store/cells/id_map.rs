@@ -3,7 +3,7 @@
 //! Vertices of a cell come first in ascending order, those it borrows from others after them. For such a run
 //! of ids a bitmap that counts is smaller and nearer than a hash table; what follows the run is hashed.
 
-use crate::mesh::global_vertex::GlobalVertex;
+use stonecut_mesh::global_vertex::GlobalVertex;
 
 const EMPTY: u32 = u32::MAX;
 

@@ -6,9 +6,9 @@
 //!
 //! docs/algorithm.md, section 10.
 
-use crate::mesh::bounds::Bounds;
-use crate::store::cell_id::CellId;
+use crate::cell_id::CellId;
 use serde::{Deserialize, Serialize};
+use stonecut_mesh::bounds::Bounds;
 
 /// Quantisation steps along the longest side of the bounding box.
 const STEPS: f64 = (1u32 << 30) as f64;

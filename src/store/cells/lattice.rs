@@ -6,10 +6,10 @@
 //!
 //! docs/design/tiles.md.
 
-use crate::mesh::bounds::Bounds;
-use crate::store::cell_id::CellId;
+use crate::cell_id::CellId;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use stonecut_mesh::bounds::Bounds;
 
 /// Binary logarithm of the steps along a side of a box.
 const STEPS: u32 = 14;

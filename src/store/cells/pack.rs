@@ -3,17 +3,17 @@
 //! A sealed pack ends with an index of its chunks, so that opening it is one read instead of one for every
 //! chunk. The headers serve before the index is written: after a crash.
 
-use crate::error::{Error, Result};
-use crate::store::cell_id::CellId;
-use crate::store::pack_format::{
+use crate::cell_id::CellId;
+use crate::pack_format::{
     self, CHUNK_HEADER_BYTES, Chunk, ChunkKind, PACK_END_BYTES, PACK_HEADER_BYTES,
 };
-use crate::system::background::Worker;
-use crate::system::disk::{Disk, DiskFile};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use stonecut_system::background::Worker;
+use stonecut_system::disk::{Disk, DiskFile};
+use stonecut_system::error::{Error, Result};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Chunks collect here before they go to the file in one write.

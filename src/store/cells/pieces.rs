@@ -6,9 +6,9 @@
 //! least vertex; `components` finds out what they belong to.
 
 use super::cell_mesh::CellMesh;
-use crate::mesh::Mesh;
-use crate::mesh::bounds::Bounds;
-use crate::mesh::union_find::Union;
+use stonecut_mesh::Mesh;
+use stonecut_mesh::bounds::Bounds;
+use stonecut_mesh::union_find::Union;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Connected pieces of a mesh.
@@ -132,7 +132,7 @@ impl CellMesh {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mesh::global_vertex::GlobalVertex;
+    use stonecut_mesh::global_vertex::GlobalVertex;
 
     fn mesh(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> Mesh {
         Mesh::new(positions.to_vec(), triangles.to_vec())

@@ -1,9 +1,9 @@
 //! Scatters rows to their cells: a buffer per cell, full buffers become chunks of the pack.
 
 use super::pack::PackWriter;
-use crate::error::Result;
-use crate::store::cell_id::CellId;
-use crate::store::pack_format::ChunkKind;
+use crate::cell_id::CellId;
+use crate::pack_format::ChunkKind;
+use stonecut_system::error::Result;
 
 /// Bounds of a cell's buffer: below the lower one chunk headers and reads would cost too much, above the
 /// upper one nothing is gained.

@@ -6,19 +6,19 @@
 use super::cell_store::{CellTally, VertexLayout};
 use super::group_record::GroupRecord;
 use super::pack::{Pack, PackWriter};
-use crate::error::{Error, Result};
-use crate::kernel::{FitStatistics, Quality, QualityAt, Simplified, Statistics};
-use crate::mesh::Mesh;
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::store::cell_id::CellId;
-use crate::store::cells::cell_mesh::CellMesh;
-use crate::store::cells::cell_mesh::Dropped;
-use crate::store::pack_format::ChunkKind;
-use crate::system::disk::Disk;
+use crate::cell_id::CellId;
+use crate::cells::cell_mesh::CellMesh;
+use crate::cells::cell_mesh::Dropped;
+use crate::pack_format::ChunkKind;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::Path;
+use stonecut_kernel::{FitStatistics, Quality, QualityAt, Simplified, Statistics};
+use stonecut_mesh::Mesh;
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_system::disk::Disk;
+use stonecut_system::error::{Error, Result};
 
 /// A pack of survivors: some cells, one after the other by number.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

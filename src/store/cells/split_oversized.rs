@@ -8,12 +8,12 @@ use super::cell_store::{CellTally, StoreInfo, VertexLayout};
 use super::pack::{Pack, PackWriter};
 use super::pieces::position_bits;
 use super::scatter::Scatter;
-use crate::error::Result;
-use crate::mesh::global_vertex::GlobalVertex;
-use crate::store::cell_id::CellId;
-use crate::store::pack_format::{ChunkKind, IdWidth};
-use crate::store::stage_context::StageContext;
+use crate::cell_id::CellId;
+use crate::pack_format::{ChunkKind, IdWidth};
+use crate::stage_context::StageContext;
 use std::collections::BTreeMap;
+use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_system::error::Result;
 
 /// A cell of this many times the planned triangles is split. Even scans stay within 1.25, uneven ones below this.
 const OVERFULL: u64 = 2;

@@ -5,15 +5,15 @@
 //! read. They are not a proof: a change that sets the time back and keeps the sampled bytes is not found.
 
 use crate::config::Config;
-use crate::error::{Error, Result};
-use crate::io::ply::MeshSource;
-use crate::store::job::Identity;
-use crate::system::disk::open_input;
+use crate::job::Identity;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
+use stonecut_io::ply::MeshSource;
+use stonecut_system::disk::open_input;
+use stonecut_system::error::{Error, Result};
 
 /// Pages that are sampled besides the beginning of the file.
 const PAGES: u64 = 64;

@@ -6,14 +6,14 @@
 //! A program that starts others holds a lock that it has dropped until these have begun: between `fork` and `exec` they
 //! have copies of its open files. So a lock that is held is asked for again for a moment before it counts as another run's.
 
-use crate::error::{Error, Result};
-use crate::system::disk::check_own;
 use rustix::fs::{FlockOperation, OFlags, flock};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::Path;
 use std::time::Duration;
+use stonecut_system::disk::check_own;
+use stonecut_system::error::{Error, Result};
 
 /// The lock file's name in the job folder.
 pub const FILE_NAME: &str = "lock";

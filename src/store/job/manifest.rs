@@ -4,15 +4,15 @@
 //! are only appended, each synced before the next stage may rely on it. A torn last line (power loss) is
 //! cut off; a damaged line before the last is an error.
 
-use crate::error::{Error, Result};
-use crate::system::disk::{Disk, DiskFile, read_own};
-use crate::system::pending_file::{Place, write_whole};
-use crate::system::units::show_time;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
+use stonecut_system::disk::{Disk, DiskFile, read_own};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::pending_file::{Place, write_whole};
+use stonecut_system::units::show_time;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// The manifest's name in the job folder.

@@ -13,8 +13,6 @@ pub use lock::{hold, look};
 pub use manifest::{Identity, ManifestView, view};
 pub use own_names::{SCRATCH_EXTENSION, TRIALS, is_in_job};
 
-use crate::error::{Error, Result};
-use crate::system::disk::{Disk, check_own};
 use lock::Lock;
 use manifest::Manifest;
 use serde::Serialize;
@@ -22,6 +20,8 @@ use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
+use stonecut_system::disk::{Disk, check_own};
+use stonecut_system::error::{Error, Result};
 
 /// An open job folder, locked against other runs; or a guest in the folder of a job that many processes work on.
 #[derive(Debug)]
@@ -286,7 +286,7 @@ pub fn sweep_scratch(folder: &Path) {
         let path = entry.path();
         if is_own_scratch(&path) {
             // Looked at before the lock, which is the first file of a folder.
-            let has_files = !crate::system::disk::is_empty(&path);
+            let has_files = !stonecut_system::disk::is_empty(&path);
             let remove = || Disk::default().remove_own(&path, &own_names::is_in_scratch, &|_| 0);
             let _ = match lock::is_free(&path) {
                 Some(false) => Ok(()),

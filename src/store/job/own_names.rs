@@ -3,9 +3,9 @@
 //! Decides by names alone, and by the first bytes of the lock and of the manifest. Removes nothing itself.
 
 use super::{lock, manifest};
-use crate::error::{Error, Result};
-use crate::system::disk::{check_own, is_empty, read_own};
 use std::path::Path;
+use stonecut_system::disk::{check_own, is_empty, read_own};
+use stonecut_system::error::{Error, Result};
 
 /// Extension of the folders of `Scratch`, which are never continued.
 pub const SCRATCH_EXTENSION: &str = "stonecut-scratch";

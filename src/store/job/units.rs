@@ -8,16 +8,16 @@
 use super::manifest::{decode_line, encode_line};
 use super::own_names::{self, PLAN, UNITS};
 use super::{Identity, is_own_scratch};
-use crate::error::{Error, Result};
-use crate::system::disk::{Disk, read_own};
-use crate::system::pending_file::Seen;
-use crate::system::program::unique_name;
-use crate::system::progress::Progress;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+use stonecut_system::disk::{Disk, read_own};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::pending_file::Seen;
+use stonecut_system::program::unique_name;
+use stonecut_system::progress::Progress;
 
 /// No record comes near this.
 const MOST_RECORD_BYTES: u64 = 1 << 30;

@@ -4,7 +4,7 @@
 //! computed pixel by pixel from the panels its slots show, beyond a chart's own border too, so that filtering finds
 //! nothing foreign there.
 
-use crate::synth::noise::hash2;
+use crate::noise::hash2;
 
 /// Squares along a chart, before its borders are made ragged.
 pub(super) const CHART: usize = 11;

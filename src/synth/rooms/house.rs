@@ -4,9 +4,9 @@
 //! weld by position joins what the atlas keeps apart. Walls between rooms are two sheets, a hand's breadth apart.
 
 use super::paint::Paint;
-use crate::mesh::vec3::cross;
-use crate::synth::noise::{hash2, signed3, unit};
-use crate::synth::surface::unit_vector;
+use crate::noise::{hash2, signed3, unit};
+use crate::surface::unit_vector;
+use stonecut_mesh::vec3::cross;
 
 /// Width, depth and height of a room in metres.
 const ROOM: [f64; 3] = [6.0, 5.0, 3.0];

@@ -2,7 +2,7 @@
 
 use super::atlas::{Atlas, SLOT};
 use super::{Rooms, chart_start, on_panel};
-use crate::render::Picture;
+use stonecut_render::Picture;
 
 impl Rooms {
     /// One image.

@@ -3,20 +3,20 @@
 //! Images come first and the mesh last, each by rename. A run that fails removes the images it made.
 
 use super::Rooms;
-use crate::error::{Error, Result};
-use crate::io::materials::{Materials, TexturePlan};
-use crate::io::ply::{OutputHeader, Place, TexturedTriangle};
-use crate::io::{MeshSink, OutputFormat, OutputKind};
-use crate::mesh::property::{Property, Scalar};
-use crate::synth::shuffle::Shuffler;
-use crate::synth::sliced::Counted;
-use crate::synth::surface::{Order, Surface};
-use crate::synth::write::Stream;
-use crate::synth::write_shuffled::{scratch_folder, shuffle_vertices};
-use crate::system::parallel::in_order;
-use crate::system::pending_file::{refuse_irregular, write_whole};
+use crate::shuffle::Shuffler;
+use crate::sliced::Counted;
+use crate::surface::{Order, Surface};
+use crate::write::Stream;
+use crate::write_shuffled::{scratch_folder, shuffle_vertices};
 use std::io::Read;
 use std::path::{Path, PathBuf};
+use stonecut_io::materials::{Materials, TexturePlan};
+use stonecut_io::ply::{OutputHeader, Place, TexturedTriangle};
+use stonecut_io::{MeshSink, OutputFormat, OutputKind};
+use stonecut_mesh::property::{Property, Scalar};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::parallel::in_order;
+use stonecut_system::pending_file::{refuse_irregular, write_whole};
 
 /// Bytes of a face on its way through the shuffler: three corners, six coordinates, an image.
 const FACE_BYTES: usize = 40;

@@ -4,9 +4,9 @@
 //! together, `vertices` decides.
 
 use super::places::{NONE, Places};
-use crate::kernel::surface::Surface;
-use crate::mesh::union_find::Union;
-use crate::mesh::vec3::{Vec3, dot, length_sq, normal, scale, sub};
+use crate::surface::Surface;
+use stonecut_mesh::union_find::Union;
+use stonecut_mesh::vec3::{Vec3, dot, length_sq, normal, scale, sub};
 
 /// Edges at which more pairs than this could be made are left as found.
 const MOST_PAIRS: usize = 1 << 12;

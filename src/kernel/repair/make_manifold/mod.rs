@@ -16,16 +16,16 @@ mod vertices;
 
 pub(crate) use vertices::Mended;
 
-use crate::kernel::options::MAX_VERTICES;
-use crate::kernel::simd::Simd;
-use crate::kernel::state::MeshState;
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::class::Class;
-use crate::kernel::vertex::GONE;
-use crate::mesh::duplicate_triangles::{Repeats, from_least};
-use crate::mesh::union_find::Union;
+use crate::options::MAX_VERTICES;
+use crate::simd::Simd;
+use crate::state::MeshState;
+use crate::surface::Surface;
+use crate::surface::class::Class;
+use crate::vertex::GONE;
 use half_edges::{PairingState, Patch};
 use places::{NONE, Places};
+use stonecut_mesh::duplicate_triangles::{Repeats, from_least};
+use stonecut_mesh::union_find::Union;
 use vertices::VertexPlan;
 
 /// Share of affected triangles (one in this many) above which the surface is built again as a whole.

@@ -1,8 +1,8 @@
 //! Vertices that lie in the same place, and those that mending has to look at.
 
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::class::Class;
-use crate::kernel::vertex::GONE;
+use crate::surface::Surface;
+use crate::surface::class::Class;
+use crate::vertex::GONE;
 
 /// No number of a vertex or corner.
 pub(super) const NONE: u32 = u32::MAX;

@@ -4,12 +4,12 @@
 
 use super::half_edges::{PairingState, Patch};
 use super::places::NONE;
-use crate::kernel::simd::Simd;
-use crate::kernel::state::MeshState;
-use crate::kernel::state::recompute::recompute_vertices;
-use crate::kernel::surface::class::Class;
-use crate::kernel::surface::{Ring, Surface};
-use crate::mesh::union_find::Union;
+use crate::simd::Simd;
+use crate::state::MeshState;
+use crate::state::recompute::recompute_vertices;
+use crate::surface::class::Class;
+use crate::surface::{Ring, Surface};
+use stonecut_mesh::union_find::Union;
 
 /// Counts of a mending.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

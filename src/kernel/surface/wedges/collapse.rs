@@ -4,10 +4,10 @@
 
 use super::Wedges;
 use super::pairs::Pairs;
-use crate::kernel::surface::Surface;
-use crate::kernel::surface::class::Class;
-use crate::mesh::blend::between;
-use crate::mesh::corners::others;
+use crate::surface::Surface;
+use crate::surface::class::Class;
+use stonecut_mesh::blend::between;
+use stonecut_mesh::corners::others;
 
 /// A collapse at a seam under way.
 pub(crate) struct SeamPlan {

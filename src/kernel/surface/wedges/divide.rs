@@ -1,7 +1,7 @@
 //! Wedges at a cut of the surface: each side keeps what its triangles use, and the caps lie in one chart each.
 
 use super::Wedges;
-use crate::kernel::surface::Surface;
+use crate::surface::Surface;
 
 /// Triangles around the corners of a cut on one side, from corner to corner in their sense of rotation.
 pub(crate) type Sectors = [Vec<u32>; 3];

@@ -15,10 +15,10 @@ mod collapse;
 pub(crate) mod divide;
 pub(crate) mod pairs;
 
-use crate::kernel::simd::Simd;
-use crate::kernel::surface::Surface;
-use crate::kernel::vertex::GONE;
-use crate::mesh::union_find::Union;
+use crate::simd::Simd;
+use crate::surface::Surface;
+use crate::vertex::GONE;
+use stonecut_mesh::union_find::Union;
 
 /// A surface with the values at the corners of its triangles.
 #[derive(Clone, Copy)]
@@ -302,9 +302,9 @@ impl Wedges {
 
 #[cfg(test)]
 mod tests {
-    use crate::kernel::{Options, Simplified, Stop, Topology, simplify_mesh, tests::sheet};
-    use crate::mesh::Mesh;
+    use crate::{Options, Simplified, Stop, Topology, simplify_mesh, tests::sheet};
     use std::collections::{BTreeMap, BTreeSet};
+    use stonecut_mesh::Mesh;
 
     /// A sheet of n x n quads cut into charts of 8 x 8, each with its own piece of the unit square, and a
     /// channel that is the same in all of them.

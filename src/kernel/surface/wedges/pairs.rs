@@ -1,8 +1,8 @@
 //! Pairs of wedges that become one in a collapse at a seam.
 
 use super::Wedges;
-use crate::kernel::surface::Surface;
-use crate::mesh::corners::others;
+use crate::surface::Surface;
+use stonecut_mesh::corners::others;
 
 /// Pairs of wedges of `v0` and `v1` that become one: those of the triangles over the edge.
 #[derive(Clone, Copy, Debug, Default)]

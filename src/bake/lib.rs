@@ -1,0 +1,204 @@
+//! A new texture for a result: charts of the result's own, filled from the nearest places of the original.
+//!
+//! The result was simplified as if there were no charts, so nothing of the input's texture coordinates is left. Here it
+//! gets charts and pages (`charts`), every texel that a chart covers becomes a few points of the result (`texels`),
+//! each point finds the nearest place of the original (`original`, cell by cell, out of core) and the colour that the
+//! original's own materials and images have there (`paint`, `images`), and pages become images (`pages`). Bytes depend on
+//! the two meshes, the images and the options: not on threads, memory or the order of work. Does not write meshes.
+
+mod charts;
+mod directions;
+mod flatten;
+mod grid;
+mod nearest;
+mod need;
+mod normals;
+mod original;
+mod packing;
+mod pages;
+mod patches;
+mod projected;
+mod settings;
+mod texels;
+mod tiles;
+mod vertex_colours;
+
+use charts::Charts;
+use nearest::CellCache;
+pub use need::{BakeNeed, check, has_images, has_looks};
+use need::{CELL_SHARE, FRAME_BYTES, IMAGE_SHARE, POINT_SHARE, free_bytes};
+use original::Original;
+pub use pages::Page;
+use pages::{Canvas, PageKind};
+use serde::{Deserialize, Serialize};
+use settings::NormalReport;
+pub use settings::{BakeReport, Corner, Means, NormalSource, Options, TANGENT_BYTES};
+use std::path::{Path, PathBuf};
+use stonecut_io::ply::MeshSource;
+use stonecut_measure::load;
+use stonecut_mesh::Mesh;
+pub use stonecut_render::texture::Finish;
+use stonecut_render::texture::{ImageCache, Palette, Purpose};
+use stonecut_system::error::{Error, Result};
+use stonecut_system::units::show_bytes;
+use texels::Canvases;
+pub use tiles::{Photographs, TilePainter, TilePicture, TilesNeed, check_tiles};
+pub use vertex_colours::{Coloured, colour_properties, colour_vertices, has_only_images};
+
+/// Finished pages, and the texture coordinates of the result's corners in a file.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Baked {
+    /// Pages in order; empty where the original has no colours.
+    pub pages: Vec<Page>,
+    /// Normal maps of the pages; empty where none are wanted.
+    #[serde(default)]
+    pub normals: Vec<Page>,
+    /// Tangents of the result's corners, beside normal maps: records of `TANGENT_BYTES`, one a triangle.
+    #[serde(default)]
+    pub tangents: Option<PathBuf>,
+    /// Records of `Corner::BYTES` bytes, one a triangle in the order of the result.
+    pub corners: PathBuf,
+    /// Look of the pages besides their images.
+    pub finish: Finish,
+    /// True if the pages show the colours of vertices: no image of the original does.
+    #[serde(default)]
+    pub holds_vertex_colours: bool,
+    /// For people and for the report.
+    pub report: BakeReport,
+}
+
+/// Gives the result `shape` a texture from `original`; files get names that begin with `name` in the folder `place`.
+///
+/// `original` is the input as it was opened, texture coordinates at its corners; `shape` has no degenerate faces.
+/// Memory: the result with its charts (about 100 bytes a triangle, 1 KiB a triangle of a block of at most 200,000), one
+/// cell of the original, one decoded image, and points under way. Disk: the original in cells with texture coordinates
+/// (about 40 bytes a triangle, three times that for a while), 4 bytes a texel, and the pages.
+///
+/// Errors: a budget that does not hold these, by name; an original without anything to bake.
+pub fn bake(
+    shape: &MeshSource,
+    original: MeshSource,
+    options: &Options,
+    (place, name): (&Path, &str),
+    means: Means,
+) -> Result<Baked> {
+    let progress = means.progress;
+    let n_triangles = shape.n_triangles();
+    let taken = load::bytes_in_memory(shape)
+        + Charts::bytes(n_triangles)
+        + if options.normals { FRAME_BYTES * n_triangles } else { 0 };
+    let free_bytes = free_bytes(n_triangles, taken, means.memory_bytes)?;
+    let loaded = load::load(shape, means.threads, progress)?;
+    let mut mesh = loaded.mesh;
+    let normals = match loaded.colours.and_then(|carried| carried.normal) {
+        Some(channels) if options.normals => normals_of(&mesh, channels),
+        None if options.normals => {
+            return Err(Error::Internal("a result has no normals for its map".to_owned()));
+        }
+        _ => Vec::new(),
+    };
+    (mesh.channels, mesh.n_channels) = (Vec::new(), 0);
+    if mesh.triangles.len() as u64 != shape.n_face_rows() {
+        return Err(Error::Internal("a result has degenerate faces".to_owned()));
+    }
+    // Cutting the original is an eighth of the work, about; what is left is told once there are charts.
+    progress.count_from_zero(8 * original.n_triangles());
+    let palette = Palette::new(
+        original.materials().map(|all| &**all),
+        free_bytes / IMAGE_SHARE,
+        Purpose::Bake,
+    )?;
+    let original =
+        Original::cut(original, &palette, options, Means { memory_bytes: free_bytes, ..means })?;
+    let free_bytes = free_bytes.saturating_sub(original.border_bytes());
+    let (largest, share) = (original.largest_cell_bytes(), free_bytes / CELL_SHARE);
+    if largest > share {
+        return Err(Error::NoMemory(format!(
+            "a cell of the input takes {} with its texture coordinates, the budget has {} for it: give more --memory, \
+             smaller --cell-triangles, or choose --texture keep",
+            show_bytes(largest),
+            show_bytes(share)
+        )));
+    }
+    let density = original.density(options);
+    progress.count_from_zero(mesh.triangles.len() as u64);
+    let mut charts = Charts::make(&mesh, density, options, means)?;
+    if options.normals {
+        charts.add_tangents(&mesh, &normals);
+    }
+    let mut losses = original.losses(&palette);
+    // Texels are counted twice: when they are filled, and when their page is made an image.
+    let n_texels = charts.n_covered();
+    let n_canvases = u64::from(original.has_looks()) + u64::from(options.normals);
+    progress.count_from_zero(n_texels + n_canvases * charts.n_texels());
+    let empty = || Canvas::new(&charts.pages, means.temp_dir, means.disk);
+    let canvas = |is_wanted: bool| is_wanted.then(empty).transpose();
+    let mut canvases =
+        Canvases { colours: canvas(original.has_looks())?, normals: canvas(options.normals)? };
+    let cache = ImageCache::new(&palette, free_bytes / IMAGE_SHARE);
+    let seen = texels::fill(
+        &texels::Scene {
+            mesh: &mesh,
+            charts: &charts,
+            normals: &normals,
+            original: &original,
+            palette: &palette,
+            images: &cache,
+            side: texels::points_of_side(density.of_images, charts.texels_per_unit),
+            batch_bytes: free_bytes / POINT_SHARE,
+            threads: means.threads,
+            progress,
+            counted: n_texels,
+        },
+        &mut CellCache::new(free_bytes / CELL_SHARE),
+        &mut canvases,
+    )?;
+    canvases.count();
+    losses.merge(&cache.losses());
+    let kind = match palette.is_photographic() && !seen.has_alpha {
+        true => PageKind::Jpeg,
+        false => PageKind::Png,
+    };
+    let corners = place.join(format!("{name}-corners.part"));
+    charts.write(&corners, means.disk)?;
+    let tangents = options.normals.then(|| place.join(format!("{name}-tangents.part")));
+    if let Some(path) = &tangents {
+        charts.write_tangents(path, means.disk)?;
+    }
+    let source = original.normal_source();
+    let holds_vertex_colours = original.has_colours() && !palette.has_images();
+    drop((original, cache));
+    let finish = |canvas: Option<Canvas>, kind: PageKind, name: &str| match canvas {
+        Some(canvas) => canvas.finish(kind, (place, name), means),
+        None => Ok((Vec::new(), 0)),
+    };
+    let (pages, of_colours) = finish(canvases.colours, kind, name)?;
+    let (maps, of_normals) =
+        finish(canvases.normals, PageKind::Directions, &format!("{name}-normals"))?;
+    let bytes_of = |pages: &[Page]| pages.iter().map(|page| page.bytes).sum();
+    let report = BakeReport {
+        charts: charts.n_charts,
+        pages: charts.pages.len() as u64,
+        page_size: options.page_size,
+        texels: charts.n_texels(),
+        covered_texels: of_colours.max(of_normals),
+        texel_density: charts.texels_per_unit,
+        original_texel_density: density.of_images,
+        bytes: bytes_of(&pages),
+        normals: source.map(|source| NormalReport {
+            source,
+            mean_degrees: seen.mean_degrees(),
+            bytes: bytes_of(&maps),
+        }),
+        notes: losses.lines(),
+        losses,
+    };
+    let finish = palette.finish(seen.has_alpha);
+    Ok(Baked { pages, normals: maps, tangents, corners, finish, holds_vertex_colours, report })
+}
+
+/// Normals of a result's vertices.
+fn normals_of(mesh: &Mesh, channels: [usize; 3]) -> Vec<[f32; 3]> {
+    let of = |v: u32| channels.map(|channel| mesh.channels_of(v)[channel]);
+    (0..mesh.positions.len() as u32).map(of).collect()
+}

@@ -1,0 +1,51 @@
+//! Every format besides plain PLY: what comes in is staged as PLY, what goes out is written by a sink.
+//!
+//! In: STL, OBJ, gzip, zstd, standard input (`open`). Out: PLY in any encoding, STL, OBJ, GLB (`sink`).
+//! The rest of the program sees a `MeshSource` and a `MeshSink`.
+
+mod by_material;
+mod containers;
+mod duplicates;
+mod encodings;
+mod expected_size;
+mod extent;
+mod external_sort;
+mod face_survey;
+mod gltf;
+mod lock;
+pub mod materials;
+mod obj;
+mod open;
+mod open_edges;
+mod open_options;
+mod output_format;
+pub mod ply;
+mod polygon;
+mod restaged;
+mod rounding;
+mod sink;
+mod stl;
+mod text_lines;
+pub mod tileset;
+mod wedges;
+mod weld;
+
+pub use duplicates::{DuplicateFinder, Duplicates};
+pub use expected_size::{Expected, expected_bytes};
+pub use external_sort::{ExternalSort, halves, whole};
+pub use face_survey::{SurveyOptions, survey_faces};
+pub use gltf::{
+    GlbWriter, StoredPage, StoredTile, TileForm, TileMesh, TilePage, TileScalar, decode_tile,
+    encode_tile,
+};
+pub use materials::NUMBER;
+pub use materials::{TextureMode, TexturePlan, TextureRequest};
+pub use obj::ObjWriter;
+pub use obj::{find_texture, find3};
+pub use open::is_gltf;
+pub use open_options::{Lock, StageOptions, Weld, WeldOptions};
+pub use output_format::{OutputFormat, OutputKind};
+pub use rounding::check_range;
+pub use sink::MeshSink;
+pub use stl::StlWriter;
+pub use wedges::faces_to_vertices;

@@ -1,0 +1,20 @@
+//! Looks of surfaces: materials as factors and images, images decoded in a cache within a budget, tangent frames.
+//!
+//! For those that look colours up: a new texture is filled from them (`bake`), pictures are drawn with them (`render`),
+//! vertices of a cut through tiles get them (`pipeline/extract`).
+//! Knows no triangles; the description of materials is in `io/materials`.
+
+mod frames;
+mod images;
+#[cfg(feature = "ktx2")]
+mod ktx2_image;
+mod lights;
+mod page;
+mod palette;
+
+pub use frames::{Axes, FrameCorner, Tangent, tangents, unpacked};
+pub use images::{Decoded, ImageCache, Light, pixel_of};
+pub use lights::{Spot, multiply, times_opacity};
+pub use page::{add_corners, apart, corner_bytes};
+pub use palette::Finish;
+pub use palette::{MapUse, Paint, Palette, Purpose};
