@@ -30,7 +30,7 @@ const CRATES: [&str; 12] = [
 /// Homes of outside crates; those that are not listed may be used anywhere.
 const HOMES: [(&str, &[&str]); 28] = [
     ("base64", &["io/gltf/buffers.rs", "report/"]),
-    ("basis_universal", &["texture/ktx2_image.rs"]),
+    ("basis_universal", &["render/texture/ktx2_image.rs"]),
     ("bevy_mikktspace", &["render/texture/frames.rs"]),
     ("clap", &["cli/", "store/config.rs"]),
     ("clap_complete", &["cli/pages.rs"]),
@@ -41,11 +41,11 @@ const HOMES: [(&str, &[&str]); 28] = [
     ("earcut", &["io/polygon.rs"]),
     ("encoding_rs", &["io/encodings.rs"]),
     ("flate2", &["io/open.rs"]),
-    ("image", &["render/texture/images.rs", "texture/ktx2_image.rs"]),
+    ("image", &["render/texture/images.rs", "render/texture/ktx2_image.rs"]),
     ("imagesize", &["io/materials/images.rs"]),
     ("indicatif", &["cli/display.rs"]),
     ("jpeg_encoder", &["bake/pages.rs"]),
-    ("ktx2", &["texture/ktx2_image.rs"]),
+    ("ktx2", &["render/texture/ktx2_image.rs"]),
     ("memmap2", &["system/mapped_file.rs"]),
     ("meshopt_rs", &["io/gltf/meshopt.rs", "io/gltf/meshopt_out.rs"]),
     ("noto_sans_mono_bitmap", &["render/picture.rs"]),
@@ -56,7 +56,7 @@ const HOMES: [(&str, &[&str]); 28] = [
     ("signal_hook", &["cli/"]),
     ("thiserror", &["system/error.rs"]),
     ("zip", &["io/containers.rs"]),
-    ("zstd", &["io/open.rs", "progressive/columns.rs", "texture/ktx2_image.rs"]),
+    ("zstd", &["io/open.rs", "progressive/columns.rs", "render/texture/ktx2_image.rs"]),
 ];
 
 /// The rooms and files of the kernel from top to bottom; each imports only those below it.

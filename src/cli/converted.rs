@@ -1,4 +1,4 @@
-//! What a conversion has made, for people and for programs.
+//! The outcome of a conversion, for people and for programs.
 
 use super::outcome::write_json;
 use crate::error::Result;

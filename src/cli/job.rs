@@ -77,3 +77,9 @@ pub(super) fn done_before(config: &Config, report: &Path) -> Option<u8> {
     let has_sides = config.seams.is_some() || config.progressive.is_some();
     (is_input && !has_sides && now == done).then_some(done.exit_code)
 }
+
+/// The stages of a job that are done, by name.
+pub(super) fn stages_done(config: &Config) -> Vec<String> {
+    let outcomes = crate::store::job::view(&config.job_folder).map(|view| view.outcomes);
+    outcomes.unwrap_or_default().into_keys().collect()
+}

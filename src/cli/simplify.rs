@@ -3,7 +3,7 @@
 use super::answer::{Answer, json_of};
 use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
-use super::job::{done_before, run_job};
+use super::job::{done_before, run_job, stages_done};
 use super::levels::TypedTarget;
 use super::log::{EXIT_SHORT, Log, Talk};
 use super::method::{self, TypedMethod, Wishes};
@@ -23,7 +23,6 @@ use crate::mesh::attribute_weights::Weights;
 use crate::pipeline;
 use crate::pipeline::run_report::RunReport;
 use crate::stages::stitch::MAX_CELL_TRIANGLES;
-use crate::store::job::view;
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
@@ -487,9 +486,7 @@ pub fn simplify(
             "stopped as asked; the same command without --until continues. State: {}",
             config.job_folder.display()
         ));
-        let outcomes = view(&config.job_folder).map(|view| view.outcomes).unwrap_or_default();
-        let done: Vec<String> = outcomes.into_keys().collect();
-        let end = json!({ "stages_done": done, "job_folder": config.job_folder });
+        let end = json!({ "stages_done": stages_done(&config), "job_folder": config.job_folder });
         write_early(report_to.as_ref(), &config, end, progress)?;
         return Ok(None);
     };

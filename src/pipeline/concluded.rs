@@ -50,6 +50,11 @@ pub(super) fn concluded(
     if report.is_none() {
         // The folder that made an output look like that of this run may be gone now.
         refuse_to_overwrite(config)?;
+        let is_there = config.outputs().any(|output| output.exists());
+        if is_there && job::is_remainder(&config.job_folder, &config.output) {
+            // The job begins again. That the output may be its own outlives another stop.
+            Job::begin_with(&config.job_folder, disk, identity, WRITING)?;
+        }
     }
     Ok(report)
 }

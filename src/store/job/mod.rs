@@ -59,6 +59,19 @@ impl Job {
         self.remove()
     }
 
+    /// Begins a job in a folder that has none, with an empty outcome of this name recorded from its first moment on.
+    ///
+    /// Errors: `Locked` when a living run works there.
+    pub fn begin_with(folder: &Path, disk: &Disk, identity: &Identity, name: &str) -> Result<()> {
+        let _lock = take_folder(folder, disk)?;
+        if folder.join(manifest::FILE_NAME).exists() {
+            return Ok(());
+        }
+        clear_data(folder, disk)?;
+        let outcomes = [(name.to_owned(), serde_json::Value::Null)].into();
+        Manifest::replace(folder, disk, &ManifestView { identity: identity.clone(), outcomes })
+    }
+
     /// Opens the job in `folder`, or begins it; `restart` throws away what an earlier run left.
     ///
     /// Errors: `Locked` when a living run works there, `StateMismatch` when the folder belongs to another
