@@ -111,7 +111,10 @@ mod tests {
         let long = format!("it requires {}, which is not read", "é".repeat(100_000));
         let short = shown(&long);
         assert!(short.len() < 1000 && short.starts_with("it requires éé"), "{short}");
-        assert!(short.ends_with("éé, which is not read") && short.contains("99800"), "{short}");
+        assert!(
+            short.ends_with("éé, which is not read") && short.contains("characters)..."),
+            "{short}"
+        );
         let words = "word ".repeat(50_000) + "the remedy";
         let short = shown(&words);
         assert!(short.len() < 2 * MOST_LINE && short.ends_with("the remedy"), "{}", short.len());

@@ -324,7 +324,7 @@ impl Config {
     /// Settings of a run with the defaults of the command: all cores, the default budget, the job folder beside `output`.
     ///
     /// ```no_run
-    /// use stonecut::config::{Config, Target};
+    /// use stonecut_store::config::{Config, Target};
     ///
     /// let mut config = Config::new("scan.ply", "small.ply", Target::Ratio(0.01));
     /// config.memory_bytes = 4 << 30;

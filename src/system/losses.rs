@@ -54,7 +54,7 @@ pub enum Severity {
 /// An entry of the ledger.
 ///
 /// ```
-/// # use stonecut::system::losses::{Loss, LossKind};
+/// # use stonecut_system::losses::{Loss, LossKind};
 /// let loss = Loss::new(LossKind::Colors, "colours", "outside of 0 to 1: clamped")
 ///     .count(12)
 ///     .example("line 7")

@@ -81,7 +81,7 @@ fn fields_of_a_board_are_where_perspective_puts_them() {
     let other = picture(folder, &format!("q.glb {arguments}"));
     let differs = seen.pixels().zip(other.pixels()).filter(|(a, b)| a.0[0].abs_diff(b.0[0]) > 8);
     assert!(differs.count() < 400);
-    assert!(picture(folder, &format!("q.obj {arguments} --threads 1 --memory 1MiB")) == seen);
+    assert!(picture(folder, &format!("q.obj {arguments} --threads 1 --memory 165MiB")) == seen);
     assert!(picture(folder, &format!("q.obj {arguments} --color-by texture")) == seen);
     assert!(picture(folder, &format!("q.obj {arguments} --color plain")) != seen);
 }

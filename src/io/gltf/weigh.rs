@@ -94,7 +94,7 @@ mod tests {
         assert!(materials > (n * (size_of::<Material>() + 200)) as u64, "{materials}");
         // Quotes, brackets and backslashes in strings count nothing.
         let string = |inner: &str| parsed_bytes(format!(r#"{{"a":"{inner}"}}"#).as_bytes());
-        assert_eq!(string(r#"{{{{,,\"[[\\"#), string(r#"xxxxxxxxxxxxx"#));
+        assert_eq!(string(r#"{{{{,,\"[[\\"#), string("xxxxxxxxxxxx"));
         assert!(parsed_bytes(b"{\"a\\") > 0);
     }
 

@@ -381,10 +381,10 @@ mod tests {
         rewind(&folder, &disk, |name| name == "first", 1).unwrap();
         assert_eq!(
             names(),
-            ["round-1.survivors", "round-2.survivors", "round-3.cells", "manifest.jsonl"]
+            ["manifest.jsonl", "round-1.survivors", "round-2.survivors", "round-3.cells"]
         );
         rewind(&folder, &disk, |name| name == "first", 2).unwrap();
-        assert_eq!(names(), ["round-1.survivors", "manifest.jsonl"]);
+        assert_eq!(names(), ["manifest.jsonl", "round-1.survivors"]);
         let job = open();
         assert!(job.outcome::<serde_json::Value>("first").unwrap().is_some());
         assert!(job.outcome::<serde_json::Value>("second").unwrap().is_none());
