@@ -2,6 +2,8 @@
 //!
 //!     cargo run --release --example arrays
 
+#![allow(clippy::print_stdout, clippy::print_stderr)] // A program may print.
+
 use stonecut::config::{Config, Target};
 use stonecut::pipeline::in_memory::{self, Input};
 use stonecut::system::progress::Progress;

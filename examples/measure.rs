@@ -2,6 +2,8 @@
 //!
 //!     cargo run --release --example measure
 
+#![allow(clippy::print_stdout, clippy::print_stderr)] // A program may print.
+
 use stonecut::measure::{Options, two_sided};
 use stonecut::system::progress::Progress;
 use stonecut::{Mesh, kernel, simplify_mesh};

@@ -2,6 +2,8 @@
 //!
 //!     cargo run --release --example simplify_file -- scan.ply small.ply 1%
 
+#![allow(clippy::print_stdout, clippy::print_stderr)] // A program may print.
+
 use std::time::Duration;
 use stonecut::config::{Config, Target};
 use stonecut::pipeline;

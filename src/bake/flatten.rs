@@ -262,7 +262,7 @@ impl<'a> Surface<'a> {
         let mut rank = vec![0; n_parts];
         by_size.iter().enumerate().for_each(|(i, &part)| rank[part as usize] = i);
         let mut is_any = false;
-        for &part in by_size.iter().filter(|&&part| parts.ranges[part as usize].len() > 0) {
+        for &part in by_size.iter().filter(|&&part| !parts.ranges[part as usize].is_empty()) {
             if has_taken[part as usize] {
                 continue;
             }

@@ -411,11 +411,11 @@ enum Listed {
     NotHere,
 }
 
+/// Points with their numbers.
+type Numbered = [(Vector, u32)];
+
 /// Points in two halves along an axis.
-fn halves(
-    points: &mut [(Vector, u32)],
-    axis: usize,
-) -> (&mut [(Vector, u32)], &mut [(Vector, u32)]) {
+fn halves(points: &mut Numbered, axis: usize) -> (&mut Numbered, &mut Numbered) {
     let middle = points.len() / 2;
     points.select_nth_unstable_by(middle, |(a, i), (b, j)| {
         a[axis].total_cmp(&b[axis]).then(i.cmp(j))

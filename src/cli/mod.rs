@@ -63,6 +63,7 @@ struct Typed {
 }
 
 #[derive(Debug, clap::Subcommand)]
+#[allow(clippy::large_enum_variant)] // There is one.
 enum Command {
     Simplify(simplify::Args),
     Convert(convert::Args),

@@ -5,6 +5,8 @@
 //! More corners: a fan around the first corner where that is a triangulation, and ears (`earcut`) otherwise. Does not
 //! read or write files.
 
+#![allow(clippy::neg_cmp_op_on_partial_ord)] // What is not a number fails every comparison.
+
 use earcut::Earcut;
 use std::collections::BTreeMap;
 use stonecut_mesh::vec3::{cross, dot, sub};

@@ -2,6 +2,8 @@
 //!
 //! Says so where it could be seen; refuses, before the work, what a format cannot hold at all.
 
+#![allow(clippy::neg_cmp_op_on_partial_ord)] // What is not a number fails every comparison.
+
 use super::output_format::{OutputFormat, OutputKind};
 use crate::ply::{MeshSource, VertexBlock};
 use std::path::Path;

@@ -1,5 +1,7 @@
 //! Colours of every type and range come out as the same colours in every format.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 use crate::common::expect;
 use serde_json::Value;
 use std::path::Path;

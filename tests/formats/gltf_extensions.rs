@@ -1,5 +1,7 @@
 //! Extensions of glTF that move, repeat or scale: places of the whole, instances, places of images.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 use crate::common::expect;
 use serde_json::{Value, json};
 use std::path::Path;

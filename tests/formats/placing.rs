@@ -1,5 +1,7 @@
 //! Where an input is put before all else: `--up`, `--scale`, `--translate`, `--transform`, `--recentre`.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 use crate::common::{expect, run};
 use serde_json::Value;
 use std::path::Path;

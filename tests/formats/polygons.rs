@@ -91,7 +91,7 @@ fn shoelace(polygon: &[[f64; 2]]) -> f64 {
 fn star(n: usize, inner: f64) -> Vec<[f64; 2]> {
     let corner = |i: usize| {
         let angle = std::f64::consts::TAU * i as f64 / n as f64;
-        let radius = if i % 2 == 0 { 1.0 } else { inner };
+        let radius = if i.is_multiple_of(2) { 1.0 } else { inner };
         [radius * angle.cos(), radius * angle.sin()]
     };
     (0..n).map(corner).collect()

@@ -3,6 +3,7 @@
 //!
 //! `STONECUT_SPOILED=N` spoils N files of each format and `STONECUT_FUZZ_SEED=S` others than the usual ones (`.ci/nightly`).
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // The figures of a long run.
 
 use crate::common::{expect, stonecut};

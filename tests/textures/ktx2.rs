@@ -1,5 +1,7 @@
 //! Images in KTX2 files (`KHR_texture_basisu`): looked up as all others, and carried from GLB to GLB.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 use crate::common::expect;
 use basis_universal::{BasisTextureFormat, Compressor, CompressorParams};
 use serde_json::{Value, json};

@@ -1,5 +1,7 @@
 //! The axis that points upwards: y in glTF and z in all others, unless `--up` says otherwise.
 
+#![allow(clippy::unwrap_used)] // A test fails by panicking.
+
 use crate::common::expect;
 use serde_json::Value;
 use std::path::Path;

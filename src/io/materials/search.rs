@@ -182,9 +182,9 @@ pub fn plain(name: &str) -> String {
             return inside.trim().to_owned();
         }
     }
-    let comment = name.match_indices('#').map(|(at, _)| at);
+    let mut comment = name.match_indices('#').map(|(at, _)| at);
     let is_comment = |at: &usize| name[..*at].ends_with(char::is_whitespace);
-    let end = comment.filter(|at| is_comment(at)).next().unwrap_or(name.len());
+    let end = comment.find(|at| is_comment(at)).unwrap_or(name.len());
     name[..end].trim().to_owned()
 }
 

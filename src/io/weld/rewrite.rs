@@ -184,7 +184,7 @@ impl<const N: usize> Vertices<'_, N> {
     }
 
     fn put(&mut self, v: u64, first: [u32; 2], place: Option<[u32; 6]>) -> Result<()> {
-        if v % BLOCK_ROWS == 0 {
+        if v.is_multiple_of(BLOCK_ROWS) {
             self.source.read_vertices(v / BLOCK_ROWS, &mut self.block)?;
         }
         self.next = v + 1;

@@ -167,7 +167,7 @@ impl Sample {
             bounds.add(position);
             let cell = position.map(|x| ((x / side).floor() as i64).to_le_bytes());
             let hash = xxh3_64(cell.as_flattened());
-            if hash % one_in == 0 && vertices.len() < 8 * SAMPLE as usize {
+            if hash.is_multiple_of(one_in) && vertices.len() < 8 * SAMPLE as usize {
                 vertices.push((hash, v, position));
             }
         })?;

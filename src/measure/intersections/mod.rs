@@ -177,7 +177,7 @@ impl<'a> Soup<'a> {
     }
 
     /// Triangles that belong to no hub, or to one from the hub of a number on.
-    fn from_hub(&self, first: usize) -> impl Iterator<Item = (u32, [[f64; 3]; 3])> + '_ {
+    fn of_hub_on(&self, first: usize) -> impl Iterator<Item = (u32, [[f64; 3]; 3])> + '_ {
         let of_hubs = self.hubs[first..].iter().flat_map(|hub| hub.own.iter().copied());
         self.boxes.ids().chain(of_hubs).map(|t| (t, self.corners(t)))
     }
@@ -212,7 +212,7 @@ impl<'a> Soup<'a> {
         for (n, hub) in self.hubs.iter().enumerate() {
             let mut visit = |i, j| self.decide(i, self, j, marks, tally);
             hub.pairs(|t| self.corners(t), progress, &mut visit)?;
-            hub.pairs_with(|t| self.corners(t), self.from_hub(n + 1), progress, visit)?;
+            hub.pairs_with(|t| self.corners(t), self.of_hub_on(n + 1), progress, visit)?;
         }
         Ok(())
     }
@@ -229,7 +229,7 @@ impl<'a> Soup<'a> {
         self.boxes.pairs_with(&other.boxes, progress, visit)?;
         for hub in &self.hubs {
             let visit = |i, j| self.decide(i, other, j, marks, tally);
-            hub.pairs_with(|t| self.corners(t), other.from_hub(0), progress, visit)?;
+            hub.pairs_with(|t| self.corners(t), other.of_hub_on(0), progress, visit)?;
         }
         for hub in &other.hubs {
             let own = self.boxes.ids().map(|t| (t, self.corners(t)));
