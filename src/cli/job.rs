@@ -10,9 +10,13 @@ use crate::error::Result;
 use crate::pipeline::run_report::{DoneRecord, RunReport};
 use crate::pipeline::{self, Prepared, max_error, optimize, pairs};
 use crate::store::job::fingerprint::{input_marks, marks_now};
+use crate::system::disk::read_regular;
 use crate::system::progress::Progress;
 use std::collections::BTreeMap;
 use std::path::Path;
+
+/// A file in the place of a report that is longer than this is none.
+const MOST_REPORT_BYTES: u64 = 64 << 20;
 
 /// Runs a job that is prepared; `None` where `--until` ended it.
 pub(super) fn run_job(
@@ -67,7 +71,7 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
 
 /// The exit code of an earlier run that has done this job, if its report proves that.
 pub(super) fn done_before(config: &Config, report: &Path) -> Option<u8> {
-    let text = std::fs::read(report).ok()?;
+    let text = read_regular(report, MOST_REPORT_BYTES).ok()?;
     let report: RunReport = serde_json::from_slice(&text).ok()?;
     let done = report.done?;
     let input = marks_now(&config.input, &done.input).ok()?;

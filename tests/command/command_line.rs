@@ -134,11 +134,13 @@ fn progress_is_json_line_by_line_if_asked_for() {
         "measure in.ply in.ply --samples 5k",
     ] {
         let said = expect(at, &format!("{command} --progress json"), 0);
-        let objects: Vec<serde_json::Value> = said
+        // Nothing but objects, one a line, the last of them the end.
+        let mut objects: Vec<serde_json::Value> = said
             .lines()
-            .filter(|line| line.starts_with('{'))
             .map(|line| serde_json::from_str(line).unwrap_or_else(|e| panic!("{line}: {e}")))
             .collect();
+        assert_eq!(objects.last().unwrap()["event"], "end", "{command}: {said}");
+        objects.retain(|object| object["event"] == "progress");
         assert!(!objects.is_empty(), "{command}: {said}");
         for object in &objects {
             assert!(object["stage"].is_string(), "{object}");

@@ -35,8 +35,8 @@ fn names_out_of_files_reach_the_terminal_escaped() {
     for (arguments, code) in [
         (vec!["info", name.as_str()], 0),
         (vec!["info", "--check", name.as_str()], 0),
-        (vec!["convert", name.as_str(), "o.obj"], 0),
-        (vec!["convert", name.as_str(), "o\u{1b}[2J.stl"], 0),
+        (vec!["convert", name.as_str(), "o.obj"], 3),
+        (vec!["convert", name.as_str(), "o\u{1b}[2J.stl"], 3),
         (vec!["info", EVIL], 4),
         (vec!["simplify", name.as_str(), "p.ply", "--triangles", EVIL], 2),
         (vec!["render", name.as_str(), "-o", "p\u{1b}[2J\n.png", "--size", "20x20"], 0),
