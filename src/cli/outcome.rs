@@ -34,7 +34,10 @@ pub(super) fn close(report: &mut RunReport, progress: &Progress) {
         let is_new = property.scalar != "list" && !AS_ASKED.contains(&reason) && reason != NO_PLACE;
         if property.carried == FacePolicy::Dropped && is_new {
             let what = format!("property of faces '{}'", property.name);
-            progress.lose(Loss::new(LossKind::Attributes, what, reason).whole());
+            let loss = Loss::new(LossKind::Attributes, what, reason);
+            // A method that carries nothing on faces was asked for; all else that vanishes whole is a surprise.
+            let is_surprise = !reason.starts_with("--method");
+            progress.lose(if is_surprise { loss.whole() } else { loss });
         }
     }
     report.losses = progress.losses();

@@ -146,15 +146,15 @@ fn an_image_that_is_missing_or_damaged_is_a_warning() {
     quad(folder, "q", 1.0, "Kd 0 0 1\nmap_Kd board.png");
     let arguments =
         "render q.obj -o p.png --view top --zoom 0,0,0,1 --size 100x100 --unlit --force";
-    let said = expect(folder, arguments, 0);
-    assert!(said.contains("warning: image") && said.contains("board.png"), "{said}");
+    let said = expect(folder, arguments, 3);
+    assert!(said.contains("lost") && said.contains("board.png"), "{said}");
     let blue = Rgb([0, 0, 255]);
     assert_eq!(*image::open(folder.join("p.png")).unwrap().into_rgb8().get_pixel(50, 50), blue);
     board(folder);
-    assert!(!expect(folder, arguments, 0).contains("warning"));
+    assert!(!expect(folder, arguments, 0).contains("lost"));
     let bytes = std::fs::read(folder.join("board.png")).unwrap();
     std::fs::write(folder.join("board.png"), &bytes[..bytes.len() / 2]).unwrap();
-    let said = expect(folder, arguments, 0);
+    let said = expect(folder, arguments, 3);
     assert!(said.contains("cannot be decoded"), "{said}");
     assert_eq!(*image::open(folder.join("p.png")).unwrap().into_rgb8().get_pixel(50, 50), blue);
 }

@@ -364,14 +364,14 @@ fn what_cannot_be_used_is_said_and_the_material_stands_for_it() {
     huge.extend(100_000u32.to_be_bytes());
     huge.extend(b"\x08\x02\0\0\0\0\0\0\0\0\0\0\0IEND\xaeB`\x82");
     std::fs::write(folder.join("image.png"), huge).unwrap();
-    let said = bake("huge", 0);
+    let said = bake("huge", 3);
     assert!(said.contains("100000 x 100000") && is_kd("huge"), "{said}");
 
     let noise = RgbImage::from_fn(64, 64, |x, y| Rgb([(x * y) as u8, (x * 7 + y * 13) as u8, 9]));
     noise.save(folder.join("image.png")).unwrap();
     let whole = std::fs::read(folder.join("image.png")).unwrap();
     std::fs::write(folder.join("image.png"), &whole[..whole.len() / 2]).unwrap();
-    let said = bake("cut", 0);
+    let said = bake("cut", 3);
     assert!(said.contains("cannot be decoded") && is_kd("cut"), "{said}");
 
     std::fs::write(folder.join("image.png"), b"no image at all").unwrap();
@@ -390,7 +390,7 @@ fn what_cannot_be_used_is_said_and_the_material_stands_for_it() {
     let output = run(folder, "simplify sheet.obj odd.obj --ratio 20% --texture bake");
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     if output.status.code() == Some(0) {
-        assert!(said.contains("are not numbers"), "{said}");
+        assert!(said.contains("not numbers"), "{said}");
         let right = colours(folder, "odd").into_iter().filter(|([x, ..], _)| *x > 0.5);
         assert!(right.clone().count() > 100);
         assert!(right.clone().all(|(_, c)| (c[2] - 200.0).abs() < 2.0));
