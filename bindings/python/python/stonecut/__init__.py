@@ -636,7 +636,9 @@ def convert(
     translate: str | Iterable[float] | None = None,
     transform: str | Iterable[float] | None = None,
     recentre: bool = False,
+    memory: Size | None = None,
     temp_dir: PathLike | None = None,
+    report: PathLike | None = None,
     progress: OnProgress | None = None,
 ) -> Report:
     """Converts a mesh of any size; reads PLY, STL, OBJ, GLB and glTF, writes all but the last.
@@ -646,6 +648,7 @@ def convert(
         textures: copy images beside the output, link, embed (GLB) or drop them [copy; embed for GLB].
         skip_bad: drop and count broken faces and vertices instead of failing; warns with :class:`ShortOfTarget`.
         keep_duplicates, keep_unreferenced: keep faces that come twice, and vertices without a face.
+        memory: budget, as ``"2GiB"`` or bytes; report: a file for the report.
         up, scale, translate, transform, recentre: place the mesh before everything else.
 
     Returns the counts of what was written (``output``) and of what was dropped (``faults``)."""
@@ -663,11 +666,17 @@ def convert(
         translate=_joined(translate),
         transform=_joined(transform),
         recentre=recentre,
+        memory=memory,
     )
+    words += [] if report is None else options(report=path("report", report))
     words += [] if temp_dir is None else options(temp_dir=path("temp_dir", temp_dir))
     found, is_short = _report(words, progress)
     if is_short:
-        warnings.warn(f"{found['faults']['bad_faces']} broken faces or rows were left out", ShortOfTarget, stacklevel=2)
+        bad = found["faults"]["bad_faces"]
+        lost = [loss for loss in found["losses"] if loss["severity"] == "whole"]
+        said = [f"{loss['what']}: {loss['reason']}" for loss in lost]
+        said += [f"{bad} broken faces or rows were left out"] if bad else []
+        warnings.warn("; ".join(said) or "the output is short of the input", ShortOfTarget, stacklevel=2)
     return found
 
 
