@@ -26,9 +26,11 @@ const ASKED_SHARE_OF_EDGE: f64 = 0.1;
 /// Vertices in the sample, about, and in one cell at most.
 const SAMPLE: u64 = 1 << 16;
 const MOST_IN_CELL: usize = 512;
-/// Share of the sample that must have a copy before loose triangles are joined, and before a mesh with borders is.
+/// Share of the sample that must have a copy before loose triangles are joined.
 const LOOSE_NEAR: f64 = 0.25;
-const OPEN_NEAR: f64 = 1e-3;
+/// The same of vertices at open edges. Of a mesh that was written patch by patch nearly all have one. Of a scan some percent do,
+/// by chance: joining 3,024 of 390,782 vertices of the Legion of Honor made edges of three triangles and turned senses.
+const OPEN_NEAR: f64 = 0.5;
 /// Blocks of faces that edges are taken from, and triangles of each.
 const EDGE_BLOCKS: u64 = 32;
 const EDGE_TRIANGLES: usize = 512;
