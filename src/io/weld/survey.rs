@@ -97,7 +97,13 @@ pub(super) fn survey(source: &MeshSource) -> Result<Option<Found>> {
     if near.is_empty() || (near.len() as f64) < enough || (is_exact && !is_loose) {
         return Ok(is_loose.then(|| Found { suggested: sample.suggest(&edges), ..found }));
     }
-    let far = near[(near.len() - 1) * 99 / 100].max(f64::MIN_POSITIVE);
+    // Where most copies are exact, what lies near besides is another part of the surface.
+    let is_mostly_exact = near[near.len() / 2] == 0.0;
+    if is_mostly_exact && !is_loose {
+        return Ok(None);
+    }
+    let far = if is_mostly_exact { 0.0 } else { near[(near.len() - 1) * 99 / 100] };
+    let far = far.max(f64::MIN_POSITIVE);
     let step = source.schema().rounding() * largest(&sample.bounds);
     Ok(Some(Found { distance: (SPREAD * far).max(8.0 * step).min(limit), ..found }))
 }
