@@ -1,4 +1,4 @@
-//! What names out of files and paths could do to a terminal: no message and no table lets it through.
+//! Names out of files and paths reach a terminal escaped, in every message and table.
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
@@ -8,7 +8,7 @@ use std::path::Path;
 /// Clears the screen, rings, and begins a line that looks like one of ours.
 const EVIL: &str = "\u{1b}[2J\u{7}\nstonecut: all is well";
 
-/// What a command says on both streams, and its exit code.
+/// Both streams of a command, and its exit code.
 fn said(folder: &Path, arguments: &[&str]) -> (String, Option<i32>) {
     let out = stonecut().current_dir(folder).args(arguments).output().unwrap();
     let text = [out.stdout, out.stderr].concat();

@@ -1,4 +1,4 @@
-//! Where an input is put before all else: `--up`, `--scale`, `--translate`, `--transform`, `--recentre`.
+//! Placing of an input before all else: `--up`, `--scale`, `--translate`, `--transform`, `--recentre`.
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 

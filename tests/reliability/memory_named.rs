@@ -78,7 +78,7 @@ fn a_surface_of_long_triangles_names_enough_for_their_pieces() {
     is_not_refused(at, command, &said);
 }
 
-/// What a picture of a size takes is known before anything is read.
+/// The memory of a picture is known before anything is read.
 #[test]
 fn a_picture_beyond_the_memory_is_refused_with_a_size_that_fits() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! What a command may replace or remove: names that it has written itself, nothing that appeared meanwhile, nothing in a
+//! Names that a command may replace or remove: those that it has written itself, nothing that appeared meanwhile, nothing in a
 //! folder of others.
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.

@@ -1,4 +1,4 @@
-//! Whether a run says that its result is not what was asked for: never for a clean one, and always for a ruin.
+//! Verdicts on results: a clean one is never called short, a ruin always is.
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 

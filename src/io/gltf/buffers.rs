@@ -162,7 +162,7 @@ impl<'a> Buffers<'a> {
         Elements { file, offset: 0, stride, n_numbers, count, number, is_zero: true }
     }
 
-    /// Elements in a view, held against its length; `accessor` is for messages.
+    /// Elements in a view, checked against its length; `accessor` is for messages.
     fn elements(
         &mut self,
         accessor: usize,

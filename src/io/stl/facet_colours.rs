@@ -120,7 +120,7 @@ impl Part {
             ((value * 255 + 15) / 31) as u8
         });
         match self.whole {
-            // Programs that know of the colour of all only leave the bytes of the facets 0, which would be black.
+            // Programs that write one colour for all leave the bytes of the facets 0, which would be black.
             Some(whole) if word & FLAG != 0 || self.n_marked == 0 => whole,
             Some(_) => [low, middle, high],
             None if self.is_viscam() && word & FLAG != 0 => [high, middle, low],

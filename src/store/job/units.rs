@@ -217,7 +217,7 @@ impl UnitJob {
         found.check_program(&self.folder, &frozen.version, &frozen.program)
     }
 
-    /// Refuses folders that are not ours: whoever owns them could lead what is written there elsewhere.
+    /// Refuses folders that are not ours: their owner could lead what is written there elsewhere.
     pub fn check_own(&self) -> Result<()> {
         own_names::check_own_units(&self.folder)
     }
