@@ -93,7 +93,7 @@ fn the_page_opens_in_a_browser_without_complaint() {
     let browsers = ["chromium", "chromium-browser", "google-chrome"];
     let found = browsers.iter().find(|b| Command::new(b).arg("--version").output().is_ok());
     let Some(browser) = found else {
-        eprintln!("skipped: no Chromium on this machine");
+        crate::common::skipped("no Chromium on this machine");
         return;
     };
     let folder = tempfile::tempdir().unwrap();

@@ -51,7 +51,7 @@ pub fn rms(folder: &Path, original: &str, simplified: &str) -> f64 {
     json["rms"].as_f64().expect("rms")
 }
 
-/// A real scan, unpacked by `../shared/tools/prepare-real-data`; `None` (and a word about it) without.
+/// A real scan, got by `tools/fetch-scans` or unpacked by `../shared/tools/prepare-real-data`; `None` (and a word about it) without.
 pub fn real_scan(name: &str) -> Option<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let unpacked = root.join("target/real-data").join(name);
@@ -68,8 +68,18 @@ pub fn real_scan(name: &str) -> Option<PathBuf> {
     if unpacked.exists() {
         return Some(unpacked);
     }
-    println!("skipped: no real scan {name} here");
+    skipped(&format!("no real scan {name} here (tools/fetch-scans)"));
     None
+}
+
+/// Says that a test, or a part of it, is left out, and why; `.ci/run` counts these lines at its end.
+pub fn skipped(why: &str) {
+    use std::io::Write;
+    println!("skipped: {why}");
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join("skipped.txt");
+    if let Ok(mut list) = std::fs::OpenOptions::new().create(true).append(true).open(path) {
+        let _ = writeln!(list, "{why}");
+    }
 }
 
 /// Sends a signal to a process that the test has started.

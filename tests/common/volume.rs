@@ -22,7 +22,7 @@ impl Volume {
         if mount(options) {
             return Some(Volume { folder });
         }
-        println!("skipped: no right to mount a tmpfs here");
+        super::skipped("no right to mount a tmpfs here");
         None
     }
 

@@ -466,7 +466,7 @@ fn a_full_disk_has_its_exit_code_and_the_unit_continues() {
         status.is_ok_and(|output| output.status.success())
     };
     if !mount("size=64m") {
-        println!("skipped: no right to mount a tmpfs here");
+        crate::common::skipped("no right to mount a tmpfs here");
         return;
     }
     let remount = |size: &str| {

@@ -5,7 +5,7 @@
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(clippy::print_stdout)] // Skipped tests say so.
 
-use crate::common::expect;
+use crate::common::{expect, skipped};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -85,7 +85,7 @@ fn every_kind_of_scan_stays_within_its_budget() {
     for (name, synth, cells, budget) in scans {
         // A budget is taken down to nine tenths of the limit.
         let Some(group) = Group::new(name, (budget << 20) * 10 / 9 + (1 << 20)) else {
-            println!("skipped: no cgroup can be made here");
+            skipped("no cgroup can be made here");
             return;
         };
         let folder = tempfile::tempdir().unwrap();
@@ -94,7 +94,7 @@ fn every_kind_of_scan_stays_within_its_budget() {
             _ => {
                 let made = crate::common::run(folder.path(), &format!("synth {synth}"));
                 if !made.status.success() && name == "volume" {
-                    println!("skipped: no synth volume here");
+                    skipped("no synth volume here");
                     continue;
                 }
                 assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
@@ -134,7 +134,7 @@ fn a_budget_beyond_the_cgroup_is_taken_down_or_refused() {
     let folder = tempfile::tempdir().unwrap();
     expect(folder.path(), "synth statue in.ply --triangles 600k", 0);
     let Some(group) = Group::new("small", 60 << 20) else {
-        println!("skipped: no cgroup can be made here");
+        skipped("no cgroup can be made here");
         return;
     };
     let output = group.run(folder.path(), "simplify in.ply out.ply --ratio 1% --memory 2GiB");
@@ -253,7 +253,7 @@ fn many_threads_stay_within_the_least_budget() {
         let command = format!("{command} --memory {least}MiB");
         let group = Group::new("threads", (least << 20) * 10 / 9 + (1 << 20));
         if group.is_none() {
-            println!("skipped in part: no cgroup can be made here");
+            skipped("no cgroup can be made here");
         }
         for group in [None, group] {
             let output = match &group {

@@ -91,7 +91,7 @@ fn has(program: &str) -> bool {
     let is_there =
         Command::new(program).arg("--version").output().is_ok_and(|o| o.status.success());
     if !is_there {
-        println!("skipped: there is no {program} here");
+        crate::common::skipped(&format!("no {program} on this machine"));
     }
     is_there
 }

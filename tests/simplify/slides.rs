@@ -221,7 +221,7 @@ fn the_page_has_every_mesh_of_the_file() {
 /// The script of the page does the same, forwards and backwards, where there is node to run it.
 fn in_node(at: &Path, bytes: &[u8], counts: &[usize], wanted: &[Vec<Placed>]) {
     if Command::new("node").arg("--version").output().is_err() {
-        eprintln!("skipped: no node on this machine");
+        crate::common::skipped("no node on this machine");
         return;
     }
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
