@@ -2,7 +2,7 @@
 //!
 //! A split names the corners that go to the new vertex instead of a place in an order, so that no order is needed.
 //! Positions have 16 bits an axis, colours 8 bits a channel; nothing else that vertices carry is there. docs/format.md has
-//! the bytes, src/report/assets/slides.js reads them.
+//! the bytes, web/slides.js reads them.
 
 use super::read::Refiner;
 use super::replay::Replay;

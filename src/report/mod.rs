@@ -22,8 +22,7 @@ use crate::render::{Coloring, Resources, Scale, Sphere, View, has_images, top_of
 use crate::system::json_keys::is_old_name;
 use crate::system::progress::Progress;
 use crate::system::units::show_outward;
-use base64::Engine;
-use page::{VIEWER, bars, escape, histogram, show, table};
+use page::{bars, escape, histogram, show, table, viewer_of};
 use pictures::pictures_of;
 use serde_json::Value;
 use std::fmt::Write;
@@ -320,9 +319,8 @@ fn viewer(
     let _ = write!(
         out,
         "<canvas id=\"viewer\" aria-label=\"The simplified mesh in 3D\"></canvas>\
-         <p><label><input type=\"checkbox\" id=\"viewer-edges\"> edges</label> <span id=\"viewer-note\"></span></p>\
-         <script id=\"glb\" type=\"text/plain\">{}</script><script>{VIEWER}</script>",
-        base64::engine::general_purpose::STANDARD.encode(glb)
+         <p><label><input type=\"checkbox\" id=\"viewer-edges\"> edges</label> <span id=\"viewer-note\"></span></p>{}",
+        viewer_of("glb", &glb)
     );
     Ok(())
 }

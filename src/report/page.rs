@@ -1,11 +1,22 @@
 //! The report as one HTML page: text, tables and plots as inline SVG. Knows no files and no pictures.
 
 use crate::system::json_keys::is_old_name;
+use base64::Engine;
 use serde_json::Value;
 use std::fmt::Write;
 
-/// The viewer: three.js with a few lines of ours, see assets/README.md.
-pub(super) const VIEWER: &str = include_str!("assets/viewer.min.js");
+/// The scripts of the viewer in 3D, in their order: three.js and ours (web/README.md).
+const SCRIPTS: [&str; 2] =
+    [include_str!("../../web/built/three.js"), include_str!("../../web/built/report.js")];
+
+/// The data of a picture in 3D, as the element `id`, and the scripts that show it.
+pub(super) fn viewer_of(id: &str, bytes: &[u8]) -> String {
+    let data = base64::engine::general_purpose::STANDARD.encode(bytes);
+    let [three, ours] = SCRIPTS;
+    format!(
+        "<script id=\"{id}\" type=\"text/plain\">{data}</script><script>{three}</script><script>{ours}</script>"
+    )
+}
 
 /// Escapes text for HTML, attribute values included.
 pub fn escape(text: &str) -> String {

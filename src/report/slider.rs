@@ -1,7 +1,6 @@
 //! The page with a progressive mesh and a slider over its triangles, whole by itself.
 
-use super::page::{STYLE, VIEWER, brief, escape};
-use base64::Engine;
+use super::page::{STYLE, brief, escape, viewer_of};
 
 /// A progressive mesh as a page shows it.
 #[derive(Clone, Debug)]
@@ -26,13 +25,12 @@ pub fn slider_html(title: &str, slider: &Slider) -> String {
 /// The picture, the slider and the viewer, for any page with `STYLE`.
 pub(super) fn part(slider: &Slider) -> String {
     let [coarsest, finest] = slider.triangles.map(|n| brief(n as f64));
-    let slides = base64::engine::general_purpose::STANDARD.encode(&slider.slides);
     format!(
         "<canvas id=\"viewer\" aria-label=\"The mesh in 3D\"></canvas>\
          <p><label>{coarsest} to {finest} triangles\
          <input type=\"range\" id=\"viewer-slider\" min=\"0\" max=\"1000\" value=\"1000\"></label></p>\
          <p><b id=\"viewer-count\"></b> <label><input type=\"checkbox\" id=\"viewer-edges\"> edges</label> \
-         <span id=\"viewer-note\"></span></p>\
-         <script id=\"slides\" type=\"text/plain\">{slides}</script><script>{VIEWER}</script>"
+         <span id=\"viewer-note\"></span></p>{}",
+        viewer_of("slides", &slider.slides)
     )
 }

@@ -175,7 +175,7 @@ fn a_page_with_a_viewer_lies_beside_the_tiles() {
     crate::common::expect(folder.path(), "tiles in.ply out --viewer", 0);
     let served = serve(&folder.path().join("out"));
     assert!(String::from_utf8_lossy(&served.ask("GET", "/", "").2).contains("viewer.js"));
-    for name in ["/viewer.js", "/viewer-licences.txt", "/tileset.json"] {
+    for name in ["/three.js", "/viewer.js", "/viewer-licences.txt", "/tileset.json"] {
         assert_eq!(served.ask("GET", name, "").0, 200, "{name}");
     }
 }

@@ -225,7 +225,7 @@ fn in_node(at: &Path, bytes: &[u8], counts: &[usize], wanted: &[Vec<Placed>]) {
         return;
     }
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    std::fs::copy(root.join("src/report/assets/slides.js"), at.join("slides.mjs")).unwrap();
+    std::fs::copy(root.join("web/slides.js"), at.join("slides.mjs")).unwrap();
     std::fs::write(at.join("slides.bin"), bytes).unwrap();
     let script = r#"
 import { Slides } from "./slides.mjs";

@@ -1,14 +1,15 @@
-//! The page that shows a tree of tiles, as files beside it; tools/viewer says what they are made from.
+//! The page that shows a tree of tiles, as files beside it; web/README.md says what they are made from.
 
 use crate::error::Result;
 use crate::system::disk::Disk;
 use std::path::Path;
 
 /// Names and contents.
-pub(super) const FILES: [(&str, &[u8]); 3] = [
-    ("index.html", include_bytes!("assets/index.html")),
-    ("viewer.js", include_bytes!("assets/viewer.js")),
-    ("viewer-licences.txt", include_bytes!("assets/viewer-licences.txt")),
+pub(super) const FILES: [(&str, &[u8]); 4] = [
+    ("index.html", include_bytes!("../../../web/tiles.html")),
+    ("three.js", include_bytes!("../../../web/built/three.js")),
+    ("viewer.js", include_bytes!("../../../web/built/tiles.js")),
+    ("viewer-licences.txt", include_bytes!("../../../web/licences.txt")),
 ];
 
 /// Writes the page into the folder of a tree; returns its bytes.

@@ -1,5 +1,4 @@
-// The page of `stonecut tiles --viewer`: NASA's 3d-tiles-renderer over three.js. Bundled into
-// src/pipeline/tiles/assets/viewer.js, see README.md.
+// The page of `stonecut tiles --viewer`: NASA's 3d-tiles-renderer over three.js. See README.md.
 //
 // The address may say: ?error=16 (pixels) or ?triangles=2000000 (in the picture, at most), &view=x,y,z,tx,ty,tz (camera and its target, y upwards), &back=ff0000,
 // &plain (white, without light), &still (no panel). `document.title` begins with "settled" when everything is loaded.
