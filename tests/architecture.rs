@@ -28,7 +28,7 @@ const CRATES: [&str; 12] = [
 ];
 
 /// Homes of outside crates; those that are not listed may be used anywhere.
-const HOMES: [(&str, &[&str]); 28] = [
+const HOMES: [(&str, &[&str]); 29] = [
     ("base64", &["io/gltf/buffers.rs", "report/"]),
     ("basis_universal", &["render/texture/ktx2_image.rs"]),
     ("bevy_mikktspace", &["render/texture/frames.rs"]),
@@ -46,6 +46,7 @@ const HOMES: [(&str, &[&str]); 28] = [
     ("indicatif", &["cli/display.rs"]),
     ("jpeg_encoder", &["bake/pages.rs"]),
     ("ktx2", &["render/texture/ktx2_image.rs"]),
+    ("memchr", &["io/text_lines.rs"]),
     ("memmap2", &["system/mapped_file.rs"]),
     ("meshopt_rs", &["io/gltf/meshopt.rs", "io/gltf/meshopt_out.rs"]),
     ("noto_sans_mono_bitmap", &["render/picture.rs"]),

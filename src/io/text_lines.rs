@@ -3,6 +3,7 @@
 use crate::ply::header::BYTE_ORDER_MARK;
 use crate::ply::raw::RawFile;
 use crate::ply::scan::{Fault, Window, is_no_number};
+use memchr::{memchr, memchr2};
 use stonecut_system::error::Result;
 
 /// A line longer than this is rejected (16 MiB: a polygon of a million corners).
@@ -41,7 +42,7 @@ impl<'a> Lines<'a> {
         let mut any = false;
         loop {
             let rest = self.window.rest();
-            if let Some(end) = rest.iter().position(|&b| b == b'\n' || b == b'\r') {
+            if let Some(end) = memchr2(b'\n', b'\r', rest) {
                 // The line feed behind a carriage return may be the first byte that is not at hand.
                 if rest[end] == b'\r' && end + 1 == rest.len() && self.refill()? {
                     continue;
@@ -89,14 +90,52 @@ impl<'a> Lines<'a> {
 
 /// A number as programs write it; NaN for the names that they give to what is not a number.
 pub fn parse_number(token: &[u8]) -> Option<f64> {
+    if let Some(value) = plain_decimal(token) {
+        return Some(value);
+    }
     let text = std::str::from_utf8(token).ok()?;
     text.parse().ok().or_else(|| is_no_number(text).then_some(f64::NAN))
+}
+
+/// A number of at most 15 digits without an exponent. Digits and power of ten are exact in `f64`, so their quotient is the
+/// nearest number, as that of `str::parse`, at a third of the time.
+fn plain_decimal(token: &[u8]) -> Option<f64> {
+    const POWERS: [f64; 16] =
+        [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
+    let digits = token.strip_prefix(b"-").unwrap_or(token);
+    if digits.len() < 2 || digits.len() > 16 {
+        return None;
+    }
+    let (mut value, mut n_digits, mut n_before) = (0u64, 0, None);
+    for &byte in digits {
+        match byte {
+            b'0'..=b'9' => {
+                value = 10 * value + u64::from(byte - b'0');
+                n_digits += 1;
+            }
+            b'.' if n_before.is_none() => n_before = Some(n_digits),
+            _ => return None,
+        }
+    }
+    if n_digits == 0 || n_digits > 15 {
+        return None;
+    }
+    let value = value as f64 / POWERS[n_digits - n_before.unwrap_or(n_digits)];
+    Some(if digits.len() < token.len() { -value } else { value })
+}
+
+/// A whole number as programs write it.
+pub fn parse_whole(token: &[u8]) -> Option<i64> {
+    if token.is_empty() || token.len() > 18 || !token.iter().all(u8::is_ascii_digit) {
+        return std::str::from_utf8(token).ok()?.parse().ok();
+    }
+    Some(token.iter().fold(0, |sum, &byte| 10 * sum + i64::from(byte - b'0')))
 }
 
 /// A line up to its comment. The sign in `1.#QNAN` is not the beginning of one.
 pub fn without_comment(line: &[u8]) -> &[u8] {
     let mut from = 0;
-    while let Some(at) = line[from..].iter().position(|&b| b == b'#').map(|at| from + at) {
+    while let Some(at) = memchr(b'#', &line[from..]).map(|at| from + at) {
         let is_number = line[..at].ends_with(b"1.")
             && line.get(at + 1).is_some_and(|b| b"IQSJRN".contains(&b.to_ascii_uppercase()));
         if !is_number {
@@ -115,6 +154,28 @@ pub fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_are_those_of_the_standard_library() {
+        let mut state = 1u64;
+        for n_digits in 0..=18 {
+            for point in 0..=n_digits + 1 {
+                for sign in ["", "-", "+"] {
+                    let mut text = sign.to_owned();
+                    for place in 0..n_digits {
+                        state = state.wrapping_mul(6364136223846793005).wrapping_add(99);
+                        text.push_str(if place == point { "." } else { "" });
+                        text.push(char::from(b'0' + (state >> 33) as u8 % 10));
+                    }
+                    text.push_str(if point == n_digits { "." } else { "" });
+                    let wanted: Option<f64> = text.parse().ok();
+                    let found = parse_number(text.as_bytes());
+                    assert_eq!(found.map(f64::to_bits), wanted.map(f64::to_bits), "{text}");
+                    assert_eq!(parse_whole(text.as_bytes()), text.parse().ok(), "{text}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn comments_end_lines_and_numbers_do_not() {

@@ -11,7 +11,7 @@ use crate::ply::header::BYTE_ORDER_MARK;
 use crate::ply::raw::RawFile;
 use crate::ply::rows::MAX_CORNERS;
 use crate::ply::source::{Staged, TextureInfo};
-use crate::text_lines::{Lines, parse_number, without_comment, words};
+use crate::text_lines::{Lines, parse_number, parse_whole, without_comment, words};
 use std::borrow::Cow;
 use std::sync::Arc;
 use stonecut_mesh::colours::{ColourSurvey, held, is_outside};
@@ -181,7 +181,7 @@ fn has_texture(corner: &[u8]) -> bool {
 /// The vertex of a corner: from 1 upwards, or from -1 downwards from the last vertex so far.
 fn corner(word: &[u8], n_so_far: u64, n_vertices: u64) -> Option<u64> {
     let number = word.split(|&b| b == b'/').next()?;
-    let number: i64 = std::str::from_utf8(number).ok()?.parse().ok()?;
+    let number = parse_whole(number)?;
     let id = match number {
         0 => return None,
         1.. => number as u64 - 1,

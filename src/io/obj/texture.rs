@@ -11,7 +11,7 @@ use crate::materials::{
 };
 use crate::open_options::StageOptions;
 use crate::ply::raw::{RawFile, Spool};
-use crate::text_lines::parse_number;
+use crate::text_lines::{parse_number, parse_whole};
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use stonecut_system::disk::folder_of;
@@ -312,7 +312,7 @@ impl<'a> TexturedFaces<'a> {
     pub(super) fn add_face<'b>(&mut self, words: impl Iterator<Item = &'b [u8]>) -> Result<()> {
         for word in words {
             let number = word.split(|&b| b == b'/').nth(1).and_then(|part| {
-                let number: i64 = std::str::from_utf8(part).ok()?.parse().ok()?;
+                let number = parse_whole(part)?;
                 match number {
                     0 => None,
                     1.. => Some(number as u64 - 1),
