@@ -25,17 +25,13 @@ const UNPACK: &str = "unpack it first";
 const FETCH: &str = "fetch the file itself";
 
 /// Rows: bytes at the beginning, what they mean, the way out.
-const BEGINNINGS: [(&[u8], &str, &str); 34] = [
+const BEGINNINGS: [(&[u8], &str, &str); 30] = [
     (b"Kaydara FBX Binary", "FBX", EXPORT),
     (b"; FBX", "FBX", EXPORT),
     (b"PXR-USDC", "USD", EXPORT),
     (b"#usda", "USD", EXPORT),
     (b"BLENDER", "a Blender file", EXPORT),
     (b"#VRML", "VRML", EXPORT),
-    (b"OFF", "OFF", EXPORT),
-    (b"COFF", "OFF", EXPORT),
-    (b"NOFF", "OFF", EXPORT),
-    (b"STOFF", "OFF", EXPORT),
     (b"xof ", "DirectX (.x)", EXPORT),
     (b"DRACO", "a bare Draco mesh", "export PLY, or GLB with Draco"),
     (b"# vtk DataFile", "VTK", "export PLY or STL from ParaView"),
@@ -93,11 +89,20 @@ pub(super) fn refusal(file: &RawFile, first: &[u8]) -> Option<Error> {
         Some(&(_, what, way)) => (what, way),
         None if is_3ds => ("3DS", EXPORT),
         None if first.get(257..262) == Some(b"ustar") => ("a tar archive", UNPACK),
+        None if is_off(text) => ("OFF", EXPORT),
         None if file.len() == 0 => return Some(file.bad("the file is empty; export it again")),
         None if is_points(text) => ("a list of points (XYZ, PTS, ASC)", MESH_POINTS),
         None => return None,
     };
     Some(file.bad(format!("this is {what}, which stonecut does not read: {way}")))
+}
+
+/// Returns whether the first word is that of OFF, with letters before it for what its vertices carry.
+fn is_off(text: &[u8]) -> bool {
+    let word = text.split(u8::is_ascii_whitespace).next().unwrap_or_default().to_ascii_uppercase();
+    let carried = word.strip_suffix(b"OFF");
+    carried
+        .is_some_and(|letters| letters.len() <= 6 && letters.iter().all(|b| b"STCN4".contains(b)))
 }
 
 /// Returns whether all whole lines of a text, of which there are some, have three numbers or more and nothing else.

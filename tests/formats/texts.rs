@@ -204,6 +204,7 @@ fn other_formats_are_named() {
         ("a.dae", b"<?xml version=\"1.0\"?>\n<COLLADA xmlns=\"x\">", "COLLADA"),
         ("a.obj", b"<!DOCTYPE html><html>", "web page"),
         ("a.off", b"OFF\n3 1 0\n0 0 0\n", "OFF"),
+        ("b.off", b"NCOFF\n3 1 0\n0 0 0 1 1 1 255\n0 1 0 1 1 1 255\n1 0 0 1 1 1 255\n", "OFF"),
         ("a.xyz", b"0 0 0\n1 0 0\n1 1 0\n2 2 2\n", "list of points"),
         ("a.ply", b"version https://git-lfs.github.com/spec/v1\n", "Git LFS"),
         ("a.step", b"ISO-10303-21;\n", "STEP"),
