@@ -10,7 +10,7 @@
 Every program writes its files into FOLDER from one mesh (a bumpy ball with colours, normals, texture coordinates and an image; a scene
 of it where the format has nodes), then says what it holds: triangles, box, area, mean colour of corners (sRGB of 0 to 255), images.
 A textured file is drawn as well, and must look as the first mesh does. Programs that are not installed are left out. Files of crates
-under ~/.cargo and of PyPI packages are read, too. One table, a row a file; exit code 1 if any differs.
+under ~/.cargo and of PyPI packages are read, too. One table; what differs goes to standard error, with exit code 1.
 """
 
 import glob
@@ -130,11 +130,11 @@ def open3d(base, folder):
         read = io.read_triangle_mesh(path)
         colours = np.asarray(read.vertex_colors) * 255
         if name.endswith(".glb"):  # Its own reader refuses it.
-            read = mesh
+            read, colours = mesh, base.c
         yield path, indexed(read.vertices, read.triangles, colours if len(colours) else None, linear=name.endswith(".glb"))
     mesh.vertex_colors = utility.Vector3dVector()
     mesh.triangle_uvs = utility.Vector2dVector(base.uv[base.t].reshape(-1, 2))
-    mesh.textures = [io.read_image(base.png)]
+    mesh.textures = [io.read_image(base.png).flip_vertical()]  # It holds images upside down.
     mesh.triangle_material_ids = utility.IntVector([0] * len(base.t))
     path = os.path.join(folder, "otex.obj")
     io.write_triangle_mesh(path, mesh)
@@ -447,7 +447,8 @@ def crates(base, folder):
         try:
             mesh = trimesh.load(path, process=False, force="mesh")
             if len(mesh.faces):
-                yield path, indexed(mesh.vertices, mesh.faces, any_colour=True)
+                program = "crate " + path[len(root):].split("/")[2]
+                yield path, indexed(mesh.vertices, mesh.faces, any_colour=True, program=program)
         except Exception:  # Points, or a file made to be refused.
             continue
 
@@ -512,18 +513,16 @@ def differences(wanted, got):
     return out
 
 
-def row(stonecut, name, path, wanted, reference):
-    got = found(stonecut, path, wanted, reference)
-    wrong = differences(wanted, got)
-    holds = f"{wanted['triangles']} t"
+def holds(wanted):
+    """What a file holds, in a line."""
+    out = f"{wanted['triangles']} triangles"
     if "box" in wanted:
-        holds += ", " + " x ".join(f"{b - a:.5g}" for a, b in zip(*wanted["box"])) + f", area {wanted['area']:.5g}"
+        out += ", " + " x ".join(f"{b - a:.4g}" for a, b in zip(*wanted["box"]))
+    if "area" in wanted:
+        out += f", area {wanted['area']:.5g}"
     if "colour" in wanted:
-        holds += ", mean colour " + " ".join(f"{x:.0f}" for x in wanted["colour"])
-    if wanted.get("images"):
-        holds += f", {wanted['images']} image"
-    print(f"| {name} | {os.path.basename(path)} | {holds} | {'same' if not wrong else 'NOT: ' + '; '.join(wrong) + ' | found ' + json.dumps(got)} |", flush=True)
-    return bool(wrong)
+        out += ", mean colour " + " ".join(f"{x:.0f}" for x in wanted["colour"])
+    return out + (f", {wanted['images']} image" if wanted.get("images") else "") + (", its look" if wanted.get("drawn") else "")
 
 
 def main():
@@ -536,23 +535,32 @@ def main():
         return
     stonecut, folder = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
     os.makedirs(folder, exist_ok=True)
-    base, n_wrong, n = Base(folder), 0, 0
+    base = Base(folder)
     reference = picture(stonecut, base.obj, folder)
-    print("| program | file | holds, by the program | stonecut |\n|---|---|---|---|")
-    runs = [(f"{name} {versions(name)}", [sys.executable, __file__, "write", name, folder]) for name in WRITERS]
+    rows, n_wrong, n = {}, 0, 0
+    runs = [(f"{name} {versions(name)}", [sys.executable, os.path.abspath(__file__), "write", name, folder]) for name in WRITERS]
     if len(sys.argv) > 3:
         modules = os.path.abspath(sys.argv[3])
         runs += [(name, ["node", os.path.join(HERE, "written_by_others.mjs"), modules, folder, name]) for name in
                  ["three", "gltf-transform", "gltfpack", "obj2gltf", "babylonjs", "jscad"]]
     for name, words in runs:
-        run = subprocess.run(words, capture_output=True, text=True, errors="replace", timeout=600)
+        run = subprocess.run(words, capture_output=True, text=True, errors="replace", timeout=600, cwd=folder)
         lines = [line[5:] for line in run.stdout.splitlines() if line.startswith("FACT ")]
         for line in lines:
             path, wanted = json.loads(line)
-            n_wrong, n = n_wrong + row(stonecut, wanted.pop("program", name), path, wanted, reference), n + 1
+            program = wanted.pop("program", name)
+            got = found(stonecut, path, wanted, reference)
+            wrong, n = differences(wanted, got), n + 1
+            if wrong:
+                n_wrong += 1
+                print(f"{program}: {path}: {'; '.join(wrong)}; found {json.dumps(got)}", file=sys.stderr, flush=True)
+            rows.setdefault((program, holds(wanted), "other" if wrong else "same"), []).append(os.path.basename(path))
         if run.returncode != 0:
             print(f"{name}: {'not installed' if 'No module named' in run.stderr else run.stderr.strip()[-300:]}", file=sys.stderr)
-    print(f"\n{n} files, {n_wrong} read otherwise")
+    print("| program | files | hold, by the program | stonecut |\n|---|---|---|---|")
+    for (program, held, verdict), files in rows.items():
+        print(f"| {program} | {', '.join(files)} | {held} | {verdict} |")
+    print(f"\n{n} files of {len(set(program for program, *_ in rows))} programs, {n_wrong} read otherwise")
     sys.exit(n_wrong > 0)
 
 

@@ -157,4 +157,14 @@ fn damaged_images_are_named() {
         let said = expect(folder, arguments, 3);
         assert!(said.contains("a.ktx2"), "{n}: {said}");
     }
+    // Sizes of blocks beyond a byte, which nothing depends on; levels and a description that lie behind the end.
+    for (at, byte, is_read) in [(120, 255, true), (87, 1, false), (51, 1, false), (116, 99, false)]
+    {
+        let mut spoiled = whole.clone();
+        spoiled[at] = byte;
+        square(folder, &spoiled);
+        let arguments = "render in.gltf -o p.png --view top --unlit --size 32x32 --force";
+        let said = expect(folder, arguments, if is_read { 0 } else { 3 });
+        assert!(!said.contains("fault"), "{at}: {said}");
+    }
 }

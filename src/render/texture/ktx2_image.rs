@@ -1,11 +1,12 @@
 //! Images in KTX2 files, as `KHR_texture_basisu` has them: Basis Universal (ETC1S or UASTC), and plain bytes.
 //!
 //! The transcoder reads `.basis` files only, so the parts of a KTX2 file are put together as one.
-//! Only the largest level is read; smaller ones are made of it as of every other image.
+//! Only the largest level is read; smaller ones are made of it as of every other image. Of the description of the format only
+//! the colour model counts; the crate's reader, which parses all of it, panics where its sizes of blocks overflow.
 
 use super::palette::image_bytes;
 use basis_universal::{TranscodeParameters, Transcoder, TranscoderTextureFormat, transcoder_init};
-use ktx2::{ColorModel, Format, Header, Reader, SupercompressionScheme};
+use ktx2::{ColorModel, Format, Header, LevelIndex, SupercompressionScheme};
 
 /// Bytes of the header of a `.basis` file, and of the description of a slice.
 const HEADER_BYTES: usize = 77;
@@ -17,18 +18,29 @@ const IMAGE_BYTES: usize = 20;
 
 /// Pixels of a KTX2 file, whose header says `size`; the error says in words why there are none.
 pub(super) fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<image::RgbaImage, String> {
-    let damaged = |_| "its KTX2 data is damaged".to_owned();
-    let reader = Reader::new(bytes).map_err(damaged)?;
-    let header = reader.header();
+    let damaged = || "its KTX2 data is damaged".to_owned();
+    let part = |offset: u64, n: u64| {
+        let begin = usize::try_from(offset).ok()?;
+        bytes.get(begin..begin.checked_add(usize::try_from(n).ok()?)?)
+    };
+    let first = bytes.first_chunk().and_then(|first| Header::from_bytes(first).ok());
+    let header = first.ok_or_else(damaged)?;
+    let level = bytes.get(Header::LENGTH..).and_then(<[u8]>::first_chunk);
+    let level = level.map(LevelIndex::from_bytes).ok_or_else(damaged)?;
+    let level = part(level.byte_offset, level.byte_length).ok_or_else(damaged)?;
+    let global = part(header.index.sgd_byte_offset, header.index.sgd_byte_length);
+    // A basic block has zeros for vendor and type, behind the length of all blocks; its third word begins with the model.
+    let description = part(header.index.dfd_byte_offset.into(), 13).ok_or_else(damaged)?;
+    let is_basic = description[4..8] == [0; 4];
+    let model = if is_basic { ColorModel::new(description[12]) } else { None };
     if [header.pixel_width, header.pixel_height] != size {
         return Err("its size is not that of its header".to_owned());
     }
     if header.pixel_depth > 1 || header.layer_count > 1 || header.face_count > 1 {
         return Err("it is more than one picture (layers, faces or depth)".to_owned());
     }
-    let level = reader.levels().next().ok_or("it has no pixels")?;
     let blocks = size.map(|side| u64::from(side.div_ceil(4)));
-    let expected = match (header.format, reader.color_model()) {
+    let expected = match (header.format, model) {
         (Some(Format::R8G8B8_SRGB | Format::R8G8B8_UNORM), _) => 3 * pixels(size),
         (Some(Format::R8G8B8A8_SRGB | Format::R8G8B8A8_UNORM), _) => 4 * pixels(size),
         (None, Some(ColorModel::UASTC)) => 16 * blocks[0] * blocks[1],
@@ -43,10 +55,9 @@ pub(super) fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<image::RgbaImage
     };
     let unpacked;
     let data = match header.supercompression_scheme {
-        None | Some(SupercompressionScheme::BasisLZ) => level.data,
+        None | Some(SupercompressionScheme::BasisLZ) => level,
         Some(SupercompressionScheme::Zstandard) => {
-            unpacked = zstd::bulk::decompress(level.data, expected as usize)
-                .map_err(|_| "its KTX2 data is damaged".to_owned())?;
+            unpacked = zstd::bulk::decompress(level, expected as usize).map_err(|_| damaged())?;
             &unpacked[..]
         }
         Some(_) => {
@@ -56,7 +67,7 @@ pub(super) fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<image::RgbaImage
     if (data.len() as u64) < expected {
         return Err("its KTX2 data was cut off".to_owned());
     }
-    let raw = match (header.format, reader.color_model()) {
+    let raw = match (header.format, model) {
         (Some(Format::R8G8B8_SRGB | Format::R8G8B8_UNORM), _) => data[..expected as usize]
             .as_chunks::<3>()
             .0
@@ -65,7 +76,7 @@ pub(super) fn pixels_of(bytes: &[u8], size: [u32; 2]) -> Result<image::RgbaImage
             .collect(),
         (Some(_), _) => data[..expected as usize].to_vec(),
         (None, Some(ColorModel::ETC1S)) => {
-            transcoded(&etc1s_file(&header, reader.supercompression_global_data(), data)?, size)?
+            transcoded(&etc1s_file(&header, global.ok_or_else(damaged)?, data)?, size)?
         }
         (None, _) => transcoded(&uastc_file(&header, &data[..expected as usize]), size)?,
     };
