@@ -12,6 +12,7 @@ mod extent;
 mod external_sort;
 mod face_survey;
 mod gltf;
+mod label_survey;
 mod lock;
 pub mod materials;
 mod obj;
@@ -38,6 +39,7 @@ pub use gltf::{
     GlbWriter, StoredPage, StoredTile, TileForm, TileMesh, TilePage, TileScalar, decode_tile,
     encode_tile,
 };
+pub use label_survey::survey_labels;
 pub use materials::NUMBER;
 pub use materials::{TextureMode, TexturePlan, TextureRequest};
 pub use obj::ObjWriter;

@@ -60,6 +60,9 @@ pub struct Options {
     /// The channel that is the same all over a region of the surface and changes at its border, if there is
     /// one: moving a border costs what moving a boundary of the surface does.
     pub region: Option<usize>,
+    /// The channel with the labels of vertices, if there are any: it is never interpolated, and a border between two labels
+    /// lies between two rows of vertices that are kept as boundaries are.
+    pub label: Option<usize>,
     /// Cost of moving any other attribute seam, as a share of that.
     pub seam_share: f32,
     /// Keeps the result near the original, if given.
@@ -218,6 +221,7 @@ impl Default for Options {
             weights: Vec::new(),
             confined: Vec::new(),
             region: None,
+            label: None,
             seam_share: 0.0,
             bound: None,
             tight: Arc::from([]),

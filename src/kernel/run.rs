@@ -73,6 +73,7 @@ pub(crate) fn start(
         wedges.region = options.region.filter(|&channel| channel < state.surface.n_channels);
         wedges.seam_share = f64::from(options.seam_share);
     }
+    state.label = options.label.filter(|&channel| channel < state.surface.n_channels);
     let mut driver = Driver::new(state, simd, options.topology);
     driver.interrupt = options.interrupt.clone();
     driver.changes.add_cleaned(cleaned, approached);

@@ -88,7 +88,7 @@ impl Weights {
             ChannelKind::Normal => self.normal,
             ChannelKind::Texture => self.texture,
             ChannelKind::Scalar(name) => named(name).unwrap_or(0.0),
-            ChannelKind::Region | ChannelKind::LowBits => 0.0,
+            ChannelKind::Region | ChannelKind::Label | ChannelKind::LowBits => 0.0,
         };
         channel_kinds.iter().map(weight).collect()
     }
@@ -174,7 +174,7 @@ impl ChannelSample {
                 }
                 _ => 0.0,
             },
-            ChannelKind::Region | ChannelKind::LowBits => 0.0,
+            ChannelKind::Region | ChannelKind::Label | ChannelKind::LowBits => 0.0,
         };
         weights.iter().enumerate().map(|(i, weight)| (weight * unit(i)) as f32).collect()
     }

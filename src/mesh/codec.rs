@@ -96,6 +96,8 @@ pub enum ChannelKind {
     Texture,
     /// The number of the region of faces; the same all over it.
     Region,
+    /// The number of a vertex's labels that lie in patches; never interpolated, and of no place in a record.
+    Label,
     /// A plain number: the property's name.
     Scalar(String),
     /// The low bits of the double in the channel before, which a float cannot hold.
@@ -120,7 +122,8 @@ struct Field {
 impl VertexSchema {
     /// Number of kernel channels of a record's properties; labels have none.
     pub fn n_channels(&self) -> usize {
-        self.properties.iter().map(|p| MergeRule::of(p).n_channels()).sum()
+        let own: usize = self.properties.iter().map(|p| MergeRule::of(p).n_channels()).sum();
+        own + usize::from(self.properties.iter().any(|p| p.is_patchy))
     }
 
     /// The plan for turning records into channels and back; make it once, outside the loop.
@@ -134,6 +137,13 @@ impl VertexSchema {
     /// chosen and never averaged.
     pub fn kernel_codec(&self, labels: &[String]) -> VertexCodec {
         VertexCodec::new(self, labels, true)
+    }
+
+    /// For each property, whether it is a label of the input's vertices: chosen at a collapse, never averaged.
+    pub fn label_properties(&self, labels: &[String]) -> Vec<bool> {
+        let fields = self.kernel_codec(labels).fields;
+        let all = self.properties.iter().zip(fields);
+        all.map(|(p, field)| p.origin == Origin::Vertex && field.rule == MergeRule::Label).collect()
     }
 
     /// The channels of one record; loops over many vertices take `codec()` once instead.
@@ -167,6 +177,8 @@ pub struct VertexCodec {
     normal: Option<[usize; 3]>,
     /// Colours whose channels are perceptual; their rule is `Colour`.
     colours: Vec<Colour>,
+    /// Bytes of labels that lie in patches; the last channel is their number.
+    patchy: Vec<std::ops::Range<usize>>,
 }
 
 impl VertexCodec {
@@ -199,7 +211,14 @@ impl VertexCodec {
         let averaged = |i: &usize| fields[*i].rule != MergeRule::Label;
         let normal = normal.filter(|fields| fields.iter().all(averaged));
         let coordinate = schema.coordinate;
-        VertexCodec { coordinate, record_bytes: at, n_channels: channel, fields, normal, colours }
+        let labels = fields
+            .iter()
+            .zip(&schema.properties)
+            .filter(|(field, property)| property.is_patchy && field.rule == MergeRule::Label);
+        let patchy: Vec<_> =
+            labels.map(|(field, _)| field.at..field.at + field.scalar.bytes()).collect();
+        let n_channels = channel + usize::from(!patchy.is_empty());
+        VertexCodec { coordinate, record_bytes: at, n_channels, fields, normal, colours, patchy }
     }
 
     /// Returns the kind of each channel. `schema` is the one that the plan was made from.
@@ -226,6 +245,7 @@ impl VertexCodec {
                 _ => channel_kinds.extend([own, ChannelKind::LowBits]),
             }
         }
+        channel_kinds.extend((!self.patchy.is_empty()).then_some(ChannelKind::Label));
         channel_kinds
     }
 
@@ -257,6 +277,9 @@ impl VertexCodec {
                 }
             }
         }
+        if !self.patchy.is_empty() {
+            channels[self.n_channels - 1] = self.label_number(record);
+        }
         for colour in &self.colours {
             let (perceptual, alpha) = self.perceptual(colour, record);
             for (&i, x) in colour.fields.iter().zip(perceptual) {
@@ -266,6 +289,15 @@ impl VertexCodec {
                 channels[self.fields[i].channel] = (alpha / colour.white()) as f32;
             }
         }
+    }
+
+    /// The number of a vertex's patchy labels: a hash of 24 bits, exact as a float. Two labels that touch are taken for one
+    /// with a probability of 6e-8, and then their border is not kept.
+    fn label_number(&self, record: &[u8]) -> f32 {
+        let hash = self.patchy.iter().fold(0, |seed, bytes| {
+            xxhash_rust::xxh3::xxh3_64_with_seed(&record[bytes.clone()], seed)
+        });
+        (hash >> 40) as f32
     }
 
     /// The channels of a colour in a record, and its alpha as it stands there.

@@ -106,7 +106,13 @@ impl FacePropertyPlan {
         list.extend(texture.map(|name| Property::new(name, Scalar::F32)));
         if self.has_regions() {
             let (name, origin) = ("region".to_owned(), Origin::Region);
-            list.push(Property { name, scalar: Scalar::I32, origin, white: None });
+            list.push(Property {
+                name,
+                scalar: Scalar::I32,
+                origin,
+                white: None,
+                is_patchy: false,
+            });
         }
         list
     }

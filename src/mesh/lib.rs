@@ -18,6 +18,7 @@ pub mod meeting;
 pub mod morton;
 pub mod oklab;
 pub mod orient;
+pub mod patches;
 pub mod placing;
 pub mod property;
 pub mod record;

@@ -64,12 +64,16 @@ pub struct Property {
     /// Of a component of a colour: its value of full intensity, where the file's values say another than the type (`colours`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub white: Option<u32>,
+    /// Of a label: it lies in patches, whose borders are kept (`io::survey_labels`).
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_patchy: bool,
 }
 
 impl Property {
     /// A property that the file itself has.
     pub fn new(name: &str, scalar: Scalar) -> Property {
-        Property { name: name.to_owned(), scalar, origin: Origin::Vertex, white: None }
+        let name = name.to_owned();
+        Property { name, scalar, origin: Origin::Vertex, white: None, is_patchy: false }
     }
 }
 

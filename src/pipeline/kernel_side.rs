@@ -2,7 +2,7 @@
 
 use super::fit;
 use super::layout::layout;
-use super::source_facts::{confined, region};
+use super::source_facts::{confined, label, region};
 use crate::config::Config;
 use crate::io::ply::MeshSource;
 use crate::kernel;
@@ -44,6 +44,7 @@ pub(super) fn kernel_side(facts: &Facts, config: &Config) -> (VertexLayout, kern
     let mut options = kernel::Options {
         confined: confined(schema, config),
         region: region(schema, config),
+        label: label(schema, config),
         seam_share: attributes.weights.seam_share(),
         bound: bound.map(|bound| kernel::Bound { channel, ..bound }),
         ..config.kernel.clone()

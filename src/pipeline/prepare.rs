@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::{
     NUMBER, OutputKind, StageOptions, SurveyOptions, TexturePlan, TextureRequest, Weld,
-    WeldOptions, check_range, faces_to_vertices, survey_faces,
+    WeldOptions, check_range, faces_to_vertices, survey_faces, survey_labels,
 };
 use crate::stages::write::REACH;
 use crate::store::job::fingerprint::{input_marks, marks_beside, unchanged};
@@ -91,7 +91,12 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
             source.require_no_texture()?;
         }
         check_split(&source, &carry, config)?;
-        faces_to_vertices(source, carry, &stage)
+        let mut source = faces_to_vertices(source, carry, &stage)?;
+        // A history takes its steps back without labels.
+        if config.progressive.is_none() {
+            survey_labels(&mut source, &config.attributes.labels)?;
+        }
+        Ok(source)
     });
     let source = unchanged(&config.input, &marks, source)?;
     marks.extend(marks_beside(&source));

@@ -41,6 +41,15 @@ pub(super) fn confined(schema: &VertexSchema, config: &Config) -> Vec<bool> {
 
 /// The channel with the number of the region that a face belongs to.
 pub(super) fn region(schema: &VertexSchema, config: &Config) -> Option<usize> {
+    channel_of(&ChannelKind::Region, schema, config)
+}
+
+/// The channel with the labels of vertices.
+pub(super) fn label(schema: &VertexSchema, config: &Config) -> Option<usize> {
+    channel_of(&ChannelKind::Label, schema, config)
+}
+
+fn channel_of(kind: &ChannelKind, schema: &VertexSchema, config: &Config) -> Option<usize> {
     let codec = schema.kernel_codec(&config.attributes.labels);
-    codec.channel_kinds(schema).iter().position(|m| *m == ChannelKind::Region)
+    codec.channel_kinds(schema).iter().position(|k| k == kind)
 }

@@ -305,6 +305,17 @@ impl MeshSource {
         self.staged.faces.as_ref()
     }
 
+    /// Notes which properties of vertices are labels that lie in patches.
+    pub fn note_patchy(&mut self, is_patchy: &[bool]) {
+        let all = self.plan.schema.properties.iter_mut().zip(is_patchy);
+        all.for_each(|(property, is_patchy)| property.is_patchy = *is_patchy);
+    }
+
+    /// The name of the property that locks vertices, if one of the input's does.
+    pub fn lock_property(&self) -> Option<&str> {
+        self.staged.lock.as_ref().map(|lock| lock.property.as_str())
+    }
+
     /// Notes what faces carry, where nothing of it had to be moved to vertices.
     pub fn note_carried(&mut self, carry: FacePropertyPlan) {
         self.staged.faces = Some(carry);

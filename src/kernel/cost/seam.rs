@@ -144,15 +144,15 @@ impl Job for Correct<'_> {
 
 /// Places for a survivor, relative to the edge's midpoint: `start + s way`, with `s` from 0 at `v0` to 1 at `v1`.
 #[derive(Clone, Copy)]
-struct Line {
-    start: Vec3,
-    way: Vec3,
+pub(crate) struct Line {
+    pub(crate) start: Vec3,
+    pub(crate) way: Vec3,
 }
 
 impl Line {
     /// The places beside the edge, square to it, where the volume under the surface is kept; `None` where the surface has no
     /// side.
-    fn of_volume(ends: [&[f32; 9]; 2], half: Vec3) -> Option<Line> {
+    pub(crate) fn of_volume(ends: [&[f32; 9]; 2], half: Vec3) -> Option<Line> {
         let [g0, g1] = ends.map(|q| [q[6], q[7], q[8]].map(f64::from));
         let g = add(g0, g1);
         let trace: f64 =
@@ -171,12 +171,12 @@ impl Line {
         Some(Line { start, way })
     }
 
-    fn at(&self, s: f64) -> Vec3 {
+    pub(crate) fn at(&self, s: f64) -> Vec3 {
         add(self.start, scale(self.way, s))
     }
 
     /// The cost as a polynomial in `s`, `c0 + 2 c1 s + c2 s^2`; `away` is what attributes add at the far end.
-    fn cost(&self, quadrics: &[[f64; 9]; 2], half: Vec3, away: [f64; 2]) -> [f64; 3] {
+    pub(crate) fn cost(&self, quadrics: &[[f64; 9]; 2], half: Vec3, away: [f64; 2]) -> [f64; 3] {
         let mut c = [away[1], -away[1], away[0] + away[1]];
         for (q, from) in quadrics.iter().zip([half, scale(half, -1.0)]) {
             let product = |x: Vec3| {

@@ -278,7 +278,8 @@ impl<'a> Work<'a> {
             // Relative to its own values, so that what is the same everywhere stays so exactly: labels do.
             for (w, weight) in triangle.into_iter().zip(weights).filter(|&(w, _)| w != v as u32) {
                 let values = corners.values_at(t, w);
-                for (k, channel) in channels[v * n..][..n].iter_mut().enumerate() {
+                let all = channels[v * n..][..n].iter_mut().enumerate();
+                for (k, channel) in all.filter(|(k, _)| self.state.label != Some(*k)) {
                     let step = weight * (values[k] - own[k]);
                     *channel += if step.is_finite() { step } else { 0.0 };
                 }

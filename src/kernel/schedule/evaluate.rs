@@ -2,7 +2,7 @@
 
 use crate::collapse::collapser::eight;
 use crate::cost::quadric::{self, Evaluated};
-use crate::cost::{flats, placement, seam};
+use crate::cost::{flats, labels, placement, seam};
 use crate::options::Placement;
 use crate::simd::Lanes;
 use crate::simd::unchecked::KnownIds;
@@ -35,6 +35,9 @@ pub(super) fn evaluate_eight<L: Lanes>(
     }
     if surface.placement != Placement::Optimal {
         placement::choose(surface.placement, (from, to), fixed, surface.scale, &mut found);
+    }
+    if let Some(channel) = state.label {
+        labels::correct((state, channel), v0, v1, fixed, &mut found);
     }
     found
 }

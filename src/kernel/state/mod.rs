@@ -22,6 +22,8 @@ pub(crate) struct MeshState {
     pub(crate) attributes: Option<Box<Attributes>>,
     /// Only if there are attribute seams.
     pub(crate) wedges: Option<Box<Wedges>>,
+    /// The channel with the labels of vertices.
+    pub(crate) label: Option<usize>,
 }
 
 impl MeshState {
@@ -44,6 +46,15 @@ impl MeshState {
         }
         if let Some(wedges) = &mut self.wedges {
             wedges.set_channel(&self.surface.triangles, channel, values);
+        }
+    }
+
+    /// Sets one channel of one vertex, whatever wedges it has.
+    pub(crate) fn set_at(&mut self, v: u32, channel: usize, value: f32) {
+        let n = self.surface.n_channels;
+        self.surface.channels[v as usize * n + channel] = value;
+        if let Some(wedges) = &mut self.wedges {
+            wedges.set_at(&self.surface, v, channel, value);
         }
     }
 

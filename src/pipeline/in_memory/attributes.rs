@@ -7,6 +7,7 @@
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 use crate::mesh::codec::{ChannelKind, VertexCodec};
+use crate::mesh::patches::PatchCount;
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
 use crate::system::parallel::in_order;
@@ -33,6 +34,7 @@ pub struct Column<'a> {
 pub struct Attributes<'a> {
     columns: Vec<Column<'a>>,
     plan: Option<(VertexSchema, VertexCodec)>,
+    labels: Vec<String>,
     channel_kinds: Vec<ChannelKind>,
 }
 
@@ -71,7 +73,27 @@ impl<'a> Attributes<'a> {
         let schema = VertexSchema { coordinate: Scalar::F32, properties };
         let codec = schema.kernel_codec(labels);
         let channel_kinds = codec.channel_kinds(&schema);
-        Ok(Attributes { columns, plan: Some((schema, codec)), channel_kinds })
+        let labels = labels.to_vec();
+        Ok(Attributes { columns, plan: Some((schema, codec)), labels, channel_kinds })
+    }
+
+    /// Finds the labels that lie in patches, whose borders are kept.
+    pub(super) fn find_patches(&mut self, triangles: &[[u32; 3]]) {
+        let Some((schema, codec)) = &mut self.plan else { return };
+        let step = triangles.len().div_ceil(PatchCount::SAMPLE).max(1);
+        let is_label = schema.label_properties(&self.labels);
+        for (i, column) in self.columns.iter().enumerate().filter(|(i, _)| is_label[*i]) {
+            let mut count = PatchCount::default();
+            for t in triangles.iter().step_by(step) {
+                count.add(t.map(|v| {
+                    let at = v as usize * column.stride + column.offset;
+                    column.bytes.get(at..at + column.property.scalar.bytes())
+                }));
+            }
+            schema.properties[i].is_patchy = count.is_patchy(step == 1);
+        }
+        *codec = schema.kernel_codec(&self.labels);
+        self.channel_kinds = codec.channel_kinds(schema);
     }
 
     /// Returns the kind of each channel.

@@ -107,7 +107,8 @@ pub struct Counts {
 /// there; `BadInput` without triangles; `Empty` if nothing is left; `NoMemory` beyond `config.memory_bytes`;
 /// `Interrupted` after a wish of `progress`, or `config.kernel.interrupt`, to stop.
 pub fn simplify(input: Input, config: &Config, progress: &Progress) -> Result<Output> {
-    let Input { positions, triangles, attributes } = input;
+    let Input { positions, triangles, mut attributes } = input;
+    attributes.find_patches(&triangles);
     let mut run = Run::new(&positions, &triangles, &attributes, config, progress)?;
     let mut mesh = Mesh::new(positions, triangles);
     run.drop_degenerate(&mut mesh);
@@ -170,6 +171,7 @@ impl<'a> Run<'a> {
         let confined = |m: &ChannelKind| *m == ChannelKind::Texture || *m == image;
         let options = Options {
             confined: attributes.channel_kinds().iter().map(confined).collect(),
+            label: attributes.channel_kinds().iter().position(|k| *k == ChannelKind::Label),
             seam_share: config.attributes.weights.seam_share(),
             fit: kernel.fit.decided(n_triangles, target),
             ..kernel.clone()

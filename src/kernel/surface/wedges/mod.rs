@@ -125,6 +125,14 @@ impl Wedges {
         }
     }
 
+    /// Sets one channel of all wedges of a vertex.
+    pub(crate) fn set_at(&mut self, surface: &Surface, v: u32, channel: usize, value: f32) {
+        for &t in surface.ring(v) {
+            let wedge = self.at(surface, t, v) as usize;
+            self.values[wedge * self.n_channels + channel] = value;
+        }
+    }
+
     /// Counts the vertices on seams.
     pub(crate) fn n_seam_vertices(&self, surface: &Surface) -> u64 {
         let vertices = self.is_seam.iter().zip(&surface.rings);

@@ -1,0 +1,70 @@
+//! Finds the labels of vertices that lie in patches, so that the kernel keeps their borders (`mesh::patches`).
+//!
+//! Looks at some of the triangles; nothing is read where vertices have no labels. Changes nothing but the schema.
+
+use crate::ply::{BLOCK_ROWS, FaceBlock, MeshSource, VertexBlock};
+use stonecut_mesh::patches::PatchCount;
+use stonecut_system::error::Result;
+
+/// Blocks of faces that are looked at, evenly spaced.
+const MOST_BLOCKS: u64 = 8;
+
+/// Notes in the schema of `source` which labels lie in patches; `labels` are properties that are labels whatever their type.
+///
+/// Memory: some megabytes. Time: at most a pass over the vertices, if they have labels.
+pub fn survey_labels(source: &mut MeshSource, labels: &[String]) -> Result<()> {
+    let schema = source.schema().clone();
+    let mut is_label = schema.label_properties(labels);
+    // A mark of those that stay where they are says nothing of the others.
+    if let Some(i) = source.lock_property().and_then(|name| schema.own_property(name)) {
+        is_label[i] = false;
+    }
+    if !is_label.contains(&true) {
+        return Ok(());
+    }
+    let (triangles, is_all) = sample(source)?;
+    let mut ids: Vec<u64> = triangles.iter().flatten().copied().collect();
+    ids.sort_unstable();
+    ids.dedup();
+    let record_bytes = schema.record_bytes();
+    let mut records = Vec::with_capacity(ids.len() * record_bytes);
+    let mut block = VertexBlock::default();
+    for of_block in ids.chunk_by(|a, b| a / BLOCK_ROWS == b / BLOCK_ROWS) {
+        let index = of_block[0] / BLOCK_ROWS;
+        source.read_vertices(index, &mut block)?;
+        for id in of_block {
+            let at = (id % BLOCK_ROWS) as usize * record_bytes;
+            records.extend_from_slice(&block.records[at..at + record_bytes]);
+        }
+    }
+    let rows: Vec<[usize; 3]> =
+        triangles.iter().map(|t| t.map(|v| ids.partition_point(|id| *id < v))).collect();
+    let mut at = schema.position_bytes();
+    let mut is_patchy = vec![false; is_label.len()];
+    for (i, property) in schema.properties.iter().enumerate() {
+        let end = at + property.scalar.bytes();
+        if is_label[i] {
+            let mut count = PatchCount::default();
+            let value = |row: usize| &records[row * record_bytes..][at..end];
+            rows.iter().for_each(|row| count.add(row.map(value)));
+            is_patchy[i] = count.is_patchy(is_all);
+        }
+        at = end;
+    }
+    source.note_patchy(&is_patchy);
+    Ok(())
+}
+
+/// Some of the triangles, and whether those are all.
+fn sample(source: &MeshSource) -> Result<(Vec<[u64; 3]>, bool)> {
+    let n_blocks = source.n_face_blocks();
+    let every = n_blocks.div_ceil(MOST_BLOCKS).max(1);
+    let taken = n_blocks.div_ceil(every) * BLOCK_ROWS;
+    let step = (taken.min(source.n_triangles()) as usize).div_ceil(PatchCount::SAMPLE).max(1);
+    let (mut triangles, mut block) = (Vec::new(), FaceBlock::default());
+    for index in (0..n_blocks).step_by(every as usize) {
+        source.read_faces(index, &mut block)?;
+        triangles.extend(block.triangles.iter().step_by(step));
+    }
+    Ok((triangles, every == 1 && step == 1))
+}
