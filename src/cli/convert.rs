@@ -14,7 +14,7 @@ use crate::io::ply::{
 };
 use crate::io::{
     DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions, TextureMode, TexturePlan,
-    TextureRequest, check_range,
+    TextureRequest, Weld, WeldOptions, check_range,
 };
 use crate::system::disk::folder_of;
 use crate::system::losses::{Loss, LossKind};
@@ -58,6 +58,10 @@ pub struct Args {
     /// Keep vertices that no face uses.
     #[arg(long)]
     pub keep_unreferenced: bool,
+    /// Copies of vertices that become one: off, auto (copies within rounding, where a sample shows that there are some), or a
+    /// distance in input units. Only open edges are joined.
+    #[arg(long, value_name = "WHAT", default_value = "off")]
+    pub weld: Weld,
     /// Folder for temporary data [default: the output's folder].
     #[arg(long, value_name = "DIR")]
     pub temp_dir: Option<PathBuf>,
@@ -110,6 +114,9 @@ pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Re
             let _ = writeln!(log, "  {count} {what}");
         }
     }
+    for line in done.weld.iter().flat_map(|weld| &weld.notes) {
+        let _ = writeln!(log, "  {line}");
+    }
     write_report(report_to.as_ref(), [&args.input, &args.output], &done)?;
     Ok(if done.is_short() { super::log::EXIT_SHORT } else { 0 })
 }
@@ -132,7 +139,8 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
     let recentres = placing.recentres;
     let read = ReadOptions { skip_bad: args.skip_bad, placing, temp_dir: None };
     let memory_bytes = super::arguments::memory_budget(args.memory);
-    let stage = StageOptions { read, ..StageOptions::new(folder) }.within(memory_bytes);
+    let mut stage = StageOptions { read, ..StageOptions::new(folder) }.within(memory_bytes);
+    stage.weld = Some(WeldOptions { how: args.weld, exact_above: 0, labels: Vec::new() });
     let source = MeshSource::open_staged(&args.input, &stage)?;
     source.refuse_output(&args.output)?;
     hold(&source, memory_bytes)?;
@@ -145,7 +153,7 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
     // Above 2^32 vertices no output can be written, so there is nothing to look for.
     let look = !args.keep_duplicates && source.n_vertices() <= 1 << 32;
     let mut finder = look.then(|| DuplicateFinder::new(&stage.temp_dir, sort_bytes(memory_bytes)));
-    let mut done = Converted::default();
+    let mut done = Converted { weld: source.weld().cloned(), ..Converted::default() };
     let used = if source.n_face_rows() == 0 || args.keep_unreferenced {
         let mut used = Used::all(source.n_vertices());
         used.survey(&source, finder.as_mut(), &mut done, progress)?;

@@ -2,12 +2,13 @@
 
 use super::outcome::write_json;
 use crate::error::Result;
+use crate::io::ply::WeldReport;
 use crate::system::losses::Ledger;
 use crate::system::pending_file::Seen;
 use std::path::Path;
 
 /// Result of a conversion.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Converted {
     /// Vertices written.
     pub n_vertices: u64,
@@ -21,6 +22,8 @@ pub struct Converted {
     pub n_bad: u64,
     /// Vertices that no face uses.
     pub n_unreferenced: u64,
+    /// Copies of vertices that became one.
+    pub weld: Option<WeldReport>,
     /// Parts of the input that the output does not have.
     pub losses: Ledger,
     /// Length of the output.
@@ -40,7 +43,7 @@ pub(super) fn write_report(
     [input, output]: [&Path; 2],
     done: &Converted,
 ) -> Result<serde_json::Value> {
-    let report = serde_json::json!({
+    let mut report = serde_json::json!({
         "schema_version": crate::system::json_keys::SCHEMA_VERSION,
         "version": env!("CARGO_PKG_VERSION"),
         "input": { "path": input },
@@ -54,6 +57,9 @@ pub(super) fn write_report(
         },
         "losses": done.losses,
     });
+    if let Some(weld) = &done.weld {
+        report["input"]["weld"] = serde_json::json!(weld);
+    }
     if let Some(to) = to {
         write_json(to, &report)?;
     }

@@ -51,3 +51,4 @@ pub use rounding::check_range;
 pub use sink::MeshSink;
 pub use stl::StlWriter;
 pub use wedges::faces_to_vertices;
+pub use weld::weld as weld_vertices;

@@ -48,10 +48,10 @@ fn number(kind: &str, bytes: &[u8]) -> f64 {
     }
 }
 
-type Triangles = (Vec<[f64; 3]>, Vec<[usize; 3]>);
+pub(crate) type Triangles = (Vec<[f64; 3]>, Vec<[usize; 3]>);
 
 /// A sphere of radius 10 of about 4 n^2 triangles.
-fn sphere(n: usize) -> Triangles {
+pub(crate) fn sphere(n: usize) -> Triangles {
     let (rows, columns) = (n, 2 * n);
     let mut points = vec![[0.0, 0.0, 10.0]];
     for i in 1..rows {

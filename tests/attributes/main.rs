@@ -5,6 +5,7 @@ mod common;
 
 mod colours;
 mod faces;
+mod labels;
 mod names;
 mod options;
 mod output;

@@ -7,7 +7,7 @@ use std::io::Write;
 use std::path::Path;
 use stonecut::cli::convert::{Args, Converted, convert};
 use stonecut::io::ply::{FaceBlock, MeshSource, VertexBlock};
-use stonecut::io::{OutputFormat, StageOptions};
+use stonecut::io::{OutputFormat, StageOptions, Weld};
 
 type AnyResult<T = ()> = Result<T, Box<dyn std::error::Error>>;
 
@@ -49,6 +49,7 @@ fn to(input: &Path, output: &Path, format: &str) -> stonecut::Result<Converted> 
         textures: None,
         keep_duplicates: false,
         keep_unreferenced: false,
+        weld: Weld::Off,
         temp_dir: None,
         memory: None,
         report: None,

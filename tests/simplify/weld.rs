@@ -6,6 +6,9 @@ use crate::common::{check, count, expect, write_ply};
 use std::collections::HashMap;
 use std::path::Path;
 use stonecut::mesh::property::Scalar;
+use stonecut::mesh::topology_counts;
+use stonecut::pipeline::in_memory::{Input, simplify};
+use stonecut::system::progress::Progress;
 
 /// A mesh as positions and triangles.
 type Plain = (Vec<[f64; 3]>, Vec<[u32; 3]>);
@@ -232,4 +235,50 @@ fn a_clean_mesh_is_left_as_it_is() {
         bytes[end..].to_vec()
     });
     assert_eq!(bodies[0], bodies[1]);
+}
+
+#[test]
+fn convert_joins_copies_where_that_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    write(at, &soup(&sphere(3), 2e-7), Scalar::F64);
+    expect(at, "convert in.ply as_it_is.ply", 0);
+    assert_eq!(count(&check(at, "as_it_is.ply"), "components"), 1280);
+    for how in ["auto", "1e-5"] {
+        let options = format!("--weld {how} --report r.json --force");
+        let said = expect(at, &format!("convert in.ply out.ply {options}"), 0);
+        assert!(said.contains("3198 of 3840 vertices"), "{how}: {said}");
+        is_closed(at, "out.ply");
+        let report: serde_json::Value =
+            serde_json::from_slice(&std::fs::read(at.join("r.json")).unwrap()).unwrap();
+        assert_eq!(report["input"]["weld"]["joined"], 3198, "{how}");
+    }
+    expect(at, "convert in.ply out.stl --weld -1", 2);
+}
+
+#[test]
+fn arrays_of_loose_triangles_come_out_closed() {
+    let (points, triangles) = soup(&sphere(4), 2e-7);
+    let run = |options: &str| {
+        let words = ["simplify", "arrays", "arrays.ply", "--ratio", "10%"];
+        let words: Vec<std::ffi::OsString> =
+            words.into_iter().chain(options.split_whitespace()).map(Into::into).collect();
+        let input =
+            Input { positions: points.clone(), triangles: triangles.clone(), ..Input::default() };
+        let config = stonecut::cli::call::config(&words).unwrap();
+        simplify(input, &config, &Progress::default()).unwrap()
+    };
+    for options in ["", "--weld 1e-5"] {
+        let output = run(options);
+        let counts = topology_counts::of_triangles(output.positions.len(), &output.triangles);
+        assert_eq!((counts.boundary_edges, counts.components), (0, 1), "{options}");
+        assert_eq!(output.report.input.joined_vertices, 12_798);
+        assert!(output.triangles.len() >= 510, "{options}: {}", output.triangles.len());
+        // Every vertex is near the one of the input that it says to be.
+        for (position, &source) in output.positions.iter().zip(&output.source) {
+            let from = points[source as usize];
+            assert!((0..3).all(|k| (position[k] - from[k]).abs() < 0.1), "{position:?} {from:?}");
+        }
+    }
+    assert_eq!(run("--weld off").report.input.joined_vertices, 0);
 }

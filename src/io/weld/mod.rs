@@ -20,7 +20,7 @@ use survey::Found;
 ///
 /// Memory: a third of the stage's for each of three sorts. Disk at peak: about 150 bytes for each vertex at an open edge,
 /// 64 and its properties for every other, and the staged mesh.
-pub(super) fn weld(source: MeshSource, options: &StageOptions) -> Result<MeshSource> {
+pub fn weld(source: MeshSource, options: &StageOptions) -> Result<MeshSource> {
     let Some(how) = &options.weld else { return Ok(source) };
     let found = match how.how {
         Weld::Off => return Ok(source),

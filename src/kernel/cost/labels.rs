@@ -10,7 +10,7 @@
 use crate::cost::quadric::{Evaluated, LENGTH_COST, MAX_REACH};
 use crate::cost::seam::Line;
 use crate::options::Placement;
-use crate::state::MeshState;
+use crate::surface::wedges::Wedges;
 use crate::surface::{MAX_VALENCE, Surface, boundary_quadric};
 use crate::vertex::GONE;
 use stonecut_mesh::corners::others;
@@ -19,13 +19,12 @@ use stonecut_mesh::vec3::{Vec3, add, dot, length_sq, scale, sub};
 /// Corrects eight edges; where `fixed` is not 0, the survivor stays at `v1`.
 #[inline(never)]
 pub(crate) fn correct(
-    (state, channel): (&MeshState, usize),
+    (surface, wedges, channel): (&Surface, Option<&Wedges>, usize),
     v0: &[u32; 8],
     v1: &[u32; 8],
     fixed: &[f32; 8],
     found: &mut Evaluated,
 ) {
-    let surface = &state.surface;
     for i in 0..8 {
         let ends = [v0[i], v1[i]];
         if found.cost[i] == f32::INFINITY || ends[0] == ends[1] {
@@ -42,7 +41,7 @@ pub(crate) fn correct(
             (place, edge.area_lost())
         } else if border0.is_none() && border1.is_none() {
             continue;
-        } else if is_free && !is_confined(state, ends) {
+        } else if is_free && !is_confined(surface, wedges, ends) {
             edge.best(place)
         } else {
             (place, edge.at_borders(place))
@@ -58,9 +57,9 @@ pub(crate) fn correct(
 }
 
 /// True where something else says which places the survivor may have.
-fn is_confined(state: &MeshState, [v0, v1]: [u32; 2]) -> bool {
-    let planes = |v: u32| state.surface.flats.as_ref().is_some_and(|flats| flats.of(v) != 0);
-    planes(v0) || planes(v1) || state.wedges.as_ref().is_some_and(|wedges| wedges.concern(v0, v1))
+fn is_confined(surface: &Surface, wedges: Option<&Wedges>, [v0, v1]: [u32; 2]) -> bool {
+    let planes = |v: u32| surface.flats.as_ref().is_some_and(|flats| flats.of(v) != 0);
+    planes(v0) || planes(v1) || wedges.is_some_and(|wedges| wedges.concern(v0, v1))
 }
 
 /// The label of a vertex.

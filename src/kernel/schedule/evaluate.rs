@@ -37,7 +37,7 @@ pub(super) fn evaluate_eight<L: Lanes>(
         placement::choose(surface.placement, (from, to), fixed, surface.scale, &mut found);
     }
     if let Some(channel) = state.label {
-        labels::correct((state, channel), v0, v1, fixed, &mut found);
+        labels::correct((surface, state.wedges.as_deref(), channel), v0, v1, fixed, &mut found);
     }
     found
 }

@@ -116,12 +116,12 @@ impl<'a> Attributes<'a> {
         }
     }
 
-    /// Gives the mesh its channels.
+    /// Gives the mesh its channels; `ids` are the rows of its vertices.
     pub(super) fn decode(
         &self,
         mesh: &mut Mesh,
-        threads: usize,
-        progress: &Progress,
+        ids: &[u32],
+        (threads, progress): (usize, &Progress),
     ) -> Result<()> {
         let Some((schema, codec)) = &self.plan else { return Ok(()) };
         let (n_channels, n_vertices) = (codec.n_channels(), mesh.positions.len());
@@ -137,8 +137,8 @@ impl<'a> Attributes<'a> {
                 out.clear();
                 out.resize((last - first) * n_channels, 0.0);
                 let mut record = Vec::new();
-                for (row, vertex) in (first..last).enumerate() {
-                    self.gather(vertex, schema.position_bytes(), &mut record);
+                for (row, &id) in ids[first..last].iter().enumerate() {
+                    self.gather(id as usize, schema.position_bytes(), &mut record);
                     codec.decode_channels(&record, &mut out[row * n_channels..]);
                 }
                 Ok(())

@@ -8,6 +8,7 @@
 pub mod attributes;
 mod cells;
 mod rounds;
+mod weld;
 mod whole;
 
 use crate::config::{Config, Method, Target};
@@ -28,6 +29,7 @@ use cells::Cut;
 use rounds::Means;
 use serde::Serialize;
 use std::collections::BTreeMap;
+use weld::{Welded, weld};
 use whole::{Left, Whole};
 
 /// A mesh in memory, and what its vertices carry.
@@ -95,9 +97,16 @@ pub struct Counts {
     pub vertices: u64,
     /// Triangles.
     pub triangles: u64,
+    /// Vertices that became one with a copy before everything else (`--weld`).
+    #[serde(skip_serializing_if = "is_zero")]
+    pub joined_vertices: u64,
     /// Faults found, by name; what has them was left out.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub faults: BTreeMap<String, u64>,
+}
+
+fn is_zero(n: &u64) -> bool {
+    *n == 0
 }
 
 /// Simplifies a mesh in memory to `config.target`; what `config` says about files is ignored.
@@ -109,16 +118,19 @@ pub struct Counts {
 pub fn simplify(input: Input, config: &Config, progress: &Progress) -> Result<Output> {
     let Input { positions, triangles, mut attributes } = input;
     attributes.find_patches(&triangles);
+    let n_vertices = positions.len() as u64;
+    let Welded { positions, triangles, ids } = weld(positions, triangles, config)?;
     let mut run = Run::new(&positions, &triangles, &attributes, config, progress)?;
+    run.report.input.vertices = n_vertices;
+    run.report.input.joined_vertices = n_vertices - positions.len() as u64;
     let mut mesh = Mesh::new(positions, triangles);
     run.drop_degenerate(&mut mesh);
     if mesh.triangles.is_empty() {
         let what = "none of the faces is a triangle with three different corners";
         return Err(Error::bad_input("faces", what));
     }
-    attributes.decode(&mut mesh, config.threads.get(), progress)?;
+    attributes.decode(&mut mesh, &ids, (config.threads.get(), progress))?;
     run.weigh(&mesh, &attributes);
-    let ids = (0..mesh.positions.len() as u32).collect();
     let whole = run.reach(Whole { ids, mesh })?;
     if whole.mesh.triangles.is_empty() {
         let what = format!(

@@ -187,6 +187,7 @@ def simplify_arrays(
     fit: Fit = "auto",
     placement: Placement = "optimal",
     merge_distance: float | None = None,
+    weld: str | float | None = None,
     no_self_intersections: bool = False,
     cell_triangles: int | str | None = None,
     memory: Size | None = None,
@@ -211,7 +212,9 @@ def simplify_arrays(
             ``"keep"``: nothing of that kind, even if the target is missed.
         fit: whether vertices are moved to fit the original; ``"auto"`` where at most 1.1 % is left.
         placement: ``"subset"`` keeps to vertices of the input, bit for bit.
-        merge_distance: free boundaries at most this far apart, in input units, may join.
+        merge_distance: the same as ``weld`` with a distance.
+        weld: copies of vertices become one before everything else: ``"auto"`` (within rounding, where triangles hardly have
+            a vertex in common), ``"off"`` or a distance; they keep the attributes of the first [auto].
         no_self_intersections: refuse what would make the surface pass through itself where it did not; takes four to eight times as long.
         cell_triangles: beyond four cells of this size the mesh is simplified in parallel, through cells in memory [256k].
         memory: what the call may take beside the arrays [75 % of what the process may use].
@@ -234,6 +237,7 @@ def simplify_arrays(
         fit=fit,
         placement=placement,
         merge_distance=merge_distance,
+        weld=weld,
         no_self_intersections=no_self_intersections,
         cell_triangles=cell_triangles,
         memory=memory,
@@ -257,6 +261,7 @@ def simplify(
     fit: Fit = "auto",
     placement: Placement = "optimal",
     merge_distance: float | None = None,
+    weld: str | float | None = None,
     no_self_intersections: bool = False,
     cell_triangles: int | str | None = None,
     memory: Size | None = None,
@@ -286,6 +291,7 @@ def simplify(
         fit=fit,
         placement=placement,
         merge_distance=merge_distance,
+        weld=weld,
         no_self_intersections=no_self_intersections,
         cell_triangles=cell_triangles,
         memory=memory,
@@ -636,6 +642,7 @@ def convert(
     translate: str | Iterable[float] | None = None,
     transform: str | Iterable[float] | None = None,
     recentre: bool = False,
+    weld: str | float | None = None,
     memory: Size | None = None,
     temp_dir: PathLike | None = None,
     report: PathLike | None = None,
@@ -650,6 +657,7 @@ def convert(
         keep_duplicates, keep_unreferenced: keep faces that come twice, and vertices without a face.
         memory: budget, as ``"2GiB"`` or bytes; report: a file for the report.
         up, scale, translate, transform, recentre: place the mesh before everything else.
+        weld: copies of vertices become one: ``"off"``, ``"auto"`` (within rounding) or a distance [off].
 
     Returns the counts of what was written (``output``) and of what was dropped (``faults``)."""
     words = ["convert", path("input", input), path("output", output)]
@@ -666,6 +674,7 @@ def convert(
         translate=_joined(translate),
         transform=_joined(transform),
         recentre=recentre,
+        weld=weld,
         memory=memory,
     )
     words += [] if report is None else options(report=path("report", report))
