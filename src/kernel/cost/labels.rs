@@ -128,13 +128,13 @@ impl Edge {
         ((q[0] + q[3] + q[5]) / 3.0).powi(2)
     }
 
-    /// What moves the borders of both ends to a place.
+    /// Cost of moving the borders of both ends to a place.
     fn at_borders(&self, place: Vec3) -> f64 {
         let [q0, q1] = &self.borders;
         product(q0, add(place, self.half)) + product(q1, sub(place, self.half))
     }
 
-    /// What both ends cost at a place, as `cost::quadric` has it.
+    /// Cost of both ends at a place, as `cost::quadric` has it.
     fn at_quadrics(&self, place: Vec3) -> f64 {
         let [q0, q1] = self.quadrics.map(|q| [q[0], q[1], q[2], q[3], q[4], q[5]]);
         let error = product(&q0, add(place, self.half)) + product(&q1, sub(place, self.half));
