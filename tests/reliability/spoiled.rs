@@ -155,11 +155,15 @@ fn spoil_glb(bytes: &[u8], random: &mut Random) -> Vec<u8> {
             _ => continue,
         };
     }
-    let mut json = pieces.concat().into_bytes();
+    glb(&bytes[..8], pieces.concat().into_bytes(), rest)
+}
+
+/// A GLB of its first eight bytes, its JSON and what follows.
+fn glb(first: &[u8], mut json: Vec<u8>, rest: &[u8]) -> Vec<u8> {
     while json.len() % 4 != 0 {
         json.push(b' ');
     }
-    let mut glb = bytes[..8].to_vec();
+    let mut glb = first.to_vec();
     glb.extend((20 + json.len() as u32 + rest.len() as u32).to_le_bytes());
     glb.extend((json.len() as u32).to_le_bytes());
     glb.extend(b"JSON");
@@ -236,11 +240,56 @@ fn make_files(at: &Path) {
     }
     std::fs::write(at.join("textured.obj"), obj).unwrap();
     expect(at, "convert textured.obj textured.glb", 0);
+    make_others(at);
     let stl = "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n";
     std::fs::write(at.join("ascii.stl"), stl.repeat(8).replace("solid a\n", "") + "endsolid a\n")
         .unwrap();
     let text = std::fs::read(at.join("ascii.stl")).unwrap();
     std::fs::write(at.join("ascii.stl"), [b"solid a\n".as_slice(), &text].concat()).unwrap();
+}
+
+/// Stars of up to forty corners; UTF-16, an archive, an image of floats; instances and a place of an image in a GLB.
+fn make_others(at: &Path) {
+    let (mut stars, mut corners) = (String::new(), String::new());
+    for star in 0..12u32 {
+        let n = 4 + 3 * star;
+        for i in 0..n {
+            let (sin, cos) = (f64::from(i) * std::f64::consts::TAU / f64::from(n)).sin_cos();
+            let far = if i % 2 == 0 { 1.0 } else { 0.4 };
+            stars += &format!("v {} {} 0\n", far * cos + 3.0 * f64::from(star), far * sin);
+        }
+        let relative: Vec<String> = (1..=n).rev().map(|i| format!("-{i}")).collect();
+        corners += &format!("f {}\n", relative.join(" "));
+        stars += &std::mem::take(&mut corners);
+    }
+    std::fs::write(at.join("stars.obj"), stars).unwrap();
+    let textured = std::fs::read_to_string(at.join("textured.obj")).unwrap();
+    let wide: Vec<u8> =
+        [0xfeff].into_iter().chain(textured.encode_utf16()).flat_map(u16::to_le_bytes).collect();
+    std::fs::write(at.join("utf16.obj"), wide).unwrap();
+    let mut archive = zip::ZipWriter::new(std::fs::File::create(at.join("mesh.zip")).unwrap());
+    archive.start_file("a/mesh.obj", zip::write::SimpleFileOptions::default()).unwrap();
+    std::io::Write::write_all(&mut archive, textured.as_bytes()).unwrap();
+    archive.finish().unwrap();
+    let floats = image::Rgb32FImage::from_pixel(16, 16, image::Rgb([0.2, 0.5, 1.0]));
+    image::DynamicImage::ImageRgb32F(floats).save(at.join("t.exr")).unwrap();
+    std::fs::write(at.join("exr.mtl"), "newmtl m\nmap_Kd t.exr\n").unwrap();
+    std::fs::write(at.join("exr.obj"), textured.replace("m.mtl", "exr.mtl")).unwrap();
+    expect(at, "convert textured.obj float.glb --format float", 0);
+    let bytes = std::fs::read(at.join("float.glb")).unwrap();
+    let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    let mut document: serde_json::Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+    let position = document["meshes"][0]["primitives"][0]["attributes"]["POSITION"].clone();
+    document["extensionsUsed"] =
+        serde_json::json!(["EXT_mesh_gpu_instancing", "KHR_texture_transform"]);
+    document["nodes"][0]["extensions"] = serde_json::json!({
+        "EXT_mesh_gpu_instancing": { "attributes": { "TRANSLATION": position } }
+    });
+    document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] = serde_json::json!({
+        "KHR_texture_transform": { "offset": [0.1, 0.2], "scale": [2, 3], "rotation": 0.5 }
+    });
+    let glb = glb(&bytes[..8], document.to_string().into_bytes(), &bytes[20 + length..]);
+    std::fs::write(at.join("placed.glb"), glb).unwrap();
 }
 
 #[test]
@@ -249,7 +298,7 @@ fn spoiled_files_are_refused_or_read() {
     let at = folder.path();
     make_files(at);
     type Spoil = fn(&[u8], &mut Random) -> Vec<u8>;
-    let files: [(&str, Spoil); 9] = [
+    let files: [(&str, Spoil); 14] = [
         ("ascii.ply", spoil_text),
         ("big.ply", spoil_bytes),
         ("little.ply", spoil_bytes),
@@ -259,17 +308,23 @@ fn spoiled_files_are_refused_or_read() {
         ("ascii.stl", spoil_text),
         ("plain.stl", spoil_bytes),
         ("textured.glb", spoil_glb),
+        ("stars.obj", spoil_text),
+        ("utf16.obj", spoil_bytes),
+        ("mesh.zip", spoil_bytes),
+        ("t.exr", spoil_bytes),
+        ("placed.glb", spoil_glb),
     ];
-    let n = number("STONECUT_SPOILED").unwrap_or(6);
+    let n = number("STONECUT_SPOILED").unwrap_or(4);
     let outputs = ["o.ply", "o.obj", "o.stl", "o.glb"];
     for (kind, (name, spoil)) in files.into_iter().enumerate() {
         let mut random = Random::new(kind as u64);
         let sound = std::fs::read(at.join(name)).unwrap();
         for _ in 0..n {
             let spoiled = spoil(&sound, &mut random);
-            // A spoiled library is read through the mesh that names it.
+            // A spoiled library or image is read through the mesh that names it.
             let (place, input) = match name {
                 "m.mtl" => (name.to_owned(), "textured.obj".to_owned()),
+                "t.exr" => (name.to_owned(), "exr.obj".to_owned()),
                 _ => (format!("in-{name}"), format!("in-{name}")),
             };
             std::fs::write(at.join(&place), spoiled).unwrap();
