@@ -11,6 +11,7 @@ mod materials_in;
 mod materials_out;
 mod meshopt;
 mod meshopt_out;
+mod meshopt_vertices;
 mod reader;
 mod scene;
 mod sparse;
