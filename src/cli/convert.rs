@@ -13,8 +13,8 @@ use crate::io::ply::{
     VertexBlock,
 };
 use crate::io::{
-    DuplicateFinder, Duplicates, MeshSink, OutputFormat, StageOptions, TextureMode, TexturePlan,
-    TextureRequest, Weld, WeldOptions, check_range,
+    DuplicateFinder, Duplicates, MeshSink, NameUse, OutputFormat, StageOptions, TextureMode,
+    TexturePlan, TextureRequest, Weld, WeldOptions, check_range,
 };
 use crate::system::disk::folder_of;
 use crate::system::losses::{Loss, LossKind};
@@ -44,6 +44,9 @@ pub struct Args {
     /// Give up texture coordinates and materials of textured faces.
     #[arg(long)]
     pub drop_texture: bool,
+    /// Give up names of objects and groups.
+    #[arg(long)]
+    pub drop_names: bool,
     // Options of several commands; their own lines are their documentation.
     #[command(flatten)]
     #[allow(missing_docs)]
@@ -137,7 +140,8 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
     });
     let placing = args.placing.placing(args.format.check(&args.output)?)?;
     let recentres = placing.recentres;
-    let read = ReadOptions { skip_bad: args.skip_bad, placing, temp_dir: None };
+    let names = if args.drop_names { NameUse::GivenUp("") } else { NameUse::Carried };
+    let read = ReadOptions { skip_bad: args.skip_bad, placing, temp_dir: None, names };
     let memory_bytes = super::arguments::memory_budget(args.memory);
     let mut stage = StageOptions { read, ..StageOptions::new(folder) }.within(memory_bytes);
     stage.weld = Some(WeldOptions { how: args.weld, exact_above: 0, labels: Vec::new() });
@@ -177,7 +181,7 @@ pub(super) fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<
         return Err(Error::bad_input(&args.input, what));
     }
     done.losses = source.losses();
-    source.remarks()?.into_iter().for_each(|line| done.losses.lose(Loss::remark(line)));
+    source.remarks()?.into_iter().for_each(|remark| done.losses.lose(remark));
     if let Some([x, y, z]) = source.offset().filter(|_| recentres) {
         let why = format!("{x} {y} {z} was subtracted from all coordinates");
         done.losses.lose(Loss::new(LossKind::Precision, "places", why).notice());

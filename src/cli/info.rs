@@ -213,7 +213,7 @@ pub(super) fn look(
         notes: source
             .notes()
             .iter()
-            .cloned()
+            .map(ToString::to_string)
             .chain(materials.iter().flat_map(|m| m.losses.lines()))
             .collect(),
         faces: source.n_face_rows(),

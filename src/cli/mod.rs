@@ -9,6 +9,7 @@ mod converted;
 mod demo;
 mod display;
 mod extract;
+mod faces;
 mod info;
 mod job;
 mod levels;

@@ -3,6 +3,7 @@
 use super::answer::{Answer, json_of};
 use super::arguments::{memory_budget, parse_memory};
 use super::display::watch;
+use super::faces::TypedFaces;
 use super::job::{done_before, run_job, stages_done};
 use super::levels::TypedTarget;
 use super::log::{EXIT_SHORT, Log, Talk};
@@ -98,9 +99,8 @@ pub struct Args {
     /// or none [default: copy; embed for GLB].
     #[arg(long, value_name = "WHAT")]
     textures: Option<TextureMode>,
-    /// Give up properties of faces (colours, labels, flags), which saves moving them to vertices and back.
-    #[arg(long)]
-    drop_faces: bool,
+    #[command(flatten)]
+    faces: TypedFaces,
     /// With --max-error: write the distance from the input, at most, with every vertex, as property `error` (PLY).
     #[arg(long, requires = "max_error")]
     error_field: bool,
@@ -266,7 +266,8 @@ impl Args {
                 TypedTexture::Auto => Texture::Auto,
             },
             bake: self.pages.settings(self.bake_normals),
-            drop_faces: self.drop_faces,
+            drop_faces: self.faces.drop_faces,
+            names: self.faces.names(&self.method, progressive.is_some()),
             placing,
             textures: self.textures,
             error_field: self.error_field,

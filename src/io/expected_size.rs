@@ -80,8 +80,8 @@ pub fn expected_bytes(mesh: &Expected, kind: OutputKind, format: OutputFormat) -
             let coordinates = 3.0 * (mesh.coordinate_text(schema.coordinate) + 1.0);
             let numbers = n_corner + f64::from(u8::from(has_texture));
             let face = 2.0 + 3.0 * (numbers * (mesh.index_text(1) + 1.0));
-            // Sorted by material.
-            let sorted = if mesh.faces.number_at().is_some() { SORTED_FACE_BYTES } else { 0.0 };
+            // Sorted by name and material.
+            let sorted = if mesh.faces.has_labels() { SORTED_FACE_BYTES } else { 0.0 };
             (v * (2.0 + coordinates + colour + normal + texture) + f * face, f * sorted)
         }
         OutputKind::Glb => {
@@ -95,8 +95,8 @@ pub fn expected_bytes(mesh: &Expected, kind: OutputKind, format: OutputFormat) -
             };
             let row = position + extras + texture;
             let spooled = glb::SPOOLED_BYTES as u64 + extras;
-            // Parted by material, and at the seams of the texture, where one vertex becomes several.
-            let is_split = mesh.faces.texture || mesh.faces.number_at().is_some();
+            // Parted by name and material, and at the seams of the texture, where one vertex becomes several.
+            let is_split = mesh.faces.texture || mesh.faces.has_labels();
             let (rows, sorted) = match is_split {
                 true => (
                     SPLIT_VERTICES * v,

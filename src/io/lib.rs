@@ -15,6 +15,7 @@ mod gltf;
 mod label_survey;
 mod lock;
 pub mod materials;
+mod names;
 mod obj;
 mod open;
 mod open_edges;
@@ -42,6 +43,7 @@ pub use gltf::{
 pub use label_survey::survey_labels;
 pub use materials::NUMBER;
 pub use materials::{TextureMode, TexturePlan, TextureRequest};
+pub use names::{NameUse, OBJECT};
 pub use obj::ObjWriter;
 pub use obj::{find_texture, find3};
 pub use open::is_gltf;

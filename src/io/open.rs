@@ -14,6 +14,7 @@ use std::io::{BufReader, Read};
 use std::path::Path;
 use stonecut_system::disk::open_input;
 use stonecut_system::error::{Error, Result};
+use stonecut_system::losses::{Loss, LossKind};
 use stonecut_system::units::show_bytes;
 
 /// Compression of an input.
@@ -109,7 +110,9 @@ fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
             return Err(file.bad("this is an archive in an archive: unpack it first"));
         }
         let mut source = open_raw(inside, options)?;
-        note.into_iter().for_each(|note| source.note(note));
+        note.into_iter().for_each(|note| {
+            source.note(Loss { kind: LossKind::Elements, ..Loss::remark(note) });
+        });
         return Ok(source);
     }
     if let (false, Some(encoding)) = (is_stl, encodings::utf16(first)) {

@@ -1,7 +1,9 @@
 //! The output of a run, whatever its format: one writer for each kind, and the images and materials beside it.
 
+use super::by_material::names_of;
 use super::gltf::{GlbWriter, Positions};
 use super::materials::{NUMBER, TexturePlan};
+use super::names::{NameTable, OBJECT, is_name, own_comments};
 use super::obj::ObjWriter;
 use super::output_format::{OutputFormat, OutputKind};
 use super::rounding::Rounding;
@@ -9,7 +11,7 @@ use super::stl::StlWriter;
 use crate::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
 use stonecut_mesh::codec::TEXTURE_NAMES;
 use stonecut_mesh::colours::ColourPlace;
-use stonecut_mesh::property::Scalar;
+use stonecut_mesh::property::{Scalar, read_scalar};
 use stonecut_mesh::record::VertexSchema;
 use stonecut_system::disk::Disk;
 use stonecut_system::error::Result;
@@ -29,7 +31,7 @@ pub struct MeshSink {
     /// Vertices whose colour was clamped.
     n_clamped: u64,
     /// Place of an opacity of vertices that the format does not have, and the number of vertices that are not opaque.
-    opacity: Option<usize>,
+    opacity: Option<(Scalar, usize, f64)>,
     n_not_opaque: u64,
     record_bytes: usize,
     schema: VertexSchema,
@@ -48,54 +50,79 @@ fn lost_parts(header: &OutputHeader, kind: OutputKind) -> Ledger {
     if kind == OutputKind::Ply {
         return losses;
     }
-    let (reason, looks) =
-        (format!("{} has no place for them", kind.name()), kind != OutputKind::Stl);
-    let mut lose = |of: LossKind, what: &str, names: Vec<&str>, remedy: &str| {
+    let is_stl = kind == OutputKind::Stl;
+    let reason = format!("{} has no place for them", kind.name());
+    let mut lose = |of: LossKind, what: &str, names: &[&str], (remedy, is_whole): (&str, bool)| {
         if !names.is_empty() {
             let what = format!("{what} ({})", names.join(", "));
-            losses.lose(Loss::new(of, what, &reason).remedy(remedy).whole());
+            let loss = Loss::new(of, what, &reason).remedy(remedy);
+            losses.lose(if is_whole { loss.whole() } else { loss });
         }
     };
-    let is_colour = |name: &str| COLOURS.contains(&name);
+    let vertices: Vec<&str> = header.schema.properties.iter().map(|p| p.name.as_str()).collect();
+    let has = |names: &[&str]| names.iter().all(|name| vertices.contains(name));
+    // Only one colour and one pair of coordinates are written.
+    let colour = ColourPlace::find(&header.schema).map_or(&[][..], |place| place.names());
+    let pair = TEXTURE_NAMES.iter().find(|pair| has(&pair[..]) && !header.faces.texture);
+    let pair = pair.map_or(&[][..], |pair| &pair[..]);
+    let of = |is: &dyn Fn(&str) -> bool| -> Vec<&str> {
+        vertices.iter().copied().filter(|name| is(name)).collect()
+    };
     let is_texture = |name: &str| TEXTURE_NAMES.as_flattened().contains(&name);
-    let of_vertices: Vec<&str> = header.schema.properties.iter().map(|p| p.name.as_str()).collect();
-    let only = |list: &[&str], is: &dyn Fn(&str) -> bool| -> Vec<String> {
-        list.iter().filter(|name| is(name)).map(|name| (*name).to_owned()).collect()
-    };
-    if !looks {
-        let colours = only(&of_vertices, &is_colour);
-        lose(LossKind::Colors, "colours of vertices", texts(&colours), "PLY, OBJ and GLB have");
-        let places = only(&of_vertices, &is_texture);
-        let remedy = "PLY, OBJ and GLB have";
-        lose(LossKind::TextureCoordinates, "texture coordinates", texts(&places), remedy);
-        if header.faces.texture {
-            lose(LossKind::TextureCoordinates, "texture coordinates", vec!["of corners"], remedy);
-        }
+    let is_normal = |name: &str| NORMALS.contains(&name) && has(&NORMALS);
+    let lost = of(&|name| COLOURS.contains(&name) && (is_stl || !colour.contains(&name)));
+    let elsewhere = "PLY, OBJ and GLB have";
+    lose(LossKind::Colors, "colours of vertices", &lost, (elsewhere, is_stl || colour.is_empty()));
+    let lost = of(&|name| is_texture(name) && (is_stl || !pair.contains(&name)));
+    let is_whole = is_stl || (pair.is_empty() && !header.faces.texture);
+    lose(LossKind::TextureCoordinates, "texture coordinates", &lost, (elsewhere, is_whole));
+    if is_stl && header.faces.texture {
+        let what = "texture coordinates";
+        lose(LossKind::TextureCoordinates, what, &["of corners"], (elsewhere, true));
     }
-    let is_other = |name: &str| {
-        !is_colour(name)
+    let lost = of(&|name| {
+        !COLOURS.contains(&name)
             && !is_texture(name)
-            && !NORMALS.contains(&name)
+            && !is_normal(name)
             && !OPACITY.contains(&name)
+    });
+    lose(LossKind::Attributes, "properties of vertices", &lost, ("PLY has", true));
+    let faces: Vec<&str> = header.faces.properties.iter().map(|p| p.name.as_str()).collect();
+    let of = |is: &dyn Fn(&str) -> bool| -> Vec<&str> {
+        faces.iter().copied().filter(|name| is(name)).collect()
     };
-    let others = only(&of_vertices, &is_other);
-    lose(LossKind::Attributes, "properties of vertices", texts(&others), "PLY has");
-    let of_faces: Vec<&str> = header.faces.properties.iter().map(|p| p.name.as_str()).collect();
-    let colours = only(&of_faces, &is_colour);
-    lose(LossKind::Colors, "colours of faces", texts(&colours), "PLY has");
-    // The number of an image means nothing without images.
-    let is_other = |name: &str| !is_colour(name) && name != NUMBER;
-    let others = only(&of_faces, &is_other);
-    lose(LossKind::Attributes, "properties of faces", texts(&others), "PLY has");
+    let lost = of(&|name| COLOURS.contains(&name));
+    lose(LossKind::Colors, "colours of faces", &lost, ("PLY has", true));
+    // The number of an image means nothing without images, that of a name nothing without names.
+    let has_names = !NameTable::of(&header.comments).is_empty();
+    let lost =
+        of(&|name| !COLOURS.contains(&name) && name != NUMBER && !(has_names && name == OBJECT));
+    lose(LossKind::Attributes, "properties of faces", &lost, ("PLY has", true));
+    let comments = own_comments(&header.comments, &header.obj_infos).len();
+    if is_stl && comments > 0 {
+        let loss = Loss::new(LossKind::Names, "comments", &reason).notice();
+        losses.lose(loss.count(comments as u64));
+    }
     losses
 }
 
-fn texts(names: &[String]) -> Vec<&str> {
-    names.iter().map(String::as_str).collect()
+/// Takes names of objects and groups out of the comments where the output has no place for them.
+fn lost_names(header: &mut OutputHeader, kind: OutputKind) -> Ledger {
+    let mut losses = Ledger::default();
+    let names = NameTable::of(&header.comments);
+    let reason = match kind {
+        _ if names.is_empty() => return losses,
+        OutputKind::Stl => "STL has no place for them",
+        _ if names_of(header).is_empty() => "not carried",
+        _ => return losses,
+    };
+    header.comments.retain(|comment| !is_name(comment));
+    losses.lose(names.loss(reason));
+    losses
 }
 
-/// Place of the opacity in records, where a kind of file does not have it: bytes, of which opaque ones are 255.
-fn lost_opacity(schema: &VertexSchema, kind: OutputKind) -> Option<usize> {
+/// Opacity of records, where a kind of file does not have it: type, place, and the value of what is opaque.
+fn lost_opacity(schema: &VertexSchema, kind: OutputKind) -> Option<(Scalar, usize, f64)> {
     if kind == OutputKind::Ply {
         return None;
     }
@@ -104,8 +131,8 @@ fn lost_opacity(schema: &VertexSchema, kind: OutputKind) -> Option<usize> {
     let mut at = schema.position_bytes();
     for property in &schema.properties {
         let name = property.name.as_str();
-        if property.scalar == Scalar::U8 && OPACITY.contains(&name) && kept != Some(name) {
-            return Some(at);
+        if OPACITY.contains(&name) && kept != Some(name) {
+            return Some((property.scalar, at, property.full()));
         }
         at += property.scalar.bytes();
     }
@@ -126,14 +153,15 @@ impl MeshSink {
     /// STL and GLB spool the positions, 12 to 48 bytes a vertex, to a nameless file in that folder.
     pub fn create(
         place: impl Into<Place>,
-        header: OutputHeader,
+        mut header: OutputHeader,
         format: OutputFormat,
     ) -> Result<Self> {
         let place = place.into();
         let encoding = format.encoding.unwrap_or(Encoding::BinaryLittleEndian);
         let textures = header.textures.clone().map(|plan| (plan, place.disk.clone()));
         let kind = format.check(&place.path)?;
-        let losses = lost_parts(&header, kind);
+        let mut losses = lost_parts(&header, kind);
+        losses.merge(&lost_names(&mut header, kind));
         let (opacity, record_bytes) =
             (lost_opacity(&header.schema, kind), header.schema.record_bytes());
         let colour = ColourPlace::find(&header.schema)
@@ -180,9 +208,10 @@ impl MeshSink {
         if let Some(rounding) = &mut self.rounding {
             rounding.add_vertices(&self.schema, records);
         }
-        if let Some(at) = self.opacity {
+        if let Some((scalar, at, full)) = self.opacity {
             let rows = records.chunks_exact(self.record_bytes);
-            self.n_not_opaque += rows.filter(|row| row[at] < u8::MAX).count() as u64;
+            let is_clear = |row: &&[u8]| read_scalar(scalar, row, at) < full * (1.0 - 0.5 / 255.0);
+            self.n_not_opaque += rows.filter(is_clear).count() as u64;
         }
         match &mut self.writer {
             Writer::Ply(sink) => sink.write_vertices(records),
@@ -206,7 +235,7 @@ impl MeshSink {
     }
 
     /// Appends triangles with what the header says of faces, `values` being their packed properties. PLY takes
-    /// it all, OBJ and GLB texture and `texnumber`, STL nothing.
+    /// it all, OBJ and GLB texture, material and name, STL nothing.
     pub fn write_full_faces(
         &mut self,
         triangles: &[TexturedTriangle],

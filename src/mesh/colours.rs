@@ -72,6 +72,11 @@ impl ColourPlace {
         })
     }
 
+    /// The names of red, green and blue.
+    pub fn names(&self) -> &'static [&'static str] {
+        &self.names[..3]
+    }
+
     /// Types and places of red, green and blue.
     pub fn fields(&self) -> [(Scalar, usize); 3] {
         self.components.map(|component| (component.scalar, component.at))
@@ -127,12 +132,19 @@ pub fn srgb_byte(light: f64) -> u8 {
     (255.0 * srgb_of_linear(held(light))).round() as u8
 }
 
+/// Values of full intensity that floats have.
+const WHITES: [f64; 3] = [1.0, 255.0, 65_535.0];
+
 /// Values of colour components of one file, on the way to their value of full intensity.
 #[derive(Clone, Debug, Default)]
 pub struct ColourSurvey {
     n_positive: u64,
     n_above_unit: u64,
     n_above_byte: u64,
+    /// Values above each of `WHITES`, by more than rounding.
+    n_above: [u64; 3],
+    /// Negative values, and what is not a number.
+    n_below: u64,
     most: f64,
     has_fractions: bool,
 }
@@ -140,6 +152,10 @@ pub struct ColourSurvey {
 impl ColourSurvey {
     /// Takes a value in.
     pub fn add(&mut self, value: f64) {
+        self.n_below += u64::from(value.is_nan() || value < -0.5 / 255.0);
+        for (n, white) in self.n_above.iter_mut().zip(WHITES) {
+            *n += u64::from(value / white > 1.0 + 0.5 / 255.0);
+        }
         if value > 0.0 && value.is_finite() {
             self.n_positive += 1;
             self.n_above_unit += u64::from(value > 1.0);
@@ -147,6 +163,12 @@ impl ColourSurvey {
             self.most = self.most.max(value);
             self.has_fractions |= value.fract() != 0.0;
         }
+    }
+
+    /// Values that are not between black and `white`; those above are known for `WHITES` alone.
+    pub fn n_outside(&self, white: f64) -> u64 {
+        let place = WHITES.iter().position(|known| *known == white);
+        self.n_below + place.map_or(0, |place| self.n_above[place])
     }
 
     /// The value of full intensity of floats or of text: 1, 255 or 65,535.

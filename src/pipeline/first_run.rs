@@ -65,7 +65,7 @@ pub(super) fn deliver(job: &Job, disk: &Disk, config: &Config, path: &Path) -> R
 /// Opens a mesh for a pass.
 pub(super) fn open(path: &Path, config: &Config, skip_bad: bool) -> Result<MeshSource> {
     let placing = if path == config.input { config.placing.clone() } else { Default::default() };
-    let read = ReadOptions { skip_bad, placing, temp_dir: None };
+    let read = ReadOptions { skip_bad, placing, ..ReadOptions::default() };
     let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     let stage = stage.within(config.memory_bytes);
     MeshSource::open_staged(path, &stage)

@@ -40,7 +40,6 @@ use crate::store::cells::SurvivorInfo;
 use crate::store::job::Job;
 use crate::store::job::fingerprint::job_identity;
 use crate::system::disk::Disk;
-use crate::system::losses::Loss;
 use crate::system::parallel::guarded;
 use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
@@ -157,7 +156,7 @@ fn run_stages_in(
         Ok(partition) => partition,
         Err(error) => return Err(abandon(job, error)),
     };
-    source.remarks()?.into_iter().for_each(|line| progress.lose(Loss::remark(line)));
+    source.remarks()?.into_iter().for_each(|remark| progress.lose(remark));
     if config.until == Some(Until::Partition) {
         return Ok(Ended::Early);
     }

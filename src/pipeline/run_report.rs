@@ -7,7 +7,7 @@ pub use super::method_reports::{
     DecimationReport, EdgesReport, GridReport, PairsReport, RetilingReport, SpreadReport,
 };
 use crate::io::ply::{MeshSource, WeldReport, type_name};
-use crate::io::{NUMBER, OutputKind, TexturePlan};
+use crate::io::{NUMBER, OBJECT, OutputKind, TexturePlan};
 use crate::mesh::bounds::Bounds;
 use crate::mesh::face_properties::{FacePolicy, FacePropertyPlan};
 use crate::system::json_keys::{SCHEMA_VERSION, add_old_names};
@@ -193,6 +193,7 @@ impl FaceReport {
                 _ if p.how == FacePolicy::Dropped => Some(p.reason),
                 OutputKind::Ply => None,
                 OutputKind::Obj | OutputKind::Glb if name == NUMBER && n_materials > 0 => None,
+                OutputKind::Obj | OutputKind::Glb if name == OBJECT => None,
                 _ => Some(NO_PLACE),
             };
             let carried = if reason.is_some() { FacePolicy::Dropped } else { p.how };

@@ -138,6 +138,7 @@ pub fn shots(
         each(number, Shot { picture, covered })?;
     }
     progress.lose_all(palette.losses());
+    source.clamped_colours().into_iter().for_each(|loss| progress.lose(loss));
     progress.lose_all(&images.losses());
     progress.lose_all(&not_drawn(source, views.iter().any(is_textured)));
     Ok(())

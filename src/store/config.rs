@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use stonecut_io::ply::ReadOptions;
-use stonecut_io::{Lock, Weld};
+use stonecut_io::{Lock, NameUse, Weld};
 use stonecut_kernel::{Fit, Placement, Topology};
 use stonecut_mesh::placing::Placing;
 use stonecut_system::memory;
@@ -291,6 +291,8 @@ pub struct Config {
     pub bake: BakeSettings,
     /// Give up scalar properties of faces.
     pub drop_faces: bool,
+    /// Fate of the names of objects and groups.
+    pub names: NameUse,
     /// Map that is applied to the input before all else.
     pub placing: Placing,
     /// Treatment of images; by the kind of output if `None`.
@@ -318,7 +320,12 @@ pub struct Config {
 impl Config {
     /// Settings for reading the input.
     pub fn read_options(&self) -> ReadOptions {
-        ReadOptions { skip_bad: self.skip_bad, placing: self.placing.clone(), temp_dir: None }
+        ReadOptions {
+            skip_bad: self.skip_bad,
+            placing: self.placing.clone(),
+            temp_dir: None,
+            names: self.names,
+        }
     }
 
     /// Settings of a run with the defaults of the command: all cores, the default budget, the job folder beside `output`.
@@ -360,6 +367,7 @@ impl Config {
             texture: Texture::default(),
             bake: BakeSettings::default(),
             drop_faces: false,
+            names: NameUse::Carried,
             placing: Placing::default(),
             textures: None,
             textures_beside: output.clone(),
@@ -423,6 +431,10 @@ impl Config {
         }
         if !self.placing.is_none() {
             settings.insert("placing".to_owned(), self.placing.setting());
+        }
+        // What other settings bring about goes without saying.
+        if self.names == NameUse::GivenUp("") && !self.drop_faces {
+            settings.insert("names".to_owned(), carried(true));
         }
         if self.error_field {
             settings.insert("error_field".to_owned(), "true".to_owned());
@@ -523,6 +535,7 @@ mod tests {
             texture: Texture::Keep,
             bake: BakeSettings::default(),
             drop_faces: false,
+            names: NameUse::Carried,
             placing: Placing::default(),
             textures: None,
             textures_beside: "out.ply".into(),

@@ -45,6 +45,7 @@ fn to(input: &Path, output: &Path, format: &str) -> stonecut::Result<Converted> 
         force: false,
         skip_bad: false,
         drop_texture: false,
+        drop_names: false,
         placing: Default::default(),
         textures: None,
         keep_duplicates: false,

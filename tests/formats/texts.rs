@@ -136,12 +136,12 @@ fn joined_stl_files_are_read_whole() {
     for name in ["a.stl", "standard input"] {
         let source = open(name, &two, false).unwrap();
         assert_eq!(counts(&source), (9, 3), "{name}");
-        assert!(source.notes()[0].contains("2 STL files"), "{:?}", source.notes());
+        assert!(source.notes()[0].what.contains("2 STL files"), "{:?}", source.notes());
     }
     let rest = [&two[..], b"not a facet"].concat();
     let source = open("a.stl", &rest, false).unwrap();
     assert_eq!(counts(&source), (9, 3));
-    assert!(source.notes()[1].contains("11 bytes behind"), "{:?}", source.notes());
+    assert!(source.notes()[1].what.contains("11 bytes behind"), "{:?}", source.notes());
     let text = [STL, &STL.replace("5 5 5", "7 7 7")].concat();
     assert_eq!(counts(&open("a.stl", text.as_bytes(), false).unwrap()), (5, 4));
 }
@@ -175,7 +175,7 @@ fn colours_of_facets_are_read() {
     assert_eq!(found, ["255 0 0", "0 0 255", "10 20 30"]);
     let (found, notes) = read(binary(b"", &[(0.0, 7), (1.0, 0)]));
     assert_eq!(found, ["", ""]);
-    assert!(notes[0].contains("1 facets have attribute bytes"), "{notes:?}");
+    assert!(notes[0].what.contains("1 facets have attribute bytes"), "{notes:?}");
 }
 
 /// A ball of two metres at coordinates of a map keeps its shape.
@@ -230,7 +230,7 @@ fn an_archive_with_one_mesh_is_read() {
     assert_eq!(counts(&open("a.zip", &one, false).unwrap()), (4, 2));
     let with_images = zip(&[("a.obj", obj), ("a.png", b"x")]);
     let source = open("a.zip", &with_images, false).unwrap();
-    assert!(source.notes()[0].contains("unpack it"), "{:?}", source.notes());
+    assert!(source.notes()[0].what.contains("unpack it"), "{:?}", source.notes());
     let two = zip(&[("a.obj", obj), ("b.obj", obj)]);
     assert!(refusal("a.zip", &two).contains("2 of them meshes"));
     assert!(refusal("a.3mf", &zip(&[("3D/3dmodel.model", b"<model/>")])).contains("3MF"));

@@ -33,7 +33,6 @@ fn lines_of_obj_without_a_place_are_named() {
             &[
                 "note: normals of corners (vn): not carried",
                 "lost in part: lines and points (l, p), 2 of them: not carried",
-                "note: names of groups (o, g), 2 of them: not carried",
                 "lost in part: curves and surfaces (vp, curv, surf): not carried",
             ],
         );

@@ -1,8 +1,12 @@
 //! The JSON of a GLB file that is written: primitives in one buffer, each with its vertices and its indices.
 
 use super::materials_out::{BASIS, OutImages, WEBP, materials};
+use crate::by_material::FaceLabel;
 use crate::materials::TexturePlan;
+use crate::names::Name;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::fmt::Write;
 
 // Numbers that glTF 2.0 gives to types of components, uses of buffers and kinds of primitives.
 const I8: u32 = 5120;
@@ -36,10 +40,10 @@ pub(super) struct VertexLayout {
     pub(super) tangent_at: Option<u64>,
 }
 
-/// Faces of one material with their vertices.
+/// Faces of one label with their vertices.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Primitive {
-    pub(super) material: Option<u32>,
+    pub(super) label: FaceLabel,
     pub(super) n_vertices: u64,
     pub(super) n_corners: u64,
     /// Bounds of its positions, as they are stored.
@@ -56,6 +60,32 @@ pub(super) struct Frame<'a> {
     /// Subtracted from the coordinates of the input.
     pub(super) offset: Option<[f64; 3]>,
     pub(super) textures: Option<(&'a TexturePlan, &'a OutImages)>,
+    /// Names by the number in labels.
+    pub(super) names: &'a [Name],
+    /// Comments of the input.
+    pub(super) comments: Vec<&'a str>,
+}
+
+/// A list of the document as text, which takes less memory than a tree of values.
+#[derive(Default)]
+struct List {
+    items: String,
+    n: usize,
+}
+
+impl List {
+    /// Appends an item; returns its place.
+    fn push(&mut self, item: &Value) -> usize {
+        self.items.push_str(if self.n > 0 { "," } else { "" });
+        // Writing into memory cannot fail.
+        let _ = write!(self.items, "{item}");
+        self.n += 1;
+        self.n - 1
+    }
+
+    fn text(&self) -> String {
+        format!("[{}]", self.items)
+    }
 }
 
 /// Bytes of the binary chunk: vertices of all primitives, then their indices, then images, each padded to 4.
@@ -69,94 +99,106 @@ pub(super) fn binary_bytes(
     mesh + images.map_or(0, |images| images.padded_bytes().sum())
 }
 
-/// Describes the binary chunk as glTF 2.0 (Khronos, sections 3.6 and 5).
-pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &Frame) -> Value {
+/// Describes the binary chunk as glTF 2.0 (Khronos, sections 3.6 and 5), in JSON.
+///
+/// Primitives of a name are one mesh, with its own node; they come one after another.
+pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &Frame) -> String {
     let images = frame.textures.map(|(_, images)| images);
     let total = binary_bytes(layout, primitives, images);
-    let (mut views, mut accessors, mut parts) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut views, mut accessors) = (List::default(), List::default());
+    let (mut meshes, mut nodes) = (List::default(), List::default());
     let mut indices_at: u64 = primitives.iter().map(|p| layout.n_bytes * p.n_vertices).sum();
     let normal_component = if layout.tangent_at.is_some() { I16 } else { I8 };
     let mut vertices_at = 0;
-    for primitive in primitives {
-        let n_vertices = primitive.n_vertices;
-        views.push(json!({
-            "buffer": 0, "byteOffset": vertices_at, "byteLength": layout.n_bytes * n_vertices,
-            "byteStride": layout.n_bytes, "target": ARRAY_BUFFER,
-        }));
-        views.push(json!({
-            "buffer": 0, "byteOffset": indices_at, "byteLength": 4 * primitive.n_corners,
-            "target": ELEMENT_ARRAY_BUFFER,
-        }));
-        vertices_at += layout.n_bytes * n_vertices;
-        indices_at += 4 * primitive.n_corners;
-        let view = views.len() - 2;
-        let mut attributes = json!({ "POSITION": accessors.len() });
-        let (low, high) = (primitive.low, primitive.high);
-        let (component, low, high) = match layout.positions {
-            Positions::Steps => (U16, json!(low.map(|x| x as u16)), json!(high.map(|x| x as u16))),
-            Positions::Floats => (F32, json!(low), json!(high)),
-        };
-        accessors.push(json!({
-            "bufferView": view, "byteOffset": 0, "count": n_vertices,
-            "componentType": component, "type": "VEC3", "min": low, "max": high,
-        }));
-        for (name, at, component, kind) in [
-            ("COLOR_0", layout.colour_at, U16, "VEC4"),
-            ("NORMAL", layout.normal_at, normal_component, "VEC3"),
-            ("TEXCOORD_0", layout.texture_at, F32, "VEC2"),
-            ("TANGENT", layout.tangent_at, I16, "VEC4"),
-        ] {
-            let Some(at) = at else { continue };
-            attributes[name] = accessors.len().into();
-            let mut accessor = json!({
-                "bufferView": view, "byteOffset": at, "count": n_vertices,
-                "componentType": component, "type": kind,
-            });
-            if component != F32 {
-                accessor["normalized"] = true.into();
+    for of_name in primitives.chunk_by(|a, b| a.label.name == b.label.name) {
+        let mut parts: Vec<Value> = Vec::new();
+        for primitive in of_name {
+            let n_vertices = primitive.n_vertices;
+            let view = views.push(&json!({
+                "buffer": 0, "byteOffset": vertices_at, "byteLength": layout.n_bytes * n_vertices,
+                "byteStride": layout.n_bytes, "target": ARRAY_BUFFER,
+            }));
+            views.push(&json!({
+                "buffer": 0, "byteOffset": indices_at, "byteLength": 4 * primitive.n_corners,
+                "target": ELEMENT_ARRAY_BUFFER,
+            }));
+            vertices_at += layout.n_bytes * n_vertices;
+            indices_at += 4 * primitive.n_corners;
+            let (low, high) = (primitive.low, primitive.high);
+            let (component, low, high) = match layout.positions {
+                Positions::Steps => {
+                    (U16, json!(low.map(|x| x as u16)), json!(high.map(|x| x as u16)))
+                }
+                Positions::Floats => (F32, json!(low), json!(high)),
+            };
+            let positions = accessors.push(&json!({
+                "bufferView": view, "byteOffset": 0, "count": n_vertices,
+                "componentType": component, "type": "VEC3", "min": low, "max": high,
+            }));
+            let mut attributes = json!({ "POSITION": positions });
+            for (name, at, component, kind) in [
+                ("COLOR_0", layout.colour_at, U16, "VEC4"),
+                ("NORMAL", layout.normal_at, normal_component, "VEC3"),
+                ("TEXCOORD_0", layout.texture_at, F32, "VEC2"),
+                ("TANGENT", layout.tangent_at, I16, "VEC4"),
+            ] {
+                let Some(at) = at else { continue };
+                let mut accessor = json!({
+                    "bufferView": view, "byteOffset": at, "count": n_vertices,
+                    "componentType": component, "type": kind,
+                });
+                if component != F32 {
+                    accessor["normalized"] = true.into();
+                }
+                attributes[name] = accessors.push(&accessor).into();
             }
-            accessors.push(accessor);
+            let indices = accessors.push(&json!({
+                "bufferView": view + 1, "byteOffset": 0, "count": primitive.n_corners,
+                "componentType": U32, "type": "SCALAR",
+            }));
+            let mut part =
+                json!({ "attributes": attributes, "indices": indices, "mode": TRIANGLES });
+            let place = |material| images.and_then(|images| images.place_of(material));
+            if let Some(place) = primitive.label.material.and_then(place) {
+                part["material"] = place.into();
+            }
+            parts.push(part);
         }
-        let mut part = json!({
-            "attributes": attributes, "indices": accessors.len(), "mode": TRIANGLES,
-        });
-        accessors.push(json!({
-            "bufferView": view + 1, "byteOffset": 0, "count": primitive.n_corners,
-            "componentType": U32, "type": "SCALAR",
-        }));
-        let place = |material| images.and_then(|images| images.place_of(material));
-        if let Some(place) = primitive.material.and_then(place) {
-            part["material"] = place.into();
+        let name = of_name[0].label.name.and_then(|name| frame.names.get(name as usize));
+        let mut mesh = json!({ "primitives": parts });
+        let mut node = node(layout, frame);
+        if let Some(name) = name {
+            put_name(name, &mut mesh, &mut node);
         }
-        parts.push(part);
+        node["mesh"] = meshes.push(&mesh).into();
+        nodes.push(&node);
     }
     // Also what allows normals to be bytes.
     let is_quantised = layout.positions == Positions::Steps || layout.normal_at.is_some();
     let mut used = Vec::new();
-    let mut node = json!({ "mesh": 0, "translation": frame.least });
-    if layout.positions == Positions::Steps {
-        let side = frame.scale as f32;
-        node["scale"] = json!([side, side, side]);
-    }
-    if let Some(offset) = frame.offset {
-        node["extras"] = json!({ "offset": offset });
-    }
-    let mut document = json!({
-        "asset": { "version": "2.0", "generator": frame.generator },
-        "buffers": [{ "byteLength": total }],
-        "accessors": accessors,
-        "meshes": [{ "primitives": parts }],
-        "nodes": [node],
-        "scenes": [{ "nodes": [0] }],
-        "scene": 0,
-    });
     if is_quantised {
         used.push("KHR_mesh_quantization");
     }
     let mut required = used.clone();
+    let all: Vec<usize> = (0..nodes.n).collect();
+    let mut asset = json!({ "version": "2.0", "generator": frame.generator });
+    if !frame.comments.is_empty() {
+        asset["extras"] = json!({ "comments": frame.comments });
+    }
+    let mut document = BTreeMap::from([
+        ("asset", asset.to_string()),
+        ("buffers", json!([{ "byteLength": total }]).to_string()),
+        ("accessors", accessors.text()),
+        ("meshes", meshes.text()),
+        ("nodes", nodes.text()),
+        ("scenes", json!([{ "nodes": all }]).to_string()),
+        ("scene", "0".to_owned()),
+    ]);
     if let Some((plan, images)) = frame.textures {
         let first_image = indices_at;
-        views.extend(images.views(first_image));
+        images.views(first_image).iter().for_each(|view| {
+            views.push(view);
+        });
         let list = materials(plan, images);
         // Nothing stands in for these images where they cannot be read.
         required.extend(list.extensions.iter().filter(|name| [WEBP, BASIS].contains(name)));
@@ -165,19 +207,49 @@ pub(super) fn describe(layout: VertexLayout, primitives: &[Primitive], frame: &F
             ("materials", list.materials),
             ("textures", list.textures),
             ("samplers", list.samplers),
-            ("images", images.list(plan, views.len())),
+            ("images", images.list(plan, views.n)),
         ] {
             if !values.is_empty() {
-                document[key] = values.into();
+                document.insert(key, Value::from(values).to_string());
             }
         }
     }
-    document["bufferViews"] = views.into();
-    if !required.is_empty() {
-        document["extensionsRequired"] = required.into();
+    document.insert("bufferViews", views.text());
+    for (key, names) in [("extensionsRequired", required), ("extensionsUsed", used)] {
+        if !names.is_empty() {
+            document.insert(key, json!(names).to_string());
+        }
     }
-    if !used.is_empty() {
-        document["extensionsUsed"] = used.into();
+    let members: Vec<String> =
+        document.iter().map(|(key, value)| format!("\"{key}\":{value}")).collect();
+    format!("{{{}}}", members.join(","))
+}
+
+/// A node that brings positions back to where they were.
+fn node(layout: VertexLayout, frame: &Frame) -> Value {
+    let mut node = json!({ "translation": frame.least });
+    if layout.positions == Positions::Steps {
+        let side = frame.scale as f32;
+        node["scale"] = json!([side, side, side]);
     }
-    document
+    if let Some(offset) = frame.offset {
+        node["extras"] = json!({ "offset": offset });
+    }
+    node
+}
+
+/// Gives node and mesh the name of object and group; both have one, so that every reader finds it, and the reader here finds
+/// which of them is meant.
+fn put_name(name: &Name, mesh: &mut Value, node: &mut Value) {
+    let (object, group) = (name.object.as_str(), name.group.as_str());
+    let (of_node, of_mesh) = match (object, group) {
+        ("", group) => (group, group),
+        (object, "") => (object, object),
+        both => both,
+    };
+    node["name"] = of_node.into();
+    mesh["name"] = of_mesh.into();
+    if of_node == of_mesh && !group.is_empty() {
+        node["extras"]["names"] = if object.is_empty() { "g" } else { "o g" }.into();
+    }
 }

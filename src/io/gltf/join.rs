@@ -5,9 +5,9 @@
 //! all that is in one place then ties sheets together that only lie close (docs/design/textures.md).
 
 use crate::external_sort::{ExternalSort, halves, whole};
+use crate::names::OBJECT;
 use crate::open_options::StageOptions;
 use crate::ply::raw::{RawFile, Spool};
-use stonecut_mesh::placing::offset_comment;
 use stonecut_mesh::property::Scalar;
 use stonecut_system::error::Result;
 
@@ -24,6 +24,17 @@ pub(super) struct VertexRow {
 const BY_PLACE: usize = 14;
 const BY_FIRST: usize = 14;
 
+/// Parts of the faces.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct FaceParts {
+    /// Texture coordinates at corners.
+    pub(super) texture: bool,
+    /// Numbers of materials.
+    pub(super) numbers: bool,
+    /// Numbers of names.
+    pub(super) names: bool,
+}
+
 /// Vertices and faces on their way.
 ///
 /// Memory: a third of the stage's for each sort. Disk at peak: 112 bytes a vertex and 16 more, 40 a corner.
@@ -38,10 +49,11 @@ pub(super) struct Joiner<'a> {
     low: [f64; 3],
     high: [f64; 3],
     by_vertex: ExternalSort<4>,
-    materials: Spool,
+    /// Material, and name if there are any, of each face.
+    labels: Spool,
     n_faces: u64,
-    /// Subtracted from the coordinates of an earlier input.
-    pub(super) offset: Option<[f64; 3]>,
+    pub(super) has: FaceParts,
+    pub(super) comments: Vec<String>,
 }
 
 impl<'a> Joiner<'a> {
@@ -57,9 +69,10 @@ impl<'a> Joiner<'a> {
             low: [f64::MAX; 3],
             high: [f64::MIN; 3],
             by_vertex: options.sort(memory_bytes(options)),
-            materials: options.spool(),
+            labels: options.spool(),
             n_faces: 0,
-            offset: None,
+            has: FaceParts::default(),
+            comments: Vec::new(),
         }
     }
 
@@ -83,13 +96,20 @@ impl<'a> Joiner<'a> {
         self.by_place.push([x[0], x[1], y[0], y[1], z[0], z[1], colour, u, v, n[0], n[1], a, b, c])
     }
 
-    pub(super) fn put_face(&mut self, corners: [u64; 3], material: i32) -> Result<()> {
+    /// Takes a face with the numbers of its material and of its name.
+    pub(super) fn put_face(&mut self, corners: [u64; 3], labels: [i32; 2]) -> Result<()> {
         for (k, vertex) in corners.into_iter().enumerate() {
             let ([high, low], [c, d]) = (halves(vertex), halves(3 * self.n_faces + k as u64));
             self.by_vertex.push([high, low, c, d])?;
         }
         self.n_faces += 1;
-        self.materials.write(&material.to_le_bytes())
+        let bytes = labels.map(i32::to_le_bytes);
+        self.labels.write(&bytes.as_flattened()[..self.label_bytes()])
+    }
+
+    /// Bytes of the labels of a face.
+    fn label_bytes(&self) -> usize {
+        if self.has.names { 8 } else { 4 }
     }
 
     /// Floats keep 24 bits of the distance from the origin; see the reader of OBJ.
@@ -100,20 +120,16 @@ impl<'a> Joiner<'a> {
     }
 
     /// The joined mesh as a PLY.
-    pub(super) fn finish(
-        self,
-        name: &RawFile,
-        has_texture: bool,
-        has_numbers: bool,
-    ) -> Result<RawFile> {
+    pub(super) fn finish(self, name: &RawFile) -> Result<RawFile> {
         let (options, coordinate) = (self.options, self.coordinate());
+        let (has, label_bytes) = (self.has, self.label_bytes());
         let (n_old, n_faces) = (self.n_vertices, self.n_faces);
         let extras = Extras {
             coordinate,
             colour: self.has_colour,
             alpha: self.has_alpha,
             normal: self.has_normal,
-            offset: self.offset,
+            comments: self.comments,
         };
         let mut by_first = options.sort::<BY_FIRST>(memory_bytes(options));
         let mut last: Option<([u32; 9], [u32; 2])> = None;
@@ -175,11 +191,9 @@ impl<'a> Joiner<'a> {
         })?;
         let is_wide = n_vertices > 1 << 32;
         let mut out = options.spool();
-        out.write(
-            extras.header(n_vertices, n_faces, (is_wide, has_texture, has_numbers)).as_bytes(),
-        )?;
+        out.write(extras.header(n_vertices, n_faces, (is_wide, has)).as_bytes())?;
         out.append_file(&vertices.finish(name.path())?)?;
-        let materials = self.materials.finish(name.path())?;
+        let labels = self.labels.finish(name.path())?;
         let (mut row, mut texture, mut face) = (vec![3u8], Vec::new(), 0u64);
         let mut numbers = vec![0u8; 1 << 16];
         by_corner.drain(|[_, _, high, low, u, v]| {
@@ -191,18 +205,18 @@ impl<'a> Joiner<'a> {
             if texture.len() < 24 {
                 return Ok(());
             }
-            if has_texture {
+            if has.texture {
                 row.push(6);
                 row.extend_from_slice(&texture);
             }
-            let at = (4 * face % numbers.len() as u64) as usize;
+            let place = label_bytes as u64 * face;
+            let at = (place % numbers.len() as u64) as usize;
             if at == 0 {
-                let n = materials.read_at_most(&mut numbers, 4 * face)?;
-                debug_assert!(n >= 4, "a number for every face");
+                let n = labels.read_at_most(&mut numbers, place)?;
+                debug_assert!(n >= label_bytes, "labels for every face");
             }
-            if has_numbers {
-                row.extend_from_slice(&numbers[at..at + 4]);
-            }
+            let from = if has.numbers { at } else { at + 4 };
+            row.extend_from_slice(&numbers[from..at + label_bytes]);
             out.write(&row)?;
             row.truncate(1);
             texture.clear();
@@ -285,20 +299,13 @@ struct Extras {
     colour: bool,
     alpha: bool,
     normal: bool,
-    offset: Option<[f64; 3]>,
+    comments: Vec<String>,
 }
 
 impl Extras {
-    fn header(
-        &self,
-        n_vertices: u64,
-        n_faces: u64,
-        (is_wide, has_texture, has_numbers): (bool, bool, bool),
-    ) -> String {
+    fn header(&self, n_vertices: u64, n_faces: u64, (is_wide, has): (bool, FaceParts)) -> String {
         let mut text = "ply\nformat binary_little_endian 1.0\n".to_owned();
-        if let Some(offset) = self.offset {
-            text.push_str(&format!("comment {}\n", offset_comment(offset)));
-        }
+        self.comments.iter().for_each(|comment| text.push_str(&format!("comment {comment}\n")));
         text.push_str(&format!("element vertex {n_vertices}\n"));
         let mut put = |kind: &str, names: &[&str]| {
             names.iter().for_each(|name| text.push_str(&format!("property {kind} {name}\n")));
@@ -311,8 +318,11 @@ impl Extras {
         text.push_str(&format!(
             "element face {n_faces}\nproperty list uchar {index} vertex_indices\n"
         ));
-        text.push_str(if has_texture { "property list uchar float texcoord\n" } else { "" });
-        text.push_str(if has_numbers { "property int texnumber\n" } else { "" });
+        text.push_str(if has.texture { "property list uchar float texcoord\n" } else { "" });
+        text.push_str(if has.numbers { "property int texnumber\n" } else { "" });
+        if has.names {
+            text.push_str(&format!("property int {OBJECT}\n"));
+        }
         text.push_str("end_header\n");
         text
     }

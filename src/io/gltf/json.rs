@@ -13,12 +13,14 @@ pub(super) struct Document {
     pub(super) asset: Asset,
     pub(super) accessors: Vec<Accessor>,
     pub(super) animations: Vec<IgnoredAny>,
+    pub(super) cameras: Vec<IgnoredAny>,
     pub(super) buffers: Vec<Buffer>,
     pub(super) buffer_views: Vec<View>,
     pub(super) extensions: DocumentExtensions,
     /// Tilesets of 3D Tiles have it, and an asset too.
     pub(super) geometric_error: Option<IgnoredAny>,
     pub(super) extensions_required: Vec<String>,
+    pub(super) extensions_used: Vec<String>,
     pub(super) images: Vec<Image>,
     pub(super) materials: Vec<Material>,
     pub(super) meshes: Vec<Mesh>,
@@ -48,6 +50,19 @@ pub(super) struct Rtc {
 pub(super) struct Asset {
     pub(super) version: String,
     pub(super) generator: String,
+    pub(super) copyright: Option<String>,
+    /// Comments that this program has noted.
+    #[serde(rename = "extras", deserialize_with = "comments_of_extras")]
+    pub(super) comments: Vec<String>,
+}
+
+/// The texts at `comments`; nothing of any other form.
+fn comments_of_extras<'de, D: serde::Deserializer<'de>>(
+    extras: D,
+) -> Result<Vec<String>, D::Error> {
+    let extras = serde_json::Value::deserialize(extras)?;
+    let texts = extras.get("comments").and_then(|texts| Vec::<String>::deserialize(texts).ok());
+    Ok(texts.unwrap_or_default())
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -129,6 +144,7 @@ pub(super) struct Image {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Mesh {
+    pub(super) name: Option<String>,
     pub(super) primitives: Vec<Primitive>,
 }
 
@@ -161,6 +177,7 @@ pub(super) struct Draco {
 #[derive(Debug, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct Node {
+    pub(super) name: Option<String>,
     pub(super) children: Vec<usize>,
     pub(super) mesh: Option<usize>,
     pub(super) skin: Option<usize>,
@@ -169,17 +186,29 @@ pub(super) struct Node {
     pub(super) rotation: Option<[f64; 4]>,
     pub(super) scale: Option<[f64; 3]>,
     pub(super) extensions: NodeExtensions,
-    /// The offset that this program has subtracted from all coordinates.
-    #[serde(rename = "extras", deserialize_with = "offset_of_extras")]
-    pub(super) offset: Option<[f64; 3]>,
+    #[serde(deserialize_with = "known_extras")]
+    pub(super) extras: NodeExtras,
 }
 
-/// The three numbers at `offset`; nothing of any other form.
-fn offset_of_extras<'de, D: serde::Deserializer<'de>>(
-    extras: D,
-) -> Result<Option<[f64; 3]>, D::Error> {
+/// Notes of this program with a node.
+#[derive(Debug, Default)]
+pub(super) struct NodeExtras {
+    /// The offset that was subtracted from all coordinates.
+    pub(super) offset: Option<[f64; 3]>,
+    /// True if the name is that of a group, and of an object besides, where node and mesh have the same.
+    pub(super) is_group: bool,
+    pub(super) is_object_too: bool,
+}
+
+/// The three numbers at `offset`, and the word at `names`; nothing of any other form.
+fn known_extras<'de, D: serde::Deserializer<'de>>(extras: D) -> Result<NodeExtras, D::Error> {
     let extras = serde_json::Value::deserialize(extras)?;
-    Ok(extras.get("offset").and_then(|offset| <[f64; 3]>::deserialize(offset).ok()))
+    let names = extras.get("names").and_then(serde_json::Value::as_str);
+    Ok(NodeExtras {
+        offset: extras.get("offset").and_then(|offset| <[f64; 3]>::deserialize(offset).ok()),
+        is_group: matches!(names, Some("g" | "o g")),
+        is_object_too: names == Some("o g"),
+    })
 }
 
 #[derive(Debug, Default, Deserialize)]

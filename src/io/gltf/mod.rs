@@ -7,6 +7,7 @@ mod elements;
 mod instances;
 mod join;
 mod json;
+mod left_out;
 mod materials_in;
 mod materials_out;
 mod meshopt;

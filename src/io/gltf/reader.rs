@@ -8,18 +8,20 @@ use super::buffers::{Buffers, Inline};
 use super::draco::DracoMeshes;
 use super::elements::{BLOCK, Elements};
 use super::instances::all_placed;
-use super::join::{Joiner, VertexRow};
-use super::json::{Document, Primitive};
+use super::join::{FaceParts, Joiner, VertexRow};
+use super::json::{Document, Mesh, Node, Primitive};
 use super::materials_in::{self, Coordinates};
 use super::scene::Placement;
-use super::{totals, weigh};
+use super::{left_out, totals, weigh};
 use crate::materials::{Materials, Part};
+use crate::names::{Name, NameList};
 use crate::open_options::StageOptions;
 use crate::ply::Faults;
 use crate::ply::raw::RawFile;
 use crate::ply::source::{Staged, TextureInfo};
 use std::sync::Arc;
 use stonecut_mesh::colours::{held, is_outside, srgb_byte};
+use stonecut_mesh::placing::offset_comment;
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Loss, LossKind};
 use stonecut_system::units::show_bytes;
@@ -28,7 +30,7 @@ use stonecut_system::units::show_bytes;
 const MIN_DOCUMENT_BYTES: u64 = 16 << 20;
 
 /// Extensions that a file may require: what is read, and what only changes the look.
-const KNOWN: [&str; 9] = [
+pub(super) const KNOWN: [&str; 9] = [
     "KHR_texture_basisu",
     "KHR_draco_mesh_compression",
     "CESIUM_RTC",
@@ -138,6 +140,8 @@ fn binary_chunk(file: &Arc<RawFile>, at: u64) -> Result<Option<Part>> {
 /// Faces of one mesh in one place.
 struct Piece<'a> {
     primitive: &'a Primitive,
+    /// The number of its name.
+    name: i32,
     /// The kind of its primitives, as they are read.
     mode: u32,
     at: Placement,
@@ -169,7 +173,9 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
     let inline = Inline::new(&file, &document, options)?;
     let mut buffers = Buffers::open(&file, &document, (binary, &inline), options)?;
     let (mut materials, coordinates) = materials_in::read(&file, &document, &mut buffers, &inline)?;
-    let pieces = pieces((&file, &document), (&mut buffers, options), &coordinates, &mut materials)?;
+    let mut names = NameList::default();
+    let found = (&mut materials, &mut names);
+    let pieces = pieces((&file, &document), (&mut buffers, options), &coordinates, found)?;
     if pieces.is_empty() {
         return Err(file.bad("its scene has no triangles"));
     }
@@ -180,15 +186,23 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
     }
     let n_left_over: u64 = pieces.iter().map(Piece::n_left_over).sum();
     if n_left_over > 0 {
-        materials.note(format!(
+        materials.lose(Loss::remark(format!(
             "{n_left_over} indices at the end of primitives make no triangle, which takes three: left out"
-        ));
+        )));
     }
     let has_texture = pieces.iter().any(|piece| piece.texture.is_some());
     let has_numbers = !materials.list.is_empty();
     let has_colours = pieces.iter().any(|piece| piece.colours.is_some());
+    let given_up = names.settle(file.path(), (options.read.names, options.parse_bytes))?;
+    given_up.into_iter().for_each(|loss| materials.lose(loss));
     let mut joiner = Joiner::new(options, has_colours, has_normals);
-    joiner.offset = offset(&document);
+    joiner.comments.extend(offset(&document).map(offset_comment));
+    let copyright = document.asset.copyright.iter().map(|text| format!("copyright {text}"));
+    let comments = document.asset.comments.iter().cloned().chain(copyright);
+    joiner.comments.extend(comments.map(|line| line.replace(['\n', '\r'], " ")));
+    joiner.comments.extend(names.comments());
+    let has = FaceParts { texture: has_texture, numbers: has_numbers, names: names.has_numbers() };
+    joiner.has = has;
     let (mut n_bad, mut n_not_finite, mut n_clamped, mut n_white) = (0, 0, 0, 0);
     for piece in &pieces {
         let first = joiner.n_vertices();
@@ -220,7 +234,7 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
         }
         staged.texture = Some(TextureInfo { files, property: "texcoord".to_owned() });
     }
-    let out = joiner.finish(&file, has_texture, has_numbers)?;
+    let out = joiner.finish(&file)?;
     staged.losses.merge(&materials.losses);
     if has_numbers {
         staged.materials = Some(Arc::new(materials));
@@ -231,7 +245,24 @@ pub(crate) fn read(file: RawFile, options: &StageOptions) -> Result<(RawFile, St
 /// The offset that this program has subtracted when it wrote the file.
 fn offset(document: &Document) -> Option<[f64; 3]> {
     let is_ours = document.asset.generator.starts_with("stonecut");
-    document.nodes.iter().find_map(|node| node.offset).filter(|_| is_ours)
+    document.nodes.iter().find_map(|node| node.extras.offset).filter(|_| is_ours)
+}
+
+/// A node is an object, its mesh a group; where both have the same name, they are an object alone.
+fn name_of(node: Option<&Node>, mesh: &Mesh) -> Name {
+    let own = node.and_then(|node| node.name.as_deref()).unwrap_or_default();
+    let name = Name::new(own, mesh.name.as_deref().unwrap_or_default());
+    match node.map(|node| &node.extras) {
+        Some(extras) if name.object == name.group => Name {
+            object: if extras.is_group && !extras.is_object_too {
+                String::new()
+            } else {
+                name.object
+            },
+            group: if extras.is_group { name.group } else { String::new() },
+        },
+        _ => name,
+    }
 }
 
 /// The kind of an attribute that is not read.
@@ -250,17 +281,19 @@ fn pieces<'a>(
     (file, document): (&RawFile, &'a Document),
     (buffers, options): (&mut Buffers, &StageOptions),
     coordinates: &[Coordinates],
-    materials: &mut Materials,
+    (materials, names): (&mut Materials, &mut NameList),
 ) -> Result<Vec<Piece<'a>>> {
     let (mut out, mut draco) = (Vec::new(), DracoMeshes::default());
     let placed = all_placed(file, document, buffers)?;
     totals::hold(file, document, &placed, options)?;
+    left_out::enter(document, &placed, materials);
     for placed in placed {
         let Some(mesh) = document.meshes.get(placed.mesh) else {
             return Err(
                 file.bad(format!("mesh {}, which a node names, does not exist", placed.mesh))
             );
         };
+        let name = name_of(document.nodes.get(placed.node), mesh);
         for primitive in &mesh.primitives {
             if !matches!(primitive.mode.unwrap_or(TRIANGLES), TRIANGLES | STRIP | FAN) {
                 materials.lose(Loss::new(LossKind::Elements, "points and lines", "not carried"));
@@ -321,13 +354,19 @@ fn pieces<'a>(
                 )));
             }
             let texture = texture.map(|elements| (elements, place));
-            let at = placed.at;
-            out.push(Piece { primitive, mode, at, positions, normals, colours, texture, indices });
+            let (at, name) = (placed.at, names.number(&name));
+            out.push(Piece {
+                primitive,
+                name,
+                mode,
+                at,
+                positions,
+                normals,
+                colours,
+                texture,
+                indices,
+            });
         }
-    }
-    if document.nodes.iter().any(|node| node.skin.is_some()) || !document.animations.is_empty() {
-        let why = "the mesh is read as it rests";
-        materials.lose(Loss::new(LossKind::Elements, "skins and animations", why));
     }
     Ok(out)
 }
@@ -410,6 +449,7 @@ fn put_faces(
 ) -> Result<u64> {
     let n_vertices = piece.positions.count;
     let material = piece.primitive.material.map_or(-1, |material| material as i32);
+    let labels = [material, piece.name];
     let mode = piece.mode;
     let n_indices = piece.indices.as_ref().map_or(n_vertices, |indices| indices.count);
     let (mut bytes, mut block) = (Vec::new(), Vec::new());
@@ -452,7 +492,7 @@ fn put_faces(
             let is_turned = mode == STRIP && n.is_multiple_of(2);
             let [a, b, c] = corners.map(|v| first + v);
             let is_turned = is_turned != piece.at.is_mirror();
-            joiner.put_face(if is_turned { [a, c, b] } else { [a, b, c] }, material)?;
+            joiner.put_face(if is_turned { [a, c, b] } else { [a, b, c] }, labels)?;
         }
     }
     Ok(n_bad)

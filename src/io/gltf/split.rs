@@ -1,10 +1,11 @@
-//! Vertices of a GLB file whose faces have materials or texture coordinates: one for each material, place and pair of
+//! Vertices of a GLB file whose faces have names, materials or texture coordinates: one for each label, place and pair of
 //! coordinates, out of core.
 //!
-//! A sort by material, vertex and coordinates numbers them, a sort by corner puts them back into faces. So each
-//! material is a primitive with its vertices in the order of the mesh, and faces in the order of the mesh.
+//! A sort by label, vertex and coordinates numbers them, a sort by corner puts them back into faces. So each
+//! label is a primitive with its vertices in the order of the mesh, and faces in the order of the mesh.
 
 use super::document::Primitive;
+use crate::by_material::LabelOf;
 use crate::external_sort::{ExternalSort, halves};
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::{OutputHeader, TexturedTriangle};
@@ -24,7 +25,7 @@ pub(super) struct Split {
     n_corners: u64,
 }
 
-/// Records of corners: material, vertex, coordinates, number in two halves, and the tangent in two where there is one.
+/// Records of corners: label, vertex, coordinates, number in two halves, and the tangent in two where there is one.
 enum Corners {
     Plain(ExternalSort<6>),
     WithTangents(ExternalSort<8>),
@@ -34,7 +35,7 @@ enum Corners {
 pub(super) struct Parts {
     pub(super) primitives: Vec<Primitive>,
     pub(super) vertices: RawFile,
-    /// Material, corner in two halves, number of the vertex within its primitive.
+    /// Label, corner in two halves, number of the vertex within its primitive.
     pub(super) indices: ExternalSort<4>,
 }
 
@@ -52,8 +53,7 @@ impl Split {
     }
 
     /// Appends a face.
-    pub(super) fn push(&mut self, material: Option<u32>, face: &TexturedTriangle) -> Result<()> {
-        let material = material.map_or(0, |material| material + 1);
+    pub(super) fn push(&mut self, label: u32, face: &TexturedTriangle) -> Result<()> {
         for ((vertex, uv), tangent) in face.corners.iter().zip(face.texture).zip(face.tangents) {
             // glTF has its origin at the top. Adding 0 turns -0 into 0.
             let plain = uv.map(|x| if x.is_finite() { x } else { 0.0 });
@@ -61,10 +61,10 @@ impl Split {
             let [high, low] = halves(self.n_corners);
             let vertex = *vertex as u32;
             match &mut self.corners {
-                Corners::Plain(sort) => sort.push([material, vertex, u, v, high, low])?,
+                Corners::Plain(sort) => sort.push([label, vertex, u, v, high, low])?,
                 Corners::WithTangents(sort) => {
                     let [a, b] = packed(tangent);
-                    sort.push([material, vertex, u, v, high, low, a, b])?;
+                    sort.push([label, vertex, u, v, high, low, a, b])?;
                 }
             }
             self.n_corners += 1;
@@ -75,8 +75,8 @@ impl Split {
     /// Makes the vertices: `row` turns the spooled row of a vertex into that of the file, before its coordinates.
     pub(super) fn finish(
         self,
-        spooled: &RawFile,
-        row_bytes: usize,
+        label_of: &LabelOf,
+        (spooled, row_bytes): (&RawFile, usize),
         has_own_texture: bool,
         row: impl Fn(&[u8], &mut Vec<u8>) -> [f64; 3],
     ) -> Result<Parts> {
@@ -84,14 +84,13 @@ impl Split {
         let mut vertices = Spool::new(&self.folder);
         let mut indices = ExternalSort::<4>::new(&self.folder, self.memory_bytes);
         let mut primitives: Vec<Primitive> = Vec::new();
-        let (mut last, mut last_material) = (None, None);
+        let (mut last, mut last_label) = (None, None);
         let mut out = Vec::new();
-        let mut take = |[material, vertex, u, v, high, low]: [u32; 6],
-                        tangent: Option<[u32; 2]>| {
-            if last_material != Some(material) {
-                last_material = Some(material);
+        let mut take = |[label, vertex, u, v, high, low]: [u32; 6], tangent: Option<[u32; 2]>| {
+            if last_label != Some(label) {
+                last_label = Some(label);
                 primitives.push(Primitive {
-                    material: material.checked_sub(1),
+                    label: label_of.parts(label),
                     n_vertices: 0,
                     n_corners: 0,
                     low: [f64::MAX; 3],
@@ -99,8 +98,8 @@ impl Split {
                 });
             }
             let primitive = primitives.last_mut().expect("the corner's own");
-            if last != Some([material, vertex, u, v]) {
-                last = Some([material, vertex, u, v]);
+            if last != Some([label, vertex, u, v]) {
+                last = Some([label, vertex, u, v]);
                 out.clear();
                 let steps = row(rows.get(u64::from(vertex))?, &mut out);
                 if !has_own_texture {
@@ -118,7 +117,7 @@ impl Split {
             }
             primitive.n_corners += 1;
             // Fewer vertices than corners, fewer than 2^32: `create` made sure of it.
-            indices.push([material, high, low, (primitive.n_vertices - 1) as u32])
+            indices.push([label, high, low, (primitive.n_vertices - 1) as u32])
         };
         match self.corners {
             Corners::Plain(sort) => {

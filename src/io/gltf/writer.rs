@@ -3,14 +3,15 @@
 //! `KHR_mesh_quantization` allows integer positions; the node's scale and translation bring them back to
 //! input units. One scale for all axes, so that nothing is distorted: the error is at most half of
 //! 1/65535 of the longest side. Colours are linear light of 16 bits, normals signed bytes, padded to 4 bytes as the
-//! format wants; beside tangents, normals have 16 bits. Faces with materials or texture coordinates are parted by material first (`split`), and coordinates
-//! are floats; images follow the indices.
+//! format wants; beside tangents, normals have 16 bits. Faces with names, materials or texture coordinates are parted by these first (`split`), and
+//! coordinates are floats; images follow the indices.
 
 use super::document::{Frame, Positions, Primitive, VertexLayout, binary_bytes, describe};
 use super::materials_out::OutImages;
 use super::split::Split;
-use crate::by_material::MaterialOf;
+use crate::by_material::LabelOf;
 use crate::materials::copy_bytes;
+use crate::names::own_comments;
 use crate::obj::{find_texture, find3};
 use crate::ply::raw::{RawFile, Spool};
 use crate::ply::{OutputHeader, TexturedTriangle};
@@ -49,7 +50,7 @@ pub struct GlbWriter {
     /// Texture coordinates at vertices, where corners have none.
     texture: Option<[(Scalar, usize); 2]>,
     layout: VertexLayout,
-    material_of: MaterialOf,
+    label_of: LabelOf,
     /// Faces on their way to primitives, if there is more to them than corners.
     split: Option<Split>,
     spool: Option<Spool>,
@@ -78,7 +79,7 @@ impl GlbWriter {
         let plan = header.textures.as_ref();
         let images = plan.map_or(0, |plan| plan.bytes);
         let has_materials = plan.is_some_and(|plan| !plan.materials.list.is_empty());
-        let own = find_texture(&header.schema).filter(|_| !header.faces.texture && has_materials);
+        let own = find_texture(&header.schema).filter(|_| !header.faces.texture);
         let has_texture = own.is_some() || header.faces.texture;
         // Without normals there are no tangents, says glTF.
         let has_tangents = header.has_tangents && normal.is_some() && has_texture;
@@ -96,7 +97,9 @@ impl GlbWriter {
         if header.n_vertices == 0 || header.n_faces == 0 {
             return Err(Error::Usage("a GLB file cannot be empty; write PLY".to_owned()));
         }
-        let split = (has_materials || has_texture).then(|| Split::new(&folder, &header));
+        let label_of = LabelOf::new(&header);
+        let is_split = has_materials || has_texture || label_of.has_many_names();
+        let split = is_split.then(|| Split::new(&folder, &header));
         let (vertices_left, faces_left) = (header.n_vertices, header.n_faces);
         Ok(GlbWriter {
             out: PendingFile::create(place)?,
@@ -104,7 +107,7 @@ impl GlbWriter {
             normal,
             texture: own,
             layout,
-            material_of: MaterialOf::new(&header.faces, header.textures.as_ref()),
+            label_of,
             split,
             spool: Some(Spool::new(&folder)),
             least: [f64::MAX; 3],
@@ -160,9 +163,9 @@ impl GlbWriter {
     pub fn write_faces(&mut self, triangles: &[[u64; 3]]) -> Result<()> {
         self.promise(triangles.len());
         if let Some(split) = &mut self.split {
-            let material = self.material_of.find_without_values();
+            let label = self.label_of.find_without_values();
             return triangles.iter().try_for_each(|&corners| {
-                split.push(material, &TexturedTriangle { corners, ..TexturedTriangle::default() })
+                split.push(label, &TexturedTriangle { corners, ..TexturedTriangle::default() })
             });
         }
         self.begin_faces()?;
@@ -178,7 +181,7 @@ impl GlbWriter {
         Ok(())
     }
 
-    /// Appends triangles with texture coordinates at their corners, and materials; all vertices must have been written.
+    /// Appends triangles with texture coordinates at their corners, and labels; all vertices must have been written.
     pub fn write_full_faces(
         &mut self,
         triangles: &[TexturedTriangle],
@@ -191,7 +194,7 @@ impl GlbWriter {
         self.promise(triangles.len());
         let Some(split) = &mut self.split else { return Ok(()) };
         for (i, face) in triangles.iter().enumerate() {
-            split.push(self.material_of.find(values, i), face)?;
+            split.push(self.label_of.find(values, i), face)?;
         }
         Ok(())
     }
@@ -271,8 +274,10 @@ impl GlbWriter {
 
     /// Writes everything up to the vertices; returns the images that follow the indices.
     fn begin(&mut self, primitives: &[Primitive]) -> Result<Option<OutImages>> {
-        // Primitives are in the order of their materials.
-        let used: Vec<u32> = primitives.iter().filter_map(|primitive| primitive.material).collect();
+        let materials = primitives.iter().filter_map(|primitive| primitive.label.material);
+        let mut used: Vec<u32> = materials.collect();
+        used.sort_unstable();
+        used.dedup();
         let images = self.header.textures.as_ref().map(|plan| OutImages::new(plan, used));
         let total = binary_bytes(self.layout, primitives, images.as_ref());
         if !fits(total) {
@@ -285,8 +290,10 @@ impl GlbWriter {
             scale: self.scale(),
             offset: offset_in(&self.header.comments),
             textures: self.header.textures.as_ref().zip(images.as_ref()),
+            names: &self.label_of.names,
+            comments: own_comments(&self.header.comments, &self.header.obj_infos),
         };
-        let mut text = describe(self.layout, primitives, &frame).to_string().into_bytes();
+        let mut text = describe(self.layout, primitives, &frame).into_bytes();
         text.resize(text.len().next_multiple_of(4), b' ');
         if text.len() as u64 + total + FRAME_BYTES > u64::from(u32::MAX) {
             return Err(too_large(&self.header));
@@ -316,7 +323,8 @@ impl GlbWriter {
         let scale = self.scale();
         let high = self.stored(scale, self.most);
         let (n_vertices, n_corners) = (self.header.n_vertices, 3 * self.header.n_faces);
-        let whole = Primitive { material: None, n_vertices, n_corners, low: [0.0; 3], high };
+        let label = self.label_of.parts(self.label_of.find_without_values());
+        let whole = Primitive { label, n_vertices, n_corners, low: [0.0; 3], high };
         self.begin(&[whole])?;
         let row_bytes = self.spooled_bytes();
         let mut chunk = vec![0; row_bytes * 16_384];
@@ -341,7 +349,7 @@ impl GlbWriter {
         let (scale, row_bytes) = (self.scale(), self.spooled_bytes());
         let row = |spooled: &[u8], out: &mut Vec<u8>| self.row(scale, spooled, out);
         let has_own_texture = self.texture.is_some() || self.layout.texture_at.is_none();
-        let parts = split.finish(&file, row_bytes, has_own_texture, row)?;
+        let parts = split.finish(&self.label_of, (&file, row_bytes), has_own_texture, row)?;
         let images = self.begin(&parts.primitives)?;
         let mut buffer = vec![0; 1 << 20];
         let mut at = 0;

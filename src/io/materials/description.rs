@@ -6,7 +6,7 @@ use crate::ply::raw::RawFile;
 use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
-use stonecut_system::losses::{Ledger, Loss};
+use stonecut_system::losses::{Ledger, Loss, LossKind};
 
 /// The property of faces that holds the number of their material.
 pub const NUMBER: &str = "texnumber";
@@ -300,7 +300,7 @@ impl Materials {
 
     /// Enters a remark on what was found otherwise than it is written.
     pub fn note(&mut self, line: impl AsRef<str>) {
-        self.lose(Loss::remark(line));
+        self.lose(Loss { kind: LossKind::Materials, ..Loss::remark(line) });
     }
 
     /// Enters what the description has no place for.

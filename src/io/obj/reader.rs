@@ -1,11 +1,13 @@
 //! OBJ: two passes over the text, one to learn what there is, one to write it as a PLY.
 //!
-//! Takes vertices, their colours, polygons, texture coordinates at corners and which material a face has
-//! (`texture`); corner normals, groups, lines and points have no place in a simplified mesh, and a note names them.
+//! Takes vertices, their colours, polygons, texture coordinates at corners, which material a face has (`texture`) and which
+//! object and group it is in; corner normals, lines and points have no place in a simplified mesh, and a note names them.
 
 use super::texture::{NO_MATERIAL, Named, TexturedFaces};
+use crate::encodings;
 use crate::extent::Extent;
-use crate::materials::Image;
+use crate::materials::{Image, after_word};
+use crate::names::{Name, NameList, OBJECT};
 use crate::open_options::StageOptions;
 use crate::ply::header::BYTE_ORDER_MARK;
 use crate::ply::raw::RawFile;
@@ -52,8 +54,9 @@ struct Summary {
     extent: Extent,
     textured: bool,
     materials: Named,
+    names: Names,
     comments: Vec<String>,
-    /// Lines that a simplified mesh has no place for: normals, lines and points, names of groups, free forms.
+    /// Lines that a simplified mesh has no place for, as `LEFT_OUT` has them.
     n_left_out: [u64; 4],
 }
 
@@ -61,14 +64,14 @@ struct Summary {
 const LEFT_OUT: [&str; 4] = [
     "normals of corners (vn)",
     "lines and points (l, p)",
-    "names of groups (o, g)",
+    "smoothing groups (s)",
     "curves and surfaces (vp, curv, surf)",
 ];
 
 const LEFT_OUT_KINDS: [(LossKind, Severity); 4] = [
     (LossKind::Normals, Severity::Notice),
     (LossKind::Elements, Severity::Partial),
-    (LossKind::Names, Severity::Notice),
+    (LossKind::Normals, Severity::Notice),
     (LossKind::Elements, Severity::Partial),
 ];
 
@@ -92,12 +95,18 @@ impl Summary {
                 }
                 Some(b"f") => {
                     summary.n_faces += 1;
+                    summary.names.number();
                     summary.textured |= words.next().is_some_and(has_texture);
                 }
                 Some(word @ (b"mtllib" | b"usemtl")) => summary.materials.learn(word, &line),
                 Some(b"vn") => summary.n_left_out[0] += 1,
                 Some(b"l" | b"p") => summary.n_left_out[1] += 1,
-                Some(b"o" | b"g") => summary.n_left_out[2] += 1,
+                Some(word @ (b"o" | b"g")) => summary.names.begin(word, &line),
+                // One group of all faces, or none, parts nothing.
+                Some(b"s") => {
+                    let is_group = |word: &[u8]| ![&b"off"[..], b"0", b"1"].contains(&word);
+                    summary.n_left_out[2] += u64::from(words.next().is_some_and(is_group));
+                }
                 Some(b"vp" | b"curv" | b"curv2" | b"surf") => summary.n_left_out[3] += 1,
                 // Only a comment whose sign stands alone is kept.
                 None if summary.n_vertices == 0 && summary.comments.len() < 1000 => {
@@ -118,10 +127,10 @@ impl Summary {
         Ok(summary)
     }
 
-    /// Enters the lines that have no place. A single name of a group says nothing.
+    /// Enters the lines that have no place.
     fn enter_left_out(&self, losses: &mut Ledger) {
         for (number, (n, what)) in self.n_left_out.iter().zip(LEFT_OUT).enumerate() {
-            if *n > u64::from(number == 2) {
+            if *n > 0 {
                 let (kind, severity) = LEFT_OUT_KINDS[number];
                 losses.lose(Loss::new(kind, what, "not carried").count(*n).severity(severity));
             }
@@ -131,6 +140,39 @@ impl Summary {
     /// Returns whether faces get the number of their material.
     fn has_numbers(&self) -> bool {
         self.textured || self.materials.has_any()
+    }
+}
+
+/// The names of objects and groups, and that of the faces to come.
+#[derive(Default)]
+struct Names {
+    list: NameList,
+    current: Name,
+    /// Its number, once a face has it.
+    number: Option<i32>,
+}
+
+impl Names {
+    /// Takes a line `o` or `g`; several groups are one name, and an object ends the groups before it.
+    fn begin(&mut self, word: &[u8], line: &[u8]) {
+        let text = encodings::name(after_word(1, line));
+        // A sign within a name is part of it.
+        let text = text.split_once(" #").map_or(text.as_str(), |(name, _)| name);
+        self.current = match word {
+            b"o" => Name::new(text, ""),
+            _ => Name { group: Name::new("", text).group, ..std::mem::take(&mut self.current) },
+        };
+        self.number = None;
+    }
+
+    /// The number of the name of a face.
+    fn number(&mut self) -> i32 {
+        *self.number.get_or_insert_with(|| self.list.number(&self.current))
+    }
+
+    /// Begins again at the top of the file.
+    fn rewind(&mut self) {
+        (self.current, self.number) = (Name::default(), None);
     }
 }
 
@@ -193,8 +235,14 @@ fn corner(word: &[u8], n_so_far: u64, n_vertices: u64) -> Option<u64> {
 /// Reads an OBJ file into a PLY.
 pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)> {
     let skip_bad = options.read.skip_bad;
-    let summary = Summary::read(file, skip_bad)?;
+    let mut summary = Summary::read(file, skip_bad)?;
     let mut staged = Staged::default();
+    let mut names = std::mem::take(&mut summary.names);
+    let given_up = names.list.settle(file.path(), (options.read.names, options.parse_bytes))?;
+    given_up.into_iter().for_each(|loss| staged.losses.lose(loss));
+    summary.comments.extend(names.list.comments());
+    let has_names = names.list.has_numbers();
+    names.rewind();
     let materials = summary.materials.describe(file.path());
     summary.enter_left_out(&mut staged.losses);
     staged.losses.merge(&materials.losses);
@@ -208,8 +256,10 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
         }
         staged.texture = Some(TextureInfo { files, property: "texcoord".to_owned() });
     }
-    let mut material = NO_MATERIAL;
+    // The labels of a face: its material and its name, as far as there are any.
+    let (mut material, mut labels) = (NO_MATERIAL, Vec::new());
     let mut texture = summary.textured.then(|| TexturedFaces::new(options));
+    let label_bytes = 4 * (usize::from(summary.has_numbers()) + usize::from(has_names));
     let coordinate = summary.extent.coordinate();
     let coloured = summary.n_coloured > 0;
     // Colours go from 0 to 1, but some programs write 0 to 255.
@@ -256,19 +306,25 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
             }
             Some(b"usemtl") => {
                 material = summary.materials.number(&line);
-                if let Some(texture) = &mut texture {
-                    texture.image = material;
-                }
+                labels.clear();
+            }
+            Some(word @ (b"o" | b"g")) if has_names => {
+                names.begin(word, &line);
+                labels.clear();
             }
             Some(b"f") => match face(words.clone(), n_vertices, summary.n_vertices, &mut row) {
                 Ok(()) => {
-                    if summary.has_numbers() && texture.is_none() {
-                        row.extend_from_slice(&material.to_le_bytes());
+                    if labels.is_empty() && summary.has_numbers() {
+                        labels.extend_from_slice(&material.to_le_bytes());
+                    }
+                    if has_names && labels.len() < label_bytes {
+                        labels.extend_from_slice(&names.number().to_le_bytes());
+                    }
+                    match &mut texture {
+                        Some(texture) => texture.add_face(words, &labels)?,
+                        None => row.extend_from_slice(&labels),
                     }
                     faces.write(&row)?;
-                    if let Some(texture) = &mut texture {
-                        texture.add_face(words)?;
-                    }
                     n_faces += 1;
                 }
                 Err(_) if options.read.skip_bad => staged.faults.bad_faces += 1,
@@ -304,12 +360,12 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
     if summary.has_numbers() {
         staged.materials = Some(Arc::new(materials));
     }
-    let header = header(&summary, coordinate, coloured, n_faces);
+    let header = header(&summary, (coordinate, coloured, has_names), n_faces);
     let vertices = vertices.finish(file.path())?;
     let mut faces = faces.finish(file.path())?;
     if let Some(texture) = texture {
         let index_bytes = if wide(summary.n_vertices) { 8 } else { 4 };
-        faces = texture.join(&faces, index_bytes, n_faces)?;
+        faces = texture.join(&faces, (index_bytes, label_bytes), n_faces)?;
     }
     let mut out = options.spool();
     out.write(header.as_bytes())?;
@@ -359,7 +415,11 @@ fn wide(n_vertices: u64) -> bool {
     n_vertices > 1 << 32
 }
 
-fn header(summary: &Summary, coordinate: Scalar, coloured: bool, n_faces: u64) -> String {
+fn header(
+    summary: &Summary,
+    (coordinate, coloured, has_names): (Scalar, bool, bool),
+    n_faces: u64,
+) -> String {
     let mut text = "ply\nformat binary_little_endian 1.0\n".to_owned();
     for comment in &summary.comments {
         text.push_str(&format!("comment {}\n", comment.replace(['\n', '\r'], " ")));
@@ -379,6 +439,9 @@ fn header(summary: &Summary, coordinate: Scalar, coloured: bool, n_faces: u64) -
     }
     if summary.has_numbers() {
         text.push_str("property int texnumber\n");
+    }
+    if has_names {
+        text.push_str(&format!("property int {OBJECT}\n"));
     }
     text.push_str("end_header\n");
     text

@@ -131,7 +131,8 @@ impl Named {
         }
         if self.has_too_many {
             let n = self.names.len();
-            out.note(format!("faces of all materials beyond the first {n} have none"));
+            let what = format!("materials beyond the first {n}");
+            out.lose(Loss::new(LossKind::Materials, what, "not carried: their faces have none"));
         }
         if self.names.is_empty() && !self.libraries.is_empty() {
             let library = self.library().unwrap_or_default();
@@ -254,13 +255,12 @@ impl Libraries<'_> {
 /// each of two sorts.
 pub(super) struct TexturedFaces<'a> {
     options: &'a StageOptions,
-    /// The number of the material of the faces to come.
-    pub(super) image: i32,
     coordinates: Spool,
     n_coordinates: u64,
     /// Lines `vt` with a value that is not finite.
     pub(super) n_not_finite: u64,
-    images: Spool,
+    /// Labels of each face: its material, and its name if there are any.
+    labels: Spool,
     /// Number of the coordinates, and of the corner.
     by_coordinates: ExternalSort<4>,
     n_corners: u64,
@@ -274,11 +274,10 @@ impl<'a> TexturedFaces<'a> {
         let memory_bytes = (options.memory_bytes / 3) as usize;
         TexturedFaces {
             options,
-            image: NO_MATERIAL,
             coordinates: options.spool(),
             n_coordinates: 0,
             n_not_finite: 0,
-            images: options.spool(),
+            labels: options.spool(),
             by_coordinates: options.sort(memory_bytes),
             n_corners: 0,
         }
@@ -309,7 +308,11 @@ impl<'a> TexturedFaces<'a> {
     }
 
     /// Takes the corners of a face that is kept; what names no coordinates so far has none.
-    pub(super) fn add_face<'b>(&mut self, words: impl Iterator<Item = &'b [u8]>) -> Result<()> {
+    pub(super) fn add_face<'b>(
+        &mut self,
+        words: impl Iterator<Item = &'b [u8]>,
+        labels: &[u8],
+    ) -> Result<()> {
         for word in words {
             let number = word.split(|&b| b == b'/').nth(1).and_then(|part| {
                 let number = parse_whole(part)?;
@@ -323,11 +326,16 @@ impl<'a> TexturedFaces<'a> {
             self.by_coordinates.push([high, low, c, d])?;
             self.n_corners += 1;
         }
-        self.images.write(&self.image.to_le_bytes())
+        self.labels.write(labels)
     }
 
-    /// The rows of `faces` (a count in 4 bytes, then indices) with coordinates and image behind them.
-    pub(super) fn join(self, faces: &RawFile, index_bytes: usize, n_faces: u64) -> Result<RawFile> {
+    /// The rows of `faces` (a count in 4 bytes, then indices) with coordinates and labels behind them.
+    pub(super) fn join(
+        self,
+        faces: &RawFile,
+        (index_bytes, label_bytes): (usize, usize),
+        n_faces: u64,
+    ) -> Result<RawFile> {
         let coordinates = self.coordinates.finish(faces.path())?;
         let mut known = Ahead::new(&coordinates);
         let mut by_corner = self.options.sort::<4>((self.options.memory_bytes / 3) as usize);
@@ -343,11 +351,12 @@ impl<'a> TexturedFaces<'a> {
             let [u, v] = if found { [word(0), word(4)] } else { [0; 2] };
             by_corner.push([c, d, u, v])
         })?;
-        let images = self.images.finish(faces.path())?;
+        let labels = self.labels.finish(faces.path())?;
         let mut rows = Rows {
             faces: Ahead::new(faces),
-            images: Ahead::new(&images),
+            labels: Ahead::new(&labels),
             index_bytes,
+            label_bytes,
             faces_left: n_faces,
             row: Vec::new(),
             corners_left: 0,
@@ -367,11 +376,12 @@ impl<'a> TexturedFaces<'a> {
     }
 }
 
-/// Rows of faces that get coordinates and image.
+/// Rows of faces that get coordinates and labels.
 struct Rows<'a> {
     faces: Ahead<'a>,
-    images: Ahead<'a>,
+    labels: Ahead<'a>,
     index_bytes: usize,
+    label_bytes: usize,
     faces_left: u64,
     row: Vec<u8>,
     /// Corners of the row that have no coordinates yet.
@@ -400,11 +410,11 @@ impl Rows<'_> {
         Ok(())
     }
 
-    /// Writes the row with its image.
+    /// Writes the row with its labels.
     fn end(&mut self) -> Result<()> {
-        let mut image = [0; 4];
-        self.images.read(&mut image)?;
-        self.row.extend_from_slice(&image);
+        let n = self.row.len();
+        self.row.resize(n + self.label_bytes, 0);
+        self.labels.read(&mut self.row[n..])?;
         self.out.write(&self.row)
     }
 }

@@ -1,10 +1,11 @@
 //! OBJ out: text with positions, colours as MeshLab and Blender read them, normals and texture coordinates.
 //!
-//! Faces are grouped by material: with more than one, they are sorted before they are written. The library beside
+//! Faces are grouped by name and material: with more than one, they are sorted before they are written. The library beside
 //! the file is written by `io::materials`.
 
-use crate::by_material::{ByMaterial, MaterialOf};
+use crate::by_material::{ByMaterial, FaceLabel, LabelOf};
 use crate::materials::TexturePlan;
+use crate::names::{Name, is_name};
 use crate::ply::writer::Shortest;
 use crate::ply::{OutputHeader, TexturedTriangle};
 use std::collections::HashMap;
@@ -30,10 +31,10 @@ pub struct ObjWriter {
     texture: Option<[(Scalar, usize); 2]>,
     /// True if each corner has its own coordinates.
     corner_texture: bool,
-    material_of: MaterialOf,
+    label_of: LabelOf,
     /// Names of materials by number.
     names: Vec<String>,
-    /// Faces on their way into order, if there are several materials.
+    /// Faces on their way into order, if there are several names or materials.
     sort: Option<ByMaterial>,
     chunk: Chunk,
     n_coordinates: u64,
@@ -48,7 +49,7 @@ struct Chunk {
     coordinates: Vec<u8>,
     faces: Vec<u8>,
     known: HashMap<[u32; 2], u64>,
-    material: Option<u32>,
+    label: FaceLabel,
 }
 
 /// Type and place in the record of a property.
@@ -75,7 +76,8 @@ impl ObjWriter {
         let place = place.into();
         let folder = folder_of(&place.path).to_path_buf();
         let mut out = PendingFile::create(place)?;
-        for line in header.comments.iter().chain(&header.obj_infos) {
+        let comments = header.comments.iter().filter(|comment| !is_name(comment));
+        for line in comments.chain(&header.obj_infos) {
             let line = line.replace(['\n', '\r'], " ");
             out.write(format!("# {line}\n").as_bytes())?;
         }
@@ -89,7 +91,8 @@ impl ObjWriter {
             plan.materials.list.iter().map(|material| material.name.clone()).collect()
         });
         let has_many = plan.is_some_and(TexturePlan::has_many);
-        let material_of = MaterialOf::new(&header.faces, plan);
+        let label_of = LabelOf::new(&header);
+        let has_many = has_many || label_of.has_many_names();
         let sort = has_many.then(|| ByMaterial::new(&folder, &header)).transpose()?;
         let corner_texture = header.faces.texture;
         let schema = header.schema;
@@ -102,7 +105,7 @@ impl ObjWriter {
             normal,
             texture,
             corner_texture,
-            material_of,
+            label_of,
             names,
             sort,
             chunk: Chunk::default(),
@@ -156,13 +159,13 @@ impl ObjWriter {
 
     /// Appends triangles; all vertices must have been written.
     pub fn write_faces(&mut self, triangles: &[[u64; 3]]) -> Result<()> {
-        let material = self.material_of.find_without_values();
+        let label = self.label_of.find_without_values();
         triangles.iter().try_for_each(|&corners| {
-            self.take(material, &TexturedTriangle { corners, ..TexturedTriangle::default() })
+            self.take(label, &TexturedTriangle { corners, ..TexturedTriangle::default() })
         })
     }
 
-    /// Appends triangles with texture coordinates at their corners, which stand before them, and materials; all
+    /// Appends triangles with texture coordinates at their corners, which stand before them, and labels; all
     /// vertices must have been written. Coordinates that are the same within 65,536 triangles are written once.
     pub fn write_full_faces(
         &mut self,
@@ -170,30 +173,36 @@ impl ObjWriter {
         values: &[u8],
     ) -> Result<()> {
         for (i, triangle) in triangles.iter().enumerate() {
-            let material = self.material_of.find(values, i);
-            self.take(material, triangle)?;
+            self.take(self.label_of.find(values, i), triangle)?;
         }
         Ok(())
     }
 
-    fn take(&mut self, material: Option<u32>, triangle: &TexturedTriangle) -> Result<()> {
+    fn take(&mut self, label: u32, triangle: &TexturedTriangle) -> Result<()> {
         self.faces_left = self.faces_left.checked_sub(1).expect("no more faces than promised");
         match &mut self.sort {
-            Some(sort) => sort.push(material, triangle),
-            None => self.put(material, triangle),
+            Some(sort) => sort.push(label, triangle),
+            None => self.put(label, triangle),
         }
     }
 
-    /// Puts a face into the chunk, with the name of its material where that changes.
-    fn put(&mut self, material: Option<u32>, triangle: &TexturedTriangle) -> Result<()> {
+    /// Puts a face into the chunk, with its names and that of its material where they change.
+    fn put(&mut self, label: u32, triangle: &TexturedTriangle) -> Result<()> {
         let chunk = &mut self.chunk;
-        if chunk.material != material {
-            chunk.material = material;
+        let FaceLabel { name, material } = self.label_of.parts(label);
+        let is_new = chunk.label.name != name;
+        if is_new {
+            let of = |name: Option<u32>| name.map(|name| &self.label_of.names[name as usize]);
+            put_name(of(chunk.label.name), of(name), &mut chunk.faces);
+        }
+        // Some readers forget the material where an object begins.
+        if chunk.label.material != material || (is_new && material.is_some()) {
             let name = material.and_then(|number| self.names.get(number as usize));
             // No line of OBJ ends a material, so a face without one after others names one that is not there.
             // Writing into memory cannot fail.
             let _ = writeln!(chunk.faces, "usemtl {}", name.map_or("none", String::as_str));
         }
+        chunk.label = FaceLabel { name, material };
         if self.corner_texture {
             chunk.faces.push(b'f');
             for (corner, uv) in triangle.corners.iter().zip(triangle.texture) {
@@ -241,9 +250,26 @@ impl ObjWriter {
     pub fn finish(mut self) -> Result<u64> {
         assert!(self.vertices_left == 0 && self.faces_left == 0, "as many rows as promised");
         if let Some(sort) = self.sort.take() {
-            sort.drain(|material, triangle| self.put(material, triangle))?;
+            sort.drain(|label, triangle| self.put(label, triangle))?;
         }
         self.flush()?;
         self.out.finish()
+    }
+}
+
+/// Writes the lines that name the faces to come: an object ends the group before it.
+fn put_name(old: Option<&Name>, new: Option<&Name>, rows: &mut Vec<u8>) {
+    let none = Name::default();
+    let (old, new) = (old.unwrap_or(&none), new.unwrap_or(&none));
+    let ends_group = new.group.is_empty() && !old.group.is_empty();
+    let is_other = old.object != new.object || ends_group;
+    // A line that ends in a backslash goes on in the next.
+    let shown = |text: &str| text.trim_end_matches('\\').to_owned();
+    // Writing into memory cannot fail.
+    if is_other {
+        let _ = writeln!(rows, "o {}", shown(&new.object));
+    }
+    if !new.group.is_empty() && (is_other || old.group != new.group) {
+        let _ = writeln!(rows, "g {}", shown(&new.group));
     }
 }

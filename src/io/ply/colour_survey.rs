@@ -38,5 +38,6 @@ impl MeshSource {
         for i in components.into_iter().chain(alpha) {
             self.plan.schema.properties[i].white = white;
         }
+        self.n_outside = survey.n_outside(self.plan.schema.properties[components[0]].full());
     }
 }

@@ -10,6 +10,7 @@ use super::strips::read_strips;
 use super::{BLOCK_ROWS, FaceBlock};
 use std::sync::{Arc, PoisonError};
 use stonecut_system::error::Result;
+use stonecut_system::losses::Loss;
 
 impl MeshSource {
     /// Reads and checks one block of faces; callable from any thread. Reuses `block`'s memory.
@@ -172,12 +173,12 @@ impl MeshSource {
     }
 
     /// Lines for people on what was passed over or found to be odd, in the file and in its faces.
-    pub fn remarks(&self) -> Result<Vec<String>> {
+    pub fn remarks(&self) -> Result<Vec<Loss>> {
         let mut lines = self.notes().to_vec();
         let n = self.n_crossing_polygons()?;
         if n > 0 {
             let what = "polygons cross themselves: their triangles overlap or miss a part";
-            lines.push(format!("{n} {what}"));
+            lines.push(Loss::remark(format!("{n} {what}")));
         }
         Ok(lines)
     }

@@ -48,8 +48,18 @@ impl MeshSource {
         };
         match self.layout.faces {
             FaceLayout::None | FaceLayout::Strips(_) => Vec::new(),
-            _ => self.face().properties.iter().filter_map(scalar).collect(),
+            _ => self
+                .face()
+                .properties
+                .iter()
+                .filter(|p| !self.is_hidden(p))
+                .filter_map(scalar)
+                .collect(),
         }
+    }
+
+    fn is_hidden(&self, property: &HeaderProperty) -> bool {
+        self.hidden == Some(property.name.as_str())
     }
 
     /// Names of properties of faces that nothing carries: lists that are neither corners nor texture, and all
@@ -221,6 +231,7 @@ impl MeshSource {
             let role = match p.kind {
                 _ if Some(i) == list => Role::Corners,
                 Kind::List { .. } if Some(&p.name) == texture.as_ref() => Role::Texture,
+                Kind::Scalar(_) if self.is_hidden(p) => Role::Hidden,
                 _ => Role::Other,
             };
             (role, p.kind)
@@ -229,11 +240,12 @@ impl MeshSource {
     }
 }
 
-/// Role of a list of a face.
+/// Role of a property of a face.
 #[derive(Clone, Copy)]
 enum Role {
     Corners,
     Texture,
+    Hidden,
     Other,
 }
 
@@ -278,7 +290,9 @@ fn read<S: Scan>(
                 is_whole &= items(scan, (wire, 1), (1, "values"), skip_bad, |scan| {
                     scan.store(wire, scalar, value)
                 })?;
-                face.values.extend_from_slice(value);
+                if !matches!(role, Role::Hidden) {
+                    face.values.extend_from_slice(value);
+                }
             }
             (_, Kind::List { count, item }) => {
                 let n = scan.count(count)?;

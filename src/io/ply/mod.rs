@@ -16,6 +16,7 @@ mod grid_mesh;
 pub mod header;
 mod layout;
 pub mod lookup;
+mod lost;
 mod place;
 mod placed;
 mod range_grid;

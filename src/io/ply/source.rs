@@ -11,6 +11,7 @@ use super::raw::RawFile;
 use super::skipped::BadVertices;
 use super::textures;
 use crate::materials::Materials;
+use crate::names::NameUse;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, OnceLock};
@@ -18,7 +19,7 @@ use stonecut_mesh::face_properties::FacePropertyPlan;
 use stonecut_mesh::placing::Placing;
 use stonecut_mesh::record::VertexSchema;
 use stonecut_system::error::Result;
-use stonecut_system::losses::{Ledger, Loss, LossKind};
+use stonecut_system::losses::{Ledger, Loss};
 
 /// Settings for reading a file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,6 +32,8 @@ pub struct ReadOptions {
     pub temp_dir: Option<PathBuf>,
     /// Map that is applied to the mesh before all else; only `open_staged` applies it.
     pub placing: Placing,
+    /// Fate of the names of objects and groups.
+    pub names: NameUse,
 }
 
 /// Counts of rows that `ReadOptions::skip_bad` left out when the file was opened.
@@ -79,9 +82,13 @@ pub struct MeshSource {
     pub(super) positions: OnceLock<RawFile>,
     pub(super) positions_lock: Mutex<()>,
     pub(super) placed: Option<Placed>,
+    /// A property of faces that is left out as if it was not there.
+    pub(super) hidden: Option<&'static str>,
+    /// Components of colours that are outside of black to white.
+    pub(super) n_outside: u64,
     /// Polygons whose sides cross, by block of faces, as far as these were read.
     pub(super) crossing: Mutex<BTreeMap<u64, u64>>,
-    staged: Staged,
+    pub(super) staged: Staged,
 }
 
 /// Facts about an input that was turned into PLY before it was opened.
@@ -105,8 +112,8 @@ pub struct Staged {
     pub materials: Option<Arc<Materials>>,
     /// The format of the file that was given, if it is not PLY.
     pub format: Option<&'static str>,
-    /// Lines on what was passed over, taken for something else or found to be odd.
-    pub notes: Vec<String>,
+    /// Remarks on what was passed over, taken for something else or found to be odd.
+    pub notes: Vec<Loss>,
     /// Outcome of joining copies of vertices (`io::weld`), if there was something to say.
     pub weld: Option<WeldReport>,
     /// Property of vertices that says which of them must stay.
@@ -173,10 +180,13 @@ impl MeshSource {
             positions: OnceLock::new(),
             positions_lock: Mutex::new(()),
             placed: None,
+            hidden: None,
+            n_outside: 0,
             crossing: Mutex::default(),
             staged: Staged::default(),
         };
         source.survey_colours();
+        source.give_up_names();
         source.staged.materials = textures::materials_of(&source.header, source.file.path());
         if source.options.skip_bad {
             source.bad_vertices = source.find_bad_vertices()?;
@@ -214,9 +224,9 @@ impl MeshSource {
         self.staged.format.unwrap_or("PLY")
     }
 
-    /// Adds a line for people.
-    pub fn note(&mut self, line: String) {
-        self.staged.notes.push(line);
+    /// Adds a remark.
+    pub fn note(&mut self, remark: Loss) {
+        self.staged.notes.push(remark);
     }
 
     /// Notes the checksum of a stream.
@@ -372,26 +382,14 @@ impl MeshSource {
         }
     }
 
-    /// Lines for people on what was passed over or found to be odd when the file was opened.
-    pub fn notes(&self) -> &[String] {
+    /// Remarks on what was passed over or found to be odd when the file was opened.
+    pub fn notes(&self) -> &[Loss] {
         &self.staged.notes
     }
 
     /// Vertices that were left out when the file was opened, since no face has them.
     pub fn unreferenced_vertices(&self) -> u64 {
         self.staged.unreferenced_vertices
-    }
-
-    /// Parts of the file that the mesh does not have.
-    pub fn losses(&self) -> Ledger {
-        let mut losses = self.staged.losses.clone();
-        let mut lose = |what: &str, name: &String| {
-            let loss = Loss::new(LossKind::Attributes, what, "only single numbers are carried");
-            losses.lose(loss.example(format!("'{name}'")).whole());
-        };
-        self.plan.dropped_lists.iter().for_each(|name| lose("lists of vertices", name));
-        self.dropped_face_properties().iter().for_each(|name| lose("lists of faces", name));
-        losses
     }
 
     /// Files beside the input that parts of the mesh were read from: buffers of glTF.

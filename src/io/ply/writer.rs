@@ -6,6 +6,7 @@
 use super::header::Encoding;
 use super::textures::{self, Renumbered};
 use crate::materials::{NUMBER, TexturePlan};
+use crate::names::OBJECT;
 use std::io::Write;
 use stonecut_mesh::property::{Property, Scalar};
 use stonecut_mesh::record::VertexSchema;
@@ -189,7 +190,17 @@ impl FaceSchema {
 
     /// Type and place of the number of the material among a face's packed values.
     pub fn number_at(&self) -> Option<(Scalar, usize)> {
-        let i = self.properties.iter().position(|p| p.name == NUMBER)?;
+        self.place_of(NUMBER)
+    }
+
+    /// Returns whether faces have the number of a material or of a name.
+    pub fn has_labels(&self) -> bool {
+        [NUMBER, OBJECT].iter().any(|name| self.place_of(name).is_some())
+    }
+
+    /// Type and place of a property among a face's packed values.
+    pub fn place_of(&self, name: &str) -> Option<(Scalar, usize)> {
+        let i = self.properties.iter().position(|p| p.name == name)?;
         let before = self.properties[..i].iter().map(|p| p.scalar.bytes()).sum();
         Some((self.properties[i].scalar, before))
     }

@@ -10,6 +10,7 @@ use crate::polygon::PolygonCutter;
 use crate::text_lines::{Lines, parse_number, words};
 use stonecut_mesh::property::Scalar;
 use stonecut_system::error::Result;
+use stonecut_system::losses::Loss;
 
 /// Most corners of a facet.
 const MAX_CORNERS: usize = 1 << 20;
@@ -172,7 +173,7 @@ pub fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawFile, St
         )));
     }
     if facets.n_crossing > 0 {
-        staged.notes.push(crossing_note(facets.n_crossing));
+        staged.notes.push(Loss::remark(crossing_note(facets.n_crossing)));
     }
     Ok((facets.weld(file, comments)?, staged))
 }

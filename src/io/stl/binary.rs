@@ -7,6 +7,7 @@ use crate::open_options::StageOptions;
 use crate::ply::raw::RawFile;
 use crate::ply::source::Staged;
 use stonecut_system::error::Result;
+use stonecut_system::losses::{Loss, LossKind};
 
 const HEADER_BYTES: u64 = 84;
 const FACET_BYTES: u64 = 50;
@@ -61,16 +62,19 @@ pub fn read_binary(file: &RawFile, options: &StageOptions) -> Result<(RawFile, S
         n_parts += 1;
     }
     if n_parts > 1 {
-        reader.staged.notes.push(format!("{n_parts} STL files one behind the other: read as one"));
+        let what = format!("{n_parts} STL files one behind the other: read as one");
+        reader.staged.notes.push(Loss::remark(what));
     }
     let rest = file.len().saturating_sub(at);
     if rest > 0 {
-        reader.staged.notes.push(format!(
+        let what = format!(
             "byte offset {at}: the {rest} bytes behind the last facet are not an STL file: left out"
-        ));
+        );
+        reader.staged.notes.push(Loss { kind: LossKind::Elements, ..Loss::remark(what) });
     }
     let Reader { mut staged, welder, colours, comments, .. } = reader;
     let (colours, note) = colours.finish(file, options.spool())?;
+    let note = note.map(|note| Loss { kind: LossKind::Attributes, ..Loss::remark(note) });
     staged.notes.extend(note);
     Ok((welder.finish(file.path(), comments, colours)?, staged))
 }

@@ -28,7 +28,7 @@ use crate::store::job::Job;
 use crate::store::job::fingerprint::{job_identity, marks_beside, unchanged};
 use crate::system::disk::Disk;
 use crate::system::json_keys::SCHEMA_VERSION;
-use crate::system::losses::{Ledger, Loss};
+use crate::system::losses::Ledger;
 use crate::system::memory::{BASE_BYTES, peak_bytes};
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
@@ -202,7 +202,7 @@ fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result
             decimate::decimate(&source, settings, progress)
         }
     };
-    source.remarks()?.into_iter().for_each(|line| progress.lose(Loss::remark(line)));
+    source.remarks()?.into_iter().for_each(|remark| progress.lose(remark));
     let made = match unchanged(&config.input, &marks, made) {
         Ok(made) if made.mesh.triangles.is_empty() => Err(nothing_left(config, &made)),
         other => other,

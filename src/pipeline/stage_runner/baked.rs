@@ -9,9 +9,11 @@ use crate::error::{Error, Result};
 use crate::io::materials::all_missing;
 use crate::io::materials::{Alpha, Image, ImageData, Map, MapKind, Material, Materials, Part};
 use crate::io::ply::raw::RawFile;
-use crate::io::ply::{Encoding, MeshSource, OutputHeader, Place, TexturedTriangle, VertexBlock};
+use crate::io::ply::{
+    Encoding, MeshSource, OutputHeader, Place, ReadOptions, TexturedTriangle, VertexBlock,
+};
 use crate::io::{
-    MeshSink, NUMBER, OutputFormat, OutputKind, StageOptions, TexturePlan, TextureRequest,
+    MeshSink, NUMBER, NameUse, OutputFormat, OutputKind, StageOptions, TexturePlan, TextureRequest,
 };
 use crate::mesh::property::{Property, Scalar};
 use crate::mesh::record::VertexSchema;
@@ -119,7 +121,8 @@ impl Stages<'_> {
                     Place { path: shape.to_path_buf(), disk: run.disk().clone(), replace: true };
                 write::write(&pack, place, header, form, run)?;
                 let shape = MeshSource::open(shape)?;
-                let read = config.read_options();
+                // The shape has the names.
+                let read = ReadOptions { names: NameUse::Ignored, ..config.read_options() };
                 let stage = StageOptions {
                     read,
                     memory_bytes: run.memory_bytes / 2,
@@ -157,6 +160,9 @@ impl Stages<'_> {
         materials.libraries = source.materials().map_or(Vec::new(), |all| all.libraries.clone());
         let plan = TexturePlan::new(Arc::new(materials), &request)?;
         let settings = config.settings_of_level(self.level).into_iter();
+        if baked.holds_vertex_colours {
+            source.clamped_colours().into_iter().for_each(|loss| self.run.progress.lose(loss));
+        }
         let is_doubled = self.kind()? == OutputKind::Glb && baked.holds_vertex_colours;
         let (schema, kept) = written_properties(shape.schema(), is_doubled);
         let mut header = OutputHeader::new(schema, shape.n_vertices(), shape.n_face_rows());

@@ -1,7 +1,7 @@
 //! Decided settings of a run of `tiles`: every value final.
 
-use crate::io::Weld;
 use crate::io::ply::ReadOptions;
+use crate::io::{NameUse, Weld};
 use crate::mesh::placing::Placing;
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
@@ -85,7 +85,12 @@ pub struct TilesConfig {
 impl TilesConfig {
     /// Settings for reading the input.
     pub fn read_options(&self) -> ReadOptions {
-        ReadOptions { skip_bad: self.skip_bad, placing: self.placing.clone(), temp_dir: None }
+        ReadOptions {
+            skip_bad: self.skip_bad,
+            placing: self.placing.clone(),
+            temp_dir: None,
+            names: NameUse::GivenUp("not carried by tiles"),
+        }
     }
 
     /// Every setting that changes the result, by name.

@@ -257,7 +257,7 @@ fn run(
         losses: Ledger::default(),
         texture: pages,
     };
-    source.remarks()?.into_iter().for_each(|line| losses.lose(Loss::remark(line)));
+    source.remarks()?.into_iter().chain(source.clamped_colours()).for_each(|l| losses.lose(l));
     if let Some(materials) = source.materials().filter(|materials| materials.lacks_images()) {
         losses.lose(all_missing(materials.images.len()));
     }

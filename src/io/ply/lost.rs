@@ -1,0 +1,51 @@
+//! Parts of a PLY file that the mesh does not have, and parts that are given up when it is opened.
+
+use super::source::MeshSource;
+use crate::names::{NameTable, NameUse, OBJECT, is_name};
+use stonecut_system::losses::{Ledger, Loss, LossKind};
+
+impl MeshSource {
+    /// Leaves names of objects and groups out, if they are given up.
+    pub(super) fn give_up_names(&mut self) {
+        let NameUse::GivenUp(reason) = self.options.names else { return };
+        let names = NameTable::of(&self.header.comments);
+        if names.is_empty() {
+            return;
+        }
+        self.header.comments.retain(|comment| !is_name(comment));
+        self.hidden = Some(OBJECT);
+        if !reason.is_empty() {
+            self.staged.losses.lose(names.loss(reason));
+        }
+    }
+
+    /// Parts of the file that the mesh does not have.
+    pub fn losses(&self) -> Ledger {
+        let mut losses = self.staged.losses.clone();
+        let mut lose = |what: &str, name: &String| {
+            let loss = Loss::new(LossKind::Attributes, what, "only single numbers are carried");
+            losses.lose(loss.example(format!("'{name}'")).whole());
+        };
+        self.plan.dropped_lists.iter().for_each(|name| lose("lists of vertices", name));
+        self.dropped_face_properties().iter().for_each(|name| lose("lists of faces", name));
+        let used = [Some(self.layout.vertex_element), self.layout.face_element];
+        let others = self.header.elements.iter().enumerate();
+        for (_, element) in others.filter(|(i, element)| {
+            !used.contains(&Some(*i)) && element.count > 0 && element.name != "range_grid"
+        }) {
+            let what = format!("elements '{}'", element.name);
+            let loss = Loss::new(LossKind::Elements, what, "only vertices and faces are carried");
+            // The place that a scan was taken from says nothing of the surface.
+            let is_aside = element.name == "camera";
+            losses.lose(if is_aside { loss.notice() } else { loss.count(element.count) });
+        }
+        losses
+    }
+
+    /// The loss of those who take colours for shares of white.
+    pub fn clamped_colours(&self) -> Option<Loss> {
+        let what = "components of colours of vertices";
+        let loss = Loss::new(LossKind::Colors, what, "outside of black to white: clamped");
+        (self.n_outside > 0).then(|| loss.count(self.n_outside))
+    }
+}
