@@ -43,7 +43,7 @@ pub use gltf::{
 pub use label_survey::survey_labels;
 pub use materials::NUMBER;
 pub use materials::{TextureMode, TexturePlan, TextureRequest};
-pub use names::{NameUse, OBJECT};
+pub use names::{NameUse, OBJECT, lost_comments};
 pub use obj::ObjWriter;
 pub use obj::{find_texture, find3};
 pub use open::is_gltf;

@@ -228,6 +228,12 @@ pub(super) fn is_name(comment: &str) -> bool {
     parts(comment).is_some()
 }
 
+/// The loss of the comments of a mesh, if it has any.
+pub fn lost_comments(comments: &[String], infos: &[String], reason: &str) -> Option<Loss> {
+    let n = own_comments(comments, infos).len() as u64;
+    (n > 0).then(|| Loss::new(LossKind::Names, "comments", reason).count(n).notice())
+}
+
 /// Comments for people: neither names, nor an offset, nor the lines of earlier runs of this program.
 pub(super) fn own_comments<'a>(comments: &'a [String], infos: &'a [String]) -> Vec<&'a str> {
     let is_own = |line: &&String| {

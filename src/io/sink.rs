@@ -3,7 +3,7 @@
 use super::by_material::names_of;
 use super::gltf::{GlbWriter, Positions};
 use super::materials::{NUMBER, TexturePlan};
-use super::names::{NameTable, OBJECT, is_name, own_comments};
+use super::names::{NameTable, OBJECT, is_name, lost_comments};
 use super::obj::ObjWriter;
 use super::output_format::{OutputFormat, OutputKind};
 use super::rounding::Rounding;
@@ -11,7 +11,7 @@ use super::stl::StlWriter;
 use crate::ply::{Encoding, OutputHeader, Place, PlyFormat, PlyWriter, TexturedTriangle};
 use stonecut_mesh::codec::TEXTURE_NAMES;
 use stonecut_mesh::colours::ColourPlace;
-use stonecut_mesh::property::{Scalar, read_scalar};
+use stonecut_mesh::property::{Origin, Scalar, read_scalar};
 use stonecut_mesh::record::VertexSchema;
 use stonecut_system::disk::Disk;
 use stonecut_system::error::Result;
@@ -59,7 +59,13 @@ fn lost_parts(header: &OutputHeader, kind: OutputKind) -> Ledger {
             losses.lose(if is_whole { loss.whole() } else { loss });
         }
     };
-    let vertices: Vec<&str> = header.schema.properties.iter().map(|p| p.name.as_str()).collect();
+    // What went from faces to vertices is still what faces had.
+    let moved = [Origin::FaceMean, Origin::FaceLabel];
+    let all = &header.schema.properties;
+    let named = |is: &dyn Fn(Origin) -> bool| -> Vec<&str> {
+        all.iter().filter(|p| is(p.origin)).map(|p| p.name.as_str()).collect()
+    };
+    let vertices = named(&|origin| origin == Origin::Vertex);
     let has = |names: &[&str]| names.iter().all(|name| vertices.contains(name));
     // Only one colour and one pair of coordinates are written.
     let colour = ColourPlace::find(&header.schema).map_or(&[][..], |place| place.names());
@@ -71,14 +77,14 @@ fn lost_parts(header: &OutputHeader, kind: OutputKind) -> Ledger {
     let is_texture = |name: &str| TEXTURE_NAMES.as_flattened().contains(&name);
     let is_normal = |name: &str| NORMALS.contains(&name) && has(&NORMALS);
     let lost = of(&|name| COLOURS.contains(&name) && (is_stl || !colour.contains(&name)));
-    let elsewhere = "PLY, OBJ and GLB have";
-    lose(LossKind::Colors, "colours of vertices", &lost, (elsewhere, is_stl || colour.is_empty()));
+    let lacks = |whole: bool| (if whole { "PLY, OBJ and GLB have" } else { "PLY has" }, whole);
+    lose(LossKind::Colors, "colours of vertices", &lost, lacks(is_stl || colour.is_empty()));
     let lost = of(&|name| is_texture(name) && (is_stl || !pair.contains(&name)));
     let is_whole = is_stl || (pair.is_empty() && !header.faces.texture);
-    lose(LossKind::TextureCoordinates, "texture coordinates", &lost, (elsewhere, is_whole));
+    lose(LossKind::TextureCoordinates, "texture coordinates", &lost, lacks(is_whole));
     if is_stl && header.faces.texture {
         let what = "texture coordinates";
-        lose(LossKind::TextureCoordinates, what, &["of corners"], (elsewhere, true));
+        lose(LossKind::TextureCoordinates, what, &["of corners"], lacks(true));
     }
     let lost = of(&|name| {
         !COLOURS.contains(&name)
@@ -87,7 +93,8 @@ fn lost_parts(header: &OutputHeader, kind: OutputKind) -> Ledger {
             && !OPACITY.contains(&name)
     });
     lose(LossKind::Attributes, "properties of vertices", &lost, ("PLY has", true));
-    let faces: Vec<&str> = header.faces.properties.iter().map(|p| p.name.as_str()).collect();
+    let mut faces = named(&|origin| moved.contains(&origin));
+    faces.extend(header.faces.properties.iter().map(|p| p.name.as_str()));
     let of = |is: &dyn Fn(&str) -> bool| -> Vec<&str> {
         faces.iter().copied().filter(|name| is(name)).collect()
     };
@@ -98,10 +105,9 @@ fn lost_parts(header: &OutputHeader, kind: OutputKind) -> Ledger {
     let lost =
         of(&|name| !COLOURS.contains(&name) && name != NUMBER && !(has_names && name == OBJECT));
     lose(LossKind::Attributes, "properties of faces", &lost, ("PLY has", true));
-    let comments = own_comments(&header.comments, &header.obj_infos).len();
-    if is_stl && comments > 0 {
-        let loss = Loss::new(LossKind::Names, "comments", &reason).notice();
-        losses.lose(loss.count(comments as u64));
+    if is_stl {
+        let lost = lost_comments(&header.comments, &header.obj_infos, &reason);
+        lost.into_iter().for_each(|loss| losses.lose(loss));
     }
     losses
 }

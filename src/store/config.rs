@@ -320,12 +320,8 @@ pub struct Config {
 impl Config {
     /// Settings for reading the input.
     pub fn read_options(&self) -> ReadOptions {
-        ReadOptions {
-            skip_bad: self.skip_bad,
-            placing: self.placing.clone(),
-            temp_dir: None,
-            names: self.names,
-        }
+        let (skip_bad, placing) = (self.skip_bad, self.placing.clone());
+        ReadOptions { skip_bad, placing, temp_dir: None, names: self.names }
     }
 
     /// Settings of a run with the defaults of the command: all cores, the default budget, the job folder beside `output`.
@@ -432,7 +428,6 @@ impl Config {
         if !self.placing.is_none() {
             settings.insert("placing".to_owned(), self.placing.setting());
         }
-        // What other settings bring about goes without saying.
         if self.names == NameUse::GivenUp("") && !self.drop_faces {
             settings.insert("names".to_owned(), carried(true));
         }

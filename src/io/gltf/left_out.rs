@@ -1,10 +1,22 @@
 //! Parts of a glTF document that are not a mesh in its place: each goes into the ledger.
 
 use super::json::Document;
-use super::reader::KNOWN;
 use super::scene::Placed;
 use crate::materials::Materials;
 use stonecut_system::losses::{Loss, LossKind};
+
+/// Extensions that a file may require: what is read, and what only changes the look.
+pub(super) const KNOWN: [&str; 9] = [
+    "KHR_texture_basisu",
+    "KHR_draco_mesh_compression",
+    "CESIUM_RTC",
+    "EXT_mesh_gpu_instancing",
+    "KHR_mesh_quantization",
+    "EXT_meshopt_compression",
+    "KHR_meshopt_compression",
+    "KHR_texture_transform",
+    "EXT_texture_webp",
+];
 
 /// Enters what is left out of the scene, apart from what primitives and materials lack.
 pub(super) fn enter(document: &Document, placed: &[Placed], out: &mut Materials) {

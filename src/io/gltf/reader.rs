@@ -10,9 +10,10 @@ use super::elements::{BLOCK, Elements};
 use super::instances::all_placed;
 use super::join::{FaceParts, Joiner, VertexRow};
 use super::json::{Document, Mesh, Node, Primitive};
+use super::left_out::{self, KNOWN};
 use super::materials_in::{self, Coordinates};
 use super::scene::Placement;
-use super::{left_out, totals, weigh};
+use super::{totals, weigh};
 use crate::materials::{Materials, Part};
 use crate::names::{Name, NameList};
 use crate::open_options::StageOptions;
@@ -28,19 +29,6 @@ use stonecut_system::units::show_bytes;
 
 /// Documents that take no more memory than this are read whatever the budget.
 const MIN_DOCUMENT_BYTES: u64 = 16 << 20;
-
-/// Extensions that a file may require: what is read, and what only changes the look.
-pub(super) const KNOWN: [&str; 9] = [
-    "KHR_texture_basisu",
-    "KHR_draco_mesh_compression",
-    "CESIUM_RTC",
-    "EXT_mesh_gpu_instancing",
-    "KHR_mesh_quantization",
-    "EXT_meshopt_compression",
-    "KHR_meshopt_compression",
-    "KHR_texture_transform",
-    "EXT_texture_webp",
-];
 
 /// Returns whether a file begins like GLB, or like the JSON of glTF.
 pub(crate) fn looks_like(first: &[u8]) -> bool {

@@ -25,10 +25,10 @@ use super::source_facts::faults;
 use super::{abandon, is_final};
 use crate::bake::{Coloured, Means, colour_vertices};
 use crate::error::{Error, Result};
-use crate::io::NUMBER;
 use crate::io::materials::all_missing;
 use crate::io::ply::MeshSource;
 use crate::io::tileset::{FILE_NAME, OWN_PAGES, TileTree, TreeFiles, write_tilesets};
+use crate::io::{NUMBER, lost_comments};
 use crate::kernel;
 use crate::mesh::codec::ChannelKind;
 use crate::mesh::record::VertexSchema;
@@ -358,6 +358,9 @@ fn losses_of(
     pages: Option<&PagesReport>,
 ) -> Ledger {
     let mut losses = Ledger::default();
+    let comments = source.plain_comments();
+    let lost = lost_comments(&comments, source.obj_infos(), "not carried by tiles");
+    lost.into_iter().for_each(|loss| losses.lose(loss));
     let is_coloured = coloured.is_some();
     if let Some(pages) = pages {
         losses.merge(&pages.losses);
