@@ -31,6 +31,7 @@ use crate::io::tileset::{FILE_NAME, OWN_PAGES, TileTree, TreeFiles, write_tilese
 use crate::io::{NUMBER, lost_comments};
 use crate::kernel;
 use crate::mesh::codec::ChannelKind;
+use crate::mesh::colours::ColourPlace;
 use crate::mesh::record::VertexSchema;
 use crate::stages::partition::{Partition, partition_into_groups};
 use crate::stages::tiles;
@@ -364,6 +365,10 @@ fn losses_of(
     let is_coloured = coloured.is_some();
     if let Some(pages) = pages {
         losses.merge(&pages.losses);
+        if ColourPlace::find(source.schema()).is_some() {
+            let why = "not carried by tiles with images";
+            losses.lose(Loss::new(LossKind::Colors, "colours of vertices", why));
+        }
     } else if source.require_no_texture().is_err() {
         let instead = match is_coloured {
             true => "not carried: vertices have colours out of them instead",
