@@ -217,7 +217,7 @@ fn write_ply(folder: &Path) {
         let uv: Vec<String> = c.iter().flat_map(|&i| uv(i)).map(|x| x.to_string()).collect();
         let [a, b, d, e] = c;
         text += &format!(
-            "4 {a} {b} {d} {e} 8 {} {part} {} 7 9 {} 0.5 1 3\n",
+            "4 {a} {b} {d} {e} 8 {} {part} {} 7 9 {} {part}.5 1 3\n",
             uv.join(" "),
             100 * part,
             part + 4
