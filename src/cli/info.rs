@@ -67,6 +67,9 @@ pub(super) struct Report {
     /// Names of the images of the materials.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     images: Vec<String>,
+    /// Width and height of each; null where it cannot be read.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    image_pixels: Vec<Option<[u32; 2]>>,
     /// Those of them that are not there or cannot be read.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     missing_images: Vec<String>,
@@ -209,6 +212,7 @@ pub(super) fn look(
         file_format: source.file_format(),
         materials: materials.map_or_else(Vec::new, |m| m.names()),
         images: materials.map_or_else(Vec::new, |m| m.image_names(false)),
+        image_pixels: materials.map_or_else(Vec::new, |m| m.image_pixels()),
         missing_images: materials.map_or_else(Vec::new, |m| m.image_names(true)),
         notes: source
             .notes()
@@ -264,6 +268,24 @@ fn count(args: &Args, source: &MeshSource, threads: usize, progress: &Progress) 
 /// Names of missing images that the table shows.
 const SHOWN_IMAGES: usize = 5;
 
+/// Sizes of the images with the number of each, in the order in which they come up.
+fn pixels(images: &[Option<[u32; 2]>]) -> Option<String> {
+    let mut sizes: Vec<([u32; 2], usize)> = Vec::new();
+    for size in images.iter().flatten() {
+        match sizes.iter_mut().find(|(known, _)| known == size) {
+            Some((_, n)) => *n += 1,
+            None => sizes.push((*size, 1)),
+        }
+    }
+    let shown = |([width, height], n): &([u32; 2], usize)| match n {
+        1 => format!("{width} x {height}"),
+        n => format!("{n} of {width} x {height}"),
+    };
+    let rest = if sizes.len() > SHOWN_IMAGES { ", ..." } else { "" };
+    let list: Vec<String> = sizes.iter().take(SHOWN_IMAGES).map(shown).collect();
+    (!list.is_empty()).then(|| list.join(", ") + rest)
+}
+
 fn table(source: &MeshSource, report: &Report, below: Option<String>) -> String {
     let mut rows = vec![
         ("file", report.path.display().to_string()),
@@ -302,6 +324,9 @@ fn table(source: &MeshSource, report: &Report, below: Option<String>) -> String 
                 k => format!("{n}, {k} not there: {} ...", shown.join(", ")),
             },
         ));
+    }
+    if let Some(pixels) = pixels(&report.image_pixels) {
+        rows.push(("pixels", pixels));
     }
     rows.extend(report.notes.iter().map(|note| ("note", note.clone())));
     if let Some(n) = report.triangles {

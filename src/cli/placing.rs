@@ -80,6 +80,7 @@ impl TypedPlacing {
             (Some(Up::Z), OutputKind::Glb) => placing.then(&Z_TO_Y),
             (Some(Up::Y), OutputKind::Ply | OutputKind::Stl | OutputKind::Obj) => {
                 placing.then(&Y_TO_Z);
+                placing.turns_up = true;
             }
             _ => {}
         }

@@ -7,7 +7,6 @@ use super::outcome::{stage_line, write_json};
 use super::placing::{Transform, TypedMoves, Up, numbers, parse_transform};
 use crate::error::Result;
 use crate::io::Weld;
-use crate::io::is_gltf;
 use crate::mesh::placing::Placing;
 use crate::pipeline::tiles::report::TilesReport;
 use crate::pipeline::tiles::{
@@ -187,6 +186,7 @@ impl Args {
         };
         let mut placing = Placing::default();
         self.moves.append(&mut placing, None)?;
+        placing.turns_up = self.up != Some(Up::Z);
         Ok(TilesConfig {
             input: self.input.clone(),
             output: self.output.clone(),
@@ -199,7 +199,7 @@ impl Args {
             },
             pixels: self.pixels,
             packs: self.compress == Compress::Meshopt,
-            is_z_up: self.is_z_up(),
+            is_z_up: self.up != Some(Up::Y),
             placing,
             transform,
             viewer: self.viewer,
@@ -213,11 +213,6 @@ impl Args {
             weld: self.weld,
             checkpoint_every: crate::config::CHECKPOINT_EVERY,
         })
-    }
-
-    /// glTF has y upwards by its standard; standard input is not looked at beforehand.
-    fn is_z_up(&self) -> bool {
-        self.up.map_or_else(|| !is_gltf(&self.input), |up| up == Up::Z)
     }
 
     pub(super) fn paths(&self) -> Result<Paths> {
@@ -234,9 +229,11 @@ impl Args {
 /// Runs the command and gives its exit code.
 pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
     let report_to = args.report.as_deref().map(Seen::new);
-    let config = args.config()?;
+    let mut config = args.config()?;
     super::arguments::warn_of_limit(args.memory, log);
     let prepared = prepare_tiles(&config)?;
+    // glTF has y upwards by its standard.
+    config.is_z_up &= args.up.is_some() || prepared.source.file_format() != "glTF";
     log.plan(prepared.plan.lines(&config), &prepared.plan);
     if args.up.is_none() && !config.is_z_up {
         log.say("up        y, as glTF has it (--up z otherwise)");

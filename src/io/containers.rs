@@ -21,11 +21,12 @@ const MESH_POINTS: &str =
     "it has points and no faces; make a mesh of them first (CloudCompare, MeshLab, PoissonRecon)";
 const TESSELLATE: &str =
     "it has curved surfaces; make a mesh of them first (FreeCAD, Gmsh) and export STL or OBJ";
+const TILE: &str = "take the GLB out of it (npx 3d-tiles-tools b3dmToGlb, i3dmToGlb, splitCmpt)";
 const UNPACK: &str = "unpack it first";
 const FETCH: &str = "fetch the file itself";
 
 /// Rows: bytes at the beginning, what they mean, the way out.
-const BEGINNINGS: [(&[u8], &str, &str); 30] = [
+const BEGINNINGS: [(&[u8], &str, &str); 34] = [
     (b"Kaydara FBX Binary", "FBX", EXPORT),
     (b"; FBX", "FBX", EXPORT),
     (b"PXR-USDC", "USD", EXPORT),
@@ -36,6 +37,10 @@ const BEGINNINGS: [(&[u8], &str, &str); 30] = [
     (b"DRACO", "a bare Draco mesh", "export PLY, or GLB with Draco"),
     (b"# vtk DataFile", "VTK", "export PLY or STL from ParaView"),
     (b"$MeshFormat", "a Gmsh mesh", "export STL or PLY from Gmsh"),
+    (b"b3dm", "a tile of 3D Tiles (b3dm)", TILE),
+    (b"i3dm", "a tile of 3D Tiles (i3dm)", TILE),
+    (b"cmpt", "a tile of 3D Tiles (cmpt)", TILE),
+    (b"pnts", "a tile of points of 3D Tiles (pnts)", MESH_POINTS),
     (b"LASF", "a LAS or LAZ point cloud", MESH_POINTS),
     (b"ASTM-E57", "an E57 point cloud", MESH_POINTS),
     (b"# .PCD", "a PCD point cloud", MESH_POINTS),

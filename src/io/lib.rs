@@ -46,7 +46,6 @@ pub use materials::{TextureMode, TexturePlan, TextureRequest};
 pub use names::{NameUse, OBJECT, lost_comments};
 pub use obj::ObjWriter;
 pub use obj::{find_texture, find3};
-pub use open::is_gltf;
 pub use open_options::{Lock, StageOptions, Weld, WeldOptions};
 pub use output_format::{OutputFormat, OutputKind};
 pub use rounding::check_range;

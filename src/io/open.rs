@@ -79,23 +79,6 @@ impl MeshSource {
     }
 }
 
-/// Returns whether a file, packed or not, begins like glTF or GLB; false for what cannot be read, and for standard input.
-pub fn is_gltf(path: &Path) -> bool {
-    let Ok(file) = open_input(path) else { return false };
-    let mut reader = BufReader::new(file);
-    let packing = std::io::BufRead::fill_buf(&mut reader).map_or(Packing::Plain, Packing::of);
-    let mut first = Vec::new();
-    let found = match packing {
-        Packing::Plain => reader.take(4096).read_to_end(&mut first),
-        Packing::Gzip => {
-            flate2::bufread::MultiGzDecoder::new(reader).take(4096).read_to_end(&mut first)
-        }
-        Packing::Zstd => zstd::stream::read::Decoder::with_buffer(reader)
-            .and_then(|decoder| decoder.take(4096).read_to_end(&mut first)),
-    };
-    found.is_ok() && gltf::looks_like(&first)
-}
-
 /// Opens what is readable at random, whatever its format.
 fn open_raw(file: RawFile, options: &StageOptions) -> Result<MeshSource> {
     let mut read = options.read.clone();

@@ -18,18 +18,21 @@ pub struct Placing {
     columns: [f64; 16],
     /// Subtract a round offset near the middle of the bounding box.
     pub recentres: bool,
+    /// True if y upwards becomes z upwards, by the matrix or later (tiles): a place of the world in a glTF file, which has z
+    /// upwards (`CESIUM_RTC`), is then not turned with the rest. Changes nothing by itself.
+    pub turns_up: bool,
 }
 
 impl Default for Placing {
     fn default() -> Self {
-        Placing { columns: NONE, recentres: false }
+        Placing { columns: NONE, recentres: false, turns_up: false }
     }
 }
 
 impl Placing {
     /// True if nothing is changed.
     pub fn is_none(&self) -> bool {
-        *self == Placing::default()
+        self.columns == NONE && !self.recentres
     }
 
     /// Appends a map, by columns, that comes after what is there.

@@ -199,6 +199,8 @@ fn other_formats_are_named() {
     for (name, bytes, word) in [
         ("a.fbx", &b"Kaydara FBX Binary  \x00\x1a\x00rest"[..], "FBX"),
         ("a.usdc", b"PXR-USDC\0\0", "USD"),
+        ("a.b3dm", b"b3dm\x01\0\0\0\x40\0\0\0", "b3dmToGlb"),
+        ("a.pnts", b"pnts\x01\0\0\0\x40\0\0\0", "points"),
         ("a.las", b"LASF\0\0\0\0", "point cloud"),
         ("a.e57", b"ASTM-E57\0", "E57"),
         ("a.dae", b"<?xml version=\"1.0\"?>\n<COLLADA xmlns=\"x\">", "COLLADA"),

@@ -171,6 +171,8 @@ fn info_lists_materials_and_images() {
     assert_eq!(json["materials"], serde_json::json!(["wood", "bare"]));
     assert_eq!(json["images"], serde_json::json!(["tex.png", "none.png"]));
     assert_eq!(json["missing_images"], serde_json::json!(["none.png"]));
+    assert_eq!(json["image_pixels"], serde_json::json!([[4, 4], null]));
     let said = String::from_utf8(crate::common::run(folder, "info in.obj").stdout).unwrap();
     assert!(said.contains("OBJ") && said.contains("2, 1 not there: none.png"), "{said}");
+    assert!(said.contains("4 x 4"), "{said}");
 }

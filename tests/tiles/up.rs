@@ -47,3 +47,25 @@ fn a_tower_stands_whatever_its_format() {
         expect(folder, "info t --check", 0);
     }
 }
+
+#[test]
+fn what_comes_through_a_pipe_or_packed_stands_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let text = "ply\nformat ascii 1.0\nelement vertex 4\nproperty double x\nproperty double y\nproperty double z\n\
+                element face 4\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n2 0 0\n0 0 4\n0 20 0\n\
+                3 0 1 2\n3 0 3 1\n3 1 3 2\n3 2 3 0\n";
+    std::fs::write(folder.join("y.ply"), text).unwrap();
+    expect(folder, "convert y.ply y.glb", 0);
+    for (file, wanted) in [("y.glb", [1.0, 2.0, 10.0]), ("y.ply", [1.0, 10.0, 2.0])] {
+        let input = std::fs::File::open(folder.join(file)).unwrap();
+        let mut command = crate::common::stonecut();
+        command.current_dir(folder).args(["tiles", "-", "t", "--force", "-q"]).stdin(input);
+        assert!(command.status().unwrap().success());
+        let sides = half_sides(&tileset(folder, "t"));
+        assert!(
+            sides.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 0.02 * b),
+            "{file}: {sides:?}"
+        );
+    }
+}

@@ -12,14 +12,19 @@ use stonecut_system::error::Result;
 const PARTS: [(&str, &[f64]); 3] =
     [("TRANSLATION", &[0.0; 3]), ("ROTATION", &[0.0, 0.0, 0.0, 1.0]), ("SCALE", &[1.0; 3])];
 
-/// Meshes in their places, in the order of nodes and instances.
+/// Meshes in their places, in the order of nodes and instances; `turns_up` as `Placing` has it.
 pub(super) fn all_placed(
     file: &RawFile,
     document: &Document,
-    buffers: &mut Buffers,
+    (buffers, turns_up): (&mut Buffers, bool),
 ) -> Result<Vec<Placed>> {
     let nodes = placed(file, document)?;
-    let center = document.extensions.rtc.as_ref().map(|rtc| rtc.center);
+    // It counts in the axes of 3D Tiles, after y upwards has become z upwards (Cesium's readers do so; the extension's text is
+    // silent). Where the axes stay as they are, so does it.
+    let center = document.extensions.rtc.as_ref().map(|rtc| match (turns_up, rtc.center) {
+        (true, [x, y, z]) => [x, z, -y],
+        (false, center) => center,
+    });
     let mut out = Vec::with_capacity(nodes.len());
     for Placed { mesh, node, at } in nodes {
         let at = center.map_or(at, |center| at.moved(center));

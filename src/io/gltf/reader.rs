@@ -272,7 +272,7 @@ fn pieces<'a>(
     (materials, names): (&mut Materials, &mut NameList),
 ) -> Result<Vec<Piece<'a>>> {
     let (mut out, mut draco) = (Vec::new(), DracoMeshes::default());
-    let placed = all_placed(file, document, buffers)?;
+    let placed = all_placed(file, document, (buffers, options.read.placing.turns_up))?;
     totals::hold(file, document, &placed, options)?;
     left_out::enter(document, &placed, materials);
     for placed in placed {

@@ -345,6 +345,11 @@ impl Materials {
         self.images.iter().filter(is_wanted).map(|image| image.name.clone()).collect()
     }
 
+    /// Width and height of the images that can be read, as their headers have them, in the order of the names.
+    pub fn image_pixels(&self) -> Vec<Option<[u32; 2]>> {
+        self.images.iter().map(|image| look(&image.data).ok()?.size).collect()
+    }
+
     /// Returns whether images are named and none of them can be read.
     pub fn lacks_images(&self) -> bool {
         !self.images.is_empty() && self.images.iter().all(|image| look(&image.data).is_err())
