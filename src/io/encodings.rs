@@ -4,7 +4,10 @@
 
 use crate::ply::header::BYTE_ORDER_MARK;
 use crate::ply::raw::{RawFile, Spool};
-use encoding_rs::{Encoding, GBK, UTF_16BE, UTF_16LE, WINDOWS_1252};
+use encoding_rs::{
+    BIG5, EUC_KR, Encoding, GBK, SHIFT_JIS, UTF_16BE, UTF_16LE, WINDOWS_1250, WINDOWS_1251,
+    WINDOWS_1252,
+};
 use stonecut_system::error::Result;
 
 /// Bytes that are decoded at once.
@@ -89,12 +92,25 @@ pub(super) fn name(bytes: &[u8]) -> String {
 pub(super) fn names(bytes: &[u8]) -> Vec<String> {
     let mut out = vec![name(bytes)];
     if std::str::from_utf8(bytes).is_err() {
-        for encoding in [GBK, WINDOWS_1252] {
+        let european = [WINDOWS_1252, WINDOWS_1250, WINDOWS_1251];
+        for encoding in [GBK, SHIFT_JIS, BIG5, EUC_KR].into_iter().chain(european) {
             let (text, had_errors) = encoding.decode_without_bom_handling(bytes);
-            if !had_errors && text != out[0] {
+            if !had_errors && !out.iter().any(|known| *known == text) {
                 out.push(text.into_owned());
             }
         }
+    }
+    out
+}
+
+/// The bytes of a text in which `%20` stands for a blank.
+pub(super) fn unescaped(text: &str) -> Vec<u8> {
+    let (bytes, mut out, mut i) = (text.as_bytes(), Vec::new(), 0);
+    while i < bytes.len() {
+        let hex = bytes.get(i + 1..i + 3).filter(|_| bytes[i] == b'%');
+        let byte = hex.and_then(|hex| u8::from_str_radix(std::str::from_utf8(hex).ok()?, 16).ok());
+        out.push(byte.unwrap_or(bytes[i]));
+        i += if byte.is_some() { 3 } else { 1 };
     }
     out
 }

@@ -545,6 +545,17 @@ mod tests {
     }
 
     #[test]
+    fn integers_of_any_width_are_colours() {
+        for scalar in [Scalar::I8, Scalar::I16, Scalar::U16, Scalar::I32, Scalar::U32] {
+            let properties = ["red", "green", "blue"].map(|name| Property::new(name, scalar));
+            let properties = properties.to_vec();
+            let schema = VertexSchema { coordinate: Scalar::F32, properties };
+            let kinds = schema.kernel_codec(&[]).channel_kinds(&schema);
+            assert_eq!(kinds, vec![ChannelKind::Colour; 3], "{scalar:?}");
+        }
+    }
+
+    #[test]
     fn channels_have_meanings_and_labels_are_no_channels() {
         let schema = schema(
             Scalar::F32,

@@ -81,7 +81,7 @@ impl Colour {
     }
 }
 
-/// Returns whether colours of a type are averaged at a collapse; other integers are labels.
+/// Returns whether colours of a type are averaged at a collapse; integers of 64 bits are labels.
 fn is_averaged(scalar: Scalar) -> bool {
-    matches!(scalar, Scalar::U8 | Scalar::U16 | Scalar::F32 | Scalar::F64)
+    !matches!(scalar, Scalar::I64 | Scalar::U64)
 }

@@ -195,6 +195,19 @@ fn ascii_stl_keeps_what_it_says() {
 }
 
 #[test]
+fn ascii_stl_may_be_one_line_and_begin_with_another() {
+    let oneline = STL.replace('\n', " ");
+    let commented = format!("; made by hand\n{STL}");
+    for text in [oneline, commented] {
+        assert_eq!(counts(&open("a.stl", text.as_bytes(), false).unwrap()), (4, 2), "{text}");
+    }
+    let joined = [STL.as_bytes(), &[0; 84]].concat();
+    let source = open("a.stl", &joined, false).unwrap();
+    assert_eq!(counts(&source), (4, 2));
+    assert!(source.notes().iter().any(|note| note.contains("not text")), "{:?}", source.notes());
+}
+
+#[test]
 fn other_formats_are_named() {
     for (name, bytes, word) in [
         ("a.fbx", &b"Kaydara FBX Binary  \x00\x1a\x00rest"[..], "FBX"),

@@ -149,6 +149,19 @@ fn libraries_that_name_themselves_end() {
 
 /// A TGA file has nothing at its beginning that tells it.
 #[test]
+fn a_glb_without_any_image_ends_with_3() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    image::RgbImage::new(4, 4).save(at.join("a.bmp")).unwrap();
+    std::fs::write(at.join("a.mtl"), "newmtl m\nmap_Kd a.bmp\n").unwrap();
+    let text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
+    std::fs::write(at.join("a.obj"), text).unwrap();
+    let said = expect(at, "convert a.obj a.glb", 3);
+    assert!(said.contains("lost: all images") && said.contains("JPEG"), "{said}");
+    expect(at, "convert a.obj b.obj", 0);
+}
+
+#[test]
 fn images_in_tga_are_decoded() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();

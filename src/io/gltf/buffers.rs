@@ -5,6 +5,7 @@
 use super::elements::{Elements, Number};
 use super::json::{Document, SparsePart};
 use super::{meshopt, sparse};
+use crate::encodings::unescaped;
 use crate::materials::Part;
 use crate::open_options::StageOptions;
 use crate::ply::raw::RawFile;
@@ -264,7 +265,7 @@ fn data_of(data: &str) -> Option<Vec<u8>> {
     use base64::Engine;
     let (kind, text) = data.split_once(',')?;
     if !kind.ends_with(";base64") {
-        return Some(decoded(text));
+        return Some(unescaped(text));
     }
     base64::engine::general_purpose::STANDARD.decode(text).ok()
 }
@@ -274,18 +275,6 @@ pub(super) fn path_of(file: &RawFile, uri: &str) -> Option<PathBuf> {
     let is_far = uri.split_once(':').is_some_and(|(scheme, _)| {
         scheme.len() > 1 && scheme.chars().all(|c| c.is_ascii_alphanumeric())
     });
-    let name = String::from_utf8(decoded(uri)).ok()?;
+    let name = String::from_utf8(unescaped(uri)).ok()?;
     (!is_far).then(|| file.path().with_file_name("").join(name))
-}
-
-/// Text in which `%20` stands for a blank.
-fn decoded(text: &str) -> Vec<u8> {
-    let (bytes, mut out, mut i) = (text.as_bytes(), Vec::new(), 0);
-    while i < bytes.len() {
-        let hex = bytes.get(i + 1..i + 3).filter(|_| bytes[i] == b'%');
-        let byte = hex.and_then(|hex| u8::from_str_radix(std::str::from_utf8(hex).ok()?, 16).ok());
-        out.push(byte.unwrap_or(bytes[i]));
-        i += if byte.is_some() { 3 } else { 1 };
-    }
-    out
 }

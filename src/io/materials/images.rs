@@ -2,7 +2,7 @@
 //!
 //! Reads the first MiB and the last KiB of an image, whatever its size says: memory is bounded for any file.
 
-use super::description::ImageData;
+use super::description::{Image, ImageData, Materials};
 use super::search::is_set_of_tiles;
 use crate::ply::raw::RawFile;
 use std::path::Path;
@@ -94,6 +94,19 @@ pub fn look(data: &ImageData) -> Result<ImageFacts, String> {
     let size = found.ok().and_then(|size| Some([side(size.width)?, side(size.height)?]));
     let is_too_large = size.is_some_and(|size| size.iter().any(|&n| n as usize > MAX_SIDE));
     Ok(ImageFacts { n_bytes, mime, ending, size, is_too_large, fault })
+}
+
+impl Materials {
+    /// Names of the images; with `missing` only of those that cannot be read.
+    pub fn image_names(&self, missing: bool) -> Vec<String> {
+        let is_wanted = |image: &&Image| !missing || look(&image.data).is_err();
+        self.images.iter().filter(is_wanted).map(|image| image.name.clone()).collect()
+    }
+
+    /// Width and height of the images that can be read, as their headers have them, in the order of the names.
+    pub fn image_pixels(&self) -> Vec<Option<[u32; 2]>> {
+        self.images.iter().map(|image| look(&image.data).ok()?.size).collect()
+    }
 }
 
 /// Width and height of the file of a JPEG or PNG image, which is whole; the error says in words what is wrong with it.

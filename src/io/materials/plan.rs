@@ -205,6 +205,15 @@ impl TexturePlan {
         if self.lacks_images() {
             self.losses.lose(all_missing(self.n_missing));
         }
+        let is_none = |reference: &Reference| matches!(reference, Reference::None);
+        if mode == TextureMode::Embed
+            && self.references.iter().all(is_none)
+            && self.n_missing < self.references.len()
+        {
+            let reason = "glTF knows JPEG, PNG, WebP and KTX2";
+            let loss = Loss::new(LossKind::Images, "all images", reason).whole();
+            self.losses.lose(loss.remedy("make them JPEG or PNG first, or write OBJ"));
+        }
         if is_stream(request.output) && !pending.is_empty() {
             let loss =
                 Loss::new(LossKind::Images, "images", "beside standard output there is no folder");
@@ -337,17 +346,6 @@ impl Materials {
     /// Names of the materials.
     pub fn names(&self) -> Vec<String> {
         self.list.iter().map(|material| material.name.clone()).collect()
-    }
-
-    /// Names of the images; with `missing` only of those that cannot be read.
-    pub fn image_names(&self, missing: bool) -> Vec<String> {
-        let is_wanted = |image: &&Image| !missing || look(&image.data).is_err();
-        self.images.iter().filter(is_wanted).map(|image| image.name.clone()).collect()
-    }
-
-    /// Width and height of the images that can be read, as their headers have them, in the order of the names.
-    pub fn image_pixels(&self) -> Vec<Option<[u32; 2]>> {
-        self.images.iter().map(|image| look(&image.data).ok()?.size).collect()
     }
 
     /// Returns whether images are named and none of them can be read.

@@ -55,7 +55,11 @@ impl Search {
         if let Some(path) = self.as_written(written, &texts) {
             return path;
         }
-        let found = texts.iter().map(|text| plain(text)).find_map(|name| self.elsewhere(&name));
+        let found = texts.iter().map(|text| plain(text)).find_map(|name| {
+            let unescaped = String::from_utf8(encodings::unescaped(&name)).ok();
+            let unescaped = unescaped.filter(|other| *other != name);
+            self.elsewhere(&name).or_else(|| self.elsewhere(&unescaped?))
+        });
         if let Some(path) = found {
             self.n_elsewhere += 1;
             self.first.get_or_insert_with(|| (texts[0].clone(), path.clone()));
@@ -233,9 +237,15 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path();
         std::fs::create_dir(folder.join("Maps")).unwrap();
-        for name in
-            ["tex.png", "Maps/Wall.JPG", "stra\u{df}e.png", "\u{7eb9}\u{7406}.png", "u.1001.png"]
-        {
+        for name in [
+            "tex.png",
+            "a b.png",
+            "\u{6728}.png",
+            "Maps/Wall.JPG",
+            "stra\u{df}e.png",
+            "\u{7eb9}\u{7406}.png",
+            "u.1001.png",
+        ] {
             std::fs::write(folder.join(name), "x").unwrap();
         }
         let mut search = Search::new("image", &[folder]);
@@ -249,6 +259,8 @@ mod tests {
             (b"D:\\x\\maps\\wall.jpg", "Maps/Wall.JPG"),
             (b"stra\xdfe.png", "stra\u{df}e.png"),
             (b"\xce\xc6\xc0\xed.png", "\u{7eb9}\u{7406}.png"),
+            (b"a%20b.png", "a b.png"),
+            (b"\x96\xd8.png", "\u{6728}.png"),
             (b"u.<UDIM>.png", "u.1001.png"),
         ] {
             assert_eq!(search.find(written), folder.join(name), "{}", written.escape_ascii());

@@ -21,7 +21,11 @@ const TRIANGLE_BYTES: usize = 72;
 /// Returns whether the text begins like an ASCII STL.
 pub fn is_ascii(first: &[u8]) -> bool {
     let text = first.strip_prefix(BYTE_ORDER_MARK).unwrap_or(first).trim_ascii_start();
-    text.len() >= 5 && text[..5].eq_ignore_ascii_case(b"solid") && !first.contains(&0)
+    let begins =
+        |word: &[u8]| text.len() >= word.len() && text[..word.len()].eq_ignore_ascii_case(word);
+    // Some programs write a line of their own first.
+    let has_facet = || text.windows(12).any(|word| word.eq_ignore_ascii_case(b"facet normal"));
+    !first.contains(&0) && (begins(b"solid") || has_facet())
 }
 
 /// Triangles of an ASCII STL before they are welded.
@@ -110,6 +114,13 @@ pub fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawFile, St
     let mut position = [0f64; 3];
     let mut comments = Vec::new();
     while lines.next(&mut line)? {
+        if ended && line.contains(&0) {
+            let at = lines.number;
+            staged
+                .notes
+                .push(format!("line {at}: what is behind 'endsolid' is not text: left out"));
+            break;
+        }
         let mut tokens = words(&line);
         while let Some(token) = tokens.next() {
             if awaited > 0 {
@@ -143,11 +154,26 @@ pub fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawFile, St
             };
             if token.eq_ignore_ascii_case(b"solid") {
                 ended = is_end;
-                let name = tokens.map(String::from_utf8_lossy).collect::<Vec<_>>().join(" ");
+                // The name ends with the line, or with the first facet.
+                let (mut name, mut goes_on) = (Vec::new(), false);
+                for word in tokens.by_ref() {
+                    let is_facet = |last: &&[u8]| last.eq_ignore_ascii_case(b"facet");
+                    if word.eq_ignore_ascii_case(b"normal") && name.last().is_some_and(is_facet) {
+                        name.pop();
+                        goes_on = true;
+                        break;
+                    }
+                    name.push(word);
+                }
+                ended &= !goes_on;
+                let name: Vec<_> = name.into_iter().map(String::from_utf8_lossy).collect();
+                let name = name.join(" ");
                 if !ended && !name.is_empty() && comments.len() < 1000 {
                     comments.push(format!("solid {name}"));
                 }
-                break;
+                if !goes_on {
+                    break;
+                }
             } else if token.eq_ignore_ascii_case(b"vertex") && !is_end {
                 awaited = 3;
             } else if token.eq_ignore_ascii_case(b"loop") && is_end {
