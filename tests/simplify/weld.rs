@@ -282,3 +282,32 @@ fn arrays_of_loose_triangles_come_out_closed() {
     }
     assert_eq!(run("--weld off").report.input.joined_vertices, 0);
 }
+
+#[test]
+fn copies_in_rounded_text_are_joined_or_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let (points, triangles) = soup(&sphere(4), 2e-7);
+    let mut options = "--ratio 10%".to_owned();
+    for digits in [6, 4] {
+        let off = 10f64.powi(6 - digits);
+        let mut text = String::new();
+        for p in &points {
+            let exact = p.map(|x| (x * 1e6).round() / 1e6);
+            let [x, y, z] = [0, 1, 2].map(|k| exact[k] + off * (p[k] - exact[k]));
+            text += &format!("v {x:.digits$} {y:.digits$} {z:.digits$}\n");
+        }
+        for t in &triangles {
+            text += &format!("f {} {} {}\n", t[0] + 1, t[1] + 1, t[2] + 1);
+        }
+        std::fs::write(at.join("in.obj"), text).unwrap();
+        if digits == 4 {
+            let output = crate::common::run(at, "simplify in.obj out.ply --ratio 10% --force");
+            let said = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert!(said.contains("if they belong together, --weld"), "{said}");
+            options += " --weld 3e-4";
+        }
+        expect(at, &format!("simplify in.obj out.ply {options} --force"), 0);
+        is_closed(at, "out.ply");
+    }
+}

@@ -28,6 +28,9 @@ const SAMPLE: u64 = 1 << 16;
 const MOST_IN_CELL: usize = 512;
 /// Share of the sample that must have a copy before loose triangles are joined.
 const LOOSE_NEAR: f64 = 0.25;
+/// Where most copies are exact, this share of loose vertices must have another near by only: text that was rounded has some
+/// percent of them, a scan in which two places are near by chance less than one.
+const LOOSE_INEXACT: f64 = 0.02;
 /// The same of vertices at open edges. Of a mesh that was written patch by patch nearly all have one. Of a scan some percent do,
 /// by chance: joining 3,024 of 390,782 vertices of the Legion of Honor made edges of three triangles and turned senses.
 const OPEN_NEAR: f64 = 0.5;
@@ -102,10 +105,19 @@ pub(super) fn survey(source: &MeshSource) -> Result<Option<Found>> {
     if is_mostly_exact && !is_loose {
         return Ok(None);
     }
-    let far = if is_mostly_exact { 0.0 } else { near[(near.len() - 1) * 99 / 100] };
+    let inexact = &near[near.partition_point(|&distance| distance == 0.0)..];
+    let is_some = inexact.len() as f64 >= LOOSE_INEXACT * near.len() as f64;
+    let far = match (is_mostly_exact, is_some) {
+        (true, false) => 0.0,
+        (true, true) => inexact[(inexact.len() - 1) * 99 / 100],
+        (false, _) => near[(near.len() - 1) * 99 / 100],
+    };
+    // What was rounded more coarsely than rounding explains.
+    let suggested = if is_exact { sample.suggest(&edges) } else { None };
     let far = far.max(f64::MIN_POSITIVE);
     let step = source.schema().rounding() * largest(&sample.bounds);
-    Ok(Some(Found { distance: (SPREAD * far).max(8.0 * step).min(limit), ..found }))
+    let distance = (SPREAD * far).max(8.0 * step).min(limit);
+    Ok(Some(Found { distance, suggested, ..found }))
 }
 
 /// Joins within a distance that was given, at most a share of the edges.
