@@ -201,7 +201,8 @@ fn ascii_stl_may_be_one_line_and_begin_with_another() {
     for text in [oneline, commented] {
         assert_eq!(counts(&open("a.stl", text.as_bytes(), false).unwrap()), (4, 2), "{text}");
     }
-    let joined = [STL.as_bytes(), &[0; 84]].concat();
+    let long = STL.replace("solid a", &format!("solid {}", "a".repeat(5000)));
+    let joined = [long.as_bytes(), &[0; 84]].concat();
     let source = open("a.stl", &joined, false).unwrap();
     assert_eq!(counts(&source), (4, 2));
     assert!(source.notes().iter().any(|note| note.contains("not text")), "{:?}", source.notes());

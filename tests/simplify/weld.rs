@@ -290,7 +290,7 @@ fn copies_in_rounded_text_are_joined_or_named() {
     let (points, triangles) = soup(&sphere(4), 2e-7);
     let mut options = "--ratio 10%".to_owned();
     for digits in [6, 4] {
-        let off = 10f64.powi(6 - digits);
+        let off = 10f64.powi(6 - digits as i32);
         let mut text = String::new();
         for p in &points {
             let exact = p.map(|x| (x * 1e6).round() / 1e6);

@@ -23,7 +23,7 @@ pub fn is_ascii(first: &[u8]) -> bool {
     let text = first.strip_prefix(BYTE_ORDER_MARK).unwrap_or(first).trim_ascii_start();
     let begins =
         |word: &[u8]| text.len() >= word.len() && text[..word.len()].eq_ignore_ascii_case(word);
-    // Some programs write a line of their own first.
+    // Some programs write another line first.
     let has_facet = || text.windows(12).any(|word| word.eq_ignore_ascii_case(b"facet normal"));
     !first.contains(&0) && (begins(b"solid") || has_facet())
 }

@@ -28,7 +28,7 @@ const SAMPLE: u64 = 1 << 16;
 const MOST_IN_CELL: usize = 512;
 /// Share of the sample that must have a copy before loose triangles are joined.
 const LOOSE_NEAR: f64 = 0.25;
-/// Where most copies are exact, this share of loose vertices must have another near by only: text that was rounded has some
+/// Share of loose vertices that must have copies near by only, if most copies are exact: text that was rounded has some
 /// percent of them, a scan in which two places are near by chance less than one.
 const LOOSE_INEXACT: f64 = 0.02;
 /// The same of vertices at open edges. Of a mesh that was written patch by patch nearly all have one. Of a scan some percent do,
