@@ -6,6 +6,7 @@
 //! original's own materials and images have there (`paint`, `images`), and pages become images (`pages`). Bytes depend on
 //! the two meshes, the images and the options: not on threads, memory or the order of work. Does not write meshes.
 
+mod candidates;
 mod charts;
 mod directions;
 mod flatten;

@@ -25,6 +25,8 @@ const BLOCK: usize = 2048;
 pub(super) trait Seekers: Sync {
     fn n(&self) -> usize;
     fn point(&self, i: usize) -> Vector;
+    /// Number of a small region: of the points of a patch, those with the same one are neighbours.
+    fn square(&self, i: usize) -> u64;
     /// Normal of the surface that the point is on, of any length.
     fn normal(&self, i: usize) -> Vector;
     /// A place that faces the point may be this much farther than the nearest one.
@@ -44,6 +46,10 @@ impl<S: Seekers> Seekers for Subset<'_, S> {
 
     fn point(&self, i: usize) -> Vector {
         self.of.point(self.numbers[i] as usize)
+    }
+
+    fn square(&self, i: usize) -> u64 {
+        self.of.square(self.numbers[i] as usize)
     }
 
     fn normal(&self, i: usize) -> Vector {

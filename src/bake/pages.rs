@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use stonecut_system::disk::{Disk, DiskFile, scratch_file};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::parallel::in_order;
+use stonecut_system::progress::Progress;
 
 /// Bytes of a texel.
 const BYTES: usize = 4;
@@ -153,9 +154,9 @@ impl Canvas {
                 if kind == PageKind::Directions {
                     mean = STRAIGHT_PIXEL;
                 }
-                let rows = Rows { canvas: self, page: number, mean };
+                let rows =
+                    Rows { canvas: self, page: number, mean, progress: Some(means.progress) };
                 let bytes = rows.write(kind, &path, means.disk)?;
-                means.progress.add(u64::from(width) * u64::from(height));
                 *out = Some((Page { path, kind, width, height, bytes }, covered));
                 Ok(())
             },
@@ -174,28 +175,24 @@ impl Canvas {
     pub fn image(&self, page: usize, kind: PageKind) -> Result<(Vec<u8>, u64)> {
         let (mean, n_covered) = self.mean(page)?;
         let mut out = Vec::new();
-        Rows { canvas: self, page, mean }.encode(kind, &mut out)?;
+        Rows { canvas: self, page, mean, progress: None }.encode(kind, &mut out)?;
         Ok((out, n_covered))
     }
 
     /// The mean of a page's texels, opaque, and their number.
     fn mean(&self, page: usize) -> Result<([u8; 4], u64)> {
-        let mut sums = [0u64; 4];
+        let (mut sums, mut n) = ([0u64; 4], 0);
         for first in (0..self.sizes[page][1]).step_by(BAND_ROWS as usize) {
             for pixel in self.read(page, first, first + BAND_ROWS)? {
                 if pixel != EMPTY {
                     let weight = u64::from(pixel[3]);
                     (0..3).for_each(|k| sums[k] += weight * u64::from(pixel[k]));
                     sums[3] += weight;
+                    n += 1;
                 }
             }
         }
         let mean = |k: usize| (sums[k] / sums[3].max(1)) as u8;
-        let mut n = 0;
-        for first in (0..self.sizes[page][1]).step_by(BAND_ROWS as usize) {
-            let rows = self.read(page, first, first + BAND_ROWS)?;
-            n += rows.iter().filter(|&&pixel| pixel != EMPTY).count() as u64;
-        }
         Ok(([mean(0), mean(1), mean(2), 255], n))
     }
 
@@ -218,6 +215,8 @@ struct Rows<'a> {
     page: usize,
     /// Colour of what is far from all charts.
     mean: [u8; 4],
+    /// Counts the texels of bands.
+    progress: Option<&'a Progress>,
 }
 
 impl Rows<'_> {
@@ -228,6 +227,9 @@ impl Rows<'_> {
     /// Rows `first..first + BAND_ROWS`, as far as there are such, with colours beyond the borders of charts.
     fn band(&self, first: u32) -> Result<Vec<[u8; 4]>> {
         let width = self.size()[0] as usize;
+        if let Some(progress) = self.progress {
+            progress.check()?;
+        }
         let above = first.min(GROWTH);
         let mut pixels = self.canvas.read(self.page, first - above, first + BAND_ROWS + GROWTH)?;
         grow(&mut pixels, width, GROWTH);
@@ -240,6 +242,9 @@ impl Rows<'_> {
             } else if pixel[3] == 0 {
                 *pixel = [self.mean[0], self.mean[1], self.mean[2], 0];
             }
+        }
+        if let Some(progress) = self.progress {
+            progress.add(band.len() as u64);
         }
         Ok(band)
     }
@@ -458,7 +463,7 @@ mod tests {
         canvas.put(1, &texels).unwrap();
         let (mean, n) = canvas.mean(1).unwrap();
         assert_eq!(n, texels.len() as u64);
-        let rows = Rows { canvas: &canvas, page: 1, mean };
+        let rows = Rows { canvas: &canvas, page: 1, mean, progress: None };
         let bands = (0..200).step_by(BAND_ROWS as usize);
         let pixels: Vec<_> = bands.flat_map(|first| rows.band(first).unwrap()).collect();
         let mut whole = canvas.read(1, 0, 200).unwrap();

@@ -31,16 +31,33 @@ const POINT_BYTES: u64 = 264;
 /// Points of a batch where no cell and no image is ever loaded twice.
 const SMALL_BATCH: u64 = 1 << 18;
 
-/// Points for a side of a texel: two where the original is about as dense, more where it is denser. Beyond, smaller
-/// sizes of its images are read.
-const SIDES: [u32; 3] = [2, 3, 4];
+/// Parts of a batch, about: what threads fill is used again for the next part.
+const BANDS: u64 = 16;
+
+/// Points for a side of a texel: one where the page is as dense as the original's images, more where these are denser.
+/// Beyond, smaller sizes of them are read.
+const SIDES: [u32; 4] = [1, 2, 3, 4];
+
+/// Pixels of the original between points at most.
+const MOST_APART: [f64; 4] = [1.1, 0.75, 0.75, 0.75];
+
+/// Half of the height in texels below which a triangle gets two points for a side at least: it may lie between others.
+const THIN: f64 = 0.75;
+
+/// Points for a side of a texel without images.
+const PLAIN_SIDE: u32 = 2;
 
 /// Points for a side of a texel of pages of `texels_per_unit`.
 pub(super) fn points_of_side(of_images: Option<f64>, texels_per_unit: f64) -> u32 {
-    let ratio = of_images.map_or(1.0, |density| density / texels_per_unit);
-    let side = SIDES.iter().find(|&&side| ratio <= 0.75 * f64::from(side)).copied();
-    side.unwrap_or(SIDES[SIDES.len() - 1])
+    let Some(of_images) = of_images else { return PLAIN_SIDE };
+    let ratio = of_images / texels_per_unit;
+    let is_enough = |(side, most): &(u32, f64)| ratio <= most * f64::from(*side);
+    let side = SIDES.into_iter().zip(MOST_APART).find(is_enough);
+    side.map_or(SIDES[SIDES.len() - 1], |(side, _)| side)
 }
+
+/// Points of the side of a square whose points look for places together.
+const SQUARE_POINTS: u32 = 8;
 
 /// A place that faces the result may be farther than the nearest one by this share of the triangle's longest edge.
 const GRACE: f64 = 0.25;
@@ -123,9 +140,20 @@ struct Point {
     column: u32,
 }
 
+/// Memory that every batch uses again: the system takes longer to give it than it takes to fill it.
+#[derive(Default)]
+struct Buffers {
+    points: Vec<Point>,
+    hits: Vec<Hit>,
+    lights: Vec<Light>,
+    spots: Vec<Spot>,
+}
+
 /// Points of several bands.
 struct Batch<'a> {
     mesh: &'a Mesh,
+    /// Texels of the side of a square whose points look for places together.
+    square: u32,
     points: Vec<Point>,
 }
 
@@ -136,6 +164,11 @@ impl Seekers for Batch<'_> {
 
     fn point(&self, i: usize) -> Vector {
         self.points[i].at
+    }
+
+    fn square(&self, i: usize) -> u64 {
+        let Point { row, column, .. } = self.points[i];
+        u64::from(row / self.square) << 32 | u64::from(column / self.square)
     }
 
     fn normal(&self, i: usize) -> Vector {
@@ -158,7 +191,8 @@ pub(super) fn fill(scene: &Scene, cells: &mut CellCache, canvases: &mut Canvases
     // What fits into the caches of the processor is faster, unless cells or images are loaded for each batch.
     let stays = cells.holds_all(scene.original) && scene.images.holds_all();
     let most_points = if stays { within.min(SMALL_BATCH) } else { within };
-    let work = Work::new(scene, most_points / 4);
+    let work = Work::new(scene, most_points / BANDS);
+    let mut buffers = Buffers::default();
     let mut seen = Seen::default();
     let all_points: u64 = work.bands.iter().map(|band| band.n_points).sum();
     let (mut first, mut points_done, mut counted) = (0, 0, 0);
@@ -172,7 +206,7 @@ pub(super) fn fill(scene: &Scene, cells: &mut CellCache, canvases: &mut Canvases
             end += 1;
         }
         let bands = &work.bands[first..end];
-        work.fill_bands(scene, bands, (cells, canvases), &mut seen)?;
+        work.fill_bands(scene, bands, (cells, canvases), &mut buffers, &mut seen)?;
         first = end;
         points_done += n_points;
         let share = points_done as f64 / all_points.max(1) as f64;
@@ -241,9 +275,13 @@ impl Work {
         scene: &Scene,
         bands: &[Band],
         (cells, canvases): (&mut CellCache, &mut Canvases),
+        buffers: &mut Buffers,
         seen: &mut Seen,
     ) -> Result<()> {
-        let mut batch = Batch { mesh: scene.mesh, points: Vec::new() };
+        let square = (SQUARE_POINTS / scene.side).max(1);
+        buffers.points.clear();
+        let points = std::mem::take(&mut buffers.points);
+        let mut batch = Batch { mesh: scene.mesh, square, points };
         let mut ends = Vec::new();
         in_order(
             bands.len() as u64,
@@ -266,7 +304,8 @@ impl Work {
             patches.push(start..start + own.len());
         }
         let means = (scene.threads, scene.progress);
-        let hits = scene.original.nearest_by_patches(&batch, &patches, cells, means)?;
+        let hits = &mut buffers.hits;
+        scene.original.nearest_by_patches(&batch, &patches, cells, means, hits)?;
         let from = |i: usize| if i == 0 { 0 } else { ends[i - 1] };
         if let Some(canvas) = &mut canvases.normals {
             let (mesh, normals) = (scene.mesh, scene.normals);
@@ -299,9 +338,10 @@ impl Work {
                 },
             )?;
         }
+        buffers.points = batch.points;
         let Some(canvas) = &mut canvases.colours else { return Ok(()) };
-        let lights = lights(scene, &batch.points, &hits)?;
-        drop(hits);
+        lights(scene, buffers)?;
+        let Buffers { points, lights, .. } = &*buffers;
         in_order(
             bands.len() as u64,
             scene.threads,
@@ -309,7 +349,7 @@ impl Work {
             |i, texels: &mut Vec<Texel>| {
                 let i = i as usize;
                 let lights = &lights[from(i)..ends[i]];
-                of_texels(&batch.points[from(i)..ends[i]], texels, |same| {
+                of_texels(&points[from(i)..ends[i]], texels, |same| {
                     mean_light(same.iter().map(|&i| lights[i as usize]))
                 });
                 Ok(())
@@ -336,10 +376,12 @@ impl Work {
                 }
             };
             let mut n = 0;
-            let is_small = area(&scene.charts.corners[t as usize]) < 2.0;
+            let area = area(&scene.charts.corners[t as usize]);
+            let is_small = area < 2.0;
+            let side = if area < THIN * longest(&flat) { scene.side.max(2) } else { scene.side };
             // Small ones are looked at as a whole, so that the count does not depend on the rows.
             let rows = if is_small { 0..u32::MAX } else { band.rows.clone() };
-            each_point(&flat, scene.side, rows, |x, y, weights| {
+            each_point(&flat, side, rows, |x, y, weights| {
                 n += 1;
                 put(x, y, weights);
             });
@@ -352,8 +394,15 @@ impl Work {
     }
 }
 
+/// The length of the longest edge.
+fn longest([a, b, c]: &[[f64; 2]; 3]) -> f64 {
+    let length_sq = |p: &[f64; 2], q: &[f64; 2]| (p[0] - q[0]).powi(2) + (p[1] - q[1]).powi(2);
+    length_sq(a, b).max(length_sq(b, c)).max(length_sq(c, a)).sqrt()
+}
+
 /// The colour of every place.
-fn lights(scene: &Scene, points: &[Point], hits: &[Hit]) -> Result<Vec<Light>> {
+fn lights(scene: &Scene, buffers: &mut Buffers) -> Result<()> {
+    let Buffers { points, hits, lights, spots } = buffers;
     let table = &scene.images.table;
     let paint = |hit: &Hit| scene.palette.paints.get(hit.material as usize);
     // First what needs no image; what an image says is multiplied with it.
@@ -367,17 +416,18 @@ fn lights(scene: &Scene, points: &[Point], hits: &[Hit]) -> Result<Vec<Light>> {
         let [r, g, b, _] = table.of([r, g, b, 255]);
         times_opacity([r, g, b, factor[3]])
     };
-    let mut lights: Vec<Light> = hits.iter().map(plain).collect();
+    lights.clear();
+    lights.extend(hits.iter().map(plain));
     let charts = scene.charts;
     let spot = |(point, hit): (&Point, &Hit)| {
         let density = charts.densities[charts.page[point.triangle as usize] as usize];
         let spacing = density * f64::from(scene.side);
         Spot { material: hit.material, uv: hit.uv, apart: f64::from(hit.per_unit) / spacing }
     };
-    let spots: Vec<Spot> = points.iter().zip(hits).map(spot).collect();
+    spots.clear();
+    spots.extend(points.iter().zip(&*hits).map(spot));
     let looks = (scene.palette, scene.images);
-    multiply(&mut lights, &spots, looks, scene.threads, scene.progress)?;
-    Ok(lights)
+    multiply(lights, spots, looks, scene.threads, scene.progress)
 }
 
 /// Makes the texels that points lie in; `pixel` gets the numbers of the points of each.
@@ -387,7 +437,8 @@ fn of_texels(points: &[Point], out: &mut Vec<Texel>, mut pixel: impl FnMut(&[u32
     let key =
         |(i, point): (u64, &Point)| u64::from(point.row) << 46 | u64::from(point.column) << 32 | i;
     let mut order: Vec<u64> = (0..).zip(points).map(key).collect();
-    order.sort_unstable();
+    // Points of a triangle are in order already: such runs are merged.
+    order.sort();
     let mut same: Vec<u32> = Vec::new();
     for keys in order.chunk_by(|a, b| a >> 32 == b >> 32) {
         same.clear();

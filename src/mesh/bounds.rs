@@ -70,6 +70,7 @@ impl Bounds {
     }
 
     /// Takes in a point.
+    #[inline]
     pub fn add(&mut self, point: Vec3) {
         self.low = [0, 1, 2].map(|k| self.low[k].min(point[k]));
         self.high = [0, 1, 2].map(|k| self.high[k].max(point[k]));
@@ -89,12 +90,14 @@ impl Bounds {
     }
 
     /// Squared distance from a point to the box; infinite for an empty box.
+    #[inline]
     pub fn distance_sq(&self, point: Vec3) -> f64 {
         let off = [0, 1, 2].map(|k| (self.low[k] - point[k]).max(point[k] - self.high[k]).max(0.0));
         length_sq(off)
     }
 
     /// Squared distance to another box; a lower bound for the distances between their points.
+    #[inline]
     pub fn gap_sq(&self, other: &Bounds) -> f64 {
         let off = [0, 1, 2]
             .map(|k| (self.low[k] - other.high[k]).max(other.low[k] - self.high[k]).max(0.0));

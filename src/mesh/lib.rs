@@ -59,6 +59,7 @@ impl Mesh {
     }
 
     /// The channels of one vertex.
+    #[inline]
     pub fn channels_of(&self, vertex: u32) -> &[f32] {
         let start = vertex as usize * self.n_channels;
         &self.channels[start..start + self.n_channels]
@@ -70,6 +71,7 @@ impl Mesh {
     }
 
     /// The three corner positions of one triangle.
+    #[inline]
     pub fn corners(&self, triangle: usize) -> [[f64; 3]; 3] {
         self.triangles[triangle].map(|v| self.positions[v as usize])
     }

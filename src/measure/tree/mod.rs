@@ -66,11 +66,13 @@ impl Tree {
     }
 
     /// The number that the triangle at `slot` had in the list given to `build`.
+    #[inline]
     pub fn id(&self, slot: u32) -> u32 {
         self.ids[slot as usize]
     }
 
     /// The canonical corners of the triangle at `slot`.
+    #[inline]
     pub fn corners(&self, slot: u32) -> &[Vector; 3] {
         &self.corners[slot as usize]
     }

@@ -1,0 +1,99 @@
+//! Triangles of the original that may be nearest to a point, with bounds of their distances.
+//!
+//! A bound takes nine products, a distance many times as many. Uses neither cells nor trees.
+
+use stonecut_measure::triangle::Vector;
+use stonecut_mesh::vec3::{cross, dot, length_sq, sub};
+
+/// Bounds of distances count up to this share of the lengths that they come from.
+pub(super) const SLACK: f64 = 1e-9;
+
+/// A triangle of the original that may be nearest to a point of a patch.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Near {
+    pub cell: u32,
+    pub slot: u32,
+    /// Distance from the middle of the patch.
+    pub off: f64,
+}
+
+/// The same with what bounds its distance.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Candidate {
+    pub cell: u32,
+    pub slot: u32,
+    /// Bound on the rounding of the bound.
+    pub slack: f64,
+    corner: Vector,
+    /// Unit normal; zeros where the triangle is too thin for bounds.
+    normal: Vector,
+    /// Gradients of the barycentric coordinates of the second and the third corner.
+    rise: [Vector; 2],
+    /// Squared heights of the triangle over its three edges.
+    heights_sq: [f64; 3],
+}
+
+impl Candidate {
+    pub fn new(Near { cell, slot, .. }: Near, t: &[Vector; 3]) -> Candidate {
+        let (u, v) = (sub(t[1], t[0]), sub(t[2], t[0]));
+        let n = cross(u, v);
+        let (n_sq, longest_sq) = (length_sq(n), length_sq(u).max(length_sq(v)));
+        let mut out = Candidate {
+            cell,
+            slot,
+            slack: SLACK * longest_sq.sqrt(),
+            corner: t[0],
+            normal: [0.0; 3],
+            rise: [[0.0; 3]; 2],
+            heights_sq: [0.0; 3],
+        };
+        // Slivers of a thousandth of their length are measured, not bounded.
+        let is_thick = n_sq > 1e-6 * longest_sq * longest_sq;
+        if is_thick {
+            let length = n_sq.sqrt();
+            out.normal = n.map(|x| x / length);
+            out.rise = [cross(v, n), cross(n, u)].map(|g| g.map(|x| x / n_sq));
+            let first = [0, 1, 2].map(|k| out.rise[0][k] + out.rise[1][k]);
+            out.heights_sq = [first, out.rise[0], out.rise[1]].map(|g| 1.0 / length_sq(g));
+        }
+        out
+    }
+
+    /// A lower bound of the squared distance from a point.
+    #[inline]
+    pub fn bound_sq(&self, point: Vector) -> f64 {
+        let from = sub(point, self.corner);
+        let height = dot(self.normal, from);
+        let (v, w) = (dot(self.rise[0], from), dot(self.rise[1], from));
+        let mut beyond_sq = 0.0;
+        for (share, height_sq) in [1.0 - v - w, v, w].into_iter().zip(self.heights_sq) {
+            let out = if share < 0.0 { share * share * height_sq } else { 0.0 };
+            beyond_sq = if out > beyond_sq { out } else { beyond_sq };
+        }
+        height * height + beyond_sq
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use stonecut_measure::triangle;
+
+    #[test]
+    fn bounds_are_below_distances() {
+        let triangles = [
+            [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+            [[0.0, 0.0, 0.0], [1.0, 0.0, 0.2], [-0.9, 0.1, 0.0]],
+            [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, 1e-13, 0.0]],
+        ];
+        for t in &triangles {
+            let candidate = Candidate::new(Near { cell: 0, slot: 0, off: 0.0 }, t);
+            for i in 0..343 {
+                let at = |k: usize| k as f64 * 0.5 - 1.5 + 0.03;
+                let point = [at(i % 7), at(i / 7 % 7), at(i / 49)];
+                let (exact, _) = triangle::closest(point, t);
+                assert!(candidate.bound_sq(point) <= exact * (1.0 + 1e-9), "{t:?} {point:?}");
+            }
+        }
+    }
+}
