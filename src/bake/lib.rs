@@ -145,7 +145,9 @@ pub fn bake(
             original: &original,
             palette: &palette,
             images: &cache,
-            side: texels::points_of_side(density.of_images, charts.texels_per_unit),
+            // Directions have two points for a side at least: what they leave out shows as noise in highlights.
+            side: texels::points_of_side(density.of_images, charts.texels_per_unit)
+                .max(1 + u32::from(options.normals)),
             batch_bytes: free_bytes / POINT_SHARE,
             threads: means.threads,
             progress,
