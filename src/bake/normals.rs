@@ -5,8 +5,8 @@
 //! are summed over all of these once. Sums are of integers, so no order of faces shows.
 
 use stonecut_mesh::Mesh;
+use stonecut_mesh::vec3::place_bits;
 use stonecut_mesh::vec3::{Vec3, add, cross, dot, length_sq, scale, sub, unit};
-use stonecut_store::cells::position_bits;
 
 /// Steps of a sum: 2^-40, so a place may have four million faces.
 const STEPS: f64 = (1u64 << 40) as f64;
@@ -92,7 +92,7 @@ impl Border {
         let sums = places.sums(mesh);
         let mut normals: Vec<[f32; 3]> = sums.into_iter().map(direction).collect();
         for (v, _) in shared.iter().enumerate().filter(|(_, shared)| **shared) {
-            let key = position_bits(mesh.positions[v]);
+            let key = place_bits(mesh.positions[v]);
             if let Ok(i) = self.0.binary_search_by_key(&key, |entry| entry.0) {
                 normals[places.first[v] as usize] = self.0[i].1;
             }
@@ -112,7 +112,7 @@ pub(super) fn border_sums(mesh: &Mesh, shared: &[bool]) -> Vec<(Key, Sum)> {
         shared.iter().zip(&places.first).filter(|(shared, _)| **shared).map(|(_, v)| *v).collect();
     firsts.sort_unstable();
     firsts.dedup();
-    let entry = |v: u32| (position_bits(mesh.positions[v as usize]), sums[v as usize]);
+    let entry = |v: u32| (place_bits(mesh.positions[v as usize]), sums[v as usize]);
     firsts.into_iter().map(entry).collect()
 }
 
@@ -123,7 +123,7 @@ struct Places {
 
 impl Places {
     fn of(mesh: &Mesh) -> Places {
-        let key = |v: u32| position_bits(mesh.positions[v as usize]);
+        let key = |v: u32| place_bits(mesh.positions[v as usize]);
         let mut order: Vec<u32> = (0..mesh.positions.len() as u32).collect();
         order.sort_unstable_by_key(|&v| (key(v), v));
         let mut first = vec![0; order.len()];

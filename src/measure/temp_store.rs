@@ -113,8 +113,8 @@ fn new_folder(temp_dir: &Path, name: &str) -> Result<PathBuf> {
 mod tests {
     use super::*;
     use std::collections::{BTreeMap, BTreeSet};
+    use stonecut_mesh::vec3::place_bits;
     use stonecut_store::cell_id::CellId;
-    use stonecut_store::cells::position_bits;
 
     /// A fan whose every triangle has its own texture coordinate at the hub, and at the rim: its cell is split by ids.
     #[test]
@@ -150,7 +150,7 @@ mod tests {
             let loaded = scratch.store().load(cell).unwrap();
             most = most.max(loaded.mesh.triangles.len());
             for &v in loaded.mesh.triangles.as_flattened() {
-                let place = position_bits(loaded.mesh.positions[v as usize]);
+                let place = place_bits(loaded.mesh.positions[v as usize]);
                 cells_of.entry(place).or_insert_with(BTreeSet::new).insert(cell);
                 if !loaded.shared[v as usize] {
                     alone.push((place, cell));

@@ -13,6 +13,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use super::triangle::{self, Vector};
+use stonecut_mesh::eigen::eigen;
 use stonecut_mesh::vec3::{dot, length_sq, sub};
 
 /// Most triangles that are looked at one by one below a box.
@@ -320,16 +321,13 @@ impl TiltedBox {
         let mut mean = [0.0; 3];
         points().for_each(|p| (0..3).for_each(|k| mean[k] += (p[k] - origin[k]) / n));
         let middle = [0, 1, 2].map(|k| origin[k] + mean[k]);
-        let mut spread = [[0.0; 3]; 3];
+        let mut spread = [0.0; 6];
         for p in points() {
-            let from = sub(p, middle);
-            for i in 0..3 {
-                for k in 0..=i {
-                    spread[i][k] += from[i] * from[k];
-                }
-            }
+            let [x, y, z] = sub(p, middle);
+            let squares = [x * x, x * y, x * z, y * y, y * z, z * z];
+            spread.iter_mut().zip(squares).for_each(|(sum, square)| *sum += square);
         }
-        let axes = main_axes(spread).map(|axis| axis.map(|x| x as f32));
+        let axes = eigen(spread).1.map(|axis| axis.map(|x| x as f32));
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for p in points() {
             let from = sub(p, middle);
@@ -431,42 +429,6 @@ fn cone(directions: impl Iterator<Item = Vector> + Clone) -> Option<(Vector, f64
     (cosine > 0.1).then_some((axis, cosine - MARGIN))
 }
 
-/// Unit vectors along which a symmetric matrix (its lower half) only stretches.
-///
-/// Source: the cyclic method of Jacobi 1846 (docs/references.md).
-fn main_axes(lower: [[f64; 3]; 3]) -> [Vector; 3] {
-    let mut a = lower;
-    for i in 0..3 {
-        for k in 0..i {
-            a[k][i] = a[i][k];
-        }
-    }
-    let mut axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    // Converges quadratically: four rounds are enough for 53 bits, two more do no harm.
-    for _ in 0..6 {
-        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
-            if a[p][q] == 0.0 {
-                continue;
-            }
-            let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-            let t = 1f64.copysign(theta) / (theta.abs() + (theta * theta + 1.0).sqrt());
-            let c = 1.0 / (t * t + 1.0).sqrt();
-            let s = t * c;
-            for k in 0..3 {
-                let (x, y) = (a[k][p], a[k][q]);
-                (a[k][p], a[k][q]) = (c * x - s * y, s * x + c * y);
-            }
-            for k in 0..3 {
-                let (x, y) = (a[p][k], a[q][k]);
-                (a[p][k], a[q][k]) = (c * x - s * y, s * x + c * y);
-                let (x, y) = (axes[p][k], axes[q][k]);
-                (axes[p][k], axes[q][k]) = (c * x - s * y, s * x + c * y);
-            }
-        }
-    }
-    axes
-}
-
 /// Puts what `order` names in each place there; leaves `order` without meaning.
 fn permute(corners: &mut [[Vector; 3]], ids: &mut [u32], order: &mut [u32]) {
     for start in 0..order.len() {
@@ -489,19 +451,6 @@ fn permute(corners: &mut [[Vector; 3]], ids: &mut [u32], order: &mut [u32]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn axes_follow_a_slanted_line() {
-        let d = [1.0, 2.0, -3.0];
-        let spread = [0, 1, 2].map(|i| [0, 1, 2].map(|k| d[i] * d[k]));
-        let axes = main_axes(spread);
-        let unit = d.map(|x| x / 14f64.sqrt());
-        assert!(axes.iter().any(|&axis| (dot(axis, unit).abs() - 1.0).abs() < 1e-12), "{axes:?}");
-        for i in 0..3 {
-            assert!((length_sq(axes[i]) - 1.0).abs() < 1e-12);
-            assert!(dot(axes[i], axes[(i + 1) % 3]).abs() < 1e-12);
-        }
-    }
 
     #[test]
     fn permuting_moves_everything_to_its_place() {

@@ -96,6 +96,11 @@ impl Bounds {
         length_sq(off)
     }
 
+    /// Returns whether two boxes have a common point.
+    pub fn touches(&self, other: &Bounds) -> bool {
+        (0..3).all(|k| self.low[k] <= other.high[k] && other.low[k] <= self.high[k])
+    }
+
     /// Squared distance to another box; a lower bound for the distances between their points.
     #[inline]
     pub fn gap_sq(&self, other: &Bounds) -> f64 {

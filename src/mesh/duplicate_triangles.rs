@@ -34,6 +34,38 @@ impl Repeats {
     }
 }
 
+impl Repeats {
+    /// Those of `n_triangles` that go, in order: all in the same sense of rotation, and of the reversed ones all of a two-sided mesh,
+    /// or those for which `are_flaps` is true; it gets them, and those that go already.
+    pub fn that_go(
+        self,
+        n_triangles: usize,
+        are_flaps: impl FnOnce(&[u32], &[u32]) -> Vec<bool>,
+    ) -> Vec<u32> {
+        let Repeats { same: mut repeats, reversed } = self;
+        repeats.sort_unstable();
+        if is_two_sided(reversed.len(), n_triangles - repeats.len()) {
+            repeats.extend(reversed);
+        } else if !reversed.is_empty() {
+            let are_flaps = are_flaps(&reversed, &repeats);
+            repeats
+                .extend(reversed.into_iter().zip(are_flaps).filter(|(_, flap)| *flap).map(|t| t.0));
+        }
+        repeats.sort_unstable();
+        repeats
+    }
+}
+
+/// Removes the triangles of these numbers, which are in order.
+pub fn remove(triangles: &mut Vec<[u32; 3]>, gone: &[u32]) {
+    let (mut next, mut at) = (gone.iter().peekable(), 0);
+    triangles.retain(|_| {
+        let goes = next.next_if(|&&gone| gone == at).is_some();
+        at += 1;
+        !goes
+    });
+}
+
 /// For each of `reversed` whether it is a flap: at one of its edges more triangles run with it than against it.
 /// The neighbours of a flap go with it, so that whole patches do.
 ///
@@ -81,7 +113,7 @@ pub fn flaps(
 
 /// True if four fifths of a mesh are there twice, turned over: a sheet whose faces were written for both sides. Those that
 /// are turned over tell nothing, and with them every edge has four triangles and no collapse is legal.
-pub fn is_two_sided(n_reversed: usize, n_triangles: usize) -> bool {
+fn is_two_sided(n_reversed: usize, n_triangles: usize) -> bool {
     2 * n_reversed as u64 * 10 >= 8 * n_triangles as u64 && n_reversed >= LEAST_TWO_SIDED
 }
 
@@ -105,25 +137,12 @@ pub fn drop_repeats(triangles: &mut Vec<[u32; 3]>) -> u64 {
     let mut found = Repeats::default();
     found.add(&keys, |i| from_least(triangles[i as usize]));
     drop(keys);
-    let Repeats { same: mut repeats, reversed } = found;
-    repeats.sort_unstable();
-    if is_two_sided(reversed.len(), triangles.len() - repeats.len()) {
-        repeats.extend(reversed);
-    } else if !reversed.is_empty() {
+    let repeats = found.that_go(triangles.len(), |reversed, gone| {
         let turned: Vec<[u32; 3]> = reversed.iter().map(|&i| triangles[i as usize]).collect();
-        let all = (0u32..).zip(&*triangles).filter(|(i, _)| repeats.binary_search(i).is_err());
-        let is_flap = flaps(&turned, all.map(|(_, t)| *t), |_| true);
-        let flaps = reversed.iter().zip(is_flap).filter(|(_, flap)| *flap);
-        let flaps: Vec<u32> = flaps.map(|(&i, _)| i).collect();
-        repeats.extend(flaps);
-    }
-    repeats.sort_unstable();
-    let (mut next, mut at) = (repeats.iter().peekable(), 0);
-    triangles.retain(|_| {
-        let is_repeat = next.next_if(|&&repeat| repeat == at).is_some();
-        at += 1;
-        !is_repeat
+        let all = (0u32..).zip(&*triangles).filter(|(i, _)| gone.binary_search(i).is_err());
+        flaps(&turned, all.map(|(_, t)| *t), |_| true)
     });
+    remove(triangles, &repeats);
     repeats.len() as u64
 }
 

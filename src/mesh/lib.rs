@@ -11,6 +11,7 @@ mod color_channels;
 pub mod colours;
 pub mod corners;
 pub mod duplicate_triangles;
+pub mod eigen;
 pub mod extremes;
 pub mod face_properties;
 pub mod global_vertex;

@@ -62,6 +62,12 @@ pub fn unit(a: Vec3) -> Option<Vec3> {
     (length > 0.0 && length.is_finite()).then(|| a.map(|x| x / length))
 }
 
+/// Bits by which places are the same: 0 and -0 are.
+#[inline]
+pub fn place_bits(place: Vec3) -> [u64; 3] {
+    place.map(|x| (x + 0.0).to_bits())
+}
+
 /// Returns the place of the nearest point to `p` on the segment from `a` (0) to `b` (1); 0.5 on a point.
 pub fn along(p: Vec3, a: Vec3, b: Vec3) -> f64 {
     let edge = sub(b, a);

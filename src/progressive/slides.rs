@@ -7,8 +7,8 @@
 use super::read::Refiner;
 use super::replay::Replay;
 use super::rows::Rows;
-use super::step_reader::{OwnSplit, Taken};
-use super::steps::Other;
+use super::step_reader::Taken;
+use super::steps::{Other, Split};
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::colours::ColourPlace;
 use stonecut_mesh::vec3::Vec3;
@@ -76,7 +76,7 @@ impl Slides {
     }
 
     /// 0, the split vertex from the last one back, the number of corners, these as differences, the new triangles.
-    fn add_split(&mut self, replay: &Replay, split: &OwnSplit, rows: &Rows) {
+    fn add_split(&mut self, replay: &Replay, split: &Split, rows: &Rows) {
         self.put(0);
         self.put(self.n_vertices - split.kept);
         split.rows.iter().for_each(|row| self.add_place(row, rows));

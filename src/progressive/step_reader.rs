@@ -5,8 +5,7 @@ use super::frame::Frame;
 use super::replay::{NONE, Order, Ranks, Replay};
 use super::steps::{
     ARCS, BITS_IN_BYTE, BY_BITS, Columns, FREED_BYTES, INDEX_BYTES, KEYS_BYTES, Layout,
-    MOST_IN_BYTE, OTHER, Other, PLACES_BYTES, SPLIT, Split, arc_column, carry_out, carry_out_other,
-    first_key, side, turned,
+    MOST_IN_BYTE, OTHER, Other, PLACES_BYTES, SPLIT, Split, arc_column, first_key, side, turned,
 };
 use stonecut_system::error::Result;
 
@@ -15,17 +14,8 @@ const MOST_OTHERS: u32 = 1 << 16;
 
 /// A step that was read and checked.
 pub(super) enum Taken {
-    Split(OwnSplit),
+    Split(Split),
     Other(Other),
-}
-
-/// A split that was read: as `Split`, the fan sorted.
-pub(super) struct OwnSplit {
-    pub(super) kept: u32,
-    pub(super) fan: Vec<u32>,
-    pub(super) gone: Vec<([u32; 3], u32)>,
-    pub(super) keys: [u32; 2],
-    pub(super) rows: [Vec<u8>; 2],
 }
 
 impl Taken {
@@ -41,17 +31,8 @@ impl Taken {
     pub(super) fn carry_out(&self, replay: &mut Replay) {
         match self {
             Taken::Split(split) => split.carry_out(replay),
-            Taken::Other(other) => carry_out_other(replay, other),
+            Taken::Other(other) => other.carry_out(replay),
         }
-    }
-}
-
-impl OwnSplit {
-    /// Takes it.
-    pub(super) fn carry_out(&self, replay: &mut Replay) {
-        let OwnSplit { kept, fan, gone, keys, rows: [of_new, of_kept] } = self;
-        let split = Split { kept: *kept, fan, gone, keys: *keys, rows: [of_new, of_kept] };
-        carry_out(replay, &split, fan, gone);
     }
 }
 
@@ -192,7 +173,7 @@ impl<'a> StepReader<'a> {
         }
     }
 
-    fn split(&mut self, replay: &Replay) -> Result<OwnSplit, String> {
+    fn split(&mut self, replay: &Replay) -> Result<Split, String> {
         let i = self.splits;
         self.splits += 1;
         let new = replay.keys.len() as u32;
@@ -289,7 +270,7 @@ impl<'a> StepReader<'a> {
             let heard = frame.hear(told(PLACES_BYTES / 2), Some(rows.place(&of_kept)));
             rows.set_place(&mut of_new, heard);
         }
-        Ok(OwnSplit { kept, fan, gone, keys, rows: [of_new, of_kept] })
+        Ok(Split { kept, fan, gone, keys, rows: [of_new, of_kept] })
     }
 
     fn other(&mut self, replay: &Replay) -> Result<Other, String> {

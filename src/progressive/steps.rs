@@ -17,16 +17,16 @@ pub(super) const OTHER: u8 = 1;
 pub(super) const BY_BITS: u8 = 255;
 
 /// A vertex split: the inverse of a collapse. Corners are vertices of the replay, or `Replay::keys.len()` for the new one.
-pub(super) struct Split<'a> {
+pub(super) struct Split {
     pub(super) kept: u32,
-    /// Triangles that go from it to the new vertex.
-    pub(super) fan: &'a [u32],
+    /// Triangles that go from it to the new vertex, in order.
+    pub(super) fan: Vec<u32>,
     /// New triangles and their keys; two at most.
-    pub(super) gone: &'a [([u32; 3], u32)],
+    pub(super) gone: Vec<([u32; 3], u32)>,
     /// Keys of the new vertex and of `kept`.
     pub(super) keys: [u32; 2],
     /// Rows of both.
-    pub(super) rows: [&'a [u8]; 2],
+    pub(super) rows: [Vec<u8>; 2],
 }
 
 /// Any other step: vertices and triangles appear, then a cut may be taken back.
@@ -40,7 +40,35 @@ pub(super) struct Other {
     pub(super) join: Option<([u32; 3], [u32; 3], [u32; 2])>,
 }
 
+impl Split {
+    /// Takes it.
+    pub(super) fn carry_out(&self, replay: &mut Replay) {
+        let kept = self.kept;
+        let new = replay.add_vertex(&self.rows[0], self.keys[0]);
+        replay.set_row(kept, &self.rows[1]);
+        replay.keys[kept as usize] = self.keys[1];
+        replay.move_corners(kept, new, |t| self.fan.binary_search(&t).is_ok());
+        for &(t, key) in &self.gone {
+            replay.add_triangle(t, key);
+        }
+    }
+}
+
 impl Other {
+    /// Takes it.
+    pub(super) fn carry_out(&self, replay: &mut Replay) {
+        let stride = replay.stride;
+        for (i, &key) in self.keys.iter().enumerate() {
+            replay.add_vertex(&self.rows[i * stride..(i + 1) * stride], key);
+        }
+        for &(t, key) in &self.triangles {
+            replay.add_triangle(t, key);
+        }
+        if let Some((cycle, new, caps)) = self.join {
+            replay.join(cycle, new, caps);
+        }
+    }
+
     /// Triangles that it adds.
     pub(super) fn freed(&self) -> i64 {
         self.triangles.len() as i64 - if self.join.is_some() { 2 } else { 0 }
@@ -165,7 +193,7 @@ impl<'a> StepWriter<'a> {
     }
 
     /// Takes a split; returns the order in which `gone` became triangles.
-    pub(super) fn split(&mut self, replay: &mut Replay, split: &Split) -> Vec<usize> {
+    pub(super) fn split(&mut self, replay: &mut Replay, mut split: Split) -> Vec<usize> {
         let new = replay.keys.len() as u32;
         let kept = split.kept;
         self.begin(SPLIT, split.gone.len() as i64);
@@ -179,7 +207,8 @@ impl<'a> StepWriter<'a> {
         self.columns.kept.push(u64::from(difference));
         let around = replay.around(kept);
         let n = around.triangles.len();
-        let is_moved: Vec<bool> = around.triangles.iter().map(|t| split.fan.contains(t)).collect();
+        let is_moved: Vec<bool> =
+            around.triangles.iter().map(|t| split.fan.binary_search(t).is_ok()).collect();
         let length = is_moved.iter().filter(|&&moved| moved).count();
         let starts = match around.order {
             Order::None => 0..0,
@@ -237,7 +266,7 @@ impl<'a> StepWriter<'a> {
             None => {
                 self.columns.shapes.push(0);
                 self.extra(split.gone.len() as u32);
-                for (t, _) in split.gone {
+                for (t, _) in &split.gone {
                     t.iter().for_each(|&v| self.extra(v));
                 }
                 (0..split.gone.len()).collect()
@@ -267,35 +296,31 @@ impl<'a> StepWriter<'a> {
             }
             _ => Frame::plain(self.layout.rows.place(replay.row(kept))),
         };
-        let rows = self.put_rows(replay, split, &frame);
-        let split = &Split { rows: [&rows[0], &rows[1]], ..*split };
-        let mut fan = split.fan.to_vec();
-        fan.sort_unstable();
-        carry_out(replay, split, &fan, &gone);
+        self.put_rows(replay, &mut split, &frame);
+        Split { gone, ..split }.carry_out(replay);
         order
     }
 
-    /// Puts the values of both ends into the columns; returns the rows that a reader gets, of the new vertex and the split one.
-    fn put_rows(&mut self, replay: &Replay, split: &Split, frame: &Frame) -> [Vec<u8>; 2] {
+    /// Puts the values of both ends into the columns, and makes the rows those that a reader gets.
+    fn put_rows(&mut self, replay: &Replay, split: &mut Split, frame: &Frame) {
         let rows = self.layout.rows;
         let before = replay.row(split.kept);
-        let [mut of_new, mut of_kept] = split.rows.map(<[u8]>::to_vec);
+        let [of_new, of_kept] = &mut split.rows;
         if !self.layout.has_keys {
-            let mut told = frame.tell(rows.place(&of_kept), None).to_vec();
-            rows.set_place(&mut of_kept, frame.hear([told[0], told[1], told[2]], None));
-            let kept = rows.place(&of_kept);
-            told.extend(frame.tell(rows.place(&of_new), Some(kept)));
+            let mut told = frame.tell(rows.place(of_kept), None).to_vec();
+            rows.set_place(of_kept, frame.hear([told[0], told[1], told[2]], None));
+            let kept = rows.place(of_kept);
+            told.extend(frame.tell(rows.place(of_new), Some(kept)));
             let heard = [told[3], told[4], told[5]];
-            rows.set_place(&mut of_new, frame.hear(heard, Some(kept)));
+            rows.set_place(of_new, frame.hear(heard, Some(kept)));
             let bytes: Vec<u8> =
                 told.iter().flat_map(|&x| apart(x as u32, 0).to_le_bytes()).collect();
             self.columns.places.push_bytes(&bytes);
         }
-        rows.push(&of_kept, before, &mut self.columns.of_kept);
+        rows.push(of_kept, before, &mut self.columns.of_kept);
         let mut guess = vec![0; rows.stride()];
-        rows.opposite(before, &of_kept, &mut guess);
-        rows.push(&of_new, &guess, &mut self.columns.of_new);
-        [of_new, of_kept]
+        rows.opposite(before, of_kept, &mut guess);
+        rows.push(of_new, &guess, &mut self.columns.of_new);
     }
 
     /// Takes another step.
@@ -317,7 +342,7 @@ impl<'a> StepWriter<'a> {
         if let Some((cycle, new, caps)) = other.join {
             cycle.into_iter().chain(new).chain(caps).for_each(|x| self.extra(x));
         }
-        carry_out_other(replay, other);
+        other.carry_out(replay);
     }
 
     /// The block's bytes.
@@ -353,28 +378,4 @@ impl<'a> StepWriter<'a> {
 
 pub(super) fn first_key(replay: &Replay, around: &[u32]) -> u32 {
     around.first().map_or(0, |&t| replay.triangle_keys[t as usize])
-}
-
-/// Takes a split; `fan` is sorted.
-pub(super) fn carry_out(replay: &mut Replay, split: &Split, fan: &[u32], gone: &[([u32; 3], u32)]) {
-    let new = replay.add_vertex(split.rows[0], split.keys[0]);
-    replay.set_row(split.kept, split.rows[1]);
-    replay.keys[split.kept as usize] = split.keys[1];
-    replay.move_corners(split.kept, new, |t| fan.binary_search(&t).is_ok());
-    for &(t, key) in gone {
-        replay.add_triangle(t, key);
-    }
-}
-
-pub(super) fn carry_out_other(replay: &mut Replay, other: &Other) {
-    let stride = replay.stride;
-    for (i, &key) in other.keys.iter().enumerate() {
-        replay.add_vertex(&other.rows[i * stride..(i + 1) * stride], key);
-    }
-    for &(t, key) in &other.triangles {
-        replay.add_triangle(t, key);
-    }
-    if let Some((cycle, new, caps)) = other.join {
-        replay.join(cycle, new, caps);
-    }
 }

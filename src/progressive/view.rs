@@ -9,8 +9,8 @@
 use super::read::Refiner;
 use super::replay::{NONE, Replay};
 use super::rows::Rows;
-use super::step_reader::{OwnSplit, Taken};
-use super::steps::Other;
+use super::step_reader::Taken;
+use super::steps::{Other, Split};
 use stonecut_mesh::vec3::{Vec3, cross, dot, length_sq, scale, sub, triangle_distance_sq};
 use stonecut_system::error::{Error, Result};
 
@@ -146,7 +146,7 @@ impl Sight {
     }
 
     /// The error is the distance between the triangles before and after, both ways, at their corners.
-    fn sees_split(&self, rows: &Rows, replay: &Replay, split: &OwnSplit) -> bool {
+    fn sees_split(&self, rows: &Rows, replay: &Replay, split: &Split) -> bool {
         let place = |v: u32| rows.position(replay.row(v));
         let before = place(split.kept);
         let [of_new, of_kept] = [0, 1].map(|k| rows.position(&split.rows[k]));
@@ -337,7 +337,7 @@ impl Part {
                     gone.push((self.of_corners(t)?, key));
                 }
                 let (keys, rows) = (split.keys, split.rows.clone());
-                Taken::Split(OwnSplit { kept, fan, gone: gone.clone(), keys, rows })
+                Taken::Split(Split { kept, fan, gone: gone.clone(), keys, rows })
             }
             Taken::Other(other) => {
                 let first = self.mesh.keys.len() as u32;

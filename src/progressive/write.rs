@@ -302,20 +302,18 @@ impl Teller<'_> {
                     let last = self.history.channels_of(removed);
                     self.put_row(sources[0], self.history.positions[i], last, &mut of_new);
                     self.vertex[i] = self.replay.keys.len() as u32;
-                    let fan: Vec<u32> = fan.iter().map(|&t| self.triangle[t as usize]).collect();
+                    let mut fan: Vec<u32> =
+                        fan.iter().map(|&t| self.triangle[t as usize]).collect();
+                    fan.sort_unstable();
                     let of = |&t: &[u32; 2]| {
                         (self.history.corners(t).map(|v| self.vertex[v as usize]), t[0])
                     };
                     let corners: Vec<([u32; 3], u32)> = gone.iter().map(of).collect();
-                    let split = Split {
-                        kept: self.vertex[kept as usize],
-                        fan: &fan,
-                        gone: &corners,
-                        keys: sources,
-                        rows: [&of_new, &of_kept],
-                    };
+                    let kept = self.vertex[kept as usize];
+                    let rows = [of_new, of_kept];
+                    let split = Split { kept, fan, gone: corners, keys: sources, rows };
                     let first = self.replay.triangles.len() as u32;
-                    let order = out.split(&mut self.replay, &split);
+                    let order = out.split(&mut self.replay, split);
                     for (place, i) in (first..).zip(order) {
                         self.triangle[gone[i][0] as usize] = place;
                     }

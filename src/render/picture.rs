@@ -1,7 +1,6 @@
 //! A finished picture: PNG out, side by side with others, captions.
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster};
-use std::path::Path;
 use stonecut_system::error::{Error, Result};
 
 /// Pixels between pictures that stand side by side.
@@ -52,11 +51,6 @@ impl Picture {
         };
         encode(&mut bytes).map_err(|e| Error::Usage(format!("cannot make a PNG: {e}")))?;
         Ok(bytes)
-    }
-
-    /// Writes the picture as a PNG file, whole or not at all.
-    pub fn write_png(&self, path: &Path) -> Result<()> {
-        stonecut_system::pending_file::write_whole(path, &self.to_png()?)
     }
 
     /// Pictures from left to right, each under its caption; shorter ones are centred.

@@ -84,14 +84,15 @@ pub fn check_pack_header(path: &Path, header: &[u8]) -> Result<()> {
     Err(Error::corrupt(path, "does not begin as a pack of this version; run again with --restart"))
 }
 
-/// The number at byte `i`.
+/// The number of 4 bytes at byte `i`.
 #[inline]
-fn u32_at(bytes: &[u8], i: usize) -> u32 {
+pub fn u32_at(bytes: &[u8], i: usize) -> u32 {
     u32::from_le_bytes(bytes[i..i + 4].try_into().expect("4 bytes"))
 }
 
+/// The number of 8 bytes at byte `i`.
 #[inline]
-fn u64_at(bytes: &[u8], i: usize) -> u64 {
+pub fn u64_at(bytes: &[u8], i: usize) -> u64 {
     u64::from_le_bytes(bytes[i..i + 8].try_into().expect("8 bytes"))
 }
 

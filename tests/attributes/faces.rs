@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect};
+use crate::common::{check, count, expect, json};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -580,8 +580,7 @@ fn rows_that_are_missing_are_counted_where_faces_have_values_too() {
     for drop in ["", "--drop-faces"] {
         let command = format!("simplify cut.ply s.ply --ratio 50% --skip-bad --force {drop}");
         expect(folder, &format!("{command} --report r.json"), 3);
-        let report: serde_json::Value =
-            serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap();
+        let report = json(folder, "r.json");
         assert!(report["input"]["faults"]["missing_faces"].as_i64().unwrap() > 50, "{report}");
     }
 }

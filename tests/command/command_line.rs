@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, stonecut};
+use crate::common::{check, count, expect, json, stonecut};
 use std::io::Write;
 use std::path::Path;
 use std::process::{Output, Stdio};
@@ -79,8 +79,7 @@ fn a_dash_is_standard_input_or_output() {
         assert_eq!(count(&told, key), count(&known, key), "{key}");
     }
     succeeds(at, "measure - in.ply --samples 2k --report m.json --quiet", &input);
-    let measured: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(at.join("m.json")).unwrap()).unwrap();
+    let measured = json(at, "m.json");
     assert_eq!(measured["rms"].as_f64(), Some(0.0));
     let synth = succeeds(at, "synth statue - --triangles 30k --quiet", b"");
     assert!(without_comments(&synth) == without_comments(&input));

@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 #![allow(dead_code)] // Each test program uses its own part.
 
+pub mod meshes;
 pub mod volume;
 
 use std::path::{Path, PathBuf};
@@ -38,6 +39,23 @@ pub fn check(folder: &Path, file: &str) -> serde_json::Value {
     serde_json::from_slice(&output.stdout).expect("JSON")
 }
 
+/// A file of JSON.
+pub fn json(folder: &Path, file: &str) -> serde_json::Value {
+    serde_json::from_slice(&std::fs::read(folder.join(file)).unwrap()).unwrap()
+}
+
+/// The report of a run with `--report r.json`.
+pub fn report(folder: &Path) -> serde_json::Value {
+    json(folder, "r.json")
+}
+
+/// The JSON of a GLB.
+pub fn glb_json(path: &Path) -> serde_json::Value {
+    let bytes = std::fs::read(path).unwrap();
+    let n = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+    serde_json::from_slice(&bytes[20..20 + n]).unwrap()
+}
+
 /// One number of that JSON.
 pub fn count(json: &serde_json::Value, key: &str) -> i64 {
     json[key].as_i64().unwrap_or_else(|| panic!("{key} in {json}"))
@@ -46,9 +64,7 @@ pub fn count(json: &serde_json::Value, key: &str) -> i64 {
 /// Root mean square deviation both ways, by `stonecut measure`.
 pub fn rms(folder: &Path, original: &str, simplified: &str) -> f64 {
     expect(folder, &format!("measure {original} {simplified} --samples 200k --report m.json"), 0);
-    let json = std::fs::read(folder.join("m.json")).expect("a report");
-    let json: serde_json::Value = serde_json::from_slice(&json).expect("JSON");
-    json["rms"].as_f64().expect("rms")
+    json(folder, "m.json")["rms"].as_f64().expect("rms")
 }
 
 /// A real scan, got by `tools/fetch-scans` or unpacked by `../shared/tools/prepare-real-data`; `None` (and a word about it) without.

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::expect;
+use crate::common::{expect, glb_json};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -123,9 +123,7 @@ fn scale_and_offset_of_an_image_go_into_glb() {
     std::fs::write(folder.join("in.obj"), text).unwrap();
     let said = expect(folder, "convert in.obj out.glb", 0);
     assert!(!said.contains("options"), "{said}");
-    let bytes = std::fs::read(folder.join("out.glb")).unwrap();
-    let n = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
-    let document: Value = serde_json::from_slice(&bytes[20..20 + n]).unwrap();
+    let document = glb_json(&folder.join("out.glb"));
     let texture =
         |k: usize| document["materials"][k]["pbrMetallicRoughness"]["baseColorTexture"].clone();
     let transform = &texture(0)["extensions"]["KHR_texture_transform"];

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{expect, run};
+use crate::common::{expect, json, run};
 use serde_json::Value;
 use std::path::Path;
 
@@ -29,8 +29,7 @@ fn pyramid(path: &Path, comments: &str, vertex: &[&str], face: &[&str]) {
 }
 
 fn losses(folder: &Path) -> Vec<(String, String, String)> {
-    let report: Value =
-        serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap();
+    let report = json(folder, "r.json");
     let text = |loss: &Value, key: &str| loss[key].as_str().unwrap().to_owned();
     let list = report["losses"].as_array().expect("a list");
     list.iter()

@@ -2,8 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{expect, run};
-use serde_json::Value;
+use crate::common::{expect, glb_json, json, run};
 use std::path::Path;
 
 /// A tower of a quadrilateral and a triangle, 10 high along y, with normals along x, at `shift`.
@@ -106,9 +105,7 @@ fn an_offset_is_subtracted_and_written_down() {
     let text = std::fs::read_to_string(folder.join("out.obj")).unwrap();
     assert!(text.contains(&format!("# {wanted}")), "{text}");
     expect(folder, "convert in.ply out.glb --recentre", 0);
-    let bytes = std::fs::read(folder.join("out.glb")).unwrap();
-    let n = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
-    let document: Value = serde_json::from_slice(&bytes[20..20 + n]).unwrap();
+    let document = glb_json(&folder.join("out.glb"));
     assert_eq!(
         document["nodes"][0]["extras"]["offset"],
         serde_json::json!([500_000.0, 4_600_010.0, 100.0])
@@ -122,8 +119,7 @@ fn an_offset_is_subtracted_and_written_down() {
     let text = std::fs::read_to_string(folder.join("text.stl")).unwrap();
     assert!(text.starts_with("solid offset: 500000 4600010 100\n"), "{text}");
     expect(folder, "simplify in.ply small.ply --triangles 2 --recentre --report r.json -q", 0);
-    let report: Value =
-        serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap();
+    let report = json(folder, "r.json");
     assert_eq!(report["input"]["offset"], serde_json::json!([500_000.0, 4_600_010.0, 100.0]));
     assert_eq!(report["input"]["bounds"][0], serde_json::json!([0.25, -9.5, 0.0]));
     let (head, _) = shown(folder, "small.ply");

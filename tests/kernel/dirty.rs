@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
+use crate::common::meshes::{self, bumps, halves, squares};
 use std::collections::{BTreeMap, BTreeSet};
 
 use stonecut::Mesh;
@@ -9,21 +10,9 @@ use stonecut::kernel::{Options, Placement, Simplified, Stop, Topology, simplify_
 
 /// A height field of `n` x `n` quads, the quads for which `is_hole` left out.
 pub fn sheet(n: usize, is_hole: impl Fn(usize, usize) -> bool) -> Mesh {
-    let mut mesh = Mesh::default();
-    for y in 0..=n {
-        for x in 0..=n {
-            let (u, v) = (x as f64 / n as f64, y as f64 / n as f64);
-            let z = 0.05 * (11.0 * u).sin() * (7.0 * v).cos() + 0.01 * (53.0 * u * v).sin();
-            mesh.positions.push([u, v, z]);
-        }
-    }
-    let at = |x: usize, y: usize| (y * (n + 1) + x) as u32;
-    for y in 0..n {
-        for x in (0..n).filter(|&x| !is_hole(x, y)) {
-            mesh.triangles.push([at(x, y), at(x + 1, y), at(x + 1, y + 1)]);
-            mesh.triangles.push([at(x, y), at(x + 1, y + 1), at(x, y + 1)]);
-        }
-    }
+    let mut mesh = meshes::sheet(n, |u, v| [u, v, bumps(u, v)]);
+    let filled = squares(n, n).filter(|&(x, y)| !is_hole(x, y));
+    mesh.triangles = halves(filled, |x, y| (y * (n + 1) + x) as u32);
     mesh
 }
 
@@ -75,12 +64,7 @@ fn touching(n: usize) -> Mesh {
             }
         }
         let at = |x: usize, y: usize| ids[y * (2 * n + 1) + x];
-        for y in 0..2 * n {
-            for x in 0..2 * n {
-                mesh.triangles.push([at(x, y), at(x + 1, y), at(x + 1, y + 1)]);
-                mesh.triangles.push([at(x, y), at(x + 1, y + 1), at(x, y + 1)]);
-            }
-        }
+        mesh.triangles.extend(halves(squares(2 * n, 2 * n), at));
     }
     mesh
 }
@@ -150,23 +134,7 @@ fn small_holes_close_only_if_asked() {
 
 /// A closed tube of `n` x `m` quads around a ring: a torus, thin where `radius` is small.
 fn torus(n: usize, m: usize, radius: f64) -> Mesh {
-    let turn = std::f64::consts::TAU;
-    let mut mesh = Mesh::default();
-    for i in 0..n {
-        for j in 0..m {
-            let (a, b) = (i as f64 * turn / n as f64, j as f64 * turn / m as f64);
-            let ring = 1.0 + radius * b.cos();
-            mesh.positions.push([ring * a.cos(), ring * a.sin(), radius * b.sin()]);
-        }
-    }
-    let at = |i: usize, j: usize| ((i % n) * m + j % m) as u32;
-    for i in 0..n {
-        for j in 0..m {
-            mesh.triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
-            mesh.triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
-        }
-    }
-    mesh
+    meshes::torus(n, m, |_, _| radius)
 }
 
 #[test]
@@ -459,12 +427,7 @@ fn sheets_with_a_gap_merge_if_it_is_within_the_distance() {
         }
     }
     let at = |x: usize, y: usize| first + (y * (n + 1) + x) as u32;
-    for y in 0..n {
-        for x in 0..n {
-            mesh.triangles.push([at(x, y), at(x + 1, y), at(x + 1, y + 1)]);
-            mesh.triangles.push([at(x, y), at(x + 1, y + 1), at(x, y + 1)]);
-        }
-    }
+    mesh.triangles.extend(halves(squares(n, n), at));
     let merged = |merge_distance: f64, triangles: u64, locked: bool| {
         let stop = Stop::Triangles(triangles);
         let options = Options { stop, merge_distance, ..Options::default() };
@@ -538,12 +501,7 @@ fn a_neck_between_two_lobes_is_not_cut() {
         }
     }
     let at = |i: usize, j: usize| (i * m + j % m) as u32;
-    for i in 0..n - 1 {
-        for j in 0..m {
-            mesh.triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
-            mesh.triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
-        }
-    }
+    mesh.triangles.extend(halves(squares(m, n - 1).map(|(j, i)| (i, j)), at));
     for (i, turned) in [(0, false), (n - 1, true)] {
         for t in [[at(i, 0), at(i, 1), at(i, 2)], [at(i, 0), at(i, 2), at(i, 3)]] {
             mesh.triangles.push(if turned { [t[0], t[2], t[1]] } else { t });

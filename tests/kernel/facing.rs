@@ -2,22 +2,10 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
+use crate::common::meshes;
 use stonecut::Mesh;
 use stonecut::kernel::{Fit, Options, Placement, Stop, simplify_mesh};
-
-type Vec3 = [f64; 3];
-
-fn dot(a: Vec3, b: Vec3) -> f64 {
-    a.iter().zip(b).map(|(x, y)| x * y).sum()
-}
-
-fn sub(a: Vec3, b: Vec3) -> Vec3 {
-    [0, 1, 2].map(|k| a[k] - b[k])
-}
-
-fn cross(a: Vec3, b: Vec3) -> Vec3 {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
+use stonecut::mesh::vec3::{Vec3, cross, dot, sub};
 
 /// A smooth closed surface with its own outward direction.
 struct Smooth {
@@ -30,22 +18,7 @@ struct Smooth {
 const TUBE: f64 = 0.35;
 
 fn torus(n: usize) -> Smooth {
-    let turn = std::f64::consts::TAU / n as f64;
-    let mut mesh = Mesh::default();
-    for i in 0..n {
-        for j in 0..n {
-            let (a, b) = (i as f64 * turn, j as f64 * turn);
-            let ring = 1.0 + TUBE * b.cos();
-            mesh.positions.push([ring * a.cos(), ring * a.sin(), TUBE * b.sin()]);
-        }
-    }
-    let at = |i: usize, j: usize| ((i % n) * n + j % n) as u32;
-    for i in 0..n {
-        for j in 0..n {
-            mesh.triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
-            mesh.triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
-        }
-    }
+    let mesh = meshes::torus(n, n, |_, _| TUBE);
     let outward = |p: Vec3| {
         let length = p[0].hypot(p[1]);
         sub(p, [p[0] / length, p[1] / length, 0.0])

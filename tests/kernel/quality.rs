@@ -5,6 +5,7 @@
 #[path = "reference/mod.rs"]
 mod reference;
 
+use crate::common::meshes::{self, bumps};
 use std::collections::{BTreeMap, BTreeSet};
 
 use stonecut::Mesh;
@@ -12,54 +13,20 @@ use stonecut::kernel::{Options, Simplified, Stop, simplify_mesh};
 
 /// A height field of `n` x `n` quads with a bump pattern, seen from `offset`.
 fn sheet(n: usize, offset: f64) -> Mesh {
-    let mut positions = Vec::new();
-    for y in 0..=n {
-        for x in 0..=n {
-            let (u, v) = (x as f64 / n as f64, y as f64 / n as f64);
-            let z = 0.05 * (11.0 * u).sin() * (7.0 * v).cos() + 0.01 * (53.0 * u * v).sin();
-            positions.push([u + offset, v + offset, z]);
-        }
-    }
-    let at = |x: usize, y: usize| (y * (n + 1) + x) as u32;
-    let mut triangles = Vec::new();
-    for y in 0..n {
-        for x in 0..n {
-            triangles.push([at(x, y), at(x + 1, y), at(x + 1, y + 1)]);
-            triangles.push([at(x, y), at(x + 1, y + 1), at(x, y + 1)]);
-        }
-    }
-    Mesh::new(positions, triangles)
+    meshes::sheet(n, |u, v| [u + offset, v + offset, bumps(u, v)])
 }
 
 /// A closed, bumpy torus of `n` x `n` quads.
 fn torus(n: usize, offset: f64) -> Mesh {
-    let mut positions = Vec::new();
-    let turn = std::f64::consts::TAU / n as f64;
-    for i in 0..n {
-        for j in 0..n {
-            let (a, b) = (i as f64 * turn, j as f64 * turn);
-            let r = 0.4 + 0.03 * (5.0 * a).sin() * (6.0 * b).cos();
-            let ring = 1.0 + r * b.cos();
-            positions.push([offset + ring * a.cos(), ring * a.sin(), r * b.sin() - offset]);
-        }
-    }
-    let at = |i: usize, j: usize| ((i % n) * n + j % n) as u32;
-    let mut triangles = Vec::new();
-    for i in 0..n {
-        for j in 0..n {
-            triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
-            triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
-        }
-    }
-    Mesh::new(positions, triangles)
+    let mut mesh = meshes::torus(n, n, |a, b| 0.4 + 0.03 * (5.0 * a).sin() * (6.0 * b).cos());
+    mesh.positions.iter_mut().for_each(|p| *p = [offset + p[0], p[1], p[2] - offset]);
+    mesh
 }
 
 /// A sheet of `n` x `n` quads and five strips, one quad wide, that run out from one side of it and end in a point;
 /// these points as well.
 fn fringed(n: usize) -> (Mesh, Vec<[f64; 3]>) {
     let mut mesh = sheet(n, 0.0);
-    let height =
-        |u: f64, v: f64| 0.05 * (11.0 * u).sin() * (7.0 * v).cos() + 0.01 * (53.0 * u * v).sin();
     let mut ends = Vec::new();
     for row in (n / 10..n).step_by(n / 5) {
         let at = |y: usize| (y * (n + 1) + n) as u32;
@@ -68,11 +35,11 @@ fn fringed(n: usize) -> (Mesh, Vec<[f64; 3]>) {
         for k in 1..=10 {
             let (u, width) = (1.0 + f64::from(k) / 20.0, (1.0 - f64::from(k) / 11.0) / n as f64);
             let first = mesh.positions.len() as u32;
-            mesh.positions.extend([v, v + width].map(|v| [u, v, height(u, v)]));
+            mesh.positions.extend([v, v + width].map(|v| [u, v, bumps(u, v)]));
             mesh.triangles.extend([[last[0], first, first + 1], [last[0], first + 1, last[1]]]);
             last = [first, first + 1];
         }
-        let end = [1.55, v, height(1.55, v)];
+        let end = [1.55, v, bumps(1.55, v)];
         mesh.triangles.push([last[0], mesh.positions.len() as u32, last[1]]);
         mesh.positions.push(end);
         ends.push(end);

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
+use crate::common::meshes::sheet_triangles;
 use crate::common::write_ply;
 use std::path::Path;
 use stonecut::Error;
@@ -146,12 +147,7 @@ fn write_squares(folder: &Path, n: u32, scale: f64) {
     for (name, z) in [("original.ply", 0.0), ("simplified.ply", 0.25 * scale)] {
         let at = |i: u32| [i % (n + 1), i / (n + 1)].map(|x| f64::from(x) / f64::from(n) * scale);
         let points: Vec<_> = (0..(n + 1) * (n + 1)).map(at).map(|[x, y]| [x, y, z]).collect();
-        let corner = |i: u32| i / n * (n + 1) + i % n;
-        let triangles: Vec<_> = (0..n * n)
-            .map(corner)
-            .flat_map(|a| [[a, a + 1, a + n + 2], [a, a + n + 2, a + n + 1]])
-            .collect();
-        write_ply(&folder.join(name), Scalar::F64, &points, &triangles);
+        write_ply(&folder.join(name), Scalar::F64, &points, &sheet_triangles(n as usize));
     }
 }
 

@@ -4,6 +4,7 @@
 
 mod brute_force;
 
+use crate::common::meshes::{halves, soup, squares};
 use brute_force::brute_force;
 use std::f64::consts::TAU;
 use std::path::Path;
@@ -11,6 +12,7 @@ use stonecut::Mesh;
 use stonecut::io::ply::MeshSource;
 use stonecut::measure::compare::{self, Request, compare, compare_in_cells};
 use stonecut::measure::{Certificate, Certify, On, Options, Parts, Verdict, enclose, within};
+use stonecut::mesh::vec3::{dot, sub};
 use stonecut::system::progress::Progress;
 
 type Vector = [f64; 3];
@@ -34,20 +36,6 @@ fn assert_holds(certificate: &Certificate, truth: f64, slack: f64, what: &str) {
     assert!(certificate.certified, "{what}: {certificate:?}");
     assert!(certificate.lower <= truth + slack, "{what}: {truth} {certificate:?}");
     assert!(certificate.upper >= truth - slack, "{what}: {truth} {certificate:?}");
-}
-
-fn soup(triangles: &[[Vector; 3]]) -> Mesh {
-    let positions = triangles.iter().flatten().copied().collect();
-    let triangles = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-    Mesh::new(positions, triangles)
-}
-
-fn sub(a: Vector, b: Vector) -> Vector {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
-}
-
-fn dot(a: Vector, b: Vector) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// A rectangle of `n` by `n` squares at height `z`, cut along one diagonal or the other.
@@ -75,15 +63,8 @@ fn sphere(n: u32, radius: f64) -> Mesh {
             positions.push([v.sin() * u.cos(), v.sin() * u.sin(), v.cos()].map(|x| radius * x));
         }
     }
-    let at = |i: u32, j: u32| j * 2 * n + i % (2 * n);
-    let mut triangles = Vec::new();
-    for j in 0..n {
-        for i in 0..2 * n {
-            triangles.push([at(i, j), at(i + 1, j), at(i + 1, j + 1)]);
-            triangles.push([at(i, j), at(i + 1, j + 1), at(i, j + 1)]);
-        }
-    }
-    Mesh::new(positions, triangles)
+    let (n, m) = (n as usize, 2 * n as usize);
+    Mesh::new(positions, halves(squares(m, n), |i, j| (j * m + i % m) as u32))
 }
 
 #[test]

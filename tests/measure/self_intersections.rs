@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
+use crate::common::meshes::soup;
 use crate::common::{expect, run, write_ply};
 use std::path::Path;
 use stonecut::Mesh;
@@ -16,12 +17,6 @@ type Point = [f64; 3];
 
 fn count(mesh: &Mesh) -> SelfIntersections {
     in_memory(mesh, 2, &Progress::default()).unwrap()
-}
-
-fn soup(triangles: &[[Point; 3]]) -> Mesh {
-    let positions = triangles.concat();
-    let triangles = (0..triangles.len() as u32).map(|t| [3 * t, 3 * t + 1, 3 * t + 2]).collect();
-    Mesh::new(positions, triangles)
 }
 
 /// Pairs and overlaps among some triangles.

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect};
+use crate::common::{check, count, expect, report};
 use std::collections::HashMap;
 use std::path::Path;
 use stonecut::config::{Config, MinComponent, Target};
@@ -167,10 +167,6 @@ impl Scan {
         };
         found.into_values().map(size).collect()
     }
-}
-
-fn report(folder: &Path) -> serde_json::Value {
-    serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap()
 }
 
 /// Runs with a target above the input: nothing but the small components may go.

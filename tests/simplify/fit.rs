@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
+use crate::common::meshes::{self, bumps};
 use stonecut::Mesh;
 use stonecut::kernel::{Fit, Options, Simplified, Stop, simplify_mesh};
 use stonecut::measure;
@@ -10,28 +11,9 @@ use stonecut::mesh::relief::Relief;
 use stonecut::synth::{self, Kind, Settings};
 use stonecut::system::progress::Progress;
 
-/// A height field of `n` x `n` quads far from the origin.
+/// A height field far from the origin.
 fn sheet(n: usize, height: impl Fn(f64, f64) -> f64) -> Mesh {
-    let mut positions = Vec::new();
-    for y in 0..=n {
-        for x in 0..=n {
-            let (u, v) = (x as f64 / n as f64, y as f64 / n as f64);
-            positions.push([u + 1000.0, v - 2000.0, height(u, v)]);
-        }
-    }
-    let at = |x: usize, y: usize| (y * (n + 1) + x) as u32;
-    let mut triangles = Vec::new();
-    for y in 0..n {
-        for x in 0..n {
-            triangles.push([at(x, y), at(x + 1, y), at(x + 1, y + 1)]);
-            triangles.push([at(x, y), at(x + 1, y + 1), at(x, y + 1)]);
-        }
-    }
-    Mesh::new(positions, triangles)
-}
-
-fn bumps(u: f64, v: f64) -> f64 {
-    0.05 * (11.0 * u).sin() * (7.0 * v).cos() + 0.01 * (53.0 * u * v).sin()
+    meshes::sheet(n, |u, v| [u + 1000.0, v - 2000.0, height(u, v)])
 }
 
 fn simplified(mesh: &Mesh, locked: &[bool], target: u64, fit: Fit) -> Simplified {

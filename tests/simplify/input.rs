@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect};
+use crate::common::{check, count, expect, json};
 use std::collections::HashMap;
 use std::path::Path;
 use stonecut::io::ply::{FaceBlock, MeshSource, OutputHeader, PlyWriter, VertexBlock};
@@ -214,8 +214,7 @@ fn a_quad_is_two_triangles_everywhere() {
         let said =
             expect(out, &format!("simplify {file} o.ply --ratio 1 --force --report r.json"), 0);
         assert!(said.contains("input    5000 triangles"), "{file}: {said}");
-        let report: serde_json::Value =
-            serde_json::from_slice(&std::fs::read(out.join("r.json")).unwrap()).unwrap();
+        let report = json(out, "r.json");
         assert_eq!(count(&report["input"], "triangles"), 5000, "{file}");
         assert_eq!(count(&report, "target"), 5000, "{file}");
         assert_eq!(count(&report["output"], "triangles"), 5000, "{file}");
@@ -240,8 +239,7 @@ fn one_polygon_is_as_many_triangles_as_it_has_corners_but_two() {
         let said = expect(out, "simplify p.obj o.ply --max-error 0.01 --force --report r.json", 0);
         assert!(said.contains(&format!("input    {} triangles", n - 2)), "{said}");
         expect(out, "measure p.obj o.ply --report m.json", 0);
-        let json: serde_json::Value =
-            serde_json::from_slice(&std::fs::read(out.join("m.json")).unwrap()).unwrap();
+        let json = json(out, "m.json");
         assert!(json["forward"]["max"].as_f64().unwrap() <= 0.01, "{json}");
     }
 }

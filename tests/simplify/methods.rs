@@ -2,13 +2,9 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, rms, run, write_ply};
+use crate::common::{check, count, expect, json, report, rms, run, write_ply};
 use std::path::Path;
 use stonecut::mesh::property::Scalar;
-
-fn report(folder: &Path) -> serde_json::Value {
-    serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap()
-}
 
 /// A flat square of `2 n^2` triangles with a side of `n`.
 fn flat(n: u32) -> String {
@@ -181,8 +177,7 @@ fn what_vertices_carry_is_averaged() {
     let simplify = "simplify in.ply out.ply --method cluster --triangles 5k --force";
     expect(at, simplify, 0);
     let said = expect(at, "measure in.ply out.ply --samples 20k --report m.json", 0);
-    let measured: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(at.join("m.json")).unwrap()).unwrap();
+    let measured = json(at, "m.json");
     let colour = measured["forward"]["color_delta_e"].as_f64().unwrap_or_else(|| panic!("{said}"));
     assert!(colour > 0.0 && colour < 20.0, "{colour}");
     for (normals, expected) in [("recompute", true), ("drop", false)] {
@@ -489,8 +484,7 @@ fn faces_that_are_there_twice_are_dropped_by_every_method() {
             assert!((540..=600).contains(&n_left), "{method}, {name}: {n_left}");
             let to = format!("{method}-{name}.json");
             expect(at, &format!("measure clean.ply out.ply --samples 20k --report {to}"), 0);
-            let measured: serde_json::Value =
-                serde_json::from_slice(&std::fs::read(at.join(to)).unwrap()).unwrap();
+            let measured = json(at, &to);
             let side = |side: &str| measured[side]["max"].as_f64().unwrap();
             let most = side("forward").max(side("backward"));
             assert!(most < 0.03, "{method}, {name}: {most} away");

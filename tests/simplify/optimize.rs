@@ -2,13 +2,10 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, rms};
+use crate::common::meshes::{ply_text, sheet_triangles};
+use crate::common::{check, count, expect, report, rms};
 use std::collections::BTreeSet;
 use std::path::Path;
-
-fn report(folder: &Path) -> serde_json::Value {
-    serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap()
-}
 
 const FAULTS: [&str; 4] =
     ["degenerate_triangles", "duplicate_triangles", "non_manifold_edges", "inconsistent_edges"];
@@ -131,23 +128,15 @@ fn results_of_every_method_are_optimised() {
 fn what_vertices_carry_follows_them() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
-    let n = 60;
-    let mut text = format!(
-        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
-         property uchar red\nproperty uchar green\nproperty uchar blue\nproperty int part\n\
-         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
-        (n + 1) * (n + 1),
-        2 * n * n
-    );
-    for v in 0..(n + 1) * (n + 1) {
+    let n = 60u32;
+    let rows = (0..(n + 1) * (n + 1)).map(|v| {
         let (x, y) = (v % (n + 1), v / (n + 1));
         let z = (f64::from(x) * 0.3).sin() * (f64::from(y) * 0.2).cos() * 3.0;
-        text += &format!("{x} {y} {z} {} {} 7 {}\n", 4 * x, 4 * y, i32::from(x > n / 2));
-    }
-    for quad in 0..n * n {
-        let a = quad / n * (n + 1) + quad % n;
-        text += &format!("3 {a} {} {}\n3 {a} {} {}\n", a + 1, a + n + 2, a + n + 2, a + n + 1);
-    }
+        format!("{x} {y} {z} {} {} 7 {}", 4 * x, 4 * y, i32::from(x > n / 2))
+    });
+    let rows = rows.collect::<Vec<_>>().into_iter();
+    let properties = "uchar red, uchar green, uchar blue, int part";
+    let text = ply_text(properties, rows, &sheet_triangles(n as usize));
     std::fs::write(at.join("in.ply"), text).unwrap();
     expect(at, "simplify in.ply out.ply --ratio 8% --optimize 2 --format ascii", 0);
     let text = std::fs::read_to_string(at.join("out.ply")).unwrap();

@@ -2,7 +2,8 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, rms, run};
+use crate::common::meshes::ply_text;
+use crate::common::{check, count, expect, json, rms, run};
 use std::f64::consts::PI;
 use std::path::Path;
 
@@ -11,21 +12,12 @@ const FAULTS: [&str; 4] =
 
 /// A mesh as ASCII PLY, red as far as x goes.
 fn ply(vertices: &[[f64; 3]], triangles: &[[usize; 3]]) -> String {
-    let mut text = format!(
-        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
-         property uchar red\nproperty uchar green\nproperty uchar blue\nproperty int part\n\
-         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
-        vertices.len(),
-        triangles.len()
-    );
-    for [x, y, z] in vertices {
+    let rows = vertices.iter().map(|[x, y, z]| {
         let red = (40.0 * (x + 2.0)).clamp(0.0, 255.0).round();
-        text += &format!("{x} {y} {z} {red} 90 7 {}\n", i32::from(*x > 1.0));
-    }
-    for [a, b, c] in triangles {
-        text += &format!("3 {a} {b} {c}\n");
-    }
-    text
+        format!("{x} {y} {z} {red} 90 7 {}", i32::from(*x > 1.0))
+    });
+    let triangles: Vec<[u32; 3]> = triangles.iter().map(|t| t.map(|v| v as u32)).collect();
+    ply_text("uchar red, uchar green, uchar blue, int part", rows, &triangles)
 }
 
 /// Spheres of radius 1 in a row along x, `gap` apart.
@@ -89,8 +81,7 @@ fn near_components_become_one() {
         assert!((0..=most).contains(&genus(&pairs)), "a gap of {gap}");
         assert_eq!(count(&pairs, "boundary_edges"), 0, "a gap of {gap}");
         assert!((349..=350).contains(&count(&pairs, "triangles")));
-        let report: serde_json::Value =
-            serde_json::from_slice(&std::fs::read(at.join("r.json")).unwrap()).unwrap();
+        let report = json(at, "r.json");
         assert_eq!(report["pairs"]["contracted_pairs"].as_i64().unwrap() > 0, n_left == 1);
         assert_eq!(report["output"]["triangles"], count(&pairs, "triangles"));
         assert!(report["measured"]["rms"].as_f64().unwrap() > 0.0);

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, rms, run};
+use crate::common::{check, count, expect, json, rms, run};
 use std::path::Path;
 use stonecut::progressive::Refiner;
 use xxhash_rust::xxh3::xxh3_64;
@@ -82,8 +82,7 @@ fn both_ends_and_what_lies_beyond_them() {
     assert!(said.contains("no finer mesh"), "{said}");
     assert_eq!(count(&check(folder, "fine.ply"), "triangles"), n);
     assert!(rms(folder, "in.ply", "fine.ply") < 1e-12);
-    let report: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap();
+    let report = json(folder, "r.json");
     assert_eq!(report["output"]["triangles"], n);
     assert_eq!(report["target_met"], true);
     let said = expect(folder, "refine base.pm coarse.ply --triangles 500", 3);

@@ -2,12 +2,8 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, rms};
-use std::path::Path;
-
-fn report(folder: &Path) -> serde_json::Value {
-    serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap()
-}
+use crate::common::meshes::{ply_text, sheet_triangles};
+use crate::common::{check, count, expect, report, rms};
 
 #[test]
 fn triangles_are_even_and_meet_the_count_on_a_surface_that_stays_one() {
@@ -82,21 +78,13 @@ fn colours_are_means_and_labels_those_of_a_vertex() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     let n = 60u32;
-    let mut text = format!(
-        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
-         property uchar red\nproperty uchar green\nproperty uchar blue\nproperty int label\n\
-         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
-        (n + 1) * (n + 1),
-        2 * n * n
-    );
-    for v in 0..(n + 1) * (n + 1) {
+    let rows = (0..(n + 1) * (n + 1)).map(|v| {
         let (x, y) = (v % (n + 1), v / (n + 1));
-        text += &format!("{x} {y} 0 {} {} 40 {}\n", 4 * x, 4 * y, if x < 30 { 7 } else { 9 });
-    }
-    for quad in 0..n * n {
-        let a = quad / n * (n + 1) + quad % n;
-        text += &format!("3 {a} {} {}\n3 {a} {} {}\n", a + 1, a + n + 2, a + n + 2, a + n + 1);
-    }
+        format!("{x} {y} 0 {} {} 40 {}", 4 * x, 4 * y, if x < 30 { 7 } else { 9 })
+    });
+    let rows = rows.collect::<Vec<_>>().into_iter();
+    let properties = "uchar red, uchar green, uchar blue, int label";
+    let text = ply_text(properties, rows, &sheet_triangles(n as usize));
     std::fs::write(at.join("in.ply"), text).unwrap();
     expect(at, "simplify in.ply out.ply --method retile --triangles 400 --format ascii", 0);
     let out = std::fs::read_to_string(at.join("out.ply")).unwrap();

@@ -2,13 +2,9 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{expect, write_ply};
-use std::path::Path;
+use crate::common::meshes::halves;
+use crate::common::{expect, report, write_ply};
 use stonecut::mesh::property::Scalar;
-
-fn report(folder: &Path) -> serde_json::Value {
-    serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap()
-}
 
 #[test]
 fn a_fan_of_very_many_triangles_to_half_is_what_was_asked_for() {
@@ -40,13 +36,8 @@ fn ten_triangles_stand_for_no_ring() {
     let at = |i: u32, j: u32| (i % n) * m + j % m;
     let places: Vec<[u32; 2]> = (0..n).flat_map(|i| (0..m).map(move |j| [i, j])).collect();
     let points: Vec<[f64; 3]> = places.iter().map(|&[i, j]| point(i, j)).collect();
-    let triangles: Vec<[u32; 3]> = places
-        .iter()
-        .flat_map(|&[i, j]| {
-            let (a, b, c, d) = (at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));
-            [[a, b, c], [a, c, d]]
-        })
-        .collect();
+    let squares = places.iter().map(|&[i, j]| (i as usize, j as usize));
+    let triangles = halves(squares, |i, j| at(i as u32, j as u32));
     write_ply(&folder.path().join("in.ply"), Scalar::F64, &points, &triangles);
     expect(folder.path(), "simplify in.ply out.ply --triangles 10 --report r.json", 3);
     let report = report(folder.path());

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, write_ply};
+use crate::common::{check, count, expect, json, write_ply};
 use std::collections::HashMap;
 use std::path::Path;
 use stonecut::mesh::property::Scalar;
@@ -112,8 +112,7 @@ fn a_soup_of_near_copies_comes_out_closed() {
         let said = expect(folder.path(), "simplify in.ply out.ply --ratio 10% --report r.json", 0);
         assert!(said.contains("12.8 k of 15.4 k vertices"), "{off}: {said}");
         is_closed(folder.path(), "out.ply");
-        let report: serde_json::Value =
-            serde_json::from_slice(&std::fs::read(folder.path().join("r.json")).unwrap()).unwrap();
+        let report = json(folder.path(), "r.json");
         assert_eq!(report["input"]["weld"]["joined"], 12_798, "{off}");
         assert_eq!(report["input"]["vertices"], 15_360);
     }

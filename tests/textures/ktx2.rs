@@ -2,9 +2,9 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::expect;
+use crate::common::{expect, glb_json};
 use basis_universal::{BasisTextureFormat, Compressor, CompressorParams};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::path::Path;
 
 /// Side of the image: red on the left, blue on the right, each a whole block of 4 x 4.
@@ -137,9 +137,7 @@ fn basis_universal_is_looked_up_and_carried() {
             assert!(right[2] > 200 && right[0] < 60, "{is_etc1s} {packs} {mesh} {right:?}");
         }
     }
-    let bytes = std::fs::read(folder.join("out.glb")).unwrap();
-    let n = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
-    let document: Value = serde_json::from_slice(&bytes[20..20 + n]).unwrap();
+    let document = glb_json(&folder.join("out.glb"));
     assert_eq!(document["images"][0]["mimeType"], "image/ktx2");
     assert!(
         document["extensionsRequired"].as_array().unwrap().contains(&"KHR_texture_basisu".into())

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count};
+use crate::common::{check, count, json};
 use crate::tiles::{files, statue};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -50,8 +50,7 @@ pub fn sampled(from: &Mesh, to: &Mesh) -> f64 {
 #[test]
 fn stated_errors_are_never_below_the_distance_and_not_far_above() {
     let folder = statue("--report r.json");
-    let report: Value =
-        serde_json::from_slice(&std::fs::read(folder.path().join("r.json")).unwrap()).unwrap();
+    let report = json(folder.path(), "r.json");
     let levels = report["levels"].as_array().unwrap();
     let finest = level(&folder.path().join("out"), 0);
     for (number, facts) in (0u32..).zip(levels).skip(1) {
@@ -76,8 +75,7 @@ fn stated(tile: &Value, out: &mut BTreeMap<String, f64>) {
 fn the_error_of_no_tile_is_below_the_distance_of_its_own_triangles() {
     let folder = statue("");
     let out = folder.path().join("out");
-    let set: Value =
-        serde_json::from_slice(&std::fs::read(out.join("tileset.json")).unwrap()).unwrap();
+    let set = json(&out, "tileset.json");
     let mut all = BTreeMap::new();
     stated(&set["root"], &mut all);
     let finest = level(&out, 0);

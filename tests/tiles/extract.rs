@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
 
-use crate::common::{check, count, expect};
+use crate::common::{check, count, expect, json};
 use serde_json::Value;
 use std::path::Path;
 
@@ -15,16 +15,14 @@ fn statue() -> tempfile::TempDir {
 }
 
 fn levels(folder: &Path) -> Vec<Value> {
-    let report: Value =
-        serde_json::from_slice(&std::fs::read(folder.join("r.json")).unwrap()).unwrap();
+    let report = json(folder, "r.json");
     report["levels"].as_array().unwrap().clone()
 }
 
 /// Largest distance between two meshes, as `measure` finds it.
 fn distance(folder: &Path, mesh: &str) -> f64 {
     expect(folder, &format!("measure in.ply {mesh} --report m.json --samples 50k"), 0);
-    let report: Value =
-        serde_json::from_slice(&std::fs::read(folder.join("m.json")).unwrap()).unwrap();
+    let report = json(folder, "m.json");
     let sides = report.as_object().unwrap().values();
     let found = sides.filter_map(|side| side["max"].as_f64()).reduce(f64::max);
     found.unwrap_or_else(|| panic!("{report}"))
@@ -71,8 +69,7 @@ fn a_box_is_fine_and_the_rest_coarse() {
     let n = |name: &str| count(&check(path, name), "triangles");
     assert_eq!(n("fine.ply"), n("in.ply"));
     // The upper half.
-    let set: Value =
-        serde_json::from_slice(&std::fs::read(path.join("out/tileset.json")).unwrap()).unwrap();
+    let set = json(path, "out/tileset.json");
     let middle = set["extras"]["stonecut"]["origin"][2].as_f64().unwrap();
     let upper = format!("-1e9,-1e9,{middle},1e9,1e9,1e9");
     expect(

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
 
-use crate::common::{check, count, expect};
+use crate::common::{check, count, expect, json};
 use crate::tiles::{change, change_tile, expect_fault, files};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -134,8 +134,7 @@ fn properties_come_back_exactly_from_the_finest_tiles() {
                 assert!((now - value).abs() <= off, "{options} {name} of {id}: {now} for {value}");
             }
         }
-        let report: Value =
-            serde_json::from_slice(&std::fs::read(path.join("r.json")).unwrap()).unwrap();
+        let report = json(path, "r.json");
         assert_eq!(report["notes"], json!([]));
     }
 }
@@ -182,8 +181,7 @@ fn attributes_have_the_form_that_gltf_asks_for() {
     for (options, packs) in [("", true), ("--compress none", false)] {
         let folder = tiles(options);
         let path = folder.path();
-        let set: Value =
-            serde_json::from_slice(&std::fs::read(path.join("out/tileset.json")).unwrap()).unwrap();
+        let set = json(path, "out/tileset.json");
         let listed = &set["extras"]["stonecut"]["scalars"];
         let names: Vec<_> = listed.as_array().unwrap().iter().map(|s| &s["attribute"]).collect();
         let expected = ["_QUALITY", "_GPS_TIME", "_QUALITY_2", "_CLASS", "_INTENSITY", "_ID"];
@@ -259,8 +257,7 @@ fn numbers_that_gltf_does_not_have_are_counted() {
     });
     expect(path, "tiles in.ply out --report r.json", 0);
     assert_eq!(count(&check(path, "out"), "n_faults"), 0);
-    let report: Value =
-        serde_json::from_slice(&std::fs::read(path.join("r.json")).unwrap()).unwrap();
+    let report = json(path, "r.json");
     let notes = report["notes"].to_string();
     assert!(
         notes.contains("values of properties of vertices, 2 of them: not exact in tiles"),

@@ -2,10 +2,9 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect};
+use crate::common::{check, count, expect, json};
 use crate::scalars::document;
 use crate::tiles::{check_colours, config, files, painted};
-use serde_json::Value;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::sync::Arc;
@@ -68,11 +67,9 @@ fn every_tile_shows_the_images_at_their_places() {
         );
         assert_eq!(count(&found, "triangles"), 2 * 120 * 120);
         assert_eq!(found["gap_within"], serde_json::json!(0.0));
-        let report: Value =
-            serde_json::from_slice(&std::fs::read(path.join("r.json")).unwrap()).unwrap();
+        let report = json(path, "r.json");
         assert_eq!(report["texture"]["pages"], report["tiles"]);
-        let set: Value =
-            serde_json::from_slice(&std::fs::read(path.join("out/tileset.json")).unwrap()).unwrap();
+        let set = json(path, "out/tileset.json");
         let facts = &set["extras"]["stonecut"];
         let origin = [0, 1, 2].map(|k| facts["origin"][k].as_f64().unwrap());
         for level in 0..facts["levels"].as_u64().unwrap() as u32 {
@@ -143,8 +140,7 @@ fn tiles_are_no_coarser_on_the_screen_than_their_pages() {
     let path = folder.path();
     painted(path, 120);
     expect(path, "tiles in.obj out --tile-triangles 900", 0);
-    let set: Value =
-        serde_json::from_slice(&std::fs::read(path.join("out/tileset.json")).unwrap()).unwrap();
+    let set = json(path, "out/tileset.json");
     let texels = set["extras"]["stonecut"]["texels_per_unit"].as_f64().unwrap();
     let levels = set["extras"]["stonecut"]["levels"].as_f64().unwrap();
     let root = set["root"]["geometricError"].as_f64().unwrap();

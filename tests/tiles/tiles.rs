@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, run, write_ply};
+use crate::common::{check, count, expect, json, run, write_ply};
 use crate::errors::{level, sampled};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -50,8 +50,7 @@ fn a_closed_mesh_becomes_a_tree_without_gaps() {
     assert!(found["gap_across_steps"].as_f64().unwrap() <= 0.5);
     let n = count(&check(folder.path(), "in.ply"), "triangles");
     assert_eq!(count(&found, "triangles"), n);
-    let report: Value =
-        serde_json::from_slice(&std::fs::read(folder.path().join("r.json")).unwrap()).unwrap();
+    let report = json(folder.path(), "r.json");
     assert_eq!(report["tiles"], found["tiles"]);
     assert_eq!(report["stuck"], 0);
     assert!(!folder.path().join("out.stonecut-job").exists());
@@ -121,8 +120,7 @@ fn repeated_faces_are_dropped_and_counted() {
         let found = check(at, "out");
         assert_eq!(count(&found, "n_faults"), 0, "{found}");
         assert!(!finest.is_empty() || count(&found, "triangles") == n, "{found}");
-        let report: Value =
-            serde_json::from_slice(&std::fs::read(at.join("r.json")).unwrap()).unwrap();
+        let report = json(at, "r.json");
         assert_eq!(report["input"]["faults"]["duplicate_faces"], 3, "{report}");
     }
 }
@@ -243,8 +241,7 @@ fn vertices_get_their_colours_from_images() {
     let path = folder.path();
     painted(path, 120);
     expect(path, "tiles in.obj out --texture colors --tile-triangles 900 --report r.json", 0);
-    let report: Value =
-        serde_json::from_slice(&std::fs::read(path.join("r.json")).unwrap()).unwrap();
+    let report = json(path, "r.json");
     assert!(report["notes"].to_string().contains("vertices have colours out of them"), "{report}");
     expect(path, "extract out all.ply --max-error 0", 0);
     expect(path, "info --check out", 0);
@@ -316,8 +313,7 @@ fn levels_finer_than_the_finest_are_not_written_but_counted_in() {
         let code = if share < 1.0 { 3 } else { 0 };
         expect(path, "extract out fine.ply --max-error 0 --force", code);
         expect(path, "extract out coarse.ply --triangles 300 --force", 0);
-        let report: Value =
-            serde_json::from_slice(&std::fs::read(path.join("r.json")).unwrap()).unwrap();
+        let report = json(path, "r.json");
         assert_eq!(count(&report, "tiles"), n_tiles);
         for (number, facts) in (0u32..).zip(report["levels"].as_array().unwrap()) {
             let stated = facts["error_max"].as_f64().unwrap();

@@ -51,10 +51,6 @@ fn hull_of(tree: &Tree, bounds: &Bounds) -> Hull {
     if bounds.is_empty() { Hull::EMPTY } else { tree.hull(&[bounds.low, bounds.high]) }
 }
 
-fn touch(a: &Bounds, b: &Bounds) -> bool {
-    (0..3).all(|k| a.low[k] <= b.high[k] && b.low[k] <= a.high[k])
-}
-
 impl Hubs {
     /// Finds the hubs of a surface; `space` gives boxes in space.
     pub(super) fn of(surface: &Surface, space: &Tree) -> Hubs {
@@ -155,7 +151,7 @@ fn is_first(surface: &Surface, (eye, t): (Vec3, u32), other: &Faces, face: usize
         return false;
     }
     let own = seen_of(eye, &corners(surface, t));
-    (0..=face).find(|&face| touch(&own[face], &other[face])) == Some(face)
+    (0..=face).find(|&face| own[face].touches(&other[face])) == Some(face)
 }
 
 fn corners(surface: &Surface, t: u32) -> Corners {

@@ -16,6 +16,7 @@ use crate::surface::Surface;
 use crate::surface::class::Class;
 use crate::surface::wedges::Wedges;
 use crate::vertex::GONE;
+use stonecut_mesh::vec3::place_bits;
 
 /// Joins what coincides; returns how many vertices went. Sorts boundary vertices only.
 pub(crate) fn coincident(
@@ -94,8 +95,7 @@ fn candidates(surface: &mut Surface) -> Vec<(u32, u32)> {
             Some(Class::Interior) | None => false,
         }
     };
-    // Adding 0 makes -0 and 0 the same place.
-    let place = |v: u32| surface.vertices[v as usize].position.map(|x| (x + 0.0).to_bits());
+    let place = |v: u32| place_bits(surface.vertices[v as usize].position);
     let mut found: Vec<([u64; 3], u32, u32)> = (0..surface.vertices.len() as u32)
         .filter(may_join)
         .map(|v| (place(v), surface.source[v as usize], v))

@@ -17,7 +17,7 @@ use super::certificate::{Certificate, Certify, LEAST_TOLERANCE, MOST_BEYOND, On,
 use super::parts::{Means, Parts, Place, Survey};
 use super::side::Side;
 use super::triangle::Vector;
-use bound::off_edge;
+use bound::{lower, off_edge, upper};
 use cover::{Far, Found, Goal};
 use passes::Way;
 use std::cmp::Ordering;
@@ -165,8 +165,10 @@ impl<'a> Pair<'a> {
     fn lower(&self, farthest: Option<(Far, usize)>, means: Means) -> Result<f64> {
         let Some((far, i)) = farthest.filter(|(far, _)| far.distance > 0.0) else { return Ok(0.0) };
         let target = (self.parts[1 - i], &self.boxes[1 - i][..]);
-        let distance = witness::surely_far(far.point, far.distance * (1.0 + 1e-6), target, means)?;
-        let off = witness::surely_near(far.point, (self.parts[i], &self.boxes[i]), means)?;
+        let most = far.distance * (1.0 + 1e-6);
+        let distance = witness::least(far.point, target, lower, most, means)?;
+        let own = (self.parts[i], &self.boxes[i][..]);
+        let off = witness::least(far.point, own, upper, f64::INFINITY, means)?;
         Ok(((distance - off) * (1.0 - f64::EPSILON)).max(0.0))
     }
 

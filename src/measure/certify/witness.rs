@@ -3,7 +3,7 @@
 //! A lower bound must hold for all triangles, so it must not rest on the answer of a search: every triangle whose
 //! box is nearer than the best bound so far is looked at.
 
-use super::bound::{lower, lower_to_box, upper};
+use super::bound::lower_to_box;
 use crate::parts::{Means, Parts, Place};
 use crate::triangle::Vector;
 use stonecut_mesh::Mesh;
@@ -13,28 +13,9 @@ use stonecut_system::error::Result;
 /// Triangles between two looks at the wish to stop.
 const STOP_ROWS: usize = 1 << 16;
 
-/// A lower bound of the distance from `point` to a surface, which is not worth more than `most`.
-pub(super) fn surely_far(
-    point: Vector,
-    most: f64,
-    target: (&Parts, &[Bounds]),
-    means: Means,
-) -> Result<f64> {
-    least(point, target, lower, most, means)
-}
-
-/// An upper bound of the distance from `point` to a surface; infinite if there is none.
-pub(super) fn surely_near(
-    point: Vector,
-    surface: (&Parts, &[Bounds]),
-    means: Means,
-) -> Result<f64> {
-    least(point, surface, upper, f64::INFINITY, means)
-}
-
 /// The least value that `bound` has for a triangle, or `best` if that is less; triangles whose boxes are farther do
-/// not count.
-fn least(
+/// not count. With `lower` that is a lower bound of the distance, worth `best` at the most; with `upper` an upper one.
+pub(super) fn least(
     point: Vector,
     (surface, boxes): (&Parts, &[Bounds]),
     bound: fn(Vector, &[Vector; 3]) -> f64,

@@ -56,11 +56,6 @@ impl Node {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Task(Node, Node);
 
-/// Returns whether two boxes have a common point.
-pub(super) fn touch(a: &Bounds, b: &Bounds) -> bool {
-    (0..3).all(|k| a.low[k] <= b.high[k] && b.low[k] <= a.high[k])
-}
-
 impl Boxes {
     /// Bytes that the tree of `n` boxes takes at most.
     pub fn bytes(n: u64) -> u64 {
@@ -150,7 +145,7 @@ impl Boxes {
     }
 
     fn offer(&self, other: &Boxes, task: Task, out: &mut Vec<Task>) {
-        if touch(&self.hulls[task.0.at], &other.hulls[task.1.at]) {
+        if self.hulls[task.0.at].touches(&other.hulls[task.1.at]) {
             out.push(task);
         }
     }
@@ -177,11 +172,11 @@ impl Boxes {
             }
             for (i, item) in self.items[a.from..a.to].iter().enumerate() {
                 let first = if is_same && a.at == b.at { b.from + i + 1 } else { b.from };
-                if !touch(&item.bounds, &other.hulls[b.at]) {
+                if !item.bounds.touches(&other.hulls[b.at]) {
                     continue;
                 }
                 for near in &other.items[first..b.to] {
-                    if touch(&item.bounds, &near.bounds) {
+                    if item.bounds.touches(&near.bounds) {
                         n_visits += 1;
                         visit(item.id, near.id);
                     }

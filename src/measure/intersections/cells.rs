@@ -4,7 +4,7 @@
 //! Triangles that are large against their cell would blow that box up; they are taken out of the cells and held, batch
 //! by batch, against all cells. No more than two cells a thread are in memory.
 
-use super::boxes::{Boxes, touch};
+use super::boxes::Boxes;
 use super::{Marks, Numbers, SelfIntersections, Soup, Tally};
 use crate::Unit;
 use std::borrow::Cow;
@@ -188,7 +188,7 @@ impl Work<'_> {
     fn neighbours(&self, cell: CellId) -> impl Iterator<Item = CellId> {
         let hull = &self.looks[cell].hull;
         let behind = (cell.index() + 1..self.looks.len()).map(CellId::at);
-        behind.filter(move |&other| touch(hull, &self.looks[other].hull))
+        behind.filter(move |&other| hull.touches(&self.looks[other].hull))
     }
 
     /// Counts among the triangles that are not large.
@@ -205,7 +205,7 @@ impl Work<'_> {
             for other in self.neighbours(cell) {
                 let look = &self.looks[other];
                 let hull = &own.hull();
-                let near = |_, bounds: &Bounds| touch(bounds, hull) && !look.is_large(bounds);
+                let near = |_, bounds: &Bounds| bounds.touches(hull) && !look.is_large(bounds);
                 let guests = self.soup(other, near)?;
                 own.count_with(&guests, &self.marks, &mut tally, self.progress)?;
             }
@@ -285,7 +285,7 @@ impl Work<'_> {
         let firsts = self.large_firsts();
         let has_later = |cell: CellId| firsts[cell] + self.looks[cell].n_large > batch.end;
         let hull = &large.hull();
-        let is_near = |&cell: &CellId| has_later(cell) || touch(&self.looks[cell].hull, hull);
+        let is_near = |&cell: &CellId| has_later(cell) || self.looks[cell].hull.touches(hull);
         let cells = CellId::first(self.store.n_cells()).filter(is_near);
         let taken = large_bytes() * (batch.end - batch.start);
         self.for_each(
@@ -302,7 +302,7 @@ impl Work<'_> {
                 let done_until = (0..mesh.triangles.len()).filter(|&i| is_done(i)).nth(n_done);
                 let done_until = done_until.unwrap_or(usize::MAX);
                 let wanted = |i: usize, bounds: &Bounds| {
-                    touch(bounds, hull) && (i >= done_until || !is_large(&i))
+                    bounds.touches(hull) && (i >= done_until || !is_large(&i))
                 };
                 let numbers = Numbers::From(self.firsts[cell]);
                 let (near, _) = Soup::of(Cow::Borrowed(&mesh), numbers, wanted, self.progress)?;

@@ -5,12 +5,12 @@
 //! in common have that direction in common, too, as the pages of a book; of these two meet if they are at the same
 //! angle around the edge.
 
-use super::boxes::{Boxes, Item, touch};
+use super::boxes::{Boxes, Item};
 use std::collections::HashMap;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::sight::{Faces, seen_of};
 use stonecut_mesh::steps::HUB;
-use stonecut_mesh::vec3::{Vec3, cross, dot, length_sq, sub, unit};
+use stonecut_mesh::vec3::{Vec3, cross, dot, length_sq, place_bits, sub, unit};
 use stonecut_system::error::Result;
 use stonecut_system::progress::Progress;
 
@@ -37,15 +37,10 @@ struct Sight {
     faces: Faces,
 }
 
-/// A place as a key: 0 and -0 are the same.
-fn key(place: Vec3) -> [u64; 3] {
-    place.map(|x| (x + 0.0).to_bits())
-}
-
 /// A number below `n`, a power of two, for a place.
 fn bucket(place: Vec3, n: usize) -> usize {
     let mix = |sum: u64, x: u64| (sum ^ x).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29);
-    (key(place).into_iter().fold(0, mix) >> 7) as usize & (n - 1)
+    (place_bits(place).into_iter().fold(0, mix) >> 7) as usize & (n - 1)
 }
 
 /// Takes the triangles of hubs out of `items`.
@@ -67,7 +62,7 @@ pub(super) fn take_hubs(items: &mut Vec<Item>, corners: impl Fn(u32) -> Corners)
     }
     let mut n_at: HashMap<[u64; 3], usize> = HashMap::new();
     for place in items.iter().flat_map(|item| corners(item.id)).filter(|place| is_full(*place)) {
-        *n_at.entry(key(place)).or_default() += 1;
+        *n_at.entry(place_bits(place)).or_default() += 1;
     }
     let mut order: Vec<(usize, [u64; 3])> =
         n_at.into_iter().map(|(key, n)| (n, key)).filter(|(n, _)| *n > HUB).collect();
@@ -81,7 +76,7 @@ pub(super) fn take_hubs(items: &mut Vec<Item>, corners: impl Fn(u32) -> Corners)
     };
     let mut hubs: Vec<Hub> = order.iter().map(hub).collect();
     items.retain(|item| {
-        let first = corners(item.id).iter().filter_map(|place| rank.get(&key(*place))).min();
+        let first = corners(item.id).iter().filter_map(|place| rank.get(&place_bits(*place))).min();
         let Some(&first) = first else { return true };
         hubs[first].own.push(item.id);
         hubs[first].hull = hubs[first].hull.joined(&item.bounds);
@@ -102,9 +97,9 @@ impl Hub {
         // Books first: triangles with a second corner in common.
         let mut n_at: HashMap<[u64; 3], usize> = HashMap::new();
         for place in self.own.iter().flat_map(|&t| corners(t)) {
-            *n_at.entry(key(place)).or_default() += 1;
+            *n_at.entry(place_bits(place)).or_default() += 1;
         }
-        let is_edge = |place: &Vec3| *place != self.place && n_at[&key(*place)] > HUB;
+        let is_edge = |place: &Vec3| *place != self.place && n_at[&place_bits(*place)] > HUB;
         let mut rest = Vec::new();
         let mut books: Vec<(Vec3, Vec<u32>)> = Vec::new();
         let mut number: HashMap<[u64; 3], usize> = HashMap::new();
@@ -112,7 +107,7 @@ impl Hub {
             match corners(t).into_iter().find(is_edge) {
                 None => rest.push(t),
                 Some(end) => {
-                    let number = *number.entry(key(end)).or_insert_with(|| {
+                    let number = *number.entry(place_bits(end)).or_insert_with(|| {
                         books.push((end, Vec::new()));
                         books.len() - 1
                     });
@@ -140,7 +135,7 @@ impl Hub {
         progress: &Progress,
         mut visit: impl FnMut(u32, u32),
     ) -> Result<()> {
-        let near = others.filter(|(_, t)| touch(&Bounds::around(t), &self.hull));
+        let near = others.filter(|(_, t)| Bounds::around(t).touches(&self.hull));
         let others = self.sights(near);
         if others.is_empty() {
             return Ok(());
@@ -170,7 +165,7 @@ fn join(
         let found = |i: u32, j: u32| {
             let (a, b) = (&own[i as usize], &others[j as usize]);
             // On an earlier face they were visited already.
-            if !(0..face).any(|face| touch(&a.faces[face], &b.faces[face])) {
+            if !(0..face).any(|face| a.faces[face].touches(&b.faces[face])) {
                 visit(a.id, b.id);
             }
         };

@@ -2,7 +2,9 @@
 
 use super::sizes::{ComponentSizes, Least};
 use stonecut_mesh::bounds::Bounds;
-use stonecut_store::cells::{CellMesh, Extent, PieceSet, Pieces, position_bits};
+use stonecut_mesh::vec3::place_bits;
+use stonecut_store::cells::{CellMesh, Extent, PieceSet, Pieces};
+use stonecut_store::pack_format::{u32_at, u64_at};
 
 /// The pack of what the cells know by themselves.
 pub(super) const FOUND_NAME: &str = "components.cells";
@@ -60,7 +62,7 @@ impl Found {
             }
         }
         let link =
-            |v: usize| (position_bits(cell.mesh.positions[v]), place[pieces.of_vertex[v] as usize]);
+            |v: usize| (place_bits(cell.mesh.positions[v]), place[pieces.of_vertex[v] as usize]);
         found.links = open_vertices().map(link).collect();
         found
     }
@@ -121,14 +123,6 @@ impl Found {
             && links.iter().all(|(_, open)| (*open as usize) < n_open);
         is_sound.then_some(Found { settled, goes, open, links })
     }
-}
-
-fn u32_at(row: &[u8], at: usize) -> u32 {
-    u32::from_le_bytes(row[at..at + 4].try_into().expect("4 bytes"))
-}
-
-fn u64_at(row: &[u8], at: usize) -> u64 {
-    u64::from_le_bytes(row[at..at + 8].try_into().expect("8 bytes"))
 }
 
 #[cfg(test)]

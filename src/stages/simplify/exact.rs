@@ -144,7 +144,7 @@ fn note(
     work: impl Fn(CellId) -> Result<Vec<u64>> + Sync,
 ) -> Result<()> {
     let found = Mutex::new(Vec::new());
-    for_cells(round, cells.iter().copied(), run, |id| {
+    for_cells(round, cells.iter().copied(), 0, run, |id| {
         let counts = work(id)?;
         found.lock().unwrap_or_else(PoisonError::into_inner).push((id, counts));
         Ok(())

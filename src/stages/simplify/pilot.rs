@@ -156,7 +156,7 @@ fn send_down(
         // Only counts are asked for.
         options.expected_share = 0.0;
     }
-    for_cells((store, goal), share.iter().copied(), run, |index| {
+    for_cells((store, goal), share.iter().copied(), 0, run, |index| {
         let mut cell = store.load_tidy(index)?;
         let mesh = std::mem::take(&mut cell.mesh);
         let start = mesh.triangles.len() as u64;

@@ -63,18 +63,9 @@ pub(super) fn survivors(cell: &CellMesh, simplified: Simplified, store: &CellSto
     left
 }
 
-/// Runs `work` on some cells, largest first, as many at once as the memory holds.
+/// Runs `work` on some cells, largest first, as many at once as the memory holds; `work` takes `more` bytes for each triangle of a
+/// cell besides.
 pub(super) fn for_cells(
-    (store, goal): (&CellStore, Goal),
-    cells: impl Iterator<Item = CellId>,
-    run: &StageContext,
-    work: impl Fn(CellId) -> Result<()> + Sync,
-) -> Result<()> {
-    for_cells_beside((store, goal), cells, 0, run, work)
-}
-
-/// The same where `work` takes `more` bytes for each triangle of a cell besides.
-fn for_cells_beside(
     (store, goal): (&CellStore, Goal),
     cells: impl Iterator<Item = CellId>,
     more: u64,
@@ -97,7 +88,7 @@ pub(super) fn run_all<T: Send + Clone + Default>(
     work: impl Fn(CellId, CellMesh) -> T + Sync,
 ) -> Result<Vec<T>> {
     let outcomes = Mutex::new(vec![T::default(); cells.len()]);
-    for_cells((store, goal), cells.clone().map(CellId::at), run, |cell| {
+    for_cells((store, goal), cells.clone().map(CellId::at), 0, run, |cell| {
         let outcome = work(cell, store.load_tidy(cell)?);
         let place = cell.index() - cells.start;
         outcomes.lock().unwrap_or_else(PoisonError::into_inner)[place] = outcome;
@@ -204,7 +195,7 @@ fn run_cells_with(
     let freed_bytes = store.info().pack_bytes() / FREED_AT_A_TIME;
     let left = CellId::first(store.n_cells()).filter(|&cell| !is_done[cell]);
     let more = beside.map_or(0, |beside| beside.bytes_per_triangle);
-    let outcome = for_cells_beside((store, goal), left, more, run, |cell| {
+    let outcome = for_cells((store, goal), left, more, run, |cell| {
         let survivors = work(cell)?;
         // Before the lock: others wait for nothing but the file.
         let encoded = survivors.encode(store.layout());

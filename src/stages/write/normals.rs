@@ -29,7 +29,7 @@ impl Recomputed {
             for cell in CellId::first(n_cells) {
                 let part = result.load(cell)?;
                 let marked = part.mesh.positions.iter().zip(&part.shared).filter(|(_, s)| **s);
-                shared.extend(marked.map(|(&p, _)| (key(p), [0.0; 3])));
+                shared.extend(marked.map(|(&p, _)| (vec3::place_bits(p), [0.0; 3])));
             }
             for cell in CellId::first(n_cells) {
                 run.progress.check()?;
@@ -52,17 +52,12 @@ impl Recomputed {
             *sum = vec3::add(*sum, weighted);
         });
         let normal = |&position: &[f64; 3]| {
-            let place = key(position);
+            let place = vec3::place_bits(position);
             let sum = self.shared.get(&place).or_else(|| sums.get(&place));
             sum.copied().and_then(unit).unwrap_or_default()
         };
         part.mesh.positions.iter().map(normal).collect()
     }
-}
-
-fn key(position: [f64; 3]) -> Key {
-    // Adding 0 makes -0 and 0 the same place.
-    position.map(|x| (x + 0.0).to_bits())
 }
 
 fn unit(v: [f64; 3]) -> Option<[f64; 3]> {
@@ -79,7 +74,7 @@ fn each_corner(part: &Survivors, mut each: impl FnMut(Key, [f64; 3])) {
         let corners = part.mesh.corners(t);
         let weighted = vec3::normal(corners);
         if weighted.iter().all(|x| x.is_finite()) {
-            corners.iter().for_each(|&corner| each(key(corner), weighted));
+            corners.iter().for_each(|&corner| each(vec3::place_bits(corner), weighted));
         }
     }
 }

@@ -4,7 +4,7 @@
 //! corners always meet in one cell, and each cell can be tidied by itself. Later rounds have nothing to tidy.
 
 use super::cell_mesh::{CellMesh, Dropped};
-use stonecut_mesh::duplicate_triangles::{Repeats, flaps, from_least, is_two_sided};
+use stonecut_mesh::duplicate_triangles::{Repeats, flaps, from_least, remove};
 
 impl CellMesh {
     /// Brings the triangles into the order of their lowest vertex id; those that share it keep their order.
@@ -78,37 +78,18 @@ impl CellMesh {
             keys.sort_unstable();
             found.add(&keys, |i| from_least(triangles[i as usize]));
         }
-        let Repeats { same: mut repeats, reversed } = found;
-        repeats.sort_unstable();
-        if is_two_sided(reversed.len(), triangles.len() - repeats.len()) {
-            repeats.extend(reversed);
-            repeats.sort_unstable();
-        } else if !reversed.is_empty() {
-            self.add_flaps(&reversed, &mut repeats);
-        }
-        let (mut next, mut at) = (repeats.iter().peekable(), 0);
-        self.mesh.triangles.retain(|_| {
-            let is_repeat = next.next_if(|&&repeat| repeat == at).is_some();
-            at += 1;
-            !is_repeat
+        let repeats = found.that_go(triangles.len(), |reversed, gone| {
+            let turned: Vec<[u32; 3]> = reversed.iter().map(|&i| triangles[i as usize]).collect();
+            let mut is_concerned = vec![false; self.mesh.positions.len()];
+            turned.iter().flatten().for_each(|&v| is_concerned[v as usize] = true);
+            let all = (triangles.iter().enumerate())
+                .filter(|(_, t)| t.iter().filter(|&&v| is_concerned[v as usize]).count() > 1)
+                .filter(|(i, _)| gone.binary_search(&(*i as u32)).is_err())
+                .map(|(_, t)| *t);
+            flaps(&turned, all, |v| !self.shared[v as usize])
         });
+        remove(&mut self.mesh.triangles, &repeats);
         repeats.len() as u64
-    }
-
-    /// Adds those of the `reversed` triangles to the `repeats`, which are in order, that belong to no sheet.
-    fn add_flaps(&self, reversed: &[u32], repeats: &mut Vec<u32>) {
-        let triangles = &self.mesh.triangles;
-        let turned: Vec<[u32; 3]> = reversed.iter().map(|&i| triangles[i as usize]).collect();
-        let mut is_concerned = vec![false; self.mesh.positions.len()];
-        turned.iter().flatten().for_each(|&v| is_concerned[v as usize] = true);
-        let all = (triangles.iter().enumerate())
-            .filter(|(_, t)| t.iter().filter(|&&v| is_concerned[v as usize]).count() > 1)
-            .filter(|(i, _)| repeats.binary_search(&(*i as u32)).is_err())
-            .map(|(_, t)| *t);
-        let is_flap = flaps(&turned, all, |v| !self.shared[v as usize]);
-        let flaps = reversed.iter().zip(is_flap).filter(|(_, flap)| *flap).map(|(&i, _)| i);
-        repeats.extend(flaps);
-        repeats.sort_unstable();
     }
 
     fn drop_unreferenced(&mut self, record_bytes: usize) -> u64 {

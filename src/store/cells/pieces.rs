@@ -9,6 +9,7 @@ use super::cell_mesh::CellMesh;
 use stonecut_mesh::Mesh;
 use stonecut_mesh::bounds::Bounds;
 use stonecut_mesh::union_find::Union;
+use stonecut_mesh::vec3::place_bits;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Connected pieces of a mesh.
@@ -69,9 +70,9 @@ fn join_coincident(positions: &[[f64; 3]], union: &mut Union) {
     let mut slots = vec![EMPTY; n_slots];
     let mask = n_slots - 1;
     for (v, position) in positions.iter().enumerate() {
-        let bits = position_bits(*position);
+        let bits = place_bits(*position);
         let mut at = xxh3_64(bytemuck::bytes_of(&bits)) as usize & mask;
-        while slots[at] != EMPTY && position_bits(positions[slots[at] as usize]) != bits {
+        while slots[at] != EMPTY && place_bits(positions[slots[at] as usize]) != bits {
             at = (at + 1) & mask;
         }
         match slots[at] {
@@ -79,12 +80,6 @@ fn join_coincident(positions: &[[f64; 3]], union: &mut Union) {
             first => union.join(first, v as u32),
         }
     }
-}
-
-/// Returns the key of a place.
-pub fn position_bits(position: [f64; 3]) -> [u64; 3] {
-    // Adding 0 turns -0 into 0.
-    position.map(|x| (x + 0.0).to_bits())
 }
 
 /// Marks of the pieces of a cell, a bit for each.

@@ -6,13 +6,13 @@
 
 use super::cell_store::{CellTally, StoreInfo, VertexLayout};
 use super::pack::{Pack, PackWriter};
-use super::pieces::position_bits;
 use super::scatter::Scatter;
 use crate::cell_id::CellId;
 use crate::pack_format::{ChunkKind, IdWidth};
 use crate::stage_context::StageContext;
 use std::collections::BTreeMap;
 use stonecut_mesh::global_vertex::GlobalVertex;
+use stonecut_mesh::vec3::place_bits;
 use stonecut_system::error::Result;
 
 /// A cell of this many times the planned triangles is split. Even scans stay within 1.25, uneven ones below this.
@@ -248,7 +248,7 @@ impl Old<'_> {
             // By place: all wedges of one are in one window.
             let mut placed: Vec<([u64; 3], GlobalVertex)> = Vec::new();
             self.each_row(ChunkKind::Vertices, run, |row| {
-                let place = position_bits(layout.schema.position(&row[layout.ids.bytes..]));
+                let place = place_bits(layout.schema.position(&row[layout.ids.bytes..]));
                 let mixed = place
                     .iter()
                     .fold(0u64, |sum, bits| sum.rotate_left(21) ^ hash((*bits, GlobalVertex(0))));
