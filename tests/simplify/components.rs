@@ -2,10 +2,11 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect, report};
+use crate::common::{check, count, expect, report, write_ply};
 use std::collections::HashMap;
 use std::path::Path;
 use stonecut::config::{Config, MinComponent, Target};
+use stonecut::mesh::property::Scalar;
 use stonecut::pipeline;
 use stonecut::system::disk::{Disk, PowerLoss};
 use stonecut::system::progress::Progress;
@@ -100,19 +101,8 @@ impl Scan {
     }
 
     fn write(&self, path: &Path) {
-        let mut bytes = format!(
-            "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\n\
-             property float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
-            self.positions.len(),
-            self.triangles.len()
-        )
-        .into_bytes();
-        self.positions.iter().flatten().for_each(|x| bytes.extend_from_slice(&x.to_le_bytes()));
-        for triangle in &self.triangles {
-            bytes.push(3);
-            triangle.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
-        }
-        std::fs::write(path, bytes).unwrap();
+        let positions: Vec<[f64; 3]> = self.positions.iter().map(|p| p.map(f64::from)).collect();
+        write_ply(path, Scalar::F32, &positions, &self.triangles);
     }
 
     /// A number of the component of each triangle, by brute force: labels spread until nothing changes.

@@ -2,10 +2,10 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
-use crate::common::{check, count, expect};
+use crate::common::{check, count, expect, write_ply};
 use std::collections::HashMap;
-use std::io::Write;
 use std::path::Path;
+use stonecut::mesh::property::Scalar;
 
 type Place = [f64; 3];
 
@@ -39,22 +39,8 @@ impl Squares {
     }
 
     fn write(&self, path: &Path, place: impl Fn(Place) -> Place) {
-        let mut file = std::io::BufWriter::new(std::fs::File::create(path).unwrap());
-        write!(
-            file,
-            "ply\nformat binary_little_endian 1.0\nelement vertex {}\nproperty float x\nproperty float y\n\
-             property float z\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n",
-            self.places.len(),
-            self.triangles.len()
-        )
-        .unwrap();
-        for p in &self.places {
-            place(*p).iter().for_each(|&x| file.write_all(&(x as f32).to_le_bytes()).unwrap());
-        }
-        for t in &self.triangles {
-            file.write_all(&[3]).unwrap();
-            t.iter().for_each(|v| file.write_all(&v.to_le_bytes()).unwrap());
-        }
+        let places: Vec<Place> = self.places.iter().map(|p| place(*p)).collect();
+        write_ply(path, Scalar::F32, &places, &self.triangles);
     }
 }
 

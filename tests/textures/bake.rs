@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
+use crate::common::meshes::{halves, ply_text, squares};
 use crate::common::{expect, run};
 use image::{Rgb, RgbImage};
 use std::collections::BTreeMap;
@@ -483,21 +484,13 @@ fn colours_of_vertices_are_baked() {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path();
     let n = 40;
-    let mut text = format!(
-        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
-         property uchar red\nproperty uchar green\nproperty uchar blue\n\
-         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
-        (n + 1) * (n + 1),
-        2 * n * n
-    );
-    for v in 0..(n + 1) * (n + 1) {
-        let (i, j) = (v / (n + 1), v % (n + 1));
-        text += &format!("{i} {j} {} {} {} 60\n", f64::from(i).sin() * 0.01, 5 * i, 255 - 5 * j);
-    }
-    for quad in 0..n * n {
-        let a = quad / n * (n + 1) + quad % n;
-        text += &format!("3 {a} {} {}\n3 {a} {} {}\n", a + n + 1, a + n + 2, a + n + 2, a + 1);
-    }
+    let rows: Vec<String> = squares(n + 1, n + 1)
+        .map(|(j, i)| (i, (i as f64).sin() * 0.01, j))
+        .map(|(i, z, j)| format!("{i} {j} {z} {} {} 60", 5 * i, 255 - 5 * j))
+        .collect();
+    let columns = squares(n, n).map(|(j, i)| (i, j));
+    let triangles = halves(columns, |i, j| (i * (n + 1) + j) as u32);
+    let text = ply_text("uchar red, uchar green, uchar blue", rows.into_iter(), &triangles);
     std::fs::write(folder.join("points.ply"), text).unwrap();
     expect(folder, "simplify points.ply out.obj --triangles 40 --texture bake -q", 0);
     let found = colours(folder, "out");

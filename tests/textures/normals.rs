@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
 
 use crate::bake::{files, look_up, points_of};
+use crate::common::meshes::{halves, ply_text, squares};
 use crate::common::{check, expect};
 use image::{Rgb, RgbImage};
 use std::path::Path;
@@ -12,21 +13,13 @@ type Vector = [f64; 3];
 
 /// A sheet over the unit square of `2 n^2` triangles, of height `z`, as PLY.
 fn sheet(path: &Path, n: usize, z: impl Fn(f64, f64) -> f64) {
-    let mut text = format!(
-        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\n\
-         element face {}\nproperty list uchar int vertex_indices\nend_header\n",
-        (n + 1) * (n + 1),
-        2 * n * n
-    );
-    for v in 0..(n + 1) * (n + 1) {
-        let (x, y) = ((v / (n + 1)) as f64 / n as f64, (v % (n + 1)) as f64 / n as f64);
-        text += &format!("{x} {y} {}\n", z(x, y));
-    }
-    for quad in 0..n * n {
-        let a = quad / n * (n + 1) + quad % n;
-        text += &format!("3 {a} {} {}\n3 {a} {} {}\n", a + n + 1, a + n + 2, a + n + 2, a + 1);
-    }
-    std::fs::write(path, text).unwrap();
+    let rows: Vec<String> = squares(n + 1, n + 1)
+        .map(|(y, x)| (x as f64 / n as f64, y as f64 / n as f64))
+        .map(|(x, y)| format!("{x} {y} {}", z(x, y)))
+        .collect();
+    let columns = squares(n, n).map(|(y, x)| (x, y));
+    let triangles = halves(columns, |x, y| (x * (n + 1) + y) as u32);
+    std::fs::write(path, ply_text("", rows.into_iter(), &triangles)).unwrap();
 }
 
 /// A corner of a result in OBJ: position, texture coordinates, normal.

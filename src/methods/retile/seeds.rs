@@ -3,6 +3,7 @@
 
 use super::clusters::NONE;
 use super::refine::Surface;
+use crate::key_table::mix;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use stonecut_mesh::vec3::{length_sq, sub};
@@ -78,8 +79,5 @@ pub(super) fn seed(
 
 /// A number without order, of SplitMix64 (Steele, Lea & Flood 2014).
 fn shuffled(vertex: u32) -> u64 {
-    let mut x = (u64::from(vertex) + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    x ^ (x >> 31)
+    mix((u64::from(vertex) + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15))
 }
