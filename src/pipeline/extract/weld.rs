@@ -10,6 +10,7 @@ use crate::mesh::global_vertex::GlobalVertex;
 use crate::mesh::property::{Property, Scalar, write_scalar};
 use crate::mesh::record::VertexSchema;
 use crate::system::disk::read_regular;
+use crate::system::losses::{Loss, LossKind};
 use crate::system::parallel::{guarded, in_order};
 use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
@@ -178,6 +179,14 @@ pub(super) fn join(
                 joined.has_colours = has_colours;
                 let colours = if has_colours { COLOURS } else { 0 };
                 joined.mesh.n_channels = colours + rows.codec.n_channels();
+                if !out.shown.is_empty() {
+                    let why = "not carried: vertices have colours out of them instead";
+                    progress.lose(Loss::new(
+                        LossKind::Images,
+                        "texture coordinates and images",
+                        why,
+                    ));
+                }
             }
             if joined.has_colours != has_colours && !tile.mesh.positions.is_empty() {
                 let what =

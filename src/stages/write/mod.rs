@@ -17,9 +17,9 @@ use normals::Recomputed;
 pub use numbering::shared_bytes;
 use numbering::{encode, index_vertices, own_vertices};
 use stonecut_io::ply::{OutputHeader, Place, TexturedTriangle};
-use stonecut_io::{MeshSink, OutputFormat, OutputKind};
+use stonecut_io::{MeshSink, NUMBER, OBJECT, OutputFormat, OutputKind};
 use stonecut_mesh::codec::TEXTURE_NAMES;
-use stonecut_mesh::face_properties::FacePropertyPlan;
+use stonecut_mesh::face_properties::{FacePolicy, FacePropertyPlan};
 pub use stonecut_mesh::property::REACH;
 use stonecut_mesh::record::VertexSchema;
 use stonecut_store::cell_id::CellId;
@@ -28,6 +28,7 @@ use stonecut_store::config::Normals;
 pub use stonecut_store::shape::Shape;
 use stonecut_store::stage_context::StageContext;
 use stonecut_system::error::Result;
+use stonecut_system::losses::{Loss, LossKind};
 
 /// Triangles that go to the file together.
 const CHUNK: usize = 65_536;
@@ -64,6 +65,20 @@ impl Form {
     fn goes_back(&self) -> bool {
         let takes_corners = self.format.kind.is_none_or(|kind| kind != OutputKind::Stl);
         self.faces.is_moved() && (takes_corners || !self.faces.texture)
+    }
+
+    /// Losses of what all faces have in common, where nothing goes back to them: no vertex has it.
+    fn lost_constants(&self) -> impl Iterator<Item = Loss> {
+        let is_lost = self.faces.is_moved() && !self.goes_back();
+        let constants = self.faces.written().filter(move |property| {
+            let name = property.property.name.as_str();
+            // Numbers of images and names mean nothing without these, which are named themselves.
+            is_lost && property.how == FacePolicy::Constant && name != NUMBER && name != OBJECT
+        });
+        constants.map(|property| {
+            let what = format!("property of faces '{}'", property.property.name);
+            Loss::new(LossKind::Attributes, what, "the format has no place for it").whole()
+        })
     }
 
     /// Returns whether vertices in one place were one in the input. Where texture is at vertices, they have to
@@ -174,6 +189,7 @@ pub fn write(
         run.progress.add(info.cells[cell].triangles.div_ceil(2));
     }
     run.progress.lose_all(&writer.losses());
+    form.lost_constants().for_each(|loss| run.progress.lose(loss));
     Ok(Written { vertices: n_vertices, triangles: info.triangles, bytes: writer.finish()? })
 }
 
