@@ -205,7 +205,11 @@ fn ascii_stl_may_be_one_line_and_begin_with_another() {
     let joined = [long.as_bytes(), &[0; 84]].concat();
     let source = open("a.stl", &joined, false).unwrap();
     assert_eq!(counts(&source), (4, 2));
-    assert!(source.notes().iter().any(|note| note.contains("not text")), "{:?}", source.notes());
+    assert!(
+        source.notes().iter().any(|note| note.what.contains("not text")),
+        "{:?}",
+        source.notes()
+    );
 }
 
 #[test]

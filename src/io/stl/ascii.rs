@@ -10,7 +10,7 @@ use crate::polygon::PolygonCutter;
 use crate::text_lines::{Lines, parse_number, words};
 use stonecut_mesh::property::Scalar;
 use stonecut_system::error::Result;
-use stonecut_system::losses::Loss;
+use stonecut_system::losses::{Loss, LossKind};
 
 /// Most corners of a facet.
 const MAX_CORNERS: usize = 1 << 20;
@@ -116,9 +116,8 @@ pub fn read_ascii(file: &RawFile, options: &StageOptions) -> Result<(RawFile, St
     while lines.next(&mut line)? {
         if ended && line.contains(&0) {
             let at = lines.number;
-            staged
-                .notes
-                .push(format!("line {at}: what is behind 'endsolid' is not text: left out"));
+            let what = format!("line {at}: what is behind 'endsolid' is not text: left out");
+            staged.notes.push(Loss { kind: LossKind::Elements, ..Loss::remark(what) });
             break;
         }
         let mut tokens = words(&line);
