@@ -1,17 +1,19 @@
-//! Vertices and edges of thousands of triangles: four times as many take at most six times the steps, in every command.
+//! Vertices and edges of thousands of triangles, and needles: four times as many take at most six times the steps, in every
+//! command.
 //!
-//! Steps are counted where loops go around a vertex (`mesh::steps`), never timed. The count belongs to the process, so these tests have
-//! a program for themselves and run one after another.
+//! Steps are counted where loops go around a vertex or look for something (`mesh::steps`), never timed. The count belongs to the
+//! process, so these tests have a program for themselves and run one after another. `cargo test --test hubs -- --ignored
+//! --nocapture` prints the table of docs/results/reliability.md, from 1,000 to 64,000 triangles.
 
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
 
 use std::f64::consts::TAU;
 use std::ffi::OsString;
+use std::fmt::Write as _;
 use std::io::Write;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 use stonecut::Mesh;
-use stonecut::system::progress::Progress;
 
 /// Triangles of the smaller input, unless it takes more for a bound to hold, and how many times as many the larger one has.
 const FEW: u32 = 1000;
@@ -22,6 +24,40 @@ const FREE: u64 = 256;
 
 /// Times the steps that the larger one may take.
 const MOST: u64 = 6;
+
+/// Sizes of the table.
+const SIZES: [u32; 4] = [1000, 4000, 16_000, 64_000];
+
+/// Every command that walks a mesh. IN, TEXTURED, OUT and names that begin with OUT are paths, HALF is half the triangles; of
+/// several commands, the last one is counted.
+const COMMANDS: [&str; 26] = [
+    "simplify IN OUT.ply --ratio 50%",
+    "simplify TEXTURED OUT.obj --ratio 50% --texture keep",
+    "simplify TEXTURED OUT.obj --ratio 50% --texture bake --bake-size 256",
+    "simplify IN OUT.ply --ratio 50% --pairs",
+    "simplify IN OUT.ply --ratio 50% --optimize 1",
+    "simplify IN OUT.ply --ratio 50% --no-self-intersections",
+    "simplify IN OUT.ply --ratio 50% --max-error 0.01",
+    "simplify IN OUT.ply --ratio 50% --weld 1e-9",
+    "simplify IN OUT.ply --ratio 50% --method decimate",
+    "simplify IN OUT.ply --ratio 50% --method cluster",
+    "simplify IN OUT.ply --ratio 50% --method retile",
+    "simplify IN OUT.ply --ratio 50% --progressive OUT.pm",
+    "simplify IN OUT.ply --ratio 10% --progressive OUT.pm; refine OUT.pm OUT-fine.ply --triangles HALF",
+    "tiles IN OUT --tile-triangles 500",
+    "tiles TEXTURED OUT --tile-triangles 500 --texture bake",
+    "tiles IN OUT --tile-triangles 500; extract OUT OUT.ply --triangles HALF",
+    "info IN --check",
+    "info IN --check --self-intersections",
+    "simplify IN OUT.ply --ratio 50%; measure IN OUT.ply --samples 10000",
+    "simplify IN OUT.ply --ratio 50%; measure IN OUT.ply --samples 10000 --certify --tolerance 0.1",
+    "simplify IN OUT.ply --ratio 50%; measure IN OUT.ply --samples 10000 --appearance --views 2",
+    "convert IN OUT.glb --weld 1e-9",
+    "convert TEXTURED OUT.glb",
+    "render IN -o OUT.png --size 160x120",
+    "compare collapse,decimate IN -o OUT.html --ratio 50%",
+    "simplify IN OUT.ply --ratio 50% --report OUT.json; report OUT.json -o OUT.html",
+];
 
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
@@ -74,6 +110,44 @@ fn book(n: u32) -> Mesh {
     Mesh::new(positions, (0..n).map(page).collect())
 }
 
+/// A strip of `n` needles.
+///
+/// ```text
+///   ________
+///  |/|/|/|/|
+///  |/|/|/|/|
+/// ```
+fn needles(n: u32) -> Mesh {
+    let n = n / 2;
+    let at = |v: u32| [f64::from(v / 2) / f64::from(n), f64::from(v % 2), 0.0];
+    let pair = |i: u32| [[2 * i, 2 * i + 2, 2 * i + 3], [2 * i, 2 * i + 3, 2 * i + 1]];
+    Mesh::new((0..2 * n + 2).map(at).collect(), (0..n).flat_map(pair).collect())
+}
+
+/// Writes a mesh with an image, in four charts.
+fn write_textured(folder: &Path, mesh: &Mesh) {
+    let mut out = String::from("mtllib in.mtl\n");
+    for [x, y, z] in &mesh.positions {
+        writeln!(out, "v {x} {y} {z}").unwrap();
+    }
+    for side in [0.25, 0.75] {
+        for [x, y, z] in &mesh.positions {
+            writeln!(out, "vt {} {}", 0.2 * x + side, 0.2 * y + 0.05 * z + 0.5).unwrap();
+        }
+    }
+    out += "usemtl a\n";
+    let (n, n_vertices) = (mesh.triangles.len(), mesh.positions.len() as u32);
+    for (i, t) in mesh.triangles.iter().enumerate() {
+        let first = 1 + (4 * i / n) as u32 % 2 * n_vertices;
+        let [a, b, c] = t.map(|v| format!("{}/{}", v + 1, v + first));
+        writeln!(out, "f {a} {b} {c}").unwrap();
+    }
+    std::fs::write(folder.join("in.obj"), out).unwrap();
+    std::fs::write(folder.join("in.mtl"), "newmtl a\nmap_Kd in.png\n").unwrap();
+    let image = stonecut::render::Picture { width: 2, height: 2, rgb: [200, 90, 30].repeat(4) };
+    std::fs::write(folder.join("in.png"), image.to_png().unwrap()).unwrap();
+}
+
 fn write(path: &Path, mesh: &Mesh) {
     let mut out = Vec::new();
     write!(
@@ -92,28 +166,33 @@ fn write(path: &Path, mesh: &Mesh) {
     std::fs::write(path, out).unwrap();
 }
 
-/// Steps that a command takes; IN, OUT and OTHER in it are paths.
+/// Steps that a command takes.
 fn steps(command: &str, mesh: &Mesh) -> u64 {
     let folder = tempfile::tempdir().unwrap();
     write(&folder.path().join("in.ply"), mesh);
+    if command.contains("TEXTURED") {
+        write_textured(folder.path(), mesh);
+    }
     let path = |name: &str| folder.path().join(name).display().to_string();
     let word = |word: &str| match word {
         "IN" => path("in.ply"),
+        "TEXTURED" => path("in.obj"),
+        "HALF" => (mesh.triangles.len() / 2).to_string(),
         _ if word.starts_with("OUT") => path(&word.replace("OUT", "out")),
         _ => word.to_owned(),
     };
-    let words: Vec<OsString> = command.split(' ').map(|w| word(w).into()).collect();
-    let before = stonecut::mesh::steps::taken();
-    if words[0] == "tiles" {
-        let code = stonecut::cli::main_from(std::iter::once("stonecut".into()).chain(words));
-        assert!(code == 0 || code == 3, "{command}: exit code {code}");
-    } else {
-        stonecut::cli::call::call(&words, &Progress::default()).unwrap();
+    let mut n_before = 0;
+    for part in command.split("; ") {
+        n_before = stonecut::mesh::steps::taken();
+        let words = part.split(' ').map(|w| OsString::from(word(w)));
+        let all = std::iter::once("stonecut".into()).chain(words).chain(["-q".into()]);
+        let code = stonecut::cli::main_from(all);
+        assert!(code == 0 || code == 3, "{part}: exit code {code}");
     }
-    stonecut::mesh::steps::taken() - before
+    stonecut::mesh::steps::taken() - n_before
 }
 
-const ALL: [&str; 5] = ["flat fan", "cone", "bicone", "touching cones", "book"];
+const ALL: [&str; 6] = ["flat fan", "cone", "bicone", "touching cones", "book", "needles"];
 
 fn shape(name: &str, n: u32) -> Mesh {
     match name {
@@ -121,46 +200,103 @@ fn shape(name: &str, n: u32) -> Mesh {
         "cone" => cone(n, 1.0),
         "bicone" => bicone(n),
         "touching cones" => touching(n),
-        _ => book(n),
+        "book" => book(n),
+        _ => needles(n),
     }
 }
 
-/// Fails unless a command takes steps nearly in proportion on some shapes of `n` triangles.
-fn assert_proportional(command: &str, shapes: &[&str], n: u32) {
+/// Fails unless commands take steps nearly in proportion on some shapes.
+fn assert_proportional(commands: impl Fn(&str) -> bool, shapes: &[&str]) {
     let _one = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     let mut faults = String::new();
-    for name in shapes {
-        let few = steps(command, &shape(name, n));
-        let many = steps(command, &shape(name, TIMES * n));
-        if many > MOST * few.max(FREE * u64::from(n)) {
-            faults += &format!("{command}, {name}: {few} steps, then {many}\n");
+    let mut n_commands = 0;
+    for command in COMMANDS.into_iter().filter(|command| commands(command)) {
+        n_commands += 1;
+        for name in shapes {
+            let few = steps(command, &shape(name, FEW));
+            let many = steps(command, &shape(name, TIMES * FEW));
+            if many > MOST * few.max(FREE * u64::from(FEW)) {
+                writeln!(faults, "{command}, {name}: {few} steps, then {many}").unwrap();
+            }
         }
     }
-    assert!(faults.is_empty(), "{faults}");
+    assert!(n_commands > 0 && faults.is_empty(), "{faults}");
+}
+
+fn last(command: &str) -> &str {
+    command.rsplit("; ").next().unwrap_or(command)
+}
+
+fn is_simplify(command: &str) -> bool {
+    last(command).starts_with("simplify IN")
+}
+
+#[test]
+fn simplify() {
+    let is_slow = |c: &str| c.contains("--max-error");
+    assert_proportional(|c| is_simplify(c) && !c.contains("--method") && !is_slow(c), &ALL);
+    assert_proportional(is_slow, &["flat fan", "touching cones"]);
+}
+
+#[test]
+fn methods() {
+    assert_proportional(|c| is_simplify(c) && c.contains("--method"), &ALL);
+}
+
+#[test]
+fn textures() {
+    assert_proportional(|c| last(c).contains("TEXTURED") && !c.contains("convert"), &ALL);
+}
+
+/// The kernel's rings of more than 4,096 triangles list those that are gone, too.
+#[test]
+fn a_vertex_of_many_thousands_keeps_its_texture() {
+    let _one = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+    steps("simplify TEXTURED OUT.obj --ratio 50% --texture keep", &cone(10_000, 1.0));
 }
 
 #[test]
 fn tiles() {
-    let command = "tiles IN OUT --tile-triangles 1000 -q";
-    assert_proportional(command, &["flat fan", "cone", "bicone", "book"], FEW);
+    assert_proportional(|c| last(c).starts_with("tiles IN"), &ALL);
 }
 
 #[test]
-fn self_intersections() {
-    assert_proportional("info IN --check --self-intersections", &ALL, FEW);
+fn measures() {
+    let is_slow = |c: &str| c.contains("--appearance");
+    let is_own = |c: &str| last(c).starts_with("measure") || last(c).starts_with("info");
+    assert_proportional(|c| is_own(c) && !is_slow(c), &ALL);
+    assert_proportional(is_slow, &["flat fan"]);
 }
 
+/// All others but `compare` and `report`, which simplify, measure and render as these do, at the size of large pictures.
 #[test]
-fn pairs() {
-    assert_proportional("simplify IN OUT.ply --ratio 50% --pairs", &ALL, FEW);
+fn others() {
+    let others = ["extract", "refine", "convert", "render"];
+    assert_proportional(|c| others.iter().any(|word| last(c).starts_with(word)), &ALL);
 }
 
+/// Prints the exponents of every command on every shape, from the smallest size to the largest, and the steps for each triangle at
+/// the largest.
 #[test]
-fn optimize() {
-    assert_proportional("simplify IN OUT.ply --ratio 50% --optimize 1", &ALL, FEW);
-}
-
-#[test]
-fn no_self_intersections() {
-    assert_proportional("simplify IN OUT.ply --ratio 50% --no-self-intersections", &ALL, FEW);
+#[ignore = "takes minutes: prints the table of docs/results/reliability.md"]
+fn table() {
+    let _one = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+    println!("| command | {} |", ALL.join(" | "));
+    println!("|---|{}", "---|".repeat(ALL.len()));
+    for command in COMMANDS {
+        let mut row = format!("| `{command}` |");
+        for name in ALL {
+            let counted = SIZES.map(|n| steps(command, &shape(name, n)));
+            let [few, many] = [counted[0], counted[SIZES.len() - 1]];
+            let [from, to] = [SIZES[0], SIZES[SIZES.len() - 1]].map(f64::from);
+            match many < u64::from(SIZES[SIZES.len() - 1]) {
+                true => row += " - |",
+                false => {
+                    let exponent = (many as f64 / few.max(1) as f64).ln() / (to / from).ln();
+                    write!(row, " {exponent:.1} ({:.0}) |", many as f64 / to).unwrap();
+                }
+            }
+        }
+        println!("{row}");
+    }
 }

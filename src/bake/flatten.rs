@@ -5,7 +5,9 @@
 //! over others there, or face away, are left for charts of the next turn. A chart is scaled to the area of its surface and
 //! turned so that its box is small. Knows nothing of the original.
 
+use super::overlaps::{Grid, twice_area};
 use super::projected::{beside, direction_of, joined};
+use super::sectors::hubs;
 use super::settings::NONE;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -37,12 +39,6 @@ const DRIFT: f64 = 0.7;
 
 /// Turns of growing, and of giving charts to others.
 const MOST_TURNS: usize = 6;
-
-/// Cells of the grid of a chart along a side, at most.
-const MOST_GRID: f64 = 512.0;
-
-/// Triangles may overlap by this share of the chart.
-const TOLERANCE: f64 = 1e-6;
 
 /// Directions between level and upright that a chart's box is tried in.
 const TURNS: u32 = 16;
@@ -102,6 +98,8 @@ struct Surface<'a> {
     smooth: Vec<[f64; 3]>,
     /// Triangles at the three edges.
     beside: Vec<[u32; 3]>,
+    /// A vertex of each that thousands may have in common, and its place among the corners.
+    hubs: Vec<(u32, u8)>,
     /// Area of all.
     area: f64,
 }
@@ -157,6 +155,7 @@ impl<'a> Surface<'a> {
             own: normals.iter().map(|&normal| direction_of(normal)).collect(),
             smooth: triangles.iter().map(smooth).collect(),
             beside: beside(&triangles),
+            hubs: hubs(&triangles, mesh.positions.len()),
         }
     }
 
@@ -350,9 +349,9 @@ impl<'a> Surface<'a> {
         let all: Vec<_> = triangles.iter().map(|&t| flat(t)).collect();
         let mut grid = Grid::around(&all);
         let mut kept = Vec::with_capacity(all.len());
-        for (i, (&t, flat)) in triangles.iter().zip(&all).enumerate() {
+        for (i, &t) in triangles.iter().enumerate() {
             let faces = dot(normal, self.own[t as usize]) >= DRIFT * self.least_facing(t);
-            if faces && grid.take(i as u32, flat, &all) {
+            if faces && grid.take(i as u32, self.hubs[t as usize], &all) {
                 kept.push(i);
             } else {
                 left.push(t);
@@ -408,82 +407,4 @@ fn upright(points: &[[f64; 2]]) -> ([f64; 2], [f64; 2]) {
         }
     }
     best.map_or(([1.0, 0.0], [0.0; 2]), |(_, axis, low)| (axis, low))
-}
-
-fn twice_area(t: &[[f64; 2]; 3]) -> f64 {
-    let [a, b, c] = t;
-    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-}
-
-/// Triangles of a chart by place.
-struct Grid {
-    low: [f64; 2],
-    /// Cells for a unit of length.
-    scale: f64,
-    size: [usize; 2],
-    cells: Vec<Vec<u32>>,
-    /// Length by which triangles may overlap.
-    tolerance: f64,
-}
-
-impl Grid {
-    fn around(all: &[[[f64; 2]; 3]]) -> Grid {
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for p in all.iter().flatten() {
-            low = [low[0].min(p[0]), low[1].min(p[1])];
-            high = [high[0].max(p[0]), high[1].max(p[1])];
-        }
-        let extent = [0, 1].map(|k| high[k] - low[k]);
-        let longest = extent[0].max(extent[1]);
-        let side = (extent[0] * extent[1] / all.len() as f64).sqrt().max(longest / MOST_GRID);
-        let scale = if side > 0.0 && side.is_finite() { 1.0 / side } else { 0.0 };
-        let size = extent.map(|extent| 1 + (extent * scale) as usize);
-        Grid {
-            low,
-            scale,
-            size,
-            cells: vec![Vec::new(); size[0] * size[1]],
-            tolerance: TOLERANCE * longest,
-        }
-    }
-
-    /// Adds a triangle if it does not overlap one that was added before.
-    fn take(&mut self, number: u32, flat: &[[f64; 2]; 3], all: &[[[f64; 2]; 3]]) -> bool {
-        let cell =
-            |k: usize, x: f64| (((x - self.low[k]) * self.scale) as usize).min(self.size[k] - 1);
-        let span = |k: usize| {
-            let [a, b, c] = flat.map(|p| p[k]);
-            cell(k, a.min(b).min(c))..cell(k, a.max(b).max(c)) + 1
-        };
-        let (columns, rows) = (span(0), span(1));
-        for y in rows.clone() {
-            for x in columns.clone() {
-                let others = &self.cells[y * self.size[0] + x];
-                if others.iter().any(|&other| overlap(flat, &all[other as usize], self.tolerance)) {
-                    return false;
-                }
-            }
-        }
-        for y in rows {
-            for x in columns.clone() {
-                self.cells[y * self.size[0] + x].push(number);
-            }
-        }
-        true
-    }
-}
-
-/// True if the insides of two triangles meet by more than `tolerance`: no edge of either has the other one beyond it.
-fn overlap(a: &[[f64; 2]; 3], b: &[[f64; 2]; 3], tolerance: f64) -> bool {
-    let is_apart = |a: &[[f64; 2]; 3], b: &[[f64; 2]; 3]| {
-        let sense = twice_area(a).signum();
-        (0..3).any(|k| {
-            let (p, q) = (a[k], a[(k + 1) % 3]);
-            let edge = [q[0] - p[0], q[1] - p[1]];
-            let limit = tolerance * (edge[0] * edge[0] + edge[1] * edge[1]).sqrt();
-            let beyond = |r: [f64; 2]| sense * (edge[0] * (r[1] - p[1]) - edge[1] * (r[0] - p[0]));
-            b.iter().all(|&r| beyond(r) <= limit)
-        })
-    };
-    !is_apart(a, b) && !is_apart(b, a)
 }

@@ -8,11 +8,18 @@
 use super::camera::Camera;
 use super::turn::turn_of;
 use super::vector::smoothstep;
+use std::ops::Range;
+use stonecut_mesh::steps::count;
 
 /// Bytes of one sample.
 pub(super) const SAMPLE_BYTES: usize = std::mem::size_of::<Sample>();
 /// Sides of the bounding box, in samples, up to which a triangle is averaged into its samples.
 const SMALL: f32 = 2.0;
+/// Ends of edges this near to a row, in samples, count as in it; columns beside a triangle in which rounding may see it; corners
+/// farther away, of which rounding may see more.
+const LEVEL: f64 = 0.01;
+const BESIDE: f64 = 3.0;
+const FAR: f64 = 1e5;
 /// Texels from sample to sample at most; more than any image has.
 const WIDEST: f32 = 1e6;
 /// Depths that differ by at most this many samples' width count as the same surface for averaging.
@@ -299,9 +306,12 @@ impl Frame {
         let line = style.line * reach;
         let (flags, has_frames) = (flags_of(corners, area), corners[0].tangent[3] != 0.0);
         let slopes = style.shown.map(|shown| Slopes::new(corners, p, &q, per_area, shown.texels));
+        let columns = first(low[0])..last(high[0], self.width);
         for row in first(low[1])..last(high[1], self.height) {
             let y = row as f64 + 0.5;
-            for col in first(low[0])..last(high[0], self.width) {
+            let columns = across(&q, y, &columns);
+            count(columns.len());
+            for col in columns {
                 let x = col as f64 + 0.5;
                 let part = |i: usize| {
                     let (a, b) = (q[(i + 1) % 3], q[(i + 2) % 3]);
@@ -379,6 +389,30 @@ impl Sample {
             self.nearness = self.nearness.max(found.nearness);
         }
     }
+}
+
+/// The columns of a row that a triangle may cover, and a few beside them: needles cover next to nothing of their boxes.
+fn across(q: &[(f64, f64); 3], y: f64, columns: &Range<usize>) -> Range<usize> {
+    if q.iter().any(|(x, y)| x.abs().max(y.abs()) > FAR) {
+        return columns.clone();
+    }
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    for i in 0..3 {
+        let (a, b) = (q[i], q[(i + 1) % 3]);
+        let (below_a, below_b) = (y - a.1, y - b.1);
+        // Edges that are level, or end nearly in the row, as far as they go.
+        let [from, to] = if below_a.abs().min(below_b.abs()) <= LEVEL {
+            [a.0, b.0]
+        } else if below_a * below_b < 0.0 {
+            [a.0 + below_a / (b.1 - a.1) * (b.0 - a.0); 2]
+        } else {
+            continue;
+        };
+        (low, high) = (low.min(from).min(to), high.max(from).max(to));
+    }
+    let start = (low - BESIDE).clamp(columns.start as f64, columns.end as f64) as usize;
+    let end = (high + BESIDE).clamp(start as f64, columns.end as f64) as usize;
+    start..end
 }
 
 /// Sides of a triangle that is drawn with this area.

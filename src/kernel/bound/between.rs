@@ -8,6 +8,7 @@ use crate::surface::Surface;
 use crate::surface::faces::Face;
 use crate::vertex::GONE;
 use stonecut_mesh::corners::others;
+use stonecut_mesh::steps::{HUB, count};
 use stonecut_mesh::vec3::{cross, dot, sub};
 
 /// The points from one witness to the other that are looked at.
@@ -63,6 +64,7 @@ impl Tracker {
             // An open edge can recede within a plane.
             let is_near = is_closed && least > 0.0 && distance_sq <= least * least;
             scratch.is_done.push(!is_near);
+            count(self.input.around(id).len());
             for other in self.input.neighbours(id) {
                 let to = &self.input.witnesses[other as usize];
                 let slot = self.slot[other as usize] as usize;
@@ -164,7 +166,7 @@ impl Tracker {
     }
 
     /// The points of eight relative to the survivor that are near the triangles around a vertex which are not of the
-    /// collapse, one a bit.
+    /// collapse, one a bit. None around a hub: those beside the triangle are around its other corners too.
     #[inline(always)]
     fn near_ring<L: Lanes>(
         &self,
@@ -174,10 +176,15 @@ impl Tracker {
         points: [L; 3],
         limit_sq: L,
     ) -> u32 {
+        let ring = surface.ring(v);
+        if ring.len() > HUB {
+            return 0;
+        }
+        count(ring.len());
         let centre = self.local(surface.vertices[v as usize].position);
         let points = moved(points, sub(place, centre));
         let mut near = 0;
-        for &t in surface.ring(v) {
+        for &t in ring {
             let corners = surface.triangles[t as usize];
             if corners[0] == GONE || patch.ids.contains(&t) {
                 continue;

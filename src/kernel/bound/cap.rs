@@ -8,6 +8,7 @@ use super::tracker::Tracker;
 use crate::simd::{Job, Lanes};
 use crate::surface::Surface;
 use crate::vertex::GONE;
+use stonecut_mesh::steps::count;
 
 /// Points of a cap that are looked at are this share of the bound apart, at most.
 const STEP: f32 = 0.125;
@@ -39,6 +40,7 @@ impl Tracker {
         let mut scratch = std::mem::take(&mut self.scratch);
         scratch.witnesses.clear();
         let mut is_tight = false;
+        count(cycle.iter().map(|&v| surface.ring(v).len()).sum());
         for &t in cycle.iter().flat_map(|&v| surface.ring(v)) {
             let mut witness = match surface.triangles[t as usize][0] {
                 GONE => NONE,

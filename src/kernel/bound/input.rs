@@ -3,6 +3,7 @@
 //! Only read, but for what is known of the witnesses.
 
 use crate::vertex::GONE;
+use stonecut_mesh::steps::HUB;
 use stonecut_mesh::vec3::{dot, sub};
 
 /// No witness follows.
@@ -108,7 +109,16 @@ impl Input {
         let around = self.around(witness);
         // All are second corners but one at each open end, where a third corner has an edge of one triangle.
         let thirds = if self.is_open(witness) { around } else { &[] };
-        let is_end = move |c: &u32| !around.iter().any(|[b, _]| b == c);
+        // Around a hub each third corner is looked up instead.
+        let mut seconds = Vec::new();
+        if !thirds.is_empty() && around.len() > HUB {
+            seconds.extend(around.iter().map(|[b, _]| *b));
+            seconds.sort_unstable();
+        }
+        let is_end = move |c: &u32| match seconds.is_empty() {
+            true => !around.iter().any(|[b, _]| b == c),
+            false => seconds.binary_search(c).is_err(),
+        };
         let ends = thirds.iter().map(|&[_, c]| c).filter(is_end);
         around.iter().map(|&[b, _]| b).chain(ends)
     }

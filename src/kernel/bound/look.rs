@@ -9,6 +9,7 @@ use super::tracker::Tracker;
 use crate::simd::{Job, Lanes};
 use crate::surface::Surface;
 use crate::surface::faces::{Face, Search};
+use stonecut_mesh::steps::count;
 use stonecut_mesh::vec3::{dot, sub};
 
 /// All looks of one collapse, compiled for the lanes they run on.
@@ -124,6 +125,7 @@ impl Tracker {
                 witness = self.input.witnesses[witness as usize].next;
             }
         }
+        count(scratch.witnesses.len());
         (eight.n == 0 || self.hold_eight::<L>(&mut eight, scratch)).then_some(nearest.1)
     }
 

@@ -48,6 +48,11 @@ impl RejectCounts {
         self.0[reason as usize] += 1;
     }
 
+    /// All together.
+    pub(crate) fn total(&self) -> u64 {
+        self.0.iter().sum()
+    }
+
     pub(crate) fn of(&self, reason: Reject) -> u64 {
         self.0[reason as usize]
     }

@@ -21,9 +21,9 @@ use crate::crossing::{Change, Crossings};
 use crate::simd::unchecked::KnownIds;
 use crate::simd::{Lanes, Portable};
 use crate::state::MeshState;
-use crate::surface::Surface;
 use crate::surface::class::Class;
 use crate::surface::wedges::{Corners, Wedges};
+use crate::surface::{MAX_VALENCE, Surface};
 
 /// A survivor this near to an end of the edge, as a share of it, carries what that end does.
 const NEAR_END: f32 = 1e-4;
@@ -203,7 +203,9 @@ impl Collapser {
             let mut around = [&self.b[..self.n], &self.c[..self.n]].concat();
             around.sort_unstable();
             around.dedup();
-            for w in around {
+            // A vertex of so many triangles takes part in no collapse.
+            let may_collapse = |w: &u32| corners.surface.ring(*w).len() <= MAX_VALENCE as usize;
+            for w in around.into_iter().filter(may_collapse) {
                 attributes.refresh(corners, w);
             }
         }

@@ -14,7 +14,9 @@ use crate::cost::quadric::Evaluated;
 use crate::simd::Simd;
 use crate::surface::Surface;
 use crate::surface::wedges::Corners;
+use crate::vertex::GONE;
 use stonecut_mesh::blend::of_ends;
+use stonecut_mesh::steps::count;
 use stonecut_mesh::vec3::Vec3;
 
 /// Channels that can be weighted at once.
@@ -139,8 +141,13 @@ impl Attributes {
         }
     }
 
-    /// The sums of one vertex from its ring.
+    /// The sums of one vertex from its ring; they stay where that lists triangles that are gone, as long ones may.
     pub(crate) fn refresh(&mut self, corners: Corners, v: u32) {
+        let ring = corners.surface.ring(v);
+        count(ring.len());
+        if ring.iter().any(|&t| corners.surface.triangles[t as usize][0] == GONE) {
+            return;
+        }
         self.sums.resize(corners.surface.vertices.len() * self.eights, [0.0; 8]);
         with_eights!(self.eights, self.add_ring(corners, v));
     }

@@ -15,6 +15,7 @@ use crate::schedule::queue::{BucketQueue, Entry};
 use crate::schedule::seeds::Seeds;
 use crate::state::validate::validate_small;
 use crate::vertex::GONE;
+use stonecut_mesh::steps::count;
 
 /// Triangles whose edges seed one queue.
 pub(super) const BLOCK: usize = 4 * 1024;
@@ -183,7 +184,10 @@ impl Driver {
 
     pub(super) fn drain(&mut self, queue: &mut BucketQueue, limits: Limits) -> bool {
         let simd = self.simd;
+        let tried = |driver: &Driver| driver.collapses + driver.rejects.total();
+        let before = tried(self);
         let stalled = simd.run(Drain { driver: self, queue, limits });
+        count((tried(self) - before) as usize);
         validate_small(&self.state);
         stalled
     }

@@ -15,6 +15,9 @@ use stonecut_mesh::vec3::{length_sq, sub};
 /// A triangle is quartered so often, at most.
 const DEEPEST: u32 = 6;
 
+/// Triangles that a search for the nearest one looks at from vertex to vertex, at most: along needles it would go on for thousands.
+const MOST_WALKED: usize = 4 * HUB;
+
 /// Vertices of the version near those of the mesh, and feet of these.
 struct Near<'a> {
     feet: Feet,
@@ -229,18 +232,18 @@ impl Forward<'_> {
     }
 
     /// The nearest triangle around a vertex, then around the corner nearest to the foot, as long as that gains. Nothing is looked at
-    /// around a hub: if the foot counts, it is looked for everywhere.
+    /// around a hub, nor after a long way: if the foot counts, it is looked for everywhere.
     fn descend(&self, point: Vector, hint: u32) -> Foot {
         let mut best =
             Foot { point, distance_sq: f64::INFINITY, triangle: NONE, hint, is_rough: false };
-        let mut at = hint;
-        while at != NONE {
+        let (mut at, mut n) = (hint, 0);
+        while at != NONE && n <= MOST_WALKED {
             let mut weights = None;
             let around = self.around.of(at);
             if around.len() > HUB {
                 break;
             }
-            count(around.len());
+            n += around.len();
             for &t in around {
                 let (distance_sq, w) = closest(point, &self.coarse.corners(t as usize));
                 if distance_sq < best.distance_sq {
@@ -254,6 +257,7 @@ impl Forward<'_> {
             best.hint = next;
             at = if next == at { NONE } else { next };
         }
+        count(n);
         best
     }
 

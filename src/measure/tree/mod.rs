@@ -96,7 +96,7 @@ impl Tree {
     /// Of equally near triangles the one whose corners come first in lexicographic order is taken, so the
     /// answer depends neither on the guess nor on the tree.
     pub fn nearest(&self, point: Vector, guess: Nearest) -> Nearest {
-        self.search(point, guess, -1.0, |_| true, || ())
+        self.nearest_where(point, guess, |_| true)
     }
 
     /// The nearest of the triangles whose canonical corners are accepted; a guess must be one of them, or none.
@@ -106,7 +106,10 @@ impl Tree {
         guess: Nearest,
         accepts: impl Fn(&[Vector; 3]) -> bool,
     ) -> Nearest {
-        self.search(point, guess, -1.0, accepts, || ())
+        let mut n = 0;
+        let found = self.search(point, guess, -1.0, accepts, || n += 1);
+        count(n);
+        found
     }
 
     /// Boxes and triangles that `nearest` looks at, for those who count work instead of seconds.

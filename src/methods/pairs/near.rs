@@ -17,6 +17,11 @@ const LARGEST: f64 = 3.0;
 const FACING: f64 = 0.3;
 /// Nearest partners that a vertex looks at.
 const MOST: usize = 4;
+/// Vertices that each looks at on the mean, at most; balls are made smaller where these are more, which takes needles: scans have
+/// hundreds.
+const MOST_LOOKS: u64 = 4096;
+/// Times that balls are halved, at most. Vertices in one place are still together then.
+const MOST_HALVINGS: u32 = 40;
 /// Vertices at most this part of a ball apart are in one place.
 const SAME_PLACE: f64 = 1e-6;
 
@@ -124,31 +129,66 @@ fn ring(surface: &Surface, vertex: u32) -> BTreeSet<u32> {
     surface.around(vertex).flat_map(|t| surface.corners(t)).filter(|&v| v != vertex).collect()
 }
 
+/// A vertex with its cell, and the hubs that it is beside.
+type Place = ([i64; 3], u32, u32);
+
+/// The first and the last cell of each of nine rows around a cell; what lies in a row is one run of sorted places.
+fn rows([x, y, z]: [i64; 3]) -> impl Iterator<Item = [[i64; 3]; 2]> {
+    let beside = (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (dx, dy)));
+    beside.map(move |(dx, dy)| [[x + dx, y + dy, z - 1], [x + dx, y + dy, z + 1]])
+}
+
+/// Pairs of vertices in the same cell or in cells beside each other; each twice.
+fn looks(places: &[Place]) -> u64 {
+    let n_in_rows = |cell: [i64; 3]| -> u64 {
+        let n_in = |[first, last]: [[i64; 3]; 2]| {
+            let start = places.partition_point(|place| place.0 < first);
+            places[start..].partition_point(|place| place.0 <= last) as u64
+        };
+        rows(cell).map(n_in).sum()
+    };
+    places
+        .chunk_by(|a, b| a.0 == b.0)
+        .map(|of_one| of_one.len() as u64 * n_in_rows(of_one[0].0))
+        .sum()
+}
+
 /// All pairs, lower vertex first, in ascending order.
 ///
 /// Pairs with a common neighbour are left out: edges close those gaps.
 pub(super) fn pairs(surface: &Surface) -> Vec<[u32; 2]> {
-    let vertices = Vertices::of(surface);
-    let largest = vertices.used.iter().map(|&v| vertices.radii[v as usize]).fold(0.0, f64::max);
+    let mut vertices = Vertices::of(surface);
+    let mut largest = vertices.used.iter().map(|&v| vertices.radii[v as usize]).fold(0.0, f64::max);
     if largest <= 0.0 || !largest.is_finite() {
         return Vec::new();
     }
-    // A partner is at most two radii away, so in this cell of the grid or beside it.
-    let side = 2.0 * largest;
-    let cell = |p: Vec3| p.map(|x| (x / side).floor() as i64);
     let hubs = Hubs::of(surface, &vertices.is_hub);
-    let place = |v: u32| (cell(surface.positions[v as usize]), hubs.beside[v as usize], v);
-    let mut places: Vec<([i64; 3], u32, u32)> = vertices.used.iter().map(|&v| place(v)).collect();
-    places.sort_unstable();
+    // A partner is at most two radii away, so in this cell of the grid or beside it.
+    let cell = |p: Vec3, side: f64| p.map(|x| (x / side).floor() as i64);
+    let place =
+        |v: u32, side: f64| (cell(surface.positions[v as usize], side), hubs.beside[v as usize], v);
+    let mut places: Vec<Place> = Vec::new();
+    let mut n_halvings = 0;
+    loop {
+        places.clear();
+        places.extend(vertices.used.iter().map(|&v| place(v, 2.0 * largest)));
+        places.sort_unstable();
+        let is_crowded = looks(&places) > MOST_LOOKS * vertices.used.len() as u64;
+        if !is_crowded || n_halvings == MOST_HALVINGS {
+            break;
+        }
+        n_halvings += 1;
+        largest *= 0.5;
+    }
+    vertices.radii.iter_mut().for_each(|radius| *radius = radius.min(largest));
+    let most_looks = if n_halvings < MOST_HALVINGS { u64::MAX } else { MOST_LOOKS };
     let mut found = Vec::new();
     let mut near: Vec<(f64, u32)> = Vec::new();
     for &a in &vertices.used {
         let at = surface.positions[a as usize];
-        let [x, y, z] = cell(at);
         near.clear();
-        for (dx, dy) in (-1..=1).flat_map(|dx| (-1..=1).map(move |dy| (dx, dy))) {
-            // Three cells in a row are one run of the list.
-            let (first, last) = ([x + dx, y + dy, z - 1], [x + dx, y + dy, z + 1]);
+        let mut n_looks = 0;
+        for [first, last] in rows(cell(at, 2.0 * largest)) {
             let mut next = places.partition_point(|place| place.0 < first);
             while let Some(&(cell, beside, b)) = places.get(next).filter(|place| place.0 <= last) {
                 // Vertices beside the same hub have a common neighbour, all of them.
@@ -158,6 +198,10 @@ pub(super) fn pairs(surface: &Surface) -> Vec<[u32; 2]> {
                     continue;
                 }
                 next += 1;
+                n_looks += 1;
+                if n_looks > most_looks {
+                    break;
+                }
                 let apart = length_sq(sub(surface.positions[b as usize], at));
                 let reach = vertices.radii[a as usize] + vertices.radii[b as usize];
                 if a != b && apart <= reach * reach && vertices.may_pair(surface, a, b) {
@@ -165,6 +209,7 @@ pub(super) fn pairs(surface: &Surface) -> Vec<[u32; 2]> {
                 }
             }
         }
+        count(n_looks as usize);
         if near.is_empty() {
             continue;
         }

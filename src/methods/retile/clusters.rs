@@ -6,6 +6,7 @@
 
 use super::refine::Surface;
 use std::collections::BTreeMap;
+use stonecut_mesh::steps::count;
 use stonecut_mesh::vec3::{Vec3, add, length_sq, scale, sub};
 use stonecut_system::error::Result;
 use stonecut_system::progress::Progress;
@@ -84,6 +85,7 @@ impl<'a> Clusters<'a> {
     }
 
     fn give(&mut self, v: u32, to: u32) {
+        count(self.surface.neighbours(v).len());
         for &w in self.surface.neighbours(v).iter().chain(&[v]) {
             if !self.is_border[w as usize] {
                 self.is_border[w as usize] = true;
@@ -122,6 +124,7 @@ impl<'a> Clusters<'a> {
             self.n_passes += 1;
             // Neighbours in the list are neighbours in memory.
             self.border.sort_unstable();
+            count(self.border.len());
             let mut n_moved = 0u64;
             let mut border = std::mem::take(&mut self.border);
             border.retain(|&u| {
@@ -210,9 +213,11 @@ impl<'a> Clusters<'a> {
 
     /// Gives vertices without a cluster to that of a neighbour, the nearest one, from the borders inwards.
     pub(super) fn grow(&mut self) {
+        let is_free = |clusters: &Self, v: u32| clusters.owner[v as usize] == NONE;
         let mut free: Vec<u32> =
-            (0..self.owner.len() as u32).filter(|&v| self.owner[v as usize] == NONE).collect();
+            (0..self.owner.len() as u32).filter(|&v| is_free(self, v)).collect();
         loop {
+            count(free.len());
             let mut found = Vec::new();
             for &v in &free {
                 let position = self.surface.positions[v as usize];
@@ -230,7 +235,11 @@ impl<'a> Clusters<'a> {
                 return;
             }
             found.iter().for_each(|&(v, cluster)| self.give(v, cluster));
-            free.retain(|&v| self.owner[v as usize] == NONE);
+            // All others have no more neighbours in clusters than before.
+            let next = found.iter().flat_map(|&(v, _)| self.surface.neighbours(v));
+            free = next.copied().filter(|&v| is_free(self, v)).collect();
+            free.sort_unstable();
+            free.dedup();
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::clusters::NONE;
 use std::collections::{BTreeMap, BTreeSet};
+use stonecut_mesh::steps::count;
 
 /// The mesh of the clusters' neighbourhoods.
 pub(super) struct Dual {
@@ -68,9 +69,18 @@ fn find_fans(triangles: &[[u32; 3]], faulty: &mut BTreeSet<u32>) {
     let mut around: Vec<[u32; 3]> =
         triangles.iter().flat_map(|&[a, b, c]| [[a, b, c], [b, c, a], [c, a, b]]).collect();
     around.sort_unstable();
+    let mut ends = Vec::new();
     for of_one in around.chunk_by(|x, y| x[0] == y[0]) {
-        let after = |v: u32| of_one.iter().find(|edge| edge[1] == v).map(|edge| edge[2]);
-        let open = of_one.iter().find(|edge| !of_one.iter().any(|other| other[2] == edge[1]));
+        // In the order of their second corners.
+        let after = |v: u32| {
+            let edge = of_one.get(of_one.partition_point(|edge| edge[1] < v));
+            edge.filter(|edge| edge[1] == v).map(|edge| edge[2])
+        };
+        ends.clear();
+        ends.extend(of_one.iter().map(|edge| edge[2]));
+        ends.sort_unstable();
+        count(of_one.len());
+        let open = of_one.iter().find(|edge| ends.binary_search(&edge[1]).is_err());
         let start = open.unwrap_or(&of_one[0])[1];
         let (mut at, mut n) = (start, 0);
         while let Some(next) = after(at) {

@@ -8,6 +8,7 @@
 mod clusters;
 mod density;
 mod dual;
+mod needles;
 mod place;
 mod refine;
 mod seeds;

@@ -1,6 +1,7 @@
 //! The surface as fine as clusters need it: edges that are long beside a cluster are halved until none is.
 
 use crate::key_table::KeyTable;
+use stonecut_mesh::steps::count;
 use stonecut_mesh::vec3::{Vec3, add, length_sq, normal, scale, sub};
 use stonecut_system::error::{Error, Result};
 use stonecut_system::memory::BASE_BYTES;
@@ -19,7 +20,7 @@ pub(super) struct Surface {
     pub(super) weights: Vec<f64>,
     /// First place of the neighbours of each vertex; one more than there are vertices.
     first: Vec<u32>,
-    neighbours: Vec<u32>,
+    pub(super) neighbours: Vec<u32>,
 }
 
 /// Memory for a vertex and its share of triangles, in bytes; with tables of owners, seeds and the queue.
@@ -27,10 +28,10 @@ pub(super) const VERTEX_BYTES: u64 = 24 + 24 + 8 + 8 + 4 + 28 + 32;
 
 /// A vertex beyond those that the memory holds.
 #[derive(Debug)]
-struct TooMany;
+pub(super) struct TooMany;
 
 impl Surface {
-    /// Halves all edges longer than `longest` (input units).
+    /// Halves all edges longer than `longest` (input units), or on a surface of needles the large triangles.
     ///
     /// Errors: `NoMemory` beyond the vertices that some memory holds, with a size that is enough.
     pub(super) fn refined(
@@ -43,11 +44,13 @@ impl Surface {
         let most = memory_bytes / per_vertex;
         let n_given = positions.len();
         let mut surface = Surface::new(positions, triangles);
-        while surface
-            .halve(longest, most)
-            .map_err(|TooMany| surface.too_many(longest, per_vertex))?
-        {
-            progress.check()?;
+        let too_many = |surface: &Surface| surface.too_many(longest, per_vertex);
+        if surface.is_of_needles(longest) {
+            surface.cut_needles(longest, most, progress)?.map_err(|TooMany| too_many(&surface))?;
+        } else {
+            while surface.halve(longest, most).map_err(|TooMany| too_many(&surface))? {
+                progress.check()?;
+            }
         }
         debug_assert_eq!(surface.positions.len(), n_given + surface.ends.len());
         surface.weigh();
@@ -56,7 +59,7 @@ impl Surface {
     }
 
     /// A surface as it is given, without weights and neighbours.
-    fn new(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Surface {
+    pub(super) fn new(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> Surface {
         Surface {
             positions,
             triangles,
@@ -100,6 +103,7 @@ impl Surface {
         if fine.len() as u64 > u64::from(u32::MAX) / 6 {
             return Err(TooMany);
         }
+        count(fine.len());
         self.triangles = fine;
         Ok(self.positions.len() > n_before)
     }
@@ -124,7 +128,7 @@ impl Surface {
     }
 
     /// Cuts a triangle at the middles of its edges; edge `k` begins at corner `k`.
-    fn cut(&self, t: [u32; 3], middle: [Option<u32>; 3], out: &mut Vec<[u32; 3]>) {
+    pub(super) fn cut(&self, t: [u32; 3], middle: [Option<u32>; 3], out: &mut Vec<[u32; 3]>) {
         let turned = |k: usize| [t[k], t[(k + 1) % 3], t[(k + 2) % 3]];
         let n_middles = middle.iter().flatten().count();
         match (n_middles, middle) {
@@ -169,7 +173,7 @@ impl Surface {
     }
 
     /// Lists the neighbours of every vertex.
-    fn join(&mut self) {
+    pub(super) fn join(&mut self) {
         let mut n_around = vec![0u32; self.positions.len() + 1];
         self.triangles.iter().flatten().for_each(|&v| n_around[v as usize + 1] += 2);
         for v in 1..n_around.len() {

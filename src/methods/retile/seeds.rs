@@ -6,6 +6,7 @@ use super::refine::Surface;
 use crate::key_table::mix;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
+use stonecut_mesh::steps::count;
 use stonecut_mesh::vec3::{length_sq, sub};
 use stonecut_system::error::Result;
 use stonecut_system::progress::Progress;
@@ -40,6 +41,7 @@ pub(super) fn seed(
     let mut n_seeds = 0;
     let mut reach = (FIRST * spacing) as f32;
     for _ in 0..PASSES {
+        count(order.len());
         for (i, &vertex) in order.iter().enumerate() {
             if i % 4096 == 0 {
                 progress.check()?;
@@ -60,6 +62,7 @@ pub(super) fn seed(
                 if so_far > distance[v as usize] {
                     continue;
                 }
+                count(surface.neighbours(v).len());
                 for &w in surface.neighbours(v) {
                     let edge = sub(surface.positions[w as usize], surface.positions[v as usize]);
                     let farther = so_far + length_sq(edge).sqrt() as f32;

@@ -4,8 +4,8 @@
 
 use super::Wedges;
 use super::pairs::Pairs;
-use crate::surface::Surface;
 use crate::surface::class::Class;
+use crate::surface::{MAX_VALENCE, Surface};
 use stonecut_mesh::blend::between;
 use stonecut_mesh::corners::others;
 
@@ -118,6 +118,10 @@ impl Wedges {
             return;
         }
         let ring = surface.ring(v);
+        // A vertex of so many triangles takes part in no collapse; its seams stay.
+        if ring.len() > MAX_VALENCE as usize {
+            return;
+        }
         // Wedges that have come to the same values are one: the seam is closed there.
         // That of a locked vertex is the one to stay: other cells know it.
         let own =
