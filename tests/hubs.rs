@@ -28,37 +28,6 @@ const MOST: u64 = 6;
 /// Sizes of the table.
 const SIZES: [u32; 4] = [1000, 4000, 16_000, 64_000];
 
-/// Every command that walks a mesh. IN, TEXTURED, OUT and names that begin with OUT are paths, HALF is half the triangles; of
-/// several commands, the last one is counted.
-const COMMANDS: [&str; 26] = [
-    "simplify IN OUT.ply --ratio 50%",
-    "simplify TEXTURED OUT.obj --ratio 50% --texture keep",
-    "simplify TEXTURED OUT.obj --ratio 50% --texture bake --bake-size 256",
-    "simplify IN OUT.ply --ratio 50% --pairs",
-    "simplify IN OUT.ply --ratio 50% --optimize 1",
-    "simplify IN OUT.ply --ratio 50% --no-self-intersections",
-    "simplify IN OUT.ply --ratio 50% --max-error 0.01",
-    "simplify IN OUT.ply --ratio 50% --weld 1e-9",
-    "simplify IN OUT.ply --ratio 50% --method decimate",
-    "simplify IN OUT.ply --ratio 50% --method cluster",
-    "simplify IN OUT.ply --ratio 50% --method retile",
-    "simplify IN OUT.ply --ratio 50% --progressive OUT.pm",
-    "simplify IN OUT.ply --ratio 10% --progressive OUT.pm; refine OUT.pm OUT-fine.ply --triangles HALF",
-    "tiles IN OUT --tile-triangles 500",
-    "tiles TEXTURED OUT --tile-triangles 500 --texture bake",
-    "tiles IN OUT --tile-triangles 500; extract OUT OUT.ply --triangles HALF",
-    "info IN --check",
-    "info IN --check --self-intersections",
-    "simplify IN OUT.ply --ratio 50%; measure IN OUT.ply --samples 10000",
-    "simplify IN OUT.ply --ratio 50%; measure IN OUT.ply --samples 10000 --certify --tolerance 0.1",
-    "simplify IN OUT.ply --ratio 50%; measure IN OUT.ply --samples 10000 --appearance --views 2",
-    "convert IN OUT.glb --weld 1e-9",
-    "convert TEXTURED OUT.glb",
-    "render IN -o OUT.png --size 160x120",
-    "compare collapse,decimate IN -o OUT.html --ratio 50%",
-    "simplify IN OUT.ply --ratio 50% --report OUT.json; report OUT.json -o OUT.html",
-];
-
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 /// Points evenly on a circle around the z-axis.
@@ -205,47 +174,59 @@ fn shape(name: &str, n: u32) -> Mesh {
     }
 }
 
-/// Fails unless commands take steps nearly in proportion on some shapes.
-fn assert_proportional(commands: impl Fn(&str) -> bool, shapes: &[&str]) {
+/// Fails unless a command takes steps nearly in proportion on some shapes.
+fn assert_proportional(command: &str, shapes: &[&str]) {
     let _one = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     let mut faults = String::new();
-    let mut n_commands = 0;
-    for command in COMMANDS.into_iter().filter(|command| commands(command)) {
-        n_commands += 1;
-        for name in shapes {
-            let few = steps(command, &shape(name, FEW));
-            let many = steps(command, &shape(name, TIMES * FEW));
-            if many > MOST * few.max(FREE * u64::from(FEW)) {
-                writeln!(faults, "{command}, {name}: {few} steps, then {many}").unwrap();
-            }
+    for name in shapes {
+        let few = steps(command, &shape(name, FEW));
+        let many = steps(command, &shape(name, TIMES * FEW));
+        println!("{command}, {name}: {few} steps, then {many}");
+        if many > MOST * few.max(FREE * u64::from(FEW)) {
+            writeln!(faults, "{command}, {name}: {few} steps, then {many}").unwrap();
         }
     }
-    assert!(n_commands > 0 && faults.is_empty(), "{faults}");
+    assert!(faults.is_empty(), "{faults}");
 }
 
-fn last(command: &str) -> &str {
-    command.rsplit("; ").next().unwrap_or(command)
+/// A test for each command that walks a mesh. IN, TEXTURED, OUT and names that begin with OUT are paths, HALF is half the
+/// triangles; of several commands, the last one is counted.
+macro_rules! commands {
+    ($($name:ident: $command:literal, $shapes:expr;)*) => {
+        const COMMANDS: &[&str] = &[$($command),*];
+        $(#[test] fn $name() { assert_proportional($command, $shapes) })*
+    };
 }
 
-fn is_simplify(command: &str) -> bool {
-    last(command).starts_with("simplify IN")
-}
+/// Large pictures take their time, whatever is on them.
+const ONE: [&str; 1] = ["flat fan"];
 
-#[test]
-fn simplify() {
-    let is_slow = |c: &str| c.contains("--max-error");
-    assert_proportional(|c| is_simplify(c) && !c.contains("--method") && !is_slow(c), &ALL);
-    assert_proportional(is_slow, &["flat fan", "touching cones"]);
-}
-
-#[test]
-fn methods() {
-    assert_proportional(|c| is_simplify(c) && c.contains("--method"), &ALL);
-}
-
-#[test]
-fn textures() {
-    assert_proportional(|c| last(c).contains("TEXTURED") && !c.contains("convert"), &ALL);
+commands! {
+    collapse: "simplify IN OUT.ply --ratio 50%", &ALL;
+    texture_kept: "simplify TEXTURED OUT.obj --ratio 50% --texture keep", &ALL;
+    texture_baked: "simplify TEXTURED OUT.obj --ratio 50% --texture bake --bake-size 256", &ALL;
+    pairs: "simplify IN OUT.ply --ratio 50% --pairs", &ALL;
+    optimize: "simplify IN OUT.ply --ratio 50% --optimize 1", &ALL;
+    no_self_intersections: "simplify IN OUT.ply --ratio 50% --no-self-intersections", &ALL;
+    max_error: "simplify IN OUT.ply --ratio 50% --max-error 0.01", &ALL;
+    decimate: "simplify IN OUT.ply --ratio 50% --method decimate", &ALL;
+    cluster: "simplify IN OUT.ply --ratio 50% --method cluster", &ALL;
+    retile: "simplify IN OUT.ply --ratio 50% --method retile", &ALL;
+    progressive: "simplify IN OUT.ply --ratio 50% --progressive OUT.pm", &ALL;
+    refine: "simplify IN OUT.ply --ratio 10% --progressive OUT.pm; refine OUT.pm OUT2.ply --triangles HALF", &ALL;
+    tiles: "tiles IN OUT --tile-triangles 500", &ALL;
+    tiles_textured: "tiles TEXTURED OUT --tile-triangles 500 --texture bake", &ALL;
+    extract: "tiles IN OUT --tile-triangles 500; extract OUT OUT.ply --triangles HALF", &ALL;
+    check: "info IN --check", &ALL;
+    self_intersections: "info IN --check --self-intersections", &ALL;
+    measure: "simplify IN OUT.ply --ratio 50%; measure IN OUT.ply --samples 10000", &ALL;
+    certify: "simplify IN OUT.ply --ratio 50%; measure IN OUT.ply --samples 10000 --certify --tolerance 0.1", &ALL;
+    appearance: "simplify IN OUT.ply --ratio 50%; measure IN OUT.ply --samples 10000 --appearance --views 1", &ONE;
+    convert: "convert IN OUT.glb --weld 1e-9", &ALL;
+    convert_textured: "convert TEXTURED OUT.glb", &ALL;
+    render: "render IN -o OUT.png --size 160x120", &ALL;
+    compare: "compare collapse,cluster IN -o OUT.html --ratio 50%", &ONE;
+    report: "simplify IN OUT.ply --ratio 50% --report OUT.json; report OUT.json -o OUT.html", &ONE;
 }
 
 /// The kernel's rings of more than 4,096 triangles list those that are gone, too.
@@ -253,26 +234,6 @@ fn textures() {
 fn a_vertex_of_many_thousands_keeps_its_texture() {
     let _one = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     steps("simplify TEXTURED OUT.obj --ratio 50% --texture keep", &cone(10_000, 1.0));
-}
-
-#[test]
-fn tiles() {
-    assert_proportional(|c| last(c).starts_with("tiles IN"), &ALL);
-}
-
-#[test]
-fn measures() {
-    let is_slow = |c: &str| c.contains("--appearance");
-    let is_own = |c: &str| last(c).starts_with("measure") || last(c).starts_with("info");
-    assert_proportional(|c| is_own(c) && !is_slow(c), &ALL);
-    assert_proportional(is_slow, &["flat fan"]);
-}
-
-/// All others but `compare` and `report`, which simplify, measure and render as these do, at the size of large pictures.
-#[test]
-fn others() {
-    let others = ["extract", "refine", "convert", "render"];
-    assert_proportional(|c| others.iter().any(|word| last(c).starts_with(word)), &ALL);
 }
 
 /// Prints the exponents of every command on every shape, from the smallest size to the largest, and the steps for each triangle at
@@ -283,7 +244,7 @@ fn table() {
     let _one = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     println!("| command | {} |", ALL.join(" | "));
     println!("|---|{}", "---|".repeat(ALL.len()));
-    for command in COMMANDS {
+    for &command in COMMANDS {
         let mut row = format!("| `{command}` |");
         for name in ALL {
             let counted = SIZES.map(|n| steps(command, &shape(name, n)));
@@ -296,6 +257,7 @@ fn table() {
                     write!(row, " {exponent:.1} ({:.0}) |", many as f64 / to).unwrap();
                 }
             }
+            eprintln!("{command}, {name}: {counted:?}");
         }
         println!("{row}");
     }
