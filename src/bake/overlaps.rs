@@ -1,6 +1,6 @@
 //! Triangles of a chart that lie over others, found on a grid.
 //!
-//! A triangle is held against those in the cells that it touches, and against those of its own hub by their sectors
+//! A triangle is held against those in the cells that it touches, and against those at the same hub by their sectors
 //! (`sectors`).
 
 use super::sectors::{Sectors, sector};

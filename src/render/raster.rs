@@ -15,10 +15,11 @@ use stonecut_mesh::steps::count;
 pub(super) const SAMPLE_BYTES: usize = std::mem::size_of::<Sample>();
 /// Sides of the bounding box, in samples, up to which a triangle is averaged into its samples.
 const SMALL: f32 = 2.0;
-/// Ends of edges this near to a row, in samples, count as in it; columns beside a triangle in which rounding may see it; corners
-/// farther away, of which rounding may see more.
+/// Ends of edges this near to a row, in samples, count as in it.
 const LEVEL: f64 = 0.01;
+/// Columns beside a triangle in which rounding may see it.
 const BESIDE: f64 = 3.0;
+/// Corners farther away may be seen by rounding anywhere in a row.
 const FAR: f64 = 1e5;
 /// Texels from sample to sample at most; more than any image has.
 const WIDEST: f32 = 1e6;

@@ -203,7 +203,7 @@ impl Collapser {
             let mut around = [&self.b[..self.n], &self.c[..self.n]].concat();
             around.sort_unstable();
             around.dedup();
-            // A vertex of so many triangles takes part in no collapse.
+            // A vertex of more triangles takes part in no collapse.
             let may_collapse = |w: &u32| corners.surface.ring(*w).len() <= MAX_VALENCE as usize;
             for w in around.into_iter().filter(may_collapse) {
                 attributes.refresh(corners, w);

@@ -118,7 +118,7 @@ impl Wedges {
             return;
         }
         let ring = surface.ring(v);
-        // A vertex of so many triangles takes part in no collapse; its seams stay.
+        // A vertex of more triangles takes part in no collapse, and its seams stay.
         if ring.len() > MAX_VALENCE as usize {
             return;
         }

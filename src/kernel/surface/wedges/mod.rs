@@ -290,7 +290,7 @@ impl Wedges {
             *known = w;
         }
         for (v, &w) in wedge_of.iter().enumerate().filter(|(_, w)| **w != GONE) {
-            // Of a vertex of so many triangles nothing is found again (`look_again`).
+            // Of a vertex of more triangles than that nothing is found again (`look_again`).
             let is_hub = surface.rings[v].len > MAX_VALENCE;
             if has_several[v] != self.is_seam[v] && !(is_hub && self.is_seam[v]) {
                 return Err(format!("vertex {v} is on a seam: {}", has_several[v]));
