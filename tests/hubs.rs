@@ -6,6 +6,7 @@
 //! --nocapture` prints the table of docs/results/reliability.md, from 1,000 to 64,000 triangles.
 
 #![allow(clippy::unwrap_used, clippy::panic)] // A test fails by panicking.
+#![allow(clippy::print_stdout, clippy::print_stderr)] // The table.
 
 use std::f64::consts::TAU;
 use std::ffi::OsString;
