@@ -29,7 +29,7 @@ mod vertex_colours;
 use charts::Charts;
 use nearest::CellCache;
 pub use need::{BakeNeed, check, has_images, has_looks};
-use need::{CELL_SHARE, FRAME_BYTES, IMAGE_SHARE, POINT_SHARE, free_bytes};
+use need::{CELL_SHARE, FRAME_BYTES, IMAGE_SHARE, LEAST_WORK_BYTES, POINT_SHARE, free_bytes};
 use original::Original;
 pub use pages::Page;
 use pages::{Canvas, PageKind};
@@ -43,9 +43,10 @@ use stonecut_mesh::Mesh;
 pub use stonecut_render::texture::Finish;
 use stonecut_render::texture::{ImageCache, Palette, Purpose};
 use stonecut_system::error::{Error, Result};
-use stonecut_system::units::show_bytes;
+use stonecut_system::memory::BASE_BYTES;
+use stonecut_system::units::{memory_word, show_bytes};
 use texels::Canvases;
-pub use tiles::{Photographs, TilePainter, TilePicture, TilesNeed, check_tiles};
+pub use tiles::{Photographs, TilePainter, TilePicture, TilesNeed, check_tiles, least_for_tiles};
 pub use vertex_colours::{Coloured, colour_properties, colour_vertices, has_only_images};
 
 /// Finished pages, and the texture coordinates of the result's corners in a file.
@@ -90,7 +91,7 @@ pub fn bake(
     let taken = load::bytes_in_memory(shape)
         + Charts::bytes(n_triangles)
         + if options.normals { FRAME_BYTES * n_triangles } else { 0 };
-    let free_bytes = free_bytes(n_triangles, taken, means.memory_bytes)?;
+    let free_bytes = free_bytes(n_triangles, (taken, LEAST_WORK_BYTES), means.memory_bytes)?;
     let loaded = load::load(shape, means.threads, progress)?;
     let mut mesh = loaded.mesh;
     let normals = match loaded.colours.and_then(|carried| carried.normal) {
@@ -117,10 +118,11 @@ pub fn bake(
     let (largest, share) = (original.largest_cell_bytes(), free_bytes / CELL_SHARE);
     if largest > share {
         return Err(Error::NoMemory(format!(
-            "a cell of the input takes {} with its texture coordinates, the budget has {} for it: give more --memory, \
+            "a cell of the input takes {} with its texture coordinates, the budget has {} for it: give --memory {}, \
              smaller --cell-triangles, or choose --texture keep",
             show_bytes(largest),
-            show_bytes(share)
+            show_bytes(share),
+            memory_word(BASE_BYTES + taken + original.border_bytes() + CELL_SHARE * largest)
         )));
     }
     let density = original.density(options);

@@ -8,7 +8,8 @@ use super::settings::Options;
 use stonecut_io::ply::{FaceBlock, FaceLooks, MeshSource};
 use stonecut_render::texture::{Palette, Purpose};
 use stonecut_system::error::{Error, Result};
-use stonecut_system::units::show_bytes;
+use stonecut_system::memory::BASE_BYTES;
+use stonecut_system::units::{memory_word, show_bytes};
 
 /// Shares of the memory: cells of the original, decoded images, points under way.
 pub(super) const CELL_SHARE: u64 = 3;
@@ -74,14 +75,21 @@ pub struct BakeNeed {
 }
 
 /// Memory that is left for the work; fails if it is too little.
-pub(super) fn free_bytes(n_triangles: u64, taken: u64, memory_bytes: u64) -> Result<u64> {
-    let free = memory_bytes.checked_sub(taken).filter(|free| *free >= LEAST_WORK_BYTES);
+///
+/// `least` is needed beside what is `taken`; `memory_bytes` is the budget without `BASE_BYTES`.
+pub(super) fn free_bytes(
+    n_triangles: u64,
+    (taken, least): (u64, u64),
+    memory_bytes: u64,
+) -> Result<u64> {
+    let free = memory_bytes.checked_sub(taken).filter(|free| *free >= least);
     free.ok_or_else(|| {
         Error::NoMemory(format!(
-            "a new texture for {n_triangles} triangles takes {} of memory, {} are left for it: give more --memory, ask \
+            "a new texture for {n_triangles} triangles takes {} of memory, {} are left for it: give --memory {}, ask \
              for fewer triangles, or choose --texture keep",
-            show_bytes(taken + LEAST_WORK_BYTES),
-            show_bytes(memory_bytes)
+            show_bytes(taken + least),
+            show_bytes(memory_bytes),
+            memory_word(BASE_BYTES + taken + least)
         ))
     })
 }
@@ -99,20 +107,20 @@ pub fn check(
         taken += (FRAME_BYTES + 6) * n_triangles;
         taken += border_bytes(original.n_triangles(), options.cell_triangles);
     }
-    let free = free_bytes(n_triangles, taken, memory_bytes)?;
-    let palette =
-        Palette::new(original.materials().map(|all| &**all), free / IMAGE_SHARE, Purpose::Bake)?;
+    let palette = Palette::new(original.materials().map(|all| &**all), u64::MAX, Purpose::Bake)?;
+    let images = palette.decoded_bytes();
+    let largest = images.iter().copied().max().unwrap_or(0);
+    let least = LEAST_WORK_BYTES.max(IMAGE_SHARE * largest);
+    let free = free_bytes(n_triangles, (taken, least), memory_bytes)?;
     let n_texels = texels(original, &palette, options)?;
     let n_in = original.n_triangles();
     let n_canvases = u64::from(has_looks(original)) + u64::from(options.normals);
     let on_pages = PAGE_TEXELS * n_texels * n_canvases as f64;
     let bytes_each = if palette.is_photographic() { JPEG_BYTES } else { PNG_BYTES };
-    let images = palette.decoded_bytes();
     let cells = CELL_BYTES * n_in;
     let work = (free / CELL_SHARE).min(cells)
         + (free / IMAGE_SHARE).min(images.iter().sum())
         + (free / POINT_SHARE).min(BATCH_BYTES);
-    let largest = images.iter().copied().max().unwrap_or(0);
     let cpu_seconds = SECONDS_PER_TEXEL * n_texels
         + SECONDS_PER_PAGE_TEXEL * on_pages
         + SECONDS_PER_PIXEL * palette.n_pixels() as f64
@@ -123,7 +131,7 @@ pub fn check(
         page_bytes: (bytes_each * on_pages) as u64,
         n_texels: n_texels as u64,
         n_images: images.len() as u64,
-        least_memory_bytes: taken + LEAST_WORK_BYTES.max(IMAGE_SHARE * largest),
+        least_memory_bytes: taken + least,
         memory_bytes: taken + work,
         cpu_seconds,
     })

@@ -85,6 +85,13 @@ impl TilePicture {
     }
 }
 
+/// Memory without which tiles that are given together get no pages, beside `BASE_BYTES`; `n_triangles` is their number.
+pub fn least_for_tiles(source: &MeshSource, n_triangles: u64) -> Result<u64> {
+    let images = Palette::new(source.materials().map(|all| &**all), u64::MAX, Purpose::Bake)?;
+    let largest = images.decoded_bytes().into_iter().max().unwrap_or(0);
+    Ok(TILE_BYTES * n_triangles + LEAST_WORK_BYTES.max(IMAGE_SHARE * largest))
+}
+
 /// Fails where pages of tiles would fail for want of memory; `n_triangles` is the number of triangles of the tiles that are
 /// given together, `staged_bytes` those that the open source itself has on disk.
 pub fn check_tiles(
@@ -93,8 +100,7 @@ pub fn check_tiles(
     (memory_bytes, staged_bytes): (u64, u64),
 ) -> Result<TilesNeed> {
     let free = free_bytes(n_triangles, memory_bytes)?;
-    let images =
-        Palette::new(source.materials().map(|all| &**all), free / IMAGE_SHARE, Purpose::Bake)?;
+    let images = Palette::new(source.materials().map(|all| &**all), u64::MAX, Purpose::Bake)?;
     let pixels = images.n_pixels();
     // Vertices are parted along charts: two sorts, of which either stays in memory where that suffices.
     let sort_bytes = |bytes: u64| {

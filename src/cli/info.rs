@@ -135,7 +135,7 @@ pub(super) fn look_at_tiles(args: &Args, progress: &Progress) -> Result<TilesetC
         return Err(Error::Usage(what.to_owned()));
     }
     let threads = super::arguments::threads(args.threads).get();
-    check_tileset(&args.file, threads, progress)
+    check_tileset(&args.file, (super::arguments::memory_budget(args.memory), threads), progress)
 }
 
 fn tiles(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<u8> {

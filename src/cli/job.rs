@@ -11,12 +11,10 @@ use crate::pipeline::run_report::{DoneRecord, RunReport};
 use crate::pipeline::{self, Prepared, max_error, optimize, pairs};
 use crate::store::job::fingerprint::{input_marks, marks_now};
 use crate::system::disk::read_regular;
+use crate::system::paths::MOST_REPORT_BYTES;
 use crate::system::progress::Progress;
 use std::collections::BTreeMap;
 use std::path::Path;
-
-/// A file in the place of a report that is longer than this is none.
-const MOST_REPORT_BYTES: u64 = 64 << 20;
 
 /// Runs a job that is prepared; `None` where `--until` ended it.
 pub(super) fn run_job(

@@ -210,6 +210,10 @@ pub(super) fn report(
     ];
     let memory_bytes = memory_budget(args.memory);
     let means = (memory_bytes, threads);
+    if args.appearance {
+        let settings = Settings { views: args.views, lit: args.lit };
+        appearance::hold(&original, settings, memory_bytes)?;
+    }
     let region = match (&args.near, args.within) {
         (Some(path), Some(within)) => {
             let places = super::arguments::open_mesh(path, &temp_dir, args.memory)?;

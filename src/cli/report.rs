@@ -7,11 +7,11 @@ use crate::io::ply::Place;
 use crate::pipeline::refine::{Shown, show};
 use crate::render::Resources;
 use crate::report::{self, Material, Slider};
-use crate::system::disk::{folder_of, open_input};
+use crate::system::disk::{folder_of, open_input, read_regular};
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
+use crate::system::units::{memory_word, show_bytes};
 use serde_json::Value;
-use std::io::Read;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -64,8 +64,8 @@ pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     };
     let material = Material {
         progressive,
-        report: read(&args.report)?,
-        measured: args.measured.as_deref().map(read).transpose()?,
+        report: read(&args.report, memory_bytes)?,
+        measured: args.measured.as_deref().map(|path| read(path, memory_bytes)).transpose()?,
         temp_dir: folder_of(&args.output).to_path_buf(),
         resources: Resources { memory_bytes, threads: threads(args.threads).get() },
     };
@@ -76,12 +76,38 @@ pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     Ok(())
 }
 
-fn read(path: &Path) -> Result<Value> {
-    let mut text = String::new();
-    open_input(path)?
-        .read_to_string(&mut text)
-        .map_err(|e| Error::bad_input(path, format!("not a JSON report: {e}")))?;
-    let report: Value = serde_json::from_str(&text)
+/// Bytes of an object of JSON in memory, and of any other value with its key and its share of a list, at most.
+const OBJECT_BYTES: u64 = 704;
+const VALUE_BYTES: u64 = 160;
+
+/// The share of the memory that a report may take.
+const SHARE: u64 = 4;
+
+/// Reads a report whose JSON takes at most a share of the memory.
+fn read(path: &Path, memory_bytes: u64) -> Result<Value> {
+    let bad = |e: std::io::Error| Error::bad_input(path, format!("not a JSON report: {e}"));
+    let too_large = |needed: u64| {
+        Error::NoMemory(format!(
+            "{}: as a report it takes up to {} of memory, a {SHARE}th of the budget of {} is for it: give --memory {}",
+            path.display(),
+            show_bytes(needed),
+            show_bytes(memory_bytes),
+            memory_word(SHARE * needed)
+        ))
+    };
+    let most = memory_bytes / SHARE;
+    let n_bytes = open_input(path)?.metadata().map_err(bad)?.len();
+    if n_bytes > most {
+        // What its values come to is not known before it is read.
+        return Err(too_large(n_bytes.saturating_mul(16)));
+    }
+    let text = read_regular(path, most).map_err(bad)?;
+    let count = |marks: &[u8]| text.iter().filter(|byte| marks.contains(byte)).count() as u64;
+    let needed = n_bytes + OBJECT_BYTES * count(b"{") + VALUE_BYTES * count(b",[");
+    if needed > most {
+        return Err(too_large(needed));
+    }
+    let report: Value = serde_json::from_slice(&text)
         .map_err(|e| Error::bad_input(path, format!("not a JSON report: {e}")))?;
     let is_report = ["input", "original"].iter().any(|key| report.get(key).is_some());
     match is_report {

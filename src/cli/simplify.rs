@@ -421,7 +421,11 @@ impl Args {
         Ok(paths
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
             .with_option(Role::Side(Kind::Seams), "--seams", self.seams.as_ref())
-            .with_option(Role::Output, "--progressive", self.progressive.progressive.as_ref())
+            .with_option(
+                Role::Side(Kind::Progressive),
+                "--progressive",
+                self.progressive.progressive.as_ref(),
+            )
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
             .with(Role::JobFolder, "the job folder", job_folder))
     }

@@ -38,7 +38,7 @@ pub use external_sort::{ExternalSort, halves, whole};
 pub use face_survey::{SurveyOptions, survey_faces};
 pub use gltf::{
     GlbWriter, StoredPage, StoredTile, TileForm, TileMesh, TilePage, TileScalar, decode_tile,
-    encode_tile,
+    decode_tile_within, encode_tile,
 };
 pub use label_survey::survey_labels;
 pub use materials::NUMBER;

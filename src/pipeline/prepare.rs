@@ -65,6 +65,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     }
     let (mut marks, stage) = before_opening(config)?;
     let (mut texture, mut bake_need, mut can_bake) = (Texture::Keep, BakeNeed::default(), false);
+    let mut bake_room = Ok(());
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
         let coarser = config.coarser.iter().map(|level| &level.output);
         for output in std::iter::once(&config.textures_beside).chain(coarser) {
@@ -75,7 +76,12 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         let config = &settled(config, texture);
         if texture == Texture::Bake {
             let is_ours = !config.restart && has_begun_to_write(&config.job_folder, &config.output);
-            bake_need = bake::check(&source, config, is_ours)?;
+            match bake::check(&source, config, is_ours) {
+                Ok(need) => bake_need = need,
+                // The plan may want more.
+                Err(error @ Error::NoMemory(_)) => bake_room = Err(error),
+                Err(error) => return Err(error),
+            }
         }
         check_labels(&source, &config.attributes.labels)?;
         let survey = SurveyOptions {
@@ -106,9 +112,20 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     config.attributes.weights.check(&codec.channel_kinds(source.schema())).map_err(Error::Usage)?;
     check_error_field(&source, config)?;
     check_range(&source, &config.output, config.format)?;
-    let mut plan = Plan::new(&source, config)?;
-    check_optimize(&source, plan.target.min(plan.triangles_in), config)?;
-    check_pairs(&source, plan.target.min(plan.triangles_in), config)?;
+    let n = source.n_triangles();
+    let target = config.targets().next().map_or(n, |target| target.triangles(n)).min(n);
+    let (mut plan, mut planned) = (None, Ok(()));
+    match Plan::new(&source, config) {
+        Ok(made) => plan = Some(made),
+        Err(error) => planned = Err(error),
+    }
+    Error::first_of([
+        planned,
+        bake_room,
+        check_optimize(&source, target, config),
+        check_pairs(&source, target, config),
+    ])?;
+    let Some(mut plan) = plan else { unreachable!("a plan that failed is an error") };
     let textures = match texture {
         Texture::Bake => Vec::new(),
         Texture::Auto | Texture::Keep => plan_textures(&source, config)?,

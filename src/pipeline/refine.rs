@@ -12,6 +12,7 @@ use crate::system::losses::Ledger;
 use crate::system::memory::BASE_BYTES;
 use crate::system::parallel::guarded;
 use crate::system::progress::Progress;
+use crate::system::units::{memory_word, show_bytes};
 use std::path::{Path, PathBuf};
 
 /// Fineness of a mesh.
@@ -115,10 +116,11 @@ pub struct Shown {
 /// Reads all of a progressive mesh for a page. Memory: that of the finest mesh, and 60 bytes a step.
 ///
 /// Errors: as those of `refine`; `Usage` for a mesh that is too large for a page.
-pub fn show(input: &Path, memory_bytes: u64, progress: &Progress) -> Result<Shown> {
+pub fn show(input: &Path, given: u64, progress: &Progress) -> Result<Shown> {
     guarded(|| {
-        let memory_bytes = memory_bytes.saturating_sub(BASE_BYTES) / 2;
+        let memory_bytes = given.saturating_sub(BASE_BYTES) / 2;
         let mesh = Refiner::open(input, memory_bytes)?;
+        hold(&mesh, mesh.head().finest_triangles, (given, [2, 1]))?;
         let triangles = [mesh.head().base_triangles, mesh.head().finest_triangles];
         if triangles[1] > MOST_ON_A_PAGE {
             return Err(Error::Usage(format!(
@@ -134,6 +136,21 @@ pub fn show(input: &Path, memory_bytes: u64, progress: &Progress) -> Result<Show
     })
 }
 
+/// Refuses a mesh of `n` triangles that some memory does not hold, given that so many times its bytes are needed.
+fn hold(mesh: &Refiner, n: u64, (memory_bytes, [times, of]): (u64, [u64; 2])) -> Result<()> {
+    let needed = BASE_BYTES + mesh.expected_bytes(n).saturating_mul(times).div_ceil(of);
+    if needed <= memory_bytes {
+        return Ok(());
+    }
+    Err(Error::NoMemory(format!(
+        "a mesh of {} triangles takes {} of memory, the budget is {}; ask for fewer triangles, or give --memory {}",
+        n.min(mesh.head().finest_triangles),
+        show_bytes(needed),
+        show_bytes(memory_bytes),
+        memory_word(needed)
+    )))
+}
+
 fn run(config: &RefineConfig, progress: &Progress) -> Result<Refined> {
     let start = std::time::Instant::now();
     // What is written takes some more.
@@ -145,12 +162,14 @@ fn run(config: &RefineConfig, progress: &Progress) -> Result<Refined> {
     let (mut target, mut view) = (None, None);
     match config.wanted {
         Wanted::Triangles(n) => {
+            hold(&mesh, n, (config.memory_bytes, [4, 3]))?;
             progress.begin("refine", 1, 2, n.min(finest));
             mesh.refine(n, &check)?;
             target = Some(n);
             settings.insert("target".to_owned(), format!("triangles={n}"));
         }
         Wanted::View(eye) => {
+            hold(&mesh, finest, (config.memory_bytes, [10, 3]))?;
             progress.begin("refine", 1, 2, finest);
             // The whole mesh is there beside the part.
             let open = || Refiner::open(&config.input, memory_bytes / 5 * 2);

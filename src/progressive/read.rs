@@ -15,6 +15,9 @@ use stonecut_system::units::show_bytes;
 /// No block holds more vertices, triangles or steps.
 const MOST_IN_BLOCK: u32 = 1 << 20;
 
+/// Blocks that are written have fewer.
+const WRITTEN_IN_BLOCK: u64 = 1 << 16;
+
 /// Sees a step, and the mesh that it is going to be taken on.
 pub(super) type Watch<'a> = dyn FnMut(&Replay, &Taken) -> Result<()> + 'a;
 
@@ -49,6 +52,18 @@ impl Refiner {
     /// The description of the file.
     pub fn head(&self) -> &Head {
         &self.head
+    }
+
+    /// Memory in bytes that a mesh of `n_triangles` takes while it is reached, about, and never less.
+    pub fn expected_bytes(&self, n_triangles: u64) -> u64 {
+        let Head { base_triangles, base_vertices, finest_triangles, steps, .. } = self.head;
+        let n = n_triangles.clamp(base_triangles, finest_triangles.max(base_triangles));
+        let range = finest_triangles.saturating_sub(base_triangles).max(1);
+        let share = (n - base_triangles) as f64 / range as f64;
+        // A step brings a vertex, some two.
+        let vertices = base_vertices + (1.25 * share * steps as f64) as u64;
+        let row = self.replay.stride as u64 + 8;
+        vertices * row + 28 * n + WRITTEN_IN_BLOCK.min(steps) * (row + 2 * 28)
     }
 
     /// Records of vertices.

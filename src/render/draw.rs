@@ -76,7 +76,7 @@ const PIXEL_BYTES: u64 = 48;
 const LEAST_BYTES: u64 = 24 << 20;
 
 /// Memory that a picture takes at least.
-fn least_bytes(view: &View) -> Result<u64> {
+pub fn least_bytes(view: &View) -> Result<u64> {
     Ok(frame_bytes(view)? + LEAST_BYTES)
 }
 

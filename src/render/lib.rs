@@ -27,6 +27,7 @@ pub use picture::{Letters, Picture, text_width};
 pub use shots::{Shot, aims_around, has_images, has_looks, shots};
 pub use view::{Aim, Coloring, Direction, Lighting, Resources, Scale, Sphere, View};
 
+pub use draw::least_bytes;
 use draw::{aim, draw, free_bytes};
 use scene::{InMemory, OnDisk};
 use stonecut_io::ply::MeshSource;

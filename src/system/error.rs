@@ -209,11 +209,36 @@ impl Error {
                 }
                 Remedy::Redirect => "send standard output where there is room".to_owned(),
             }),
+            Error::Io { source, .. } if is_out_of_descriptors(source) => {
+                Some(format!("raise the limit on open files (ulimit -n 256) and {again}"))
+            }
             Error::Interrupted { .. } | Error::Internal(_) if offers.resumes => {
                 Some(format!("what is done is kept: {again}"))
             }
             _ => None,
         }
+    }
+
+    /// The size in bytes that a refusal for want of memory names.
+    fn named_memory(&self) -> Option<u64> {
+        let Error::NoMemory(what) = self else { return None };
+        let word = what.split("--memory ").nth(1)?.split([' ', ',', ';']).next()?;
+        crate::units::parse_bytes(word).ok()
+    }
+
+    /// Returns the first error; of several for want of memory the one that names most, since that suffices for all.
+    pub fn first_of(outcomes: impl IntoIterator<Item = Result<()>>) -> Result<()> {
+        let mut first: Option<Error> = None;
+        for error in outcomes.into_iter().filter_map(Result::err) {
+            let is_more = |first: &Error| match (first.named_memory(), error.named_memory()) {
+                (Some(first), Some(now)) => now > first,
+                _ => false,
+            };
+            if first.as_ref().is_none_or(is_more) {
+                first = Some(error);
+            }
+        }
+        first.map_or(Ok(()), Err)
     }
 
     /// A fault in the contents of the input file.
@@ -245,6 +270,12 @@ impl Error {
     }
 }
 
+/// EMFILE of the process, or ENFILE of the system.
+fn is_out_of_descriptors(source: &std::io::Error) -> bool {
+    let codes = [rustix::io::Errno::MFILE, rustix::io::Errno::NFILE];
+    codes.iter().any(|code| source.raw_os_error() == Some(code.raw_os_error()))
+}
+
 /// EIO, in reading or writing.
 fn is_device_failure(source: &std::io::Error) -> bool {
     source.raw_os_error() == Some(rustix::io::Errno::IO.raw_os_error())
@@ -271,6 +302,27 @@ mod tests {
         assert_eq!(Error::io("/x", "cannot open", read_only).exit_code(), 10);
         let failing = std::io::Error::from_raw_os_error(5);
         assert_eq!(Error::reading("/x", "cannot read", failing).exit_code(), 10);
+    }
+
+    #[test]
+    fn of_refusals_the_one_that_names_most_counts() {
+        let no_memory =
+            |size: &str| Err(Error::NoMemory(format!("x: give at least --memory {size}, or y")));
+        let said = |outcomes: Vec<Result<()>>| Error::first_of(outcomes).unwrap_err().to_string();
+        assert!(
+            said(vec![no_memory("167MiB"), Ok(()), no_memory("1GiB"), no_memory("230MiB")])
+                .contains("1GiB")
+        );
+        let usage = || Err(Error::Usage("first".to_owned()));
+        assert_eq!(said(vec![usage(), no_memory("1GiB")]), "first");
+        assert!(said(vec![no_memory("1GiB"), usage()]).contains("1GiB"));
+        assert!(Error::first_of([Ok(()), Ok(())]).is_ok());
+    }
+
+    #[test]
+    fn too_few_descriptors_are_named_with_what_helps() {
+        let error = Error::io("/x", "cannot create", std::io::Error::from_raw_os_error(24));
+        assert!(error.advice(Offers::default()).unwrap().contains("ulimit -n"));
     }
 
     #[test]

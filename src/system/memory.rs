@@ -11,13 +11,24 @@ pub const DEFAULT_SHARE: f64 = 0.75;
 /// and the system's own tables need the rest.
 pub const MOST_SHARE: f64 = 0.9;
 
+/// What these need of a container: all but so much of its limit can be asked for.
+const REST_BYTES: u64 = 64 << 20;
+
+/// Limits above are those of machines, whose system needs more.
+const CONTAINER_BYTES: u64 = 4 << 30;
+
 /// Memory for code, stacks, allocator slack and small things, in bytes.
 pub const BASE_BYTES: u64 = 40 << 20;
 
-/// The budget that a wish comes to: no more than `MOST_SHARE` of `limit_bytes`, `DEFAULT_SHARE` of it without one.
+/// The budget that a wish comes to: no more than `MOST_SHARE` of `limit_bytes`, or in a container all but `REST_BYTES` of it;
+/// `DEFAULT_SHARE` of it without a wish.
 pub fn budget_bytes(wanted: Option<u64>, limit_bytes: u64) -> u64 {
     let share = |share: f64| (limit_bytes as f64 * share) as u64;
-    wanted.map_or(share(DEFAULT_SHARE), |bytes| bytes.min(share(MOST_SHARE)))
+    let rest = match limit_bytes {
+        0..CONTAINER_BYTES => limit_bytes.saturating_sub(REST_BYTES),
+        _ => 0,
+    };
+    wanted.map_or(share(DEFAULT_SHARE), |bytes| bytes.min(share(MOST_SHARE).max(rest)))
 }
 
 /// The tightest memory limit in force for this process, in bytes.
@@ -140,6 +151,9 @@ mod tests {
         assert_eq!(super::budget_bytes(None, 1000), 750);
         assert_eq!(super::budget_bytes(Some(300), 1000), 300);
         assert_eq!(super::budget_bytes(Some(1 << 40), 1000), 900);
+        // What a refusal names is given in a container of that and 64 MiB.
+        assert_eq!(super::budget_bytes(Some(1032 << 20), 1096 << 20), 1032 << 20);
+        assert_eq!(super::budget_bytes(Some(1 << 40), 10_000_000_000), 9_000_000_000);
     }
 
     #[test]

@@ -11,6 +11,15 @@ use crossbeam::channel::bounded;
 use std::collections::BTreeMap;
 use std::sync::{Condvar, Mutex, PoisonError};
 
+/// Stack of a worker, in bytes: that of the main thread, so that what returns there returns in a worker, too.
+const STACK_BYTES: usize = 8 << 20;
+
+fn no_thread(error: impl std::fmt::Display) -> Error {
+    Error::NoMemory(format!(
+        "cannot start a thread: {error}; raise the limit on processes (ulimit -u), or give --threads 1"
+    ))
+}
+
 /// Runs `work`; a panic in it becomes `Error::Internal` with the panic's own words.
 ///
 /// Whatever `work` was changing may be half changed: the caller must drop it, or know that it is append-only.
@@ -33,7 +42,10 @@ pub fn both<A: Send, B>(
         return Ok((guarded(first)?, guarded(second)?));
     }
     std::thread::scope(|scope| {
-        let first = scope.spawn(|| guarded(first));
+        let first = std::thread::Builder::new()
+            .stack_size(STACK_BYTES)
+            .spawn_scoped(scope, || guarded(first))
+            .map_err(no_thread)?;
         let second = guarded(second);
         let first = first.join().unwrap_or_else(|_| Err(worker_died()));
         Ok((first?, second?))
@@ -106,11 +118,11 @@ fn numbers_in_order(
                     }
                 }
             };
-            match std::thread::Builder::new().spawn_scoped(scope, worker) {
+            match std::thread::Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, worker) {
                 Ok(_) => {}
                 // Fewer do the same work.
                 Err(_) if started > 0 => break,
-                Err(e) => return Err(Error::NoMemory(format!("cannot start a thread: {e}"))),
+                Err(e) => return Err(no_thread(e)),
             }
         }
         drop(send);
@@ -226,8 +238,9 @@ pub fn largest_first(
     };
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
+        .stack_size(STACK_BYTES)
         .build()
-        .map_err(|e| Error::NoMemory(format!("cannot start {threads} threads: {e}")))?
+        .map_err(no_thread)?
         .broadcast(|_| worker());
     give_back();
     match queue.into_inner().unwrap_or_else(PoisonError::into_inner).failed {
@@ -254,6 +267,25 @@ mod tests {
             assert!(words(both(is_parallel, panics, || Ok(()))).contains("injected fault"));
             assert!(words(both(is_parallel, || Ok(()), panics)).contains("injected fault"));
         }
+    }
+
+    /// A frame of 64 KiB for each step down.
+    fn deep(left: u32) -> u8 {
+        let frame = std::hint::black_box([left as u8; 64 << 10]);
+        if left == 0 { frame[0] } else { deep(left - 1) | frame[7] }
+    }
+
+    /// What the main thread can do with its stack of 8 MiB, a worker can do.
+    #[test]
+    fn workers_have_the_stack_of_the_main_thread() {
+        let steps = 4 << 4;
+        let progress = Progress::default();
+        let work = || drop(std::hint::black_box(deep(steps)));
+        both(true, || Ok(work()), || Ok(())).unwrap();
+        let produce = |_: u64, _: &mut ()| Ok(work());
+        in_order(2, 2, &progress, produce, |_, _| Ok(())).unwrap();
+        let jobs = vec![Weighted { item: 0, bytes: 1 }];
+        largest_first(jobs, 2, 1, &progress, |_| (), |_| Ok(work())).unwrap();
     }
 
     #[test]

@@ -46,6 +46,8 @@ pub enum Kind {
     Seams,
     /// The mesh of `measure --heatmap`; replaced with `--force` only.
     Heatmap,
+    /// The file of `simplify --progressive`; replaced with `--force` only.
+    Progressive,
 }
 
 struct Row {
@@ -267,7 +269,9 @@ impl Row {
         };
         match self.role {
             Role::Output if !force => refused("; give --force to replace it"),
-            Role::Side(Kind::Heatmap) if !force => refused("; give --force to replace it"),
+            Role::Side(Kind::Heatmap | Kind::Progressive) if !force => {
+                refused("; give --force to replace it")
+            }
             // A script may have made the file for us (mktemp): nothing is lost with it.
             Role::Side(_) | Role::Log if meta.len() == 0 => Ok(()),
             Role::Side(kind) if !kind.wrote(path) => {
@@ -306,10 +310,12 @@ impl Kind {
         match self {
             Kind::Seams => has_line(SEAMS_SETTINGS),
             Kind::Heatmap => has_line(HEATMAP_SETTINGS),
+            Kind::Progressive => head.starts_with(PROGRESSIVE_MAGIC),
             Kind::Report => {
                 head.trim_ascii_start().starts_with(b"{")
                     && std::fs::metadata(path).is_ok_and(|meta| meta.len() <= MOST_REPORT_BYTES)
-                    && std::fs::read(path).is_ok_and(|text| is_report(&text))
+                    && std::fs::File::open(path)
+                        .is_ok_and(|file| is_report(std::io::BufReader::new(file)))
             }
         }
     }
@@ -320,8 +326,11 @@ pub const SEAMS_SETTINGS: &str = "simplify --seams";
 /// Settings in the header of a heatmap.
 pub const HEATMAP_SETTINGS: &str = "measure --heatmap";
 
+/// The first bytes of a progressive mesh.
+pub const PROGRESSIVE_MAGIC: &[u8; 8] = b"stncutpm";
+
 /// No report comes near this.
-const MOST_REPORT_BYTES: u64 = 64 << 20;
+pub const MOST_REPORT_BYTES: u64 = 16 << 20;
 
 /// Length of the beginning of a file that is read to find its kind.
 const HEAD_BYTES: u64 = 64 << 10;
@@ -334,11 +343,44 @@ fn head(path: &Path) -> Vec<u8> {
 }
 
 /// A report of `simplify` names input and output, one of `measure` original and simplified mesh.
-fn is_report(text: &[u8]) -> bool {
-    let Ok(serde_json::Value::Object(keys)) = serde_json::from_slice(text) else { return false };
-    let has =
-        |names: [&str; 2]| names.iter().all(|name| keys.get(*name).is_some_and(|v| v.is_object()));
-    has(["input", "output"]) || has(["original", "simplified"])
+fn is_report(text: impl Read) -> bool {
+    serde_json::from_reader(text).is_ok_and(|keys: ReportKeys| {
+        keys.input.and(keys.output).or(keys.original.and(keys.simplified)).is_some()
+    })
+}
+
+/// The objects of a report that tell it from other JSON; what they hold is passed over, so it takes no memory.
+#[derive(serde::Deserialize)]
+struct ReportKeys {
+    input: Option<AnyObject>,
+    output: Option<AnyObject>,
+    original: Option<AnyObject>,
+    simplified: Option<AnyObject>,
+}
+
+struct AnyObject;
+
+impl<'de> serde::Deserialize<'de> for AnyObject {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Passes;
+        impl<'de> serde::de::Visitor<'de> for Passes {
+            type Value = AnyObject;
+
+            fn expecting(&self, out: &mut std::fmt::Formatter) -> std::fmt::Result {
+                out.write_str("an object")
+            }
+
+            fn visit_map<A: serde::de::MapAccess<'de>>(
+                self,
+                mut map: A,
+            ) -> Result<AnyObject, A::Error> {
+                use serde::de::IgnoredAny;
+                while map.next_entry::<IgnoredAny, IgnoredAny>()?.is_some() {}
+                Ok(AnyObject)
+            }
+        }
+        deserializer.deserialize_map(Passes)
+    }
 }
 
 /// No mesh and nothing binary.
@@ -350,7 +392,7 @@ fn is_text(path: &Path) -> bool {
         && !head.starts_with(b"solid")
         && !head.starts_with(b"# OBJ")
         && !head.starts_with(b"v ")
-        && !is_report(&head)
+        && !is_report(&head[..])
 }
 
 fn ends_in_slash(path: &Path) -> bool {

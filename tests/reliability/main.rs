@@ -6,6 +6,7 @@ mod common;
 mod budgets;
 mod cluster;
 mod crash;
+mod forged;
 mod full_disk;
 mod memory_named;
 mod memory_promise;

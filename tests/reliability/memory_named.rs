@@ -30,7 +30,9 @@ fn what_is_named_is_enough() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
     expect(at, "synth statue in.ply --triangles 30k", 0);
-    expect(at, "simplify in.ply small.ply --triangles 4k", 0);
+    expect(at, "simplify in.ply small.ply --triangles 4k --progressive p.pm", 0);
+    expect(at, "synth rooms rooms.obj --triangles 20k --uv", 0);
+    expect(at, "tiles in.ply tree -q", 0);
     for (command, too_little) in [
         ("measure in.ply small.ply --samples 20k", "41MiB"),
         ("measure in.ply in.ply --samples 20k --near in.ply --within 0.01", "41MiB"),
@@ -42,6 +44,16 @@ fn what_is_named_is_enough() {
         ("tiles in.ply t --dry-run", "41MiB"),
         ("simplify in.ply o.ply --triangles 4k --dry-run", "41MiB"),
         ("simplify in.ply o.ply --triangles 5k --method retile --force", "45MiB"),
+        ("measure in.ply small.ply --samples 20k --appearance --views 2", "256MiB"),
+        ("simplify in.ply o.ply --ratio 40% --pairs --force", "8MiB"),
+        ("simplify in.ply o.ply --ratio 40% --optimize 1 --force", "8MiB"),
+        ("simplify rooms.obj o.glb --ratio 10% --texture bake --force", "8MiB"),
+        ("simplify rooms.obj o.glb --ratio 50% --texture keep --force", "8MiB"),
+        ("tiles rooms.obj t --dry-run --texture bake", "8MiB"),
+        ("extract tree o.ply --max-error 0 --force", "8MiB"),
+        ("refine p.pm o.ply --triangles 20k --force", "8MiB"),
+        ("refine p.pm --page o.html --force", "8MiB"),
+        ("refine p.pm o.ply --view 0,0,0,1,1,1,40 --force", "8MiB"),
         ("compare cluster in.ply --ratio 10% -o c.html --samples 10k --force", "60MiB"),
     ] {
         is_enough(at, command, too_little);
@@ -92,4 +104,72 @@ fn a_picture_beyond_the_memory_is_refused_with_a_size_that_fits() {
     let said = expect(at, "render in.ply -o p.png --size 200x100 --memory 30MiB", 6);
     let size = said.split("or make it ").nth(1).unwrap_or_else(|| panic!("{said}")).trim();
     expect(at, &format!("render in.ply -o p.png --size {size} --memory 30MiB"), 0);
+}
+
+/// The JSON of a report is known before it is parsed, and only passed over where it could be replaced.
+#[test]
+fn reports_of_others_take_no_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth statue in.ply --triangles 500", 0);
+    let list = vec!["{}"; 300_000].join(",");
+    let text = format!("{{\"input\":{{}},\"output\":{{}},\"stages\":[{list}]}}");
+    std::fs::write(at.join("r.json"), text).unwrap();
+    is_enough(at, "report r.json -o r.html --force", "64MiB");
+    expect(at, "simplify in.ply o.ply --ratio 50% -q --report r.json", 0);
+    assert!(std::fs::metadata(at.join("r.json")).unwrap().len() < 100_000);
+}
+
+#[test]
+fn a_library_of_materials_beyond_the_memory_is_refused_with_a_size_that_does() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let text = format!("newmtl a\nKd 1 0 0\n# {}\n", "x".repeat(3 << 20));
+    std::fs::write(at.join("m.mtl"), text).unwrap();
+    std::fs::write(
+        at.join("m.obj"),
+        "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n",
+    )
+    .unwrap();
+    is_enough(at, "info m.obj", "8MiB");
+}
+
+fn glb(json: &str) -> Vec<u8> {
+    let json = json.to_owned() + &" ".repeat(json.len().next_multiple_of(4) - json.len());
+    let binary = [0u8; 48];
+    let mut bytes = b"glTF".to_vec();
+    let words =
+        |words: &[u32]| words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<u8>>();
+    bytes.extend(words(&[2, (12 + 8 + json.len() + 8 + binary.len()) as u32, json.len() as u32]));
+    bytes.extend(b"JSON");
+    bytes.extend(json.as_bytes());
+    bytes.extend(words(&[binary.len() as u32]));
+    bytes.extend(b"BIN\0");
+    bytes.extend(binary);
+    bytes
+}
+
+/// A tile of some hundred bytes, or of millions of empty nodes, that claims gibibytes.
+#[test]
+fn a_tile_is_worth_no_more_memory_than_its_share() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth statue in.ply --triangles 4000", 0);
+    expect(at, "tiles in.ply t --tile-triangles 500 -q", 0);
+    let nodes = vec!["{}"; 100_000].join(",");
+    let many = format!(r#"{{"asset":{{"version":"2.0"}},"nodes":[{nodes}]}}"#);
+    let packed = r#"{"asset":{"version":"2.0"},"accessors":[{"componentType":5126,"type":"VEC3","count":80000000,"bufferView":0}],
+        "bufferViews":[{"buffer":0,"byteLength":48,"extensions":{"EXT_meshopt_compression":{"buffer":0,"byteLength":48,"byteStride":12,
+        "count":80000000,"mode":"ATTRIBUTES"}}}],"buffers":[{"byteLength":48}],"meshes":[{"primitives":[{"attributes":{"POSITION":0},
+        "indices":0}]}],"nodes":[{"mesh":0,"scale":[1,1,1],"translation":[0,0,0]}]}"#;
+    for (json, words) in [(many.as_str(), "JSON has"), (packed, "80000000 elements")] {
+        std::fs::write(at.join("t/tiles/0/0/0-0.glb"), glb(json)).unwrap();
+        for command in ["info t --memory 64MiB", "extract t x.ply --max-error 0 --memory 64MiB"] {
+            let output = run(at, command);
+            let said = [output.stdout, output.stderr].concat();
+            let said = String::from_utf8_lossy(&said).into_owned();
+            assert_eq!(output.status.code(), Some(4), "{command}: {said}");
+            assert!(said.contains(words), "{command}: {said}");
+        }
+    }
 }

@@ -2,6 +2,7 @@
 //! byte but those of the output is as it was.
 
 #![allow(clippy::unwrap_used)] // A test fails by panicking.
+#![allow(clippy::print_stdout)] // The figures.
 
 use crate::common::{expect, run};
 use std::collections::BTreeMap;
@@ -57,7 +58,7 @@ const JUNK: [&str; 22] = [
 ];
 
 /// A command, and what it may change.
-const COMMANDS: [(&str, &[&str]); 34] = [
+const COMMANDS: [(&str, &[&str]); 35] = [
     ("simplify in.ply o.ply --ratio 50% -q", &["o.ply"]),
     ("simplify in.ply o.ply --ratio 50% -q --force --restart", &["o.ply"]),
     ("simplify in.ply p.ply --ratio 50% -q --restart", &["p.ply"]),
@@ -70,6 +71,7 @@ const COMMANDS: [(&str, &[&str]); 34] = [
     ("simplify in.ply b.ply --ratio 50% -q --method cluster", &["b.ply"]),
     ("simplify in.ply c.ply --ratio 50% -q --optimize 1", &["c.ply"]),
     ("simplify in.ply d.ply --ratio 50% -q --temp-dir full", &["d.ply"]),
+    ("simplify in.ply f.ply --ratio 50% -q --force --progressive precious.json", &["f.ply"]),
     ("convert in.ply e.stl --temp-dir full", &["e.stl"]),
     ("convert tex.obj s.obj", &["s.obj"]),
     ("info in.ply --check --temp-dir full", &[]),
@@ -114,8 +116,10 @@ fn nothing_but_the_output_changes() {
     std::os::unix::fs::symlink("full", at.join("l.ply.stonecut-job")).unwrap();
     std::os::unix::fs::symlink("../full", at.join("temp/link.stonecut-scratch")).unwrap();
     let linked = [("simplify in.ply l.ply --ratio 50% -q --restart", &["l.ply"][..])];
+    let (mut n_commands, mut n_compared) = (0, 0);
     for (command, outputs) in COMMANDS.into_iter().chain(linked) {
         let before = snapshot(at);
+        (n_commands, n_compared) = (n_commands + 1, n_compared + before.len());
         let output = run(at, command);
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(
@@ -134,4 +138,93 @@ fn nothing_but_the_output_changes() {
         }
         assert!(after.is_empty(), "stonecut {command} leaves {:?}\n{said}", after.keys());
     }
+    println!("{n_commands} commands, {n_compared} files and folders compared");
+}
+
+/// Every option of every command that names something to write; `@` is where it is put.
+const WRITERS: [&str; 21] = [
+    "simplify in.ply @ --ratio 50% -q --format ascii",
+    "simplify in.ply new.ply --ratio 50% -q --report @",
+    "simplify in.ply new.ply --ratio 50% -q --seams @",
+    "simplify in.ply new.ply --ratio 50% -q --progressive @",
+    "simplify in.ply new.ply --ratio 50% -q --log-file @",
+    "simplify in.ply @ --ratio 50% -q --method cluster --format ascii",
+    "convert in.ply @ --format ascii",
+    "convert in.ply new.ply --report @",
+    "info in.ply --log-file @",
+    "tiles in.ply @ -q",
+    "tiles in.ply newtree -q --report @",
+    "extract tree @ --max-error 1 --format ascii",
+    "measure in.ply small.ply --samples 500 --heatmap @",
+    "measure in.ply small.ply --samples 500 --report @",
+    "measure in.ply small.ply --samples 500 --appearance --views 1 --pictures @",
+    "render in.ply --size 20x20 -o @",
+    "compare cluster in.ply --ratio 50% --samples 500 -o @",
+    "synth terrain @ --triangles 100 --format ascii",
+    "plan @ in.ply new.ply --ratio 50% --units 2",
+    "plan newjob in.ply @ --ratio 50% --units 2 --format ascii",
+    "man @",
+];
+
+/// Things of others: a text, a folder, a link to a text, one to a folder, one to nothing, a FIFO, a file in a tree, in somebody's
+/// job, and a folder that is not there.
+const PLACES: [&str; 9] = [
+    "mine.txt",
+    "home",
+    "link",
+    "links",
+    "nowhere",
+    "fifo",
+    "tree/tileset.json",
+    "mine.stonecut-job/notes",
+    "missing/x",
+];
+
+/// Whatever is named as an output, with `--force` where there is one: what lay there before is there afterwards.
+#[test]
+fn no_output_takes_the_place_of_what_is_not_a_mesh_of_ours() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth statue in.ply --triangles 600", 0);
+    expect(at, "simplify in.ply small.ply --ratio 50% -q", 0);
+    expect(at, "tiles in.ply tree --tile-triangles 500 -q", 0);
+    std::fs::write(at.join("mine.txt"), [7u8, 0, 200, 1]).unwrap();
+    for name in ["home", "mine.stonecut-job"] {
+        std::fs::create_dir(at.join(name)).unwrap();
+        std::fs::write(at.join(name).join("notes"), [9u8, 0, 255]).unwrap();
+    }
+    for (name, target) in [("link", "mine.txt"), ("links", "home"), ("nowhere", "gone")] {
+        std::os::unix::fs::symlink(target, at.join(name)).unwrap();
+    }
+    rustix::fs::mkfifoat(rustix::fs::CWD, at.join("fifo"), rustix::fs::Mode::RWXU).unwrap();
+    let before = snapshot(at);
+    let mut n_compared = 0;
+    for writer in WRITERS {
+        for place in PLACES {
+            let command = writer.replace('@', place);
+            let output = run(at, &command);
+            let said = String::from_utf8_lossy(&output.stderr);
+            let code = output.status.code();
+            assert!(matches!(code, Some(0 | 2 | 4)), "stonecut {command}: {code:?}\n{said}");
+            let mut after = snapshot(at);
+            for (path, bytes) in &before {
+                n_compared += 1;
+                let is_same = after.remove(path).as_ref() == Some(bytes);
+                assert!(is_same, "stonecut {command}: {path:?}\n{said}");
+            }
+            // What is new is the output, and goes.
+            for path in after.keys().rev() {
+                let path = at.join(path);
+                let is_folder = path.symlink_metadata().unwrap().is_dir();
+                let gone = if is_folder { std::fs::remove_dir } else { std::fs::remove_file };
+                gone(&path).unwrap();
+            }
+        }
+    }
+    let n = WRITERS.len() * PLACES.len();
+    println!(
+        "{} commands at {} places: {n} runs, {n_compared} files and folders compared",
+        WRITERS.len(),
+        PLACES.len()
+    );
 }

@@ -11,8 +11,11 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// A run that takes longer hangs: the files have some hundred triangles.
-const HANGS: Duration = Duration::from_secs(60);
+/// A run that takes more processor time hangs: the files have some hundred triangles.
+const HANGS_SECONDS: u64 = 60;
+
+/// A run that takes longer waits for something, on however busy a machine.
+const WAITS: Duration = Duration::from_secs(900);
 
 /// Address space of a run in KiB: threads, their heaps and the least budget fit, a size out of a file does not.
 const ADDRESSES_KIB: u64 = 3 << 20;
@@ -45,24 +48,24 @@ const NASTY: [&str; 24] = [
     "1/2/3",
 ];
 
-fn number(name: &str) -> Option<u64> {
+pub fn number(name: &str) -> Option<u64> {
     std::env::var(name).ok().and_then(|value| value.parse().ok())
 }
 
 /// A linear congruential generator; the upper bits of its state.
-struct Random(u64);
+pub struct Random(u64);
 
 impl Random {
-    fn new(salt: u64) -> Random {
+    pub fn new(salt: u64) -> Random {
         Random(number("STONECUT_FUZZ_SEED").unwrap_or(1).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ salt)
     }
 
-    fn below(&mut self, n: usize) -> usize {
+    pub fn below(&mut self, n: usize) -> usize {
         self.0 = self.0.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
         (self.0 >> 33) as usize % n.max(1)
     }
 
-    fn of<T: Copy>(&mut self, choices: &[T]) -> T {
+    pub fn of<T: Copy>(&mut self, choices: &[T]) -> T {
         choices[self.below(choices.len())]
     }
 }
@@ -172,10 +175,15 @@ fn glb(first: &[u8], mut json: Vec<u8>, rest: &[u8]) -> Vec<u8> {
     glb
 }
 
-/// Runs the command within `ADDRESSES_KIB` and `HANGS`; its exit code must be one for bad input, bad usage or success.
+/// Runs the command within `ADDRESSES_KIB` and `HANGS_SECONDS`; its exit code must be one for bad input, bad usage or success.
 fn judge(at: &Path, arguments: &[&str], kept: &str) {
+    judge_codes(at, arguments, kept, |code| matches!(code, 0 | 2..=6));
+}
+
+/// The same for a command of other exit codes.
+pub fn judge_codes(at: &Path, arguments: &[&str], kept: &str, is_fine: fn(i32) -> bool) {
     let mut command = Command::new("bash");
-    let limit = format!("ulimit -v {ADDRESSES_KIB}; exec \"$0\" \"$@\"");
+    let limit = format!("ulimit -v {ADDRESSES_KIB} -t {HANGS_SECONDS}; exec \"$0\" \"$@\"");
     command.current_dir(at).args(["-c", &limit]).arg(stonecut().get_program()).args(arguments);
     let errors = std::fs::File::create(at.join("said")).unwrap();
     let mut child =
@@ -185,13 +193,13 @@ fn judge(at: &Path, arguments: &[&str], kept: &str) {
         if let Some(status) = child.try_wait().unwrap() {
             break status;
         }
-        if begun.elapsed() > HANGS {
+        if begun.elapsed() > WAITS {
             child.kill().unwrap();
             panic!("stonecut {} does not end; its input: {}", arguments.join(" "), keep(at, kept));
         }
         std::thread::sleep(Duration::from_millis(1));
     };
-    let fine = matches!(status.code(), Some(0 | 2..=6));
+    let fine = status.code().is_some_and(is_fine);
     let said = String::from_utf8_lossy(&std::fs::read(at.join("said")).unwrap()).into_owned();
     assert!(
         fine,

@@ -27,7 +27,7 @@ mod writer;
 
 pub use document::Positions;
 pub(super) use reader::{looks_like, read};
-pub use tile_in::{StoredPage, StoredTile, decode_tile};
+pub use tile_in::{StoredPage, StoredTile, decode_tile, decode_tile_within};
 pub use tile_out::{TileForm, TileMesh, TilePage, encode_tile};
 pub use tile_scalars::TileScalar;
 pub use writer::GlbWriter;

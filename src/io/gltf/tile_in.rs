@@ -5,6 +5,7 @@ use super::meshopt::decode;
 use super::tile_out::TileMesh;
 use super::tile_scalars::{TileScalar, join_all, number};
 use crate::materials::image_size;
+use std::cell::Cell;
 use std::collections::BTreeMap;
 
 /// A tile as it lies in its file.
@@ -41,8 +42,20 @@ impl StoredTile {
     }
 }
 
+/// The JSON of a tile has some thousand bytes, and some for each attribute.
+const MOST_JSON_BYTES: usize = 64 << 10;
+
+/// Bytes of an element while it is read, and of what is kept of it.
+const READ_BYTES: u64 = 96;
+const KEPT_BYTES: u64 = 24;
+
 /// Decodes a tile; the error says what is wrong with it.
 pub fn decode_tile(bytes: &[u8]) -> Result<StoredTile, String> {
+    decode_tile_within(bytes, u64::MAX)
+}
+
+/// Decodes a tile that takes at most `most_bytes` of memory beside its file; the error says what is wrong with it.
+pub fn decode_tile_within(bytes: &[u8], most_bytes: u64) -> Result<StoredTile, String> {
     let (document, binary) = chunks(bytes)?;
     let node = document.nodes.iter().find(|node| node.mesh.is_some()).ok_or("it has no mesh")?;
     let mesh = document.meshes.get(node.mesh.unwrap_or_default()).ok_or("its mesh is missing")?;
@@ -55,7 +68,20 @@ pub fn decode_tile(bytes: &[u8]) -> Result<StoredTile, String> {
         return Err(format!("its scale is {scale:?}"));
     }
     let corner = corner.map(|x| (x / step).round() as i32);
-    let read = |accessor: usize| elements(&document, binary, accessor);
+    let kept = Cell::new(0u64);
+    let read = |accessor: usize| {
+        let count = document.accessors.get(accessor).map_or(0, |accessor| accessor.count);
+        kept.set(kept.get().saturating_add(count.saturating_mul(KEPT_BYTES)));
+        let left =
+            most_bytes.checked_sub(kept.get().saturating_add(count.saturating_mul(READ_BYTES)));
+        let left = left.ok_or_else(|| {
+            format!(
+                "it has {count} elements where one tile of the memory holds {}; give more --memory",
+                most_bytes / READ_BYTES
+            )
+        })?;
+        elements(&document, (binary, left), accessor)
+    };
     let place = *primitive.attributes.get("POSITION").ok_or("it has no positions")?;
     let (component, rows) = read(place)?;
     let mut out = StoredTile { step, ..StoredTile::default() };
@@ -143,6 +169,11 @@ fn chunks(bytes: &[u8]) -> Result<(Document, &[u8]), String> {
     }
     let n_text = word(12)?;
     let text = bytes.get(20..20 + n_text).ok_or("its JSON was cut off")?;
+    if n_text > MOST_JSON_BYTES {
+        return Err(format!(
+            "its JSON has {n_text} bytes, that of a tile {MOST_JSON_BYTES} at most"
+        ));
+    }
     let document = serde_json::from_slice(text).map_err(|e| format!("its JSON: {e}"))?;
     let at = 20 + n_text;
     let n_binary = word(at)?;
@@ -150,10 +181,10 @@ fn chunks(bytes: &[u8]) -> Result<(Document, &[u8]), String> {
     Ok((document, binary))
 }
 
-/// The elements of an accessor, and the type of their numbers.
+/// The elements of an accessor, and the type of their numbers; a view is unpacked to at most the bytes that are given.
 fn elements(
     document: &Document,
-    binary: &[u8],
+    (binary, most_bytes): (&[u8], u64),
     accessor: usize,
 ) -> Result<(u32, Vec<Vec<u8>>), String> {
     let accessor = document.accessors.get(accessor).ok_or("an accessor is missing")?;
@@ -182,8 +213,9 @@ fn elements(
     let unpacked;
     let data = match &view.extensions.meshopt {
         Some(packing) => {
-            if packing.count.saturating_mul(packing.byte_stride) > 1 << 30 {
-                return Err("a view of more than a gibibyte".to_owned());
+            let n_bytes = packing.count.saturating_mul(packing.byte_stride);
+            if n_bytes > most_bytes.min(1 << 30) {
+                return Err(format!("a view of {n_bytes} bytes, more than the memory holds"));
             }
             unpacked = decode(packing, part(packing.byte_offset, packing.byte_length)?)?;
             &unpacked[..]

@@ -399,9 +399,9 @@ fn decided(request: &TextureRequest) -> Result<TextureMode> {
 
 /// The loss of all images that materials name.
 pub fn all_missing(n: usize) -> Loss {
-    let what = "none of the images that the mesh names is there";
+    let what = "none of the images that the mesh names can be used";
     let loss = Loss::new(LossKind::Images, what, "").count(n as u64).whole();
-    loss.remedy("put them beside it and run again, or give them up with --textures none")
+    loss.remedy("see above what each lacks, or give them up with --textures none")
 }
 
 fn is_stream(path: &Path) -> bool {

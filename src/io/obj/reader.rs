@@ -243,7 +243,7 @@ pub fn read(file: &RawFile, options: &StageOptions) -> Result<(RawFile, Staged)>
     summary.comments.extend(names.list.comments());
     let has_names = names.list.has_numbers();
     names.rewind();
-    let materials = summary.materials.describe(file.path());
+    let materials = summary.materials.describe(file.path(), options.parse_bytes)?;
     summary.enter_left_out(&mut staged.losses);
     staged.losses.merge(&materials.losses);
     if summary.textured {

@@ -17,6 +17,7 @@ use std::path::{Path, PathBuf};
 use stonecut_system::disk::folder_of;
 use stonecut_system::error::{Error, Result};
 use stonecut_system::losses::{Loss, LossKind};
+use stonecut_system::units::show_bytes;
 
 /// Materials beyond this many are none.
 const MAX_MATERIALS: usize = 65_536;
@@ -29,9 +30,6 @@ const MAX_LIBRARIES: usize = 1000;
 
 /// The number of a face without a material.
 pub(super) const NO_MATERIAL: i32 = -1;
-
-/// A longer library of materials is none.
-const MAX_LIBRARY_BYTES: u64 = 64 << 20;
 
 /// Names of materials and of the libraries that describe them, in the order of the file.
 #[derive(Default)]
@@ -86,7 +84,9 @@ impl Named {
     }
 
     /// The materials, as the libraries beside the file describe them.
-    pub(super) fn describe(&self, obj: &Path) -> Materials {
+    ///
+    /// Errors: `NoMemory` for a library that `parse_bytes` do not hold as it is and decoded.
+    pub(super) fn describe(&self, obj: &Path, parse_bytes: u64) -> Result<Materials> {
         let material = |name: &String| Material { name: plain(name), ..Material::default() };
         let mut out = Materials::default();
         out.list = self.names.iter().map(material).collect();
@@ -96,6 +96,7 @@ impl Named {
             images: Search::new("image", &[]),
             obj,
             read: HashSet::new(),
+            parse_bytes,
         };
         let exact = |name: &[u8]| self.numbers.get(name).copied();
         let mut looked_at = HashSet::new();
@@ -112,12 +113,12 @@ impl Named {
             };
             for path in paths {
                 if looked_at.len() < MAX_LIBRARIES && looked_at.insert(path.clone()) {
-                    libraries.read(&path, &exact, &mut known, &mut out);
+                    libraries.read(&path, &exact, &mut known, &mut out)?;
                 }
             }
         }
         if known.contains(&false) {
-            self.look_further(&mut libraries, &mut known, &mut out);
+            self.look_further(&mut libraries, &mut known, &mut out)?;
         }
         take_ambient_images(&mut out);
         for note in [libraries.search.note(), libraries.images.note()].into_iter().flatten() {
@@ -139,12 +140,17 @@ impl Named {
             out.note(format!("no face names a material of '{library}': left out"));
         }
         out.name_all();
-        out
+        Ok(out)
     }
 
     /// Looks for materials that no library has under their very name: in another library beside the file, and
     /// under names that differ in case, encoding, quotes or a comment.
-    fn look_further(&self, libraries: &mut Libraries, known: &mut [bool], out: &mut Materials) {
+    fn look_further(
+        &self,
+        libraries: &mut Libraries,
+        known: &mut [bool],
+        out: &mut Materials,
+    ) -> Result<()> {
         let exact = |name: &[u8]| self.numbers.get(name).copied();
         let mut alike: HashMap<String, usize> = HashMap::new();
         for (name, &number) in &self.numbers {
@@ -159,7 +165,7 @@ impl Named {
         };
         let beside = library_beside(libraries.obj).filter(|path| !libraries.read.contains(path));
         if let Some(path) = beside.filter(|_| out.libraries.is_empty()) {
-            libraries.read(&path, &exact, known, out);
+            libraries.read(&path, &exact, known, out)?;
             let first_known = |known: &[bool]| known.contains(&true);
             if !first_known(known) {
                 libraries.read_again(&path, &loose, known, out);
@@ -186,8 +192,12 @@ impl Named {
                 self.names[first]
             ));
         }
+        Ok(())
     }
 }
+
+/// A library of so many bytes is read whatever the memory.
+const MIN_LIBRARY_BYTES: u64 = 1 << 20;
 
 /// Material libraries of a mesh.
 struct Libraries<'a> {
@@ -196,6 +206,7 @@ struct Libraries<'a> {
     obj: &'a Path,
     /// Those that were read or could not be.
     read: HashSet<PathBuf>,
+    parse_bytes: u64,
 }
 
 impl Libraries<'_> {
@@ -206,24 +217,30 @@ impl Libraries<'_> {
         wanted: &dyn Fn(&[u8]) -> Option<usize>,
         known: &mut [bool],
         out: &mut Materials,
-    ) {
+    ) -> Result<()> {
         // One library may have many spellings.
         if !self.read.insert(path.canonicalize().unwrap_or_else(|_| path.to_path_buf())) {
-            return;
+            return Ok(());
         }
         let shown = path.display();
         match std::fs::metadata(path) {
-            Ok(meta) if meta.is_file() && meta.len() <= MAX_LIBRARY_BYTES => {}
             Ok(meta) if meta.is_file() => {
-                let limit = MAX_LIBRARY_BYTES >> 20;
-                return out
-                    .note(format!("material library {shown} is larger than {limit} MiB: ignored"));
+                let needed = 2 * meta.len();
+                if needed > self.parse_bytes.max(MIN_LIBRARY_BYTES) {
+                    return Err(Error::NoMemory(format!(
+                        "material library {shown} takes {} of memory, more than the {} at hand; give --memory {}",
+                        show_bytes(needed),
+                        show_bytes(self.parse_bytes),
+                        StageOptions::memory_for(needed)
+                    )));
+                }
+                out.libraries.push(path.to_path_buf());
+                self.read_again(path, wanted, known, out);
             }
-            Ok(_) => return out.note(format!("material library {shown} is not a file")),
-            Err(_) => return out.note(format!("material library {shown} is not there")),
+            Ok(_) => out.note(format!("material library {shown} is not a file")),
+            Err(_) => out.note(format!("material library {shown} is not there")),
         }
-        out.libraries.push(path.to_path_buf());
-        self.read_again(path, wanted, known, out);
+        Ok(())
     }
 
     /// Reads a library for what is not known yet.

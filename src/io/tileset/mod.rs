@@ -8,6 +8,6 @@ mod read;
 mod write;
 
 pub use borders::{TileBorder, border_path, decode_borders, encode_borders};
-pub use own_files::{MOST_FILE_BYTES, OWN_PAGES, TreeFiles};
+pub use own_files::{MOST_FILE_BYTES, OWN_PAGES, TreeFiles, most_tile_bytes};
 pub use read::{Asset, Content, Tile, Tileset, Volume, read_tileset, resolve};
 pub use write::{FILE_NAME, TileTree, TreeTile, write_tilesets};

@@ -14,8 +14,14 @@ use stonecut_system::disk::read_own;
 use stonecut_system::error::{Error, Result};
 use xxhash_rust::xxh3::xxh3_64;
 
-/// No file of a tree comes near this.
-pub const MOST_FILE_BYTES: u64 = 1 << 30;
+/// No JSON of a tree and no file of its page comes near this.
+pub const MOST_FILE_BYTES: u64 = 4 << 20;
+
+/// Memory that a tile of others may take, its file included, where `threads` are reading; those that are written take some
+/// MiB, and as much again with a large page.
+pub fn most_tile_bytes(memory_bytes: u64, threads: usize) -> u64 {
+    (memory_bytes / 4 / threads.max(1) as u64).max(16 << 20)
+}
 
 /// Key of the checksums of the page, by name, among the facts of a tree.
 pub const OWN_PAGES: &str = "viewer";

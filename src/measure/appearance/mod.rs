@@ -9,10 +9,12 @@ pub use likeness::Likeness;
 use likeness::Sums;
 use stonecut_io::ply::MeshSource;
 use stonecut_render::{
-    Aim, Coloring, Lighting, Picture, Resources, Shot, View, aims_around, has_looks, shots,
+    Aim, Coloring, Lighting, Picture, Resources, Shot, View, aims_around, has_looks, least_bytes,
+    shots,
 };
-use stonecut_system::error::Result;
+use stonecut_system::error::{Error, Result};
 use stonecut_system::progress::Progress;
+use stonecut_system::units::{memory_word, show_bytes};
 
 /// Views by default.
 pub const DEFAULT_VIEWS: u32 = 12;
@@ -60,6 +62,38 @@ pub struct Appearance {
     pub worst: WorstView,
 }
 
+/// The view that pictures are taken in, but for its aim.
+fn view(original: &MeshSource, lit: bool) -> View {
+    let has_colours = has_looks(original);
+    View {
+        width: SIDE,
+        height: SIDE,
+        coloring: if has_colours { Coloring::Texture } else { Coloring::Plain },
+        lighting: if has_colours && !lit { Lighting::Unlit } else { Lighting::Studio },
+        ..View::default()
+    }
+}
+
+/// Bytes of the pictures of the original, which stay in memory: three colours a pixel, and whether a surface is seen there.
+fn kept_bytes(views: u32) -> u64 {
+    u64::from(views) * u64::from(SIDE * SIDE) * 4
+}
+
+/// Refuses pictures that the memory does not hold, before any work; names the memory that does.
+pub fn hold(original: &MeshSource, settings: Settings, memory_bytes: u64) -> Result<()> {
+    let needed = least_bytes(&view(original, settings.lit))? + kept_bytes(settings.views);
+    if needed <= memory_bytes {
+        return Ok(());
+    }
+    Err(Error::NoMemory(format!(
+        "pictures of {SIDE}x{SIDE} pixels in {} views take {}, the budget has {}; give --memory {}, or fewer --views",
+        settings.views,
+        show_bytes(needed),
+        show_bytes(memory_bytes),
+        memory_word(needed)
+    )))
+}
+
 /// Compares the pictures of two meshes; `each` gets the number and both pictures of every view.
 ///
 /// The lighting depends on the original: with images, materials or vertex colours it is unlit, otherwise (and with
@@ -75,15 +109,11 @@ pub fn compare(
     progress: &Progress,
     mut each: impl FnMut(u32, [&Picture; 2]) -> Result<()>,
 ) -> Result<Appearance> {
-    let has_colours = has_looks(original);
-    let lighting = if has_colours && !settings.lit { Lighting::Unlit } else { Lighting::Studio };
-    let view = View {
-        width: SIDE,
-        height: SIDE,
-        coloring: if has_colours { Coloring::Texture } else { Coloring::Plain },
-        lighting,
-        ..View::default()
-    };
+    hold(original, settings, resources.memory_bytes)?;
+    let left = resources.memory_bytes.saturating_sub(kept_bytes(settings.views));
+    let resources = Resources { memory_bytes: left, ..resources };
+    let view = view(original, settings.lit);
+    let lighting = view.lighting;
     let aims = aims_around(original, &view, settings.views.max(1), resources, progress)?;
     let views: Vec<View> =
         aims.iter().map(|aim: &Aim| View { aim: Some(aim.clone()), ..view.clone() }).collect();

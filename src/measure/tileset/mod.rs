@@ -11,8 +11,8 @@ use borders::{Border, Borders, border};
 pub use found::TilesetCheck;
 use rules::{CheckedTile, Cuboid, Tree};
 use std::path::Path;
-use stonecut_io::tileset::{FILE_NAME, MOST_FILE_BYTES, TileBorder, border_path, decode_borders};
-use stonecut_io::{StoredTile, decode_tile};
+use stonecut_io::tileset::{FILE_NAME, TileBorder, border_path, decode_borders, most_tile_bytes};
+use stonecut_io::{StoredTile, decode_tile_within};
 use stonecut_system::disk::read_regular;
 use stonecut_system::error::Result;
 use stonecut_system::parallel::{guarded, in_order};
@@ -36,7 +36,12 @@ struct Tile {
 /// level.
 ///
 /// Errors: `BadInput` if there is no tree, or none of this program. Faults of a tree are findings, not errors.
-pub fn check_tileset(folder: &Path, threads: usize, progress: &Progress) -> Result<TilesetCheck> {
+pub fn check_tileset(
+    folder: &Path,
+    (memory_bytes, threads): (u64, usize),
+    progress: &Progress,
+) -> Result<TilesetCheck> {
+    let most_bytes = most_tile_bytes(memory_bytes, threads);
     let mut found = TilesetCheck::default();
     let tree = Tree::read(folder, &mut found)?;
     tree.check(&mut found);
@@ -55,7 +60,7 @@ pub fn check_tileset(folder: &Path, threads: usize, progress: &Progress) -> Resu
             progress,
             |index, out: &mut Looked| {
                 let tile = &tree.tiles[tiles[index as usize] as usize];
-                out.outcome = Some(look(folder, tile, &tree));
+                out.outcome = Some(look(folder, tile, &tree, most_bytes));
                 Ok(())
             },
             |index, looked| {
@@ -108,11 +113,16 @@ pub fn is_tileset(path: &Path) -> bool {
 }
 
 /// Reads a tile and holds it against its description.
-fn look(folder: &Path, tile: &CheckedTile, tree: &Tree) -> std::result::Result<Tile, String> {
+fn look(
+    folder: &Path,
+    tile: &CheckedTile,
+    tree: &Tree,
+    most_bytes: u64,
+) -> std::result::Result<Tile, String> {
     let path = folder.join(tile.name());
-    let bytes = read_regular(&path, MOST_FILE_BYTES).map_err(|e| format!("cannot be read: {e}"))?;
+    let bytes = read_regular(&path, most_bytes).map_err(|e| format!("cannot be read: {e}"))?;
     // The decoder of compressed data checks by panicking in places.
-    let decoded = guarded(|| Ok(decode_tile(&bytes)));
+    let decoded = guarded(|| Ok(decode_tile_within(&bytes, most_bytes)));
     let mut stored: StoredTile = decoded.map_err(|_| "its data is damaged".to_owned())??;
     stored.take_scalars(&tree.scalars)?;
     let mesh = &stored.mesh;
@@ -154,14 +164,21 @@ fn look(folder: &Path, tile: &CheckedTile, tree: &Tree) -> std::result::Result<T
     if stored.page.is_some() && !mesh.colours.is_empty() {
         return Err("it has a page and colours, which multiply it".to_owned());
     }
-    let border = border(mesh, &numbers_of(folder, tile.name())?)?;
+    let border = border(mesh, &numbers_of(folder, tile.name(), most_bytes)?)?;
     Ok(Tile { triangles: n, border, fault })
 }
 
+/// Bytes of a number in memory for one of its file, at most.
+const NUMBER_BYTES: u64 = 16;
+
 /// The numbers of the vertices that a tile has in common with others.
-fn numbers_of(folder: &Path, tile: &str) -> std::result::Result<TileBorder, String> {
+fn numbers_of(
+    folder: &Path,
+    tile: &str,
+    most_bytes: u64,
+) -> std::result::Result<TileBorder, String> {
     let (name, n) = border_path(tile).ok_or("its name is not that of a tile")?;
-    let bytes = read_regular(&folder.join(&name), MOST_FILE_BYTES)
+    let bytes = read_regular(&folder.join(&name), most_bytes / NUMBER_BYTES)
         .map_err(|e| format!("{name} cannot be read: {e}"))?;
     let mut tiles = decode_borders(&bytes).map_err(|what| format!("{name}: {what}"))?;
     if n >= tiles.len() {

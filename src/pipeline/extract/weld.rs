@@ -2,8 +2,8 @@
 
 use super::tree::{Cut, Tree};
 use crate::error::{Error, Result};
-use crate::io::tileset::{MOST_FILE_BYTES, TileBorder, border_path, decode_borders};
-use crate::io::{StoredPage, StoredTile, TileMesh, TileScalar, decode_tile};
+use crate::io::tileset::{TileBorder, border_path, decode_borders, most_tile_bytes};
+use crate::io::{StoredPage, StoredTile, TileMesh, TileScalar, decode_tile_within};
 use crate::mesh::Mesh;
 use crate::mesh::codec::VertexCodec;
 use crate::mesh::global_vertex::GlobalVertex;
@@ -11,16 +11,17 @@ use crate::mesh::property::{Property, Scalar, write_scalar};
 use crate::mesh::record::VertexSchema;
 use crate::system::disk::read_regular;
 use crate::system::losses::{Loss, LossKind};
+use crate::system::memory::BASE_BYTES;
 use crate::system::parallel::{guarded, in_order};
 use crate::system::progress::Progress;
-use crate::system::units::show_bytes;
+use crate::system::units::{memory_word, show_bytes};
 use crate::texture::{Light, add_corners, corner_bytes};
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-/// Vertices of a triangle that are planned for: half as many and some for borders.
-pub(super) const VERTICES_PER_TRIANGLE: f64 = 0.6;
+/// Vertices of a triangle that are planned for: half as many, some for borders, and some for edges of one triangle.
+pub(super) const VERTICES_PER_TRIANGLE: f64 = 0.75;
 /// Bytes of a vertex, of a triangle, and of a vertex that several tiles have, while tiles are joined; lists may be twice as
 /// long as what is in them while they grow.
 const VERTEX_BYTES: u64 = 2 * 24;
@@ -151,6 +152,7 @@ pub(super) fn join(
         cut.triangles,
         rows,
     ));
+    let most_bytes = most_tile_bytes(memory_bytes, threads);
     let share_bytes = free_bytes / 2 / threads as u64;
     let pages = Pages { free_bytes, share_bytes, large: Mutex::new(()) };
     let name = |index: u64| tree.nodes[cut.tiles[index as usize]].content.as_deref().unwrap_or("");
@@ -164,7 +166,8 @@ pub(super) fn join(
                     format!("{}: {what}; see what 'stonecut info --check' finds", name(index));
                 Error::bad_input(folder, what)
             };
-            let (tile, border) = read(folder, name(index), &tree.scalars).map_err(bad)?;
+            let (tile, border) =
+                read(folder, name(index), &tree.scalars, most_bytes).map_err(bad)?;
             out.shown.clear();
             if let Some(page) = &tile.page {
                 pages.shown(page, &tile.mesh, &mut out.shown, bad)?;
@@ -199,11 +202,16 @@ pub(super) fn join(
             let bytes = join_bytes(vertices, triangles, rows) + BORDER_BYTES * known.len() as u64;
             progress.add(tile.mesh.triangles.len() as u64);
             match bytes > memory_bytes || vertices >= u64::from(u32::MAX) {
-                true => Err(Error::NoMemory(format!(
-                    "the mesh takes more than {} of memory after {triangles} of {} triangles; give more --memory or a coarser cut",
-                    show_bytes(memory_bytes),
-                    cut.triangles
-                ))),
+                true => {
+                    // The rest is like what was seen, about.
+                    let all = 1.2 * bytes as f64 * cut.triangles as f64 / triangles.max(1) as f64;
+                    Err(Error::NoMemory(format!(
+                        "the mesh takes more than {} of memory after {triangles} of {} triangles; give --memory {} or a coarser cut",
+                        show_bytes(memory_bytes),
+                        cut.triangles,
+                        memory_word(BASE_BYTES + all as u64)
+                    )))
+                }
                 false => Ok(()),
             }
         },
@@ -267,15 +275,16 @@ fn read(
     folder: &Path,
     name: &str,
     scalars: &[TileScalar],
+    most_bytes: u64,
 ) -> std::result::Result<(StoredTile, TileBorder), String> {
-    let bytes = read_regular(&folder.join(name), MOST_FILE_BYTES)
-        .map_err(|e| format!("cannot be read: {e}"))?;
+    let bytes =
+        read_regular(&folder.join(name), most_bytes).map_err(|e| format!("cannot be read: {e}"))?;
     // The decoder of compressed data checks by panicking in places.
-    let mut tile =
-        guarded(|| Ok(decode_tile(&bytes))).map_err(|_| "its data is damaged".to_owned())??;
+    let mut tile = guarded(|| Ok(decode_tile_within(&bytes, most_bytes)))
+        .map_err(|_| "its data is damaged".to_owned())??;
     tile.take_scalars(scalars)?;
     let (border, n) = border_path(name).ok_or("its name is not that of a tile")?;
-    let bytes = read_regular(&folder.join(&border), MOST_FILE_BYTES).map_err(|e| {
+    let bytes = read_regular(&folder.join(&border), most_bytes / 16).map_err(|e| {
         format!(
             "{border}, the numbers of its vertices, cannot be read: {e} (copy the folder whole)"
         )

@@ -2,7 +2,9 @@
 
 use super::config::{Finest, NAMED, TileTexture, TilesConfig};
 use super::pending::{check_tree, checksum};
-use crate::bake::{TilesNeed, check_tiles, colour_properties, has_images, has_only_images};
+use crate::bake::{
+    TilesNeed, check_tiles, colour_properties, has_images, has_only_images, least_for_tiles,
+};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::{StageOptions, WeldOptions};
@@ -26,6 +28,8 @@ const TILES_OF_GROUP: u64 = 16;
 
 /// The largest group that is planned for, in groups that a sheet passes through.
 const UNEVEN: f64 = 1.5;
+/// Groups were seen to have up to 2.3 times as many; a size that is named for `--memory` is enough for these.
+const UNEVEN_AT_WORST: f64 = 2.5;
 
 /// Share of its triangles that a round leaves.
 const LEFT: f64 = 0.25;
@@ -204,21 +208,25 @@ impl TilesPlan {
         let per_triangle = source.n_vertices() as f64 / triangles_in as f64;
         let hidden = Hidden::new(config, triangles_in);
         let group = TILES_OF_GROUP * config.tile_triangles;
-        let most = ((group as f64 * UNEVEN) as u64).min(triangles_in);
-        let tally = CellTally {
-            vertices: (most as f64 * per_triangle.clamp(0.5, 3.0)) as u64,
-            triangles: most,
+        let most_of = |uneven: f64| ((group as f64 * uneven) as u64).min(triangles_in);
+        let work_of = |triangles: u64| {
+            let vertices = (triangles as f64 * per_triangle.clamp(0.5, 3.0)) as u64;
+            let tally = CellTally { vertices, triangles };
+            work_bytes(tally, tally, 1.0, &layout) + BYTES_PER_TRIANGLE * triangles
         };
-        let work = work_bytes(tally, tally, 1.0, &layout) + BYTES_PER_TRIANGLE * most;
+        let most = most_of(UNEVEN);
+        let work = work_of(most);
         let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
         let store = store_bytes(source.n_vertices(), triangles_in, &layout);
         let n_cells = plan_cells(triangles_in, TILES_OF_GROUP * hidden.base_triangles);
         let sizes =
             Sizes { n_vertices: source.n_vertices(), n_cells, store_bytes: store, layout: &layout };
         let tables = Shares::new(sizes, config.threads.get(), usable).least_bytes;
-        let needed = work.max(tables) + BASE_BYTES;
-        if work.max(tables) > usable {
-            return Err(too_little(config, needed));
+        let pages = if textured { least_for_tiles(source, most)? } else { 0 };
+        let needed = work.max(tables).max(pages) + BASE_BYTES;
+        if needed > usable + BASE_BYTES {
+            let named = needed.max(BASE_BYTES + work_of(most_of(UNEVEN_AT_WORST)));
+            return Err(too_little(config, named));
         }
         let finest = triangles_in as f64 * hidden.left.powi(hidden.rounds as i32);
         let (mut levels, mut left, mut all) = (1, finest, finest);
