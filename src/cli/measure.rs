@@ -142,7 +142,7 @@ impl Args {
     /// Refuses pictures that could not be written after the measurement.
     fn check_pictures(&self) -> Result<()> {
         let Some(folder) = &self.pictures else { return Ok(()) };
-        if folder.exists() && !folder.is_dir() {
+        if folder.symlink_metadata().is_ok() && !folder.is_dir() {
             let what = format!("{}: --pictures is not a folder; name a folder", folder.display());
             return Err(Error::Usage(what));
         }

@@ -41,7 +41,6 @@ use crate::store::job::Job;
 use crate::store::job::fingerprint::job_identity;
 use crate::system::disk::Disk;
 use crate::system::parallel::guarded;
-use crate::system::pending_file::Seen;
 use crate::system::progress::Progress;
 pub use concluded::has_begun_to_write;
 use concluded::{conclude, concluded};
@@ -134,12 +133,11 @@ fn run_stages_in(
     progress: &Progress,
 ) -> Result<Ended> {
     let started = Instant::now();
-    let Prepared { source, plan, textures, marks, can_bake, texture, .. } = prepared;
+    let Prepared { source, plan, textures, marks, can_bake, texture, seams, .. } = prepared;
     // With more memory, what the allocator keeps back does no harm.
     if config.memory_bytes < 2 * plan.needed_memory_bytes {
         crate::system::memory::keep_nothing_back();
     }
-    let seams = config.seams.as_deref().map(Seen::new);
     let mut stages = Stages::new(config, &plan, job, progress, &source);
 
     let partition = match stages.partition(&source, &marks) {

@@ -16,6 +16,7 @@ use crate::io::{
 use crate::stages::write::REACH;
 use crate::store::job::fingerprint::{input_marks, marks_beside, unchanged};
 use crate::system::disk::folder_of;
+use crate::system::pending_file::Seen;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -34,6 +35,8 @@ pub struct Prepared {
     pub can_bake: bool,
     /// Fingerprint of the input, taken before it was opened.
     pub marks: BTreeMap<String, String>,
+    /// The file for `--seams` as it was before the input was opened, which may take long.
+    pub(super) seams: Option<Seen>,
 }
 
 impl Prepared {
@@ -63,6 +66,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
             format!("--method {} has another way in: pipeline::methods", config.method.name());
         return Err(Error::Usage(what));
     }
+    let seams = config.seams.as_deref().map(Seen::new);
     let (mut marks, stage) = before_opening(config)?;
     let (mut texture, mut bake_need, mut can_bake) = (Texture::Keep, BakeNeed::default(), false);
     let mut bake_room = Ok(());
@@ -139,7 +143,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         plan.add_bake(bake_need, config.threads);
     }
     plan.check_disk(config)?;
-    Ok(Prepared { source, plan, textures, texture, can_bake, marks })
+    Ok(Prepared { source, plan, textures, texture, can_bake, marks, seams })
 }
 
 /// Checks what can be checked without the input; returns marks of the input, and how to open it.

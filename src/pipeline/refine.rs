@@ -136,7 +136,7 @@ pub fn show(input: &Path, given: u64, progress: &Progress) -> Result<Shown> {
     })
 }
 
-/// Refuses a mesh of `n` triangles that some memory does not hold, given that so many times its bytes are needed.
+/// Refuses a mesh of `n` triangles whose bytes, by a factor, are more than the memory.
 fn hold(mesh: &Refiner, n: u64, (memory_bytes, [times, of]): (u64, [u64; 2])) -> Result<()> {
     let needed = BASE_BYTES + mesh.expected_bytes(n).saturating_mul(times).div_ceil(of);
     if needed <= memory_bytes {

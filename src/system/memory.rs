@@ -11,7 +11,7 @@ pub const DEFAULT_SHARE: f64 = 0.75;
 /// and the system's own tables need the rest.
 pub const MOST_SHARE: f64 = 0.9;
 
-/// What these need of a container: all but so much of its limit can be asked for.
+/// Need of these in a container: all but this of its limit can be asked for.
 const REST_BYTES: u64 = 64 << 20;
 
 /// Limits above are those of machines, whose system needs more.

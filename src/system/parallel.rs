@@ -275,7 +275,7 @@ mod tests {
         if left == 0 { frame[0] } else { deep(left - 1) | frame[7] }
     }
 
-    /// What the main thread can do with its stack of 8 MiB, a worker can do.
+    /// A worker gets as deep as the main thread with its 8 MiB.
     #[test]
     fn workers_have_the_stack_of_the_main_thread() {
         let steps = 4 << 4;

@@ -383,16 +383,23 @@ impl<'de> serde::Deserialize<'de> for AnyObject {
     }
 }
 
-/// No mesh and nothing binary.
+/// Beginnings of texts that a line more would break: meshes, libraries, JSON, pages, scripts.
+const NO_LOGS: [&[u8]; 10] =
+    [b"ply", b"solid", b"# OBJ", b"v ", b"mtllib", b"newmtl", b"{", b"[", b"<", b"#!"];
+
+/// A line of `--progress json`, which goes into a log, too.
+fn is_event(line: &[u8]) -> bool {
+    serde_json::from_slice(line).is_ok_and(|event: serde_json::Value| event["event"].is_string())
+}
+
+/// No mesh, nothing binary, and nothing that lines behind it would break.
 fn is_text(path: &Path) -> bool {
     let head = head(path);
     let is_plain = |&b: &u8| b >= b' ' || matches!(b, b'\t' | b'\n' | b'\r' | 0x1b);
+    let first = head.trim_ascii_start();
+    let line = first.split(|&byte| byte == b'\n').next().unwrap_or_default();
     head.iter().all(is_plain)
-        && !head.starts_with(b"ply")
-        && !head.starts_with(b"solid")
-        && !head.starts_with(b"# OBJ")
-        && !head.starts_with(b"v ")
-        && !is_report(&head[..])
+        && (is_event(line) || !NO_LOGS.iter().any(|begin| first.starts_with(begin)))
 }
 
 fn ends_in_slash(path: &Path) -> bool {

@@ -161,3 +161,77 @@ fn forged_job_files_are_refused_or_read() {
         println!("{until}: {n} files forged, no fault");
     }
 }
+
+#[test]
+fn fewer_vertices_than_there_are_rows_are_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth terrain in.ply --triangles 8500", 0);
+    expect(at, &format!("{COMMAND} --until partition"), 0);
+    let path = at.join("out.ply.stonecut-job/manifest.jsonl");
+    let forge = |line: &str| {
+        let mut value: Value = serde_json::from_str(line.split('\t').next().unwrap()).unwrap();
+        if let Some(n) = value.pointer_mut("/outcome/0/store/cells/2/vertices") {
+            *n = Value::from(1);
+        }
+        let json = value.to_string();
+        format!("{json}\t{:016x}\n", xxh3_64(json.as_bytes()))
+    };
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.lines().map(forge).collect::<String>()).unwrap();
+    let said = expect(at, COMMAND, 1);
+    assert!(said.contains("more vertices of cell 2") && said.contains("--restart"), "{said}");
+}
+
+/// A note of a part of the partition, on a vertex that a cell uses which is not there.
+#[test]
+fn a_note_on_a_cell_that_is_not_there_is_found() {
+    const FOREIGN: u32 = 5;
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    expect(at, "synth terrain in.ply --triangles 8500", 0);
+    expect(
+        at,
+        "plan job in.ply out.ply --triangles 4400 --cell-triangles 1000 --units 2 --parts 2",
+        0,
+    );
+    for unit in ["scan/0", "scan/1", "tree/0", "scatter/0", "scatter/1"] {
+        expect(at, &format!("work job {unit} -q"), 0);
+    }
+    let mut n_forged = 0;
+    for (path, mut pack) in files(&at.join("job/units")) {
+        let mut place = PACK_HEAD;
+        let mut chunks = Vec::new();
+        while pack.starts_with(b"stonecut pack") && place + CHUNK_HEAD <= pack.len() {
+            chunks.push(place);
+            place += CHUNK_HEAD + word(&pack, place + 8) as usize;
+        }
+        let is_note = |at: &usize| pack[at + 4..at + 8] == FOREIGN.to_le_bytes();
+        for at in chunks.iter().copied().filter(is_note).collect::<Vec<_>>() {
+            let (begin, n) = (at + CHUNK_HEAD, word(&pack, at + 8) as usize);
+            for row in begin..begin + n / 12 * 12 {
+                if (row - begin) % 12 >= 8 {
+                    pack[row] = 99;
+                }
+            }
+            let [old, new] = seal(&mut pack, at);
+            let index = *chunks.last().unwrap();
+            for at in index + CHUNK_HEAD..pack.len() - 7 {
+                if word(&pack, at) == old {
+                    pack[at..at + 8].copy_from_slice(&new.to_le_bytes());
+                }
+            }
+            seal(&mut pack, index);
+            n_forged += 1;
+        }
+        std::fs::write(path, pack).unwrap();
+    }
+    assert!(n_forged > 0);
+    // Either part may have taken the note up.
+    let said = ["share/0", "share/1"].map(|unit| {
+        let output = crate::common::run(at, &format!("work job {unit} -q --wait 0"));
+        assert!(matches!(output.status.code(), Some(0 | 1)), "{unit}: {:?}", output.status);
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    });
+    assert!(said.concat().contains("cell 1667457891"), "{said:?}");
+}

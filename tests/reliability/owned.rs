@@ -5,6 +5,7 @@
 
 use crate::common::{expect, stonecut};
 use crate::populated::snapshot;
+use std::io::Write;
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -269,4 +270,43 @@ fn special_files_in_a_tree_are_refused_by_name() {
         std::fs::write(&path, earlier).unwrap();
     }
     expect(at, "extract t x.ply --max-error 0 -q", 0);
+}
+
+/// Files that appear while standard input is read, for as long as somebody takes to write it.
+#[test]
+fn what_appears_while_the_input_comes_in_is_not_replaced() {
+    let folder = scan("16k");
+    let at = folder.path();
+    let input = std::fs::read(at.join("in.ply")).unwrap();
+    // More than a pipe holds: once it is written, reading has begun.
+    let (first, rest) = input.split_at(200_000);
+    for (command, name) in [
+        ("simplify - o.ply --ratio 50% -q", "o.ply"),
+        ("simplify - o.ply --ratio 50% -q --report r.json", "r.json"),
+        ("simplify - o.ply --ratio 50% -q --seams s.ply", "s.ply"),
+        ("simplify - o.ply --ratio 50% -q --progressive p.pm", "p.pm"),
+        ("convert - o.obj", "o.obj"),
+        ("tiles - t -q", "t"),
+        ("render - -o o.png --size 9x9", "o.png"),
+    ] {
+        let mut child = stonecut()
+            .current_dir(at)
+            .args(command.split(' '))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut pipe = child.stdin.take().unwrap();
+        pipe.write_all(first).unwrap();
+        std::fs::write(at.join(name), "mine").unwrap();
+        pipe.write_all(rest).unwrap();
+        drop(pipe);
+        assert_eq!(child.wait().unwrap().code(), Some(2), "{command}");
+        assert_eq!(std::fs::read(at.join(name)).unwrap(), b"mine", "{command}");
+        for name in [name, "o.ply", "o.ply.stonecut-job", ".t.stonecut-tiles", "t.stonecut-job"] {
+            let path = at.join(name);
+            let _ = std::fs::remove_file(&path).or_else(|_| std::fs::remove_dir_all(&path));
+        }
+    }
 }

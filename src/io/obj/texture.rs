@@ -196,7 +196,7 @@ impl Named {
     }
 }
 
-/// A library of so many bytes is read whatever the memory.
+/// A library of a mebibyte is read whatever the memory.
 const MIN_LIBRARY_BYTES: u64 = 1 << 20;
 
 /// Material libraries of a mesh.

@@ -123,7 +123,10 @@ const TREE: &str = "partition tree";
 const LOCAL: &str = "faces are local";
 
 fn found<T: serde::de::DeserializeOwned>(run: &StageContext, name: &str) -> Result<T> {
-    let missing = || Error::Internal(format!("an earlier part has left no '{name}'"));
+    let missing = || {
+        let what = format!("has no '{name}' of an earlier part; plan again in another folder");
+        Error::corrupt(run.job.folder(), what)
+    };
     run.job.outcome(name)?.ok_or_else(missing)
 }
 

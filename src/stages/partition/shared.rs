@@ -28,6 +28,13 @@ impl Passes<'_> {
         let first_block = (start.block as usize).min(foreign.blocks.len());
         let blocks = &foreign.blocks[first_block..];
         let first = blocks.first().map_or(u64::MAX, |block| block * BLOCK_ROWS);
+        let beyond = |what: String| {
+            let what = format!("a note of shared vertices names {what}; run again with --restart");
+            Error::corrupt(run.job.folder(), what)
+        };
+        if let Some(block) = blocks.last().filter(|&&block| block >= source.n_vertex_blocks()) {
+            return Err(beyond(format!("vertex {}, which is not there", block * BLOCK_ROWS)));
+        }
         let mut next = foreign.from(GlobalVertex(first))?;
         let mut seams = start.seams;
         let off_sq = |place: [f64; 3]| (0..3).map(|k| (place[k] - middle[k]).powi(2)).sum::<f64>();
@@ -61,6 +68,9 @@ impl Passes<'_> {
                     row.extend_from_slice(record);
                     while let Some((_, cell)) = next.peek()?.filter(|(other, _)| *other == id) {
                         next.take()?;
+                        if cell.0 as usize >= self.tally.len() {
+                            return Err(beyond(format!("cell {cell} of {}", self.tally.len())));
+                        }
                         rows.push(pack, cell, &row)?;
                         marks.push(pack, cell, &row[..ids.bytes])?;
                         self.tally[cell].vertices += 1;

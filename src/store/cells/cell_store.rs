@@ -464,6 +464,14 @@ impl CellStore {
                     }
                     continue;
                 }
+                if out.ids.len() > n {
+                    let cell = chunk.cell;
+                    let what = format!(
+                        "byte {}: more vertices of cell {cell} than its record says; run again with --restart",
+                        chunk.offset
+                    );
+                    return Err(Error::corrupt(self.pack.path_of(chunk), what));
+                }
                 let (record, channels) = row[layout.ids.bytes..].split_at(record_bytes);
                 out.records.extend_from_slice(record);
                 out.mesh.positions.push(layout.schema.position(record));
