@@ -55,9 +55,15 @@ impl Args {
 /// Writes the page.
 pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     let memory_bytes = memory_budget(args.memory);
+    let resources = Resources { memory_bytes, threads: threads(args.threads).get() };
     let progressive = match &args.progressive {
         Some(path) => {
-            let Shown { triangles, slides } = show(path, memory_bytes, progress)?;
+            let shown = show(path, memory_bytes, progress).map_err(|error| {
+                // Pictures may want more.
+                Error::first_of([Err(error), report::hold(resources)])
+                    .expect_err("the first is an error")
+            });
+            let Shown { triangles, slides } = shown?;
             Some(Slider { triangles, slides })
         }
         None => None,
@@ -67,7 +73,7 @@ pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
         report: read(&args.report, memory_bytes)?,
         measured: args.measured.as_deref().map(|path| read(path, memory_bytes)).transpose()?,
         temp_dir: folder_of(&args.output).to_path_buf(),
-        resources: Resources { memory_bytes, threads: threads(args.threads).get() },
+        resources,
     };
     let page = report::html(&material, progress)?;
     let place = Place { replace: args.force, ..Place::from(&args.output) };

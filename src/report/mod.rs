@@ -242,6 +242,11 @@ fn seam_position(report: &Value) -> &Value {
     if seams["sample_position"].is_null() { &seams["place"] } else { &seams["sample_position"] }
 }
 
+/// Refuses the pictures of a page where the memory does not hold one; names the memory that does.
+pub fn hold(resources: Resources) -> Result<()> {
+    crate::render::hold(&View { width: 800, height: 600, ..View::default() }, resources)
+}
+
 /// Chooses the views of both meshes: the whole, and close-ups at the worst place and at a seam.
 fn views(report: &Value, deviation: &Value) -> Vec<(&'static str, View)> {
     let whole = View { width: 800, height: 600, ..View::default() };
