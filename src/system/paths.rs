@@ -238,7 +238,11 @@ impl Row {
             )));
         }
         if matches!(self.role, Role::TempDir | Role::JobFolder | Role::OutputFolder) {
-            return match std::fs::metadata(path) {
+            // A link to nothing is in the way, too; so is a file where a folder above should be.
+            let is_there = path.symlink_metadata().is_ok();
+            let path = if is_there { path } else { existing_parent(path) };
+            let found = std::fs::metadata(path).or_else(|_| path.symlink_metadata());
+            return match found {
                 Ok(meta) if !meta.is_dir() => Err(Error::Usage(format!(
                     "{}: {} is {}, not a folder",
                     path.display(),
