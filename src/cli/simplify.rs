@@ -474,7 +474,7 @@ pub fn simplify(
     let prepared = pipeline::prepare(&config)?;
     log.plan(prepared.plan.lines(&config), &prepared.plan);
     if prepared.texture == Texture::Keep {
-        args.pages.notes(prepared.can_bake).into_iter().for_each(|line| log.say(line));
+        args.pages.notes(prepared.retry.is_some()).into_iter().for_each(|line| log.say(line));
     }
     if args.dry_run {
         let end = json!({ "dry_run": true, "plan": prepared.plan });

@@ -78,3 +78,18 @@ pub(super) fn refuse_to_overwrite(config: &Config) -> Result<()> {
     }
     Ok(())
 }
+
+/// Removes a job that no command can continue: with a bad input or an empty result, whatever helps (another input,
+/// `--skip-bad`, another target) makes another job. All other errors leave it as it is.
+pub(crate) fn abandon(job: &Job, error: Error) -> Error {
+    if is_final(&error) {
+        // What cannot be removed costs space; the error that led here matters more.
+        let _ = job.remove();
+    }
+    error
+}
+
+/// True if the same command would fail again.
+pub(crate) fn is_final(error: &Error) -> bool {
+    matches!(error, Error::BadInput { .. } | Error::Empty { .. })
+}

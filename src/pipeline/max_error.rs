@@ -9,6 +9,7 @@
 //! do not count: the certificate is against a copy of the input without them. Memory and disk: those of one run, one
 //! more output, and that copy.
 
+use super::concluded::{abandon, conclude, concluded};
 use super::first_run::{deliver, trial_path};
 use super::prepare::{Prepared, prepare};
 use crate::config::{Attributes, Config, Normals, Target, Texture};
@@ -101,7 +102,7 @@ pub fn simplify(
     let identity = job_identity(&prepared.source, &marks, config);
     // Every trial opens the input itself.
     drop(prepared);
-    if let Some(report) = super::concluded(&disk, &identity, config)? {
+    if let Some(report) = concluded(&disk, &identity, config)? {
         return Ok(Some(report));
     }
     let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
@@ -110,7 +111,7 @@ pub fn simplify(
         None => None,
         Some(_) => match job.sealed("kept", || write_kept(n_input, config, progress)) {
             Ok(kept) => Some(kept),
-            Err(error) => return Err(super::abandon(&job, error)),
+            Err(error) => return Err(abandon(&job, error)),
         },
     };
     let mut trials: Vec<Trial> = Vec::new();
@@ -131,7 +132,7 @@ pub fn simplify(
                         found
                     }
                     Ok(None) => return Ok(None),
-                    Err(error) if trials.is_empty() => return Err(super::abandon(&job, error)),
+                    Err(error) if trials.is_empty() => return Err(abandon(&job, error)),
                     Err(error) => return Err(error),
                 }
             }
@@ -195,7 +196,7 @@ pub fn simplify(
             .collect(),
     });
     if !config.keep_temp {
-        super::conclude(&job, config, &report)?;
+        conclude(&job, config, &report)?;
     }
     Ok(Some(report))
 }

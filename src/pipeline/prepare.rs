@@ -30,8 +30,8 @@ pub struct Prepared {
     pub textures: Vec<TexturePlan>,
     /// Fate of the texture: never `Texture::Auto`.
     pub texture: Texture,
-    /// True if the texture stays but a new one can be made where it leaves too many triangles.
-    pub can_bake: bool,
+    /// Settings of another run, with a new texture, for where the texture of the input leaves too many triangles.
+    pub retry: Option<Box<Config>>,
     /// Fingerprint of the input, taken before it was opened.
     pub marks: BTreeMap<String, String>,
 }
@@ -64,14 +64,17 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         return Err(Error::Usage(what));
     }
     let (mut marks, stage) = before_opening(config)?;
-    let (mut texture, mut bake_need, mut can_bake) = (Texture::Keep, BakeNeed::default(), false);
+    let (mut texture, mut bake_need, mut retry) = (Texture::Keep, BakeNeed::default(), None);
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
         let coarser = config.coarser.iter().map(|level| &level.output);
         for output in std::iter::once(&config.textures_beside).chain(coarser) {
             source.refuse_output(output)?;
         }
         texture = bake::decide(&source, config)?;
-        can_bake = texture == Texture::Keep && bake::would_help(&source, config);
+        if texture == Texture::Keep && bake::would_help(&source, config) {
+            let config = config.clone();
+            retry = Some(Box::new(Config { texture: Texture::Bake, restart: true, ..config }));
+        }
         let config = &settled(config, texture);
         if texture == Texture::Bake {
             let is_ours = !config.restart && has_begun_to_write(&config.job_folder, &config.output);
@@ -122,7 +125,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         plan.add_bake(bake_need, config.threads);
     }
     plan.check_disk(config)?;
-    Ok(Prepared { source, plan, textures, texture, can_bake, marks })
+    Ok(Prepared { source, plan, textures, texture, retry, marks })
 }
 
 /// Checks what can be checked without the input; returns marks of the input, and how to open it.

@@ -88,7 +88,7 @@ pub fn end(job: &Job, config: &Config, progress: &Progress, report: &mut RunRepo
         verify(config, &run, report)?;
     }
     if !config.keep_temp {
-        super::conclude(job, config, report)?;
+        super::concluded::conclude(job, config, report)?;
     }
     Ok(())
 }

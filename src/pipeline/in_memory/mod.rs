@@ -20,7 +20,7 @@ use crate::mesh::codec::ChannelKind;
 use crate::mesh::global_vertex::GlobalVertex;
 use crate::pipeline::quality::QualityCurve;
 use crate::pipeline::run_report::{QualityReport, StopReason};
-use crate::stages::stitch::{self, Step};
+use crate::stages::stitch::{self, NextStep};
 use crate::store::cells::CellMesh;
 use crate::system::progress::Progress;
 use crate::system::units::show_bytes;
@@ -230,11 +230,13 @@ impl<'a> Run<'a> {
             let now = whole.mesh.triangles.len() as u64;
             let rounds = self.report.rounds;
             match stitch::next_step(now, target, size, rounds) {
-                Step::Round(goal) if now > target && !finishes(now, size, rounds) => {
+                NextStep::Round(goal) if now > target && !finishes(now, size, rounds) => {
                     whole = self.round(whole, goal)?;
                 }
-                Step::Done => return Ok(whole),
-                Step::Finish | Step::ExactRound | Step::Round(_) => return self.finish(whole),
+                NextStep::Done => return Ok(whole),
+                NextStep::Finish | NextStep::ExactRound | NextStep::Round(_) => {
+                    return self.finish(whole);
+                }
             }
         }
     }
@@ -317,7 +319,7 @@ impl<'a> Run<'a> {
     fn n_stages(&self, mut now: u64) -> u32 {
         let mut rounds = self.report.rounds;
         let (target, size) = (self.report.target, self.config.cell_triangles);
-        while let Step::Round(goal) = stitch::next_step(now, target, size, rounds) {
+        while let NextStep::Round(goal) = stitch::next_step(now, target, size, rounds) {
             if goal >= now || finishes(now, size, rounds) {
                 break;
             }

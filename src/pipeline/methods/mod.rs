@@ -6,7 +6,7 @@
 mod plan;
 pub(super) mod write;
 
-use super::concluded::WRITING;
+use super::concluded::{WRITING, abandon, concluded};
 use super::optimize::check::check as check_optimize;
 use super::prepare::{before_opening, check_labels};
 use super::run_report::{
@@ -162,7 +162,7 @@ fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result
     crate::system::memory::keep_nothing_back();
     let disk = Disk::default();
     let identity = job_identity(&source, &marks, config);
-    if let Some(report) = super::concluded(&disk, &identity, config)? {
+    if let Some(report) = concluded(&disk, &identity, config)? {
         return Ok(report);
     }
     let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
@@ -214,7 +214,7 @@ fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result
             }
             made
         }
-        Err(error) => return Err(super::abandon(&job, error)),
+        Err(error) => return Err(abandon(&job, error)),
     };
     let n_out = made.mesh.triangles.len() as u64;
     let name = config.method.name();

@@ -5,7 +5,7 @@
 
 pub(super) mod check;
 
-use super::concluded::WRITING;
+use super::concluded::{WRITING, abandon, concluded};
 use super::first_run::{open, settings, stage};
 use super::methods::{self, PreparedMethod};
 use super::prepare::{Prepared, prepare};
@@ -53,7 +53,7 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
     let identity = job_identity(&source, &marks, config);
     // The run before opens the input itself.
     drop(source);
-    if let Some(report) = super::concluded(&disk, &identity, config)? {
+    if let Some(report) = concluded(&disk, &identity, config)? {
         return Ok(report);
     }
     let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
@@ -62,7 +62,7 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
     let report = job.sealed("result", || run_before(&path, config, progress));
     let mut report = match report {
         Ok(report) => report,
-        Err(error) => return Err(super::abandon(&job, error)),
+        Err(error) => return Err(abandon(&job, error)),
     };
     job.clear_scratch()?;
     let result = open(&path, config, false)?;

@@ -6,6 +6,7 @@
 
 pub(super) mod counts;
 
+use super::concluded::{abandon, concluded};
 use super::first_run::{deliver, is_delivered, open, settings, stage, trial_path};
 use super::prepare::{Prepared, prepare};
 use super::run_report::{OutputReport, PairsReport, RunReport, StageReport};
@@ -41,7 +42,7 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
     let counts = Counts::new(n_input, target);
     // The run before opens the input itself.
     drop(source);
-    if let Some(report) = super::concluded(&disk, &identity, config)? {
+    if let Some(report) = concluded(&disk, &identity, config)? {
         return Ok(report);
     }
     let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
@@ -54,13 +55,13 @@ fn run(source: MeshSource, config: &Config, progress: &Progress) -> Result<RunRe
     });
     let mut report = match report {
         Ok(report) => report,
-        Err(error) => return Err(super::abandon(&job, error)),
+        Err(error) => return Err(abandon(&job, error)),
     };
     let joined = job.path(TRIALS).join("joined.ply");
     let done = job.sealed("pairs", || contract(&fine, &joined, counts, config, &disk, progress));
     let (pairs, stages) = match done {
         Ok(done) => done,
-        Err(error) => return Err(super::abandon(&job, error)),
+        Err(error) => return Err(abandon(&job, error)),
     };
     let made = trial_path(config, "last");
     let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;

@@ -12,7 +12,7 @@ use crate::io::ply::MeshSource;
 use crate::kernel::{MAX_SPECK, history_bytes};
 use crate::mesh::face_properties::FacePropertyPlan;
 use crate::pipeline::fit;
-use crate::pipeline::layout::layout;
+use crate::pipeline::kernel_side::layout;
 use crate::stages::components;
 use crate::stages::partition::{self, Shares, Sizes};
 use crate::stages::simplify::{

@@ -1,7 +1,7 @@
 //! The rounds and finishes that a run will take, from counts alone.
 
 use crate::error::{Error, Result};
-use crate::stages::stitch::{self, Step};
+use crate::stages::stitch::{self, NextStep};
 
 /// Finish of a level: triangles before and after it.
 pub(super) struct Finish {
@@ -49,16 +49,16 @@ fn rounds(mut now: u64, target: u64, cell_triangles: u64) -> (Vec<u64>, Option<F
     let mut goals = Vec::new();
     loop {
         match stitch::next_step(now, target, cell_triangles, goals.len() as u32) {
-            Step::Finish => return (goals, Some(Finish { before: now, after: target })),
-            Step::Round(goal) => {
+            NextStep::Finish => return (goals, Some(Finish { before: now, after: target })),
+            NextStep::Round(goal) => {
                 goals.push(goal.min(now));
                 now = goal.min(now);
             }
-            Step::ExactRound => {
+            NextStep::ExactRound => {
                 goals.push(target);
                 return (goals, None);
             }
-            Step::Done => return (goals, None),
+            NextStep::Done => return (goals, None),
         }
     }
 }

@@ -19,10 +19,10 @@ use config::NAMED;
 pub use config::{Finest, TILE_TRIANGLES, TileTexture, TilesConfig};
 pub use plan::{PreparedTiles, TilesPlan, prepare_tiles};
 
+use super::concluded::{abandon, is_final};
 use super::run_report::InputReport;
 use super::sealed_stages::SealedStages;
-use super::source_facts::faults;
-use super::{abandon, is_final};
+use super::steps::faults;
 use crate::bake::{Coloured, Means, colour_vertices};
 use crate::error::{Error, Result};
 use crate::io::materials::all_missing;

@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 use crate::pipeline::kernel_side::Facts;
 use crate::pipeline::prepare::prepare;
 use crate::pipeline::run_report::{RunReport, StageReport};
-use crate::pipeline::run_stages_in;
+use crate::pipeline::run_steps;
 use crate::stages::components::Components;
 use crate::stages::partition::Partition;
 use crate::store::cells::{PackFile, StoreInfo, check_pack};
@@ -133,12 +133,12 @@ impl Run<'_> {
     fn partition(self) -> Result<Record> {
         let config = Config { until: Some(Until::Cells), ..self.config.clone() };
         let prepared = prepare(&config)?;
-        let facts = Facts::new(&prepared.source, &prepared.plan);
+        let facts = Facts::new(&prepared.source, prepared.plan.target);
         let triangles = facts.n_triangles;
         let job = self.guest(BTreeMap::new());
         job.record(FACTS, &facts)?;
         self.join_parts(&prepared.source, &job)?;
-        run_stages_in(&job, prepared, &config, self.progress)?;
+        run_steps(&job, prepared, &config, self.progress)?;
         let store = store_of(&job)?;
         let files = store.packs.into_iter().chain(store.verdicts);
         let files = files.filter(|file| job.owns(&file.pack)).map(unit_file).collect();
@@ -150,7 +150,7 @@ impl Run<'_> {
         let config = Config { until: Some(Until::Stitch), ..self.config.clone() };
         let prepared = prepare(&config)?;
         let job = self.guest(self.rounds()?);
-        run_stages_in(&job, prepared, &config, self.progress)?;
+        run_steps(&job, prepared, &config, self.progress)?;
         let files = self.attempt.files()?;
         Ok(Record { outcomes: job.recorded(), files, ..Record::default() })
     }
@@ -160,7 +160,7 @@ impl Run<'_> {
         let prepared = prepare(self.config)?;
         self.job.begin_to_write()?;
         let job = self.guest(self.rounds()?);
-        let report = run_stages_in(&job, prepared, self.config, self.progress)?.report();
+        let report = run_steps(&job, prepared, self.config, self.progress)?.report();
         let mut report =
             report.ok_or_else(|| Error::Internal("the run has no report".to_owned()))?;
         let began = self.earlier.values().flatten().map(|(_, record)| record.span[0]);
