@@ -2,9 +2,11 @@
 //!
 //! Each method is a run of this program in a process by itself, so that its peak memory is its own.
 
+use super::answer::Done;
 use super::arguments::{memory_budget, parse_memory, require_ending, threads};
 use super::log::Log;
 use super::measure::parse_samples;
+use super::session::{Command, Session};
 use crate::config::Method;
 use crate::error::{Error, Result};
 use crate::io::ply::Place;
@@ -21,7 +23,7 @@ use std::ffi::OsString;
 use std::io::Read;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{self, Stdio};
 use std::time::Duration;
 
 /// Time between two looks at a run and at the wish to stop.
@@ -59,8 +61,8 @@ pub struct Args {
     threads: Option<NonZeroUsize>,
 }
 
-impl Args {
-    pub(super) fn paths(&self) -> Result<Paths> {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         require_ending("--output", &self.output, &["html", "htm"])?;
         Ok(Paths::new(self.force)
             .with(Role::InputFile, "INPUT", &self.input)
@@ -68,6 +70,12 @@ impl Args {
             .with(Role::JobFolder, "the folder of the results", self.folder()))
     }
 
+    fn run(&self, session: &mut Session) -> Result<Done> {
+        make(self, session.progress, session.log).map(|()| Done::plain())
+    }
+}
+
+impl Args {
     /// The folder of the results while they are needed.
     fn folder(&self) -> PathBuf {
         let mut name = self.output.file_name().unwrap_or_default().to_owned();
@@ -77,7 +85,7 @@ impl Args {
 }
 
 /// Makes the page.
-pub fn run(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
+fn make(args: &Args, progress: &Progress, log: &mut Log) -> Result<()> {
     let pictures = Resources {
         memory_bytes: memory_budget(args.memory),
         threads: threads(args.threads).get(),
@@ -211,7 +219,7 @@ fn run_apart(args: &Args, what: &str, words: Vec<OsString>, progress: &Progress)
     let program = std::env::current_exe()
         .map_err(|e| Error::Internal(format!("this program cannot find itself: {e}")))?;
     let failed = |e| Error::io(&program, "cannot run", e);
-    let mut child = Command::new(&program)
+    let mut child = process::Command::new(&program)
         .args(words)
         .args(resources(args))
         .arg("--quiet")

@@ -1,13 +1,13 @@
 //! `stonecut extract`: a mesh from a tree of tiles, as fine as is asked for, finer in a box.
 
+use super::answer::Done;
 use super::arguments::{memory_budget, parse_length, parse_memory};
-use super::display::watch;
-use super::log::{EXIT_SHORT, Log, Talk};
+use super::log::EXIT_SHORT;
+use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::io::OutputFormat;
 use crate::pipeline::extract::{ExtractConfig, Wanted, extract};
 use crate::system::paths::{Paths, Role};
-use crate::system::progress::Progress;
 use crate::system::units::{parse_count, show_bytes, show_count, show_outward};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -74,8 +74,8 @@ fn parse_box(text: &str) -> std::result::Result<Corners, String> {
     }
 }
 
-impl Args {
-    pub(super) fn paths(&self) -> Result<Paths> {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         self.format.check(&self.output)?;
         Ok(Paths::new(self.force).with(Role::InputFolder, "TILES", &self.tiles).with(
             Role::Output,
@@ -84,6 +84,12 @@ impl Args {
         ))
     }
 
+    fn run(&self, session: &mut Session) -> Result<Done> {
+        extract_mesh(self, session).map(|code| Done { code, ..Done::plain() })
+    }
+}
+
+impl Args {
     fn config(&self) -> ExtractConfig {
         let wanted = match (self.max_error, self.triangles) {
             (_, Some(n)) => Wanted::Triangles(n),
@@ -101,8 +107,9 @@ impl Args {
     }
 }
 
-/// Runs the command and gives its exit code.
-pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
+/// Extracts the mesh and gives the exit code.
+fn extract_mesh(args: &Args, session: &mut Session) -> Result<u8> {
+    let progress = session.progress;
     let config = args.config();
     if let (Wanted::MaxError(outside), Some((_, inside))) = (config.wanted, config.inside)
         && inside > outside
@@ -111,8 +118,9 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
             "--max-error-inside {inside} is above --max-error {outside}: the box can only be finer than the rest"
         )));
     }
-    super::arguments::warn_of_limit(args.memory, log);
-    let done = watch(talk, progress, log, || extract(&config, progress))?;
+    super::arguments::warn_of_limit(args.memory, session.log);
+    let done = session.watch(|| extract(&config, progress))?;
+    let log = &mut *session.log;
     log.say(format!(
         "{}: {} triangles, {} vertices, {}, from {} tiles of {} triangles at most {} from the input",
         config.output.display(),

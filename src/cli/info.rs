@@ -1,7 +1,9 @@
 //! `stonecut info`: what a mesh file holds and, with `--check`, whether it is sound.
 
+use super::answer::Done;
+use super::session::{Command, Session};
 use super::terminal::{shown, table as table_of};
-use crate::error::{Error, Result};
+use crate::error::{Error, Offers, Result};
 use crate::io::StageOptions;
 use crate::io::ply::MeshSource;
 use crate::measure::check::{self, COUNT_BYTES, Checked};
@@ -14,7 +16,6 @@ use crate::system::json_keys::SCHEMA_VERSION;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
 use crate::system::units;
-use std::io::Write;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -48,7 +49,7 @@ pub struct Args {
 
 /// The JSON of `info`; docs/report.md describes the keys.
 #[derive(serde::Serialize)]
-pub(super) struct Report {
+struct Report {
     /// `SCHEMA_VERSION`.
     schema_version: u32,
     /// Version of the program.
@@ -112,24 +113,39 @@ struct Sizes {
     below: Vec<Below>,
 }
 
-impl Args {
-    pub(super) fn paths(&self) -> Paths {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         let role = if is_tileset(&self.file) { Role::InputFolder } else { Role::Input };
         let paths = Paths::default().with(role, "FILE", &self.file);
-        paths.with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
+        Ok(paths.with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref()))
     }
 
-    pub(super) fn is_tileset(&self) -> bool {
-        is_tileset(&self.file)
+    fn offers(&self) -> Offers {
+        Offers { resumes: false, temp_dir: true }
     }
 
+    fn run(&self, session: &mut Session) -> Result<Done> {
+        if is_tileset(&self.file) {
+            return tiles(self, session);
+        }
+        let (source, report, list) = look(self, session.progress)?;
+        let done = Done::whole(&report)?;
+        session.print(&match self.json {
+            true => json(&report)?,
+            false => table(&source, &report, list),
+        })?;
+        Ok(done)
+    }
+}
+
+impl Args {
     fn temp_dir(&self) -> &Path {
         self.temp_dir.as_deref().unwrap_or(Path::new("."))
     }
 }
 
 /// Looks at a folder of tiles. Without `--check` it is read all the same: what it holds is known no sooner.
-pub(super) fn look_at_tiles(args: &Args, progress: &Progress) -> Result<TilesetCheck> {
+fn look_at_tiles(args: &Args, progress: &Progress) -> Result<TilesetCheck> {
     if args.self_intersections {
         let what = "--self-intersections is for mesh files, and FILE is a folder of tiles; name one of its tiles";
         return Err(Error::Usage(what.to_owned()));
@@ -138,12 +154,10 @@ pub(super) fn look_at_tiles(args: &Args, progress: &Progress) -> Result<TilesetC
     check_tileset(&args.file, threads, progress)
 }
 
-fn tiles(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<u8> {
-    let found = look_at_tiles(args, progress)?;
+fn tiles(args: &Args, session: &mut Session) -> Result<Done> {
+    let found = look_at_tiles(args, session.progress)?;
     let text = if args.json {
-        serde_json::to_string_pretty(&found)
-            .map_err(|e| Error::Usage(format!("the answer cannot be written as JSON: {e}")))?
-            + "\n"
+        json(&found)?
     } else {
         let rows = [
             ("folder", args.file.display().to_string()),
@@ -162,32 +176,19 @@ fn tiles(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<u8> {
         let faults = found.faults.iter().map(|fault| format!("  {}\n", shown(fault)));
         table_of(rows) + &faults.collect::<String>()
     };
-    out.write_all(text.as_bytes()).map_err(Error::stdout)?;
-    Ok(if found.n_faults > 0 { EXIT_FAULTS } else { 0 })
+    session.print(&text)?;
+    let code = if found.n_faults > 0 { EXIT_FAULTS } else { 0 };
+    Ok(Done { code, ..Done::whole(&found)? })
 }
 
-/// Runs the command; the answer goes to `out`. Returns the exit code.
-pub fn run(args: &Args, out: &mut dyn Write, progress: &Progress) -> Result<u8> {
-    if is_tileset(&args.file) {
-        return tiles(args, out, progress);
-    }
-    let (source, report, list) = look(args, progress)?;
-    let text = if args.json {
-        serde_json::to_string_pretty(&report)
-            .map_err(|e| Error::Usage(format!("the answer cannot be written as JSON: {e}")))?
-            + "\n"
-    } else {
-        table(&source, &report, list)
-    };
-    out.write_all(text.as_bytes()).map_err(Error::stdout)?;
-    Ok(0)
+fn json(report: &impl serde::Serialize) -> Result<String> {
+    serde_json::to_string_pretty(report)
+        .map(|json| json + "\n")
+        .map_err(|e| Error::Usage(format!("the answer cannot be written as JSON: {e}")))
 }
 
 /// Looks at the file; the last part of the answer is a line about sizes of components.
-pub(super) fn look(
-    args: &Args,
-    progress: &Progress,
-) -> Result<(MeshSource, Report, Option<String>)> {
+fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, Report, Option<String>)> {
     let threads = super::arguments::threads(args.threads).get();
     // With `--check` all of it is wanted; without, only its counts.
     let stage = super::arguments::staging(args.temp_dir(), args.memory);

@@ -1,18 +1,8 @@
-//! `--method` and `--grid` of `simplify`, and the options that each method refuses.
+//! `--method` and `--grid` of `simplify`, and the options that one method alone has.
 
-use super::answer::{Answer, json_of};
 use super::arguments::parse_length;
-use super::display::watch;
-use super::log::{Log, Talk};
-use super::outcome::{close, is_short, tell, write_early, write_report};
-use crate::config::{Config, Method};
+use crate::config::Method;
 use crate::error::{Error, Result};
-use crate::pipeline::methods::{self, PreparedMethod};
-use crate::pipeline::optimize;
-use crate::pipeline::run_report::RunReport;
-use crate::system::pending_file::Seen;
-use crate::system::progress::Progress;
-use std::path::Path;
 
 /// The choice of a method.
 #[derive(Clone, Debug, clap::Args)]
@@ -64,38 +54,9 @@ fn parse_cell_size(text: &str) -> std::result::Result<f64, String> {
     }
 }
 
-/// Wishes besides the settings of the run.
-#[derive(Clone, Copy)]
-pub(super) struct Wishes<'a> {
-    /// Only plan.
-    pub(super) dry_run: bool,
-    /// File for the report.
-    pub(super) report: Option<&'a Path>,
-}
-
 impl TypedMethod {
-    /// Refuses options that do not go with `--optimize`.
-    pub(super) fn check_optimize(&self, typed: &[(&str, bool)]) -> Result<()> {
-        match typed.iter().find(|(_, is_given)| *is_given && self.optimize.is_some()) {
-            None => Ok(()),
-            Some((option, _)) => Err(Error::Usage(format!(
-                "--optimize makes one result fit its original better: not with {option}"
-            ))),
-        }
-    }
-
-    /// Refuses options that do not go with `--pairs`.
-    pub(super) fn check_pairs(&self, typed: &[(&str, bool)]) -> Result<()> {
-        match typed.iter().find(|(_, is_given)| *is_given && self.pairs) {
-            None => Ok(()),
-            Some((option, _)) => Err(Error::Usage(format!(
-                "--pairs changes the topology and moves vertices at the end of one run: not with {option}"
-            ))),
-        }
-    }
-
-    /// Refuses options that mean nothing for the method; `typed` lists those that only the collapse has.
-    pub(super) fn check(&self, typed: &[(&str, bool)]) -> Result<()> {
+    /// Refuses options that only another method has.
+    pub(super) fn check(&self) -> Result<()> {
         let name = self.method.name();
         for (option, is_given, of) in [
             ("--grid", self.grid.is_some(), Method::Cluster),
@@ -110,63 +71,6 @@ impl TypedMethod {
                 )));
             }
         }
-        if self.method == Method::Collapse {
-            return Ok(());
-        }
-        match typed.iter().find(|(_, is_given)| *is_given) {
-            None => Ok(()),
-            Some((option, _)) => Err(Error::Usage(format!(
-                "{option} means nothing for --method {name}; leave it out, or take --method collapse"
-            ))),
-        }
+        Ok(())
     }
-}
-
-/// Runs another method than the collapse, or only plans it, without a word.
-pub(super) fn call(wishes: Wishes, config: &Config, progress: &Progress) -> Result<Answer> {
-    let report_to = wishes.report.map(Seen::new);
-    let prepared = methods::prepare(config, progress)?;
-    if wishes.dry_run {
-        return Ok(Answer { report: json_of(&prepared.plan)?, is_short: false });
-    }
-    let report = run(prepared, config, progress)?;
-    if let Some(to) = &report_to {
-        write_report(to, &report)?;
-    }
-    let is_short = is_short(&report);
-    Ok(Answer { report: json_of(&report.written())?, is_short })
-}
-
-fn run(prepared: PreparedMethod, config: &Config, progress: &Progress) -> Result<RunReport> {
-    progress.lose_all(&prepared.losses());
-    let mut report = match config.optimize {
-        Some(_) => optimize::simplify_by_method(prepared, config, progress),
-        None => methods::simplify(prepared, config, progress),
-    }?;
-    close(&mut report, progress);
-    Ok(report)
-}
-
-/// Prints the plan, runs another method than the collapse, prints and writes the report.
-pub(super) fn simplify(
-    wishes: Wishes,
-    config: &Config,
-    talk: &Talk,
-    progress: &Progress,
-    log: &mut Log,
-) -> Result<Option<RunReport>> {
-    let report_to = wishes.report.map(Seen::new);
-    let prepared = watch(talk, progress, log, || methods::prepare(config, progress))?;
-    log.plan(prepared.plan.lines(config), &prepared.plan);
-    if wishes.dry_run {
-        let end = serde_json::json!({ "dry_run": true, "plan": prepared.plan });
-        write_early(report_to.as_ref(), config, end, progress)?;
-        return Ok(None);
-    }
-    let report = watch(talk, progress, log, || run(prepared, config, progress))?;
-    tell(&report, talk, log);
-    if let Some(to) = &report_to {
-        write_report(to, &report)?;
-    }
-    Ok(Some(report))
 }

@@ -1,6 +1,8 @@
 //! `stonecut render`: a picture of a mesh.
 
+use super::answer::Done;
 use super::arguments::{memory_budget, parse_memory};
+use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::io::ply::{FaceBlock, MeshSource, Place, VertexBlock};
 use crate::mesh::Mesh;
@@ -12,6 +14,7 @@ use crate::system::disk::folder_of;
 use crate::system::paths::{Paths, Role};
 use crate::system::progress::Progress;
 use crate::system::units::{memory_word, show_bytes, show_count};
+use serde_json::json;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -79,32 +82,35 @@ pub struct Args {
 /// The word of `--color-by` that is not a property.
 const TEXTURE: &str = "texture";
 
-impl Args {
-    pub(super) fn paths(&self) -> Result<Paths> {
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         let inputs = |paths, mesh| Paths::with(paths, Role::Input, "MESH", mesh);
         self.output_paths(self.mesh.iter().fold(Paths::new(self.force), inputs))
     }
 
+    fn run(&self, session: &mut Session) -> Result<Done> {
+        let progress = session.progress;
+        let (picture, n_triangles) = picture(self, progress)?;
+        progress.check()?;
+        write(self, &picture)?;
+        session.warn_of_notes();
+        session.log.say(format!(
+            "{}: {}x{} pixels, {} triangles",
+            self.output.display(),
+            picture.width,
+            picture.height,
+            show_count(n_triangles)
+        ));
+        Done::whole(&json!({ "output": { "path": self.output }, "losses": progress.losses() }))
+    }
+}
+
+impl Args {
     /// The same with these in place of the meshes.
     pub(super) fn output_paths(&self, paths: Paths) -> Result<Paths> {
         super::arguments::require_ending("--output", &self.output, &["png"])?;
         Ok(paths.with(Role::Output, "--output", &self.output))
     }
-}
-
-/// Renders and writes the picture, and tells on `log` what was done.
-pub fn run(args: &Args, progress: &Progress, log: &mut dyn std::io::Write) -> Result<()> {
-    args.paths()?.check()?;
-    let (picture, n_triangles) = picture(args, progress)?;
-    progress.check()?;
-    write(args, &picture)?;
-    let (output, n) = (args.output.display(), show_count(n_triangles));
-    for line in progress.take_notes() {
-        let _ = writeln!(log, "warning: {line}");
-    }
-    // A closed standard error is not a reason to fail: the picture is there.
-    let _ = writeln!(log, "{output}: {}x{} pixels, {n} triangles", picture.width, picture.height);
-    Ok(())
 }
 
 /// Writes the picture where that was asked for.

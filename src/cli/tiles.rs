@@ -1,11 +1,12 @@
 //! `stonecut tiles`: a tree of tiles from a mesh of any size.
 
+use super::answer::Done;
 use super::arguments::{memory_budget, parse_memory};
-use super::display::watch;
-use super::log::{EXIT_SHORT, Log, Talk};
+use super::log::{Log, Talk};
 use super::outcome::{stage_line, write_json};
 use super::placing::{Transform, TypedMoves, Up, numbers, parse_transform};
-use crate::error::Result;
+use super::session::{Command, Session};
+use crate::error::{Offers, Result};
 use crate::io::Weld;
 use crate::mesh::placing::Placing;
 use crate::pipeline::tiles::report::TilesReport;
@@ -14,7 +15,6 @@ use crate::pipeline::tiles::{
 };
 use crate::system::paths::{Kind, Paths, Role};
 use crate::system::pending_file::Seen;
-use crate::system::progress::Progress;
 use crate::system::units::{parse_count, parse_ratio, show_bytes, show_count, show_outward};
 use std::num::NonZeroUsize;
 use std::path::PathBuf;
@@ -215,7 +215,10 @@ impl Args {
         })
     }
 
-    pub(super) fn paths(&self) -> Result<Paths> {
+}
+
+impl Command for Args {
+    fn paths(&self) -> Result<Paths> {
         let job_folder = super::arguments::job_folder(&self.output, self.temp_dir.as_deref())?;
         Ok(Paths::new(self.force)
             .with(Role::Input, "INPUT", &self.input)
@@ -224,10 +227,18 @@ impl Args {
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
             .with(Role::JobFolder, "the job folder", job_folder))
     }
+
+    fn offers(&self) -> Offers {
+        Offers { resumes: true, temp_dir: true }
+    }
+
+    fn run(&self, session: &mut Session) -> Result<Done> {
+        make(self, session)
+    }
 }
 
-/// Runs the command and gives its exit code.
-pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Result<u8> {
+fn make(args: &Args, session: &mut Session) -> Result<Done> {
+    let (progress, log) = (session.progress, &mut *session.log);
     let report_to = args.report.as_deref().map(Seen::new);
     let mut config = args.config()?;
     super::arguments::warn_of_limit(args.memory, log);
@@ -249,14 +260,14 @@ pub fn run(args: &Args, talk: &Talk, progress: &Progress, log: &mut Log) -> Resu
             });
             write_json(to, &report)?;
         }
-        return Ok(0);
+        return Done::whole(&prepared.plan);
     }
-    let report = watch(talk, progress, log, || make_tiles(prepared, &config, progress))?;
-    tell(&report, talk, log);
+    let report = session.watch(|| make_tiles(prepared, &config, progress))?;
+    tell(&report, session.talk, session.log);
     if let Some(to) = &report_to {
         write_json(to, &report)?;
     }
-    Ok(if report.is_short() { EXIT_SHORT } else { 0 })
+    Done::of(&report, report.is_short())
 }
 
 fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {

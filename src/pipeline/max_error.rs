@@ -9,8 +9,8 @@
 //! do not count: the certificate is against a copy of the input without them. Memory and disk: those of one run, one
 //! more output, and that copy.
 
-use super::concluded::{abandon, conclude, concluded};
-use super::first_run::{deliver, trial_path};
+use super::concluded::abandon;
+use super::derived::{DerivedRun, derive, trial_path};
 use super::prepare::{Prepared, prepare};
 use crate::config::{Attributes, Config, Normals, Target, Texture};
 use crate::error::Result;
@@ -20,8 +20,7 @@ use crate::measure::{Beyond, Certificate, Certify, compare};
 use crate::pipeline::run_report::{BoundReport, RunReport, TrialReport};
 use crate::pipeline::verify::{self, Pair};
 use crate::stages::stitch::is_tree_record;
-use crate::store::job::fingerprint::job_identity;
-use crate::store::job::{Job, TRIALS, rewind};
+use crate::store::job::{TRIALS, rewind};
 use crate::system::disk::Disk;
 use crate::system::progress::Progress;
 use crate::system::units::show_length;
@@ -95,24 +94,22 @@ pub fn simplify(
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
     verify::refuse_unreadable(config)?;
-    let started = Instant::now();
-    let disk = Disk::default();
-    let n_input = prepared.source.n_triangles();
     let marks = crate::store::job::fingerprint::input_marks(&config.input)?;
-    let identity = job_identity(&prepared.source, &marks, config);
-    // Every trial opens the input itself.
-    drop(prepared);
-    if let Some(report) = concluded(&disk, &identity, config)? {
-        return Ok(Some(report));
-    }
-    let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
-    disk.create_dir(&job.path(TRIALS))?;
+    derive(prepared.source, &marks, config, progress, |run, source| {
+        let n_input = source.n_triangles();
+        // Every trial opens the input itself.
+        drop(source);
+        try_in_turn(run, bound, n_input)
+    })
+}
+
+/// Runs trials until one keeps the bound, which becomes the output.
+fn try_in_turn(run: &DerivedRun, bound: f64, n_input: u64) -> Result<Option<RunReport>> {
+    let DerivedRun { job, disk, config, progress, .. } = run;
+    let kept = run.inner_path("kept.ply")?;
     let kept = match config.min_component {
         None => None,
-        Some(_) => match job.sealed("kept", || write_kept(n_input, config, progress)) {
-            Ok(kept) => Some(kept),
-            Err(error) => return Err(abandon(&job, error)),
-        },
+        Some(_) => Some(run.part("kept", || write_kept(kept, n_input, config, progress))?),
     };
     let mut trials: Vec<Trial> = Vec::new();
     let mut tightened = Tightened::new();
@@ -132,7 +129,7 @@ pub fn simplify(
                         found
                     }
                     Ok(None) => return Ok(None),
-                    Err(error) if trials.is_empty() => return Err(abandon(&job, error)),
+                    Err(error) if trials.is_empty() => return Err(abandon(job, error)),
                     Err(error) => return Err(error),
                 }
             }
@@ -154,7 +151,7 @@ pub fn simplify(
     let mut report = match best {
         Some(best) => {
             let path = trial_path(config, &best.number.to_string());
-            deliver(&job, &disk, config, &path)?;
+            run.deliver(&path)?;
             best.report.clone()
         }
         None => {
@@ -176,10 +173,7 @@ pub fn simplify(
         }
     };
     report.output.path = config.output.display().to_string();
-    report.settings = identity.settings;
-    report.seconds = started.elapsed().as_secs_f64();
-    report.triangles_per_second = n_input as f64 / report.seconds.max(1e-9);
-    report.peak_memory_bytes = crate::system::memory::peak_bytes();
+    report.seconds = 0.0;
     report.hausdorff = best.and_then(|trial| trial.certificate.clone());
     report.max_error = Some(BoundReport {
         bound,
@@ -195,15 +189,16 @@ pub fn simplify(
             })
             .collect(),
     });
-    if !config.keep_temp {
-        conclude(&job, config, &report)?;
-    }
     Ok(Some(report))
 }
 
 /// Writes the geometry of the input without small components among the trials; gives back its path.
-fn write_kept(n_input: u64, config: &Config, progress: &Progress) -> Result<PathBuf> {
-    let output = config.job_folder.join(TRIALS).join("kept.ply");
+fn write_kept(
+    output: PathBuf,
+    n_input: u64,
+    config: &Config,
+    progress: &Progress,
+) -> Result<PathBuf> {
     let inner = Config {
         target: Target::Triangles(n_input),
         output: output.clone(),

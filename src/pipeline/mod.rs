@@ -6,8 +6,8 @@
 
 pub(crate) mod bake;
 mod concluded;
+mod derived;
 pub mod extract;
-mod first_run;
 mod fit;
 pub mod in_memory;
 mod kernel_side;

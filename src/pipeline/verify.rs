@@ -75,9 +75,10 @@ impl Pair {
     }
 }
 
-/// The end of a run that holds nothing any more: measures its output if that was asked for, and gives up its job folder.
+/// The end of a run that holds nothing any more: measures its output if that was asked for and has not been done, and gives up
+/// its job folder.
 pub fn end(job: &Job, config: &Config, progress: &Progress, report: &mut RunReport) -> Result<()> {
-    if config.verify {
+    if config.verify && report.measured.is_none() {
         let run = StageContext {
             job,
             progress,
