@@ -14,28 +14,28 @@ pub struct Answer {
 }
 
 /// End of a command.
-pub(super) struct Done {
+pub(super) struct CommandEnd {
     /// The report; `null` if the command has none.
     pub(super) report: Value,
     /// The exit code.
     pub(super) code: u8,
 }
 
-impl Done {
+impl CommandEnd {
     /// Nothing to report, all that was asked for.
-    pub(super) fn plain() -> Done {
-        Done { report: Value::Null, code: 0 }
+    pub(super) fn plain() -> CommandEnd {
+        CommandEnd { report: Value::Null, code: 0 }
     }
 
     /// All that was asked for.
-    pub(super) fn whole(report: &impl serde::Serialize) -> Result<Done> {
-        Done::of(report, false)
+    pub(super) fn whole(report: &impl serde::Serialize) -> Result<CommandEnd> {
+        CommandEnd::of(report, false)
     }
 
     /// All that was asked for, or not.
-    pub(super) fn of(report: &impl serde::Serialize, is_short: bool) -> Result<Done> {
+    pub(super) fn of(report: &impl serde::Serialize, is_short: bool) -> Result<CommandEnd> {
         let report = serde_json::to_value(report)
             .map_err(|e| Error::Internal(format!("the report cannot be written as JSON: {e}")))?;
-        Ok(Done { report, code: if is_short { EXIT_SHORT } else { 0 } })
+        Ok(CommandEnd { report, code: if is_short { EXIT_SHORT } else { 0 } })
     }
 }

@@ -4,11 +4,11 @@
 //! the `Progress` that the caller gives, and a stop is asked for there. Words mean what they mean on the command line.
 
 pub use super::answer::Answer;
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::log::{EXIT_SHORT, Log, Talk};
 use super::render;
 use super::session::{Command, Session};
-use super::{Line, Typed, check_paths, session};
+use super::{CommandLine, Typed, check_paths, session};
 use crate::config::Config;
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
@@ -32,7 +32,7 @@ pub fn call(words: &[OsString], progress: &Progress) -> Result<Answer> {
     progress.take_losses();
     let (talk, mut log) = (Talk::silent(), Log::silent());
     let mut session = Session { prints: false, ..session(&talk, progress, &mut log) };
-    let Done { report, code } = guarded(|| command.run(&mut session))?;
+    let CommandEnd { report, code } = guarded(|| command.run(&mut session))?;
     let is_short = code == EXIT_SHORT || progress.losses().has_whole();
     Ok(Answer { report, is_short })
 }
@@ -86,9 +86,9 @@ fn draw(args: &render::Args, mesh: Option<&Mesh>, progress: &Progress) -> Result
     })
 }
 
-fn parse(words: &[OsString]) -> Result<Line> {
+fn parse(words: &[OsString]) -> Result<CommandLine> {
     let words = std::iter::once("stonecut".into()).chain(words.iter().cloned());
-    Line::try_parse_from(words).map_err(|e| {
+    CommandLine::try_parse_from(words).map_err(|e| {
         let text = e.to_string();
         let text = text.strip_prefix("error: ").unwrap_or(&text);
         // What follows is how to type it.

@@ -2,12 +2,12 @@
 //!
 //! Each method is a run of this program in a process by itself, so that its peak memory is its own.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory, require_ending, threads};
 use super::log::Log;
 use super::measure::parse_samples;
+use super::method::MethodName;
 use super::session::{Command, Session};
-use crate::config::Method;
 use crate::error::{Error, Result};
 use crate::io::ply::Place;
 use crate::render::{Resources, View, hold};
@@ -35,7 +35,7 @@ const LOOK: Duration = Duration::from_millis(50);
 pub struct Args {
     /// Methods joined by commas: collapse,cluster,decimate,retile.
     #[arg(value_enum, value_name = "METHOD,...", value_delimiter = ',', required = true)]
-    methods: Vec<Method>,
+    methods: Vec<MethodName>,
     /// The mesh to simplify.
     input: PathBuf,
     /// Triangles wanted, at most: 20000, 500k, 4M.
@@ -70,8 +70,8 @@ impl Command for Args {
             .with(Role::JobFolder, "the folder of the results", self.folder()))
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
-        make(self, session.progress, session.log).map(|()| Done::plain())
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        make(self, session.progress, session.log).map(|()| CommandEnd::plain())
     }
 }
 
@@ -129,7 +129,7 @@ fn is_result(path: &Path, is_folder: bool) -> bool {
     let Some(first) = path.iter().next().and_then(|part| part.to_str()) else { return false };
     let is_mesh = |name: &str| {
         let method = name.trim_start_matches('.').split(['.', '-']).next().unwrap_or_default();
-        Method::value_variants().iter().any(|known| known.name() == method)
+        MethodName::value_variants().iter().any(|known| known.name() == method)
     };
     let below: PathBuf = path.iter().skip(1).collect();
     match below.as_os_str().is_empty() {
@@ -188,7 +188,12 @@ fn resources(args: &Args) -> Vec<OsString> {
 }
 
 /// Runs `simplify` and `measure`; a target that is not met is shown on the page.
-fn contender(args: &Args, method: Method, folder: &Path, progress: &Progress) -> Result<Contender> {
+fn contender(
+    args: &Args,
+    method: MethodName,
+    folder: &Path,
+    progress: &Progress,
+) -> Result<Contender> {
     let name = method.name().to_owned();
     let mesh = folder.join(format!("{name}.ply"));
     let report = folder.join(format!("{name}.json"));

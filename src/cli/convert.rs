@@ -5,7 +5,7 @@
 //! vertices that no face uses vanish; the order of all others stays. Memory: sorts within that of the command, a bit and
 //! an eighth a vertex, a bit a triangle if any repeat, and a few blocks.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 pub use super::converted::Converted;
 use super::converted::write_report;
 use super::log::Said;
@@ -95,12 +95,12 @@ impl Command for Args {
     }
 
     /// The exit code tells whether broken faces were dropped.
-    fn run(&self, session: &mut Session) -> Result<Done> {
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         let report_to = self.report.as_deref().map(Seen::new);
         let done = convert_until_stopped(self, session.progress)?;
         say(self, &done, &mut Said(session.log));
         let report = write_report(report_to.as_ref(), [&self.input, &self.output], &done)?;
-        Done::of(&report, done.is_short())
+        CommandEnd::of(&report, done.is_short())
     }
 }
 
@@ -191,7 +191,8 @@ fn convert_until_stopped(args: &Args, progress: &Progress) -> Result<Converted> 
         let why = format!("{x} {y} {z} was subtracted from all coordinates");
         done.losses.lose(Loss::new(LossKind::Precision, "places", why).notice());
     }
-    let input = Input { source: &source, duplicates: &duplicates, texture, textures, memory_bytes };
+    let input =
+        ConvertInput { source: &source, duplicates: &duplicates, texture, textures, memory_bytes };
     used.write(&input, args, &mut done, progress)?;
     let faults = source.faults();
     progress.lose_all(&done.losses);
@@ -209,7 +210,7 @@ fn plan_textures(source: &MeshSource, args: &Args) -> Result<Option<TexturePlan>
 }
 
 /// The mesh that is written.
-struct Input<'a> {
+struct ConvertInput<'a> {
     source: &'a MeshSource,
     duplicates: &'a Duplicates,
     /// True if texture coordinates at corners are written.
@@ -320,12 +321,12 @@ impl Used {
 
     fn write(
         &self,
-        input: &Input,
+        input: &ConvertInput,
         args: &Args,
         done: &mut Converted,
         progress: &Progress,
     ) -> Result<()> {
-        let Input { source, duplicates, .. } = *input;
+        let ConvertInput { source, duplicates, .. } = *input;
         let mut header =
             OutputHeader::new(source.schema().clone(), done.n_vertices, done.n_triangles);
         header.comments = source.plain_comments();
@@ -386,7 +387,7 @@ impl Used {
     /// The second pass over faces with properties: their rows beside their triangles, block by block.
     fn write_full_faces(
         &self,
-        input: &Input,
+        input: &ConvertInput,
         mut sink: MeshSink,
         done: &mut Converted,
         progress: &Progress,
@@ -436,7 +437,7 @@ impl Used {
 /// Blocks of faces on their way to the output, with what their rows carry.
 struct FullBlocks<'a> {
     used: &'a Used,
-    input: &'a Input<'a>,
+    input: &'a ConvertInput<'a>,
     value_bytes: usize,
     /// Triangles so far, dropped ones included.
     place: u64,
@@ -451,7 +452,7 @@ struct FullBlocks<'a> {
 impl FullBlocks<'_> {
     fn write(&mut self, sink: &mut MeshSink) -> Result<()> {
         let mut block = FaceBlock::default();
-        let Input { source, duplicates, texture: has_texture, .. } = *self.input;
+        let ConvertInput { source, duplicates, texture: has_texture, .. } = *self.input;
         source.read_faces_with_rows(self.index, &mut block)?;
         let (mut triangles, mut values) = (Vec::new(), Vec::new());
         for (triangle, &row) in block.triangles.iter().zip(&block.rows) {

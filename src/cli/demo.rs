@@ -1,6 +1,6 @@
 //! `stonecut demo`: the whole way on a synthetic scan, told command by command.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
@@ -23,8 +23,8 @@ impl Command for Args {
     }
 
     /// Fails if the result is not as closed as the scan it came from.
-    fn run(&self, session: &mut Session) -> Result<Done> {
-        show(&self.folder, session).map(|code| Done { code, ..Done::plain() })
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        show(&self.folder, session).map(|code| CommandEnd { code, ..CommandEnd::plain() })
     }
 }
 

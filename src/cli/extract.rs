@@ -1,6 +1,6 @@
 //! `stonecut extract`: a mesh from a tree of tiles, as fine as is asked for, finer in a box.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_length, parse_memory};
 use super::log::EXIT_SHORT;
 use super::session::{Command, Session};
@@ -30,7 +30,7 @@ pub struct Args {
     triangles: Option<u64>,
     /// A box, in units of the mesh, that is finer than the rest; --triangles leaves its content alone.
     #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = parse_box, allow_hyphen_values = true, requires = "max_error_inside")]
-    inside: Option<Corners>,
+    inside: Option<BoxCorners>,
     /// Largest distance from the mesh in that box, at most --max-error.
     #[arg(long, value_name = "E", value_parser = parse_length, requires = "inside")]
     max_error_inside: Option<f64>,
@@ -51,7 +51,7 @@ pub struct Args {
 
 /// The lower and the upper corner of a box.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Corners([[f64; 3]; 2]);
+struct BoxCorners([[f64; 3]; 2]);
 
 fn parse_wanted(text: &str) -> std::result::Result<u64, String> {
     match parse_count(text)? {
@@ -60,7 +60,7 @@ fn parse_wanted(text: &str) -> std::result::Result<u64, String> {
     }
 }
 
-fn parse_box(text: &str) -> std::result::Result<Corners, String> {
+fn parse_box(text: &str) -> std::result::Result<BoxCorners, String> {
     let parse = |word: &str| word.trim().parse().ok().filter(|x: &f64| x.is_finite());
     let list: Option<Vec<f64>> = text.split(',').map(parse).collect();
     let corners: Option<[f64; 6]> = list.and_then(|list| list.try_into().ok());
@@ -69,7 +69,7 @@ fn parse_box(text: &str) -> std::result::Result<Corners, String> {
     };
     let (low, high) = ([a, b, c], [d, e, f]);
     match (0..3).all(|k| low[k] <= high[k]) {
-        true => Ok(Corners([low, high])),
+        true => Ok(BoxCorners([low, high])),
         false => Err("the lower corner comes first: no number may exceed its partner".to_owned()),
     }
 }
@@ -84,8 +84,8 @@ impl Command for Args {
         ))
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
-        extract_mesh(self, session).map(|code| Done { code, ..Done::plain() })
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        extract_mesh(self, session).map(|code| CommandEnd { code, ..CommandEnd::plain() })
     }
 }
 
@@ -100,7 +100,7 @@ impl Args {
             output: self.output.clone(),
             format: self.format,
             wanted,
-            inside: self.inside.zip(self.max_error_inside).map(|(Corners(c), most)| (c, most)),
+            inside: self.inside.zip(self.max_error_inside).map(|(BoxCorners(c), most)| (c, most)),
             memory_bytes: memory_budget(self.memory),
             threads: super::arguments::threads(self.threads),
         }
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn boxes_have_six_numbers_in_order() {
-        assert_eq!(parse_box("-1,0,2, 3,0,5"), Ok(Corners([[-1.0, 0.0, 2.0], [3.0, 0.0, 5.0]])));
+        assert_eq!(parse_box("-1,0,2, 3,0,5"), Ok(BoxCorners([[-1.0, 0.0, 2.0], [3.0, 0.0, 5.0]])));
         for text in ["", "1,2,3", "1,0,0,0,1,1", "1,2,3,4,5,nan", "1,2,3,4,5,6,7"] {
             assert!(parse_box(text).is_err(), "{text}");
         }

@@ -1,6 +1,6 @@
 //! `stonecut info`: what a mesh file holds and, with `--check`, whether it is sound.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::session::{Command, Session};
 use super::terminal::{shown, table as table_of};
 use crate::error::{Error, Offers, Result};
@@ -49,7 +49,7 @@ pub struct Args {
 
 /// The JSON of `info`; docs/report.md describes the keys.
 #[derive(serde::Serialize)]
-struct Report {
+struct InfoReport {
     /// `SCHEMA_VERSION`.
     schema_version: u32,
     /// Version of the program.
@@ -102,12 +102,12 @@ struct Report {
     intersections: Option<SelfIntersections>,
     /// Components by size; only with `--check`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    component_sizes: Option<Sizes>,
+    component_sizes: Option<SizesReport>,
 }
 
 /// Components by size, as `--min-component` counts them: vertices in one place are connected.
 #[derive(serde::Serialize)]
-struct Sizes {
+struct SizesReport {
     found: u64,
     largest: u64,
     below: Vec<Below>,
@@ -124,12 +124,12 @@ impl Command for Args {
         Offers { resumes: false, temp_dir: true }
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         if is_tileset(&self.file) {
             return tiles(self, session);
         }
         let (source, report, list) = look(self, session.progress)?;
-        let done = Done::whole(&report)?;
+        let done = CommandEnd::whole(&report)?;
         session.print(&match self.json {
             true => json(&report)?,
             false => table(&source, &report, list),
@@ -154,7 +154,7 @@ fn look_at_tiles(args: &Args, progress: &Progress) -> Result<TilesetCheck> {
     check_tileset(&args.file, threads, progress)
 }
 
-fn tiles(args: &Args, session: &mut Session) -> Result<Done> {
+fn tiles(args: &Args, session: &mut Session) -> Result<CommandEnd> {
     let found = look_at_tiles(args, session.progress)?;
     let text = if args.json {
         json(&found)?
@@ -178,7 +178,7 @@ fn tiles(args: &Args, session: &mut Session) -> Result<Done> {
     };
     session.print(&text)?;
     let code = if found.n_faults > 0 { EXIT_FAULTS } else { 0 };
-    Ok(Done { code, ..Done::whole(&found)? })
+    Ok(CommandEnd { code, ..CommandEnd::whole(&found)? })
 }
 
 fn json(report: &impl serde::Serialize) -> Result<String> {
@@ -188,7 +188,7 @@ fn json(report: &impl serde::Serialize) -> Result<String> {
 }
 
 /// Looks at the file; the last part of the answer is a line about sizes of components.
-fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, Report, Option<String>)> {
+fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, InfoReport, Option<String>)> {
     let threads = super::arguments::threads(args.threads).get();
     // With `--check` all of it is wanted; without, only its counts.
     let stage = super::arguments::staging(args.temp_dir(), args.memory);
@@ -204,7 +204,7 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, Report, Option<
     let list = sizes.as_ref().map(below_list);
     let schema = source.schema();
     let materials = source.materials();
-    let report = Report {
+    let report = InfoReport {
         schema_version: SCHEMA_VERSION,
         version: env!("CARGO_PKG_VERSION"),
         path: args.file.clone(),
@@ -231,7 +231,7 @@ fn look(args: &Args, progress: &Progress) -> Result<(MeshSource, Report, Option<
         triangles: check.is_none().then(|| source.n_triangles()),
         check,
         intersections,
-        component_sizes: sizes.map(|s| Sizes {
+        component_sizes: sizes.map(|s| SizesReport {
             found: s.found,
             largest: s.largest,
             below: s.below,
@@ -287,7 +287,7 @@ fn pixels(images: &[Option<[u32; 2]>]) -> Option<String> {
     (!list.is_empty()).then(|| list.join(", ") + rest)
 }
 
-fn table(source: &MeshSource, report: &Report, below: Option<String>) -> String {
+fn table(source: &MeshSource, report: &InfoReport, below: Option<String>) -> String {
     let mut rows = vec![
         ("file", report.path.display().to_string()),
         ("size", units::show_bytes(report.bytes)),

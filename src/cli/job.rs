@@ -74,7 +74,7 @@ pub(super) fn run_job(
             optimize::simplify(prepared.source, config, progress).map(Some)
         }
         None if config.pairs => pairs::simplify(prepared.source, config, progress).map(Some),
-        None => pipeline::simplify(prepared, config, progress),
+        None => pipeline::simplify(prepared, progress),
     }?;
     if let Some(report) = &mut report {
         close(report, progress);
@@ -101,8 +101,8 @@ fn settings(config: &Config) -> BTreeMap<String, String> {
     for (name, value) in [
         ("input", format!("{:?}", std::path::absolute(&config.input).ok())),
         ("format", format!("{:?}", config.format)),
-        ("verify", format!("{:?}", config.verify)),
-        ("seams", format!("{:?}", config.seams)),
+        ("verify", format!("{:?}", config.checks.verify)),
+        ("seams", format!("{:?}", config.checks.seams)),
         ("progressive", format!("{:?}", config.progressive)),
         ("version", env!("CARGO_PKG_VERSION").to_owned()),
     ] {
@@ -120,7 +120,7 @@ pub(super) fn done_before(config: &Config, report: &Path) -> Option<u8> {
     let is_input = done.input.iter().all(|(name, value)| input.get(name) == Some(value));
     let now = record(config, done.input.clone(), done.exit_code)?;
     // Side files are not looked at.
-    let has_sides = config.seams.is_some() || config.progressive.is_some();
+    let has_sides = config.checks.seams.is_some() || config.progressive.is_some();
     (is_input && !has_sides && now == done).then_some(done.exit_code)
 }
 

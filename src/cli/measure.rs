@@ -1,6 +1,6 @@
 //! `stonecut measure`: its arguments, its table, its report.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
 use super::session::{Command, Session};
 use crate::error::{Error, Offers, Result};
@@ -138,14 +138,14 @@ impl Command for Args {
     }
 
     /// The table or the JSON goes to standard output.
-    fn run(&self, session: &mut Session) -> Result<Done> {
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         super::arguments::warn_of_limit(self.memory, session.log);
         let report_to = self.report.as_deref().map(Seen::new);
         let report = report(self, session)?;
         let json = write_report(report_to.as_ref(), &report, session.progress)?;
         session.warn_of_notes();
         session.print(&if self.json { json + "\n" } else { table(&report) })?;
-        Done::whole(&report)
+        CommandEnd::whole(&report)
     }
 }
 

@@ -1,8 +1,30 @@
 //! `--method` and `--grid` of `simplify`, and the options that one method alone has.
 
 use super::arguments::parse_length;
-use crate::config::Method;
+use crate::config::{FEATURE_ANGLE, Method};
 use crate::error::{Error, Result};
+use clap::ValueEnum;
+
+/// The choices of `--method`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum MethodName {
+    /// Edges collapse, least error first; for results.
+    Collapse,
+    /// Vertices of a cell of a grid become one; for previews, at the speed of the disk.
+    Cluster,
+    /// Vertices are removed, least distance first; all others stay exactly where they are.
+    Decimate,
+    /// Vertices spread evenly over the surface, joined by nearly equilateral triangles.
+    Retile,
+}
+
+impl MethodName {
+    /// The word itself.
+    pub(super) fn name(self) -> String {
+        let word = self.to_possible_value();
+        word.map_or_else(String::new, |word| word.get_name().to_owned())
+    }
+}
 
 /// The choice of a method.
 #[derive(Clone, Debug, clap::Args)]
@@ -11,7 +33,7 @@ pub(super) struct TypedMethod {
     /// pass at the speed of the disk; for previews), decimate (vertices are removed, all others stay exactly where they
     /// are; in memory) or retile (nearly equilateral triangles of one size, for simulation; in memory). See docs/methods.md.
     #[arg(long, value_enum, value_name = "METHOD", default_value = "collapse")]
-    pub(super) method: Method,
+    pub(super) method: MethodName,
     /// With --method cluster: length of a cell of the grid, in input units, instead of a count of triangles.
     #[arg(long, value_name = "SIZE", value_parser = parse_cell_size, conflicts_with_all = ["triangles", "ratio", "max_error"])]
     pub(super) grid: Option<f64>,
@@ -55,19 +77,30 @@ fn parse_cell_size(text: &str) -> std::result::Result<f64, String> {
 }
 
 impl TypedMethod {
+    /// The method with its settings.
+    pub(super) fn settings(&self) -> Method {
+        match self.method {
+            MethodName::Collapse => Method::Collapse,
+            MethodName::Cluster => Method::Cluster { manifold: self.manifold },
+            MethodName::Decimate => {
+                Method::Decimate { feature_angle: self.feature_angle.unwrap_or(FEATURE_ANGLE) }
+            }
+            MethodName::Retile => Method::Retile { gradation: self.gradation.unwrap_or(0.0) },
+        }
+    }
+
     /// Refuses options that only another method has.
     pub(super) fn check(&self) -> Result<()> {
-        let name = self.method.name();
         for (option, is_given, of) in [
-            ("--grid", self.grid.is_some(), Method::Cluster),
-            ("--feature-angle", self.feature_angle.is_some(), Method::Decimate),
-            ("--gradation", self.gradation.is_some(), Method::Retile),
-            ("--manifold", self.manifold, Method::Cluster),
+            ("--grid", self.grid.is_some(), MethodName::Cluster),
+            ("--feature-angle", self.feature_angle.is_some(), MethodName::Decimate),
+            ("--gradation", self.gradation.is_some(), MethodName::Retile),
+            ("--manifold", self.manifold, MethodName::Cluster),
         ] {
             if is_given && self.method != of {
+                let (of, name) = (of.name(), self.method.name());
                 return Err(Error::Usage(format!(
-                    "{option} is for --method {}; leave it out with {name}",
-                    of.name()
+                    "{option} is for --method {of}; leave it out with {name}"
                 )));
             }
         }

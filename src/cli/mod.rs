@@ -59,7 +59,7 @@ use std::sync::Arc;
 /// 141 whoever read standard output has closed it.
 #[derive(Debug, Parser)]
 #[command(name = "stonecut", version)]
-struct Line {
+struct CommandLine {
     #[command(subcommand)]
     command: Typed,
     #[command(flatten)]
@@ -94,7 +94,7 @@ enum Typed {
 /// SIGINT and SIGTERM are listened to from then on.
 pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
     let words: Vec<std::ffi::OsString> = words.into_iter().collect();
-    let mut typed = match Line::try_parse_from(&words) {
+    let mut typed = match CommandLine::try_parse_from(&words) {
         Ok(typed) => typed,
         Err(error) => {
             // Help and version are answers, not errors; clap knows which stream each belongs to.
@@ -145,11 +145,11 @@ pub fn main_from(words: impl IntoIterator<Item = std::ffi::OsString>) -> u8 {
 
 /// The surroundings of a command of this command line.
 fn session<'a>(talk: &'a Talk, progress: &'a Progress, log: &'a mut Log) -> Session<'a> {
-    Session { talk, progress, log, prints: true, line: Line::command, run_words }
+    Session { talk, progress, log, prints: true, line: CommandLine::command, run_words }
 }
 
 fn run_words(words: &[String], session: &mut Session) -> Result<u8> {
-    let line = Line::try_parse_from(words).map_err(|e| Error::Usage(e.to_string()))?;
+    let line = CommandLine::try_parse_from(words).map_err(|e| Error::Usage(e.to_string()))?;
     let command = line.command.as_command();
     check_paths(command, session.talk)?;
     command.run(session).map(|done| done.code)
@@ -173,7 +173,7 @@ fn print_typed(error: &clap::Error, words: &[std::ffi::OsString]) {
     }
     // The same words without their tricks are as wrong as they were.
     let safe = words.iter().map(|word| terminal::shown(&word.to_string_lossy()).into_owned());
-    let text = match Line::try_parse_from(safe) {
+    let text = match CommandLine::try_parse_from(safe) {
         Err(same) => same.to_string(),
         Ok(_) => error.kind().to_string(),
     };

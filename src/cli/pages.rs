@@ -1,6 +1,6 @@
 //! `stonecut completions` and `stonecut man`: what shells and `man` know of the command line, made from itself.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::system::paths::{Paths, Role};
@@ -32,11 +32,11 @@ impl Command for Completions {
         Ok(Paths::default())
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         let mut text = Vec::new();
         clap_complete::generate(self.shell, &mut (session.line)(), "stonecut", &mut text);
         std::io::stdout().write_all(&text).map_err(Error::stdout)?;
-        Ok(Done::plain())
+        Ok(CommandEnd::plain())
     }
 }
 
@@ -46,7 +46,7 @@ impl Command for Man {
     }
 
     /// Writes `stonecut.1`, `stonecut-simplify.1`, ...
-    fn run(&self, session: &mut Session) -> Result<Done> {
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         let (folder, mut line) = (&self.folder, (session.line)());
         std::fs::create_dir_all(folder)
             .map_err(|e| Error::io(folder, "cannot create folder", e))?;
@@ -56,7 +56,7 @@ impl Command for Man {
             let name = format!("stonecut-{}", sub.get_name());
             write_page(folder, &name, sub.clone())?;
         }
-        Ok(Done::plain())
+        Ok(CommandEnd::plain())
     }
 }
 
@@ -73,7 +73,7 @@ fn write_page(folder: &Path, name: &str, command: clap::Command) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use crate::cli::Line;
+    use crate::cli::CommandLine;
     use clap::CommandFactory;
 
     fn check(command: &clap::Command) {
@@ -88,7 +88,7 @@ mod tests {
 
     #[test]
     fn every_command_and_every_option_has_a_help_text() {
-        let mut command = Line::command();
+        let mut command = CommandLine::command();
         command.build();
         check(&command);
     }

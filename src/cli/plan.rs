@@ -1,6 +1,6 @@
 //! `stonecut plan`: a job for many machines, decided and written down; the graph of its units for whoever starts them.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::log::Log;
 use super::session::{Command, Session};
 use super::simplify;
@@ -47,8 +47,8 @@ impl Command for Args {
         self.simplify.paths_in(&self.job().units_folder())
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
-        freeze(self, session.log).map(|()| Done::plain())
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        freeze(self, session.log).map(|()| CommandEnd::plain())
     }
 }
 

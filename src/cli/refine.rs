@@ -1,6 +1,6 @@
 //! `stonecut refine`: a mesh of any count out of a progressive mesh.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
 use super::outcome::write_json;
 use super::session::{Command, Session};
@@ -96,7 +96,7 @@ impl Args {
 }
 
 /// Writes the page with the slider.
-fn write_page(args: &Args, page: &Path, session: &mut Session) -> Result<Done> {
+fn write_page(args: &Args, page: &Path, session: &mut Session) -> Result<CommandEnd> {
     super::arguments::warn_of_limit(args.memory, session.log);
     let (memory_bytes, progress) = (memory_budget(args.memory), session.progress);
     let Shown { triangles, slides } =
@@ -112,7 +112,7 @@ fn write_page(args: &Args, page: &Path, session: &mut Session) -> Result<Done> {
         triangles[1],
         show_bytes(text.len() as u64)
     ));
-    Ok(Done::plain())
+    Ok(CommandEnd::plain())
 }
 
 impl Command for Args {
@@ -130,7 +130,7 @@ impl Command for Args {
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref()))
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         match (&self.output, &self.page) {
             (Some(output), _) => write_mesh(self, output, session),
             (None, Some(page)) => write_page(self, page, session),
@@ -139,7 +139,7 @@ impl Command for Args {
     }
 }
 
-fn write_mesh(args: &Args, output: &Path, session: &mut Session) -> Result<Done> {
+fn write_mesh(args: &Args, output: &Path, session: &mut Session) -> Result<CommandEnd> {
     let progress = session.progress;
     let report_to = args.report.as_deref().map(Seen::new);
     super::arguments::warn_of_limit(args.memory, session.log);
@@ -183,5 +183,5 @@ fn write_mesh(args: &Args, output: &Path, session: &mut Session) -> Result<Done>
             target, done.input.coarsest
         ));
     }
-    Done::of(&done, !done.target_met)
+    CommandEnd::of(&done, !done.target_met)
 }

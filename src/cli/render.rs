@@ -1,6 +1,6 @@
 //! `stonecut render`: a picture of a mesh.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
 use super::session::{Command, Session};
 use crate::error::{Error, Result};
@@ -88,7 +88,7 @@ impl Command for Args {
         self.output_paths(self.mesh.iter().fold(Paths::new(self.force), inputs))
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         let progress = session.progress;
         let (picture, n_triangles) = picture(self, progress)?;
         progress.check()?;
@@ -101,7 +101,9 @@ impl Command for Args {
             picture.height,
             show_count(n_triangles)
         ));
-        Done::whole(&json!({ "output": { "path": self.output }, "losses": progress.losses() }))
+        CommandEnd::whole(
+            &json!({ "output": { "path": self.output }, "losses": progress.losses() }),
+        )
     }
 }
 

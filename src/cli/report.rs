@@ -1,6 +1,6 @@
 //! `stonecut report`: a page for people from the JSON of a run.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory, require_ending, threads};
 use super::log::Log;
 use super::session::{Command, Session};
@@ -53,8 +53,8 @@ impl Command for Args {
             .with(Role::Output, "--output", &self.output))
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
-        write_page(self, session.progress, session.log).map(|()| Done::plain())
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        write_page(self, session.progress, session.log).map(|()| CommandEnd::plain())
     }
 }
 

@@ -4,7 +4,7 @@
 //! below the folder after all links are followed. Does not list folders. `hyper` speaks HTTP/1.1, `tower-http` answers
 //! from files: types, ranges, dates.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::log::Log;
 use super::session::{Command, Session};
 use crate::error::{Error, Result};
@@ -56,8 +56,8 @@ impl Command for Args {
         Ok(Paths::default().with(Role::InputFolder, "FOLDER", &self.folder))
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
-        offer(self, session.progress, session.log).map(|()| Done::plain())
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        offer(self, session.progress, session.log).map(|()| CommandEnd::plain())
     }
 }
 

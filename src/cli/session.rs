@@ -1,6 +1,6 @@
 //! A command, and what it works with: the form of every file of a command here.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::display::watch;
 use super::log::{Log, Talk};
 use crate::error::{Error, Offers, Result};
@@ -31,7 +31,7 @@ pub(super) trait Command {
     }
 
     /// Does the work, says what was done, and writes the report that was asked for.
-    fn run(&self, session: &mut Session) -> Result<Done>;
+    fn run(&self, session: &mut Session) -> Result<CommandEnd>;
 }
 
 /// The surroundings of a command.

@@ -1,12 +1,12 @@
 //! `stonecut simplify`: the main job.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
 use super::conflicts::{Mode, Row, check};
 use super::faces::TypedFaces;
 use super::job::{ReadyJob, done_before, prepare, run_job, stages_done};
 use super::levels::TypedTarget;
-use super::method::TypedMethod;
+use super::method::{MethodName, TypedMethod};
 use super::near::TypedNear;
 use super::new_texture::TypedPages;
 use super::outcome::{is_short, tell, write_early, write_report};
@@ -14,8 +14,8 @@ use super::placing::TypedPlacing;
 use super::progressive::TypedProgressive;
 use super::session::{Command, Session};
 use crate::config::{
-    Attributes, Config, DEFAULT_CELL_TRIANGLES, FEATURE_ANGLE, Level, Method, MinComponent,
-    Normals, Texture, Until,
+    Attributes, CheckOptions, Config, DEFAULT_CELL_TRIANGLES, JobOptions, Level, MinComponent,
+    Normals, Texture,
 };
 use crate::error::{Error, Offers, Result};
 use crate::io::{OutputFormat, TextureMode};
@@ -56,18 +56,8 @@ pub struct Args {
     /// Folder in which the job folder is made [default: beside OUTPUT].
     #[arg(long, value_name = "DIR")]
     temp_dir: Option<PathBuf>,
-    /// Keep the job folder after success.
-    #[arg(long)]
-    keep_temp: bool,
-    /// Stop after this stage; the same command without it continues.
-    #[arg(long, value_enum, value_name = "STAGE")]
-    until: Option<Until>,
-    /// Replace OUTPUT if it exists.
-    #[arg(long)]
-    force: bool,
-    /// Throw away what an earlier run left and start over.
-    #[arg(long)]
-    restart: bool,
+    #[command(flatten)]
+    job: JobOptions,
     /// Words joined by commas: ascii, binary_little_endian or binary_big_endian; float or double; int or
     /// uint; ply, stl, obj or glb [default: by OUTPUT's name, binary].
     #[arg(long, value_name = "FORMAT", default_value = "")]
@@ -140,13 +130,8 @@ pub struct Args {
     /// Write a report in JSON.
     #[arg(long, value_name = "FILE")]
     pub(super) report: Option<PathBuf>,
-    /// Measure how far the result deviates from the input, and report it. The input is the whole one, with what
-    /// --min-component drops; --max-error leaves that out.
-    #[arg(long)]
-    verify: bool,
-    /// Write the vertices on the seams of the first round, as a point set.
-    #[arg(long, value_name = "FILE")]
-    seams: Option<PathBuf>,
+    #[command(flatten)]
+    checks: CheckOptions,
 }
 
 /// The choices of `--texture`.
@@ -211,15 +196,8 @@ impl Args {
         let progressive = self.progressive.settings();
         let placing = self.placing.placing(self.format.kind_of(&output))?;
         Ok(Config {
-            input: self.input.clone(),
-            textures_beside: output.clone(),
-            output,
-            target,
             coarser: levels,
-            method: self.method.method,
-            feature_angle: self.method.feature_angle.unwrap_or(FEATURE_ANGLE),
-            gradation: self.method.gradation.unwrap_or(0.0),
-            manifold: self.method.manifold,
+            method: self.method.settings(),
             optimize: self.method.optimize,
             weld: self.near.weld(),
             lock: self.near.lock(),
@@ -228,13 +206,8 @@ impl Args {
             threads: super::arguments::threads(self.threads),
             cell_triangles: self.cell_triangles,
             job_folder: self.job_folder()?,
-            keep_temp: self.keep_temp,
-            trial_of: None,
-            until: self.until,
-            force: self.force,
-            restart: self.restart,
-            seams: self.seams.clone(),
-            verify: self.verify,
+            job: self.job,
+            checks: self.checks.clone(),
             format: self.format,
             skip_bad: self.skip_bad,
             drop_texture: self.drop_texture || self.texture == TypedTexture::None,
@@ -252,7 +225,6 @@ impl Args {
             error_field: self.error_field,
             progressive: progressive.clone(),
             min_component: self.min_component,
-            checkpoint_every: crate::config::CHECKPOINT_EVERY,
             attributes: Attributes {
                 weights: self.weight.clone(),
                 labels: self.near.labels(&self.label),
@@ -285,6 +257,7 @@ impl Args {
                 }),
                 ..kernel::Options::default()
             },
+            ..Config::new(&self.input, output, target)
         })
     }
 }
@@ -298,15 +271,15 @@ impl Args {
         let keeps_topology = self.topology == TypedTopology::Keep;
         let places_subset = self.placement == TypedPlacement::Subset;
         let records = self.progressive.progressive.is_some();
-        let is_other = self.method.method != Method::Collapse;
+        let is_other = self.method.method != MethodName::Collapse;
         let given = |is_given: bool| is_given.then_some("");
         let modes = [
             (Optimize, given(self.method.optimize.is_some())),
             (Pairs, given(self.method.pairs)),
-            (Other, is_other.then(|| self.method.method.name())),
+            (Other, is_other.then(|| self.method.settings().name())),
             (Pages, pages.given()),
             (Joining, given(near.has_merge_distance())),
-            (Seams, given(self.seams.is_some())),
+            (Seams, given(self.checks.seams.is_some())),
             (Progressive, given(records)),
         ];
         let options: [Row; 28] = [
@@ -323,7 +296,7 @@ impl Args {
             ("--fit on", self.fit == TypedFit::On, &[Pairs, Progressive]),
             ("--normals recompute", self.normals == Normals::Recompute, &[Progressive]),
             ("--cell-triangles", self.cell_triangles != DEFAULT_CELL_TRIANGLES, &[Other]),
-            ("--until", self.until.is_some(), &[Optimize, Pairs, Other]),
+            ("--until", self.job.until.is_some(), &[Optimize, Pairs, Other]),
             ("--min-component", self.min_component.is_some(), &[Other]),
             ("--weight", self.weight != Weights::default(), &[Other]),
             ("--topology", keeps_topology, &[Other]),
@@ -331,7 +304,7 @@ impl Args {
             ("--placement", self.placement != TypedPlacement::Optimal, &[Other]),
             ("--merge-distance", near.has_merge_distance(), &[Other]),
             ("--pairs", self.method.pairs, &[Other]),
-            ("--seams", self.seams.is_some(), &[Optimize, Pairs, Other]),
+            ("--seams", self.checks.seams.is_some(), &[Optimize, Pairs, Other]),
             ("--progressive", records, &[Optimize, Pairs, Other, Pages]),
             ("--no-self-intersections", self.no_self_intersections, &[Optimize, Pairs, Other]),
             ("--textures", self.textures.is_some(), &[Other]),
@@ -375,17 +348,19 @@ impl Args {
     /// The paths of a job in this folder.
     pub(super) fn paths_in(&self, job_folder: &Path) -> Result<Paths> {
         self.format.check(&self.output)?;
-        if let Some(seams) = &self.seams {
+        if let Some(seams) = &self.checks.seams {
             super::arguments::require_ending("--seams", seams, &["ply"])?;
         }
         // What a killed run of the same command has written is found by the run itself.
-        let may_be_ours = !self.restart && pipeline::has_begun_to_write(job_folder, &self.output);
+        let may_be_ours =
+            !self.job.restart && pipeline::has_begun_to_write(job_folder, &self.output);
         let outputs = self.levels()?.into_iter().map(|level| level.output);
-        let paths = Paths::new(self.force || may_be_ours).with(Role::Input, "INPUT", &self.input);
+        let paths =
+            Paths::new(self.job.force || may_be_ours).with(Role::Input, "INPUT", &self.input);
         let paths = outputs.fold(paths, |paths, output| paths.with(Role::Output, "OUTPUT", output));
         Ok(paths
             .with_option(Role::Side(Kind::Report), "--report", self.report.as_ref())
-            .with_option(Role::Side(Kind::Seams), "--seams", self.seams.as_ref())
+            .with_option(Role::Side(Kind::Seams), "--seams", self.checks.seams.as_ref())
             .with_option(Role::Output, "--progressive", self.progressive.progressive.as_ref())
             .with_option(Role::TempDir, "--temp-dir", self.temp_dir.as_ref())
             .with(Role::JobFolder, "the job folder", job_folder))
@@ -403,7 +378,7 @@ impl Command for Args {
 
     fn done_before(&self) -> Option<(u8, String)> {
         let report = self.report.as_ref().filter(|path| path.exists())?;
-        if self.force || self.restart || self.dry_run || self.until.is_some() {
+        if self.job.force || self.job.restart || self.dry_run || self.job.until.is_some() {
             return None;
         }
         let output = self.output.display();
@@ -411,7 +386,7 @@ impl Command for Args {
         done_before(&self.config().ok()?, report).map(|code| (code, line))
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         let report_to = self.report.as_deref().map(Seen::new);
         let config = self.config()?;
         super::arguments::warn_of_limit(self.memory, session.log);
@@ -421,7 +396,7 @@ impl Command for Args {
         let (lines, plan) = ready.plan(&config);
         session.log.plan(lines, &plan);
         if let ReadyJob::Collapse(ready) = &ready
-            && ready.texture == Texture::Keep
+            && ready.config.texture == Texture::Keep
         {
             let notes = self.pages.notes(ready.retry.is_some());
             notes.into_iter().for_each(|line| session.log.say(line));
@@ -429,7 +404,7 @@ impl Command for Args {
         if self.dry_run {
             let end = json!({ "dry_run": true, "plan": plan });
             write_early(report_to.as_ref(), &config, end, progress)?;
-            return Done::whole(&plan);
+            return CommandEnd::whole(&plan);
         }
         let Some(report) = session.watch(|| run_job(ready, &config, progress))? else {
             session.log.say(format!(
@@ -439,13 +414,13 @@ impl Command for Args {
             let stages_done = stages_done(&config);
             let end = json!({ "stages_done": stages_done, "job_folder": config.job_folder });
             write_early(report_to.as_ref(), &config, end, progress)?;
-            return Ok(Done::plain());
+            return Ok(CommandEnd::plain());
         };
         tell(&report, session.talk, session.log);
         if let Some(to) = &report_to {
             write_report(to, &report)?;
         }
-        Done::of(&report.written(), is_short(&report))
+        CommandEnd::of(&report.written(), is_short(&report))
     }
 }
 
@@ -472,7 +447,7 @@ mod tests {
         let config = Typed::parse_from(words).args.config().unwrap();
         let prepared = pipeline::prepare(&config).unwrap();
         let disk = crate::system::disk::Disk::default();
-        pipeline::simplify_on(&disk, prepared, &config, &Progress::default()).unwrap();
+        pipeline::simplify_on(&disk, prepared, &Progress::default()).unwrap();
         let mesh = std::fs::read(&output).unwrap();
         std::fs::remove_file(&output).unwrap();
         (mesh, disk.bytes_written())

@@ -1,6 +1,6 @@
 //! `stonecut status`: what a job folder holds.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::pace::Pace;
 use super::session::{Command, Session};
 use super::terminal::shown;
@@ -40,8 +40,8 @@ impl Command for Args {
         Ok(Paths::default().with(Role::InputFolder, "JOBDIR", &self.folder))
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
-        show(self, session.progress).map(|()| Done::plain())
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        show(self, session.progress).map(|()| CommandEnd::plain())
     }
 }
 

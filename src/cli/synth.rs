@@ -1,6 +1,6 @@
 //! `stonecut synth`: makes a synthetic scan.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::log::Said;
 use super::session::{Command, Session};
 use crate::error::Result;
@@ -68,10 +68,10 @@ impl Command for Args {
         Ok(Paths::new(self.force).with(Role::Output, "OUTPUT", &self.output))
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         let made = make(self, session.progress)?;
         say(self, &made, &mut Said(session.log));
-        Done::whole(&serde_json::json!({
+        CommandEnd::whole(&serde_json::json!({
             "output": {
                 "path": self.output, "vertices": made.n_vertices, "triangles": made.n_triangles,
                 "images": made.n_images,

@@ -1,10 +1,10 @@
 //! `stonecut tiles`: a tree of tiles from a mesh of any size.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
 use super::log::{Log, Talk};
 use super::outcome::{stage_line, write_json};
-use super::placing::{Transform, TypedMoves, Up, numbers, parse_transform};
+use super::placing::{TypedMoves, TypedTransform, Up, numbers, parse_transform};
 use super::session::{Command, Session};
 use crate::error::{Offers, Result};
 use crate::io::Weld;
@@ -45,7 +45,7 @@ pub struct Args {
     compress: Compress,
     /// Look of tiles of a scan with images [default: bake where there are images, otherwise colors].
     #[arg(long, value_enum, value_name = "HOW")]
-    texture: Option<Texture>,
+    texture: Option<TypedLook>,
     /// Axis of the mesh that points upwards [default: y for glTF and GLB files, z for all others].
     #[arg(long, value_enum, value_name = "AXIS")]
     up: Option<Up>,
@@ -55,9 +55,9 @@ pub struct Args {
     /// metres (WGS 84); x is east, y north.
     #[arg(long, value_name = "LAT,LON,HEIGHT", value_parser = parse_geo, conflicts_with = "transform", allow_hyphen_values = true)]
     geo: Option<Geo>,
-    /// Transform from the mesh (z upwards) to the world: 16 numbers, column by column, joined by commas.
+    /// TypedTransform from the mesh (z upwards) to the world: 16 numbers, column by column, joined by commas.
     #[arg(long, value_name = "M16", value_parser = parse_transform, allow_hyphen_values = true)]
-    transform: Option<Transform>,
+    transform: Option<TypedTransform>,
     /// Write a page that shows the tiles in a browser (index.html; `stonecut serve OUTPUT` offers it).
     #[arg(long)]
     viewer: bool,
@@ -105,7 +105,7 @@ enum Compress {
 
 /// The choices of `--texture`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum Texture {
+enum TypedLook {
     /// An image for each tile, as fine as its level.
     Bake,
     /// Colours of vertices out of the images.
@@ -181,7 +181,7 @@ impl Args {
     fn config(&self) -> Result<TilesConfig> {
         let transform = match (self.geo, self.transform) {
             (Some(geo), _) => east_north_up(geo),
-            (None, Some(Transform(matrix))) => matrix,
+            (None, Some(TypedTransform(matrix))) => matrix,
             (None, None) => IDENTITY,
         };
         let mut placing = Placing::default();
@@ -194,8 +194,8 @@ impl Args {
             finest: self.finest.unwrap_or_default(),
             texture: match self.texture {
                 None => TileTexture::Auto,
-                Some(Texture::Bake) => TileTexture::Bake,
-                Some(Texture::Colors) => TileTexture::Colors,
+                Some(TypedLook::Bake) => TileTexture::Bake,
+                Some(TypedLook::Colors) => TileTexture::Colors,
             },
             pixels: self.pixels,
             packs: self.compress == Compress::Meshopt,
@@ -232,12 +232,12 @@ impl Command for Args {
         Offers { resumes: true, temp_dir: true }
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
         make(self, session)
     }
 }
 
-fn make(args: &Args, session: &mut Session) -> Result<Done> {
+fn make(args: &Args, session: &mut Session) -> Result<CommandEnd> {
     let (progress, log) = (session.progress, &mut *session.log);
     let report_to = args.report.as_deref().map(Seen::new);
     let mut config = args.config()?;
@@ -260,14 +260,14 @@ fn make(args: &Args, session: &mut Session) -> Result<Done> {
             });
             write_json(to, &report)?;
         }
-        return Done::whole(&prepared.plan);
+        return CommandEnd::whole(&prepared.plan);
     }
     let report = session.watch(|| make_tiles(prepared, &config, progress))?;
     tell(&report, session.talk, session.log);
     if let Some(to) = &report_to {
         write_json(to, &report)?;
     }
-    Done::of(&report, report.is_short())
+    CommandEnd::of(&report, report.is_short())
 }
 
 fn tell(report: &TilesReport, talk: &Talk, log: &mut Log) {

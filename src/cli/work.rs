@@ -1,6 +1,6 @@
 //! `stonecut work`: one unit of a job for many machines.
 
-use super::answer::Done;
+use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
 use super::outcome::{close, tell, write_report};
 use super::plan;
@@ -69,8 +69,8 @@ impl Command for Args {
         true
     }
 
-    fn run(&self, session: &mut Session) -> Result<Done> {
-        work_on(self, session).map(|()| Done::plain())
+    fn run(&self, session: &mut Session) -> Result<CommandEnd> {
+        work_on(self, session).map(|()| CommandEnd::plain())
     }
 }
 

@@ -84,7 +84,7 @@ fn has_begun(config: &Config) -> bool {
     let is_baked = |view: job::ManifestView| {
         view.identity.settings.get("texture").is_some_and(|texture| texture == "bake")
     };
-    !config.restart && job::view(&config.job_folder).is_ok_and(is_baked)
+    !config.job.restart && job::view(&config.job_folder).is_ok_and(is_baked)
 }
 
 /// True if a run whose charts left too many triangles could be made with a new texture.
@@ -152,7 +152,7 @@ pub(super) fn check(
     let usable = config.memory_bytes.saturating_sub(BASE_BYTES);
     let need = bake::check(source, most.min(n), &options(config), usable)?;
     let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
-    if kind == OutputKind::Glb || config.force || may_be_ours {
+    if kind == OutputKind::Glb || config.job.force || may_be_ours {
         return Ok(need);
     }
     let outputs = std::iter::once(&config.textures_beside)

@@ -7,7 +7,7 @@ use super::concluded::{WRITING, abandon, concluded};
 use super::methods::write::write;
 use super::run_report::{RunReport, StageReport};
 use super::verify;
-use crate::config::Config;
+use crate::config::{CheckOptions, Config, JobOptions};
 use crate::error::Result;
 use crate::io::ply::{MeshSource, ReadOptions};
 use crate::io::{OutputFormat, OutputKind, StageOptions};
@@ -51,7 +51,7 @@ pub(super) fn derive(
         if let Some(report) = concluded(&disk, &identity, config)? {
             return Ok(Some(report));
         }
-        let job = Job::open(&config.job_folder, &disk, &identity, config.restart)?;
+        let job = Job::open(&config.job_folder, &disk, &identity, config.job.restart)?;
         let run = DerivedRun { job, disk, config, progress, marks };
         let Some(mut report) = work(&run, source)? else { return Ok(None) };
         report.settings = identity.settings;
@@ -117,26 +117,29 @@ impl DerivedRun<'_> {
         }
         self.note_writing()?;
         let (output, disk) = (self.config.output.clone(), self.disk.clone());
-        pending_file::adopt(path, Place { path: output, disk, replace: self.config.force })
+        pending_file::adopt(path, Place { path: output, disk, replace: self.config.job.force })
     }
 }
 
-/// Settings of a run into `path`, all else as it was asked for.
-pub(super) fn settings(path: &Path, config: &Config) -> Config {
+/// Settings of a run within, into `output`, with a job of this name; all else as it was asked for.
+pub(super) fn within(config: &Config, output: PathBuf, job: &str) -> Config {
     Config {
-        output: path.to_path_buf(),
-        job_folder: config.job_folder.join(TRIALS).join("job"),
-        keep_temp: false,
-        verify: false,
-        force: true,
-        restart: false,
-        format: OutputFormat {
-            kind: Some(OutputKind::Ply),
-            coordinate: config.format.coordinate,
-            ..OutputFormat::default()
-        },
+        output,
+        job_folder: config.job_folder.join(TRIALS).join(job),
+        job: JobOptions { keep_temp: false, force: true, restart: false, ..config.job },
+        checks: CheckOptions { verify: false, ..config.checks.clone() },
         ..config.clone()
     }
+}
+
+/// Settings of a run within into a PLY file at `path`, that a pass opens.
+pub(super) fn settings(path: &Path, config: &Config) -> Config {
+    let format = OutputFormat {
+        kind: Some(OutputKind::Ply),
+        coordinate: config.format.coordinate,
+        ..OutputFormat::default()
+    };
+    Config { format, ..within(config, path.to_path_buf(), "job") }
 }
 
 /// Path that a trial writes to: in the job folder, with the output's extension, which decides the format.

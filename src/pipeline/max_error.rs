@@ -10,17 +10,17 @@
 //! more output, and that copy.
 
 use super::concluded::abandon;
-use super::derived::{DerivedRun, derive, trial_path};
+use super::derived::{DerivedRun, derive, trial_path, within};
 use super::prepare::{Prepared, prepare};
-use crate::config::{Attributes, Config, Normals, Target, Texture};
+use crate::config::{Attributes, Config, JobOptions, Normals, Target, Texture};
 use crate::error::Result;
 use crate::io::{OutputFormat, OutputKind};
 use crate::kernel::{self, Tight};
 use crate::measure::{Beyond, Certificate, Certify, compare};
 use crate::pipeline::run_report::{BoundReport, RunReport, TrialReport};
-use crate::pipeline::verify::{self, Pair};
+use crate::pipeline::verify::{self, MeasuredPair};
 use crate::stages::stitch::is_tree_record;
-use crate::store::job::{TRIALS, rewind};
+use crate::store::job::rewind;
 use crate::system::disk::Disk;
 use crate::system::progress::Progress;
 use crate::system::units::show_length;
@@ -201,15 +201,9 @@ fn write_kept(
 ) -> Result<PathBuf> {
     let inner = Config {
         target: Target::Triangles(n_input),
-        output: output.clone(),
-        job_folder: config.job_folder.join(TRIALS).join("kept"),
-        keep_temp: false,
-        until: None,
-        verify: false,
+        job: JobOptions { force: true, ..JobOptions::default() },
         error_field: false,
         progressive: None,
-        force: true,
-        restart: false,
         format: OutputFormat { kind: Some(OutputKind::Ply), ..OutputFormat::default() },
         drop_texture: true,
         texture: Texture::Keep,
@@ -220,10 +214,10 @@ fn write_kept(
             fit: kernel::Fit::Off,
             ..kernel::Options::default()
         },
-        ..config.clone()
+        ..within(config, output.clone(), "kept")
     };
     let prepared = prepare(&inner)?;
-    super::simplify(prepared, &inner, progress)?;
+    super::simplify(prepared, progress)?;
     Ok(output)
 }
 
@@ -242,38 +236,33 @@ fn run_trial(
             tight: Arc::from(tightened.places.as_slice()),
             ..config.kernel.clone()
         },
-        output: trial_path(config, &number.to_string()),
-        job_folder: config.job_folder.join(TRIALS).join("job"),
         // Goes with the trials.
-        keep_temp: true,
+        job: JobOptions { keep_temp: true, force: true, restart: false, ..config.job },
         trial_of: Some(bound),
-        force: true,
-        restart: false,
         // Measured below, once.
-        verify: false,
-        ..config.clone()
+        ..within(config, trial_path(config, &number.to_string()), "job")
     };
     // The same cells in later rounds: most of what is not near a tighter ball comes out as it did before.
     let is_common = |name: &str| FIRST_STAGES.contains(&name) || is_tree_record(name);
     rewind(&inner.job_folder, &Disk::default(), is_common, number)?;
     let prepared = prepare(&inner)?;
-    let Some(mut report) = super::simplify(prepared, &inner, progress)? else { return Ok(None) };
+    let Some(mut report) = super::simplify(prepared, progress)? else { return Ok(None) };
     let started = Instant::now();
     let measured = match kept {
         Some(kept) => Config { input: kept.to_path_buf(), ..config.clone() },
         None => config.clone(),
     };
-    let pair = Pair::open(&measured, &inner.output)?;
+    let pair = MeasuredPair::open(&measured, &inner.output)?;
     let mut request = pair.request(config, &config.job_folder);
     request.options.certify = Some(Certify { tolerance: verify::TOLERANCE, bound: Some(bound) });
-    if !config.verify {
+    if !config.checks.verify {
         request.options.samples = SAMPLES;
     }
     let comparison = compare::compare(&request, progress)?;
     let deviation = &comparison.measured.deviation;
     let max = deviation.forward.distance.max.max(deviation.backward.distance.max);
     let rms = deviation.rms;
-    if config.verify {
+    if config.checks.verify {
         let seconds = started.elapsed().as_secs_f64();
         report.measured = Some(Box::new(compare::Report::new(&request, &comparison, seconds)));
     }

@@ -27,7 +27,6 @@ pub mod tiles;
 pub mod units;
 pub(crate) mod verify;
 
-use crate::config::Config;
 use crate::error::Result;
 use crate::store::job::Job;
 use crate::store::job::fingerprint::job_identity;
@@ -39,32 +38,27 @@ pub use concluded::has_begun_to_write;
 pub use prepare::{Prepared, prepare};
 use run_report::RunReport;
 use std::path::Path;
-use steps::{Ended, SimplifyRun, Step};
+use steps::{Ended, RunStep, SimplifyRun};
 
-/// Simplifies `config.input` into `config.output`; `None` when `--until` ended the run early.
-pub fn simplify(
-    prepared: Prepared,
-    config: &Config,
-    progress: &Progress,
-) -> Result<Option<RunReport>> {
-    simplify_on(&Disk::default(), prepared, config, progress)
+/// Simplifies the input that is prepared; `None` when `--until` ended the run early.
+pub fn simplify(prepared: Prepared, progress: &Progress) -> Result<Option<RunReport>> {
+    simplify_on(&Disk::default(), prepared, progress)
 }
 
 /// The same through a given disk, so that a test can make it fail. A panic on the way becomes an error.
 pub fn simplify_on(
     disk: &Disk,
     prepared: Prepared,
-    config: &Config,
     progress: &Progress,
 ) -> Result<Option<RunReport>> {
     guarded(|| {
         let retry = prepared.retry.clone();
-        match (run(disk, prepared, config, progress)?, retry) {
+        match (run(disk, prepared, progress)?, retry) {
             (Ended::ShortOfTarget(left), Some(retry)) => {
                 progress.note(format!(
                     "the input's charts leave {left} triangles: again with a new texture (--texture bake)"
                 ));
-                run(disk, prepare(&retry)?, &retry, progress)
+                run(disk, prepare(&retry)?, progress)
             }
             (ended, _) => Ok(ended),
         }
@@ -73,33 +67,34 @@ pub fn simplify_on(
 }
 
 /// Runs the steps in the job of the settings, or finds that an earlier run has.
-fn run(disk: &Disk, prepared: Prepared, config: &Config, progress: &Progress) -> Result<Ended> {
-    let settled = prepared.settled(config);
-    let identity = job_identity(&prepared.source, &prepared.marks, &settled);
-    if let Some(report) = concluded(disk, &identity, &settled)? {
+fn run(disk: &Disk, prepared: Prepared, progress: &Progress) -> Result<Ended> {
+    let Prepared { config, source, marks, .. } = &prepared;
+    let identity = job_identity(source, marks, config);
+    if let Some(report) = concluded(disk, &identity, config)? {
         return Ok(Ended::Done(Box::new(report)));
     }
-    let job = Job::open(&settled.job_folder, disk, &identity, settled.restart)?;
-    post(&job, &settled.output, prepared.source.n_triangles(), progress);
-    run_steps(&job, prepared, &settled, progress)
+    let job = Job::open(&config.job_folder, disk, &identity, config.job.restart)?;
+    post(&job, &config.output, source.n_triangles(), progress);
+    run_steps(&job, prepared, progress)
 }
 
 /// Runs the steps whose outcomes the job does not have yet.
-fn run_steps(job: &Job, prepared: Prepared, config: &Config, progress: &Progress) -> Result<Ended> {
+fn run_steps(job: &Job, prepared: Prepared, progress: &Progress) -> Result<Ended> {
+    let config = prepared.config.clone();
     // With more memory, what the allocator keeps back does no harm.
     if config.memory_bytes < 2 * prepared.plan.needed_memory_bytes {
         crate::system::memory::keep_nothing_back();
     }
-    let mut run = SimplifyRun::new(job, prepared, config, progress);
-    let mut step = Step::Partition;
+    let mut run = SimplifyRun::new(job, prepared, &config, progress);
+    let mut step = RunStep::Partition;
     loop {
         step = match step {
-            Step::Partition => run.partition()?,
-            Step::Simplify(cells, goal) => run.simplify(cells, goal)?,
-            Step::Stitch(survivors, goal) => run.stitch(survivors, goal)?,
-            Step::Finish(left) => run.finish(left)?,
-            Step::Write { result, from } => run.write(result, from)?,
-            Step::End(ended) => return Ok(ended),
+            RunStep::Partition => run.partition()?,
+            RunStep::Simplify(cells, goal) => run.simplify(cells, goal)?,
+            RunStep::Stitch(survivors, goal) => run.stitch(survivors, goal)?,
+            RunStep::Finish(left) => run.finish(left)?,
+            RunStep::Write { result, from } => run.write(result, from)?,
+            RunStep::End(ended) => return Ok(ended),
         };
     }
 }

@@ -6,7 +6,7 @@ use super::pairs::counts::check as check_pairs;
 use super::plan::{Plan, check_split};
 use super::{bake, verify};
 use crate::bake::BakeNeed;
-use crate::config::{Config, Method, Normals, Texture};
+use crate::config::{Config, JobOptions, Method, Normals, Texture};
 use crate::error::{Error, Result};
 use crate::io::ply::MeshSource;
 use crate::io::{
@@ -28,22 +28,15 @@ pub struct Prepared {
     pub plan: Plan,
     /// Materials and images of each output, if there are any; of a new texture, none yet.
     pub textures: Vec<TexturePlan>,
-    /// Fate of the texture: never `Texture::Auto`.
-    pub texture: Texture,
+    /// The settings of the run, every value final: never `Texture::Auto`.
+    pub config: Config,
     /// Settings of another run, with a new texture, for where the texture of the input leaves too many triangles.
     pub retry: Option<Box<Config>>,
     /// Fingerprint of the input, taken before it was opened.
     pub marks: BTreeMap<String, String>,
 }
 
-impl Prepared {
-    /// The settings of the run, with everything decided that was left to the program.
-    pub(crate) fn settled(&self, config: &Config) -> Config {
-        settled(config, self.texture)
-    }
-}
-
-/// A new texture begins where the old one is given up.
+/// The settings with everything decided that was left to the program: a new texture begins where the old one is given up.
 fn settled(config: &Config, texture: Texture) -> Config {
     let drop_texture = config.drop_texture || texture == Texture::Bake;
     let mut settled = Config { texture, drop_texture, ..config.clone() };
@@ -72,12 +65,14 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
         }
         texture = bake::decide(&source, config)?;
         if texture == Texture::Keep && bake::would_help(&source, config) {
+            let job = JobOptions { restart: true, ..config.job };
             let config = config.clone();
-            retry = Some(Box::new(Config { texture: Texture::Bake, restart: true, ..config }));
+            retry = Some(Box::new(Config { texture: Texture::Bake, job, ..config }));
         }
         let config = &settled(config, texture);
         if texture == Texture::Bake {
-            let is_ours = !config.restart && has_begun_to_write(&config.job_folder, &config.output);
+            let is_ours =
+                !config.job.restart && has_begun_to_write(&config.job_folder, &config.output);
             bake_need = bake::check(&source, config, is_ours)?;
         }
         check_labels(&source, &config.attributes.labels)?;
@@ -103,18 +98,18 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     });
     let source = unchanged(&config.input, &marks, source)?;
     marks.extend(marks_beside(&source));
-    let config = &settled(config, texture);
+    let config = settled(config, texture);
     config.targets().try_for_each(|target| target.check(source.n_triangles()))?;
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     config.attributes.weights.check(&codec.channel_kinds(source.schema())).map_err(Error::Usage)?;
-    check_error_field(&source, config)?;
+    check_error_field(&source, &config)?;
     check_range(&source, &config.output, config.format)?;
-    let mut plan = Plan::new(&source, config)?;
-    check_optimize(&source, plan.target.min(plan.triangles_in), config)?;
-    check_pairs(&source, plan.target.min(plan.triangles_in), config)?;
+    let mut plan = Plan::new(&source, &config)?;
+    check_optimize(&source, plan.target.min(plan.triangles_in), &config)?;
+    check_pairs(&source, plan.target.min(plan.triangles_in), &config)?;
     let textures = match texture {
         Texture::Bake => Vec::new(),
-        Texture::Auto | Texture::Keep => plan_textures(&source, config)?,
+        Texture::Auto | Texture::Keep => plan_textures(&source, &config)?,
     };
     if config.progressive.is_some() {
         check_recording(&source, &plan)?;
@@ -124,14 +119,14 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     if texture == Texture::Bake {
         plan.add_bake(bake_need, config.threads);
     }
-    plan.check_disk(config)?;
-    Ok(Prepared { source, plan, textures, texture, retry, marks })
+    plan.check_disk(&config)?;
+    Ok(Prepared { source, plan, textures, config, retry, marks })
 }
 
 /// Checks what can be checked without the input; returns marks of the input, and how to open it.
 pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String>, StageOptions)> {
     refuse_to_overwrite(config)?;
-    if config.verify {
+    if config.checks.verify {
         verify::refuse_unreadable(config)?;
     }
     let marks = input_marks(&config.input)?;
@@ -146,7 +141,7 @@ pub(super) fn before_opening(config: &Config) -> Result<(BTreeMap<String, String
         },
         exact_above: match config.method {
             Method::Collapse => config.cell_triangles,
-            Method::Cluster | Method::Decimate | Method::Retile => u64::MAX,
+            _ => u64::MAX,
         },
         labels: config.attributes.labels.clone(),
     });
@@ -166,7 +161,8 @@ fn plan_textures(source: &MeshSource, config: &Config) -> Result<Vec<TexturePlan
     let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
     let coarser = config.coarser.iter().map(|level| &level.output);
     let plan_for = |output: &PathBuf| {
-        let request = TextureRequest { output, kind, mode: config.textures, force: config.force };
+        let request =
+            TextureRequest { output, kind, mode: config.textures, force: config.job.force };
         TexturePlan::new(materials.clone(), &request)
     };
     std::iter::once(&config.textures_beside).chain(coarser).map(plan_for).collect()

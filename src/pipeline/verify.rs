@@ -40,21 +40,21 @@ pub fn refuse_unreadable(config: &Config) -> Result<()> {
 }
 
 /// The input and the output of a run, opened again from their files.
-pub struct Pair {
+pub struct MeasuredPair {
     original: MeshSource,
     simplified: MeshSource,
 }
 
-impl Pair {
+impl MeasuredPair {
     /// Opens the input as the run did, and what it wrote.
-    pub fn open(config: &Config, output: &Path) -> Result<Pair> {
+    pub fn open(config: &Config, output: &Path) -> Result<MeasuredPair> {
         let open = |path: &Path, read: ReadOptions| {
             let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
             MeshSource::open_staged(path, &stage.within(config.memory_bytes))
         };
         let (original, simplified) =
             (open(&config.input, config.read_options())?, open(output, ReadOptions::default())?);
-        Ok(Pair { original, simplified })
+        Ok(MeasuredPair { original, simplified })
     }
 
     /// The comparison of both with the threads and the memory of the run; temporary files go into `temp_dir`.
@@ -78,7 +78,7 @@ impl Pair {
 /// The end of a run that holds nothing any more: measures its output if that was asked for and has not been done, and gives up
 /// its job folder.
 pub fn end(job: &Job, config: &Config, progress: &Progress, report: &mut RunReport) -> Result<()> {
-    if config.verify && report.measured.is_none() {
+    if config.checks.verify && report.measured.is_none() {
         let run = StageContext {
             job,
             progress,
@@ -88,7 +88,7 @@ pub fn end(job: &Job, config: &Config, progress: &Progress, report: &mut RunRepo
         };
         verify(config, &run, report)?;
     }
-    if !config.keep_temp {
+    if !config.job.keep_temp {
         super::concluded::conclude(job, config, report)?;
     }
     Ok(())
@@ -115,7 +115,7 @@ fn verify_output(
     let start = Instant::now();
     // What a verification that was killed has left.
     run.job.clear_scratch()?;
-    let pair = Pair::open(config, output)?;
+    let pair = MeasuredPair::open(config, output)?;
     let mut request = pair.request(config, run.job.folder());
     request.options.certify = Some(Certify { tolerance: TOLERANCE, bound: None });
     let comparison = compare::compare(&request, run.progress)?;

@@ -1,4 +1,4 @@
-//! Decided settings of a run of `simplify`: every value final.
+//! Settings of a run of `simplify`.
 
 mod min_component;
 
@@ -84,18 +84,27 @@ pub struct Level {
     pub output: PathBuf,
 }
 
-/// Method of simplification.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+/// Method of simplification, with its own settings.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Method {
     /// Edges collapse, least error first; for results.
     #[default]
     Collapse,
     /// Vertices of a cell of a grid become one; for previews, at the speed of the disk.
-    Cluster,
+    Cluster {
+        /// Take the result apart where it is not manifold.
+        manifold: bool,
+    },
     /// Vertices are removed, least distance first; all others stay exactly where they are.
-    Decimate,
+    Decimate {
+        /// Angle between triangles, in degrees, beyond which their edge is a feature.
+        feature_angle: f64,
+    },
     /// Vertices spread evenly over the surface, joined by nearly equilateral triangles.
-    Retile,
+    Retile {
+        /// Power of the curvature by which triangles are denser; 0 for one size.
+        gradation: f64,
+    },
 }
 
 impl Method {
@@ -103,11 +112,40 @@ impl Method {
     pub fn name(self) -> &'static str {
         match self {
             Method::Collapse => "collapse",
-            Method::Cluster => "cluster",
-            Method::Decimate => "decimate",
-            Method::Retile => "retile",
+            Method::Cluster { .. } => "cluster",
+            Method::Decimate { .. } => "decimate",
+            Method::Retile { .. } => "retile",
         }
     }
+}
+
+/// Options of a run about its job folder and its output; final as they are typed.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub struct JobOptions {
+    /// Keep the job folder after success.
+    #[arg(long)]
+    pub keep_temp: bool,
+    /// Stop after this stage; the same command without it continues.
+    #[arg(long, value_enum, value_name = "STAGE")]
+    pub until: Option<Until>,
+    /// Replace OUTPUT if it exists.
+    #[arg(long)]
+    pub force: bool,
+    /// Throw away what an earlier run left and start over.
+    #[arg(long)]
+    pub restart: bool,
+}
+
+/// Options of a run that show what it has done; final as they are typed.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct CheckOptions {
+    /// Measure how far the result deviates from the input, and report it. The input is the whole one, with what
+    /// --min-component drops; --max-error leaves that out.
+    #[arg(long)]
+    pub verify: bool,
+    /// Write the vertices on the seams of the first round, as a point set.
+    #[arg(long, value_name = "FILE")]
+    pub seams: Option<PathBuf>,
 }
 
 /// Fate of texture coordinates and images.
@@ -233,7 +271,7 @@ pub struct Progressive {
     pub bits: Option<u32>,
 }
 
-/// A run of `simplify`.
+/// Settings of a run of `simplify`, every value final; `Texture::Auto` alone is decided when the input is open.
 #[derive(Clone, Debug)]
 pub struct Config {
     /// The mesh to simplify.
@@ -246,16 +284,10 @@ pub struct Config {
     pub coarser: Vec<Level>,
     /// Method of simplification.
     pub method: Method,
-    /// Angle between triangles, in degrees, beyond which their edge is a feature of `Method::Decimate`.
-    pub feature_angle: f64,
-    /// Power of the curvature by which triangles of `Method::Retile` are denser; 0 for one size.
-    pub gradation: f64,
     /// Contract pairs of vertices without an edge as well, at the end of the collapse.
     pub pairs: bool,
     /// Sweeps of optimisation after the method.
     pub optimize: Option<u32>,
-    /// Take the result of `Method::Cluster` apart where it is not manifold.
-    pub manifold: bool,
     /// Memory budget in bytes.
     pub memory_bytes: u64,
     /// Worker threads.
@@ -264,21 +296,13 @@ pub struct Config {
     pub cell_triangles: u64,
     /// Folder of the temporary data.
     pub job_folder: PathBuf,
-    /// Leave the job folder in place after success.
-    pub keep_temp: bool,
+    /// Its end, and what may be replaced.
+    pub job: JobOptions,
     /// The bound that was asked for, in input units, if this is a trial within a tighter one. A trial leaves what the first round
     /// has made, or the cells if there is none: another one begins from it.
     pub trial_of: Option<f64>,
-    /// Stop early.
-    pub until: Option<Until>,
-    /// Overwrite the output.
-    pub force: bool,
-    /// Throw away what an earlier run left.
-    pub restart: bool,
-    /// File for the vertices on the first round's seams, as a point set.
-    pub seams: Option<PathBuf>,
-    /// Measure the result at the end.
-    pub verify: bool,
+    /// What is written or measured to see what the run has done.
+    pub checks: CheckOptions,
     /// Format of the output.
     pub format: stonecut_io::OutputFormat,
     /// Drop and count broken faces and vertices instead of failing.
@@ -341,22 +365,15 @@ impl Config {
             target,
             coarser: Vec::new(),
             method: Method::default(),
-            feature_angle: FEATURE_ANGLE,
-            gradation: 0.0,
             pairs: false,
             optimize: None,
-            manifold: false,
             memory_bytes: memory::budget_bytes(None, memory::limit_bytes()),
             threads: NonZeroUsize::new(memory::cores()).unwrap_or(NonZeroUsize::MIN),
             cell_triangles: DEFAULT_CELL_TRIANGLES,
             job_folder: job_folder.into(),
-            keep_temp: false,
+            job: JobOptions::default(),
             trial_of: None,
-            until: None,
-            force: false,
-            restart: false,
-            seams: None,
-            verify: false,
+            checks: CheckOptions::default(),
             format: Default::default(),
             skip_bad: false,
             drop_texture: false,
@@ -444,15 +461,15 @@ impl Config {
         if self.method != Method::Collapse {
             settings.retain(|name, _| OF_ALL_METHODS.contains(&name.as_str()));
             settings.insert("method".to_owned(), self.method.name().to_owned());
-            if self.method == Method::Decimate {
-                settings.insert("feature_angle".to_owned(), self.feature_angle.to_string());
-            }
-            if self.method == Method::Retile {
-                settings.insert("gradation".to_owned(), self.gradation.to_string());
-            }
-            if self.manifold {
-                settings.insert("manifold".to_owned(), true.to_string());
-            }
+            let own = match self.method {
+                Method::Collapse | Method::Cluster { manifold: false } => None,
+                Method::Cluster { manifold } => Some(("manifold", manifold.to_string())),
+                Method::Decimate { feature_angle } => {
+                    Some(("feature_angle", feature_angle.to_string()))
+                }
+                Method::Retile { gradation } => Some(("gradation", gradation.to_string())),
+            };
+            settings.extend(own.map(|(name, value)| (name.to_owned(), value)));
         }
         if self.weld != Weld::Auto {
             settings.insert("weld".to_owned(), self.weld.to_string());
@@ -503,45 +520,8 @@ mod tests {
 
     fn config() -> Config {
         Config {
-            input: "in.ply".into(),
-            output: "out.ply".into(),
-            target: Target::Triangles(10_035),
-            coarser: Vec::new(),
-            method: Method::Collapse,
-            feature_angle: FEATURE_ANGLE,
-            gradation: 0.0,
-            manifold: false,
-            optimize: None,
-            pairs: false,
-            memory_bytes: 1 << 30,
-            threads: NonZeroUsize::MIN,
-            cell_triangles: DEFAULT_CELL_TRIANGLES,
-            job_folder: "job".into(),
-            keep_temp: false,
-            trial_of: None,
-            until: None,
-            force: false,
-            restart: false,
-            seams: None,
-            verify: false,
-            format: stonecut_io::OutputFormat::default(),
-            skip_bad: false,
-            drop_texture: false,
             texture: Texture::Keep,
-            bake: BakeSettings::default(),
-            drop_faces: false,
-            names: NameUse::Carried,
-            placing: Placing::default(),
-            textures: None,
-            textures_beside: "out.ply".into(),
-            error_field: false,
-            progressive: None,
-            min_component: None,
-            checkpoint_every: std::time::Duration::from_secs(30),
-            attributes: Attributes::default(),
-            weld: Weld::Auto,
-            lock: None,
-            kernel: stonecut_kernel::Options::default(),
+            ..Config::new("in.ply", "out.ply", Target::Triangles(10_035))
         }
     }
 
@@ -600,12 +580,16 @@ mod tests {
         let names = ["texture", "bake_size", "bake_pages", "bake_normals"];
         assert_eq!(names.map(|name| settings[name].as_str()), ["bake", "4096", "3", "true"]);
         other.texture = Texture::Keep;
-        let clusters =
-            Config { method: Method::Cluster, target: Target::CellSize(2.5), ..config() };
+        let clusters = Config {
+            method: Method::Cluster { manifold: false },
+            target: Target::CellSize(2.5),
+            ..config()
+        };
         let expected =
             ["label=", "method=cluster", "normals=keep", "skip_bad=false", "target=grid=2.5"];
         assert_eq!(lines(&clusters), expected);
-        let decimates = Config { method: Method::Decimate, ..config() };
+        let decimates =
+            Config { method: Method::Decimate { feature_angle: FEATURE_ANGLE }, ..config() };
         assert!(lines(&decimates).contains(&"feature_angle=60".to_owned()));
         other.attributes.normals = Normals::Drop;
         other.kernel.placement = Placement::Midpoint;

@@ -1,6 +1,6 @@
 //! Joins the tiles of a cut into one mesh: what several of them have is one vertex by its number in the input.
 
-use super::tree::{Cut, Tree};
+use super::tree::{Tree, TreeCut};
 use crate::error::{Error, Result};
 use crate::io::tileset::{MOST_FILE_BYTES, TileBorder, border_path, decode_borders};
 use crate::io::{StoredPage, StoredTile, TileMesh, TileScalar, decode_tile};
@@ -43,14 +43,14 @@ struct Read {
 pub(super) const COLOURS: usize = 3;
 
 /// Memory for pages that are looked at.
-struct Pages {
+struct TilePages {
     /// Bytes for all of them, and for one that others are looked at beside.
     free_bytes: u64,
     share_bytes: u64,
     large: Mutex<()>,
 }
 
-impl Pages {
+impl TilePages {
     /// Adds up what the page shows at the vertices of its tile; `bad` makes an error of what is wrong with it.
     fn shown(
         &self,
@@ -118,7 +118,7 @@ impl Rows {
 }
 
 /// The tiles of a cut as one mesh.
-pub(super) struct Joined {
+pub(super) struct JoinedTiles {
     /// Its channels are linear colours, if there are any, and those of the rows.
     pub(super) mesh: Mesh,
     pub(super) has_colours: bool,
@@ -138,12 +138,12 @@ pub(super) fn join_bytes(vertices: u64, triangles: u64, rows: &Rows) -> u64 {
 /// Errors: `BadInput` for a tile that cannot be read, `NoMemory` if the mesh outgrows `memory_bytes`.
 pub(super) fn join(
     folder: &Path,
-    (tree, cut, rows): (&Tree, &Cut, &Rows),
+    (tree, cut, rows): (&Tree, &TreeCut, &Rows),
     threads: usize,
     memory_bytes: u64,
     progress: &Progress,
-) -> Result<Joined> {
-    let mut joined = Joined { mesh: Mesh::default(), has_colours: false, records: Vec::new() };
+) -> Result<JoinedTiles> {
+    let mut joined = JoinedTiles { mesh: Mesh::default(), has_colours: false, records: Vec::new() };
     let mut known: HashMap<GlobalVertex, u32> = HashMap::new();
     joined.mesh.triangles.reserve_exact(cut.triangles as usize);
     let free_bytes = memory_bytes.saturating_sub(join_bytes(
@@ -152,7 +152,7 @@ pub(super) fn join(
         rows,
     ));
     let share_bytes = free_bytes / 2 / threads as u64;
-    let pages = Pages { free_bytes, share_bytes, large: Mutex::new(()) };
+    let pages = TilePages { free_bytes, share_bytes, large: Mutex::new(()) };
     let name = |index: u64| tree.nodes[cut.tiles[index as usize]].content.as_deref().unwrap_or("");
     in_order(
         cut.tiles.len() as u64,
@@ -212,13 +212,13 @@ pub(super) fn join(
 }
 
 fn add(
-    joined: &mut Joined,
+    joined: &mut JoinedTiles,
     rows: &Rows,
     known: &mut HashMap<GlobalVertex, u32>,
     (tile, border, shown): (&StoredTile, &TileBorder, &[Light]),
     origin: [f64; 3],
 ) {
-    let Joined { mesh, records, has_colours } = joined;
+    let JoinedTiles { mesh, records, has_colours } = joined;
     let mut numbers = border.iter().copied().peekable();
     let mut place = Vec::with_capacity(tile.mesh.positions.len());
     let first = mesh.positions.len();

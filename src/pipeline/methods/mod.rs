@@ -94,7 +94,7 @@ fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMet
     let start = Instant::now();
     let mut stages = Vec::new();
     let survey = match config.method {
-        Method::Cluster => {
+        Method::Cluster { .. } => {
             let n = source.n_triangles();
             progress.begin("survey", 1, N_STEPS, n);
             let survey = cluster::survey(&source, wanted, config.threads.get(), progress);
@@ -103,7 +103,7 @@ fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMet
             stages.push(stage_report("survey", start, (n, n), (3 * vertex_bytes, 0)));
             Some(survey)
         }
-        Method::Decimate | Method::Retile | Method::Collapse => None,
+        Method::Decimate { .. } | Method::Retile { .. } | Method::Collapse => None,
     };
     let plan = MethodPlan::new(&source, survey.as_ref(), target, config)?;
     check_optimize(&source, plan.expected_triangles, config)?;
@@ -156,8 +156,19 @@ fn simplify_in_memory(
     let codec = source.schema().kernel_codec(&config.attributes.labels);
     let n_in = source.n_triangles();
     let start = Instant::now();
-    let made = match survey {
-        Some(survey) => {
+    let codec = &codec;
+    let made = match (config.method, survey) {
+        (Method::Retile { gradation }, _) => {
+            let memory_bytes = config.memory_bytes.saturating_sub(BASE_BYTES);
+            let target = plan.target;
+            let settings = retile::Settings { target, gradation, memory_bytes, codec };
+            retile::retile(source, settings, progress)
+        }
+        (Method::Decimate { feature_angle }, _) => {
+            let settings = decimate::Settings { target: plan.target, feature_angle, codec };
+            decimate::decimate(source, settings, progress)
+        }
+        (Method::Cluster { .. }, Some(survey)) => {
             let wanted = match config.target {
                 Target::CellSize(size) => Wanted::CellSize(size),
                 _ => Wanted::Triangles(plan.target),
@@ -165,28 +176,14 @@ fn simplify_in_memory(
             let settings = cluster::Settings {
                 wanted,
                 survey,
-                codec: &codec,
+                codec,
                 threads: config.threads.get(),
                 position_bytes: plan.position_memory_bytes,
             };
             cluster::cluster(source, settings, progress)
         }
-        None if config.method == Method::Retile => {
-            let settings = retile::Settings {
-                target: plan.target,
-                gradation: config.gradation,
-                memory_bytes: config.memory_bytes.saturating_sub(BASE_BYTES),
-                codec: &codec,
-            };
-            retile::retile(source, settings, progress)
-        }
-        None => {
-            let settings = decimate::Settings {
-                target: plan.target,
-                feature_angle: config.feature_angle,
-                codec: &codec,
-            };
-            decimate::decimate(source, settings, progress)
+        (Method::Collapse | Method::Cluster { .. }, _) => {
+            unreachable!("the collapse has another way, and a grid was surveyed")
         }
     };
     source.remarks()?.into_iter().for_each(|remark| progress.lose(remark));
@@ -196,7 +193,7 @@ fn simplify_in_memory(
     };
     let made = match made {
         Ok(mut made) => {
-            if config.manifold {
+            if config.method == (Method::Cluster { manifold: true }) {
                 made.take_apart();
             }
             made
@@ -207,7 +204,7 @@ fn simplify_in_memory(
     let read = (source.file_bytes(), 0);
     let stages = vec![
         stage_report(config.method.name(), start, (n_in, n_out), read),
-        run.write(source, &made, &codec, N_STEPS)?,
+        run.write(source, &made, codec, N_STEPS)?,
     ];
     Ok(RunReport { stages, ..report(source, &made, plan, config) })
 }
@@ -253,11 +250,11 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
         stop_reason: match (is_grid, target_met, config.method) {
             (true, ..) => StopReason::Grid,
             (_, true, _) => StopReason::Target,
-            (_, false, Method::Cluster) => StopReason::NoGrid,
+            (_, false, Method::Cluster { .. }) => StopReason::NoGrid,
             (_, false, _) => StopReason::NothingRemovable,
         }
         .to_string(),
-        grid: (config.method == Method::Cluster).then(|| GridReport {
+        grid: matches!(config.method, Method::Cluster { .. }).then(|| GridReport {
             cell_size: length("cell_size"),
             passes: count("passes"),
             cells: count("cells"),
@@ -268,7 +265,7 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
             fins_dropped: count("fins_dropped"),
             copied_vertices: made.counts.get("copied_vertices").copied(),
         }),
-        decimation: (config.method == Method::Decimate).then(|| DecimationReport {
+        decimation: matches!(config.method, Method::Decimate { .. }).then(|| DecimationReport {
             removed_simple: count("removed_simple"),
             removed_boundary: count("removed_boundary"),
             removed_interior_edge: count("removed_interior_edge"),
@@ -278,7 +275,7 @@ fn report(source: &MeshSource, made: &Made, plan: &MethodPlan, config: &Config) 
             refused_topology: count("refused_topology"),
             farthest: length("farthest"),
         }),
-        retiling: (config.method == Method::Retile).then(|| RetilingReport {
+        retiling: matches!(config.method, Method::Retile { .. }).then(|| RetilingReport {
             angles: SpreadReport {
                 smallest: length("angle_smallest"),
                 p01: length("angle_p01"),

@@ -92,7 +92,7 @@ fn run_before(path: &Path, config: &Config, progress: &Progress) -> Result<RunRe
     if inner.pairs {
         return pairs::simplify(prepare(&inner)?.source, &inner, progress);
     }
-    let report = super::simplify(prepare(&inner)?, &inner, progress)?;
+    let report = super::simplify(prepare(&inner)?, progress)?;
     let Some(report) = report else {
         unreachable!("a run before an optimisation does not end early")
     };

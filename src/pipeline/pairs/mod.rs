@@ -85,7 +85,7 @@ fn in_turn(run: &DerivedRun, counts: Counts, target: u64) -> Result<RunReport> {
 
 /// A run of the collapse, to its end.
 fn collapse(config: &Config, progress: &Progress) -> Result<RunReport> {
-    let report = super::simplify(prepare(config)?, config, progress)?;
+    let report = super::simplify(prepare(config)?, progress)?;
     let Some(report) = report else { unreachable!("a run without --until does not end early") };
     Ok(report)
 }

@@ -125,7 +125,7 @@ impl SimplifyRun<'_> {
             output: beside,
             kind: self.kind()?,
             mode: config.textures,
-            force: config.force,
+            force: config.job.force,
         };
         let mut materials = materials_of(baked, &stem)?;
         // A library of the input is not to be replaced.
@@ -148,7 +148,7 @@ impl SimplifyRun<'_> {
         header.faces.properties.push(Property::new(NUMBER, Scalar::I32));
         header.textures = Some(plan.clone());
         header.sort_memory_bytes = write::sort_memory_bytes(&self.run);
-        let (disk, replace) = (self.run.disk().clone(), config.force);
+        let (disk, replace) = (self.run.disk().clone(), config.job.force);
         let format = OutputFormat { kind: Some(self.kind()?), ..config.format };
         let mut sink = MeshSink::create(Place { path, disk, replace }, header, format)?;
         let mut block = VertexBlock::default();

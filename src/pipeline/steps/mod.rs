@@ -34,7 +34,7 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// A step of a run, with what it begins from.
-pub(super) enum Step {
+pub(super) enum RunStep {
     /// The input becomes cells on disk, without small components.
     Partition,
     /// Cells are simplified, each alone.
@@ -158,7 +158,7 @@ impl<'a> SimplifyRun<'a> {
             run,
             config,
             started: Instant::now(),
-            seams: config.seams.as_deref().map(Seen::new),
+            seams: config.checks.seams.as_deref().map(Seen::new),
             partition: Partition::default(),
             component_sizes: None,
             texture_report: textures.first().map(TextureReport::of),

@@ -1,6 +1,6 @@
 //! The first step: the input becomes cells on disk, and what no result can come from is refused.
 
-use super::{Ended, Left, SimplifyRun, Step};
+use super::{Ended, Left, RunStep, SimplifyRun};
 use crate::config::{Config, MinComponent, Target, Texture, Until};
 use crate::error::{Error, Result};
 use crate::io::ply::{OutputHeader, PlyWriter};
@@ -20,15 +20,15 @@ use crate::system::pending_file::Seen;
 
 impl SimplifyRun<'_> {
     /// Cuts the input into cells, and takes what is to be known of them before they are simplified.
-    pub(in crate::pipeline) fn partition(&mut self) -> Result<Step> {
+    pub(in crate::pipeline) fn partition(&mut self) -> Result<RunStep> {
         let cut = self.cut();
         self.partition = self.hold(cut)?;
         let source = &self.prepared.source;
         source.remarks()?.into_iter().for_each(|remark| self.run.progress.lose(remark));
-        if self.config.until == Some(Until::Partition) {
-            return Ok(Step::End(Ended::Early));
+        if self.config.job.until == Some(Until::Partition) {
+            return Ok(RunStep::End(Ended::Early));
         }
-        let sizes = hold_sizes(self.config, self.prepared.texture, &self.partition.bounds);
+        let sizes = hold_sizes(self.config, &self.partition.bounds);
         self.hold(sizes)?;
         let store = match self.config.min_component {
             Some(min) => self.drop_components(min)?,
@@ -122,9 +122,9 @@ impl SimplifyRun<'_> {
 
 /// Refuses sizes that what was asked for cannot reckon with: texels, charts and boxes of crossings are floats, and bounds take fourth
 /// powers of lengths.
-fn hold_sizes(config: &Config, texture: Texture, bounds: &Bounds) -> Result<()> {
+fn hold_sizes(config: &Config, bounds: &Bounds) -> Result<()> {
     let kernel = &config.kernel;
-    if texture == Texture::Bake || config.bake.normals {
+    if config.texture == Texture::Bake || config.bake.normals {
         bounds.hold(&config.input, "a new texture or normal map", [1e-36, 1e36])?;
     }
     if kernel.no_self_intersections {

@@ -1,6 +1,6 @@
 //! The steps from cells to a result: rounds over cells, new cells between them, the finish.
 
-use super::{Ended, Left, SimplifyRun, Step};
+use super::{Ended, Left, RunStep, SimplifyRun};
 use crate::config::Until;
 use crate::error::Result;
 use crate::pipeline::fit;
@@ -12,7 +12,7 @@ use crate::store::cells::{
 
 impl SimplifyRun<'_> {
     /// Begins a level of a chain from what the level before has left; the first one from the cells of the input.
-    pub(super) fn begin_level(&mut self, level: usize, left: Left) -> Result<Step> {
+    pub(super) fn begin_level(&mut self, level: usize, left: Left) -> Result<RunStep> {
         let plan = &self.prepared.plan;
         if let Some(&target) = level.checked_sub(1).and_then(|k| plan.coarser.get(k)) {
             (self.level, self.target) = (level, target);
@@ -20,27 +20,27 @@ impl SimplifyRun<'_> {
             fit::decide(&mut self.kernel, self.config, plan.triangles_in, target);
         }
         let step = self.next(left)?;
-        if let Step::Simplify(store, _) = &step {
+        if let RunStep::Simplify(store, _) = &step {
             self.weigh(store)?;
         }
         // One finish takes in all cells: nothing is simplified before it.
-        let is_alone = matches!(step, Step::Finish(_)) && self.rounds_done == 0;
-        Ok(match self.config.until {
-            Some(Until::Cells) => Step::End(Ended::Early),
-            Some(Until::Simplify) if is_alone => Step::End(Ended::Early),
+        let is_alone = matches!(step, RunStep::Finish(_)) && self.rounds_done == 0;
+        Ok(match self.config.job.until {
+            Some(Until::Cells) => RunStep::End(Ended::Early),
+            Some(Until::Simplify) if is_alone => RunStep::End(Ended::Early),
             _ => step,
         })
     }
 
     /// The step that comes next on the way to the target.
-    fn next(&self, left: Left) -> Result<Step> {
+    fn next(&self, left: Left) -> Result<RunStep> {
         let next = self.next_round(left.triangles());
         Ok(match (next, left) {
-            (NextStep::Finish, left) => Step::Finish(left),
-            (NextStep::Done, Left::Survivors(result)) => Step::Write { result, from: None },
+            (NextStep::Finish, left) => RunStep::Finish(left),
+            (NextStep::Done, Left::Survivors(result)) => RunStep::Write { result, from: None },
             (NextStep::Done, Left::Cells(_)) => unreachable!("without a finish there was a round"),
-            (_, Left::Cells(cells)) => Step::Simplify(cells, next),
-            (_, Left::Survivors(survivors)) => Step::Stitch(survivors, next),
+            (_, Left::Cells(cells)) => RunStep::Simplify(cells, next),
+            (_, Left::Survivors(survivors)) => RunStep::Stitch(survivors, next),
         })
     }
 
@@ -80,7 +80,7 @@ impl SimplifyRun<'_> {
         &mut self,
         info: StoreInfo,
         next: NextStep,
-    ) -> Result<Step> {
+    ) -> Result<RunStep> {
         let round = self.rounds_done;
         let (goal, is_exact) = match next {
             NextStep::Round(goal) => {
@@ -114,8 +114,8 @@ impl SimplifyRun<'_> {
         packs.iter().try_for_each(|file| self.run.job.discard(&file.pack))?;
         self.rounds_done += 1;
         self.count(&left);
-        if self.config.until == Some(Until::Simplify) && self.rounds_done == 1 {
-            return Ok(Step::End(Ended::Early));
+        if self.config.job.until == Some(Until::Simplify) && self.rounds_done == 1 {
+            return Ok(RunStep::End(Ended::Early));
         }
         self.next(Left::Survivors(left))
     }
@@ -125,7 +125,7 @@ impl SimplifyRun<'_> {
         &mut self,
         info: SurvivorInfo,
         next: NextStep,
-    ) -> Result<Step> {
+    ) -> Result<RunStep> {
         let (round, size, n) = (self.rounds_done, self.config.cell_triangles, info.triangles);
         let packs = info.packs.clone();
         let layout = self.layout.clone();
@@ -142,11 +142,11 @@ impl SimplifyRun<'_> {
             self.discard(&packs)?;
         }
         self.shared_by_round.push(store.shared_vertices);
-        Ok(Step::Simplify(store, next))
+        Ok(RunStep::Simplify(store, next))
     }
 
     /// Joins everything in memory and meets the target exactly; what it takes in stays.
-    pub(in crate::pipeline) fn finish(&mut self, left: Left) -> Result<Step> {
+    pub(in crate::pipeline) fn finish(&mut self, left: Left) -> Result<RunStep> {
         let source = &self.prepared.source;
         let (comments, settings) = (source.plain_comments(), self.config.settings());
         let recording = self.config.progressive.as_ref().map(|progressive| Recording {
@@ -194,7 +194,7 @@ impl SimplifyRun<'_> {
             },
         )?;
         self.count(&result);
-        Ok(Step::Write { result, from: Some(left) })
+        Ok(RunStep::Write { result, from: Some(left) })
     }
 
     /// Removes what a finish took in.

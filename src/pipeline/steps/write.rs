@@ -1,6 +1,6 @@
 //! The last step: results get their files, and the run its end.
 
-use super::{Ended, Left, SimplifyRun, Step};
+use super::{Ended, Left, RunStep, SimplifyRun};
 use crate::config::{Texture, Until};
 use crate::error::{Error, Result};
 use crate::io::ply::{OutputHeader, Place};
@@ -21,7 +21,7 @@ impl SimplifyRun<'_> {
         &mut self,
         result: SurvivorInfo,
         from: Option<Left>,
-    ) -> Result<Step> {
+    ) -> Result<RunStep> {
         if result.triangles == 0 || result.statistics.is_flat {
             return self.hold(Err(empty_result(&result, self.target, self.output().to_path_buf())));
         }
@@ -36,10 +36,10 @@ impl SimplifyRun<'_> {
         };
         let is_short = result.triangles > self.target;
         if is_short && self.prepared.retry.is_some() && self.config.coarser.is_empty() {
-            return Ok(Step::End(Ended::ShortOfTarget(result.triangles)));
+            return Ok(RunStep::End(Ended::ShortOfTarget(result.triangles)));
         }
-        if self.config.until == Some(Until::Stitch) {
-            return Ok(Step::End(Ended::Early));
+        if self.config.job.until == Some(Until::Stitch) {
+            return Ok(RunStep::End(Ended::Early));
         }
         let written = match self.config.texture {
             Texture::Bake => self.write_baked(&result)?,
@@ -53,15 +53,15 @@ impl SimplifyRun<'_> {
     }
 
     /// Sums up, verifies if that was asked for, and gives up the job folder.
-    fn conclude(&mut self) -> Result<Step> {
+    fn conclude(&mut self) -> Result<RunStep> {
         let mut report = self.report();
-        if self.config.verify {
+        if self.config.checks.verify {
             verify::verify(self.config, &self.run, &mut report)?;
         }
-        if !self.config.keep_temp {
+        if !self.config.job.keep_temp {
             conclude(self.run.job, self.config, &report)?;
         }
-        Ok(Step::End(Ended::Done(Box::new(report))))
+        Ok(RunStep::End(Ended::Done(Box::new(report))))
     }
 
     /// Writes a result that keeps the texture of the input, or has none.
@@ -83,7 +83,7 @@ impl SimplifyRun<'_> {
             ..header
         };
         let pack = self.survivors(result.clone())?;
-        let (disk, replace) = (self.run.disk().clone(), self.config.force);
+        let (disk, replace) = (self.run.disk().clone(), self.config.job.force);
         let place = Place { path, disk, replace };
         let run = self.run;
         let (written, ()) = self.as_write_stage(result.triangles, |_| {
@@ -149,7 +149,7 @@ impl SimplifyRun<'_> {
         if !made.exists() && path.exists() {
             return Ok(());
         }
-        let (disk, replace) = (self.run.disk().clone(), self.config.force);
+        let (disk, replace) = (self.run.disk().clone(), self.config.job.force);
         pending_file::adopt(&made, Place { path, disk, replace })
     }
 

@@ -5,7 +5,7 @@
 //! machines. Where counts fall other than planned, the phases of a round have nothing to do, and `finish` goes on from there.
 
 use super::kind::Kind;
-use super::phases::{FACTS, Run, found, stage_report, store_of, unit_file};
+use super::phases::{FACTS, PhaseRun, found, stage_report, store_of, unit_file};
 use super::task::Task;
 use crate::config::Config;
 use crate::error::Result;
@@ -28,7 +28,7 @@ const PILOT: &str = "pilot";
 const TRIAL: &str = "trial";
 const BATCH: &str = "batch";
 
-impl Run<'_> {
+impl PhaseRun<'_> {
     /// Some cells of a round's sample on their way down.
     pub(super) fn pilot(self, round: u32, task: &Task) -> Result<Record> {
         let job = self.guest(BTreeMap::new());

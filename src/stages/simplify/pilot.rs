@@ -26,9 +26,9 @@ const KEPT_SHARE: f64 = 0.7;
 
 /// Cells of the pilot as far as they have come, by cell and number of levels.
 #[derive(Default)]
-pub(super) struct Begun(Mutex<BTreeMap<(CellId, usize), Stepwise>>);
+pub(super) struct BegunCells(Mutex<BTreeMap<(CellId, usize), Stepwise>>);
 
-impl Begun {
+impl BegunCells {
     /// The cell on its way, all of its thresholds but the last behind it.
     pub(super) fn take(&self, cell: CellId, thresholds: &Thresholds) -> Option<Stepwise> {
         let n = thresholds.n_taken(cell)?;
@@ -38,8 +38,8 @@ impl Begun {
 
 /// The thresholds of a round, found once and then the same for every run that continues it; and what the pilot has
 /// begun, if it ran now and `keeps` it.
-pub(super) fn sealed_thresholds(round: &CellRun, keeps: bool) -> Result<(Thresholds, Begun)> {
-    let begun = Begun::default();
+pub(super) fn sealed_thresholds(round: &CellRun, keeps: bool) -> Result<(Thresholds, BegunCells)> {
+    let begun = BegunCells::default();
     // What is done beside is not done by the pilot.
     let alone = CellRun { beside: None, ..*round };
     let name = format!("round {} levels", round.goal.round);
@@ -69,7 +69,7 @@ pub struct PilotPart {
 }
 
 /// Finds the thresholds that bring the whole store to `goal`.
-fn pilot(round: &CellRun, begun: Option<&Begun>) -> Result<Thresholds> {
+fn pilot(round: &CellRun, begun: Option<&BegunCells>) -> Result<Thresholds> {
     let sample = sample(round.store, round.goal);
     let part = send_down(round, (&sample, &sample), begun)?;
     thresholds_of(round.store, round.goal, [part])
@@ -123,7 +123,7 @@ fn sample(store: &CellStore, goal: Goal) -> Vec<CellId> {
 fn send_down(
     round: &CellRun,
     (sample, share): (&[CellId], &[CellId]),
-    begun: Option<&Begun>,
+    begun: Option<&BegunCells>,
 ) -> Result<PilotPart> {
     let CellRun { store, goal, options, context: run, .. } = *round;
     if share.is_empty() {
