@@ -10,6 +10,7 @@ use stonecut_io::{Lock, NameUse, Weld};
 use stonecut_kernel::{Fit, Placement, Topology};
 use stonecut_mesh::placing::Placing;
 use stonecut_system::memory;
+use stonecut_system::units::parse_bytes;
 
 pub use min_component::MinComponent;
 
@@ -134,6 +135,9 @@ pub struct JobOptions {
     /// Throw away what an earlier run left and start over.
     #[arg(long)]
     pub restart: bool,
+    /// Refuse a run that would leave less than this free on a disk that it writes to: 20GiB.
+    #[arg(long = "min-free", value_name = "SIZE", value_parser = parse_bytes, default_value = "0", hide_default_value = true)]
+    pub min_free_bytes: u64,
 }
 
 /// Options of a run that show what it has done; final as they are typed.

@@ -125,6 +125,7 @@ impl MethodPlan {
             self.temp_bytes,
             written,
             self.temp_bytes + written,
+            config.job.min_free_bytes,
         )
     }
 

@@ -173,6 +173,7 @@ impl Plan {
             self.temp_bytes,
             output_bytes,
             self.together_bytes,
+            config.job.min_free_bytes,
         )
     }
 
@@ -303,16 +304,11 @@ fn too_little(
     let budget = show_bytes(config.memory_bytes);
     // Rounded up: what is advised has to be enough.
     let least = format!("{}MiB", needed.div_ceil(1 << 20));
-    let remedy = if cells_at_fault && usable > 0 {
-        let fits =
-            (config.cell_triangles as f64 * usable as f64 / works as f64) as u64 / 1000 * 1000;
-        if fits >= 10_000 {
-            format!("--cell-triangles {fits} would fit, or give --memory {}", least)
-        } else {
-            format!("give at least --memory {}", least)
-        }
-    } else {
-        format!("give at least --memory {}", least)
+    let fits =
+        (config.cell_triangles as f64 * usable as f64 / works.max(1) as f64) as u64 / 1000 * 1000;
+    let remedy = match cells_at_fault && usable > 0 && fits >= 10_000 {
+        true => format!("--cell-triangles {fits} would fit, or give --memory {least}"),
+        false => format!("give at least --memory {least}"),
     };
     Error::NoMemory(format!(
         "the budget of {budget} is too small, {} are needed: {remedy}",
