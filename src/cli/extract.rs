@@ -3,6 +3,7 @@
 use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_length, parse_memory};
 use super::log::EXIT_SHORT;
+use super::placing::numbers;
 use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::io::OutputFormat;
@@ -61,10 +62,7 @@ fn parse_wanted(text: &str) -> std::result::Result<u64, String> {
 }
 
 fn parse_box(text: &str) -> std::result::Result<BoxCorners, String> {
-    let parse = |word: &str| word.trim().parse().ok().filter(|x: &f64| x.is_finite());
-    let list: Option<Vec<f64>> = text.split(',').map(parse).collect();
-    let corners: Option<[f64; 6]> = list.and_then(|list| list.try_into().ok());
-    let Some([a, b, c, d, e, f]) = corners else {
+    let Some([a, b, c, d, e, f]) = numbers::<6>(text) else {
         return Err("six numbers, the lower corner first: -1,-1,0,1,1,2".to_owned());
     };
     let (low, high) = ([a, b, c], [d, e, f]);

@@ -3,6 +3,7 @@
 use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
 use super::outcome::write_json;
+use super::placing::numbers;
 use super::session::{Command, Session};
 use crate::error::Result;
 use crate::io::OutputFormat;
@@ -64,10 +65,7 @@ pub struct Args {
 struct Eye([f64; 7]);
 
 fn parse_view(text: &str) -> std::result::Result<Eye, String> {
-    let parse = |word: &str| word.trim().parse().ok().filter(|x: &f64| x.is_finite());
-    let list: Option<Vec<f64>> = text.split(',').map(parse).collect();
-    let numbers: Option<[f64; 7]> = list.and_then(|list| list.try_into().ok());
-    match numbers {
+    match numbers::<7>(text) {
         Some(view) if view[..3] == view[3..6] => {
             Err("the eye and the place that it looks at are the same".to_owned())
         }

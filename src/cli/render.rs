@@ -2,6 +2,7 @@
 
 use super::answer::CommandEnd;
 use super::arguments::{memory_budget, parse_memory};
+use super::placing::numbers;
 use super::session::{Command, Session};
 use crate::error::{Error, Result};
 use crate::io::ply::{FaceBlock, MeshSource, Place, VertexBlock};
@@ -253,8 +254,7 @@ fn parse_direction(text: &str) -> Result<Direction, String> {
         "top" => Direction::From([0.0, 0.0, 1.0]),
         "bottom" => Direction::From([0.0, 0.0, -1.0]),
         _ => {
-            let numbers: [f64; 3] =
-                parse_numbers(text).and_then(|n| n.try_into().ok()).ok_or_else(complaint)?;
+            let numbers = numbers::<3>(text).ok_or_else(complaint)?;
             if numbers == [0.0; 3] {
                 return Err(complaint());
             }
@@ -264,8 +264,7 @@ fn parse_direction(text: &str) -> Result<Direction, String> {
 }
 
 fn parse_sphere(text: &str) -> Result<Sphere, String> {
-    let numbers: Option<[f64; 4]> = parse_numbers(text).and_then(|n| n.try_into().ok());
-    match numbers {
+    match numbers::<4>(text) {
         Some([x, y, z, radius]) if radius > 0.0 => Ok(Sphere { centre: [x, y, z], radius }),
         _ => Err(format!("invalid sphere '{text}': write x,y,z,r with a radius r above 0")),
     }
@@ -274,11 +273,6 @@ fn parse_sphere(text: &str) -> Result<Sphere, String> {
 fn parse_scale_end(text: &str) -> Result<f64, String> {
     let end = text.parse().ok().filter(|x: &f64| x.is_finite() && *x > 0.0);
     end.ok_or_else(|| format!("'{text}' is not the end of a scale; write a number above 0"))
-}
-
-fn parse_numbers(text: &str) -> Option<Vec<f64>> {
-    let number = |part: &str| part.trim().parse::<f64>().ok().filter(|x| x.is_finite());
-    text.split(',').map(number).collect()
 }
 
 #[cfg(test)]

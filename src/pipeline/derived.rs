@@ -93,7 +93,7 @@ impl DerivedRun<'_> {
         self.note_writing()?;
         self.progress.begin("write", n_steps, n_steps, n);
         let bytes = write(source, made, codec, self.config, &self.disk, self.progress)?;
-        Ok(stage_report("write", start, (n, n), (0, bytes)))
+        Ok(StageReport::since("write", start, (n, n), (0, bytes)))
     }
 
     /// Records that an output that is found from now on may be that of this job.
@@ -159,24 +159,4 @@ pub(super) fn open(path: &Path, config: &Config, skip_bad: bool) -> Result<MeshS
     let stage = StageOptions { read, ..StageOptions::new(folder_of(&config.job_folder)) };
     let stage = stage.within(config.memory_bytes);
     MeshSource::open_staged(path, &stage)
-}
-
-/// The report of a stage that ends now.
-pub(super) fn stage_report(
-    name: &str,
-    start: Instant,
-    (triangles_in, triangles_out): (u64, u64),
-    (bytes_read, bytes_written): (u64, u64),
-) -> StageReport {
-    StageReport {
-        name: name.to_owned(),
-        part: name.to_owned(),
-        seconds: start.elapsed().as_secs_f64(),
-        triangles_in,
-        triangles_out,
-        bytes_read,
-        bytes_written,
-        peak_memory_bytes: peak_bytes(),
-        peak_temp_bytes: 0,
-    }
 }

@@ -59,10 +59,7 @@ pub fn prepare(config: &Config) -> Result<Prepared> {
     let (mut marks, stage) = before_opening(config)?;
     let (mut texture, mut bake_need, mut retry) = (Texture::Keep, BakeNeed::default(), None);
     let source = MeshSource::open_staged(&config.input, &stage).and_then(|source| {
-        let coarser = config.coarser.iter().map(|level| &level.output);
-        for output in std::iter::once(&config.textures_beside).chain(coarser) {
-            source.refuse_output(output)?;
-        }
+        config.named_outputs().try_for_each(|output| source.refuse_output(output))?;
         texture = bake::decide(&source, config)?;
         if texture == Texture::Keep && bake::would_help(&source, config) {
             let job = JobOptions { restart: true, ..config.job };
@@ -158,14 +155,13 @@ fn plan_textures(source: &MeshSource, config: &Config) -> Result<Vec<TexturePlan
     let Some(materials) = source.materials().filter(|_| !is_given_up) else {
         return Ok(Vec::new());
     };
-    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
-    let coarser = config.coarser.iter().map(|level| &level.output);
+    let kind = config.kind()?;
     let plan_for = |output: &PathBuf| {
         let request =
             TextureRequest { output, kind, mode: config.textures, force: config.job.force };
         TexturePlan::new(materials.clone(), &request)
     };
-    std::iter::once(&config.textures_beside).chain(coarser).map(plan_for).collect()
+    config.named_outputs().map(plan_for).collect()
 }
 
 /// Refuses a distance with every vertex where it has no place.
@@ -173,7 +169,7 @@ fn check_error_field(source: &MeshSource, config: &Config) -> Result<()> {
     if !config.error_field {
         return Ok(());
     }
-    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
+    let kind = config.kind()?;
     if kind != OutputKind::Ply {
         let what = "--error-field: only PLY holds a number with every vertex; give an output that ends with .ply";
         return Err(Error::Usage(what.to_owned()));

@@ -29,9 +29,7 @@ pub fn refuse_unreadable(config: &Config) -> Result<()> {
         "standard input cannot be read again"
     } else if config.output == standard {
         "standard output cannot be read"
-    } else if config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?
-        == OutputKind::Glb
-    {
+    } else if config.kind()? == OutputKind::Glb {
         "GLB rounds positions; write a PLY and convert it"
     } else {
         return Ok(());
@@ -120,16 +118,11 @@ fn verify_output(
     request.options.certify = Some(Certify { tolerance: TOLERANCE, bound: None });
     let comparison = compare::compare(&request, run.progress)?;
     let seconds = start.elapsed().as_secs_f64();
+    let triangles = (report.input.triangles, report.output.triangles);
+    let bytes = (pair.file_bytes() + comparison.temp_bytes, comparison.temp_bytes);
     report.stages.push(StageReport {
-        name: "verify".to_owned(),
-        part: "verify".to_owned(),
-        seconds,
-        triangles_in: report.input.triangles,
-        triangles_out: report.output.triangles,
-        bytes_read: pair.file_bytes() + comparison.temp_bytes,
-        bytes_written: comparison.temp_bytes,
-        peak_memory_bytes: crate::system::memory::peak_bytes(),
         peak_temp_bytes: comparison.temp_bytes,
+        ..StageReport::since("verify", start, triangles, bytes)
     });
     report.seconds += seconds;
     report.peak_memory_bytes = crate::system::memory::peak_bytes();

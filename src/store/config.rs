@@ -1,6 +1,7 @@
 //! Settings of a run of `simplify`.
 
 mod min_component;
+mod target;
 
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
@@ -13,6 +14,7 @@ use stonecut_system::memory;
 use stonecut_system::units::parse_bytes;
 
 pub use min_component::MinComponent;
+pub use target::{Level, Method, Target};
 
 /// Default cell size. Cells of 128k-512k triangles are fastest (KERNEL experiments), and at this size a cell
 /// on each of two cores and the finish fit into a budget of 256 MiB.
@@ -23,102 +25,6 @@ pub const FEATURE_ANGLE: f64 = 60.0;
 
 /// Time between checkpoints, unless a test asks for another: a killed run loses well below a minute.
 pub const CHECKPOINT_EVERY: std::time::Duration = std::time::Duration::from_secs(30);
-
-/// Target of the simplification.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Target {
-    /// At most this many triangles.
-    Triangles(u64),
-    /// This share of the input's triangles, in (0, 1].
-    Ratio(f64),
-    /// As few as keep the distance both ways within this, in input units.
-    MaxError(f64),
-    /// Those of a grid with cells of this length, in input units; only for `Method::Cluster`.
-    CellSize(f64),
-}
-
-impl Target {
-    /// The target as a count, for an input of `n_triangles`; of a bound on the error or a grid, a guess.
-    pub fn triangles(self, n_triangles: u64) -> u64 {
-        match self {
-            Target::Triangles(count) => count,
-            Target::Ratio(ratio) => (n_triangles as f64 * ratio).round() as u64,
-            Target::MaxError(_) | Target::CellSize(_) => n_triangles / 10,
-        }
-    }
-}
-
-impl std::fmt::Display for Target {
-    /// As it is stored: `triangles=10035`, `ratio=0.01`, `max_error=0.5`.
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Target::Triangles(count) => write!(f, "triangles={count}"),
-            Target::Ratio(ratio) => write!(f, "ratio={ratio}"),
-            Target::MaxError(bound) => write!(f, "max_error={bound}"),
-            Target::CellSize(size) => write!(f, "grid={size}"),
-        }
-    }
-}
-
-impl Target {
-    /// Refuses a share of `n_triangles` that is less than a triangle.
-    pub fn check(self, n_triangles: u64) -> stonecut_system::Result<()> {
-        match self {
-            Target::Ratio(ratio) if n_triangles > 0 && self.triangles(n_triangles) == 0 => {
-                let ratio = stonecut_system::units::show_share(ratio);
-                Err(stonecut_system::Error::Usage(format!(
-                    "--ratio {ratio} of {n_triangles} triangles is less than one; ask for at least \
-                     --triangles 1"
-                )))
-            }
-            _ => Ok(()),
-        }
-    }
-}
-
-/// A level of a chain: one of several results of one run.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Level {
-    /// Its target.
-    pub target: Target,
-    /// Path of its file.
-    pub output: PathBuf,
-}
-
-/// Method of simplification, with its own settings.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Method {
-    /// Edges collapse, least error first; for results.
-    #[default]
-    Collapse,
-    /// Vertices of a cell of a grid become one; for previews, at the speed of the disk.
-    Cluster {
-        /// Take the result apart where it is not manifold.
-        manifold: bool,
-    },
-    /// Vertices are removed, least distance first; all others stay exactly where they are.
-    Decimate {
-        /// Angle between triangles, in degrees, beyond which their edge is a feature.
-        feature_angle: f64,
-    },
-    /// Vertices spread evenly over the surface, joined by nearly equilateral triangles.
-    Retile {
-        /// Power of the curvature by which triangles are denser; 0 for one size.
-        gradation: f64,
-    },
-}
-
-impl Method {
-    /// The name in settings and reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Method::Collapse => "collapse",
-            Method::Cluster { .. } => "cluster",
-            Method::Decimate { .. } => "decimate",
-            Method::Retile { .. } => "retile",
-        }
-    }
-}
 
 /// Options of a run about its job folder and its output; final as they are typed.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
@@ -305,7 +211,7 @@ pub struct Config {
     /// The bound that was asked for, in input units, if this is a trial within a tighter one. A trial leaves what the first round
     /// has made, or the cells if there is none: another one begins from it.
     pub trial_of: Option<f64>,
-    /// What is written or measured to see what the run has done.
+    /// Files and measurements that show what the run has done.
     pub checks: CheckOptions,
     /// Format of the output.
     pub format: stonecut_io::OutputFormat,
@@ -500,6 +406,19 @@ impl Config {
             settings.insert("target".to_owned(), level.target.to_string());
         }
         settings
+    }
+
+    /// The kind of the outputs: as asked for, or by name.
+    ///
+    /// Errors: `Usage` for a name that is not that of a mesh.
+    pub fn kind(&self) -> stonecut_system::Result<stonecut_io::OutputKind> {
+        let kind = self.format.kind;
+        kind.map_or_else(|| stonecut_io::OutputKind::of(&self.output), Ok)
+    }
+
+    /// The final paths of the outputs, which files beside them are named after.
+    pub fn named_outputs(&self) -> impl Iterator<Item = &PathBuf> {
+        std::iter::once(&self.textures_beside).chain(self.coarser.iter().map(|level| &level.output))
     }
 
     /// The outputs, finest first.

@@ -101,8 +101,8 @@ fn run(config: &ExtractConfig, progress: &Progress) -> Result<Extracted> {
     progress.begin("extract", 1, 1 + u32::from(target.is_some()), cut.triangles);
     let memory_bytes = config.memory_bytes.saturating_sub(BASE_BYTES);
     let threads = config.threads.get();
-    let read = (&tree, &cut, &rows);
-    let mut joined = weld::join(&config.tiles, read, threads, memory_bytes, progress)?;
+    let mut joined =
+        weld::join(&config.tiles, (&tree, &cut), &rows, threads, memory_bytes, progress)?;
     let mut reached = true;
     if let Some(target) = target {
         progress.begin("finish", 2, 2, joined.mesh.triangles.len() as u64);

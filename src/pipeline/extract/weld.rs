@@ -80,7 +80,7 @@ impl TilePages {
         }
         // A decoder that panics is a damaged image.
         guarded(|| {
-            Ok(add_corners((&page.image, page.size, page.factor), &mesh.triangles, corner, sums))
+            Ok(add_corners((&page.image, page.size), page.factor, &mesh.triangles, corner, sums))
         })
         .unwrap_or_else(|error| Err(error.to_string()))
         .map_err(|what| bad(format!("its image cannot be decoded ({what})")))
@@ -138,7 +138,8 @@ pub(super) fn join_bytes(vertices: u64, triangles: u64, rows: &Rows) -> u64 {
 /// Errors: `BadInput` for a tile that cannot be read, `NoMemory` if the mesh outgrows `memory_bytes`.
 pub(super) fn join(
     folder: &Path,
-    (tree, cut, rows): (&Tree, &TreeCut, &Rows),
+    (tree, cut): (&Tree, &TreeCut),
+    rows: &Rows,
     threads: usize,
     memory_bytes: u64,
     progress: &Progress,
@@ -193,7 +194,7 @@ pub(super) fn join(
                     format!("{}: it differs from other tiles in having colours", name(index));
                 return Err(Error::bad_input(folder, what));
             }
-            add(&mut joined, rows, &mut known, (&tile, &border, &out.shown), tree.origin);
+            add(&mut joined, rows, &mut known, (&tile, &border), &out.shown, tree.origin);
             let mesh = &joined.mesh;
             let (vertices, triangles) = (mesh.positions.len() as u64, mesh.triangles.len() as u64);
             let bytes = join_bytes(vertices, triangles, rows) + BORDER_BYTES * known.len() as u64;
@@ -215,7 +216,8 @@ fn add(
     joined: &mut JoinedTiles,
     rows: &Rows,
     known: &mut HashMap<GlobalVertex, u32>,
-    (tile, border, shown): (&StoredTile, &TileBorder, &[Light]),
+    (tile, border): (&StoredTile, &TileBorder),
+    shown: &[Light],
     origin: [f64; 3],
 ) {
     let JoinedTiles { mesh, records, has_colours } = joined;

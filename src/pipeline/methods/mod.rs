@@ -7,7 +7,7 @@ mod plan;
 pub(super) mod write;
 
 use super::concluded::abandon;
-use super::derived::{DerivedRun, derive, stage_report};
+use super::derived::{DerivedRun, derive};
 use super::optimize::check::check as check_optimize;
 use super::prepare::{before_opening, check_labels};
 use super::run_report::{
@@ -100,7 +100,7 @@ fn prepare_unguarded(config: &Config, progress: &Progress) -> Result<PreparedMet
             let survey = cluster::survey(&source, wanted, config.threads.get(), progress);
             let survey = unchanged(&config.input, &marks, survey)?;
             let vertex_bytes = source.n_vertices() * source.schema().record_bytes() as u64;
-            stages.push(stage_report("survey", start, (n, n), (3 * vertex_bytes, 0)));
+            stages.push(StageReport::since("survey", start, (n, n), (3 * vertex_bytes, 0)));
             Some(survey)
         }
         Method::Decimate { .. } | Method::Retile { .. } | Method::Collapse => None,
@@ -203,7 +203,7 @@ fn simplify_in_memory(
     let n_out = made.mesh.triangles.len() as u64;
     let read = (source.file_bytes(), 0);
     let stages = vec![
-        stage_report(config.method.name(), start, (n_in, n_out), read),
+        StageReport::since(config.method.name(), start, (n_in, n_out), read),
         run.write(source, &made, codec, N_STEPS)?,
     ];
     Ok(RunReport { stages, ..report(source, &made, plan, config) })

@@ -5,9 +5,9 @@
 
 pub(super) mod check;
 
-use super::derived::{DerivedRun, derive, open, settings, stage_report};
+use super::derived::{DerivedRun, derive, open, settings};
 use super::prepare::prepare;
-use super::run_report::{OutputReport, RunReport};
+use super::run_report::{OutputReport, RunReport, StageReport};
 use super::{methods, pairs};
 use crate::config::{Config, Method};
 use crate::error::Result;
@@ -65,14 +65,19 @@ fn optimize_result(run: &DerivedRun) -> Result<RunReport> {
     let drawn = optimize::draw(&input, drawing);
     let samples = unchanged(&config.input, marks, drawn)?;
     let n_input = report.input.triangles;
-    report.stages.push(stage_report("points", start, (n_input, n_input), (input.file_bytes(), 0)));
+    report.stages.push(StageReport::since(
+        "points",
+        start,
+        (n_input, n_input),
+        (input.file_bytes(), 0),
+    ));
     drop(input);
     let start = Instant::now();
     let sweeps = config.optimize.unwrap_or(0);
     progress.begin("optimize", 2, N_STEPS, u64::from(sweeps));
     let settings = Settings { sweeps, threads: config.threads.get(), progress };
     let outcome = optimize::optimize(&mut made.mesh, &mut made.records, samples, settings)?;
-    report.stages.push(stage_report("optimize", start, (n_triangles, n_triangles), (0, 0)));
+    report.stages.push(StageReport::since("optimize", start, (n_triangles, n_triangles), (0, 0)));
     report.stages.push(run.write(&result, &made, &codec, N_STEPS)?);
     report.output = OutputReport {
         path: config.output.display().to_string(),

@@ -6,14 +6,14 @@
 
 pub(super) mod counts;
 
-use super::derived::{DerivedRun, derive, open, settings, stage_report, trial_path};
+use super::derived::{DerivedRun, derive, open, settings, trial_path};
 use super::methods;
 use super::prepare::prepare;
 use super::run_report::{OutputReport, PairsReport, RunReport, StageReport};
 use crate::config::{Attributes, Config, Normals, Target};
 use crate::error::{Error, Result};
+use crate::io::OutputFormat;
 use crate::io::ply::MeshSource;
-use crate::io::{OutputFormat, OutputKind};
 use crate::kernel;
 use crate::methods::pairs;
 use crate::store::job::fingerprint::input_marks;
@@ -49,7 +49,7 @@ fn in_turn(run: &DerivedRun, counts: Counts, target: u64) -> Result<RunReport> {
     let (pairs, stages) =
         run.part("pairs", || contract(&fine, &joined, counts, config, disk, progress))?;
     let made = trial_path(config, "last");
-    let kind = config.format.kind.map_or_else(|| OutputKind::of(&config.output), Ok)?;
+    let kind = config.kind()?;
     let last = Config {
         input: joined,
         output: made.clone(),
@@ -122,7 +122,7 @@ fn contract(
     let attributes = Attributes { normals: Normals::Keep, ..config.attributes.clone() };
     let inner = Config { attributes, ..inner };
     let bytes = methods::write::write(&source, &made, &codec, &inner, disk, progress)?;
-    let stage = stage_report("pairs", start, (n_before, n_out), (source.file_bytes(), bytes));
+    let stage = StageReport::since("pairs", start, (n_before, n_out), (source.file_bytes(), bytes));
     let count = |name: &str| made.counts.get(name).copied().unwrap_or(0);
     let report = PairsReport {
         triangles_before: n_before,

@@ -28,7 +28,7 @@ const JOIN_BYTES: f64 = 72.0;
 /// Manifest, lock and what file systems add.
 pub(in crate::pipeline) const MANIFEST_BYTES: u64 = 64 << 10;
 
-/// What a stage takes.
+/// Price of a stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct StageCost {
     /// The stage, or what lies in the job folder through the run.
@@ -79,7 +79,7 @@ impl<'a> Course<'a> {
         })
     }
 
-    /// Vertices of so many triangles of a result.
+    /// Vertices of this many triangles of a result.
     pub(super) fn vertices(&self, triangles: u64) -> u64 {
         (triangles as f64 * self.vertices_per_triangle) as u64
     }

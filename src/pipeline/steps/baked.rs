@@ -123,7 +123,7 @@ impl SimplifyRun<'_> {
         let stem = beside.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let request = TextureRequest {
             output: beside,
-            kind: self.kind()?,
+            kind: self.config.kind()?,
             mode: config.textures,
             force: config.job.force,
         };
@@ -135,7 +135,7 @@ impl SimplifyRun<'_> {
         if baked.holds_vertex_colours {
             source.clamped_colours().into_iter().for_each(|loss| self.run.progress.lose(loss));
         }
-        let is_doubled = self.kind()? == OutputKind::Glb && baked.holds_vertex_colours;
+        let is_doubled = self.config.kind()? == OutputKind::Glb && baked.holds_vertex_colours;
         let (schema, kept) = written_properties(shape.schema(), is_doubled);
         let mut header = OutputHeader::new(schema, shape.n_vertices(), shape.n_face_rows());
         header.comments = shape.plain_comments();
@@ -149,7 +149,7 @@ impl SimplifyRun<'_> {
         header.textures = Some(plan.clone());
         header.sort_memory_bytes = write::sort_memory_bytes(&self.run);
         let (disk, replace) = (self.run.disk().clone(), config.job.force);
-        let format = OutputFormat { kind: Some(self.kind()?), ..config.format };
+        let format = OutputFormat { kind: Some(self.config.kind()?), ..config.format };
         let mut sink = MeshSink::create(Place { path, disk, replace }, header, format)?;
         let mut block = VertexBlock::default();
         for i in 0..shape.n_vertex_blocks() {

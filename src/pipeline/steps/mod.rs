@@ -34,6 +34,7 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 /// A step of a run, with what it begins from.
+#[allow(clippy::large_enum_variant)] // There is one at a time.
 pub(super) enum RunStep {
     /// The input becomes cells on disk, without small components.
     Partition,

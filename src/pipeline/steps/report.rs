@@ -73,7 +73,7 @@ impl SimplifyRun<'_> {
                 sample_position: partition.seam_place,
                 place: None,
             },
-            face_properties: match (source.carried(), self.kind()) {
+            face_properties: match (source.carried(), self.config.kind()) {
                 (Some(carry), Ok(kind)) => FaceReport::list(carry, kind, n_materials),
                 _ => Vec::new(),
             },

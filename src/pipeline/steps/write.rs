@@ -3,8 +3,8 @@
 use super::{Ended, Left, RunStep, SimplifyRun};
 use crate::config::{Texture, Until};
 use crate::error::{Error, Result};
+use crate::io::OutputFormat;
 use crate::io::ply::{OutputHeader, Place};
-use crate::io::{OutputFormat, OutputKind};
 use crate::pipeline::concluded::{WRITING, conclude};
 use crate::pipeline::run_report::StageReport;
 use crate::pipeline::verify;
@@ -74,7 +74,7 @@ impl SimplifyRun<'_> {
             return Ok(written);
         }
         let settings = self.config.settings_of_level(self.level).into_iter();
-        let kind = Some(self.kind()?);
+        let kind = Some(self.config.kind()?);
         let (header, form) = self.form(OutputFormat { kind, ..self.config.format });
         let header = OutputHeader {
             settings: settings.map(|(k, v)| format!("{k}={v}")).collect::<Vec<_>>().join(" "),
@@ -127,16 +127,10 @@ impl SimplifyRun<'_> {
         self.stages.begin("write", triangles);
         let (read, start) = (self.run.disk().bytes_read(), Instant::now());
         let (written, made) = write(self)?;
+        let bytes = (self.run.disk().bytes_read() - read, written.bytes);
         self.stages.reports.push(StageReport {
-            name: "write".to_owned(),
-            part: "write".to_owned(),
-            seconds: start.elapsed().as_secs_f64(),
-            triangles_in: triangles,
-            triangles_out: written.triangles,
-            bytes_read: self.run.disk().bytes_read() - read,
-            bytes_written: written.bytes,
-            peak_memory_bytes: crate::system::memory::peak_bytes(),
             peak_temp_bytes: self.run.disk().peak_bytes(),
+            ..StageReport::since("write", start, (triangles, written.triangles), bytes)
         });
         Ok((written, made))
     }
@@ -157,10 +151,6 @@ impl SimplifyRun<'_> {
     pub(super) fn output(&self) -> &Path {
         let coarser = self.level.checked_sub(1).map(|k| &self.config.coarser[k].output);
         coarser.unwrap_or(&self.config.output)
-    }
-
-    pub(super) fn kind(&self) -> Result<OutputKind> {
-        self.config.format.kind.map_or_else(|| OutputKind::of(&self.config.output), Ok)
     }
 }
 
