@@ -71,7 +71,7 @@ pub struct TypedPlacing {
     up: Option<Up>,
     #[command(flatten)]
     moves: TypedMoves,
-    /// TypedTransform the mesh: 16 numbers, column by column as in glTF, joined by commas; after --up and --scale.
+    /// Transform the mesh: 16 numbers, column by column as in glTF, joined by commas; after --up and --scale.
     #[arg(long, value_name = "M16", value_parser = parse_transform, allow_hyphen_values = true)]
     transform: Option<TypedTransform>,
 }

@@ -55,7 +55,7 @@ pub struct Args {
     /// metres (WGS 84); x is east, y north.
     #[arg(long, value_name = "LAT,LON,HEIGHT", value_parser = parse_geo, conflicts_with = "transform", allow_hyphen_values = true)]
     geo: Option<Geo>,
-    /// TypedTransform from the mesh (z upwards) to the world: 16 numbers, column by column, joined by commas.
+    /// Transform from the mesh (z upwards) to the world: 16 numbers, column by column, joined by commas.
     #[arg(long, value_name = "M16", value_parser = parse_transform, allow_hyphen_values = true)]
     transform: Option<TypedTransform>,
     /// Write a page that shows the tiles in a browser (index.html; `stonecut serve OUTPUT` offers it).
@@ -214,7 +214,6 @@ impl Args {
             checkpoint_every: crate::config::CHECKPOINT_EVERY,
         })
     }
-
 }
 
 impl Command for Args {

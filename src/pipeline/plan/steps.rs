@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::stages::stitch::{self, NextStep};
 
-/// FinishPlan of a level: triangles before and after it.
+/// Finish of a level: triangles before and after it.
 pub(super) struct FinishPlan {
     pub(super) before: u64,
     pub(super) after: u64,
